@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from coulomb.io.peak_memory import peak_memory
 from coulomb.linalg.compliance import IterativeSolver
+from coulomb.process import peak_memory
 
 from .block import block
 from .processes import several

@@ -26,7 +26,6 @@ from typing import NamedTuple
 from mpi4py import MPI
 
 from coulomb.case.case import read_case
-from coulomb.io.peak_memory import peak_memory
 from coulomb.linalg.compliance import (
     EXPLICIT_UP_TO,
     PREDICTED_UP_TO,
@@ -38,6 +37,7 @@ from coulomb.linalg.factors import predicted_work, symbolic
 from coulomb.model.load_history import LoadHistory
 from coulomb.model.problem import ContactProblem
 from coulomb.model.solution import Solution
+from coulomb.process import peak_memory
 from coulomb.solvers.results import NotConverged
 
 from .processes import alone

@@ -20,10 +20,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from coulomb.fem.bodies import Clamp, Elasticity, Member
-from coulomb.io.peak_memory import peak_memory
 from coulomb.linalg.compliance import DirectSolver, IterativeSolver
 from coulomb.linalg.petsc_arrays import configured_ksp
 from coulomb.model.problem import ContactProblem
+from coulomb.process import peak_memory
 from coulomb.solvers.results import NotConverged
 
 from .block import block

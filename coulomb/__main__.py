@@ -8,9 +8,9 @@ from .process import begin
 begin()
 gc.set_threshold(200_000)  # else the modules to be loaded cost a tenth of a second of searches for garbage
 
-from .pictures import overview_process  # noqa: E402  (streams and signals are in order when it begins)
+from .pictures import drawing_process  # noqa: E402  (streams and signals are in order when it begins)
 
-overview_process.begin_early(sys.argv[1:])
+drawing_process.begin_early(sys.argv[1:])
 
 
 def main() -> None:

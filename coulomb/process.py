@@ -1,7 +1,7 @@
-"""Standard streams, signals and caches of the command line.  Loaded before anything that takes time.
+"""Standard streams, signals, caches and memory of the process.  Loaded before anything that takes time.
 
 - Ctrl-C and the signals that end a job act at once and without a message, from the first import on, until there are
-  results to keep (`interruption`): exit codes 130, 143, that is, 128 plus the number of the signal.
+  results to keep (`cli.session.Interruption`): exit codes 130, 143, that is, 128 plus the number of the signal.
 - A closed pipe (`| head`) ends a command without a message, as for other programs (141).  A run continues, since its
   results are files; it also continues if the disk of its log is full.
 - A closed standard stream is replaced by the null device, so that no other file gets its number.
@@ -15,10 +15,12 @@ import atexit
 import errno
 import io
 import os
+import resource
 import signal
 import stat
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -39,9 +41,9 @@ class _Stream(io.FileIO):
         except OSError as error:
             self.fault = error
             if error.errno != errno.EPIPE and self.fileno() == 1:
-                with io.FileIO(2, "w", closefd=False) as other:
-                    word = "warning" if _goes_on else "error"
-                    _try_to_write(other, f"{word}: standard output: {error.strerror}; further output is discarded\n")
+                word = "warning" if _goes_on else "error"
+                with suppress(OSError):
+                    os.write(2, f"{word}: standard output: {error.strerror}; further output is discarded\n".encode())
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, self.fileno())
             os.close(nowhere)
@@ -56,17 +58,15 @@ def begin() -> None:
     _begun = True
     _open_streams()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    if not _launched():
-        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # under a launcher it may concern MPI's own pipes
     given = os.environ.get("PETSC_OPTIONS", "").split()
     if "-no_signal_handler" not in given:  # it would report a signal as an error, with a traceback
         os.environ["PETSC_OPTIONS"] = " ".join([*given, "-no_signal_handler"])
     if _launched():
         os.environ["TERM"] = "dumb"
-        os.environ.setdefault(
-            "OMPI_MCA_ess_singleton_isolated", "1"
-        )  # no daemon, which would report the end of this process
+        # no daemon, which would report the end of this process
+        os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
     else:
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # under a launcher it may concern MPI's own pipes
         start_alone()
     _keep_caches_somewhere()
 
@@ -84,8 +84,11 @@ def go_on_unheard() -> None:
     signal.signal(signal.SIGPIPE, signal.SIG_IGN)
 
 
-def ended(code: int, failed: int) -> int:
-    """The exit code, after flushing all output.
+def leave(code: int, failed: int) -> NoReturn:
+    """End the process in order, but without the time that Python takes to delete all modules, a sixth of `--help`.
+
+    Functions registered for the end are called, and PETSc and MPI end as they would (PETSc prints what -log_view asks
+    for).  Under a profiler or debugger, which continue after the program, Python ends as usual.
 
     Args:
         code: Exit code of the command.
@@ -96,15 +99,6 @@ def ended(code: int, failed: int) -> int:
     raw = getattr(getattr(sys.stdout, "buffer", None), "raw", None)
     lost = isinstance(raw, _Stream) and raw.fault is not None and raw.fault.errno != errno.EPIPE
     code = failed if lost and code == 0 and not _goes_on else code
-    return code
-
-
-def leave(code: int) -> NoReturn:
-    """End the process with an exit code, in order, but without the 0.1 s that Python takes to delete all modules.
-
-    Functions that modules registered for the end are called, and PETSc and MPI end as they would (PETSc prints what
-    -log_view asks for).  Under a profiler or debugger, which continue after the program, Python ends as usual.
-    """
     if sys.getprofile() is None and sys.gettrace() is None:
         atexit._run_exitfuncs()
         petsc, mpi = (sys.modules.get(name) for name in ("petsc4py.PETSc", "mpi4py.MPI"))
@@ -124,6 +118,19 @@ def animated() -> bool:
     return not dull and sys.stdout.isatty()
 
 
+def peak_memory(pid: int | str = "self") -> int:
+    """Peak memory of a process in bytes; 0 if it has ended.
+
+    From the kernel's high-water mark, since getrusage includes the memory before exec, that is, the parent's.  Without
+    such a file, getrusage is used for this process.
+    """
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss if pid == "self" else 0
+    return max((1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM:")), default=0)
+
+
 def _open_streams() -> None:
     for number in (0, 1, 2):
         try:
@@ -137,13 +144,6 @@ def _open_streams() -> None:
             io.BufferedWriter(raw), encoding, errors="backslashreplace", line_buffering=number == 2 or raw.isatty()
         )
         setattr(sys, name, text)
-
-
-def _try_to_write(stream: io.FileIO, text: str) -> None:
-    try:
-        stream.write(text.encode())
-    except OSError:
-        pass
 
 
 def _launched() -> bool:

@@ -160,7 +160,7 @@ def test_package_imports_neither_plotting_nor_command_line():
             assert not uses(path, "pyvista", "vtk", "vtkmodules", "matplotlib"), path
 
 
-LAUNCH = {PACKAGE / "pictures" / name for name in ("overview_process.py", "picture_of_run.py")}
+LAUNCH = {PACKAGE / "pictures" / name for name in ("drawing_process.py", "picture_of_run.py")}
 """They run in the process that requests a picture."""
 
 
@@ -197,9 +197,10 @@ def test_file_names_of_a_run_are_in_one_module():
 
 
 def test_pictures_import_only_the_file_format():
-    """They run without the package's `__init__` (coulomb.pictures.apart) and import only the format of the files."""
+    """They run in a process of their own and import only the format of the files."""
     allowed = (
         "coulomb.pictures.report",
+        "coulomb.pictures.drawing_process",
         "coulomb.load_curve",
         "coulomb.contact_fields",
         "coulomb.contact_names",

@@ -126,14 +126,8 @@ def edit_written_case():
 
 def another_run():
     Path("results").mkdir()
-    contents = {
-        "pid": 7,
-        "host": "elsewhere",
-        "started": "boot 1",
-        "since": "2026-01-01 12:00:00",
-        "command": "coulomb run",
-    }
-    Path("results/run.lock").write_text(json.dumps(contents))
+    holder = "process 7 on elsewhere, since 2026-01-01 12:00:00 (coulomb run)"
+    Path("results/run.lock").write_text(f"elsewhere another-boot: {holder}\n")
 
 
 def cut(path):
@@ -146,7 +140,7 @@ def without_field():
 
 
 def memory(free):
-    return lambda: mock.patch("coulomb.model.free_memory.free_memory", lambda: free)
+    return lambda: mock.patch("coulomb.model.memory.free_memory", lambda: free)
 
 
 def disk(free):

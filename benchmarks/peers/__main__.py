@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from coulomb.io.peak_memory import peak_memory
+from coulomb.process import peak_memory
 
 from . import PROBLEMS
 from .answer import Answer

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from coulomb.arrays import FloatArray
-from coulomb.io.peak_memory import peak_memory
+from coulomb.process import peak_memory
 
 from .answer import FRICTION, LENGTHS, POISSON, STEPS, TRACTIONS, YOUNG, Answer, Unsolved, stacked, tractions
 

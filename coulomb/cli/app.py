@@ -18,12 +18,11 @@ import typer
 from .. import process
 from ..ranks import launched
 from ..version import __version__
-from .case_commands import Changes, check_case, new
-from .commands_pictures import drawing_soon, register
+from .case_commands import Changes, check_case, convert, new
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks, showing_messages
 from .console import console as _console
 from .console import errors as _errors
-from .convert import convert
+from .picture_commands import drawing_soon, plot, report
 from .verification import verification
 
 if TYPE_CHECKING:
@@ -35,7 +34,8 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-register(app)
+app.command()(plot)
+app.command()(report)
 
 
 def _show_version(asked: bool) -> None:
@@ -317,4 +317,4 @@ def main() -> None:
         if comm is not None and comm.size > 1:
             comm.Abort(CRASHED)
         code = CRASHED
-    process.leave(process.ended(code, FAILED))
+    process.leave(code, FAILED)

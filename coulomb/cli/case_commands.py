@@ -1,4 +1,4 @@
-"""`coulomb new` and `coulomb check-case`: write a template case file; validate a case and estimate its cost."""
+"""`coulomb new`, `check-case` and `convert`: template cases, validation of a case, and meshes as XDMF."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ..ranks import launched, on_rank_0
-from .console import bad_input, console
+from .console import FAILED, bad_input, console, errors, refuse_ranks
 
 Changes = Annotated[
     list[str] | None,
@@ -61,7 +61,7 @@ def check_case(
     changes: Changes = None,
     directory: Annotated[Path | None, typer.Option("--output", help="As for coulomb run.")] = None,
 ) -> None:
-    """Validate a case without solving it, and estimate size, memory and time; 0 if it can be run, 2 if not.
+    """Validate a case without solving it, and estimate memory and disk; 0 if it can be run, 2 if not.
 
     Performs all steps of a run up to the factorisation of K: mesh, supports, loads and contact are checked, for every
     load step, and K is assembled.
@@ -72,17 +72,66 @@ def check_case(
         settings = read_case(case, changes or ())
 
     from ..fem.compilation import announce
-    from .posing import doubts, expected, posed
-    from .terminal import introduce
-    from .understood import show_understood
+    from .preparation import expected, prepared, refuse_unwritable, warn_of_locking
+    from .terminal import introduce, show_input
 
     announce()
+    target = directory or Path(settings.output.directory)
     with bad_input():
-        problem = posed(settings, directory or Path(settings.output.directory), force=False, now=False)
+        refuse_unwritable(target)
+        problem = prepared(settings, target, force=False)
         for end in settings.history.ends if settings.history is not None else ():
             problem.at(end)
     introduce(console, case, problem)
-    show_understood(console, settings, problem)
-    doubts(settings, problem)
+    show_input(console, settings, problem)
+    warn_of_locking(settings, problem)
     for line in expected(settings, problem):
         console.print(line, markup=False, soft_wrap=True)
+
+
+def convert(
+    mesh: Annotated[Path, typer.Argument(help="Mesh file of any format that a case can name.", metavar="MESH")],
+    file: Annotated[Path, typer.Argument(help="File to write; the arrays are written beside it.", metavar="FILE.xdmf")],
+    force: Annotated[bool, typer.Option("--force", help="Replace the files if they exist.")] = False,
+) -> None:
+    """Write a mesh file as XDMF, with the names of its faces and groups of cells: ranks then read it in parts.
+
+    Coordinates stay in the unit of the file.  The mesh is checked as before a run, on one rank, which needs the memory
+    for all of it.
+    """
+    refuse_ranks("coulomb convert")
+    with bad_input():
+        if file.suffix != ".xdmf":
+            raise ValueError(f"{file}: the name of the file to write must end in .xdmf")
+        for target in (file, file.with_suffix(".h5")):
+            if target.exists() and not force:
+                raise ValueError(f"{target}: already exists; --force replaces it")
+        if file.resolve() == mesh.resolve():
+            raise ValueError(f"{file}: is the mesh file itself; give another name")
+        if not file.absolute().parent.is_dir():
+            raise ValueError(f"{file}: there is no folder {file.parent}; create it first")
+
+    from mpi4py import MPI
+
+    from ..fem.meshes import inspect, known_format, read_file, write
+
+    with bad_input():
+        known_format(mesh)
+        try:
+            found = inspect(read_file(str(mesh), {}, {}), 1.0, MPI.COMM_SELF)
+        except OSError as error:
+            raise ValueError(f"{error.filename or mesh}: cannot be read: {error.strerror or error}") from None
+    for reason in found.refused.values():
+        errors.print(f"warning: not converted: {reason}", markup=False, soft_wrap=True)
+    try:
+        write(found, file)
+    except OSError as error:
+        errors.print(f"error: {file}: cannot be written: {error.strerror or error}", markup=False)
+        raise typer.Exit(FAILED) from None
+    faces, groups = (", ".join(of) or "none" for of in (found.face_groups, found.cell_groups))
+    console.print(
+        f"{file} and {file.with_suffix('.h5').name} written: {len(found.cells)} cells; faces: {faces}; "
+        f"groups of cells: {groups}",
+        markup=False,
+        soft_wrap=True,
+    )

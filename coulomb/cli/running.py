@@ -20,10 +20,8 @@ from ..fem.compilation import announce
 from ..io import output
 from ..io.accuracy import accuracy
 from ..io.case_record import case_record, refuse_another_case
-from ..io.earlier_results import refuse_to_replace
 from ..io.history_files import HistoryFiles, steps_on_disk, whole_history
-from ..io.lock import locked
-from ..io.replacing import discard
+from ..io.replacing_results import discard, locked, set_aside, settle
 from ..io.run_directory import CASE, PICTURE, RunDirectory
 from ..io.summary import summary
 from ..io.written_case import case_text, write_case
@@ -33,18 +31,15 @@ from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
-from ..pictures import overview_process, picture_of_run
-from ..pictures.apart import Apart
+from ..pictures import drawing_process, picture_of_run
+from ..pictures.drawing_process import DrawingProcess
 from ..ranks import on_rank_0
 from ..solvers.results import NotConverged, Status
-from .commands_pictures import write_report
 from .console import FAILED, INTERRUPTED, bad_input, errors
-from .posing import doubts, posed
+from .picture_commands import write_report
+from .preparation import prepared, refuse_unwritable, warn_of_locking
 from .session import Session
-from .setting_aside import in_place_of
-from .terminal import Display, forces_in_a_step, introduce, report, report_history, warn
-from .time_left import about
-from .understood import show_understood
+from .terminal import Display, about, forces_in_a_step, introduce, report, report_history, show_input, warn
 
 SOLVED_WHILE_LOADING = 20_000
 """Displacement unknowns up to which a case is solved before the drawing process has loaded its libraries.  On two
@@ -59,7 +54,7 @@ def compute(
     force: bool,
     resume: bool = False,
     overwrite: bool = False,
-    renderer: Apart | None = None,
+    renderer: DrawingProcess | None = None,
 ) -> None:
     """Pose the problem of a case and solve it, or continue its load history; ends the command with its exit code.
 
@@ -68,35 +63,36 @@ def compute(
         settings: The case.
         source: Its file or directory as given by the user.
         target: Directory of the results.
-        force: Skip the checks of memory and disk, and accept strains outside the theory, which case.json then says.
+        force: As --force; case.json then says that strains outside the theory are accepted.
         resume: Continue from the load steps in `target`.
-        overwrite: Replace any results in `target`, not only those of the same case.
+        overwrite: As --overwrite.
         renderer: The drawing process, if it has been started already.
     """
     gc.freeze()  # the modules loaded so far, which are no garbage and take long to search
     gc.set_threshold(20_000)
     if force:
         settings = settings.model_copy(update={"small_strain": "warn"})
-    with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None):
+    with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None), _holding(target, MPI.COMM_WORLD):
         announce()
         with bad_input():
-            problem = posed(settings, target, force, overwrite=None if resume else overwrite, resume=resume)
+            problem = prepared(settings, target, force, None if resume else overwrite, resume)
+        problem.started = session.started
         introduce(session.console, source, problem)
-        show_understood(session.console, settings, problem)
-        doubts(settings, problem)
+        show_input(session.console, settings, problem)
+        warn_of_locking(settings, problem)
         with bad_input(NotPositiveDefinite):  # seen when K is factorised
             if settings.history is not None:
-                take_steps(session, settings, problem, target, resume, overwrite)
+                _take_steps(session, settings, problem, target, resume, overwrite)
             else:
                 with threadpool_limits(limits=_threads(problem, renderer)):
-                    solve_once(session, settings, problem, target, overwrite, renderer)
+                    _solve_once(session, settings, problem, target, overwrite, renderer)
 
 
-def _threads(problem: ContactProblem, renderer: Apart | None) -> int | None:
+def _threads(problem: ContactProblem, renderer: DrawingProcess | None) -> int | None:
     """Threads of BLAS: one processor is left to a drawing process that still loads; None for no limit."""
     if renderer is None or problem.unknowns["displacement"] > SOLVED_WHILE_LOADING:
         return None
-    return max(overview_process.processors() - 1, 1)
+    return max(drawing_process.processors() - 1, 1)
 
 
 @contextmanager
@@ -104,27 +100,12 @@ def _holding(target: Path, comm: MPI.Comm) -> Iterator[None]:
     """Lock the directory of the results; ends the command if it is in use or cannot be created."""
     with ExitStack() as stack:
         with bad_input():
+            refuse_unwritable(target)
             try:
                 stack.enter_context(locked(target, comm))
             except OSError as error:
                 raise ValueError(f"output {target}: cannot be written: {error.strerror or error}") from None
         yield
-
-
-def solve_once(
-    session: Session,
-    settings: Case,
-    problem: ContactProblem,
-    target: Path,
-    overwrite: bool,
-    renderer: Apart | None,
-) -> None:
-    """Solve, certify, write and report; ends the command with its exit code."""
-    problem.started = session.started
-    with _holding(target, problem.comm):
-        with bad_input():  # again: another run may have written results in the meantime
-            refuse_to_replace(settings, target, overwrite, problem.comm)
-        _solve_once(session, settings, problem, target, overwrite, renderer)
 
 
 def _solve_once(
@@ -133,8 +114,9 @@ def _solve_once(
     problem: ContactProblem,
     target: Path,
     overwrite: bool,
-    renderer: Apart | None,
+    renderer: DrawingProcess | None,
 ) -> None:
+    """Solve, certify, write and report; ends the command with its exit code."""
     files = case_record(settings, problem.comm)["files"]
     solution, trouble = _solve(session, settings, problem)
     interrupted = solution.result.status is Status.INTERRUPTED
@@ -171,7 +153,7 @@ def _solve_once(
 
 def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[Solution, str]:
     """The solution, converged or not, and an error message or nothing."""
-    display = Display(session.console, tolerance=settings.solver.tolerance)
+    display = Display(session.console)
     try:
         with display:
             return problem.solve(solver=settings.contact_solver(), progress=session.progress(display)), ""
@@ -179,27 +161,53 @@ def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[S
         return problem.solution(failure.result), str(failure)
 
 
-def take_steps(
-    session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool, overwrite: bool
-) -> None:
-    """Run a load history; ends the command with its exit code."""
-    with _holding(target, problem.comm):
-        with bad_input():
-            record = case_record(settings, problem.comm)
-            done = steps_on_disk(target, problem.comm)
-            changed = refuse_another_case(settings, target, done, problem.comm) if resume and done else []
-            if not resume:
-                refuse_to_replace(settings, target, overwrite, problem.comm)
-        for change in changed:
-            errors.print(f"warning: from step {done + 1} on {change}", markup=False)
-        with in_place_of(target, overwrite, resume, problem.comm):
-            _take_steps(session, settings, problem, target, resume, record)
+@contextmanager
+def in_place_of(target: Path, overwrite: bool, resume: bool, comm: MPI.Comm) -> Iterator[None]:
+    """Around a load history: set the results in its directory aside if they are to be overwritten; collective.
+
+    They are removed once the history is complete, also by a later `coulomb resume`; moved back if it ends before its
+    first step; kept otherwise.
+    """
+    with bad_input():
+        try:
+            aside = on_rank_0(comm, lambda: str((set_aside(target) if overwrite else None) or ""))
+        except OSError as error:
+            raise ValueError(f"output {target}: cannot be written: {error.strerror or error}") from None
+
+    def end() -> None:
+        try:
+            remark = on_rank_0(comm, lambda: settle(target, Path(aside) if aside else None, overwrite or resume))
+        except OSError as error:
+            remark = f"the results before are in {aside}: {error.strerror or error}"
+        if remark:
+            errors.print(f"warning: {remark}", markup=False)
+
+    try:
+        yield
+    except typer.Exit:  # on all ranks; other exceptions may be those of one
+        end()
+        raise
+    end()
 
 
 def _take_steps(
+    session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool, overwrite: bool
+) -> None:
+    """Run a load history; ends the command with its exit code."""
+    with bad_input():
+        record = case_record(settings, problem.comm)
+        done = steps_on_disk(target, problem.comm)
+        changed = refuse_another_case(settings, target, done, problem.comm) if resume and done else []
+    for change in changed:
+        errors.print(f"warning: from step {done + 1} on {change}", markup=False)
+    with in_place_of(target, overwrite, resume, problem.comm):
+        _take_recorded_steps(session, settings, problem, target, resume, record)
+
+
+def _take_recorded_steps(
     session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool, record: dict[str, Any]
 ) -> None:
-    console, comm, problem.started = session.console, problem.comm, session.started
+    console, comm = session.console, problem.comm
     began, trouble, code = time.perf_counter(), "", FAILED
     display = Display(console, by_step=True)
     warned: tuple[str, ...] = ()

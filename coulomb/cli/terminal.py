@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,19 +10,21 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
+from ..arrays import FloatArray
+from ..case.case import Case
 from ..contact_names import named_faces, normal_forces
 from ..fem.bodies import Member
 from ..fem.meshes import corner_geometry
 from ..io.accuracy import accuracy, rounded
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
+from ..model.input_echo import contacts_of, loads_of, supports_of
 from ..model.nodal_answer import law_numbers
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..process import animated
 from ..solvers.results import Progress
-from .console import errors
-from .time_left import TimeLeft, about
+from .console import bad_input, errors
 
 _UNITS = ((1e3, "km"), (1.0, "m"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"))
 
@@ -81,18 +82,78 @@ def metres(length: float) -> str:
     return f"{length / factor:.4g} {unit}"
 
 
+def about(seconds: float) -> str:
+    """Seconds, minutes or hours, to two digits."""
+    size, unit = next((pair for pair in ((1.0, "s"), (60.0, "min")) if seconds < 99.5 * pair[0]), (3600.0, "h"))
+    value = seconds / size
+    return f"{value:.0f} {unit}" if value >= 9.95 or unit == "s" else f"{value:.1f} {unit}"
+
+
+# --- the input ----------------------------------------------------------------------------------------------------
+
+_LINES = 5
+"""Lines of loads, of supports, and of contact pairs; the summary has all."""
+
+
+def show_input(console: Console, settings: Case, problem: ContactProblem) -> None:
+    """Print a line per load, support and contact pair, as they were understood; collective."""
+    history = settings.history
+    times = [problem.time] if history is None else [float(time) for time in history.ends]
+    with bad_input():
+        loads = loads_of(problem, times)
+    _print(
+        console,
+        "load",
+        [
+            f"{load.what}{'' if history is None else f', largest at {load.time:g} s'}: force {_vector(load.force)} N, "
+            f"moment about the origin {_vector(load.moment)} N m"
+            for load in loads
+        ],
+    )
+    _print(console, "support", [f"{one['kind']} on {one['face']!r}: {one['holds']}" for one in supports_of(problem)])
+    _print(console, "contact", [contact_in_words(one) for one in contacts_of(problem)])
+
+
+def contact_in_words(one: dict[str, Any]) -> str:
+    """A contact pair from `contacts_of`."""
+    gap, given = _range(one["gap"]), ""
+    if any(one["given_gap"].values()):
+        times = " times its amplitude" if "gap amplitude" in one["moves"] else ""
+        given = f", of which given {_range(one['given_gap'])}{times}"
+    moves = f", moves by {one['moves']}" if one["moves"] else ""
+    return f"{one['face']!r}: {one['nodes']} nodes, {law_in_words(one)}, gap {gap}{given}; {one['foundation']}{moves}"
+
+
+def _range(values: dict[str, float]) -> str:
+    """In metres, one number if all are the same."""
+    low, high = values["min"], values["max"]
+    return metres(low) if high - low <= 1e-9 * max(abs(low), abs(high)) else f"{metres(low)} to {metres(high)}"
+
+
+def _print(console: Console, what: str, lines: Sequence[str]) -> None:
+    for line in lines[:_LINES]:
+        console.print(f"{what:<8} {line}", markup=False, soft_wrap=True)
+    if len(lines) > _LINES:
+        console.print(f"{what:<8} and {len(lines) - _LINES} more, in summary.json", markup=False, soft_wrap=True)
+
+
+def _vector(values: FloatArray) -> str:
+    return f"({', '.join(f'{value:.6g}' for value in values)})"
+
+
+# --- progress -----------------------------------------------------------------------------------------------------
+
+
 class Display:
     """Progress: one line that changes on a terminal, a line for each Tresca problem (or PF step) elsewhere.
 
     Args:
         console: The console.
         by_step: Whether load steps are printed elsewhere: no lines then.
-        tolerance: Residual at which the solve ends, for the time left; 0 to omit it.
     """
 
-    def __init__(self, console: Console, by_step: bool = False, tolerance: float = 0.0):
-        self._console, self._by_step = console, by_step
-        self._time_left, self._expected = TimeLeft(tolerance), ""
+    def __init__(self, console: Console, by_step: bool = False):
+        self._console, self._by_step, self._expected = console, by_step, ""
         self._status = console.status("K^-1 and A") if animated() and not console.quiet else None
         self._last: Progress | None = None
 
@@ -107,21 +168,15 @@ class Display:
         self._line()
 
     def __call__(self, progress: Progress) -> None:
-        self._time_left.note(progress, time.perf_counter())
         if self._status is not None:
-            self._status.update(self._shown(progress))
+            self._status.update(f"{progress}{'  ' if self._expected else ''}{self._expected}")
         if self._last is not None and (progress.outer != self._last.outer or progress.outer == 0):
             self._line()
         self._last = progress
 
     def expect(self, text: str) -> None:
-        """Set the estimate shown in the changing line."""
+        """Set a text that follows in the changing line."""
         self._expected = text
-
-    def _shown(self, progress: Progress) -> str:
-        left = self._time_left.seconds
-        expected = self._expected or (f"about {about(left)} left" if left is not None else "")
-        return f"{progress}{'  ' if expected else ''}{expected}"
 
     def _line(self) -> None:
         if self._last is not None and self._status is None and not self._by_step:

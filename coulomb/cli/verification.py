@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..pictures.apart import missing
+from ..pictures.drawing_process import missing
 from ..regular_file import unwritable
 from .console import FAILED, bad_input, console, errors, refuse_ranks
 

@@ -15,17 +15,15 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from .compilation import look_up_by_file
-from .pkg_resources_stub import versions_from_metadata
+from .compilation import watch_compilation
 
 # Debian 12's DOLFINx sets RTLD_GLOBAL and does not reset it; VTK's wheels, imported later, then abort.
 _setdlopenflags = sys.setdlopenflags
 sys.setdlopenflags = lambda flags: None
 try:
-    with versions_from_metadata():
-        import dolfinx
-        import dolfinx.fem.petsc
-        import dolfinx.jit
+    import dolfinx
+    import dolfinx.fem.petsc
+    import dolfinx.jit
     from petsc4py import PETSc
 except ImportError as error:
     hint = f" PETSC_DIR is set ({os.environ['PETSC_DIR']}): try without." if "PETSC_DIR" in os.environ else ""
@@ -50,7 +48,7 @@ if np.dtype(PETSc.ScalarType).kind != "f":
 logging.getLogger().addFilter(lambda record: record.levelno > logging.INFO)  # 0.5's JIT logs the compiler's lines
 for _name in ("JIT_OPTIONS", "JIT_PARAMETERS"):  # wait a minute for another process that compiles the same form
     getattr(dolfinx.jit, f"DOLFINX_DEFAULT_{_name}", {})["timeout"] = (60, "")
-look_up_by_file(dolfinx.jit)
+watch_compilation(dolfinx.jit)
 
 
 def functionspace(domain: Any, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange") -> Any:

@@ -15,18 +15,7 @@ from .. import native
 from ..fem import compat
 from ..version import __version__
 
-_PACKAGES = (
-    "mumps",
-    "scalapack",
-    "hypre",
-    "superlu_dist",
-    "suitesparse",
-    "metis",
-    "parmetis",
-    "scotch",
-    "ptscotch",
-    "ml",
-)
+_PACKAGES = "mumps scalapack hypre superlu_dist suitesparse metis parmetis scotch ptscotch ml".split()
 
 _PYTHON_PACKAGES = ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "meshio", "pyvista", "vtk")
 
@@ -38,7 +27,7 @@ def versions() -> dict[str, str]:
         "Python": platform.python_version(),
         "DOLFINx": compat.VERSION,
         "PETSc": ".".join(map(str, PETSc.Sys.getVersion())),
-        **{name: version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py")},
+        **{name: version(name) for name in _PYTHON_PACKAGES[:5]},
     }
 
 
@@ -55,9 +44,7 @@ def details() -> dict[str, str]:
         "MPI": MPI.Get_library_version().split("\n")[0].split(",")[0].strip("\0"),
         "BLAS": ", ".join(sorted({str(e.get("filepath")) for e in threadpool_info() if e["user_api"] == "blas"})),
         "kernels in C": native.state(),
-        **{
-            name: version(name) for name in ("numpy", "scipy", "mpi4py", "petsc4py", "h5py", "meshio", "pyvista", "vtk")
-        },
+        **{name: version(name) for name in _PYTHON_PACKAGES},
     }
 
 

@@ -20,7 +20,7 @@ from ..ranks import on_rank_0
 from . import output
 from .body_grids import collections, names_of_sides
 from .history_summary import Entries, added, whole
-from .lock import locked
+from .replacing_results import locked
 from .restart import at_nodes, read_step, read_summary
 from .run_directory import FIELDS, HISTORY, RunDirectory, step_place
 

@@ -27,7 +27,7 @@ from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
 from .body_grids import body_grids, collections, contact_facets, contact_grids
 from .grid_file import write_grids
-from .replacing import commit, present
+from .replacing_results import PARTIAL, commit, present
 from .run_directory import CONTACT, HISTORY, SOLUTION, SUMMARY
 from .summary import summary
 
@@ -89,7 +89,7 @@ def write(
 
 def _make_partial(target: Path) -> str:
     target.mkdir(parents=True, exist_ok=True)
-    return tempfile.mkdtemp(prefix=".partial-", dir=target)
+    return tempfile.mkdtemp(prefix=PARTIAL, dir=target)
 
 
 def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any]) -> None:

@@ -127,7 +127,7 @@ class RunDirectory:
         Raises:
             ValueError: If it cannot be read, is not a summary, or lacks a required entry.
         """
-        if not self.summary.exists() and self.path.is_dir() and (moving := sorted(self.path.glob(".complete-*"))):
+        if not self.summary.exists() and self.path.is_dir() and (moving := sorted(self.path.glob(".complete*"))):
             raise ValueError(
                 f"{self.path}: a run was killed while it moved its results here from {moving[0].name}, where they are "
                 "complete: the next coulomb run here finishes that, or move the files yourself, summary.json last"

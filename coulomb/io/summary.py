@@ -24,14 +24,14 @@ from ..fem.bodies import (
 from ..linalg.reductions import Reductions
 from ..model.certificate import Certificate
 from ..model.equilibrium import undetermined
+from ..model.input_echo import contacts_of, supports_of
 from ..model.nodal_answer import NodalAnswer
 from ..model.resultants import Acting
 from ..model.solution import Solution
-from ..model.understood import contacts_of, supports_of
+from ..process import peak_memory
 from ..solvers.results import Status
 from ..version import __version__
 from .environment import versions
-from .peak_memory import peak_memory
 
 LOOK_AT_GAP = "check the foundation's position and normal, and the unit of the mesh (scale)"
 """Advice if no node is in contact."""

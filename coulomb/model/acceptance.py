@@ -13,8 +13,8 @@ from ..solvers.rigid_motions import NO_MOTION
 from .certificate import Certificate, judge
 from .equilibrium import running_away
 from .posed_problem import PosedProblem
+from .provenance import timed
 from .settled import settled
-from .stopwatch import timed
 
 CERTIFIED_FROM = 1e-8
 """Largest tolerance (the default) at which the answer must pass the certificate; above it only the residual counts."""

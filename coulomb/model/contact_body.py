@@ -48,12 +48,12 @@ from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
 from .evidence import rounding_forces
-from .free_memory import least_room
+from .memory import least_room
 from .probes import LocatedProbes, Part, Probe
+from .provenance import timed
 from .rigid_contact import refuse_untouched
 from .slenderness import ill_conditioned, measures_of, on_soft_springs
 from .state import Before, ContactState
-from .stopwatch import timed
 
 _log = logging.getLogger(__name__)
 

@@ -36,8 +36,8 @@ from ..linalg.factors import (
 )
 from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
+from .provenance import timed
 from .spring_motions import soft_motions
-from .stopwatch import timed
 
 _FLAT = 1e4
 """Length of a cell over its thickness from which its shape is named as the cause of a singular stiffness."""

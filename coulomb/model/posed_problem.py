@@ -27,10 +27,10 @@ from .contact_stiffness import ContactStiffness, explained
 from .evidence import Evidence
 from .gathered_evidence import gather_evidence
 from .nodal_answer import closure
+from .provenance import timed
 from .refinement import refined
 from .rigid_contact import rigid_motions
 from .state import Before, ContactState
-from .stopwatch import timed
 
 _ROUNDING = 2.0**-48
 """Slip below this part of the displacements of which it is the difference is a rounding error."""

@@ -41,11 +41,10 @@ from .contact_body import ContactBody
 from .equilibrium import refuse_without_equilibrium
 from .posed_problem import PosedProblem
 from .probes import Probe
-from .provenance import now
+from .provenance import now, timed
 from .small_strain import known_mode
 from .solution import Solution, warn
 from .state import Before, ContactState
-from .stopwatch import timed
 from .unsolved import CountedProgress, unsolved
 
 

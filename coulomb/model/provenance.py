@@ -1,4 +1,4 @@
-"""Host, time and command of a run: the entry `run` of summary.json."""
+"""Host, time and command of a run, the entry `run` of summary.json, and its wall time by phases."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import os
 import platform
 import shlex
 import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import datetime
 from typing import Any
 
@@ -19,9 +22,9 @@ def now() -> datetime:
     return datetime.now().astimezone()
 
 
-def moment(time: datetime) -> str:
+def moment(at: datetime) -> str:
     """ISO 8601 with the zone, to the millisecond: 2026-01-31T12:00:00.000+01:00."""
-    return time.isoformat(timespec="milliseconds")
+    return at.isoformat(timespec="milliseconds")
 
 
 def command() -> str:
@@ -53,3 +56,14 @@ def provenance(started: datetime, comm: MPI.Comm) -> dict[str, Any]:
     }
     shared: dict[str, Any] = comm.bcast(entry)
     return shared
+
+
+@contextmanager
+def timed(seconds: dict[str, float], phase: str) -> Iterator[None]:
+    """Add the wall time of the block to a phase, without that of phases inside the block."""
+    began, others = time.perf_counter(), sum(seconds.values())
+    try:
+        yield
+    finally:
+        others = sum(seconds.values()) - others
+        seconds[phase] = seconds.get(phase, 0.0) + time.perf_counter() - began - others

@@ -15,8 +15,8 @@ from ..io.run_directory import PICTURE, RunDirectory
 from ..model.provenance import moment, now
 from ..model.solution import Solution
 from ..ranks import on_rank_0
-from . import overview_process
-from .apart import Apart
+from . import drawing_process
+from .drawing_process import DrawingProcess
 
 
 def write_with_picture(
@@ -47,7 +47,7 @@ def add_picture(
     target: Path,
     comm: MPI.Comm,
     stop: Callable[[], bool] = lambda: False,
-    renderer: Apart | None = None,
+    renderer: DrawingProcess | None = None,
 ) -> dict[str, Any]:
     """Draw picture.png of results on disk and record it in their summary; collective.
 
@@ -77,7 +77,7 @@ def add_picture(
     return dict(json.loads(on_rank_0(comm, add)))
 
 
-def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: Apart | None = None) -> str:
+def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: DrawingProcess | None = None) -> str:
     """Draw picture.png of a run, or of the end of a load history; returns an error message, or nothing.
 
     In a separate process, since a renderer may crash.
@@ -85,9 +85,9 @@ def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: Ap
     Args:
         directory: Directory of the run.
         stop: Called repeatedly; a true result stops the drawing.
-        renderer: The drawing process, if it has been started already (`overview_process.begin`).
+        renderer: The drawing process, if it has been started already (`drawing_process.begin`).
     """
-    code, said = (renderer or overview_process.begin()).finish(str(directory.absolute()), stop=stop)
+    code, said = (renderer or drawing_process.begin()).finish(str(directory.absolute()), stop=stop)
     if not code:
         return ""
     picture = RunDirectory(directory).picture

@@ -11,11 +11,12 @@ import pytest
 from conftest import SMALL_CASE as BLOCK
 from conftest import run_coulomb
 from mesh_files import BoxFile
+from mpi4py import MPI
 
 from coulomb.case.case import Case, read_case
 from coulomb.case.files import LARGEST
+from coulomb.cli.preparation import refuse_too_many_cells
 from coulomb.fem.meshes.meshes import read_gmsh, read_xdmf
-from coulomb.model.estimate import refuse_uncountable
 
 
 def said(text, *changes, name="case.toml"):
@@ -228,5 +229,5 @@ def test_more_unknowns_than_petsc_has_numbers_for():
     Path("case.toml").write_text(BLOCK)
     done = run_coulomb("run", "case.toml", "--force", "--set", "mesh.cells=[1000000,1000000,1000000]", process=True)
     assert done.returncode == 2 and "too many unknowns: a mesh of 1000000 x 1000000 x 1000000 cells" in done.stderr
-    refuse_uncountable((800, 800, 800), 1)
+    refuse_too_many_cells((800, 800, 800), 1, force=True, comm=MPI.COMM_SELF)
     assert np.prod([801, 801, 801]) * 3 < 2**31 < np.prod([901, 901, 901]) * 3

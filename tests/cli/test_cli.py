@@ -2,12 +2,29 @@
 
 import json
 import re
+from pathlib import Path
 
+import numpy as np
 import pytest
+import typer.main
+import typer.testing
 from conftest import ROOT, SMALL_CASE, reference, run_coulomb, run_python
+from test_standard_streams import CASE, HISTORY
+
+from coulomb.case.case import read_case
+from coulomb.cli import app as cli
+from coulomb.io.fclib import read_fclib
 
 BLOCK = ROOT / "demos" / "block.toml"
 SMALL = ("--set", "mesh.cells=[12,4,4]", "--set", "output.picture=false")
+
+
+@pytest.fixture
+def small_cases(tmp_path, monkeypatch):
+    """In the current directory."""
+    monkeypatch.chdir(tmp_path)
+    Path("case.toml").write_text(CASE)
+    Path("history.toml").write_text(HISTORY)
 
 
 def test_run(tmp_path):
@@ -140,3 +157,74 @@ def test_dense_systems_are_refused_on_two_ranks(tmp_path):
     done = run_coulomb("run", BLOCK, *SMALL, "--set", "solver.newton=dense", "--output", tmp_path, ranks=2, timeout=240)
     assert done.returncode == 2 and 'error: solver.newton = "dense" works on one rank' in done.stderr
     assert "Traceback" not in done.stderr
+
+
+# --- options and exports ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("plot out --save there/file.png", "--save there/file.png: there is no folder there; create it first"),
+        ("report out --save here.html", "--save here.html: is a folder; name the file in it"),
+        ("plot out --save file.png --scale nan", "--scale must be from 0 to 1e12, but is "),
+        ("plot out --save file.png --scale -1", "--scale must be from 0 to 1e12, but is "),
+        ("export history.toml x.hdf5 --time 2", "--time 2: must be from 0 to the end of the history, 1.5"),
+        ("export history.toml x.hdf5 --time nan", "--time nan: must be from 0 to the end of the history, 1.5"),
+        ("export case.toml x.hdf5 --time 1", "--time is for load histories"),
+        ("export case.toml there/x.hdf5", "there is no folder there"),
+        ("fclib none.hdf5 --tolerance nan", "--tolerance"),
+        ("fclib none.hdf5 --tolerance 2", "--tolerance"),
+    ],
+)
+def test_wrong_options(command, message, small_cases):
+    Path("here.html").mkdir()
+    done = run_coulomb(*command.split())
+    assert done.returncode == 2 and message in done.stderr and "cannot be read" not in done.stderr
+    assert not Path("x.hdf5").exists()
+
+
+def test_an_export_reports_its_time(small_cases):
+    exported = {}
+    for time in (None, 0.5, 1.5):
+        option = [] if time is None else ["--time", time]
+        done = run_coulomb("export", "history.toml", f"{time}.hdf5", *option)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.endswith(f", in one step from rest to time {time or 1.5:g}\n")
+        exported[time] = read_fclib(f"{time}.hdf5")
+    problem = read_case("history.toml").problem()
+    for time, file in exported.items():
+        np.testing.assert_allclose(file.q, -problem.at(time or 1.5).b, rtol=1e-12, atol=1e-12 * np.abs(file.q).max())
+    assert not np.allclose(exported[0.5].q, exported[1.5].q)
+    assert not list(Path().glob(".*.partial"))
+    done = run_coulomb("export", "case.toml", "x.hdf5")
+    assert done.returncode == 0 and re.fullmatch(r"\d+ contacts in x\.hdf5\n", done.stdout)
+
+
+# --- helps --------------------------------------------------------------------------------------------------------
+
+
+def commands(command, path=()):
+    yield path, command
+    for name, inner in getattr(command, "commands", {}).items():
+        yield from commands(inner, (*path, name))
+
+
+def words(text):
+    return re.findall(r"[^\s│╭╮╰╯─]+", re.sub(r"\x1b\[[0-9;]*m", "", text))
+
+
+@pytest.mark.parametrize(
+    ("path", "command"),
+    [pytest.param(*found, id=" ".join(found[0]) or "coulomb") for found in commands(typer.main.get_command(cli.app))],
+)
+def test_help_texts_are_complete(path, command):
+    """Text in brackets is shown as text, not taken as markup."""
+    environment = {"COLUMNS": "400", "TERMINAL_WIDTH": "400", "TERM": "dumb"}
+    done = typer.testing.CliRunner().invoke(cli.app, [*path, "--help"], env=environment)
+    assert done.exit_code == 0
+    shown = words(done.output)
+    helps = [getattr(parameter, "help", None) or "" for parameter in command.params]
+    for text in (command.help or "", command.epilog or "", *helps):
+        lost = [word for word in words(text) if not any(word in whole for whole in shown)]
+        assert not lost, (path, lost)

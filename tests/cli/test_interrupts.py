@@ -1,33 +1,26 @@
-"""Signals that stop a run, its log, and the displayed time left."""
+"""Interruption of solvers, load histories and the command line by signals; its log."""
 
 import csv
-import io
 import json
 import os
 import re
 import signal
 import subprocess
-import sys
 import time
+from pathlib import Path
 
 import pytest
 from conftest import RANKS_ON_FEW_CORES, ROOT, make_block, run_coulomb, run_python
 from mpi4py import MPI
-from rich.console import Console
 from test_load_history import rubbed
+from test_standard_streams import CASE, COULOMB, certified, environment
 
 from coulomb import KPRGP, Automatic, HistoryFiles, InteriorPoint, LoadHistory, NotConverged, Status, SuccessiveTresca
-from coulomb.cli.terminal import Display
-from coulomb.cli.time_left import TimeLeft, about
+from coulomb.cli.session import SIGNALS, Interruption
+from coulomb.cli.terminal import about
 from coulomb.model.load_history import StepFailed
-from coulomb.solvers.results import Progress
 
 BLOCK = ROOT / "demos" / "block.toml"
-SMALL = ("--set", "mesh.cells=[6,6,3]", "--set", "output.picture=false")
-SLOW = (  # three seconds of path following
-    *("--set", "mesh.cells=[30,10,10]", "--set", "output.picture=false"),
-    *("--set", "solver={linear_solver='iterative', method='successive-tresca'}"),
-)
 
 
 class Stop:
@@ -81,48 +74,119 @@ def test_an_interrupted_load_history_continues(tmp_path):
     assert [row["normal_force"] for row in rows] == pytest.approx([row["normal_force"] for row in whole], rel=1e-8)
 
 
-def signalled(command, log, number, at):
-    """Exit code and standard error of a command that gets a signal once its log has a line."""
-    launcher = ("OMPI_COMM", "OMPI_MCA", "OMPI_UNIVERSE", "PMIX", "PRTE")
-    clean = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
-    clean |= RANKS_ON_FEW_CORES
-    process = subprocess.Popen(
-        list(map(str, command)), env=clean, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-    )
-    until = time.monotonic() + 300.0
-    while process.poll() is None and time.monotonic() < until and not (log.exists() and at in log.read_text()):
-        time.sleep(0.01)
-    process.send_signal(number)
-    return process.wait(timeout=240), process.stderr.read()
+class Watched:
+    """A command that gets a signal when it has reached a given point."""
+
+    def __init__(self, *command):
+        self.process = subprocess.Popen(
+            list(map(str, command)),
+            env=environment(**RANKS_ON_FEW_CORES),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=signals_not_ignored,
+            start_new_session=True,
+        )
+        self.until = time.monotonic() + 300.0
+
+    def when(self, seen):
+        while self.process.poll() is None and not seen() and time.monotonic() < self.until:
+            time.sleep(0.001)
+        assert self.process.poll() is None and seen(), self.process.communicate()
+        return self
+
+    def mapped(self, library):
+        """Once it has loaded a library."""
+        maps = Path(f"/proc/{self.process.pid}/maps")
+        return self.when(lambda: library in maps.read_text())
+
+    def logged(self, log, text):
+        return self.when(lambda: log.exists() and text in log.read_text())
+
+    def signalled(self, number, group=False):
+        """Exit code as in a shell, and the messages; to the whole group as by Ctrl-C."""
+        (os.killpg if group else os.kill)(self.process.pid, number)
+        out, errors = self.process.communicate(timeout=300)
+        code = self.process.returncode
+        return 128 - code if code < 0 else code, out, errors
+
+
+def signals_not_ignored():
+    """Signals may be ignored where the tests were started, as behind `&` or nohup."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
+
+
+RUN = (*COULOMB, "run", "case.toml")
 
 
 @pytest.mark.parametrize(
-    ("number", "ranks"),
-    [(signal.SIGINT, 1), (signal.SIGTERM, 1), (signal.SIGUSR1, 2)],
+    ("number", "library"),
+    [
+        (signal.SIGINT, "_pydantic_core"),
+        (signal.SIGTERM, "libmpi.so"),
+        (signal.SIGUSR1, "libpetsc"),
+        (signal.SIGHUP, "libdolfinx"),
+    ],
+    ids=str,
 )
-def test_a_signal_stops_a_run_with_everything_kept(tmp_path, number, ranks):
-    log, out = tmp_path / "log.txt", tmp_path / "out"
-    command = [sys.executable, "-m", "coulomb", "run", BLOCK, *SLOW, "--output", out, "--log", log]
-    command = ["mpirun", "-n", ranks, *command] if ranks > 1 else command
-    code, said = signalled(command, log, number, "path following   2")
-    assert code == 130, said
-    assert said.count("stopping after this step, everything is kept; once more to stop at once") == 1
-    assert re.search(r"error: interrupted: .*; the answer so far is in .*out/, marked as interrupted", said)
-    contents = json.loads((out / "summary.json").read_text())
+def test_a_signal_while_it_loads(number, library, small_case):
+    found = Watched(*RUN).mapped(library).signalled(number)
+    assert found == (128 + number, "", "")
+
+
+@pytest.mark.parametrize(("number", "command"), [(signal.SIGINT, "check-case"), (signal.SIGTERM, "run")])
+def test_a_signal_before_there_is_something_to_keep(number, command, small_case):
+    """Mesh, assembly, factorisation: immediate end without a message."""
+    watched = Watched(*COULOMB, command, "case.toml", "--set", "mesh.cells=[90,30,30]").mapped("libdolfinx")
+    time.sleep(1.0)
+    code, _, errors = watched.signalled(number)
+    assert (code, errors) == (128 + number, "")
+    assert not Path("out/summary.json").exists()
+
+
+@pytest.mark.parametrize(("number", "ranks"), [(signal.SIGINT, 1), (signal.SIGHUP, 1), (signal.SIGUSR1, 2)])
+def test_a_signal_stops_a_run_with_everything_kept(number, ranks, small_case):
+    log, launcher = Path("log"), ("mpirun", "-n", ranks) if ranks > 1 else ()
+    slow = ["--set", "mesh.cells=[30,10,10]", "--set", "solver={linear_solver='iterative', method='successive-tresca'}"]
+    watched = Watched(*launcher, *RUN, *slow, "--log", log).logged(log, "path following   2")
+    code, _, errors = watched.signalled(number)
+    assert code == 130 and "Traceback" not in errors and "PETSC" not in errors
+    assert errors.count("stopping after this step, everything is kept; once more to stop at once") == 1
+    assert re.search(r"error: interrupted: .*; the answer so far is in out/, marked as interrupted\n", errors), errors
+    contents = json.loads(Path("out/summary.json").read_text())
     assert contents["status"] == "interrupted" and not contents["certificate"]["passed"]
-    assert (out / "solution.h5").exists() and (out / "contact.h5").exists()
-    assert "Traceback" not in said
+    assert {"solution.h5", "contact.h5"} <= {path.name for path in Path("out").iterdir()}
+    assert not Path("out/run.lock").exists() and not list(Path("out").glob(".*"))
+
+
+@pytest.mark.parametrize("drawn", ["picture", "report"])
+def test_a_signal_while_it_draws(drawn, small_case):
+    """The results are complete and certified; only the picture being drawn is missing."""
+    summary = Path("out/summary.json")
+    pictures = ["--set", f"output.picture={'true' if drawn == 'picture' else 'false'}"]
+    watched = Watched(*RUN, *pictures, *(["--report"] if drawn == "report" else []))
+    code, out, errors = watched.when(summary.exists).signalled(signal.SIGINT, group=True)
+    assert code == 130 and certified(), errors
+    assert "certificate passed" in out and "Traceback" not in errors
+    first, second = errors.strip().splitlines()
+    assert first.startswith("stopping after this step")
+    assert second == f"error: interrupted at the end: the results are complete in out/, but the {drawn} may be missing"
+    assert sorted(path.name for path in Path("out").iterdir()) == sorted(
+        ["case.json", "contact.h5", "contact.xdmf", "history.csv", "solution.h5", "solution.xdmf", "summary.json"]
+    )
 
 
 def test_a_signal_stops_a_load_history_which_resumes(tmp_path):
     log, out = tmp_path / "log.txt", tmp_path / "out"
-    case = ROOT / "demos" / "history.toml"
-    command = [sys.executable, "-m", "coulomb", "run", case, "--output", out, "--log", log]
-    code, said = signalled([*command, *SMALL], log, signal.SIGINT, "step   2 ")
+    small = ("--set", "mesh.cells=[6,6,3]", "--set", "output.picture=false")
+    command = [*COULOMB, "run", ROOT / "demos" / "history.toml", "--output", out, "--log", log, *small]
+    code, _, said = Watched(*command).logged(log, "step   2 ").signalled(signal.SIGINT)
     assert code == 130, said
     done = len(list((out / "steps").glob("*/summary.json")))
     assert 2 <= done < 24
     assert f"the {done} load steps before are in {out}/; to continue: coulomb resume {out}" in said
+    assert f"{24 - done} load steps left, about " in log.read_text()
     done = run_coulomb("resume", out, "--quiet", "--log", log)
     assert done.returncode == 0 and done.stdout == done.stderr == ""
     with (out / "history.csv").open() as file:
@@ -130,12 +194,18 @@ def test_a_signal_stops_a_load_history_which_resumes(tmp_path):
     assert log.read_text().count("coulomb resume") >= 1 and "step  24 " in log.read_text()
 
 
+@pytest.fixture
+def small_case(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("case.toml").write_text(CASE)
+
+
 def test_a_signal_to_one_rank_stops_all(tmp_path):
     script = tmp_path / "stop.py"
     script.write_text(
         f"import os, signal, sys\nsys.path.insert(0, {str(ROOT)!r})\n"
         "from mpi4py import MPI\nimport coulomb\nfrom benchmarks.block import block\n"
-        "from coulomb.cli.interruption import Interruption\ncomm = MPI.COMM_WORLD\n"
+        "from coulomb.cli.session import Interruption\ncomm = MPI.COMM_WORLD\n"
         "with Interruption(comm) as interruption:\n"
         "    def progress(at):\n"
         "        if at.path_following == 3 and comm.rank == 1:\n            os.kill(os.getpid(), signal.SIGTERM)\n"
@@ -153,7 +223,7 @@ def test_a_signal_to_one_rank_stops_all(tmp_path):
 def test_the_second_signal_ends_it_at_once(tmp_path):
     script = tmp_path / "twice.py"
     script.write_text(
-        "import os, signal\nfrom mpi4py import MPI\nfrom coulomb.cli.interruption import Interruption\n"
+        "import os, signal\nfrom mpi4py import MPI\nfrom coulomb.cli.session import Interruption\n"
         "with Interruption(MPI.COMM_SELF) as interruption:\n    assert not interruption.asked()\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n    assert interruption.asked() and interruption.asked()\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n    print('still here')\n"
@@ -163,9 +233,6 @@ def test_the_second_signal_ends_it_at_once(tmp_path):
 
 
 def test_signal_handlers_are_restored():
-
-    from coulomb.cli.interruption import SIGNALS, Interruption
-
     before = [signal.getsignal(number) for number in SIGNALS]
     with Interruption(MPI.COMM_SELF) as interruption:
         assert [signal.getsignal(number) for number in SIGNALS] == before  # until the handler is read
@@ -210,69 +277,10 @@ def test_errors_are_logged_and_a_full_disk_ends_only_the_log(tmp_path):
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_the_log_has_the_time_left_of_load_steps(tmp_path):
-    log = tmp_path / "run.log"
-    case = ROOT / "demos" / "history.toml"
-    changes = ("--set", "mesh.cells=[4,4,2]", "--set", "history={end=2.0, steps=3}", "--set", "output.picture=false")
-    done = run_coulomb("run", case, *changes, "--output", tmp_path / "out", "--log", log)
-    assert done.returncode == 0 and "load steps left" not in done.stdout
-    left = re.findall(r"(\d) load steps left, about [\d.]+ s", log.read_text())
-    assert left == ["2", "1"]
-
-
-def geometric(rate, steps, seconds=2.0):
-    left = TimeLeft(1e-8)
-    for step in range(1, steps + 1):
-        left.note(Progress(0, step, 10.0 ** (-rate * step)), seconds * step)
-    return left
-
-
-def test_time_left_of_a_residual_that_falls_geometrically():
-    assert geometric(0.5, 5).seconds is None  # too early
-    assert geometric(0.5, 6).seconds == pytest.approx(2.0 * 10)  # 5 decades at half a decade a step
-    assert geometric(0.5, 12).seconds == pytest.approx(2.0 * 4)
-    assert geometric(0.5, 20).seconds == 0.0
-    assert geometric(0.01, 20).seconds is None  # hardly falls
-    assert geometric(-0.5, 20).seconds is None
-
-
-def test_time_left_restarts_with_the_residual():
-    left = geometric(0.5, 8)
-    left.note(Progress(0, 1, 1.0), 20.0)
-    assert left.seconds is None
-    left = TimeLeft(1e-8)
-    for step in range(1, 10):
-        left.note(Progress(2, step, 10.0**-step), float(step))  # inside a Tresca problem: no estimate
-    assert left.seconds is None
-
-
 def test_rounded_times():
     assert [about(s) for s in (0.2, 1.4, 99.0, 100.0, 600.0, 5900.0, 7000.0, 4e5)] == [
         *("0 s", "1 s", "99 s", "1.7 min", "10 min", "98 min", "1.9 h", "111 h")
     ]
-
-
-def shown(monkeypatch, terminal, **options):
-    """What a display shows of ten steps, a decade and ten seconds each."""
-    stream = io.StringIO()
-    console = Console(file=stream, force_terminal=terminal, width=120, highlight=False)
-    monkeypatch.setattr("coulomb.cli.terminal.animated", lambda: terminal)
-    clock = iter(range(0, 10_000, 10))
-    monkeypatch.setattr("coulomb.cli.terminal.time.perf_counter", lambda: float(next(clock)))
-    display = Display(console, **options)
-    texts = []
-    monkeypatch.setattr(display, "_status", display._status and type("S", (), {"update": texts.append})())
-    for step in range(1, 7):
-        display(Progress(0, step, 10.0**-step))
-    return texts, stream.getvalue()
-
-
-def test_the_terminal_shows_the_time_left_and_a_pipe_does_not(monkeypatch):
-    texts, _ = shown(monkeypatch, True, tolerance=1e-8)
-    assert texts[4] == "path following   5  residual 1.0e-05"
-    assert texts[5] == "path following   6  residual 1.0e-06  about 20 s left"
-    texts, data = shown(monkeypatch, False, tolerance=1e-8)
-    assert texts == [] and "left" not in data and "path following   5" in data
 
 
 def test_a_crash_is_exit_code_3(tmp_path):
@@ -288,7 +296,6 @@ def test_a_crash_is_exit_code_3(tmp_path):
 
 def test_a_signal_during_the_sum_over_the_ranks_is_not_lost():
     """It comes after this rank's part of the sum, on a busy machine once in a few runs; the next question finds it."""
-    from coulomb.cli.interruption import Interruption
 
     class Late:
         rank, signals = 0, 1
@@ -301,3 +308,15 @@ def test_a_signal_during_the_sum_over_the_ranks_is_not_lost():
 
     with Interruption(Late()) as interruption:
         assert [interruption.asked() for _ in range(3)] == [False, True, True]
+
+
+def test_nohup_continues_after_the_terminal_ends(monkeypatch):
+    """A SIGHUP that is ignored stays ignored."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with Interruption(MPI.COMM_SELF) as interruption:
+            interruption.asked()
+            os.kill(os.getpid(), signal.SIGHUP)
+            assert not interruption.asked()
+    finally:
+        signal.signal(signal.SIGHUP, before)

@@ -15,7 +15,7 @@ from coulomb.io import output
 from coulomb.io.summary import summary
 from coulomb.model.accumulated import ACCUMULATED
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
-from coulomb.pictures import apart
+from coulomb.pictures import drawing_process
 from coulomb.pictures.picture_of_run import write_with_picture
 from coulomb.pictures.report.fields import ZONES, Limits, named
 from coulomb.pictures.report.files import read_run
@@ -155,7 +155,7 @@ def test_results_are_replaced_only_when_complete(tmp_path, monkeypatch):
 
 
 def test_a_picture_that_cannot_be_drawn_loses_nothing(tmp_path, monkeypatch):
-    monkeypatch.setattr(apart.sys, "executable", "/nonexistent/python")
+    monkeypatch.setattr(drawing_process.sys, "executable", "/nonexistent/python")
     contents = write_with_picture(solved_block(4), tmp_path)
     assert contents["picture"].startswith("could not be drawn")
     assert json.loads((tmp_path / "summary.json").read_text())["certificate"]["passed"]

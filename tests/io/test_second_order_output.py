@@ -13,11 +13,12 @@ from test_second_order_meshes import CELLS
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Traction
+from coulomb.cli.preparation import memory_of
 from coulomb.fem.contact.surface import contact_surface, interpolated_forces
 from coulomb.io.output import size_on_disk
 from coulomb.io.recheck import check
 from coulomb.linalg.compliance.stiffness import IterativeSolver
-from coulomb.model.estimate import estimate, estimate_of
+from coulomb.model.memory import memory_needed
 from coulomb.model.nodal_answer import OPEN
 from coulomb.pictures.report.fields import zone_counts
 from coulomb.pictures.report.files import read_run
@@ -180,9 +181,9 @@ def test_estimates_count_all_nodes(written):
     problem = solution.problem
     n = problem.unknowns["displacement"]
     assert n == 3 * 6 * 3 * 3  # without those of the clamped end
-    wide = estimate(10**6, 10**4, 1, IterativeSolver, False, nodes=27).memory
-    assert wide > 2.0 * estimate(10**6, 10**4, 1, IterativeSolver, False).memory
-    as_first = estimate(n, problem.body.interface, 1, problem.body.linear_solver, problem.body.explicit)
-    assert (estimate_of(problem).memory > as_first.memory) == (cell == "hexahedron")
+    wide = memory_needed(10**6, 10**4, 1, IterativeSolver, False, nodes=27)
+    assert wide > 2.0 * memory_needed(10**6, 10**4, 1, IterativeSolver, False)
+    as_first = memory_needed(n, problem.body.interface, 1, problem.body.linear_solver, problem.body.explicit)
+    assert (memory_of(problem) > as_first) == (cell == "hexahedron")
     taken = sum((folder / f"{name}.h5").stat().st_size for name in ("solution", "contact"))
     assert 0.5 * taken < size_on_disk(problem) < 3.0 * taken + 1.1e5

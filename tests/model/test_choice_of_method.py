@@ -12,7 +12,7 @@ from benchmarks.real_parts import PARTS
 from benchmarks.two_blocks import two_blocks
 from coulomb import Clamp, DirectSolver, Elasticity, IterativeSolver, Material, Spring
 from coulomb.case.case import read_case
-from coulomb.cli.posing import posed
+from coulomb.cli.preparation import prepared
 from coulomb.io.case_record import case_record
 from coulomb.linalg.compliance.predicted_cost import (
     EXPLICIT_UP_TO,
@@ -28,8 +28,7 @@ from coulomb.linalg.compliance.predicted_cost import (
 from coulomb.linalg.factors import multifrontal
 from coulomb.linalg.factors.multifrontal import Work, predicted_work, symbolic
 from coulomb.model import contact_body
-from coulomb.model.estimate import slenderness
-from coulomb.model.slenderness import ill_conditioned, on_soft_springs
+from coulomb.model.slenderness import ill_conditioned, on_soft_springs, slenderness_of
 
 ONCE, TWICE = Precision.SINGLE, Precision.REPEATED
 CELLS = {"tetrahedra": True}
@@ -101,7 +100,9 @@ def test_measures_of_a_problem():
     body, x = make_block(3).body, make_block(3).surface.x
     elongation = np.sum(np.ptp(x, axis=0) ** 2) / (8.0 / 3.0 + 1.0 / 6.0)  # the row of the clamp has no contact nodes
     n, m = body.unknowns["displacement"], body.interface
-    expected = Measures(n, m, slenderness(make_block(3)), elongation=elongation, poisson=0.277)
+    expected = Measures(
+        n, m, slenderness_of(make_block(3).surface, make_block(3).elasticity), elongation=elongation, poisson=0.277
+    )
     assert body.measures == pytest.approx(expected, rel=1e-12)
     foot = read_case(PARTS / "foot.toml", [f'mesh.file="{ROOT / "demos" / "foot.msh"}"']).problem().body
     assert foot.measures[3:7] == (1.0, True, True, False) and foot.measures.aspect == pytest.approx(1.0, abs=0.1)
@@ -289,8 +290,8 @@ def test_a_history_declares_its_load_steps(monkeypatch, tmp_path):
     settings = read_case(case, small)
     files = coulomb.HistoryFiles(tmp_path / "out", case=case_record(settings, MPI.COMM_WORLD))
     settings.load_history().run(settings.problem(), files, on_step=lambda step: step.state.number == 2)
-    assert posed(settings, tmp_path / "out", force=False, resume=True).body.explicit and asked == [9, 24, 24, 22]
-    assert posed(settings, tmp_path / "out", force=False, now=False).body.explicit and asked[4:] == [24]
+    assert prepared(settings, tmp_path / "out", force=False, resume=True).body.explicit and asked == [9, 24, 24, 22]
+    assert prepared(settings, tmp_path / "out", force=False).body.explicit and asked[4:] == [24]
 
 
 def test_an_exported_matrix_wants_factors(monkeypatch, tmp_path):

@@ -282,3 +282,11 @@ def test_wrong_csv_files(text, message, tmp_path):
     (tmp_path / "load.csv").write_text(text)
     with pytest.raises(ValueError, match=message):
         read_case(case)
+
+
+def test_amplitudes_are_constant_beyond_their_tables():
+    """As docs/case-files.md, the docstring and the templates say."""
+    table = [(1.0, 2.0), (2.0, 5.0)]
+    assert [evaluate_amplitude(table, time, "load") for time in (-9.0, 1.0, 1.5, 2.0, 1e9)] == [2.0, 2.0, 3.5, 5.0, 5.0]
+    motion = [(1.0, 0.1, 0.0, 0.0), (2.0, 0.3, 0.0, 0.0)]
+    assert [evaluate_motion(motion, time, "foot")[0] for time in (0.0, 3.0)] == [0.1, 0.3]

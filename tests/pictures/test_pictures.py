@@ -12,7 +12,7 @@ from PIL import Image
 
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
 from coulomb.io import output
-from coulomb.pictures import overview_process
+from coulomb.pictures import drawing_process
 from coulomb.pictures.report import overview, picture, scene
 from coulomb.pictures.report.fields import ZONES, Bar, Limits, limits_of, named
 from coulomb.pictures.report.files import read_run
@@ -202,11 +202,11 @@ def test_legend_counts_nodes_in_words():
 
 def test_the_drawing_process_ends_with_its_input():
     """As when the run that started it is killed: its standard input ends."""
-    assert overview_process.begin().finish("", seconds=120.0) == (0, "")
+    assert drawing_process.begin().finish("", seconds=120.0) == (0, "")
 
 
 def test_the_drawing_process_can_be_stopped():
-    process = overview_process.begin()
+    process = drawing_process.begin()
     process.stop()
     process.stop()
     assert process._process.returncode == -9

@@ -6,7 +6,7 @@ import tomllib
 import pytest
 from conftest import ROOT, run_coulomb
 
-from coulomb.pictures.apart import PACKAGES
+from coulomb.pictures.drawing_process import PACKAGES
 
 SMALL = ("run", ROOT / "demos" / "block.toml", "--set", "mesh.cells=[3,1,1]")
 EVERY = " ".join(dict.fromkeys(PACKAGES.values()))

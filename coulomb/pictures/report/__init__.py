@@ -1,1 +1,1 @@
-"""Pictures and the report of a run, from its files alone; imports neither DOLFINx nor the solvers (see `apart`)."""
+"""Pictures and the report of a run, from its files alone, by a process without DOLFINx (`drawing_process`)."""

@@ -8,7 +8,7 @@ from conftest import SMALL_CASE
 import coulomb
 from coulomb import Clamp, Elasticity, Material, OrthotropicMaterial
 from coulomb.case.case import read_case
-from coulomb.cli import posing
+from coulomb.cli import preparation
 from coulomb.fem.bodies.orthotropic import (
     PAIRS,
     UPPER,
@@ -193,9 +193,9 @@ def test_check_of_a_run(run):
 def test_locking_is_of_first_order(tmp_path, monkeypatch, degree, warnings):
     (tmp_path / "rubber.toml").write_text(SMALL_CASE.replace("poisson = 0.3", "poisson = 0.499"))
     heard = []
-    monkeypatch.setattr(posing.errors, "print", lambda text, **options: heard.append(text))
+    monkeypatch.setattr(preparation.errors, "print", lambda text, **options: heard.append(text))
     case = read_case(tmp_path / "rubber.toml", [f"mesh.degree={degree}"])
-    posing.doubts(case, case.problem())
+    preparation.warn_of_locking(case, case.problem())
     assert len(heard) == warnings and all("first-order elements lock" in text for text in heard)
 
 

@@ -11,12 +11,12 @@ from mpi4py import MPI
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Cylinder, LoadCurve, LoadHistory, Material, Plane
 from coulomb.case.case import read_case
-from coulomb.cli.understood import _contact
+from coulomb.cli.terminal import contact_in_words
 from coulomb.io.case_record import case_record
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
 from coulomb.model import contact_faces as contacts
-from coulomb.model.understood import contacts_of
+from coulomb.model.input_echo import contacts_of
 
 RUBBER = Material(1e7, 0.3)
 STEPS = """\
@@ -151,9 +151,9 @@ def test_what_was_understood_of_a_gap():
     (pair,) = contacts_of(block(lambda x: 1e-4 * x[0] - 5e-5, [(0.0, 0.5), (1.0, 1.0)]))
     assert [pair["given_gap"]["min"], pair["given_gap"]["max"]] == pytest.approx([-5e-5, 1.5e-4])
     assert [pair["gap"]["min"], pair["gap"]["max"]] == pytest.approx([-2.5e-5, 7.5e-5])
-    assert "gap -25 um to 75 um, of which given -50 um to 150 um times its amplitude" in _contact(pair)
+    assert "gap -25 um to 75 um, of which given -50 um to 150 um times its amplitude" in contact_in_words(pair)
     (pair,) = contacts_of(block())
-    assert "given" not in _contact(pair)
+    assert "given" not in contact_in_words(pair)
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,11 @@ from mpi4py import MPI
 
 import coulomb
 from coulomb.case.bodies import MeshTable
+from coulomb.cli.preparation import unknowns_of_box
 from coulomb.fem import compat
 from coulomb.fem.compat import fem, ufl
 from coulomb.fem.meshes.lagrange import corner_geometry
 from coulomb.fem.meshes.named_mesh import NamedMesh
-from coulomb.model.estimate import _unknowns
 
 CELLS = ("hexahedron", "tetrahedron")
 
@@ -75,7 +75,7 @@ def test_degree_in_case_files(tmp_path):
         assert made.degree == degree and integral(made) == pytest.approx(2.0, rel=1e-12)
         assert integral(made, "left") == pytest.approx(1.0, rel=1e-12)
         nodes = made.domain.geometry.index_map().size_global
-        assert 3 * nodes == _unknowns((4, 2, 2), degree)  # what memory is estimated for
+        assert 3 * nodes == unknowns_of_box((4, 2, 2), degree)  # what memory is estimated for
 
 
 def test_second_order_meshes_are_not_raised_again():

@@ -14,7 +14,8 @@ import typer
 
 from ..contact_fields import names
 from ..io.run_directory import REPORT, RunDirectory
-from ..pictures import apart, overview_process
+from ..pictures import drawing_process
+from ..pictures.drawing_process import DrawingProcess
 from ..ranks import launched, on_rank_0
 from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
 
@@ -22,12 +23,6 @@ if TYPE_CHECKING:
     from ..case.case import Case
 
 Directory = Annotated[Path, typer.Argument(help="Directory of the results of a run.")]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the command line."""
-    app.command()(plot)
-    app.command()(report)
 
 
 def plot(
@@ -59,7 +54,7 @@ def plot(
         _refuse(f"--scale must be from 0 to 1e12, but is {scale}")
     _refuse_nowhere(save)
     chosen = [str(directory), field, scale, view, save, step]
-    _apart("plot", ["-" if choice is None else str(choice) for choice in chosen], seconds=None)
+    _draw("plot", *("-" if choice is None else str(choice) for choice in chosen))
 
 
 def report(
@@ -69,19 +64,19 @@ def report(
     """Write one HTML page about a run, certified or not: case, certificate, pictures, convergence, a 3D view."""
     refuse_ranks("coulomb report")
     _refuse_nowhere(save)
-    _apart("page", [str(directory), str(save or RunDirectory(directory).report)], seconds=None)
+    _draw("page", str(directory), str(save or RunDirectory(directory).report))
 
 
 @contextmanager
-def drawing_soon(settings: Case) -> Iterator[apart.Apart | None]:
+def drawing_soon(settings: Case) -> Iterator[DrawingProcess | None]:
     """The process that draws picture.png of a single run loads its libraries while the run computes.
 
     None under MPI, whose ranks need all cores, and for large meshes, which need the memory: there it starts afterwards.
     """
     soon = settings.output.picture and settings.history is None and launched() is None and settings.small
     if not soon:
-        overview_process.stop_early()
-    renderer = overview_process.begin() if soon else None
+        drawing_process.stop_early()
+    renderer = drawing_process.begin() if soon else None
     try:
         yield renderer
     finally:
@@ -101,9 +96,7 @@ def write_report(directory: Path, stop: Callable[[], bool]) -> str:
     """
 
     def write() -> str:
-        code, said = apart.run(
-            "coulomb.pictures.report", ["page", str(directory), str(RunDirectory(directory).report)], stop=stop
-        )
+        code, said = DrawingProcess("page", str(directory), str(RunDirectory(directory).report)).finish(stop=stop)
         return f"{REPORT} could not be written: {said}" if code else ""
 
     return on_rank_0(launched(), write)
@@ -124,8 +117,8 @@ def _refuse_nowhere(save: Path | None) -> None:
         _refuse(f"--save {save}: is a folder; name the file in it")
 
 
-def _apart(kind: str, arguments: list[str], seconds: float | None) -> None:
-    code, said = apart.run("coulomb.pictures.report", [kind, *arguments], seconds)
+def _draw(*arguments: str) -> None:
+    code, said = DrawingProcess(*arguments).finish(seconds=None)
     if code == 0:
         if said:
             console.print(said, markup=False, soft_wrap=True)

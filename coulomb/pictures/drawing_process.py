@@ -1,24 +1,21 @@
-"""Runs a drawing module in a separate process: a renderer may crash, and must not start MPI.
+"""Drawing in a separate process, `python -m coulomb.pictures.report`: a renderer may crash, and must not start MPI.
 
-As a script, `python apart.py coulomb.pictures.report ...`, it runs the module without the package's `__init__`; such
-modules import neither DOLFINx nor MPI.
+The process that draws picture.png is started early, since it needs a second to load its libraries.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import math
 import os
-import runpy
-import signal
 import socket
 import subprocess
 import sys
 import time
-import types
 from collections.abc import Callable, Sequence
 from pathlib import Path
+
+from ..ranks import RANK_VARIABLES
 
 PACKAGES = {
     "matplotlib": "matplotlib",
@@ -30,34 +27,31 @@ PACKAGES = {
 }
 """Modules that only pictures need, and their packages (the extra `pictures` of pyproject.toml)."""
 
-LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "HYDRA_", "SLURM_")
+_LAUNCHER = ("OMPI_", "PMIX_", "PMI_", "HYDRA_", "SLURM_")
 """Variables that MPI's launcher sets for its processes; the drawing process is not one of them."""
 
 
-_LINUX_DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
+class DrawingProcess:
+    """`python -m coulomb.pictures.report arguments`, started at once.
 
-
-class Apart:
-    """`python -m module arguments` in a separate process, started at once.
-
-    In a separate session, so that only the caller receives Ctrl-C and can let the drawing finish.
+    In a separate session, so that only the caller receives Ctrl-C and can let the drawing finish; it ends with the
+    caller.
 
     Args:
-        module: Full name, for example "coulomb.pictures.report".
         arguments: Its command line.
     """
 
-    def __init__(self, module: str, arguments: Sequence[str]):
-        environment = {key: value for key, value in os.environ.items() if not key.startswith(LAUNCHER)}
-        command = [sys.executable, str(Path(__file__).resolve()), module, *arguments]
+    def __init__(self, *arguments: str):
+        environment = {key: value for key, value in os.environ.items() if not key.startswith(_LAUNCHER)}
+        here = str(Path(__file__).resolve().parents[2])
+        environment["PYTHONPATH"] = os.pathsep.join(filter(None, (environment.get("PYTHONPATH"), here)))
         self._process: subprocess.Popen[str] | None = None
         self._fault = ""
-        self._line, its_end = (
-            socket.socketpair()
-        )  # writing to a pipe that it has closed would end this process by SIGPIPE, due to PETSc
+        # writing to a pipe that it has closed would end this process by SIGPIPE, due to PETSc
+        self._line, its_end = socket.socketpair()
         try:
             self._process = subprocess.Popen(
-                command,
+                [sys.executable, "-P", "-m", "coulomb.pictures.report", *arguments],
                 env=environment,
                 stdin=its_end.fileno(),
                 stdout=subprocess.PIPE,
@@ -112,13 +106,6 @@ class Apart:
         self._line.close()
 
 
-def run(
-    module: str, arguments: Sequence[str], seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
-) -> tuple[int, str]:
-    """Run `python -m module arguments` in a separate process and wait for it, as `Apart.finish`."""
-    return Apart(module, arguments).finish(seconds=seconds, stop=stop)
-
-
 def missing(error: ModuleNotFoundError) -> str:
     """Advice on a missing package of PACKAGES; empty for other packages."""
     module = (error.name or "").partition(".")[0]
@@ -128,29 +115,38 @@ def missing(error: ModuleNotFoundError) -> str:
     return f"{PACKAGES[module]} is not installed, and pictures need it: ./install.sh, or pip install {every}"
 
 
-def _bare_package() -> None:
-    """Register `coulomb` as a namespace without running its `__init__`."""
-    here = Path(__file__).resolve().parent
-    package = types.ModuleType("coulomb")
-    package.__path__ = [str(here.parent)]
-    sys.modules["coulomb"] = package
-    sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != here]
+# --- picture.png --------------------------------------------------------------------------------------------------
+
+_early: DrawingProcess | None = None
 
 
-def _end_with_parent() -> None:
-    """On Linux: end this process when its parent ends."""
-    if sys.platform == "linux":
-        with contextlib.suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(_LINUX_DIE_WITH_PARENT, int(signal.SIGKILL), 0, 0, 0)
+def begin_early(arguments: Sequence[str]) -> None:
+    """Start the process before the command line is parsed, if a run may need it and there is a second processor.
+
+    `begin` takes it over; `stop_early` ends it if the case does not need it.
+
+    Args:
+        arguments: The command line, starting with the command.
+    """
+    global _early
+    runs = arguments[:1] == ["run"] and not {"--help", "output.picture=false"}.intersection(arguments)
+    if runs and processors() > 1 and not any(name in os.environ for name in RANK_VARIABLES):
+        _early = DrawingProcess("overview")
 
 
-if __name__ == "__main__":
-    _end_with_parent()
-    _bare_package()
-    del sys.argv[0]
-    try:
-        runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
-    except ModuleNotFoundError as error:
-        if not missing(error):
-            raise
-        sys.exit(missing(error))
+def begin() -> DrawingProcess:
+    """The process started early, or a new one; it reads the directory of the run from its standard input."""
+    global _early
+    begun, _early = _early, None
+    return begun or DrawingProcess("overview")
+
+
+def stop_early() -> None:
+    """End the process started early, if there is one that has not been taken over."""
+    if _early is not None:
+        begin().stop()
+
+
+def processors() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

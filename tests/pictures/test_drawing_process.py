@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, SMALL_CASE, run_coulomb
 
-from coulomb.pictures import overview_process
+from coulomb.pictures import drawing_process
 from coulomb.ranks import RANK_VARIABLES
 
 MARK = "COULOMB_TEST_OF_THE_OVERVIEW"
@@ -19,7 +19,7 @@ MARK = "COULOMB_TEST_OF_THE_OVERVIEW"
 class Started:
     """A stand-in for a process."""
 
-    def __init__(self, module, arguments):
+    def __init__(self, *arguments):
         self.stopped = False
 
     def stop(self):
@@ -32,25 +32,25 @@ def two_processors(monkeypatch):
     for name in RANK_VARIABLES:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    monkeypatch.setattr(overview_process, "Apart", Started)
-    monkeypatch.setattr(overview_process, "_early", None)
+    monkeypatch.setattr(drawing_process, "DrawingProcess", Started)
+    monkeypatch.setattr(drawing_process, "_early", None)
     return monkeypatch
 
 
 def test_a_run_starts_and_uses_one_drawing_process(two_processors):
-    overview_process.begin_early(["run", "case.toml"])
-    begun = overview_process._early
+    drawing_process.begin_early(["run", "case.toml"])
+    begun = drawing_process._early
     assert isinstance(begun, Started)
-    assert overview_process.begin() is begun and overview_process._early is None
-    assert overview_process.begin() is not begun
+    assert drawing_process.begin() is begun and drawing_process._early is None
+    assert drawing_process.begin() is not begun
 
 
 def test_a_case_without_a_picture_ends_the_drawing_process(two_processors):
-    overview_process.begin_early(["run", "case.toml"])
-    begun = overview_process._early
-    overview_process.stop_early()
-    overview_process.stop_early()
-    assert begun.stopped and overview_process._early is None
+    drawing_process.begin_early(["run", "case.toml"])
+    begun = drawing_process._early
+    drawing_process.stop_early()
+    drawing_process.stop_early()
+    assert begun.stopped and drawing_process._early is None
 
 
 @pytest.mark.parametrize(
@@ -64,21 +64,20 @@ def test_a_case_without_a_picture_ends_the_drawing_process(two_processors):
     ],
 )
 def test_commands_without_pictures_start_no_process(two_processors, arguments):
-    overview_process.begin_early(arguments)
-    assert overview_process._early is None
+    drawing_process.begin_early(arguments)
+    assert drawing_process._early is None
 
 
-@pytest.mark.parametrize("name", RANK_VARIABLES)
-def test_under_mpi_no_process_is_started_early(two_processors, name):
-    two_processors.setenv(name, "0")
-    overview_process.begin_early(["run", "case.toml"])
-    assert overview_process._early is None
-
-
-def test_one_processor_is_left_to_the_run(two_processors):
-    two_processors.setattr(os, "sched_getaffinity", lambda _: {0}, raising=False)
-    overview_process.begin_early(["run", "case.toml"])
-    assert overview_process._early is None
+def test_under_mpi_or_on_one_processor_no_process_is_started_early(two_processors):
+    with two_processors.context() as patch:
+        patch.setattr(os, "sched_getaffinity", lambda _: {0}, raising=False)
+        drawing_process.begin_early(["run", "case.toml"])
+        assert drawing_process._early is None
+    for name in RANK_VARIABLES:
+        with two_processors.context() as patch:
+            patch.setenv(name, "0")
+            drawing_process.begin_early(["run", "case.toml"])
+            assert drawing_process._early is None
 
 
 def marked(mark):
@@ -107,7 +106,7 @@ def waits_for(condition, seconds=30.0):
 
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="no /proc on this platform")
-several = pytest.mark.skipif(overview_process.processors() < 2, reason="on one processor nothing begins early")
+several = pytest.mark.skipif(drawing_process.processors() < 2, reason="on one processor nothing begins early")
 
 
 @needs_proc
@@ -119,7 +118,7 @@ def test_a_wrong_case_leaves_no_process(tmp_path):
 
 @needs_proc
 @several
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_a_signal_while_it_loads_leaves_no_process(tmp_path, number):
     run = started(str(tmp_path), "run", str(ROOT / "demos" / "block.toml"), "--output", str(tmp_path / "results"))
     assert waits_for(lambda: len(marked(tmp_path)) > 1)  # the run, and the process begun early
@@ -127,3 +126,16 @@ def test_a_signal_while_it_loads_leaves_no_process(tmp_path, number):
     run.communicate()
     assert run.returncode != 0
     assert waits_for(lambda: not marked(tmp_path))
+
+
+@needs_proc
+def test_a_report_is_not_written_after_its_caller_is_killed(tmp_path):
+    (tmp_path / "case.toml").write_text(SMALL_CASE)
+    assert run_coulomb("run", "case.toml", "--output", "out", "--quiet", cwd=tmp_path).returncode == 0
+    run = started(str(tmp_path), "report", str(tmp_path / "out"))
+    assert waits_for(lambda: len(marked(tmp_path)) > 1)
+    (child,) = (pid for pid in marked(tmp_path) if pid != run.pid)
+    assert waits_for(lambda: "numpy" in Path(f"/proc/{child}/maps").read_text())
+    run.kill()
+    run.communicate()
+    assert waits_for(lambda: not marked(tmp_path)) and not (tmp_path / "out" / "report.html").exists()

@@ -1,4 +1,4 @@
-"""What was understood of a problem, before it is solved: resultants of loads, what supports hold, gaps.
+"""Echo of the input of a problem, before it is solved: resultants of loads, what supports hold, gaps.
 
 A wrong sign or unit is seen there.
 """

@@ -1,0 +1,213 @@
+"""From a case to a problem that may be run: what is in its directory may be replaced, memory and disk suffice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..case.case import Case
+from ..fem.bodies import LOCKING_ABOVE
+from ..io.case_record import case_record, differences
+from ..io.history_files import steps_left
+from ..io.output import refuse_full_disk, size_on_disk
+from ..io.replacing_results import Present, present
+from ..io.run_directory import CASE, RunDirectory
+from ..io.written_case import case_in
+from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
+from ..model.memory import least_memory, least_room, memory_needed, most_unknowns
+from ..model.problem import ContactProblem
+from ..ranks import on_rank_0
+from ..regular_file import unwritable
+from .console import errors
+
+
+def prepared(
+    settings: Case, target: Path, force: bool, overwrite: bool | None = None, resume: bool = False
+) -> ContactProblem:
+    """The problem of a case, after a check of directory, memory and disk; collective, with a ValueError on every rank.
+
+    Args:
+        settings: The case.
+        target: Directory of the results.
+        force: Skip the checks of memory and disk.
+        overwrite: Whether any results may be replaced, or only those of the same case; None if none are.
+        resume: Whether load steps are continued: of a few that are left multigrid may be faster.
+    """
+    comm = MPI.COMM_WORLD
+    if overwrite is not None:
+        refuse_to_replace(settings, target, overwrite, comm)
+    for mesh in settings.meshes.values():
+        if mesh.cells is not None:
+            refuse_too_many_cells(mesh.cells, mesh.degree or 1, force, comm)
+    problem = settings.problem(comm)
+    if resume and (left := steps_left(target, comm)) is not None:
+        problem.body.expect_load_steps(left)
+    if not force:
+        refuse_too_large(problem)
+        steps = 1 if settings.history is None else len(settings.history.ends)
+        try:
+            refuse_full_disk(problem, target, steps)
+        except OSError as error:
+            raise ValueError(f"output {target}: {error.strerror}; --force runs nevertheless") from None
+    return problem
+
+
+# --- the directory ------------------------------------------------------------------------------------------------
+
+
+def refuse_unwritable(target: Path) -> None:
+    """A ValueError on every rank if a directory cannot be made or written to; collective."""
+    if found := on_rank_0(MPI.COMM_WORLD, lambda: unwritable(target)):
+        raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
+
+
+def refuse_to_replace(case: Case, target: Path, overwrite: bool, comm: MPI.Comm) -> None:
+    """Check that a run destroys nothing without being asked to; collective.
+
+    The results of a single run may be replaced by those of the same case; the method of solution, the output and the
+    treatment of large strains may differ.  All other results need `overwrite`.  Files that are not results of this
+    package, and write-protected ones, are never replaced: a ValueError on every rank, with a remedy.
+    """
+    digests = case_record(case, comm)["files"]
+
+    def look() -> str:
+        found = present(target)
+        return found.fault() or ("" if overwrite else _refusal(case, digests, found))
+
+    try:
+        fault = on_rank_0(comm, look)
+    except OSError as error:
+        fault = f"output {target}: cannot be read: {error.strerror or error}"
+    if fault:
+        raise ValueError(fault)
+
+
+_REMEDY = "replace them by --overwrite, or choose another directory (--output)"
+
+
+def _refusal(case: Case, digests: dict[str, str], found: Present) -> str:
+    if found.steps:
+        again = "" if case.history is None else f"continue with `coulomb resume {found.folder}`, "
+        return f"{found.folder} already holds {found.steps} load steps: {again}{_REMEDY}"
+    if not found.results:
+        return ""
+    if case.history is not None:
+        return f"{found.folder} holds the results of a single run, this case has a [history]: {_REMEDY}"
+    if CASE not in found.names:
+        return f"{found.folder} holds results of a run from Python, or without its {CASE}: {_REMEDY}"
+    try:
+        before = case_in(RunDirectory(found.folder).case)
+    except ValueError:
+        return f"{found.folder} holds results of a case that cannot be read, or of another version: {_REMEDY}"
+    recorded = RunDirectory(found.folder).read_summary().get("mesh_files") or {}
+    changed = differences(before, recorded, case, digests)
+    if not changed:
+        return ""
+    listed = "; ".join(changed[:3]) + (f"; and {len(changed) - 3} more" if len(changed) > 3 else "")
+    return f"{found.folder} holds the results of another case ({listed}): {_REMEDY}"
+
+
+# --- memory -------------------------------------------------------------------------------------------------------
+
+
+def memory_of(problem: ContactProblem, method: tuple[LinearSolver, bool] | None = None) -> float:
+    """Bytes that a problem needs (`memory_needed`), by default with its own method; collective."""
+    body, nodes = problem.body, _nodes_of_cell(problem)
+    linear_solver, explicit = method or (body.linear_solver, body.explicit)
+    n, ranks = problem.unknowns["displacement"], problem.comm.size
+    return memory_needed(n, body.interface, ranks, linear_solver, explicit, nodes, body.in_double)
+
+
+def refuse_too_large(problem: ContactProblem) -> None:
+    """A ValueError on every rank if a node has too little free memory, with what would fit; collective."""
+    needed, fits = memory_of(problem), least_room(problem.comm)
+    if needed <= fits:
+        return
+    size, body = problem.unknowns, problem.body
+    methods = "K factorised" if body.linear_solver is DirectSolver else "multigrid"
+    methods += ", A formed" if body.explicit else ", A matrix-free"
+    others: tuple[tuple[str, LinearSolver], ...] = (("direct", DirectSolver), ("iterative", IterativeSolver))
+    would = [
+        f'solver.linear_solver = "{name}" with solver.compliance = "matrix-free" ({gigabytes(other)})'
+        for name, solver in others
+        if (other := memory_of(problem, (solver, False))) <= fits
+    ]
+    most = most_unknowns(fits, problem.comm.size, _nodes_of_cell(problem))
+    advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
+    raise ValueError(
+        f"too little memory: {size['displacement']} displacement and {size['contact']} contact unknowns ({methods}) "
+        f"need about {gigabytes(needed)}, and {gigabytes(fits)} are free; {advice}, a coarser mesh, or a larger "
+        "machine; --force tries nevertheless"
+    )
+
+
+def refuse_too_many_cells(cells: tuple[int, int, int], degree: int, force: bool, comm: MPI.Comm) -> None:
+    """As `refuse_too_large` for a box before its mesh is made, with the minimum for any method; collective.
+
+    Raises:
+        ValueError: On every rank; with `force` too, if PETSc's integers cannot number the unknowns.
+    """
+    unknowns, most = unknowns_of_box(cells, degree), int(np.iinfo(PETSc.IntType).max)
+    mesh = (
+        f"a mesh of {cells[0]} x {cells[1]} x {cells[2]} {'second-order ' if degree == 2 else ''}cells has {unknowns} "
+        "displacement unknowns"
+    )
+    needed, fits = least_memory(unknowns, comm.size), least_room(comm)
+    if needed > fits and not force:
+        raise ValueError(
+            f"too little memory: {mesh}, which need at least {gigabytes(needed)}, and {gigabytes(fits)} are free; take "
+            "fewer cells (mesh.cells) or a larger machine; --force tries nevertheless"
+        )
+    if unknowns > most:
+        raise ValueError(
+            f"too many unknowns: {mesh}, and the integers of this PETSc reach {most}; take fewer cells (mesh.cells)"
+        )
+
+
+def unknowns_of_box(cells: tuple[int, int, int], degree: int) -> int:
+    """Displacement unknowns of a box; of hexahedra and of tetrahedra they are the same."""
+    return 3 * (degree * cells[0] + 1) * (degree * cells[1] + 1) * (degree * cells[2] + 1)
+
+
+def _nodes_of_cell(problem: ContactProblem) -> int:
+    return max(int(member.body.V.dofmap.dof_layout.num_dofs) for member in problem.elasticity.members)
+
+
+def gigabytes(size: float) -> str:
+    return f"{size / 1e9:.2g} GB" if size < 99.5e9 else f"{size / 1e9:.0f} GB"
+
+
+# --- for the user -------------------------------------------------------------------------------------------------
+
+
+def warn_of_locking(settings: Case, problem: ContactProblem) -> None:
+    """Warn about first-order elements of a material near incompressibility, which are allowed but far too stiff."""
+    given = settings.material_tables
+    for member in problem.elasticity.members:
+        highest = max((one.poisson for one in given[member.name] if not isinstance(one.poisson, tuple)), default=0.0)
+        if highest > LOCKING_ABOVE and member.body.mesh.degree == 1:
+            of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")
+            errors.print(
+                f"warning: material{of}: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements "
+                "lock and give an answer that is far too stiff, although the discrete problem is certified; "
+                f"second-order ones do not (degree = 2 in {table})",
+                markup=False,
+            )
+
+
+def expected(settings: Case, problem: ContactProblem) -> list[str]:
+    """Methods, load steps, memory and disk of a run, in lines; collective."""
+    ranks, steps = problem.comm.size, 1
+    lines = [f"K {problem.body.stiffness_method}, A {'explicit' if problem.body.explicit else 'matrix-free'}"]
+    if settings.history is not None:
+        steps = len(settings.history.ends)
+        lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times if it fails")
+    disk = steps * size_on_disk(problem)
+    lines.append(
+        f"about {gigabytes(memory_of(problem))} of memory on {f'{ranks} ranks' if ranks > 1 else 'one rank'}, "
+        f"accurate to a factor of two, and {gigabytes(disk)} on disk"
+    )
+    return lines
