@@ -10,7 +10,6 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.bodies import FreeMotion, direction_in_words, in_units, motions_in_words
 from ..linalg.reductions import Reductions
-from ..solvers.laws import FrictionLaw
 from ..solvers.limit_load import LimitLoad
 from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import MotionBasis, RigidMotions
@@ -76,9 +75,9 @@ def without_equilibrium(problem: PosedProblem) -> str:
     motion = limit.unbalanced()
     if motion is None:
         return ""
-    rough = FrictionLaw(problem.law.cohesion, np.where(problem.law.friction > 0.0, _ROUGH, 0.0))
+    rough = problem.law.rough(_ROUGH)
     opening = LimitLoad(rigid, rough, over).unbalanced()
-    if opening is not None and over.max(problem.law.friction) > 0.0:  # no friction, however large, would help
+    if opening is not None and over.any(bool(np.any(problem.law.sloped))):  # no friction, however large, would help
         return _falling(problem, _plain(problem, LimitLoad(rigid, rough, over), opening), rigid)
     pushed = _along_foundations(rigid, over)
     if float(np.abs(pushed).max()) > _PART * float(np.abs(rigid.e).max()):

@@ -9,8 +9,9 @@ import numpy as np
 from ..arrays import FloatArray
 from .friction_problem import FrictionProblem
 from .interior_point import InteriorPoint
-from .results import NotConverged, ProgressCallback, SolverResult, Status, check_constants
+from .results import NotConverged, ProgressCallback, SolverResult, Status
 from .semismooth_newton import SemismoothNewton
+from .settings import SolverSettings
 from .successive_tresca import SuccessiveTresca
 
 _FINISH = SemismoothNewton(patience=3, refused=1e-4, finer=1.0, sharpest=0.01)
@@ -19,7 +20,7 @@ answer that the certificate refuses at 1e-4 of the tolerance, on soft springs, i
 
 
 @dataclass(frozen=True)
-class Automatic:
+class Automatic(SolverSettings):
     """The interior-point method on the whole problem; if it fails and friction grows with pressure, successive Tresca.
 
     From an iterate of the interior-point method with a residual of 3e-4 the semismooth Newton method is tried, which
@@ -40,13 +41,9 @@ class Automatic:
         ValueError: If the tolerance is not positive.
     """
 
-    tolerance: float = 1e-8
     interior_point: InteriorPoint | None = None
 
     name = "auto"
-
-    def __post_init__(self) -> None:
-        check_constants(self, (("tolerance", self.tolerance > 0.0, "> 0"),))
 
     def solve(
         self,

@@ -159,9 +159,9 @@ class LimitLoad:
         moved = np.einsum("j,jmc->mc", motion, G)
         slip = np.hypot(moved[:, 1], moved[:, 2])
         along = moved[:, 1:] / np.where(slip > 0.0, slip, 1.0)[:, None]
-        weight = 1.0 / (1.0 + law.slope)  # of a force with pressure 1
-        gain = weight * (moved[:, 0] + law.slope * slip)
-        forces = weight[:, None] * np.column_stack([np.ones(len(gain)), law.slope[:, None] * along])
+        weight = 1.0 / (1.0 + law.friction)  # of a force with pressure 1
+        gain = weight * (moved[:, 0] + law.friction * slip)
+        forces = weight[:, None] * np.column_stack([np.ones(len(gain)), law.friction[:, None] * along])
         cohesion = np.where(slip > 0.0, law.cohesion, 0.0)
         bounded = self.over.total(np.einsum("jmc,mc->j", G[:, :, 1:], cohesion[:, None] * along)) / self._size
         return forces, gain, bounded

@@ -37,14 +37,14 @@ from .results import (
     SemismoothStep,
     SolverResult,
     Status,
-    check_constants,
 )
 from .rigid_motions import NO_MOTION, MotionBasis
-from .scaled_compliance import ProductImages, ScaledCompliance
+from .scaled_compliance import IterateProducts, ScaledCompliance
+from .settings import SolverSettings, within
 
 
 @dataclass(frozen=True)
-class SemismoothNewton:
+class SemismoothNewton(SolverSettings):
     """The semismooth Newton method as a value.
 
     It is not among the public names of `coulomb`: without a start near the answer it fails on most problems, and it
@@ -71,30 +71,18 @@ class SemismoothNewton:
         ValueError: If a constant is outside its bounds.
     """
 
-    tolerance: float = 1e-8
-    max_iterations: int = 20
-    patience: int = 4
-    falls: float = 0.9
+    max_iterations: int = within("[1, inf)", 20)
+    patience: int = within("[1, inf)", 4)
+    falls: float = within("(0, 1]", 0.9)
     refused: float = 0.0
-    forcing: float = 0.1
-    sharpest: float = 1e-6
+    forcing: float = within("(0, 1)", 0.1)
+    sharpest: float = within("(0, forcing]", 1e-6)
     rank: tuple[int, int] = (60, 100)
     updated_from: tuple[int, int] = (16, 12)
     product: float = 1e-3
     finer: float = 1e-3
 
     name = "semismooth Newton"
-
-    def __post_init__(self) -> None:
-        bounds = (
-            ("tolerance", self.tolerance > 0.0, "> 0"),
-            ("max_iterations", self.max_iterations >= 1, "at least 1"),
-            ("patience", self.patience >= 1, "at least 1"),
-            ("falls", 0.0 < self.falls <= 1.0, "in (0, 1]"),
-            ("forcing", 0.0 < self.forcing < 1.0, "in (0, 1)"),
-            ("sharpest", 0.0 < self.sharpest <= self.forcing, "in (0, forcing]"),
-        )
-        check_constants(self, bounds)
 
     def solve(
         self,
@@ -126,7 +114,7 @@ class SemismoothNewton:
         return result
 
 
-class _Iteration(ProductImages):
+class _Iteration:
     """The steps from one start.  Forces in newtons; A, b, w in units of the mean diagonal a of A, newtons as well."""
 
     def __init__(
@@ -142,7 +130,8 @@ class _Iteration(ProductImages):
             basis = MotionBasis(problem.rigid.G * unknown.ravel(), self._over)
             self._T, self._e = basis.T, basis.T @ problem.rigid.e
             G = (basis.T @ basis.G).T.reshape(m, 3, len(basis.T))
-        super().__init__(ScaledCompliance(problem.A, np.ones((m, 3)), self._a, 1.0, G))
+        self._scaled = ScaledCompliance(problem.A, np.ones((m, 3)), self._a, 1.0, G)
+        self._images = IterateProducts(self._scaled)
         self._scaled.recalls = True
         self._b = problem.b.reshape(-1, 3) / self._a
         d = self._scaled.diagonal
@@ -197,7 +186,7 @@ class _Iteration(ProductImages):
             found.append((self._residual(x, A_x, self._closing(x, A_x)), x, A_x))
         _, x, A_x = min(found, key=lambda one: one[0] if one[0] == one[0] else math.inf)
         if not self._problem.A.exact:
-            A_x = self.start(x, self._settings.product)
+            A_x = self._images.first(x, self._settings.product)
         return x, A_x, self._closing(x, A_x)
 
     def _from(self, forces: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -238,7 +227,7 @@ class _Iteration(ProductImages):
                 self._finer if step == 0 else 1.0
             ):  # A x may be inexact: decide with the most accurate product
                 x = self._equations.opened(x, self._w(A_x, alpha))  # without rounding errors at open nodes
-                A_x = self.exact_product(x)
+                A_x = self._images.exact(x)
                 residual = self._residual(x, A_x, alpha)
                 reached = goal.reached(
                     residual, self._problem.completed(x.ravel()), None if not len(self._e) else self._motion(alpha)
@@ -264,9 +253,9 @@ class _Iteration(ProductImages):
                 break
             dx, A_dx, dalpha, iterations = self._solved(at, x, residual)
             x, alpha = x + dx, alpha + dalpha
-            A_x = self.advance(x, A_x + A_dx, 1.0, settings.product)
+            A_x = self._images.advance(x, A_x + A_dx, 1.0, settings.product)
         if not reached:
-            A_x = self.exact_product(x)
+            A_x = self._images.exact(x)
         return self._result(x, A_x, alpha, history, status)
 
     def _solved(

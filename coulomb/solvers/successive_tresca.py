@@ -17,11 +17,12 @@ from .equilibrium import balanced_forces
 from .friction_problem import FrictionProblem, Solver
 from .interior_point import InteriorPoint
 from .newton_systems import AugmentedSystem
-from .results import Goal, NotConverged, OuterStep, Progress, ProgressCallback, SolverResult, Status, check_constants
+from .results import Goal, NotConverged, OuterStep, Progress, ProgressCallback, SolverResult, Status
+from .settings import SolverSettings, within
 
 
 @dataclass(frozen=True)
-class SuccessiveTresca:
+class SuccessiveTresca(SolverSettings):
     """Fixed-point iteration g <- r(x_n(g)) (Panagiotopoulos), started with the cohesion; every Tresca problem starts
     from the last answer.
 
@@ -45,13 +46,12 @@ class SuccessiveTresca:
         ValueError: If a constant is outside its bounds.
     """
 
-    tolerance: float = 1e-8
     qp_solver: Solver = field(default_factory=lambda: InteriorPoint(r_tol=0.1, c_fact=0.9, newton=AugmentedSystem()))
-    inner_precision: float = 1e-2
-    memory: int = 5
-    damping: float | None = None
-    max_iterations: int = 60
-    newton_steps: float = math.inf
+    inner_precision: float = within("(0, 1)", 1e-2)
+    memory: int = within("[0, inf)", 5)
+    damping: float | None = within("(0, 1]", None)
+    max_iterations: int = within("[1, inf)", 60)
+    newton_steps: float = within("[1, inf]", math.inf)
     patience: int = 12
     turns: int = 5
     growth: tuple[int, float] = (8, 1e2)
@@ -59,17 +59,6 @@ class SuccessiveTresca:
     near: float = 0.1
 
     name = "successive Tresca"
-
-    def __post_init__(self) -> None:
-        bounds = (
-            ("tolerance", self.tolerance > 0.0, "> 0"),
-            ("inner_precision", 0.0 < self.inner_precision < 1.0, "in (0, 1)"),
-            ("memory", self.memory >= 0, "at least 0"),
-            ("damping", self.damping is None or 0.0 < self.damping <= 1.0, "in (0, 1], or None"),
-            ("max_iterations", self.max_iterations >= 1, "at least 1"),
-            ("newton_steps", self.newton_steps >= 1, "at least 1"),
-        )
-        check_constants(self, bounds)
 
     def solve(
         self,

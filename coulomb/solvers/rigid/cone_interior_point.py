@@ -34,14 +34,15 @@ import numpy as np
 from ...arrays import FloatArray
 from ...linalg.compliance import MatrixCompliance
 from ..friction_problem import FrictionProblem
-from ..results import Goal, ProgressCallback, SolverResult, check_constants
+from ..results import Goal, ProgressCallback, SolverResult
+from ..settings import SolverSettings, within
 from .cone_problem import ConeProblem, Scales
 from .cone_run import ConeRun, Limits
 from .gauss_seidel import Sweeps, swept
 
 
 @dataclass(frozen=True)
-class ConeInteriorPoint:
+class ConeInteriorPoint(SolverSettings):
     """The method as a value; for Coulomb's law without cohesion, A given as a matrix, and one rank.
 
     Attributes:
@@ -61,30 +62,16 @@ class ConeInteriorPoint:
         ValueError: If a constant is outside its bounds.
     """
 
-    tolerance: float = 1e-8
     sweeps: bool = True
-    newton: int = 12
-    path: int = 80
-    curve: int = 500
-    convex: int = 40
-    proximal: float = 0.1
-    work: float = 2e11
-    systems: int = 3000
+    newton: int = within("[1, inf)", 12)
+    path: int = within("[1, inf)", 80)
+    curve: int = within("[0, inf)", 500)
+    convex: int = within("[0, inf)", 40)
+    proximal: float = within("(0, inf)", 0.1)
+    work: float = within("(0, inf)", 2e11)
+    systems: int = within("[1, inf)", 3000)
 
     name = "cone interior point"
-
-    def __post_init__(self) -> None:
-        bounds = (
-            ("tolerance", self.tolerance > 0.0, "> 0"),
-            ("newton", self.newton >= 1, "at least 1"),
-            ("path", self.path >= 1, "at least 1"),
-            ("curve", self.curve >= 0, "at least 0"),
-            ("convex", self.convex >= 0, "at least 0"),
-            ("proximal", self.proximal > 0.0, "> 0"),
-            ("work", self.work > 0.0, "> 0"),
-            ("systems", self.systems >= 1, "at least 1"),
-        )
-        check_constants(self, bounds)
 
     def suits(self, problem: FrictionProblem) -> bool:
         """Whether it can solve the problem: Coulomb's law on one rank, A a matrix."""

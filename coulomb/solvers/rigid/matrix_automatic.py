@@ -17,7 +17,8 @@ from ..automatic import Automatic
 from ..dense_system import DenseSystem
 from ..friction_problem import FrictionProblem, Solver
 from ..interior_point import InteriorPoint
-from ..results import Goal, NotConverged, ProgressCallback, SolverResult, Status, check_constants
+from ..results import Goal, NotConverged, ProgressCallback, SolverResult, Status
+from ..settings import SolverSettings
 from ..successive_tresca import SuccessiveTresca
 from .cone_interior_point import ConeInteriorPoint
 from .gauss_seidel import Sweeps, swept
@@ -33,7 +34,7 @@ _DEFINITE = 1e-8  # smallest eigenvalue of a definite A, over the mean diagonal
 
 
 @dataclass(frozen=True)
-class MatrixAutomatic:
+class MatrixAutomatic(SolverSettings):
     """`ConeInteriorPoint` without cohesion if A is small, sparse, or not clearly definite; else `Automatic`, or
     `InteriorPoint` with given slip bounds.
 
@@ -51,12 +52,7 @@ class MatrixAutomatic:
         ValueError: If the tolerance is not positive.
     """
 
-    tolerance: float = 1e-8
-
     name = "auto"
-
-    def __post_init__(self) -> None:
-        check_constants(self, (("tolerance", self.tolerance > 0.0, "> 0"),))
 
     def solve(
         self,
