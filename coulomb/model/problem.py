@@ -292,9 +292,11 @@ def _linear_solver(given: object) -> LinearSolver | None:
     if given is None or given == "auto":
         return None
     for name, solver in (("direct", DirectSolver), ("iterative", IterativeSolver)):
-        if given is solver or given == name:
+        if given == name:
             return solver
-    raise ValueError(f'linear_solver must be "auto", "direct" or "iterative", or the class, but is {given!r}')
+        if isinstance(given, type) and issubclass(given, solver):
+            return cast(LinearSolver, given)
+    raise ValueError(f'linear_solver must be "auto", "direct" or "iterative", or one of the classes, but is {given!r}')
 
 
 def _contacts(given: object) -> tuple[Contact, ...]:

@@ -72,13 +72,8 @@ _WARM_PRESSURE, _WARM_FRICTION, _WARM_THETA = 0.3, 0.9, 0.03
 """With slope, a start from given forces has x_n at least this many nominal forces inside, |y| at most this, and this
 theta over rms(A x - b)."""
 
-_WARM_DISTANCE = 0.1
-"""Without slope, a start from given forces begins on the central path of their projection; at larger distances from the
-solution, in nominal forces, a cold start is used."""
-
-_FINISH_FROM, _FINISH_TRIES, _LATER = 3e-4, 2, 0.01
-"""Residual of an iterate from which `InteriorPoint.finish` is tried, how often, and the residual of a try over that of
-the one before."""
+_FINISH_FROM = 3e-4
+"""Residual of an iterate from which `InteriorPoint.finish` is tried."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +96,9 @@ class InteriorPoint(StepSettings):
             slope), CondensedSystem (K with springs in place of A) or DenseSystem (LU, for small problems).
         start_products: Largest number of products that a cold start spends on the problem without friction
             (free_start.py); 0: it is left out.
-        starts: If its steps block, cold starts from equal pressure follow, with this theta over rms(A x - b) there.
-        finish: A method that is tried from an iterate near the answer; if it fails, the path is followed further from
-            that iterate, and it is tried once more at a hundredth of the residual.
+        starts: If steps block, cold starts from equal pressure follow, with this theta over rms(A x - b) there.
+        finish: A method that is tried once from an iterate near the answer; if it fails, the path is followed further
+            from that iterate.
 
     Raises:
         ValueError: If a number is outside its bounds.
@@ -117,7 +112,7 @@ class InteriorPoint(StepSettings):
     max_iterations: int = within("[1, inf)", 100)
     newton: NewtonChoice = field(default_factory=SchurComplementSystem)
     start_products: int = within("[0, inf)", 12)
-    starts: tuple[float, ...] = within("(0, inf)", (1e3, 1e6))
+    starts: tuple[float, ...] = within("(0, inf)", (1e3,))
     finish: Solver | None = None
 
     name = "interior point"
@@ -219,8 +214,8 @@ class _Path:
         theta = relative_theta * max(scaled.rms(scaled.gradient(v)), 1e-3)
         return v._replace(nu=scaled.over_constraints(np.full_like(v.nu, theta), scaled.slack(x_n, y)))
 
-    def _warm(self, start: FloatArray, gradient: FloatArray | None) -> Iterate | None:
-        """An iterate near the forces `start`, strictly inside; None if a cold start is preferable."""
+    def _warm(self, start: FloatArray, gradient: FloatArray | None) -> Iterate:
+        """An iterate near the forces `start`; without slope on the central path of their projection."""
         scaled = self._scaled
         if scaled.sloped:
             x_n, y = scaled.inside(start, _WARM_PRESSURE, _WARM_FRICTION)
@@ -229,8 +224,6 @@ class _Path:
         x = scaled.scaled(start)
         q = scaled.projection_step(x, scaled.scaled_gradient(gradient))
         distance = scaled.distance_from_solution(x, q)
-        if distance > _WARM_DISTANCE:
-            return None
         x_n, y, nu = scaled.smoothed_projection(q, max(distance**1.5, 0.1 * self._goal.tolerance))
         return scaled.closing(Iterate(x_n, y, nu, self._newton.products.first(scaled.forces(x_n, y), _ITERATE)))
 
@@ -254,7 +247,7 @@ class _Path:
         for iteration in range(first + 1, first + settings.max_iterations + 1):
             sigma = settings.centring(alpha, gradient / (beta * theta) if waits else 0.0)
             krylov_tolerance = min(settings.r_tol * err, settings.c_fact * krylov_tolerance)
-            step = newton_step(settings, scaled, newton, v, sigma * theta, krylov_tolerance, beta)
+            step = newton_step(scaled, newton, v, sigma * theta, krylov_tolerance, beta)
             step = correct_step(settings, scaled, newton, step, sigma * theta, beta) if waits else step
             alpha, new = step_length(settings, scaled, step, beta, sigma)
             if new is None:
@@ -370,8 +363,8 @@ class _Finish:
         progress: ProgressCallback | None,
         history: list[QPStep],
     ):
-        self._method, self._below, self._problem, self._goal = method, _FINISH_FROM, problem, goal
-        self._progress, self._history, self._left, self.converged = progress, history, _FINISH_TRIES, False
+        self._method, self._problem, self._goal = method, problem, goal
+        self._progress, self._history, self._tried, self.converged = progress, history, False, False
 
     def due(self, residual: float) -> bool:
         """Whether to try it from an iterate with this residual, the same on all ranks.
@@ -379,9 +372,9 @@ class _Finish:
         Not below the tolerance, and not if the certificate has refused an answer: only path following then has products
         of the accuracy that the certificate needs.
         """
-        if self._method is None or self._left == 0 or self._goal.refused:
+        if self._method is None or self._tried or self._goal.refused:
             return False
-        return self._goal.tolerance < residual <= self._below
+        return self._goal.tolerance < residual <= _FINISH_FROM
 
     def tried(self, x: FloatArray, gradient: FloatArray, name: str) -> SolverResult | None:
         """The result, if the method converges or is interrupted; collective.
@@ -393,7 +386,7 @@ class _Finish:
         """
         assert self._method is not None
         first = len(self._history)
-        self._left -= 1
+        self._tried = True
 
         def reported(at: Progress) -> bool:
             later = Progress(at.outer, first + at.path_following, at.residual)
@@ -409,5 +402,4 @@ class _Finish:
         self.converged = result.status is Status.CONVERGED
         if self.converged or result.status is Status.INTERRUPTED:
             return replace(result, method=name)
-        self._below *= _LATER
         return None

@@ -101,7 +101,7 @@ class ScaledProblem:
         self._a, self._s = problem.mean_diagonal, self._nominal_force()
         law = problem.law.scaled(self._s)
         unit = np.where(self.frictional & ~law.sloped, np.minimum(law.radius(np.zeros(self.nodes)), 1.0), 1.0)
-        self.law = problem.law.scaled(self._s, self._s * unit).only(self.frictional, 1.0)
+        self.law = law.scaled(1.0, unit).only(self.frictional, 1.0)
         self._W = np.column_stack([np.ones(self.nodes), unit, unit])
         self._T, G, self.e = self._motions()
         self.A = ScaledCompliance(problem.A, self._W, self._a, self._s, G)

@@ -50,7 +50,6 @@ class StepSettings(SolverSettings):
 
 
 def newton_step(
-    settings: StepSettings,
     scaled: ScaledProblem,
     newton: NewtonSystem,
     v: Iterate,

@@ -13,7 +13,7 @@ from coulomb.solvers.free_start import _Frictionless, free_start
 from coulomb.solvers.newton_systems import SchurComplementSystem
 from coulomb.solvers.scaled_problem import ScaledProblem
 
-EVEN = InteriorPoint(free=0, starts=(0.1, 1e3, 1e6))
+EVEN = InteriorPoint(start_products=0, starts=(0.1, 1e3, 1e6))
 """Equal pressure on all nodes, as cold starts were before."""
 
 

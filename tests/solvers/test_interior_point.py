@@ -52,7 +52,7 @@ def test_newton_direction_against_differences(scaled):
     scaled, v = scaled
     target = 0.1 * scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
     newton = DenseSystem().system(scaled.A, True)
-    step = newton_step(InteriorPoint(), scaled, newton, v, target, 1e-12, 1.0)
+    step = newton_step(scaled, newton, v, target, 1e-12, 1.0)
     e, f = 1e-6, scaled.frictional
 
     def equations(v):
@@ -257,7 +257,7 @@ def test_start_from_a_coarser_mesh():
     assert np.linalg.norm(start - fine.contact_force) <= 0.15 * np.linalg.norm(fine.contact_force)
     problem = fine.problem.friction_problem
     cold, warm = InteriorPoint(1e-8).solve(problem), InteriorPoint(1e-8).solve(problem, start=start)
-    even = InteriorPoint(1e-8, free=0, starts=(0.1,)).solve(problem)
+    even = InteriorPoint(1e-8, start_products=0, starts=(0.1,)).solve(problem)
     for other in (warm, even):
         assert np.linalg.norm(other.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
     assert max(warm.newton_steps, cold.newton_steps) < even.newton_steps
