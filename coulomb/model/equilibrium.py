@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.bodies import FreeMotion, direction_in_words, in_units, motions_in_words
 from ..linalg.reductions import Reductions
-from ..solvers.limit_load import LimitLoad
+from ..solvers.equilibrium import LimitLoad
 from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import MotionBasis, RigidMotions
 from .posed_problem import PosedProblem
@@ -54,11 +54,7 @@ def refuse_without_equilibrium(problem: PosedProblem) -> None:
             slip_bound=problem.slip_bound(nothing),
             multipliers=np.zeros((m, 2)),
             status=Status.NO_EQUILIBRIUM,
-            outer_steps=0,
-            newton_steps=0,
-            products=0,
             residual=np.inf,
-            history=(),
             method="limit load",
             message=said,
             rigid=np.zeros(0 if rigid is None else rigid.count),

@@ -295,7 +295,7 @@ def _linear_solver(given: object) -> LinearSolver | None:
         if given == name:
             return solver
         if isinstance(given, type) and issubclass(given, solver):
-            return cast(LinearSolver, given)
+            return given
     raise ValueError(f'linear_solver must be "auto", "direct" or "iterative", or one of the classes, but is {given!r}')
 
 

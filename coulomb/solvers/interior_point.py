@@ -312,11 +312,7 @@ class _Path:
             slip_bound=problem.slip_bound(forces),
             multipliers=multipliers,
             status=goal.verdict(residual, forces, status, motion),
-            outer_steps=0,
-            newton_steps=0,
-            products=0,
             residual=residual,
-            history=(),
             method=settings.name,
             rigid=motion,
             equilibrium=away,
@@ -333,9 +329,7 @@ def _smallest_force(problem: FrictionProblem, goal: Goal, method: str) -> Solver
     if residual != 0.0 and not goal.reached(residual, x, alpha):  # with 0 there is no other answer, accepted or not
         return None
     status, nothing = goal.verdict(residual, x, Status.MAX_ITERATIONS, alpha), np.zeros((problem.A.nodes, 2))
-    return SolverResult(
-        x, gradient, problem.slip_bound(x), nothing, status, 0, 0, 0, residual, (), method=method, rigid=alpha
-    )
+    return SolverResult(x, gradient, problem.slip_bound(x), nothing, status, residual, method, rigid=alpha)
 
 
 class _Finish:

@@ -138,8 +138,6 @@ class KPRGP(SolverSettings):
             slip_bound=qp.slip_bound(x),
             multipliers=_multipliers(qp, x, gradient),
             status=goal.verdict(residual, x, status),
-            outer_steps=0,
-            newton_steps=0,
             products=qp.A.products - products,
             residual=residual,
             history=tuple(history),

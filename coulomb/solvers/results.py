@@ -216,12 +216,12 @@ class SolverResult:
     slip_bound: FloatArray
     multipliers: FloatArray
     status: Status
-    outer_steps: int
-    newton_steps: int
-    products: int
     residual: float
-    history: tuple[QPStep, ...] | tuple[OuterStep, ...]
     method: str
+    outer_steps: int = 0
+    newton_steps: int = 0
+    products: int = 0
+    history: tuple[QPStep, ...] | tuple[OuterStep, ...] = ()
     contraction: float = math.nan
     message: str = ""
     rigid: FloatArray = field(default_factory=NO_MOTION.copy)

@@ -29,7 +29,7 @@ from ..results import Goal, NotConverged, Progress, ProgressCallback, QPStep, So
 from ..rigid_motions import NO_MOTION
 from ..settings import SolverSettings, within
 from .cone_interior_point import ConeInteriorPoint
-from .cone_problem import Scales
+from .cones import Scales
 
 _WEIGHTS = (1.0, 0.1, 10.0, 0.01, 100.0)
 _STEPS = 25  # of Newton's method for one eps and weight
@@ -238,7 +238,6 @@ class _Run:
             slip_bound=problem.slip_bound(x),
             multipliers=np.column_stack([np.maximum(w[:, 0], 0.0), np.hypot(w[:, 1], w[:, 2])]),
             status=self._goal.verdict(residual, x, self._status, alpha),
-            outer_steps=0,
             newton_steps=len(self._history),
             products=problem.A.products - self._products,
             residual=residual,

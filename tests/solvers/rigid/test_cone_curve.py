@@ -6,11 +6,10 @@ import scipy.sparse
 
 from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
 from coulomb.benchmarks.rigid_bodies import capsules, scattered, stack
-from coulomb.solvers.rigid import cone_curve
-from coulomb.solvers.rigid.cone_curve import ConeCurve, CurvePoint
+from coulomb.solvers.rigid import cone_paths
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
-from coulomb.solvers.rigid.cone_problem import ConeProblem, Scales
-from coulomb.solvers.rigid.cones import product, times
+from coulomb.solvers.rigid.cone_paths import ConeCurve, CurvePoint
+from coulomb.solvers.rigid.cones import ConeProblem, Scales, product, times
 from coulomb.solvers.rigid.general import _compliance
 from coulomb.solvers.rigid.newton_matrix import NewtonMatrix
 
@@ -84,9 +83,9 @@ def determinants_sign(problem, at):
 def distance(curve, at):
     """Of a point from the curve: the largest correction of a contact, orthogonal to its direction."""
     found = curve._directions(at)
-    along = found.along / cone_curve._norm(at, found.along, 1.0)
-    log = 1.0 / cone_curve._norm(at, found.along, 1.0)
-    back = cone_curve._inner(at, along, log, found.correction, 0.0)
+    along = found.along / cone_paths._norm(at, found.along, 1.0)
+    log = 1.0 / cone_paths._norm(at, found.along, 1.0)
+    back = cone_paths._inner(at, along, log, found.correction, 0.0)
     return np.sqrt((at.relative(found.correction - back * along) ** 2).sum(axis=1)).max()
 
 
@@ -106,7 +105,7 @@ def test_points_are_near_the_curve_and_its_direction_is_that_of_the_determinant(
 
 
 def test_the_curve_ends_where_tau_is_small(monkeypatch):
-    monkeypatch.setattr(cone_curve, "_REACHED", 1e-2)
+    monkeypatch.setattr(cone_paths, "_REACHED", 1e-2)
     curve = ConeCurve(cones(stack(3, 0.7, 1)))
     points = [curve.start()]
     while (new := curve.step(points[-1])) is not None:
@@ -123,7 +122,7 @@ def test_a_step_that_fails_is_repeated_with_care():
         at = curve.step(at)
     curve.h = 1e-7
     new = curve.step(at)
-    assert curve._care is cone_curve._CAREFUL and 0.0 < curve.h <= 0.06
+    assert curve._care is cone_paths._CAREFUL and 0.0 < curve.h <= 0.06
     assert 0.0 < abs(new.log - at.log) < 0.1
     for _ in range(10):
         new = curve.step(new)
@@ -140,8 +139,8 @@ def test_first_correction_is_of_second_order_in_the_step():
     for _ in range(3):
         at = curve.step(at)
     found, corrected = curve._directions(at), curve._corrected
-    t, t_log = (x / cone_curve._norm(at, found.along, 1.0) for x in (found.forward * found.along, found.forward))
-    at, _ = curve._corrected(at, t, t_log, cone_curve._CENTRED)
+    t, t_log = (x / cone_paths._norm(at, found.along, 1.0) for x in (found.forward * found.along, found.forward))
+    at, _ = curve._corrected(at, t, t_log, cone_paths._CENTRED)
     curve._corrected = lambda *given: first.append(corrected(*given)[1]) or (at, first[-1])
     found = curve._found
     for h in (0.02, 0.01):

@@ -6,9 +6,17 @@ import scipy.linalg
 
 from coulomb import FrictionProblem
 from coulomb.benchmarks.rigid_bodies import arch, random_rank, scattered, spheres, stack, walled
-from coulomb.solvers.rigid.cone_path import ConePath, ConeStep
-from coulomb.solvers.rigid.cone_problem import ConeProblem, Scales
-from coulomb.solvers.rigid.cones import determinant, product, radius, scaling, step_to_boundary, times
+from coulomb.solvers.rigid.cone_paths import ConePath, ConeStep
+from coulomb.solvers.rigid.cones import (
+    ConeProblem,
+    Scales,
+    determinant,
+    product,
+    radius,
+    scaling,
+    step_to_boundary,
+    times,
+)
 from coulomb.solvers.rigid.general import _compliance
 
 

@@ -5,11 +5,10 @@ import pytest
 
 from coulomb import NotConverged, Status, solve_coulomb
 from coulomb.benchmarks.rigid_bodies import random_rank, stack, walled
-from coulomb.solvers.rigid import cone_run
-from coulomb.solvers.rigid.cone_curve import ConeCurve
-from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
-from coulomb.solvers.rigid.cone_problem import ConeProblem
-from coulomb.solvers.rigid.cone_run import ConeRun
+from coulomb.solvers.rigid import cone_interior_point as cone_run
+from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint, _ConeRun
+from coulomb.solvers.rigid.cone_paths import ConeCurve
+from coulomb.solvers.rigid.cones import ConeProblem
 
 
 def refused(problem, **settings):
@@ -43,7 +42,7 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
     """Of the path's last point, and of ten times its forces."""
     seen = []
     monkeypatch.setattr(
-        ConeRun, "_successive_slips", lambda self, _: seen.extend(map(self._judged, (self._X, 10 * self._X)))
+        _ConeRun, "_successive_slips", lambda self, _: seen.extend(map(self._judged, (self._X, 10 * self._X)))
     )
     result = refused(stack(8, 1.0, 2), newton=1, path=4, curve=0)
     assert result.status is Status.STAGNATED and seen[0] < seen[1]
@@ -61,8 +60,8 @@ def test_slips_of_convex_problems_are_accelerated(monkeypatch):
     """What follows each is that of Anderson's acceleration, not negative."""
     seen, accelerated = [], cone_run.Anderson.next
     monkeypatch.setattr(cone_run.Anderson, "next", lambda *given: seen.append(accelerated(*given)) or seen[-1])
-    slips, solved = [], ConeRun._solved
-    monkeypatch.setattr(ConeRun, "_solved", lambda self, slip, tol: slips.append(slip) or solved(self, slip, tol))
+    slips, solved = [], _ConeRun._solved
+    monkeypatch.setattr(_ConeRun, "_solved", lambda self, slip, tol: slips.append(slip) or solved(self, slip, tol))
     problem = random_rank(10, 20, 0.4, 1)
     solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, newton=1, path=4))
     assert len(seen) >= len(slips) - 1 > 1 and not slips[0].any() and min(slip.min() for slip in slips) >= 0.0
