@@ -20,9 +20,8 @@ from .newton_systems import NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_problem import Iterate, ScaledProblem, Step
 from .settings import SolverSettings, within
 
-_GRADIENT_SHARE, _SOLVED_SHARE = 0.3, 0.1
-"""With slope, the residual of a Newton system is at most this part of the gradient, where a product is a solve by
-multigrid the second."""
+_GRADIENT_SHARE = 0.3
+"""With slope, the residual of a Newton system is at most this part of the gradient."""
 
 _CORRECTORS = 3
 
@@ -62,9 +61,7 @@ def newton_step(
     r2 = scaled.on_constraints(scaled.slack(v.x_n, v.y) - scaled.over_constraints(np.full_like(v.nu, target), v.nu))
     cap = beta * target
     if scaled.sloped:
-        A = scaled.A.A
-        solved = A.matrix_free is not None and not A.exact
-        cap = min(cap, (_SOLVED_SHARE if solved else _GRADIENT_SHARE) * scaled.infeasibility(v))
+        cap = min(cap, _GRADIENT_SHARE * scaled.infeasibility(v))
     weight, r3 = scaled.weight(v.x_n), scaled.out_of_balance(v)
     step = newton.solve(NewtonEquations(at, r1, r2, weight, tolerance, scaled.from_rms(cap), r3))
     return along_curve(scaled, newton, v, at, step)
