@@ -17,12 +17,12 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ...linalg.compliance import Compliance, MatrixCompliance
 from ...linalg.reductions import Reductions
-from ..automatic import Automatic
+from ..automatic import DECISIVE, Automatic, named
 from ..dense_system import DenseSystem
 from ..friction_problem import FrictionProblem, Solver
 from ..interior_point import InteriorPoint
 from ..laws import FrictionLaw
-from ..results import Goal, NotConverged, ProgressCallback, SolverResult, Status
+from ..results import Goal, NotConverged, ProgressCallback, SolverResult
 from ..rigid_motions import RigidMotions
 from ..settings import SolverSettings
 from ..successive_tresca import SuccessiveTresca
@@ -111,19 +111,14 @@ class MatrixAutomatic(SolverSettings):
                 result = method()
             except NotConverged as failure:
                 failed.append(failure.result)
-                if failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM):
+                if failure.result.status in DECISIVE:
                     break
             else:
-                return self._named(result, problem.A.products - products)
-        decisive = failed[-1].status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
+                return named(result, products=problem.A.products - products)
+        decisive = failed[-1].status in DECISIVE
         best = failed[-1] if decisive else min(failed, key=lambda result: result.residual)
         message = failed[-1].message if decisive else ".  Then ".join(result.message for result in failed)
-        raise NotConverged(message, replace(self._named(best, problem.A.products - products), message=message))
-
-    def _named(self, result: SolverResult, products: int) -> SolverResult:
-        """A result of one of the methods as that of this one."""
-        method = result.method if result.method.startswith(self.name) else f"{self.name}: {result.method}"
-        return replace(result, method=method, products=max(products, result.products))
+        raise NotConverged(message, replace(named(best, products=problem.A.products - products), message=message))
 
     def swept(self, A: Any, b: Any, friction: Any) -> SolverResult | Sweeps | None:
         """The answer by sweeps, or what they reached; None where they are not tried, or an argument is not plain.
