@@ -48,6 +48,7 @@ from ..linalg.reductions import Reductions
 from .linearization import NodalInverse
 from .newton_systems import ROUNDING, NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_compliance import IterateProducts, ScaledCompliance
+from .settings import Settings, within
 
 _FACTORS: dict[str, str | float] = {
     "ksp_norm_type": "unpreconditioned",
@@ -69,7 +70,7 @@ def _multigrid() -> dict[str, str | float]:
 
 
 @dataclass(frozen=True)
-class CondensedSystem:
+class CondensedSystem(Settings):
     """K with springs at the contact nodes in place of A; needs a compliance with access to K and B.
 
     Attributes:
@@ -82,12 +83,12 @@ class CondensedSystem:
         multigrid: PETSc's options; where K is factorised, so is this matrix.
     """
 
-    contrast: float = 1e-7
-    loose: float = 1e-2
-    share: float = 0.3
-    tight: float = 1e-10
-    first: float = 0.03
-    max_iterations: int = 200
+    contrast: float = within("(0, inf)", 1e-7)
+    loose: float = within("(0, 1)", 1e-2)
+    share: float = within("(0, 1)", 0.3)
+    tight: float = within("(0, 1)", 1e-10)
+    first: float = within("(0, 1)", 0.03)
+    max_iterations: int = within("[1, inf)", 200)
     multigrid: dict[str, str | float] = field(default_factory=_multigrid)
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:

@@ -44,6 +44,7 @@ from ..linalg.reductions import Reductions
 from .linearization import Linearization, NodalInverse, disc_inverse, like
 from .rigid_motions import NO_MOTION
 from .scaled_compliance import IterateProducts, ScaledCompliance
+from .settings import Settings, within
 
 ROUNDING = 1e-15
 """Relative residual of a Krylov method at the level of rounding errors in double precision."""
@@ -140,7 +141,7 @@ class NewtonChoice(Protocol):
 
 
 @dataclass(frozen=True)
-class SchurComplementSystem:
+class SchurComplementSystem(Settings):
     """J_SC with P_SC: the multipliers eliminated, three unknowns per node; CG without slope, else FGMRES.
 
     Attributes:
@@ -149,8 +150,8 @@ class SchurComplementSystem:
             ten times as accurate after every step from which the gradient grows (`InteriorPoint.growth`).
     """
 
-    rank: int = 100
-    product: tuple[float, float] = (0.03, 0.1)
+    rank: int = within("[0, inf)", 100)
+    product: tuple[float, float] = within("(0, 1]", (0.03, 0.1))
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
         """See `NewtonChoice`."""
@@ -158,7 +159,7 @@ class SchurComplementSystem:
 
 
 @dataclass(frozen=True)
-class AugmentedSystem:
+class AugmentedSystem(Settings):
     """J_AM with P_AM: five unknowns per node, CG on the symmetric indefinite system; for problems without slope.
 
     Attributes:
@@ -166,8 +167,8 @@ class AugmentedSystem:
         product: As of SchurComplementSystem.
     """
 
-    rank: int = 100
-    product: tuple[float, float] = (0.01, 1.0)
+    rank: int = within("[0, inf)", 100)
+    product: tuple[float, float] = within("(0, 1]", (0.01, 1.0))
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
         """See `NewtonChoice`."""

@@ -161,13 +161,13 @@ class SemismoothNewton(SolverSettings):
     max_iterations: int = within("[1, inf)", 20)
     patience: int = within("[1, inf)", 4)
     falls: float = within("(0, 1]", 0.9)
-    refused: float = 0.0
+    refused: float = within("[0, inf)", 0.0)
     forcing: float = within("(0, 1)", 0.1)
     sharpest: float = within("(0, forcing]", 1e-6)
-    rank: tuple[int, int] = (60, 100)
-    updated_from: tuple[int, int] = (16, 12)
-    product: float = 1e-3
-    finer: float = 1e-3
+    rank: tuple[int, int] = within("[0, inf)", (60, 100))
+    updated_from: tuple[int, int] = within("[1, inf)", (16, 12))
+    product: float = within("(0, 1)", 1e-3)
+    finer: float = within("(0, 1]", 1e-3)
 
     name = "semismooth Newton"
 

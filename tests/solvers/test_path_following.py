@@ -111,27 +111,6 @@ def test_inner_precision_follows_the_papers_rule():
     assert all(new <= solver.c_fact * old * (1 + 1e-12) for old, new in pairwise(tolerances))
 
 
-@pytest.mark.parametrize(
-    "field",
-    [
-        {"tolerance": 0.0},
-        {"r_tol": 1.0},
-        {"c_fact": 0.0},
-        {"gamma": 1.0},
-        {"beta": 0.0},
-        {"omega": 1.0},
-        {"sigma_min": 0.0},
-        {"sigma_min": 0.6},
-        {"sigma_max": 0.51},
-        {"start_products": -1},
-        {"max_iterations": 0},
-    ],
-)
-def test_constants_outside_their_bounds(field):
-    with pytest.raises(ValueError, match=rf"InteriorPoint: {next(iter(field))} must be .* but is"):
-        InteriorPoint(**field)
-
-
 # --- known pitfalls of the algorithm -----------------------------------------------------------------------------
 
 
