@@ -64,9 +64,9 @@ _GROWTH = 0.5
 """Inexact products become ten times as accurate after a step of length alpha from which the gradient is more than 1 +
 this alpha times as large: their errors outweigh it, as where dx is large and A dx small."""
 
-_WAIT, _WAIT_MAX = 3.0, 0.9
-"""With slope or inexact products sigma is at least the first times the gradient over its bound in N(gamma, beta), and
-at most the second for that reason: theta does not decrease faster than the gradient."""
+_WAIT = 3.0
+"""With slope or inexact products sigma is at least this times the gradient over its bound in N(gamma, beta): theta does
+not decrease faster than the gradient."""
 
 _WARM_PRESSURE, _WARM_FRICTION, _WARM_THETA = 0.3, 0.9, 0.03
 """With slope, a start from given forces has x_n at least this many nominal forces inside, |y| at most this, and this
@@ -155,8 +155,7 @@ class InteriorPoint(StepSettings):
 
     def centring(self, alpha: float, used: float = 0.0) -> float:
         """sigma after a step of length alpha, with the gradient at a fraction `used` of its bound in N(gamma, beta)."""
-        sigma = min(max((1.0 - alpha) ** 2, self.sigma_min), self.sigma_max)
-        return max(sigma, min(_WAIT * used, _WAIT_MAX))
+        return min(max((1.0 - alpha) ** 2, self.sigma_min, _WAIT * used), self.sigma_max)
 
 
 class _Path:
