@@ -37,8 +37,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .equilibrium import balanced_forces, no_equilibrium, sliding
-from .free_start import free_start
 from .friction_problem import FrictionProblem, Solver
+from .frictionless_start import frictionless_start
 from .newton_systems import NewtonChoice, SchurComplementSystem
 from .results import (
     Goal,
@@ -95,7 +95,7 @@ class InteriorPoint(StepSettings):
         newton: The linear system of a step: SchurComplementSystem (J_SC, P_SC), AugmentedSystem (J_AM, P_AM; without
             slope), CondensedSystem (K with springs in place of A) or DenseSystem (LU, for small problems).
         start_products: Largest number of products that a cold start spends on the problem without friction
-            (free_start.py); 0: it is left out.
+            (frictionless_start.py); 0: it is left out.
         starts: If steps block, cold starts from equal pressure follow, with this theta over rms(A x - b) there.
         finish: A method that is tried once from an iterate near the answer; if it fails, the path is followed further
             from that iterate.
@@ -178,7 +178,7 @@ class _Path:
         try:
             while v is not None or products > 0 or starts:
                 if v is None and products > 0:
-                    v, products = free_start(self._scaled, self._newton, products, _ITERATE), 0
+                    v, products = frictionless_start(self._scaled, self._newton, products, _ITERATE), 0
                 if v is None:  # equal pressure everywhere, no friction
                     x_n, y = self._scaled.lower + 1.0, np.zeros((self._scaled.nodes, 2))
                     v = self._centred(x_n, y, starts.pop(0))

@@ -7,7 +7,7 @@ from conftest import random_spd
 from test_fuzz import coulomb_residual
 
 from coulomb import ConeInteriorPoint, FrictionProblem, NotConverged, Status, solve_coulomb
-from coulomb.solvers.rigid import gauss_seidel, general
+from coulomb.solvers.rigid import gauss_seidel, matrix_problems
 from coulomb.solvers.rigid.cones import Scales
 
 SPD = np.array([[3.0, 0.2, 0.1], [0.2, 2.0, 0.0], [0.1, 0.0, 2.0]])
@@ -125,7 +125,7 @@ def test_every_format_and_no_sweeps_give_the_same_forces():
 
 def test_all_is_one_call_where_sweeps_converge(monkeypatch):
     """No compliance of PETSc is made, nor any other method asked."""
-    monkeypatch.setattr(general, "_compliance", None)
+    monkeypatch.setattr(matrix_problems, "_compliance", None)
     for A in (SPD, scipy.sparse.csr_matrix(SPD), scipy.sparse.csc_matrix(SPD)):
         assert solve_coulomb(A, [-1.0, 5.0, 0.0], 0.3).products == 1
         assert not solve_coulomb(A, np.zeros(3), np.array([0.3])).x.any()
@@ -142,7 +142,7 @@ def test_residual_is_that_of_the_matrix_as_given(asymmetric):
         A += asymmetric * np.linalg.norm(A) * np.triu(rng.choice([-1.0, 1.0], A.shape), 1)
         found = gauss_seidel.swept(A, b, friction, 1e-8)
         x, w = found.x, A @ found.x - b
-        problem = FrictionProblem.coulomb(general._compliance(A), b, friction)
+        problem = FrictionProblem.coulomb(matrix_problems._compliance(A), b, friction)
         assert found.residual == pytest.approx(Scales.of(problem).residual(problem, x, w), rel=1e-6, abs=1e-15)
         assert coulomb_residual(A, b, friction, x) <= found.residual * (1.0 + 1e-6) + 1e-15
         assert np.allclose(found.gradient, w, atol=1e-13)

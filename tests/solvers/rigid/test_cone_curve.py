@@ -10,7 +10,7 @@ from coulomb.solvers.rigid import cone_paths
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
 from coulomb.solvers.rigid.cone_paths import ConeCurve, CurvePoint
 from coulomb.solvers.rigid.cones import ConeProblem, Scales, product, times
-from coulomb.solvers.rigid.general import _compliance
+from coulomb.solvers.rigid.matrix_problems import _compliance
 from coulomb.solvers.rigid.newton_matrix import NewtonMatrix
 
 

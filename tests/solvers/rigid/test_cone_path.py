@@ -17,7 +17,7 @@ from coulomb.solvers.rigid.cones import (
     step_to_boundary,
     times,
 )
-from coulomb.solvers.rigid.general import _compliance
+from coulomb.solvers.rigid.matrix_problems import _compliance
 
 
 def cones(given):

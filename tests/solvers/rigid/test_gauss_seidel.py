@@ -10,7 +10,7 @@ from coulomb.io.fclib import FCLIBProblem
 from coulomb.solvers.rigid import gauss_seidel
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
 from coulomb.solvers.rigid.cones import Scales
-from coulomb.solvers.rigid.general import _compliance
+from coulomb.solvers.rigid.matrix_problems import _compliance
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.8, 5.0])

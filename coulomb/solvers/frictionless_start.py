@@ -56,7 +56,7 @@ _EVEN_THETA = 0.1
 """theta of this start, over rms(A x - b)."""
 
 
-def free_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, accuracy: float) -> Iterate | None:
+def frictionless_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, accuracy: float) -> Iterate | None:
     """An iterate near the central path, its multipliers central; None if it is not finite; collective.
 
     Args:
