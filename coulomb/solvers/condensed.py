@@ -222,10 +222,6 @@ class _Condensed:
     def correction(self, r2: FloatArray) -> NewtonStep | None:
         return None
 
-    def estimate(self, x: FloatArray) -> FloatArray:
-        """0: the effect of x beyond the step is in R, not in B y."""
-        return np.zeros_like(x)
-
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         """A step has no products by A."""
 

@@ -44,7 +44,7 @@ class _Dense:
         columns = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=0))
         solution = _solved(J, np.concatenate([r1.ravel(), r2.ravel(), r3]), rows, columns)
         dx, dnu = solution[: r1.size].reshape(r1.shape), solution[r1.size : r1.size + r2.size].reshape(r2.shape)
-        return NewtonStep(dx, dnu, self.estimate(dx), 0, solution[r1.size + r2.size :])
+        return NewtonStep(dx, dnu, self._image(dx), 0, solution[r1.size + r2.size :])
 
     def _bordered(self, M: FloatArray) -> FloatArray:
         """[M, -G^T; G, 0], G on the first unknowns; M without rigid motions."""
@@ -60,7 +60,7 @@ class _Dense:
     def correction(self, r2: FloatArray) -> NewtonStep | None:
         return None
 
-    def estimate(self, x: FloatArray) -> FloatArray:
+    def _image(self, x: FloatArray) -> FloatArray:
         return (self._A @ x.ravel()).reshape(x.shape)
 
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
@@ -86,7 +86,7 @@ class _DenseSchur(_Dense):
         columns = 1.0 / np.abs(rows[:, None] * M).max(axis=0)
         solution = _solved(M, np.concatenate([rhs.ravel(), r3]), rows, columns)
         dx = solution[: r1.size].reshape(r1.shape)
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self.estimate(dx), 0, solution[r1.size :])
+        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self._image(dx), 0, solution[r1.size :])
 
 
 def _solved(J: FloatArray, rhs: FloatArray, rows: FloatArray, columns: FloatArray) -> FloatArray:

@@ -12,9 +12,8 @@ and updated after it the iteration stalls.
 
 The step is taken along the curve x_n + alpha dx_n, y + alpha dy, not along the straight line in x_t, so that friction
 stays proportional to pressure at a node that opens.  On the straight line y becomes inaccurate there by division: steps
-block, or need a predictor solve and are twice as many.  The gradient along the curve, A x + alpha A dx + alpha^2 A (0,
-F dx_n dy), is only used to choose alpha: its last term is computed with the low-rank approximation of A.  Without slope
-curve and line coincide, and the gradient is exact.
+block, or need a predictor solve and are twice as many.  The gradient at a step length, with A x + alpha A dx, is then
+correct to first order; it is only used to choose alpha.  Without slope it is exact.
 
 If a product is a solve with K, it need not be exact.  Products of the Krylov method have the accuracy that the step
 needs; those of the iterates correct K^-1 B^T x to a fraction of its change, and errors do not accumulate

@@ -107,10 +107,6 @@ class NewtonSystem(Protocol):
         there is none."""
         ...
 
-    def estimate(self, x: FloatArray) -> FloatArray:
-        """Approximate A x (m, 3), without a product."""
-        ...
-
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         """Take note of products made elsewhere, pairs of x and A x, each (m, 3)."""
         ...
@@ -259,9 +255,6 @@ class _Krylov:
 
     def correction(self, r2: FloatArray) -> NewtonStep | None:
         return None
-
-    def estimate(self, x: FloatArray) -> FloatArray:
-        return self._A.mult(x)
 
     def _rely_less(self) -> None:
         self._A.replace_nothing()

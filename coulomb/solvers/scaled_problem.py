@@ -61,14 +61,13 @@ class Step(NamedTuple):
     dy: FloatArray
     dnu: FloatArray
     A_dx: FloatArray
-    A_bend: FloatArray | float
     iterations: int
     dalpha: FloatArray = NO_MOTION
 
     def at(self, alpha: float) -> Iterate:
         """The iterate at a step length; A x to first order where the curve is not straight."""
         v = self.v
-        A_x = v.A_x + alpha * self.A_dx + alpha**2 * self.A_bend
+        A_x = v.A_x + alpha * self.A_dx
         motion = v.alpha + alpha * self.dalpha
         return Iterate(v.x_n + alpha * self.dx_n, v.y + alpha * self.dy, v.nu + alpha * self.dnu, A_x, motion)
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import FloatArray
 from .linearization import Linearization
 from .newton_systems import NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_problem import Iterate, ScaledProblem, Step
@@ -64,16 +63,13 @@ def newton_step(
         cap = min(cap, _GRADIENT_SHARE * scaled.infeasibility(v))
     weight, r3 = scaled.weight(v.x_n), scaled.out_of_balance(v)
     step = newton.solve(NewtonEquations(at, r1, r2, weight, tolerance, scaled.from_rms(cap), r3))
-    return along_curve(scaled, newton, v, at, step)
+    return along_curve(v, at, step)
 
 
-def along_curve(scaled: ScaledProblem, newton: NewtonSystem, v: Iterate, at: Linearization, step: NewtonStep) -> Step:
+def along_curve(v: Iterate, at: Linearization, step: NewtonStep) -> Step:
     """The step from v along its curve."""
-    dx, dy = step.dx, at.dy(step.dx)
-    A_bend: FloatArray | float = 0.0
-    if scaled.sloped:
-        A_bend = newton.estimate(np.column_stack([np.zeros(scaled.nodes), (at.slope * dx[:, 0])[:, None] * dy]))
-    return Step(v, dx[:, 0], dy, step.dnu, step.A_dx, A_bend, step.iterations, step.dalpha)
+    dx = step.dx
+    return Step(v, dx[:, 0], at.dy(dx), step.dnu, step.A_dx, step.iterations, step.dalpha)
 
 
 def step_length(
@@ -128,7 +124,7 @@ def correct_step(
         correction = newton.correction(-scaled.over_constraints(change, v.nu))
         if correction is None:
             break
-        trial = along_curve(scaled, newton, v, at, _sum(step, correction, at))
+        trial = along_curve(v, at, _sum(step, correction, at))
         longer = length(trial)
         if longer < alpha + _GAIN * (ahead - alpha):
             break

@@ -35,7 +35,7 @@ def length(at, dnu, A_dx=0.0):
     scaled, v = at
     rows = np.zeros((NODES, 3))
     A_dx = rows + [A_dx * np.sqrt(3.0), 0.0, 0.0]  # normal rows: they have the weight 1
-    return step_length(SOLVER, scaled, Step(v, rows[:, 0], rows[:, 1:], dnu * v.nu, A_dx, 0.0, 1), BETA, SIGMA)
+    return step_length(SOLVER, scaled, Step(v, rows[:, 0], rows[:, 1:], dnu * v.nu, A_dx, 1), BETA, SIGMA)
 
 
 def longest(allowed):
@@ -77,7 +77,7 @@ def test_a_step_goes_to_the_boundary_and_not_over_it(at):
     scaled, v = at
     rows = np.zeros((NODES, 3))
     dx_n = np.where(np.arange(NODES) == 2, -1.0, 0.0)
-    step = Step(v, 4.0 * dx_n, rows[:, 1:], -0.9 * v.nu, rows, 0.0, 1)
+    step = Step(v, 4.0 * dx_n, rows[:, 1:], -0.9 * v.nu, rows, 1)
     alpha, _ = step_length(InteriorPoint(gamma=1e-9), scaled, step, 1e9, SIGMA)
     assert alpha == pytest.approx(SOLVER.to_boundary / 4.0)
 
