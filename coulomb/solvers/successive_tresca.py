@@ -21,6 +21,7 @@ from .results import Goal, NotConverged, OuterStep, Progress, ProgressCallback, 
 from .settings import SolverSettings, within
 
 _LEAST_DAMPING = 0.05  # by the measured slope
+_NEAR = 0.1  # change of g below which acceleration starts: before, the map is too far from linear
 _PATIENCE = 12  # Tresca problems without a better change of g after which the iteration has stagnated
 _TURNS = 5  # successive changes of g, each opposite to the one before and none the smallest: an oscillation
 _GROWTH = (8, 1e2)  # successive increases of the slip bound, and multiple of the first: divergence
@@ -148,7 +149,7 @@ class SuccessiveTresca(SolverSettings):
             if sum(step.path_following for step in history) >= self.newton_steps:
                 break
             old_g, old_image = g, image
-            if len(history) > 1 and history[-1].change > history[-2].change:
+            if history[-1].change > _NEAR or (len(history) > 1 and history[-1].change > history[-2].change):
                 anderson.restart()
             g = np.maximum(anderson.next(g, misfit, damping), 0.0)
         assert best is not None
