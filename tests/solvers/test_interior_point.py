@@ -246,7 +246,7 @@ def test_unsupported_laws_are_named():
 
 def test_start_from_a_coarser_mesh():
     """Forces of half the resolution: the same answer, in no more steps; random starting forces change nothing."""
-    coarse, fine = solved_block(6), solved_block(12)
+    coarse, fine = solved_block(4), solved_block(8)
     start = interpolated_forces(coarse.contact_force, coarse.problem.surface, fine.problem.surface)
     assert np.linalg.norm(start - fine.contact_force) <= 0.15 * np.linalg.norm(fine.contact_force)
     problem = fine.problem.friction_problem
