@@ -13,7 +13,7 @@ cones.py:
    it turns where the path is blocked;
 4. convex problems with given slip, s <- |Z_t(s)|, with Anderson acceleration and Newton steps after each.  The slip of
    each is unique whatever the rank of A, unlike the forces on which successive Tresca iterates.  Where they fail,
-   another curve, and at last sweeps again.
+   sweeps again.
 
 Proved: a fixed point of the slip is a solution; the curve has one at its end, in general position and if forces stay
 bounded.  Not proved: that the path leads to one, that the fixed point attracts, or how long the curve is.  CONVERGED
@@ -21,7 +21,7 @@ means that the natural residual, computed afresh, is below the tolerance, and th
 (cones.cone_residual).
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
-factorisations with an estimate for the rest, and sweeps.  The first curve, the convex problems, and the last sweeps
+factorisations with an estimate for the rest, and sweeps.  The curve, the convex problems, and the last sweeps
 spend at most half of what is left when they begin.
 """
 
@@ -144,9 +144,8 @@ class _ConeRun:
             if why:
                 status = Status.NO_EQUILIBRIUM
             else:
-                self._follow_curve(0.1, self._settings.curve // 2, self._half_of_the_rest())
+                self._follow_curve(self._half_of_the_rest())
                 self._successive_slips(self._half_of_the_rest())
-                self._follow_curve(1.0, self._settings.curve, math.inf)
                 if first is not None:
                     self._sweep_on(first)
                 if self._cones.matrix.operations > self._settings.work:
@@ -264,13 +263,13 @@ class _ConeRun:
         """Operations at which a method that begins now has spent half of what is left, so that another one follows."""
         return 0.5 * (self._cones.matrix.operations + self._settings.work)
 
-    def _follow_curve(self, weight: float, limit: int, enough: float) -> None:
+    def _follow_curve(self, enough: float) -> None:
         """The curve of smoothed problems, with Newton steps where it has come near a solution, until this many
         operations have been spent.
         """
-        curve, near = ConeCurve(self._cones, weight), _NEAR
+        curve, near = ConeCurve(self._cones), _NEAR
         at = curve.start()
-        for _ in range(limit):
+        for _ in range(self._settings.curve):
             at = curve.step(at) if at is not None else None
             if at is None or self._cones.matrix.operations > enough:
                 break
@@ -359,8 +358,7 @@ class ConeInteriorPoint(SolverSettings):
         sweeps: Gauss-Seidel sweeps; whether they come first, and last.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
-        curve: Steps along a curve of smoothed problems; half as many before the convex problems, all on another curve
-            after them.
+        curve: Steps along the curve of smoothed problems.
         convex: Convex problems with given slip.
         proximal: Proximal term of the nonsmooth Newton matrix, over the mean diagonal of A and the size of the natural
             map.
@@ -374,7 +372,7 @@ class ConeInteriorPoint(SolverSettings):
     sweeps: bool = True
     newton: int = within("[1, inf)", 12)
     path: int = within("[1, inf)", 80)
-    curve: int = within("[0, inf)", 500)
+    curve: int = within("[0, inf)", 250)
     convex: int = within("[0, inf)", 40)
     proximal: float = within("(0, inf)", 0.1)
     work: float = within("(0, inf)", 2e11)

@@ -158,29 +158,13 @@ class ConePath:
 
 
 _FIRST, _LARGEST, _SHORTEST = 0.3, 3.0, 1e-6  # steps along the curve
-_TRAIL = 8  # points that are remembered
 _REACHED = 1e-8  # tau at which the curve ends
 _STARTING = 100  # Newton steps to its start
 
 
-class _Care(NamedTuple):
-    """How near the curve its points are.
-
-    Attributes:
-        accepted: Largest correction of a point.
-        contracting: Largest first correction after a predictor.
-        wanted: Of the first correction.
-        corrections: Their largest number.
-    """
-
-    accepted: float
-    contracting: float
-    wanted: float
-    corrections: int
-
-
-_QUICK, _CAREFUL = _Care(0.3, 1.0, 0.5, 4), _Care(0.1, 0.5, 0.25, 4)
-_CENTRED = _Care(1e-3, 1.0, 1.0, 8)
+_ACCEPTED, _CONTRACTING = 0.3, 1.0  # largest correction of a point, and largest first one after a predictor
+_AIM, _CORRECTIONS = 0.5, 4  # first correction that steps aim at, and the largest number of corrections
+_WEIGHT = 0.1  # rho over that of the natural map; on 13 problems whose forces oppose each other half the steps of 1
 
 
 class CurvePoint:
@@ -274,19 +258,16 @@ class ConeCurve:
 
     Args:
         problem: The problem.
-        weight: rho over that of the natural map; each makes another curve.  On 13 problems whose contact forces
-            oppose each other 0.1 needs a half of the steps of 1.
 
     Attributes:
         rejected: Steps that were too long.
         h: Length of the next step.
     """
 
-    def __init__(self, problem: ConeProblem, weight: float = 0.1):
-        self._problem, self._care, self.h = problem, _QUICK, _FIRST
-        self._rho: FloatArray = weight * problem.rho
+    def __init__(self, problem: ConeProblem):
+        self._problem, self.h = problem, _FIRST
+        self._rho: FloatArray = _WEIGHT * problem.rho
         self.rejected = 0
-        self._trail: list[tuple[CurvePoint, _Directions]] = []
 
     def start(self) -> CurvePoint | None:
         """The solution at tau = 1, by damped Newton steps; None where they fail."""
@@ -297,7 +278,7 @@ class ConeCurve:
             if found is None:
                 return None
             self._found = found
-            if float(np.abs(at.relative(found.correction)).max()) < 0.1 * self._care.accepted:
+            if float(np.abs(at.relative(found.correction)).max()) < 0.1 * _ACCEPTED:
                 return at
             size, alpha = float(np.linalg.norm(at.G)), 1.0
             new = self._point(at.V + found.correction, 0.0)
@@ -324,39 +305,25 @@ class ConeCurve:
         """The next point; None at the end of the curve, or where no step succeeds."""
         if at.tau < _REACHED:
             return None
-        self._trail = [*self._trail[1 - _TRAIL :], (at, self._found)]
-        new = self._stepped(at)
-        if new is None and self._care is _QUICK:
-            self._care = _CAREFUL
-            for earlier, found in self._trail[::-1]:
-                centred = self._corrected(earlier, found.forward * found.along, found.forward, _CENTRED)[0]
-                if centred is not None:
-                    self.h = 0.1 * _FIRST
-                    new = self._stepped(centred)
-                    if new is not None:
-                        break
-        return new
-
-    def _stepped(self, at: CurvePoint) -> CurvePoint | None:
         found = self._found
         length = _norm(at, found.along, 1.0)
         t, t_log = found.forward * found.along / length, found.forward / length
         back = -_inner(at, t, t_log, found.correction, 0.0) / _inner(at, t, t_log, found.along, 1.0)
         V, log = at.V + found.correction + back * found.along, at.log + back
         while self.h > _SHORTEST:
-            new, first = self._corrected(self._point(V + self.h * t, log + self.h * t_log), t, t_log, self._care)
+            new, first = self._corrected(self._point(V + self.h * t, log + self.h * t_log), t, t_log)
             if new is not None:
-                grown = min(2.0, max(0.3, np.sqrt(self._care.wanted / max(first, 1e-9))))
+                grown = min(2.0, max(0.3, np.sqrt(_AIM / max(first, 1e-9))))
                 self.h = min(self.h * grown, _LARGEST / max(abs(t_log), 0.1))
                 return new
             self.rejected += 1
             self.h *= 0.5
         return None
 
-    def _corrected(self, at: CurvePoint, t: FloatArray, t_log: float, care: _Care) -> tuple[CurvePoint | None, float]:
+    def _corrected(self, at: CurvePoint, t: FloatArray, t_log: float) -> tuple[CurvePoint | None, float]:
         """A point near the curve, by Newton steps orthogonal to (t, t_log), and the size of the first correction."""
         first, last = 0.0, np.inf
-        for number in range(care.corrections):
+        for number in range(_CORRECTIONS):
             found = self._directions(at)
             if found is None:
                 break
@@ -365,10 +332,10 @@ class ConeCurve:
             dV = found.correction + d_log * found.along
             size = max(float(np.sqrt((at.relative(dV) ** 2).sum(axis=1)).max()), abs(d_log))
             first = first if number else size
-            if size < care.accepted:
+            if size < _ACCEPTED:
                 self._found = found
                 return at, first
-            if not size < min(care.contracting, 0.5 * last):
+            if not size < min(_CONTRACTING, 0.5 * last):
                 break
             last = size
             at = self._point(at.V + dV, at.log + d_log)

@@ -49,11 +49,11 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
     assert result.residual <= seen[0] * (1.0 + 1e-9)
 
 
-def test_the_first_curve_has_half_the_steps_of_the_last(monkeypatch):
+def test_the_curve_has_at_most_the_steps_of_the_setting(monkeypatch):
     steps, step = [], ConeCurve.step
     monkeypatch.setattr(ConeCurve, "step", lambda self, at: steps.append(self) or step(self, at))
-    refused(stack(8, 1.0, 2), newton=1, path=1, curve=6, convex=0)
-    assert [steps.count(curve) for curve in dict.fromkeys(steps)] == [3, 6]
+    refused(stack(8, 1.0, 2), newton=1, path=1, curve=3, convex=0)
+    assert len(steps) == 3
 
 
 def test_slips_of_convex_problems_are_accelerated(monkeypatch):
