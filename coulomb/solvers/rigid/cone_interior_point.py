@@ -89,7 +89,6 @@ def contradiction(problem: FrictionProblem, W: Any) -> str:
 _SHORT = 0.4  # shortest step of the nonsmooth Newton method, ...
 _SHORTEST = 1e-3  # ... and where it is patient
 _LEAST, _LARGEST = 1e-11, 1e-3  # proximal term
-_FULL = 1e-9  # and of steps of full length
 _NEAR = 1e-2  # size of the natural map at which the path is left for Newton steps, ...
 _NEARER = 0.1  # and factor by which it decreases before they are tried again
 _STALLED = 15  # steps of the path without progress after which it ends
@@ -278,22 +277,6 @@ class _ConeRun:
             if size <= near:
                 near = _NEARER * size
                 self._newton(at.X, self._settings.newton // 2)
-                self._full_newton(at.X)
-
-    def _full_newton(self, X: FloatArray) -> None:
-        """A few nonsmooth Newton steps of full length: near a solution at which contacts are between two states the
-        first may increase the natural map.
-        """
-        for _ in range(self._settings.newton // 2):
-            at = self._cones.natural_map(X)
-            step = self._cones.newton_step(at, _FULL)
-            if step is None:
-                return
-            X = X + step
-            size = self._cones.natural_map(X).size
-            self._recorded(X, size)
-            if size <= self._goal.residual:
-                self._judged(X)
 
     def _successive_slips(self, enough: float) -> None:
         """Convex problems with given slip until it repeats itself, or this many operations have been spent."""
