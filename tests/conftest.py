@@ -119,6 +119,13 @@ def random_tresca(nodes, seed, condition=1e3):
     return coulomb.FrictionProblem.tresca(dense_compliance(A), b, slip_bound), A
 
 
+def objective(qp, x):
+    """1/2 x^T A x - b^T x of a problem on one rank."""
+    A_x = np.empty_like(x)
+    qp.A.mult(x, A_x)
+    return 0.5 * x @ A_x - qp.b @ x
+
+
 def projected_gradient(qp, A, tolerance=1e-11, steps=200_000):
     """Solve a Tresca problem by accelerated projected gradients with restart, independently of the package."""
     step = 1.0 / np.linalg.eigvalsh(A)[-1]

@@ -141,9 +141,9 @@ class ContactFaces:
 
     def law(self, surface: ContactSurface, time: float, slip_rate: FloatArray) -> FrictionLaw:
         """The law of friction at this rank's contact points at a time, slip rates (m,) in m/s; collective."""
-        cohesion, friction = np.zeros((2, len(surface.nodes)))
+        laws, places = [], []
         for part, contact in enumerate(self._contacts):
-            here = surface.part == part
-            law = contact.law(surface.x[here], surface.area[here], time, slip_rate[here], self._comm)
-            cohesion[here], friction[here] = law.cohesion, law.friction
-        return FrictionLaw(cohesion, friction)
+            here = np.flatnonzero(surface.part == part)
+            laws.append(contact.law(surface.x[here], surface.area[here], time, slip_rate[here], self._comm))
+            places.append(here)
+        return FrictionLaw.joined(laws).at(np.argsort(np.concatenate(places)))

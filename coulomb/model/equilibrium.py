@@ -10,8 +10,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.bodies import FreeMotion, direction_in_words, in_units, motions_in_words
 from ..linalg.reductions import Reductions
-from ..solvers.laws import FrictionLaw
-from ..solvers.limit_load import LimitLoad
+from ..solvers.equilibrium import LimitLoad
 from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import MotionBasis, RigidMotions
 from .posed_problem import PosedProblem
@@ -55,11 +54,7 @@ def refuse_without_equilibrium(problem: PosedProblem) -> None:
             slip_bound=problem.slip_bound(nothing),
             multipliers=np.zeros((m, 2)),
             status=Status.NO_EQUILIBRIUM,
-            outer_steps=0,
-            newton_steps=0,
-            products=0,
             residual=np.inf,
-            history=(),
             method="limit load",
             message=said,
             rigid=np.zeros(0 if rigid is None else rigid.count),
@@ -76,9 +71,9 @@ def without_equilibrium(problem: PosedProblem) -> str:
     motion = limit.unbalanced()
     if motion is None:
         return ""
-    rough = FrictionLaw(problem.law.cohesion, np.where(problem.law.friction > 0.0, _ROUGH, 0.0))
+    rough = problem.law.rough(_ROUGH)
     opening = LimitLoad(rigid, rough, over).unbalanced()
-    if opening is not None and over.max(problem.law.friction) > 0.0:  # no friction, however large, would help
+    if opening is not None and over.any(bool(np.any(problem.law.sloped))):  # no friction, however large, would help
         return _falling(problem, _plain(problem, LimitLoad(rigid, rough, over), opening), rigid)
     pushed = _along_foundations(rigid, over)
     if float(np.abs(pushed).max()) > _PART * float(np.abs(rigid.e).max()):

@@ -55,9 +55,8 @@ def gather_evidence(
     slip_rate[surface.nodes] = state.slip_rate if before is None else before.slip_rate
     faces = [_face(body, number, state.time, before, slip_rate) for number in range(len(body.contacts))]
     points = joined_points([face[0] for face in faces])
-    frames, gap, cohesion, friction, carried = (
-        np.concatenate(part) for part in zip(*(face[1:] for face in faces), strict=True)
-    )
+    frames, gap, carried = (np.concatenate([face[k] for face in faces]) for k in (1, 2, 4))
+    law = FrictionLaw.joined([face[3] for face in faces])
     B, nodes = body.kept_matrix.of(points, frames), points.nodes
 
     number = np.full(len(u), -1)
@@ -84,7 +83,7 @@ def gather_evidence(
     else:
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
     closed = closure(rows_of(B, u), origin)
-    bound = FrictionLaw(cohesion, friction).radius(force[:, 0])
+    bound = law.radius(force[:, 0])
     return Evidence(
         comm=body.comm,
         x=elasticity.x,
@@ -146,11 +145,11 @@ def _actions(
 
 def _face(
     body: ContactBody, number: int, time: float, before: Before | None, slip_rate: FloatArray
-) -> tuple[ContactPoints, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[ContactPoints, FloatArray, FloatArray, FrictionLaw, FloatArray]:
     """The contact points of a face that face its foundation and are not prescribed along their normal; collective.
 
     Returns:
-        The points; frames, shape (m, 3, 3); gap in metres; cohesion in newtons and friction, of the contact; and the
+        The points; frames, shape (m, 3, 3); gap in metres; the law of friction of the contact; and the
         foundation's displacement in this step in metres, shape (m, 3).
     """
     contact, comm = body.contacts[number], body.comm
@@ -203,15 +202,15 @@ def _face(
     law = contact.law(x, points.area, time, slip_rate[points.nodes], comm)
     frames = contact.frames(n, H, x, comm)
     points = points.of(member, body.elasticity)
-    return points, frames, gaps, law.cohesion, law.friction, here.since(then, x)
+    return points, frames, gaps, law, here.since(then, x)
 
 
 def _pair(
     body: ContactBody, number: int, time: float, slip_rate: FloatArray
-) -> tuple[ContactPoints, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[ContactPoints, FloatArray, FloatArray, FrictionLaw, FloatArray]:
     """As `_face`, of a pair of deformable faces: what moves there is in the displacement."""
     contact, comm, pair = body.contacts[number], body.comm, body.pair(number)
     gap = pair.gap + contact.gap_factor(time, comm) * contact.gap_at(pair.x, comm)
     law = contact.law(pair.x, pair.points.area, time, slip_rate[pair.points.nodes], comm)
     frames = pair_frames(pair, contact.axes, comm)
-    return pair.points, frames, gap, law.cohesion, law.friction, np.zeros_like(pair.x)
+    return pair.points, frames, gap, law, np.zeros_like(pair.x)

@@ -26,7 +26,7 @@ from ..fem.bodies import (
 )
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
-from ..linalg.compliance import IterativeSolver, LinearSolver
+from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
 from ..linalg.unsolved import TooSlow, Unsolved
 from ..native import threads
 from ..solvers.automatic import Automatic
@@ -73,7 +73,8 @@ class ContactProblem(PosedProblem):
         reference_temperature: Temperature of the unstrained body, in the same unit.
         temperature_amplitude: Factor of the difference of the two as a function of time.
         time: Time of loads, prescribed displacements and the foundation's position.
-        linear_solver: DirectSolver or IterativeSolver for K^-1; by default chosen by size.
+        linear_solver: DirectSolver ("direct") or IterativeSolver ("iterative") for K^-1; by default ("auto")
+            chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
         small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce", or
             causes a warning, "warn".
@@ -108,7 +109,7 @@ class ContactProblem(PosedProblem):
         reference_temperature: float = 0.0,
         temperature_amplitude: Amplitude = 1.0,
         time: float = 0.0,
-        linear_solver: LinearSolver | None = None,
+        linear_solver: LinearSolver | str | None = None,
         explicit: bool | None = None,
         small_strain: str = "enforce",
         probes: Sequence[Probe] = (),
@@ -148,7 +149,7 @@ class ContactProblem(PosedProblem):
                 *(mesh, *arguments, body_force, springs, body_force_amplitude, gravity, gravity_amplitude, thermal)
             )
 
-        body = ContactBody(make, mesh.comm, _contacts(given), time, linear_solver, explicit, probes)
+        body = ContactBody(make, mesh.comm, _contacts(given), time, _linear_solver(linear_solver), explicit, probes)
         with timed(body.seconds, "assembly"):
             state = body.state(time)
         super().__init__(body, state, mode, started, body.seconds)
@@ -283,6 +284,18 @@ def _one_blas_thread(wanted: bool) -> AbstractContextManager[object]:
     processors from those of multigrid's kernels.
     """
     return threadpool_limits(limits=1, user_api="blas") if wanted else nullcontext()
+
+
+def _linear_solver(given: object) -> LinearSolver | None:
+    """The solver for K^-1 by class or name; None for the choice by size."""
+    if given is None or given == "auto":
+        return None
+    for name, solver in (("direct", DirectSolver), ("iterative", IterativeSolver)):
+        if given == name:
+            return solver
+        if isinstance(given, type) and issubclass(given, solver):
+            return given
+    raise ValueError(f'linear_solver must be "auto", "direct" or "iterative", or one of the classes, but is {given!r}')
 
 
 def _contacts(given: object) -> tuple[Contact, ...]:

@@ -9,8 +9,9 @@ import numpy as np
 from ..arrays import FloatArray
 from .friction_problem import FrictionProblem
 from .interior_point import InteriorPoint
-from .results import NotConverged, ProgressCallback, SolverResult, Status, check_constants
+from .results import NotConverged, ProgressCallback, SolverResult, Status
 from .semismooth_newton import SemismoothNewton
+from .settings import SolverSettings
 from .successive_tresca import SuccessiveTresca
 
 _FINISH = SemismoothNewton(patience=3, refused=1e-4, finer=1.0, sharpest=0.01)
@@ -18,8 +19,12 @@ _FINISH = SemismoothNewton(patience=3, refused=1e-4, finer=1.0, sharpest=0.01)
 answer that the certificate refuses at 1e-4 of the tolerance, on soft springs, it refuses at rounding errors."""
 
 
+DECISIVE = (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
+"""Ends after which no other method is tried."""
+
+
 @dataclass(frozen=True)
-class Automatic:
+class Automatic(SolverSettings):
     """The interior-point method on the whole problem; if it fails and friction grows with pressure, successive Tresca.
 
     From an iterate of the interior-point method with a residual of 3e-4 the semismooth Newton method is tried, which
@@ -41,14 +46,10 @@ class Automatic:
         ValueError: If the tolerance is not positive.
     """
 
-    tolerance: float = 1e-8
     interior_point: InteriorPoint | None = None
     successive_tresca: SuccessiveTresca | None = None
 
     name = "auto"
-
-    def __post_init__(self) -> None:
-        check_constants(self, (("tolerance", self.tolerance > 0.0, "> 0"),))
 
     def solve(
         self,
@@ -73,32 +74,28 @@ class Automatic:
         if start is not None:
             near = SemismoothNewton(tolerance)
             try:
-                return _chosen(near.solve(problem, start, progress=progress), near.name)
+                return named(near.solve(problem, start, progress=progress), near.name)
             except NotConverged as failure:
                 tried = failure.result
                 if tried.status is Status.INTERRUPTED:
-                    raise NotConverged(str(failure), _chosen(tried, near.name)) from None
+                    raise NotConverged(str(failure), named(tried, near.name)) from None
             start = np.atleast_2d(start)[0]
         try:
             result = first.solve(problem, start, gradient=gradient, progress=progress)
-            return _chosen(_after(tried, result), first.name)
+            return named(_after(tried, result), first.name)
         except NotConverged as failure:
             one = _after(tried, failure.result)
-            if (
-                one.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
-                or one.residual <= tolerance
-                or not problem.sloped
-            ):
-                raise NotConverged(str(failure), _chosen(one, first.name)) from None
+            if one.status in DECISIVE or one.residual <= tolerance or not problem.sloped:
+                raise NotConverged(str(failure), named(one, first.name)) from None
         try:
             other = second.solve(problem, start, progress=progress)
         except NotConverged as failure:
             better = min((one, failure.result), key=lambda result: result.residual)
             message = f"{one.message}.  Then {failure.result.message}"
             both = replace(better, products=problem.A.products - products, message=message)
-            raise NotConverged(message, _chosen(both, f"{better.method}, the better of both")) from None
+            raise NotConverged(message, named(both, f"{better.method}, the better of both")) from None
         other = replace(_after(tried, other), products=problem.A.products - products)
-        return _chosen(other, f"{second.name}, after the {first.name} method had {one.status.value}")
+        return named(other, f"{second.name}, after the {first.name} method had {one.status.value}")
 
 
 def _after(tried: SolverResult | None, result: SolverResult) -> SolverResult:
@@ -109,5 +106,8 @@ def _after(tried: SolverResult | None, result: SolverResult) -> SolverResult:
     return replace(result, newton_steps=steps, products=products)
 
 
-def _chosen(result: SolverResult, choice: str) -> SolverResult:
-    return replace(result, method=f"auto: {choice}")
+def named(result: SolverResult, choice: str = "", products: int = 0) -> SolverResult:
+    """A result as that of an automatic choice, after this many products in all; by default of the method it names."""
+    own = choice or result.method
+    method = own if own.startswith(f"{Automatic.name}: ") else f"{Automatic.name}: {own}"
+    return replace(result, method=method, products=max(products, result.products))

@@ -42,11 +42,13 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from ..linalg.compliance import MatrixFreeCompliance
 from ..linalg.petsc_arrays import configured_ksp
 from ..linalg.reductions import Reductions
-from .linearization import Linearization, NodalInverse
+from .linearization import NodalInverse
 from .newton_systems import ROUNDING, NewtonEquations, NewtonStep, NewtonSystem
-from .scaled_compliance import ScaledCompliance
+from .scaled_compliance import IterateProducts, ScaledCompliance
+from .settings import Settings, within
 
 _FACTORS: dict[str, str | float] = {
     "ksp_norm_type": "unpreconditioned",
@@ -68,7 +70,7 @@ def _multigrid() -> dict[str, str | float]:
 
 
 @dataclass(frozen=True)
-class CondensedSystem:
+class CondensedSystem(Settings):
     """K with springs at the contact nodes in place of A; needs a compliance with access to K and B.
 
     Attributes:
@@ -81,17 +83,67 @@ class CondensedSystem:
         multigrid: PETSc's options; where K is factorised, so is this matrix.
     """
 
-    contrast: float = 1e-7
-    loose: float = 1e-2
-    share: float = 0.3
-    tight: float = 1e-10
-    first: float = 0.03
-    max_iterations: int = 200
+    contrast: float = within("(0, inf)", 1e-7)
+    loose: float = within("(0, 1)", 1e-2)
+    share: float = within("(0, 1)", 0.3)
+    tight: float = within("(0, 1)", 1e-10)
+    first: float = within("(0, 1)", 0.03)
+    max_iterations: int = within("[1, inf)", 200)
     multigrid: dict[str, str | float] = field(default_factory=_multigrid)
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
         """See `NewtonChoice`; a ValueError on every rank if the compliance has no K and B."""
         return _Condensed(A, sloped, self)
+
+
+class _DisplacementProducts(IterateProducts):
+    """A x of the iterates as B y.
+
+    Args:
+        A: The scaled compliance.
+        compliance: The same with access to K and B.
+        first: Accuracy of the first y, at best.
+
+    Attributes:
+        y: Near K^-1 B^T x.
+        R: B^T x - K y.
+        w: Change of y in a step of length 1.
+    """
+
+    def __init__(self, A: ScaledCompliance, compliance: MatrixFreeCompliance, first: float):
+        super().__init__(A)
+        self._compliance, self._first = compliance, first
+        self.y, self.R = compliance.K.createVecs()
+        self.w, self._rhs = self.y.duplicate(), self.y.duplicate()
+
+    def first(self, x: FloatArray, tolerance: float) -> FloatArray:
+        """B y of the first iterate; the first step adds the rest of y."""
+        self._compliance.response(self._scaled.forces(x), self.y, max(tolerance, self._first))
+        return self._image(x)
+
+    def advance(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
+        """B y of the next iterate: a product by K, no solve."""
+        self.y.axpy(alpha, self.w)
+        return self._image(x)
+
+    def exact(self, x: FloatArray) -> FloatArray:
+        """The most accurate A x, by a correction of y; y is unchanged."""
+        self._compliance.guess(self.y)
+        return super().exact(x)
+
+    def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
+        """B y: the next step removes its error, R."""
+        return A_x
+
+    def _image(self, x: FloatArray) -> FloatArray:
+        self._compliance.forces(self._scaled.forces(x), self._rhs)
+        self._compliance.K.mult(self.y, self.R)
+        self.R.aypx(-1.0, self._rhs)
+        return self._scaled.image(self._compliance.displaced(self.y))
+
+    def destroy(self) -> None:
+        for vector in (self.y, self.R, self.w, self._rhs):
+            vector.destroy()
 
 
 class _Condensed:
@@ -117,8 +169,8 @@ class _Condensed:
         self._stiffened.setNearNullSpace(self._K.getNearNullSpace())
         for option in (PETSc.Mat.Option.SYMMETRIC, PETSc.Mat.Option.SPD):
             self._stiffened.setOption(option, True)
-        self._y, self._R = self._K.createVecs()
-        self._w, self._rhs = self._y.duplicate(), self._y.duplicate()
+        self.products = _DisplacementProducts(A, compliance, settings.first)
+        self._rhs = self.products.y.duplicate()
         self._x = self._B.createVecLeft()
         diagonal = self._K.getDiagonal()
         stiffness = np.einsum("ijk,ik->ij", self._frames**2, diagonal.array_r.reshape(-1, 3)[self._nodes])
@@ -131,36 +183,6 @@ class _Condensed:
             self._operator = PETSc.Mat().createPython(self._K.getSizes(), context=_Product(self._mult), comm=A.comm)
             self._operator.setUp()
 
-    # --- A x of the iterates ------------------------------------------------------------------------------------
-
-    def start(self, x: FloatArray, tolerance: float) -> FloatArray:
-        """B y of the first iterate; the first step adds the rest of y."""
-        self._compliance.response(self._scaled.forces(x), self._y, max(tolerance, self._settings.first))
-        return self._image(x)
-
-    def advance(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
-        """B y of the next iterate: a product by K, no solve."""
-        self._y.axpy(alpha, self._w)
-        return self._image(x)
-
-    def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
-        """B y: the next step removes its error, R."""
-        return A_x
-
-    def tighten(self) -> None:
-        """A step has no products by A."""
-
-    def exact_product(self, x: FloatArray) -> FloatArray:
-        """The most accurate A x, by a correction of y; y is unchanged."""
-        self._compliance.guess(self._y)
-        return self._scaled.mult_incremental(x)
-
-    def _image(self, x: FloatArray) -> FloatArray:
-        self._compliance.forces(self._scaled.forces(x), self._rhs)
-        self._K.mult(self._y, self._R)
-        self._R.aypx(-1.0, self._rhs)
-        return self._scaled.image(self._compliance.displaced(self._y))
-
     def _spread(self, forces: FloatArray, v: PETSc.Vec) -> None:
         """v <- B^T forces."""
         self._x.array[:] = forces
@@ -171,17 +193,15 @@ class _Condensed:
         self._B.mult(v, self._x)
         return self._scaled.image(self._x.array_r)
 
-    # --- a step -------------------------------------------------------------------------------------------------
-
-    def solve(self, wanted: NewtonEquations) -> NewtonStep:
+    def solve(self, equations: NewtonEquations) -> NewtonStep:
         """The step; its accuracy depends on R (module docstring); weight, tolerance and cap are not used."""
-        at, r1, r2 = wanted.at, wanted.r1, wanted.r2
+        at, r1, r2 = equations.at, equations.r1, equations.r2
         r = r1 + at.J12(r2 / at.D22)
         self._spring = NodalInverse(at, self._least)
         self._stiffen()
         self._spread(self._scaled.forces(self._spring(r)), self._rhs)
-        self._rhs.axpy(1.0, self._R)
-        size, lacking = self._rhs.norm(), self._R.norm()
+        self._rhs.axpy(1.0, self.products.R)
+        size, lacking = self._rhs.norm(), self.products.R.norm()
         settings = self._settings
         factorised = self._compliance.factorised
         options = _FACTORS if factorised else settings.multigrid
@@ -192,19 +212,15 @@ class _Condensed:
         least = ROUNDING if factorised else settings.tight
         goal = max(min(settings.loose * size, settings.share * lacking), least * size)
         ksp.setTolerances(rtol=0.0, atol=goal, divtol=1e30, max_it=settings.max_iterations)
-        ksp.solve(self._rhs, self._w)
+        ksp.solve(self._rhs, self.products.w)
         iterations = int(ksp.getIterationNumber())
         ksp.destroy()
-        A_dx = self._gathered(self._w)
+        A_dx = self._gathered(self.products.w)
         dx = self._spring(r - A_dx)
         return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations)
 
-    def correction(self, r2: FloatArray, at: Linearization | None = None) -> NewtonStep | None:
+    def correction(self, r2: FloatArray) -> NewtonStep | None:
         return None
-
-    def estimate(self, x: FloatArray) -> FloatArray:
-        """0: the effect of x beyond the step is in R, not in B y."""
-        return np.zeros_like(x)
 
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         """A step has no products by A."""
@@ -225,7 +241,7 @@ class _Condensed:
 
     def destroy(self) -> None:
         operator = [] if self._operator is None else [self._operator]
-        for thing in (self._stiffened, self._y, self._R, self._w, self._rhs, self._x, *operator):
+        for thing in (self._stiffened, self.products, self._rhs, self._x, *operator):
             thing.destroy()
 
     def _mult(self, w: PETSc.Vec, image: PETSc.Vec) -> None:

@@ -108,6 +108,6 @@ class ContactEquations:
         value[:, 1:] = x_t - np.where(sticks[:, None], p, r[:, None] * e)
         P[:, 1:, 1:] = e2 - T
         Q[:, 1:, 1:] = rho_t[:, None, None] * T
-        P[:, 1:, 0] = -np.where(x[:, 0] > 0.0, self.law.slope, 0.0)[:, None] * e
-        status = np.where(closed | (self.law.cohesion > 0.0), np.where(slips, 2, 1), 0)
+        P[:, 1:, 0] = -np.where(x[:, 0] > 0.0, self.law.slope(x[:, 0]), 0.0)[:, None] * e
+        status = np.where(closed | (self.law.radius(np.zeros(m)) > 0.0), np.where(slips, 2, 1), 0)
         return ContactDerivative(value, P, Q, status)

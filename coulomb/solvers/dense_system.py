@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ import scipy.linalg
 from ..arrays import FloatArray
 from .linearization import Linearization
 from .newton_systems import NewtonEquations, NewtonStep, NewtonSystem
-from .scaled_compliance import ProductImages, ScaledCompliance
+from .scaled_compliance import IterateProducts, ScaledCompliance
 
 
 @dataclass(frozen=True)
@@ -28,22 +29,22 @@ class DenseSystem:
         return _DenseSchur(A) if sloped else _Dense(A)
 
 
-class _Dense(ProductImages):
+class _Dense:
     def __init__(self, A: ScaledCompliance):
-        super().__init__(A)
+        self._scaled, self.products = A, IterateProducts(A)
         if A.comm.size > 1:
             raise ValueError("dense Newton systems work on one rank; use a Krylov one: solver.newton of the case file")
         self._A: FloatArray = A.dense()
 
-    def solve(self, wanted: NewtonEquations) -> NewtonStep:
+    def solve(self, equations: NewtonEquations) -> NewtonStep:
         """The step to rounding accuracy; weight, tolerance and cap are not used."""
-        at, r1, r2, r3 = wanted.at, wanted.r1, wanted.r2, wanted.r3
+        at, r1, r2, r3 = equations.at, equations.r1, equations.r2, equations.r3
         J = self._bordered(augmented_matrix(self._A, at))
         rows = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=1))
         columns = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=0))
         solution = _solved(J, np.concatenate([r1.ravel(), r2.ravel(), r3]), rows, columns)
         dx, dnu = solution[: r1.size].reshape(r1.shape), solution[r1.size : r1.size + r2.size].reshape(r2.shape)
-        return NewtonStep(dx, dnu, self.estimate(dx), 0, solution[r1.size + r2.size :])
+        return NewtonStep(dx, dnu, self._image(dx), 0, solution[r1.size + r2.size :])
 
     def _bordered(self, M: FloatArray) -> FloatArray:
         """[M, -G^T; G, 0], G on the first unknowns; M without rigid motions."""
@@ -56,11 +57,17 @@ class _Dense(ProductImages):
         bordered[: len(G), n:], bordered[n:, : len(G)] = -G, G.T
         return bordered
 
-    def correction(self, r2: FloatArray, at: Linearization | None = None) -> NewtonStep | None:
+    def correction(self, r2: FloatArray) -> NewtonStep | None:
         return None
 
-    def estimate(self, x: FloatArray) -> FloatArray:
+    def _image(self, x: FloatArray) -> FloatArray:
         return (self._A @ x.ravel()).reshape(x.shape)
+
+    def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
+        """It has A itself."""
+
+    def keep(self) -> None:
+        """It has A itself."""
 
     def destroy(self) -> None:
         """There are no PETSc objects to free."""
@@ -69,9 +76,9 @@ class _Dense(ProductImages):
 class _DenseSchur(_Dense):
     """J_SC by LU: with slope J_AM is as accurate, and takes three times as long (block, p = 10, F = 0.3)."""
 
-    def solve(self, wanted: NewtonEquations) -> NewtonStep:
+    def solve(self, equations: NewtonEquations) -> NewtonStep:
         """The step to rounding accuracy; weight, tolerance and cap are not used."""
-        at, r1, r2, r3 = wanted.at, wanted.r1, wanted.r2, wanted.r3
+        at, r1, r2, r3 = equations.at, equations.r1, equations.r2, equations.r3
         rhs = r1 + at.J12(r2 / at.D22)
         rhs[~at.frictional, 1:] = 0.0
         M = self._bordered(schur_matrix(self._A, at))
@@ -79,7 +86,7 @@ class _DenseSchur(_Dense):
         columns = 1.0 / np.abs(rows[:, None] * M).max(axis=0)
         solution = _solved(M, np.concatenate([rhs.ravel(), r3]), rows, columns)
         dx = solution[: r1.size].reshape(r1.shape)
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self.estimate(dx), 0, solution[r1.size :])
+        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self._image(dx), 0, solution[r1.size :])
 
 
 def _solved(J: FloatArray, rhs: FloatArray, rows: FloatArray, columns: FloatArray) -> FloatArray:

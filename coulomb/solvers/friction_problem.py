@@ -104,17 +104,13 @@ class FrictionProblem:
         m, over = self.A.nodes, self.reductions
         if not over.all(self.b.shape == (3 * m,)):
             raise ValueError(f"b must have shape ({3 * m},), three entries per contact node, but has {self.b.shape}")
-        for name, values in (("cohesion", self.law.cohesion), ("friction", self.law.friction)):
-            if not over.all(values.shape == (m,)):
-                raise ValueError(f"{name} must have shape ({m},), one per contact node, but has {values.shape}")
-            if not over.all(bool(np.all(np.isfinite(values) & (values >= 0.0)))):
-                raise ValueError(f"{name} has entries that are negative or not finite")
+        self.law.validate(m, over)
         if not over.all(np.shape(self.lower) in ((), (m,))):
             raise ValueError(f"lower must be a number or have shape ({m},), but has {np.shape(self.lower)}")
         for name, values in (("b", self.b), ("lower", np.asarray(self.lower))):
             if not over.all(bool(np.all(np.isfinite(values)))):
                 raise ValueError(f"{name} has entries that are not finite")
-        if not over.all(bool(np.all((self.law.friction == 0.0) | (np.asarray(self.lower) >= 0.0)))):
+        if not over.all(bool(np.all(~self.law.sloped | (np.asarray(self.lower) >= 0.0)))):
             raise ValueError("lower must be >= 0 where friction > 0: the bound of friction grows from pressure 0 on")
         if self.rigid is not None:
             self.rigid.validate(m, over)
@@ -154,7 +150,7 @@ class FrictionProblem:
     @cached_property
     def sloped(self) -> bool:
         """Whether friction grows with pressure at any node of any rank: then the problem is not a minimisation."""
-        return self.reductions.max(self.law.slope) > 0.0
+        return self.reductions.any(bool(np.any(self.law.sloped)))
 
     def slip_bound(self, x: FloatArray) -> FloatArray:
         """r(x_n) of forces x (3 m,) in newtons, shape (m,)."""
@@ -250,10 +246,6 @@ class FrictionProblem:
         if size > 0.0:
             return distance / size
         return 0.0 if distance == 0.0 else math.inf
-
-    def objective(self, x: FloatArray) -> float:
-        """1/2 x^T A x - b^T x in joules, minimal at the solution of a Tresca problem; one product by A."""
-        return 0.5 * (self.reductions.dot(x, self.without_motion(x)) - self.reductions.dot(x, self.b))
 
     def project(self, x: FloatArray) -> FloatArray:
         """The point nearest to x (3 m,) with x_n >= lower and the law's bound at x_n; feasible in a Tresca problem."""

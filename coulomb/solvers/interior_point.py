@@ -12,9 +12,8 @@ and updated after it the iteration stalls.
 
 The step is taken along the curve x_n + alpha dx_n, y + alpha dy, not along the straight line in x_t, so that friction
 stays proportional to pressure at a node that opens.  On the straight line y becomes inaccurate there by division: steps
-block, or need a predictor solve and are twice as many.  The gradient along the curve, A x + alpha A dx + alpha^2 A (0,
-F dx_n dy), is only used to choose alpha: its last term is computed with the low-rank approximation of A.  Without slope
-curve and line coincide, and the gradient is exact.
+block, or need a predictor solve and are twice as many.  The gradient at a step length, with A x + alpha A dx, is then
+correct to first order; it is only used to choose alpha.  Without slope it is exact.
 
 If a product is a solve with K, it need not be exact.  Products of the Krylov method have the accuracy that the step
 needs; those of the iterates correct K^-1 B^T x to a fraction of its change, and errors do not accumulate
@@ -37,11 +36,9 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .equilibrium import balanced_forces, no_equilibrium, sliding
-from .free_start import free_start
 from .friction_problem import FrictionProblem, Solver
-from .longer_steps import longer
+from .frictionless_start import frictionless_start
 from .newton_systems import NewtonChoice, SchurComplementSystem
-from .path_ends import Finish, smallest
 from .results import (
     Goal,
     InteriorPointStep,
@@ -51,103 +48,73 @@ from .results import (
     QPStep,
     SolverResult,
     Status,
-    check_constants,
 )
 from .rigid_motions import Equilibrium
 from .scaled_problem import Iterate, ScaledProblem
-from .steps import newton_step, step_length
+from .settings import within
+from .steps import StepSettings, correct_step, newton_step, step_length
 
 _OFF = 1e-3  # residual above which an iteration has not found anything near a solution
+_WIDENING = 10.0  # beta is at least this times what the start needs
+_BLOCKED = 0.05  # a step shorter than this, three times in a row, ends a start that is not the last
+_ITERATE = 0.01  # accuracy of an inexact A x at a new iterate, relative to its change
+
+_GROWTH = 0.5
+"""Inexact products become ten times as accurate after a step of length alpha from which the gradient is more than 1 +
+this alpha times as large: their errors outweigh it, as where dx is large and A dx small."""
+
+_WAIT = 3.0
+"""With slope or inexact products sigma is at least this times the gradient over its bound in N(gamma, beta): theta does
+not decrease faster than the gradient."""
+
+_WARM_PRESSURE, _WARM_FRICTION, _WARM_THETA = 0.3, 0.9, 0.03
+"""With slope, a start from given forces has x_n at least this many nominal forces inside, |y| at most this, and this
+theta over rms(A x - b)."""
+
+_FINISH_FROM = 3e-4
+"""Residual of an iterate from which `InteriorPoint.finish` is tried."""
 
 
 @dataclass(frozen=True)
-class InteriorPoint:
-    """The interior-point method as a value: its fields are all its settings; the defaults suit all problems measured.
+class InteriorPoint(StepSettings):
+    """The interior-point method as a value; the defaults suit all problems measured (docs/methods.md).
 
     Attributes:
         tolerance: Natural residual at which to stop (`FrictionProblem.residual`).
+        gamma: Centrality, nu_i z_i >= gamma theta, in (0, 1).
+        omega: Sufficient decrease, theta_new <= (1 - alpha omega (1 - sigma)) theta, in (0, 1).
+        to_boundary: Largest fraction of the distance to the boundary for a step, in (0, 1).
+        backtrack: The ratio of the step lengths tried, in (0, 1).
         r_tol: Inner precision: the Krylov method stops at |residual| <= tol_k |right-hand side| with
             tol_k = min(r_tol err_(k-1), c_fact tol_(k-1)), err the relative change of v = (x, nu, z) in the last step.
         c_fact: The factor by which tol_k decreases at least.
-        gamma: Centrality, nu_i z_i >= gamma theta, in (0, 1).
-        beta: Dual feasibility, rms(W gradient) <= beta theta, > 0.
-        widening: beta is at least this times what the start needs.
-        omega: Sufficient decrease, theta_new <= (1 - alpha omega (1 - sigma)) theta, in (0, 1).
+        beta: Dual feasibility, rms(W gradient) <= beta theta, > 0; at least ten times what the start needs.
         sigma_min: Centring after an ordinary step, > 0; at most that after a short one, sigma_max, at most 1/2.
         max_iterations: Newton steps of a start before the solver gives up.
         newton: The linear system of a step: SchurComplementSystem (J_SC, P_SC), AugmentedSystem (J_AM, P_AM; without
             slope), CondensedSystem (K with springs in place of A) or DenseSystem (LU, for small problems).
-        free: Largest number of products that a cold start spends on the problem without friction (free_start.py); 0:
-            it is left out.
-        starts: If its steps block, cold starts from equal pressure follow, with this theta over rms(A x - b) there.
-        blocked: A step shorter than this, three times in a row, ends a start that is not the last.
-        to_boundary: Largest fraction of the distance to the boundary for a step.
-        backtrack: The ratio of the step lengths tried.
-        gradient_share: With slope, the residual of a Newton system is at most this part of the gradient, and
-        solved_share: this one where a product is a solve by multigrid.
-        fresh: If products are inexact, accuracy of A x at a new iterate relative to its change.
-        growth: Inexact products become ten times as accurate after a step of length alpha from which the gradient is
-            more than 1 + growth alpha times as large: their errors outweigh it, as where dx is large and A dx small.
-        wait: With slope or inexact products, sigma is at least this times the gradient over its bound in N(gamma,
-            beta), so that theta does not decrease faster than the gradient; but at most `wait_max` for that reason.
-        warm_floor: With slope, a start from given forces has x_n at least this many nominal forces inside,
-        warm_inside: |y| at most this,
-        warm_theta: and this theta, over rms(A x - b) there.
-        finish: A method that is tried from an iterate with a residual of at most `finish_from`; if it fails, the path
-            is followed further from that iterate, and it is tried once more at a hundredth of the residual.
-        far: Without slope, a start from given forces begins on the central path of their projection; at larger
-            distances from the solution, in nominal forces, a cold start is used.
+        start_products: Largest number of products that a cold start spends on the problem without friction
+            (frictionless_start.py); 0: it is left out.
+        starts: If steps block, cold starts from equal pressure follow, with this theta over rms(A x - b) there.
+        finish: A method that is tried once from an iterate near the answer; if it fails, the path is followed further
+            from that iterate.
 
     Raises:
-        ValueError: If a constant is outside its bounds.
+        ValueError: If a number is outside its bounds.
     """
 
-    tolerance: float = 1e-8
-    r_tol: float = 0.3
-    c_fact: float = 0.99
-    gamma: float = 1e-3
-    beta: float = 1e4
-    widening: float = 10.0
-    omega: float = 1e-2
-    sigma_min: float = 0.1
-    sigma_max: float = 0.5
-    max_iterations: int = 100
+    r_tol: float = within("(0, 1)", 0.3)
+    c_fact: float = within("(0, 1)", 0.99)
+    beta: float = within("(0, inf)", 1e4)
+    sigma_max: float = within("(0, 0.5]", 0.5)
+    sigma_min: float = within("(0, sigma_max]", 0.1)
+    max_iterations: int = within("[1, inf)", 100)
     newton: NewtonChoice = field(default_factory=SchurComplementSystem)
-    free: int = 12
-    starts: tuple[float, ...] = (1e3, 1e6)
-    blocked: float = 0.05
-    to_boundary: float = 0.95
-    backtrack: float = 0.9
-    gradient_share: float = 0.3
-    solved_share: float = 0.1
-    fresh: float = 0.01
-    growth: float = 0.5
-    wait: float = 3.0
-    wait_max: float = 0.9
-    warm_floor: float = 0.3
-    warm_inside: float = 0.9
-    warm_theta: float = 0.03
-    far: float = 0.1
+    start_products: int = within("[0, inf)", 12)
+    starts: tuple[float, ...] = within("(0, inf)", (1e3,))
     finish: Solver | None = None
-    finish_from: float = 3e-4
 
     name = "interior point"
-
-    def __post_init__(self) -> None:
-        bounds = (
-            ("tolerance", self.tolerance > 0.0, "> 0"),
-            ("r_tol", 0.0 < self.r_tol < 1.0, "in (0, 1)"),
-            ("c_fact", 0.0 < self.c_fact < 1.0, "in (0, 1)"),
-            ("gamma", 0.0 < self.gamma < 1.0, "in (0, 1)"),
-            ("beta", self.beta > 0.0, "> 0"),
-            ("omega", 0.0 < self.omega < 1.0, "in (0, 1)"),
-            ("sigma_min", 0.0 < self.sigma_min <= self.sigma_max, "in (0, sigma_max]"),
-            ("sigma_max", self.sigma_max <= 0.5, "at most 1/2"),
-            ("free", self.free >= 0, "at least 0"),
-            ("max_iterations", self.max_iterations >= 1, "at least 1"),
-            ("starts", len(self.starts) >= 1, "at least one"),
-        )
-        check_constants(self, bounds)
 
     def solve(
         self,
@@ -169,7 +136,9 @@ class InteriorPoint:
         products = problem.A.products
         balanced_forces(problem, self.name)
         goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
-        result = smallest(problem, goal, self.name) or _Path(self, problem, goal, progress).follow(start, gradient)
+        result = _smallest_force(problem, goal, self.name) or _Path(self, problem, goal, progress).follow(
+            start, gradient
+        )
         result = replace(result, products=problem.A.products - products)
         if result.equilibrium is not None and problem.rigid is not None and result.status is Status.NO_EQUILIBRIUM:
             message = f"{no_equilibrium(problem.rigid, result.equilibrium)}, after {result.newton_steps} Newton steps"
@@ -185,8 +154,7 @@ class InteriorPoint:
 
     def centring(self, alpha: float, used: float = 0.0) -> float:
         """sigma after a step of length alpha, with the gradient at a fraction `used` of its bound in N(gamma, beta)."""
-        sigma = min(max((1.0 - alpha) ** 2, self.sigma_min), self.sigma_max)
-        return max(sigma, min(self.wait * used, self.wait_max))
+        return min(max((1.0 - alpha) ** 2, self.sigma_min, _WAIT * used), self.sigma_max)
 
 
 class _Path:
@@ -199,17 +167,17 @@ class _Path:
         self._scaled = ScaledProblem(problem)
         self._newton = settings.newton.system(self._scaled.A, self._scaled.sloped)
         self._history: list[QPStep] = []
-        self._finish = Finish(settings.finish, settings.finish_from, problem, goal, progress, self._history)
+        self._finish = _Finish(settings.finish, problem, goal, progress, self._history)
 
     def follow(self, start: FloatArray | None, gradient: FloatArray | None) -> SolverResult:
         """One start after another, each farther inside: near the boundary steps may block, far inside they are more."""
         results: list[SolverResult] = []
         starts, v = list(self._settings.starts), None if start is None else self._warm(start, gradient)
-        free = self._settings.free
+        products = self._settings.start_products
         try:
-            while v is not None or free > 0 or starts:
-                if v is None and free > 0:
-                    v, free = free_start(self._scaled, self._newton, free, self._settings.fresh), 0
+            while v is not None or products > 0 or starts:
+                if v is None and products > 0:
+                    v, products = frictionless_start(self._scaled, self._newton, products, _ITERATE), 0
                 if v is None:  # equal pressure everywhere, no friction
                     x_n, y = self._scaled.lower + 1.0, np.zeros((self._scaled.nodes, 2))
                     v = self._centred(x_n, y, starts.pop(0))
@@ -239,31 +207,29 @@ class _Path:
     def _centred(self, x_n: FloatArray, y: FloatArray, relative_theta: float) -> Iterate:
         """These forces, and centred multipliers with a multiple of rms(A x - b) as theta."""
         scaled = self._scaled
-        A_x = self._newton.start(scaled.forces(x_n, y), self._settings.fresh)
+        A_x = self._newton.products.first(scaled.forces(x_n, y), _ITERATE)
         v = scaled.closing(Iterate(x_n, y, np.zeros((scaled.nodes, 2)), A_x))
         theta = relative_theta * max(scaled.rms(scaled.gradient(v)), 1e-3)
         return v._replace(nu=scaled.over_constraints(np.full_like(v.nu, theta), scaled.slack(x_n, y)))
 
-    def _warm(self, start: FloatArray, gradient: FloatArray | None) -> Iterate | None:
-        """An iterate near the forces `start`, strictly inside; None if a cold start is preferable."""
-        settings, scaled = self._settings, self._scaled
+    def _warm(self, start: FloatArray, gradient: FloatArray | None) -> Iterate:
+        """An iterate near the forces `start`; without slope on the central path of their projection."""
+        scaled = self._scaled
         if scaled.sloped:
-            x_n, y = scaled.inside(start, settings.warm_floor, settings.warm_inside)
-            return self._centred(x_n, y, settings.warm_theta)
+            x_n, y = scaled.inside(start, _WARM_PRESSURE, _WARM_FRICTION)
+            return self._centred(x_n, y, _WARM_THETA)
         gradient = self._problem.gradient(start) if gradient is None else gradient
         x = scaled.scaled(start)
         q = scaled.projection_step(x, scaled.scaled_gradient(gradient))
         distance = scaled.distance_from_solution(x, q)
-        if distance > settings.far:
-            return None
         x_n, y, nu = scaled.smoothed_projection(q, max(distance**1.5, 0.1 * self._goal.tolerance))
-        return scaled.closing(Iterate(x_n, y, nu, self._newton.start(scaled.forces(x_n, y), settings.fresh)))
+        return scaled.closing(Iterate(x_n, y, nu, self._newton.products.first(scaled.forces(x_n, y), _ITERATE)))
 
     def _exact(self, v: Iterate) -> Iterate:
         """The iterate with its most accurate A x: once a certificate has failed, that of the balanced displacement."""
         scaled, balanced = self._scaled, self._problem.balanced
         if balanced is None or not self._goal.refused:
-            return v._replace(A_x=self._newton.exact_product(scaled.forces(v.x_n, v.y)), w=None)
+            return v._replace(A_x=self._newton.products.exact(scaled.forces(v.x_n, v.y)), w=None)
         return scaled.with_gradient(v, balanced(scaled.unscaled(v)[0]))
 
     def _steps(self, v: Iterate, patient: bool) -> SolverResult:
@@ -271,7 +237,7 @@ class _Path:
         settings, scaled, newton, goal, history = self._settings, self._scaled, self._newton, self._goal, self._history
         problem, first = self._problem, len(history)
         theta, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), scaled.infeasibility(v)
-        beta = max(settings.beta, settings.widening * gradient / theta)
+        beta = max(settings.beta, _WIDENING * gradient / theta)
         err, krylov_tolerance, alpha = 1.0, settings.r_tol / settings.c_fact, 1.0
         waits = scaled.sloped or not problem.A.exact  # then A x of an iterate is computed anew
         best, best_at, blocked, reached, status = math.inf, first, 0, False, Status.MAX_ITERATIONS
@@ -279,28 +245,28 @@ class _Path:
         for iteration in range(first + 1, first + settings.max_iterations + 1):
             sigma = settings.centring(alpha, gradient / (beta * theta) if waits else 0.0)
             krylov_tolerance = min(settings.r_tol * err, settings.c_fact * krylov_tolerance)
-            step = newton_step(settings, scaled, newton, v, sigma * theta, krylov_tolerance, beta)
-            step = longer(settings, scaled, newton, step, sigma * theta, beta) if waits else step
+            step = newton_step(scaled, newton, v, sigma * theta, krylov_tolerance, beta)
+            step = correct_step(settings, scaled, newton, step, sigma * theta, beta) if waits else step
             alpha, new = step_length(settings, scaled, step, beta, sigma)
             if new is None:
                 status = Status.STAGNATED
                 break
             err = scaled.relative_change(v, new)
             x = scaled.forces(new.x_n, new.y)
-            v = new._replace(A_x=newton.advance(x, None if scaled.sloped else new.A_x, alpha, settings.fresh))
+            v = new._replace(A_x=newton.products.advance(x, None if scaled.sloped else new.A_x, alpha, _ITERATE))
             theta, before, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), gradient, scaled.infeasibility(v)
-            if gradient > (1.0 + settings.growth * alpha) * before:
-                newton.tighten()
+            if gradient > (1.0 + _GROWTH * alpha) * before:
+                newton.products.tighten()
             # err is proportional to alpha, so a blocked step would look like convergence: the residual decides
             residual = problem.residual(*scaled.unscaled(v)[:2])
             if residual <= goal.residual or goal.refused:  # A x may be inexact: decide with the most accurate product
                 exact = self._exact(v)
                 forces, force_gradient, multipliers = scaled.unscaled(exact)
                 if goal.refused:
-                    A_x = newton.corrected(v.A_x, exact.A_x)
+                    A_x = newton.products.corrected(v.A_x, exact.A_x)
                     v = exact if A_x is exact.A_x else v._replace(A_x=A_x)
                     gradient = scaled.infeasibility(v)
-                    beta = max(beta, settings.widening * gradient / theta)
+                    beta = max(beta, _WIDENING * gradient / theta)
                 residual = problem.residual(forces, force_gradient)
                 reached = goal.reached(residual, forces, scaled.rigid_motion(exact))
             count = len(history) + 1
@@ -313,15 +279,15 @@ class _Path:
             if stop:
                 status = Status.INTERRUPTED
                 break
-            if self._finish.wanted(residual):
+            if self._finish.due(residual):
                 newton.keep()
                 finished = self._finish.tried(scaled.unscaled(v)[0], scaled.displaced(v), settings.name)
                 if finished is not None:
                     return finished
-                v = v._replace(A_x=newton.exact_product(x))
+                v = v._replace(A_x=newton.products.exact(x))
             if residual < 0.9 * best:
                 best, best_at = residual, iteration
-            blocked = blocked + 1 if alpha < settings.blocked else 0
+            blocked = blocked + 1 if alpha < _BLOCKED else 0
             if blocked == 3:
                 away = sliding(problem, *scaled.unscaled(v)[:2], scaled.rigid_motion(v))
                 if away is not None:
@@ -344,12 +310,88 @@ class _Path:
             slip_bound=problem.slip_bound(forces),
             multipliers=multipliers,
             status=goal.verdict(residual, forces, status, motion),
-            outer_steps=0,
-            newton_steps=0,
-            products=0,
             residual=residual,
-            history=(),
             method=settings.name,
             rigid=motion,
             equilibrium=away,
         )
+
+
+def _smallest_force(problem: FrictionProblem, goal: Goal, method: str) -> SolverResult | None:
+    """The smallest feasible force, if it is the answer: then there is no path to follow."""
+    x = problem.completed(problem.project(np.zeros_like(problem.b)))
+    w = problem.without_motion(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
+    alpha = problem.rigid_motion(x, w)
+    gradient = w if problem.rigid is None else w - problem.rigid.displacement(alpha)
+    residual = problem.residual(x, gradient)
+    if residual != 0.0 and not goal.reached(residual, x, alpha):  # with 0 there is no other answer, accepted or not
+        return None
+    status, nothing = goal.verdict(residual, x, Status.MAX_ITERATIONS, alpha), np.zeros((problem.A.nodes, 2))
+    return SolverResult(x, gradient, problem.slip_bound(x), nothing, status, residual, method, rigid=alpha)
+
+
+class _Finish:
+    """Another method from an iterate near the answer.
+
+    Path following converges slowly where a node is at the edge of its disc without slip: the residual falls like the
+    square root of theta.  The semismooth Newton method does not need theta.
+
+    Args:
+        method: The method; None: there is none.
+        problem: The problem.
+        goal: That of path following.
+        progress: Called after every step.
+        history: The steps so far; those of the method are appended.
+
+    Attributes:
+        converged: Whether the method has found the answer.
+    """
+
+    def __init__(
+        self,
+        method: Solver | None,
+        problem: FrictionProblem,
+        goal: Goal,
+        progress: ProgressCallback | None,
+        history: list[QPStep],
+    ):
+        self._method, self._problem, self._goal = method, problem, goal
+        self._progress, self._history, self._tried, self.converged = progress, history, False, False
+
+    def due(self, residual: float) -> bool:
+        """Whether to try it from an iterate with this residual, the same on all ranks.
+
+        Not below the tolerance, and not if the certificate has refused an answer: only path following then has products
+        of the accuracy that the certificate needs.
+        """
+        if self._method is None or self._tried or self._goal.refused:
+            return False
+        return self._goal.tolerance < residual <= _FINISH_FROM
+
+    def tried(self, x: FloatArray, gradient: FloatArray, name: str) -> SolverResult | None:
+        """The result, if the method converges or is interrupted; collective.
+
+        Args:
+            x: Forces of the iterate in newtons, shape (3 m,).
+            gradient: A x - b in metres, shape (3 m,), without rigid motions.
+            name: Name of the solver, for the result.
+        """
+        assert self._method is not None
+        first = len(self._history)
+        self._tried = True
+
+        def reported(at: Progress) -> bool:
+            later = Progress(at.outer, first + at.path_following, at.residual)
+            return self._progress is not None and bool(self._progress(later))
+
+        tolerance = self._goal.tolerance
+        try:
+            result = self._method.solve(self._problem, x, gradient=gradient, tolerance=tolerance, progress=reported)
+        except NotConverged as failure:
+            result = failure.result
+        steps = (step for step in result.history if isinstance(step, QPStep))
+        self._history += [replace(step, iteration=first + step.iteration) for step in steps]
+        self.converged = result.status is Status.CONVERGED
+        if self.converged or result.status is Status.INTERRUPTED:
+            return replace(result, method=name)
+        return None

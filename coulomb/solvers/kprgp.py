@@ -23,8 +23,8 @@ from .results import (
     SolverResult,
     Status,
     StepKind,
-    check_constants,
 )
+from .settings import SolverSettings, within
 
 _PATIENCE = 1000  # steps without a better residual after the certificate has refused an answer
 _ON_CIRCLE = 1.0 - 1e-13  # a projected point lies on its circle up to rounding
@@ -46,7 +46,7 @@ class Split:
 
 
 @dataclass(frozen=True)
-class KPRGP:
+class KPRGP(SolverSettings):
     """Algorithm KPRGP as a value.
 
     Attributes:
@@ -59,19 +59,9 @@ class KPRGP:
         ValueError: If a constant is outside its bounds.
     """
 
-    tolerance: float = 1e-8
-    proportionality: float = 1.0
-    step: float = 1.9
-    max_iterations: int = 20_000
-
-    def __post_init__(self) -> None:
-        bounds = (
-            ("tolerance", self.tolerance > 0.0, "> 0"),
-            ("proportionality", self.proportionality > 0.0, "> 0"),
-            ("step", 0.0 < self.step < 2.0, "in (0, 2)"),
-            ("max_iterations", self.max_iterations >= 1, "at least 1"),
-        )
-        check_constants(self, bounds)
+    proportionality: float = within("(0, inf)", 1.0)
+    step: float = within("(0, 2)", 1.9)
+    max_iterations: int = within("[1, inf)", 20_000)
 
     def solve(
         self,
@@ -148,8 +138,6 @@ class KPRGP:
             slip_bound=qp.slip_bound(x),
             multipliers=_multipliers(qp, x, gradient),
             status=goal.verdict(residual, x, status),
-            outer_steps=0,
-            newton_steps=0,
             products=qp.A.products - products,
             residual=residual,
             history=tuple(history),
@@ -204,7 +192,7 @@ def _feasible_step(qp: FrictionProblem, x: FloatArray, p: FloatArray, free: npt.
     with np.errstate(divide="ignore", invalid="ignore"):
         bound = np.where(free[:, 0] & (p[:, 0] > 0.0), (x[:, 0] - qp.lower) / p[:, 0], np.inf)
         squared, outward = np.sum(p[:, 1:] ** 2, axis=1), -np.sum(p[:, 1:] * x[:, 1:], axis=1)
-        room = qp.law.cohesion**2 - np.sum(x[:, 1:] ** 2, axis=1)
+        room = qp.slip_bound(x.ravel()) ** 2 - np.sum(x[:, 1:] ** 2, axis=1)
         root = room / (outward + np.sqrt(outward**2 + squared * room))
     disc = root[free[:, 1] & (squared > 0.0)]
     return min(qp.reductions.min(bound), qp.reductions.min(disc))

@@ -8,6 +8,7 @@ there is slip, friction is at its bound and opposes the slip.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,20 +43,49 @@ class FrictionLaw:
         """Bounds in proportion to the normal forces, coefficients of shape (m,)."""
         return FrictionLaw(np.zeros_like(friction), friction)
 
+    @staticmethod
+    def joined(laws: Sequence[FrictionLaw]) -> FrictionLaw:
+        """The law of the nodes of several laws, one after the other."""
+        return FrictionLaw(*(np.concatenate([getattr(law, name) for law in laws]) for name in ("cohesion", "friction")))
+
+    def validate(self, nodes: int, over: Reductions) -> None:
+        """Check shapes and numbers; collective.
+
+        Raises:
+            ValueError: On every rank, if the law is not one of this many nodes, or has a number that is not permitted.
+        """
+        for name, values in (("cohesion", self.cohesion), ("friction", self.friction)):
+            if not over.all(values.shape == (nodes,)):
+                raise ValueError(f"{name} must have shape ({nodes},), one per contact node, but has {values.shape}")
+            if not over.all(bool(np.all(np.isfinite(values) & (values >= 0.0)))):
+                raise ValueError(f"{name} has entries that are negative or not finite")
+
     def name(self, over: Reductions) -> str:
         """Name of the law over all ranks, one of `LAWS`: Coulomb's without cohesion, Tresca's without friction."""
         if over.max(self.cohesion) <= 0.0:
             return "coulomb"
         return "mohr-coulomb" if over.max(self.friction) > 0.0 else "tresca"
 
-    def at(self, which: npt.NDArray[np.bool_]) -> FrictionLaw:
-        """The law of some of the nodes."""
+    def at(self, which: npt.NDArray[np.bool_ | np.int64]) -> FrictionLaw:
+        """The law of some of the nodes, a mask or their numbers."""
         return FrictionLaw(self.cohesion[which], self.friction[which])
 
-    @property
-    def slope(self) -> FloatArray:
-        """dr/dx_n, shape (m,): the coefficient of friction."""
+    def rough(self, friction: float) -> FrictionLaw:
+        """The law with this coefficient at all nodes whose bound grows with pressure."""
+        return FrictionLaw(self.cohesion, np.where(self.sloped, friction, 0.0))
+
+    def only(self, which: npt.NDArray[np.bool_], otherwise: float) -> FrictionLaw:
+        """The law at some of the nodes (m,); at the others a bound that does not depend on the pressure."""
+        return FrictionLaw(np.where(which, self.cohesion, otherwise), np.where(which, self.friction, 0.0))
+
+    def slope(self, x_n: FloatArray) -> FloatArray:
+        """dr/dx_n at normal forces x_n > 0, both of shape (m,): the coefficient of friction."""
         return self.friction
+
+    @property
+    def sloped(self) -> npt.NDArray[np.bool_]:
+        """Nodes whose bound grows with pressure, shape (m,)."""
+        return self.friction > 0.0
 
     @property
     def frictional(self) -> npt.NDArray[np.bool_]:
@@ -67,9 +97,11 @@ class FrictionLaw:
         bound: FloatArray = self.cohesion + self.friction * np.maximum(x_n, 0.0)
         return bound
 
-    def scaled(self, force: FloatArray | float) -> FrictionLaw:
-        """The law in units of a force, one number or one per node, shape (m,), for forces in the same units."""
-        return FrictionLaw(self.cohesion / force, self.friction)
+    def scaled(self, normal: FloatArray | float, friction: FloatArray | float | None = None) -> FrictionLaw:
+        """The law for normal forces in units of `normal` and friction in units of `friction`, by default the same; one
+        number or one per node, shape (m,)."""
+        unit = normal if friction is None else friction
+        return FrictionLaw(self.cohesion / unit, self.friction * (normal / unit))
 
     def project(self, x: FloatArray, x_n: FloatArray, lower: float | FloatArray = 0.0) -> FloatArray:
         """The point nearest to x with x_n' >= lower and |x_t| <= r(x_n), node by node.
@@ -109,16 +141,6 @@ class FrictionLaw:
         way = np.hypot(slip[:, 0], slip[:, 1])
         friction: FloatArray = slip * (self.radius(x_n) / np.where(way > 0.0, way, 1.0))[:, None]
         return friction
-
-    def violation(self, x: FloatArray) -> FloatArray:
-        """Friction force over its bound, |x_t| - r(x_n) in newtons, shape (m,); negative inside it.
-
-        Args:
-            x: Forces in newtons, shape (3 m,), node by node (n, t1, t2).
-        """
-        v = x.reshape(-1, 3)
-        excess: FloatArray = np.hypot(v[:, 1], v[:, 2]) - self.radius(v[:, 0])
-        return excess
 
     def natural_residual(
         self,

@@ -23,7 +23,7 @@ Rigid motions border the system, [J, -G^T; G, 0]; a constraint preconditioner ma
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -43,7 +43,8 @@ from ..linalg.compliance import (
 from ..linalg.reductions import Reductions
 from .linearization import Linearization, NodalInverse, disc_inverse, like
 from .rigid_motions import NO_MOTION
-from .scaled_compliance import ProductImages, ScaledCompliance
+from .scaled_compliance import IterateProducts, ScaledCompliance
+from .settings import Settings, within
 
 ROUNDING = 1e-15
 """Relative residual of a Krylov method at the level of rounding errors in double precision."""
@@ -88,50 +89,22 @@ class NewtonEquations(NamedTuple):
 
 
 class NewtonSystem(Protocol):
-    """Solves the systems of all steps; made once per problem."""
+    """Solves the systems of all steps; made once per problem.
 
-    def start(self, x: FloatArray, tolerance: float) -> FloatArray:
-        """A x of the first iterate x (m, 3), to a relative accuracy."""
+    Attributes:
+        products: A x of the iterates.
+    """
+
+    @property
+    def products(self) -> IterateProducts: ...
+
+    def solve(self, equations: NewtonEquations) -> NewtonStep:
+        """The step, as accurate as asked for."""
         ...
 
-    def advance(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
-        """A x of the next iterate x (m, 3), alpha along the last step.
-
-        Args:
-            x: Shape (m, 3).
-            predicted: A x + alpha A dx for a straight step: sufficient if products are exact.
-            alpha: Step length.
-            tolerance: Accuracy of a product relative to the change.
-        """
-        ...
-
-    def exact_product(self, x: FloatArray) -> FloatArray:
-        """The most accurate A x, shape (m, 3), for the final residual."""
-        ...
-
-    def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
-        """A x (m, 3) of the present iterate with which to continue, once the exact one is known."""
-        ...
-
-    def tighten(self) -> None:
-        """Make inexact products ten times as accurate from now on, and rely less on those made so far."""
-        ...
-
-    def solve(self, wanted: NewtonEquations) -> NewtonStep:
-        """The step, as accurate as it is wanted."""
-        ...
-
-    def correction(self, r2: FloatArray, at: Linearization | None = None) -> NewtonStep | None:
-        """The solution for r1 = 0, r2 (m, 2) with an approximation of A, without a product; None if there is none.
-
-        Args:
-            r2: Shape (m, 2).
-            at: The linearisation; by default that of the last step.
-        """
-        ...
-
-    def estimate(self, x: FloatArray) -> FloatArray:
-        """Approximate A x (m, 3), without a product."""
+    def correction(self, r2: FloatArray) -> NewtonStep | None:
+        """The solution of the last system for r1 = 0, r2 (m, 2) with an approximation of A, without a product; None if
+        there is none."""
         ...
 
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
@@ -164,7 +137,7 @@ class NewtonChoice(Protocol):
 
 
 @dataclass(frozen=True)
-class SchurComplementSystem:
+class SchurComplementSystem(Settings):
     """J_SC with P_SC: the multipliers eliminated, three unknowns per node; CG without slope, else FGMRES.
 
     Attributes:
@@ -173,8 +146,8 @@ class SchurComplementSystem:
             ten times as accurate after every step from which the gradient grows (`InteriorPoint.growth`).
     """
 
-    rank: int = 100
-    product: tuple[float, float] = (0.03, 0.1)
+    rank: int = within("[0, inf)", 100)
+    product: tuple[float, float] = within("(0, 1]", (0.03, 0.1))
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
         """See `NewtonChoice`."""
@@ -182,7 +155,7 @@ class SchurComplementSystem:
 
 
 @dataclass(frozen=True)
-class AugmentedSystem:
+class AugmentedSystem(Settings):
     """J_AM with P_AM: five unknowns per node, CG on the symmetric indefinite system; for problems without slope.
 
     Attributes:
@@ -190,8 +163,8 @@ class AugmentedSystem:
         product: As of SchurComplementSystem.
     """
 
-    rank: int = 100
-    product: tuple[float, float] = (0.01, 1.0)
+    rank: int = within("[0, inf)", 100)
+    product: tuple[float, float] = within("(0, 1]", (0.01, 1.0))
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
         """See `NewtonChoice`."""
@@ -203,11 +176,24 @@ class AugmentedSystem:
         return _Augmented(A, self.rank, self.product, 5, sloped)
 
 
-class _Krylov(ProductImages):
+class _LearntProducts(IterateProducts):
+    """Products beside an approximation of A, on which less reliance is placed once they have to be more accurate."""
+
+    def __init__(self, A: ScaledCompliance, rely_less: Callable[[], None]):
+        super().__init__(A)
+        self._rely_less = rely_less
+
+    def tighten(self) -> None:
+        super().tighten()
+        self._rely_less()
+
+
+class _Krylov:
     """The common part of J_AM/P_AM and J_SC/P_SC: products, and the low-rank approximation of A made from them."""
 
     def __init__(self, A: ScaledCompliance, rank: int, product: tuple[float, float], block: int, sloped: bool) -> None:
-        super().__init__(A)
+        self.products = _LearntProducts(A, self._rely_less)
+        self._scaled = A
         self._comm, self._product, self._accuracy = A.comm, product, 0.0
         known = A.known()
         self._A = LowRankApproximation(
@@ -249,7 +235,7 @@ class _Krylov(ProductImages):
         columns = self._A.nodal_columns(self._block, self._at.frictional)
         self._preconditioner = LowRankUpdate(self._comm, inverse, columns, self._A.signs)
         self._bordered = ConstraintPreconditioner(self._preconditioner, self._constraints, self._block)
-        self._accuracy = self._sharper * min(max(tolerance, self._product[0]), self._product[1])
+        self._accuracy = self.products.sharper * min(max(tolerance, self._product[0]), self._product[1])
         size = float(np.hypot(size, np.linalg.norm(r3))) if len(r3) else size
         atol = max(min(tolerance * size, cap), ROUNDING * size)
         unknowns, moved, dalpha, iterations = self._krylov.solve(self._weight * rhs, guess, atol, r3)
@@ -267,14 +253,10 @@ class _Krylov(ProductImages):
     def _norm(self, r: FloatArray) -> float:
         return float(np.sqrt(Reductions(self._comm).dot(r, r)))
 
-    def correction(self, r2: FloatArray, at: Linearization | None = None) -> NewtonStep | None:
+    def correction(self, r2: FloatArray) -> NewtonStep | None:
         return None
 
-    def estimate(self, x: FloatArray) -> FloatArray:
-        return self._A.mult(x)
-
-    def tighten(self) -> None:
-        super().tighten()
+    def _rely_less(self) -> None:
         self._A.replace_nothing()
 
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
@@ -294,8 +276,8 @@ class _Krylov(ProductImages):
 class _SchurComplement(_Krylov):
     """J_SC with P_SC."""
 
-    def solve(self, wanted: NewtonEquations) -> NewtonStep:
-        at, r1, r2, weight, tolerance, cap, r3 = wanted
+    def solve(self, equations: NewtonEquations) -> NewtonStep:
+        at, r1, r2, weight, tolerance, cap, r3 = equations
         self._at, self._weight = at, weight
         rhs = r1 + at.J12(r2 / at.D22)
         size = self._norm(weight * rhs)
@@ -304,17 +286,11 @@ class _SchurComplement(_Krylov):
         )
         return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations, dalpha)
 
-    def correction(self, r2: FloatArray, at: Linearization | None = None) -> NewtonStep | None:
+    def correction(self, r2: FloatArray) -> NewtonStep | None:
         if self._scaled.rigid.shape[1]:  # on soft springs A x and b nearly cancel: too much for an approximation of A
             return None
-        inverse = self._bordered
-        if at is None:
-            at = self._at
-        else:
-            columns = self._A.nodal_columns(self._block, at.frictional)
-            update = LowRankUpdate(self._comm, NodalInverse(at, self._A.rest), columns, self._A.signs)
-            inverse = ConstraintPreconditioner(update, self._constraints, self._block)
-        dx, dalpha = inverse(at.J12(r2 / at.D22), np.zeros(self._constraints.count))
+        at = self._at
+        dx, dalpha = self._bordered(at.J12(r2 / at.D22), np.zeros(self._constraints.count))
         return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self._A.mult(dx), 0, dalpha)
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
@@ -324,9 +300,9 @@ class _SchurComplement(_Krylov):
 class _Augmented(_Krylov):
     """J_AM with P_AM, without slope."""
 
-    def solve(self, wanted: NewtonEquations) -> NewtonStep:
-        self._at = at = wanted.at
-        r1, r2 = wanted.r1, wanted.r2
+    def solve(self, equations: NewtonEquations) -> NewtonStep:
+        self._at = at = equations.at
+        r1, r2 = equations.r1, equations.r2
         self._D11 = self._A.rest + np.column_stack([np.zeros_like(at.h), at.h, at.h])
         self._D11[~at.frictional, 1:] = 1.0
         self._S22 = at.D22 + np.column_stack([1.0 / self._D11[:, 0], np.sum(at.y**2 / self._D11[:, 1:], axis=1)])
@@ -334,7 +310,7 @@ class _Augmented(_Krylov):
         size = self._norm(r1 - at.J12(guess[:, 3:]))
         rhs = np.hstack([r1, r2])
         unknowns, A_dx, dalpha, iterations = self._solve(
-            self._nodal_inverse, rhs, guess, size, wanted.tolerance, wanted.cap, wanted.r3
+            self._nodal_inverse, rhs, guess, size, equations.tolerance, equations.cap, equations.r3
         )
         return NewtonStep(unknowns[:, :3], unknowns[:, 3:], A_dx, iterations, dalpha)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import Literal
@@ -22,21 +22,6 @@ class Status(Enum):
     MAX_ITERATIONS = "max_iterations"
     INTERRUPTED = "interrupted"
     NO_EQUILIBRIUM = "no_equilibrium"
-
-
-def check_constants(owner: object, bounds: Iterable[tuple[str, bool, str]]) -> None:
-    """Refuse solver constants outside their bounds.
-
-    Args:
-        owner: The solver, a value with its constants as fields.
-        bounds: For every constant its name, whether its bound holds, and the bound as text.
-
-    Raises:
-        ValueError: With solver, constant, bound and value.
-    """
-    for name, holds, must in bounds:
-        if not holds:
-            raise ValueError(f"{type(owner).__name__}: {name} must be {must}, but is {getattr(owner, name)}")
 
 
 Accept = Callable[..., bool]
@@ -231,12 +216,12 @@ class SolverResult:
     slip_bound: FloatArray
     multipliers: FloatArray
     status: Status
-    outer_steps: int
-    newton_steps: int
-    products: int
     residual: float
-    history: tuple[QPStep, ...] | tuple[OuterStep, ...]
     method: str
+    outer_steps: int = 0
+    newton_steps: int = 0
+    products: int = 0
+    history: tuple[QPStep, ...] | tuple[OuterStep, ...] = ()
     contraction: float = math.nan
     message: str = ""
     rigid: FloatArray = field(default_factory=NO_MOTION.copy)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ..arrays import FloatArray
@@ -100,37 +98,44 @@ _SHARPEST = 1e-5
 """Smallest factor of the accuracy of products: below it the accuracy of the solves with K decides."""
 
 
-class ProductImages:
-    """A x of the iterates for Newton systems that use products by A.
-
-    The methods are those of `NewtonSystem`.
+class IterateProducts:
+    """A x of the iterates, one product each, the next from the one before.
 
     Args:
         A: The scaled compliance.
+
+    Attributes:
+        sharper: Factor of the accuracy of inexact products, 1 at first.
     """
 
     def __init__(self, A: ScaledCompliance):
-        self._scaled, self._sharper = A, 1.0
+        self._scaled, self.sharper = A, 1.0
 
-    def start(self, x: FloatArray, tolerance: float) -> FloatArray:
+    def first(self, x: FloatArray, tolerance: float) -> FloatArray:
+        """A x of the first iterate x (m, 3), to a relative accuracy."""
         return self._scaled.mult_incremental(x, tolerance)
 
-    def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
-        return exact
-
-    def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
-        """A system without a model of A has no use for them."""
-
-    def keep(self) -> None:
-        """A system without a model of A has nothing to keep."""
-
-    def tighten(self) -> None:
-        self._sharper = max(0.1 * self._sharper, _SHARPEST)
-
     def advance(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
+        """A x of the next iterate x (m, 3), alpha along the last step.
+
+        Args:
+            x: Shape (m, 3).
+            predicted: A x + alpha A dx for a straight step: sufficient if products are exact.
+            alpha: Step length.
+            tolerance: Accuracy of a product relative to the change.
+        """
         if predicted is not None and self._scaled.A.exact:
             return predicted
-        return self._scaled.mult_incremental(x, self._sharper * tolerance)
+        return self._scaled.mult_incremental(x, self.sharper * tolerance)
 
-    def exact_product(self, x: FloatArray) -> FloatArray:
+    def exact(self, x: FloatArray) -> FloatArray:
+        """The most accurate A x, shape (m, 3), for the final residual."""
         return self._scaled.mult_incremental(x)
+
+    def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
+        """A x (m, 3) of the present iterate with which to continue, once the exact one is known."""
+        return exact
+
+    def tighten(self) -> None:
+        """Make inexact products ten times as accurate from now on."""
+        self.sharper = max(0.1 * self.sharper, _SHARPEST)

@@ -31,7 +31,6 @@ import numpy as np
 
 from ..arrays import FloatArray, side_by_side, squares
 from .friction_problem import FrictionProblem
-from .laws import FrictionLaw
 from .linearization import Linearization
 from .rigid_motions import NO_MOTION, MotionBasis
 from .scaled_compliance import ScaledCompliance
@@ -62,14 +61,13 @@ class Step(NamedTuple):
     dy: FloatArray
     dnu: FloatArray
     A_dx: FloatArray
-    A_bend: FloatArray | float
     iterations: int
     dalpha: FloatArray = NO_MOTION
 
     def at(self, alpha: float) -> Iterate:
         """The iterate at a step length; A x to first order where the curve is not straight."""
         v = self.v
-        A_x = v.A_x + alpha * self.A_dx + alpha**2 * self.A_bend
+        A_x = v.A_x + alpha * self.A_dx
         motion = v.alpha + alpha * self.dalpha
         return Iterate(v.x_n + alpha * self.dx_n, v.y + alpha * self.dy, v.nu + alpha * self.dnu, A_x, motion)
 
@@ -101,9 +99,8 @@ class ScaledProblem:
         self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
         self._a, self._s = problem.mean_diagonal, self._nominal_force()
         law = problem.law.scaled(self._s)
-        unit = np.where(self.frictional & (law.slope == 0.0), np.minimum(law.cohesion, 1.0), 1.0)
-        cohesion, slope = np.where(self.frictional, [law.cohesion / unit, law.friction], [[1.0], [0.0]])
-        self.law = FrictionLaw(cohesion, slope)
+        unit = np.where(self.frictional & ~law.sloped, np.minimum(law.radius(np.zeros(self.nodes)), 1.0), 1.0)
+        self.law = law.scaled(1.0, unit).only(self.frictional, 1.0)
         self._W = np.column_stack([np.ones(self.nodes), unit, unit])
         self._T, G, self.e = self._motions()
         self.A = ScaledCompliance(problem.A, self._W, self._a, self._s, G)
@@ -221,7 +218,7 @@ class ScaledProblem:
         """The Newton system at an iterate."""
         r = self.law.radius(v.x_n)
         return Linearization(
-            slope=self.law.slope,
+            slope=self.law.slope(v.x_n),
             r=r,
             h=self.on_constraints(v.nu)[:, 1] / r,
             y=v.y,

@@ -13,38 +13,125 @@ G^T alpha, and G x = e are further equations.
 
 Which of several solutions of a Coulomb problem it finds is not known, as for the interior-point method; it stays near
 the start.
+
+Preconditioner of the semismooth Newton systems P dx + Q dw = r, dw = A dx: A replaced by D - V V^T + U U^T.
+
+With C = (U, V) and S the signs of their products, M = P + Q (D + C S C^T) has by Woodbury's formula the inverse
+
+    M^-1 = N^-1 - R C (S + C^T R C)^-1 C^T N^-1, N = P + Q D, R = N^-1 Q,
+
+N and R nodal.  R = D^-1 where a node sticks, and in the row of the normal force of every closed node: there P = 0.
+So C^T R C is C^T D^-1 C, which stays from step to step, and a product with the other rows of C; or it is that of the
+point before, and a product with the rows that have changed since.  Where products are exact, and so cheap that these
+sums count, nodes where P and Q have changed by less than `_CHANGED` keep theirs: what they do to the iterations is
+small beside what the approximation of A does.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.linalg.lapack import dgetrf, dgetrs
 
 from ..arrays import FloatArray
 from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, Constraints, LowRankApproximation
+from ..linalg.reductions import Reductions, summed
 from .contact_equations import ContactDerivative, ContactEquations
-from .contact_preconditioner import ContactPreconditioner
 from .friction_problem import FrictionProblem
-from .results import (
-    Goal,
-    NotConverged,
-    Progress,
-    ProgressCallback,
-    SemismoothStep,
-    SolverResult,
-    Status,
-    check_constants,
-)
+from .results import Goal, NotConverged, Progress, ProgressCallback, SemismoothStep, SolverResult, Status
 from .rigid_motions import NO_MOTION, MotionBasis
-from .scaled_compliance import ProductImages, ScaledCompliance
+from .scaled_compliance import IterateProducts, ScaledCompliance
+from .settings import SolverSettings, within
+
+_CHANGED = 0.03
+"""Change of P, and of Q D, of a node from which on its part is replaced."""
+
+_ROUNDING = 1e-13
+"""Entries of R D - 1 below this are rounding errors."""
+
+_LARGE = 1e3
+"""Entries of R D above this leave rounding errors in the sums, which are then made anew."""
+
+
+class ContactPreconditioner:
+    """M^-1 at one point after the other; collective, as every application.
+
+    Args:
+        comm: The ranks.
+        A: The approximation of A, not to be changed as long as this is used.
+
+    Attributes:
+        A: The argument.
+    """
+
+    def __init__(self, comm: MPI.Comm, A: LowRankApproximation):
+        self._comm, self.A, m = comm, A, len(A.rest)
+        self._changed = _CHANGED if A.exact else 0.0
+        self._D: FloatArray = A.rest
+        self._P: FloatArray = np.full((m, 3, 3), np.inf)
+        self._QD: FloatArray = np.zeros((m, 3, 3))
+        self._N_inverse: FloatArray = np.zeros((m, 3, 3))
+        self._R: FloatArray = np.zeros((m, 3, 3))
+        self._RD: FloatArray = np.zeros((m, 3, 3))
+        self._core: FloatArray | None = None
+
+    @cached_property
+    def _weighted(self) -> FloatArray:
+        """D^-1 C, node by node, shape (m, 3, s)."""
+        return self.A.weighted_columns.reshape(*self._D.shape, self.A.columns.shape[1])
+
+    def move(self, at: ContactDerivative) -> None:
+        """To a point: the equations and their derivative there; collective."""
+        QD = at.Q * self._D[:, None, :]
+        with np.errstate(invalid="ignore"):
+            size = np.maximum(np.abs(at.P - self._P), np.abs(QD - self._QD)).max(axis=(1, 2))
+        new = np.flatnonzero(~(size <= self._changed))  # nan is a change
+        self._P[new], self._QD[new] = at.P[new], QD[new]
+        self._N_inverse[new] = np.linalg.inv(at.P[new] + QD[new])
+        R = self._N_inverse[new] @ at.Q[new]
+        RD = R * self._D[new][:, None, :]
+        if self.A.columns.shape[1]:
+            self._replace(new, RD)
+        self._R[new], self._RD[new] = R, RD
+
+    def _replace(self, new: npt.NDArray[np.intp], RD: FloatArray) -> None:
+        """C^T R C with R D of the nodes `new`, and its factors."""
+        over, one, before = Reductions(self._comm), np.eye(3), self._core
+        if before is not None and not over.any(len(new) > 0):
+            return
+        change, after = RD - self._RD[new], self._RD.copy()
+        large = bool(np.any(np.abs(after[new]) > _LARGE))
+        after[new] = RD
+        others = np.flatnonzero(np.any(np.abs(after - one) > _ROUNDING, axis=(1, 2)))
+        if before is None or over.any(large or len(others) <= len(new)):
+            new, change, before = others, after[others] - one, np.diag(self.A.signs) + self.A.weighted_gram
+        s = self.A.columns.shape[1]
+        rows = np.flatnonzero(np.any(np.abs(change) > _ROUNDING, axis=2).ravel())
+        changed = (change @ self._weighted[new]).reshape(-1, s)[rows]
+        seen = self.A.columns.reshape(-1, 3, s)[new].reshape(-1, s)[rows]
+        self._core = before + summed(self._comm, seen.T @ changed)
+        self._factors, self._pivots, _ = dgetrf(self._core)  # a singular one gives no numbers: the method ends
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        """M^-1 applied to r (m, 3) or (m, 3, columns); collective."""
+        C, count = self.A.columns, math.prod(r.shape[2:])
+        z = self._N_inverse @ r.reshape(len(r), 3, count)
+        if C.shape[1] > 0:
+            seen = summed(self._comm, C.T @ z.reshape(len(C), count))
+            known = dgetrs(self._factors, self._pivots, seen)[0]
+            z -= self._R @ (C @ known).reshape(z.shape)
+        applied: FloatArray = z.reshape(r.shape)
+        return applied
 
 
 @dataclass(frozen=True)
-class SemismoothNewton:
+class SemismoothNewton(SolverSettings):
     """The semismooth Newton method as a value.
 
     It is not among the public names of `coulomb`: without a start near the answer it fails on most problems, and it
@@ -71,30 +158,18 @@ class SemismoothNewton:
         ValueError: If a constant is outside its bounds.
     """
 
-    tolerance: float = 1e-8
-    max_iterations: int = 20
-    patience: int = 4
-    falls: float = 0.9
-    refused: float = 0.0
-    forcing: float = 0.1
-    sharpest: float = 1e-6
-    rank: tuple[int, int] = (60, 100)
-    updated_from: tuple[int, int] = (16, 12)
-    product: float = 1e-3
-    finer: float = 1e-3
+    max_iterations: int = within("[1, inf)", 20)
+    patience: int = within("[1, inf)", 4)
+    falls: float = within("(0, 1]", 0.9)
+    refused: float = within("[0, inf)", 0.0)
+    forcing: float = within("(0, 1)", 0.1)
+    sharpest: float = within("(0, forcing]", 1e-6)
+    rank: tuple[int, int] = within("[0, inf)", (60, 100))
+    updated_from: tuple[int, int] = within("[1, inf)", (16, 12))
+    product: float = within("(0, 1)", 1e-3)
+    finer: float = within("(0, 1]", 1e-3)
 
     name = "semismooth Newton"
-
-    def __post_init__(self) -> None:
-        bounds = (
-            ("tolerance", self.tolerance > 0.0, "> 0"),
-            ("max_iterations", self.max_iterations >= 1, "at least 1"),
-            ("patience", self.patience >= 1, "at least 1"),
-            ("falls", 0.0 < self.falls <= 1.0, "in (0, 1]"),
-            ("forcing", 0.0 < self.forcing < 1.0, "in (0, 1)"),
-            ("sharpest", 0.0 < self.sharpest <= self.forcing, "in (0, forcing]"),
-        )
-        check_constants(self, bounds)
 
     def solve(
         self,
@@ -126,7 +201,7 @@ class SemismoothNewton:
         return result
 
 
-class _Iteration(ProductImages):
+class _Iteration:
     """The steps from one start.  Forces in newtons; A, b, w in units of the mean diagonal a of A, newtons as well."""
 
     def __init__(
@@ -142,7 +217,8 @@ class _Iteration(ProductImages):
             basis = MotionBasis(problem.rigid.G * unknown.ravel(), self._over)
             self._T, self._e = basis.T, basis.T @ problem.rigid.e
             G = (basis.T @ basis.G).T.reshape(m, 3, len(basis.T))
-        super().__init__(ScaledCompliance(problem.A, np.ones((m, 3)), self._a, 1.0, G))
+        self._scaled = ScaledCompliance(problem.A, np.ones((m, 3)), self._a, 1.0, G)
+        self._images = IterateProducts(self._scaled)
         self._scaled.recalls = True
         self._b = problem.b.reshape(-1, 3) / self._a
         d = self._scaled.diagonal
@@ -197,7 +273,7 @@ class _Iteration(ProductImages):
             found.append((self._residual(x, A_x, self._closing(x, A_x)), x, A_x))
         _, x, A_x = min(found, key=lambda one: one[0] if one[0] == one[0] else math.inf)
         if not self._problem.A.exact:
-            A_x = self.start(x, self._settings.product)
+            A_x = self._images.first(x, self._settings.product)
         return x, A_x, self._closing(x, A_x)
 
     def _from(self, forces: FloatArray, gradient: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -238,7 +314,7 @@ class _Iteration(ProductImages):
                 self._finer if step == 0 else 1.0
             ):  # A x may be inexact: decide with the most accurate product
                 x = self._equations.opened(x, self._w(A_x, alpha))  # without rounding errors at open nodes
-                A_x = self.exact_product(x)
+                A_x = self._images.exact(x)
                 residual = self._residual(x, A_x, alpha)
                 reached = goal.reached(
                     residual, self._problem.completed(x.ravel()), None if not len(self._e) else self._motion(alpha)
@@ -264,9 +340,9 @@ class _Iteration(ProductImages):
                 break
             dx, A_dx, dalpha, iterations = self._solved(at, x, residual)
             x, alpha = x + dx, alpha + dalpha
-            A_x = self.advance(x, A_x + A_dx, 1.0, settings.product)
+            A_x = self._images.advance(x, A_x + A_dx, 1.0, settings.product)
         if not reached:
-            A_x = self.exact_product(x)
+            A_x = self._images.exact(x)
         return self._result(x, A_x, alpha, history, status)
 
     def _solved(
@@ -313,9 +389,7 @@ class _Iteration(ProductImages):
             slip_bound=self._problem.slip_bound(forces),
             multipliers=multipliers,
             status=self._goal.verdict(residual, forces, status, motion),
-            outer_steps=0,
             newton_steps=len(history),
-            products=0,
             residual=residual,
             history=tuple(history),
             method=self._settings.name,

@@ -17,11 +17,18 @@ from .equilibrium import balanced_forces
 from .friction_problem import FrictionProblem, Solver
 from .interior_point import InteriorPoint
 from .newton_systems import AugmentedSystem
-from .results import Goal, NotConverged, OuterStep, Progress, ProgressCallback, SolverResult, Status, check_constants
+from .results import Goal, NotConverged, OuterStep, Progress, ProgressCallback, SolverResult, Status
+from .settings import SolverSettings, within
+
+_LEAST_DAMPING = 0.05  # by the measured slope
+_NEAR = 0.1  # change of g below which acceleration starts: before, the map is too far from linear
+_PATIENCE = 12  # Tresca problems without a better change of g after which the iteration has stagnated
+_TURNS = 5  # successive changes of g, each opposite to the one before and none the smallest: an oscillation
+_GROWTH = (8, 1e2)  # successive increases of the slip bound, and multiple of the first: divergence
 
 
 @dataclass(frozen=True)
-class SuccessiveTresca:
+class SuccessiveTresca(SolverSettings):
     """Fixed-point iteration g <- r(x_n(g)) (Panagiotopoulos), started with the cohesion; every Tresca problem starts
     from the last answer.
 
@@ -34,42 +41,19 @@ class SuccessiveTresca:
             a wedge of slope s, where plain iteration has the factor -F/s, 1/(1 + F/s).
         max_iterations: Tresca problems before the solver gives up.
         newton_steps: Newton steps of all Tresca problems after which no further one begins.
-        patience: Tresca problems without a better change of g after which the iteration is called stagnated.
-        turns: Number of successive changes of g, each opposite to the one before and none the smallest, that are called
-            an oscillation.
-        growth: Number of successive increases of the slip bound, and multiple of the first, that are called divergence.
-        least_damping: Smallest damping chosen by the measured slope.
-        near: Acceleration starts at changes of g below this: before, the map is too far from linear.
 
     Raises:
         ValueError: If a constant is outside its bounds.
     """
 
-    tolerance: float = 1e-8
     qp_solver: Solver = field(default_factory=lambda: InteriorPoint(r_tol=0.1, c_fact=0.9, newton=AugmentedSystem()))
-    inner_precision: float = 1e-2
-    memory: int = 5
-    damping: float | None = None
-    max_iterations: int = 60
-    newton_steps: float = math.inf
-    patience: int = 12
-    turns: int = 5
-    growth: tuple[int, float] = (8, 1e2)
-    least_damping: float = 0.05
-    near: float = 0.1
+    inner_precision: float = within("(0, 1)", 1e-2)
+    memory: int = within("[0, inf)", 5)
+    damping: float | None = within("(0, 1]", None)
+    max_iterations: int = within("[1, inf)", 60)
+    newton_steps: float = within("[1, inf]", math.inf)
 
     name = "successive Tresca"
-
-    def __post_init__(self) -> None:
-        bounds = (
-            ("tolerance", self.tolerance > 0.0, "> 0"),
-            ("inner_precision", 0.0 < self.inner_precision < 1.0, "in (0, 1)"),
-            ("memory", self.memory >= 0, "at least 0"),
-            ("damping", self.damping is None or 0.0 < self.damping <= 1.0, "in (0, 1], or None"),
-            ("max_iterations", self.max_iterations >= 1, "at least 1"),
-            ("newton_steps", self.newton_steps >= 1, "at least 1"),
-        )
-        check_constants(self, bounds)
 
     def solve(
         self,
@@ -102,7 +86,7 @@ class SuccessiveTresca:
         anderson = Anderson(self.memory, over)
         balanced = balanced_forces(problem, self.name)
         g = problem.law.radius(np.zeros(problem.A.nodes)) if start is None else problem.slip_bound(start)
-        old_g, old_wanted = None, None
+        old_g, old_image = None, None
         last: SolverResult | None = None
         best: tuple[float, SolverResult, FloatArray] | None = None
         residual, damping = 1.0, self.damping or 1.0
@@ -122,18 +106,18 @@ class SuccessiveTresca:
                 g = np.maximum(g, problem.slip_bound(balanced))
                 last, steps, krylov, trouble = self._tresca(problem, g, None, inner, iteration, progress)
             last = replace(last, x=problem.completed(last.x))  # where the slip is known, with r(x_n) in place of g
-            wanted = problem.slip_bound(last.x)
+            image = problem.slip_bound(last.x)
             residual = problem.residual(last.x, last.gradient)
             if best is None or residual < best[0]:
                 best = (residual, last, g)
-            old_misfit, misfit = misfit, wanted - g
-            size = over.norm(wanted)
+            old_misfit, misfit = misfit, image - g
+            size = over.norm(image)
             sizes.append(size)
             if old_misfit is not None:
                 turns.append(_cosine(old_misfit, misfit, over))
-            contraction, slope = _measure(g, old_g, wanted, old_wanted, over)
+            contraction, slope = _measure(g, old_g, image, old_image, over)
             if self.damping is None and not math.isnan(slope):
-                damping = max(1.0 / (1.0 - min(slope, 0.0)), self.least_damping)
+                damping = max(1.0 / (1.0 - min(slope, 0.0)), _LEAST_DAMPING)
             history.append(
                 OuterStep(
                     iteration=iteration,
@@ -158,16 +142,16 @@ class SuccessiveTresca:
             if trouble and last.residual > 0.1 * residual:
                 status, why = Status.STAGNATED, trouble
                 break
-            seen = self._diagnosis(history, sizes, turns)
+            seen = _diagnosis(history, sizes, turns)
             if seen is not None:
                 status = seen
                 break
             if sum(step.path_following for step in history) >= self.newton_steps:
                 break
-            old_g, old_wanted = g, wanted
-            if history[-1].change > self.near or (len(history) > 1 and history[-1].change > history[-2].change):
+            old_g, old_image = g, image
+            if history[-1].change > _NEAR or (len(history) > 1 and history[-1].change > history[-2].change):
                 anderson.restart()
-            g = self._without_negligible(np.maximum(anderson.next(g, misfit, damping), 0.0), g, over)
+            g = np.maximum(anderson.next(g, misfit, damping), 0.0)
         assert best is not None
         _, last, g = best
         gradient = problem.gradient(last.x, last.rigid)
@@ -230,28 +214,20 @@ class SuccessiveTresca:
                 break
         return result, steps, krylov, trouble
 
-    def _without_negligible(self, wanted: FloatArray, g: FloatArray, over: Reductions) -> FloatArray:
-        """The next slip bound: 0 at nodes with a negligible bound, as long as it stays negligible.
 
-        A node that opens has a remaining x_n of the size of the tolerance, whose friction is negligible and whose disc
-        degenerates.  A removed node must return with ten times the limit, to avoid cycles of removal and return.
-        """
-        negligible = 1e-2 * self.tolerance * over.max(wanted)
-        return np.where(wanted > np.where(g > 0.0, negligible, 10.0 * negligible), wanted, 0.0)
-
-    def _diagnosis(self, history: list[OuterStep], sizes: list[float], turns: list[float]) -> Status | None:
-        """Failure status from the changes of the slip bound; None while it may converge."""
-        changes = [step.change for step in history]
-        first = next((size for size in sizes if size > 0.0), math.inf)
-        times, multiple = self.growth
-        grown = len(sizes) > times and sizes[-1] > multiple * first
-        if grown and all(new > 1.1 * old for old, new in pairwise(sizes[-times - 1 :])):
-            return Status.DIVERGED
-        if _not_decreasing(changes, self.turns) and all(turn < -0.5 for turn in turns[-self.turns :]):
-            return Status.OSCILLATING
-        if _not_decreasing(changes, self.patience):
-            return Status.STAGNATED
-        return None
+def _diagnosis(history: list[OuterStep], sizes: list[float], turns: list[float]) -> Status | None:
+    """Failure status from the changes of the slip bound; None while it may converge."""
+    changes = [step.change for step in history]
+    first = next((size for size in sizes if size > 0.0), math.inf)
+    times, multiple = _GROWTH
+    grown = len(sizes) > times and sizes[-1] > multiple * first
+    if grown and all(new > 1.1 * old for old, new in pairwise(sizes[-times - 1 :])):
+        return Status.DIVERGED
+    if _not_decreasing(changes, _TURNS) and all(turn < -0.5 for turn in turns[-_TURNS:]):
+        return Status.OSCILLATING
+    if _not_decreasing(changes, _PATIENCE):
+        return Status.STAGNATED
+    return None
 
 
 def _cosine(v: FloatArray, w: FloatArray, over: Reductions) -> float:
@@ -264,16 +240,16 @@ def _ratio(part: float, whole: float) -> float:
 
 
 def _measure(
-    g: FloatArray, old_g: FloatArray | None, wanted: FloatArray, old_wanted: FloatArray | None, over: Reductions
+    g: FloatArray, old_g: FloatArray | None, image: FloatArray, old_image: FloatArray | None, over: Reductions
 ) -> tuple[float, float]:
     """Contraction and slope of the map between its last two arguments; nan where there are none."""
-    if old_g is None or old_wanted is None:
+    if old_g is None or old_image is None:
         return math.nan, math.nan
-    dg, image = g - old_g, wanted - old_wanted
+    dg, change = g - old_g, image - old_image
     size = over.norm(dg)
     if size == 0.0:
         return math.nan, math.nan
-    return over.norm(image) / size, over.dot(dg / size, image / size)
+    return over.norm(change) / size, over.dot(dg / size, change / size)
 
 
 def _not_decreasing(changes: list[float], count: int) -> bool:

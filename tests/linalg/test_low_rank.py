@@ -6,7 +6,7 @@ from conftest import dense_compliance, make_block, random_spd
 from mpi4py import MPI
 
 from benchmarks.table1 import PAPER, measure
-from coulomb import AugmentedSystem, InteriorPoint, IterativeSolver
+from coulomb import AugmentedSystem, InteriorPoint
 from coulomb.linalg.compliance.low_rank import LowRankApproximation, LowRankUpdate
 from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import Linearization
@@ -108,17 +108,6 @@ def test_all_of_the_rest_stays_once_errors_of_products_have_shown(A):
         recycled.update()
         model = np.diag(recycled.rest.ravel()) + recycled.U @ recycled.U.T
         assert np.allclose(model_of(recycled), model, rtol=1e-12, atol=1e-12) and np.all(recycled.signs == 1.0)
-
-
-def test_by_multigrid_newton_systems_solved_to_a_tenth_of_the_gradient_save_steps():
-    """13 steps in place of 15."""
-    default, loose = (
-        make_block(6, friction=1.0, linear_solver=IterativeSolver, explicit=False)
-        .solve(solver=solver)
-        .result.newton_steps
-        for solver in (InteriorPoint(), InteriorPoint(solved_share=0.3))
-    )
-    assert default <= 14 and default < loose
 
 
 def test_a_rigid_motion_in_the_approximation_leaves_a_small_rest():

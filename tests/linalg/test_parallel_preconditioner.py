@@ -9,7 +9,7 @@ from test_contact_preconditioner import NODES, equations
 
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
 from coulomb.linalg.reductions import concatenated
-from coulomb.solvers.contact_preconditioner import ContactPreconditioner
+from coulomb.solvers.semismooth_newton import ContactPreconditioner
 
 COMM = MPI.COMM_WORLD
 

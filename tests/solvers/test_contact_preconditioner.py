@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
 from coulomb.solvers.contact_equations import ContactEquations
-from coulomb.solvers.contact_preconditioner import ContactPreconditioner
 from coulomb.solvers.laws import FrictionLaw
+from coulomb.solvers.semismooth_newton import ContactPreconditioner
 
 NODES = 20
 

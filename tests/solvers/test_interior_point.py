@@ -52,7 +52,7 @@ def test_newton_direction_against_differences(scaled):
     scaled, v = scaled
     target = 0.1 * scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
     newton = DenseSystem().system(scaled.A, True)
-    step = newton_step(InteriorPoint(), scaled, newton, v, target, 1e-12, 1.0)
+    step = newton_step(scaled, newton, v, target, 1e-12, 1.0)
     e, f = 1e-6, scaled.frictional
 
     def equations(v):
@@ -64,9 +64,9 @@ def test_newton_direction_against_differences(scaled):
     scale = np.abs(r).max()
     assert np.allclose((r_plus - r_minus) / (2 * e), -r, atol=1e-6 * scale)
     assert np.allclose((c_plus - c_minus) / (2 * e), -c, atol=1e-6 * np.abs(c).max())
-    end = step.at(min(0.7, 0.99 * scaled.distance_to_boundary(v, step.dx_n, step.dy, step.dnu)))
-    assert np.abs(end.A_x - scaled.A.mult(scaled.forces(end.x_n, end.y))).max() <= 1e-12 * np.abs(end.A_x).max()
-    assert np.abs(step.A_bend).max() > 1e-3 * np.abs(step.A_dx).max()
+    ends = (step.at(t) for t in (1e-2, 1e-3))
+    errors = [np.abs(end.A_x - scaled.A.mult(scaled.forces(end.x_n, end.y))).max() for end in ends]
+    assert errors[0] > 0.0 and errors[1] == pytest.approx(1e-2 * errors[0], rel=1e-3)  # A x to first order
 
 
 def schur_matrix(A, at):
@@ -125,7 +125,7 @@ def test_preconditioner_is_the_inverse_it_claims_to_be(scaled):
     assert columns.shape[2] > 6
     assert np.allclose(P @ apply(rhs).ravel(), rhs.ravel(), atol=1e-8)
     x = np.random.default_rng(76).standard_normal((NODES, 3))
-    assert np.allclose(newton.estimate(x).ravel(), approximation @ x.ravel())
+    assert np.allclose(newton._A.mult(x).ravel(), approximation @ x.ravel())
     newton.destroy()
 
 
@@ -232,13 +232,7 @@ def test_failure_reports_why_and_carries_the_answer():
     result = failure.value.result
     assert result.status is Status.MAX_ITERATIONS and result.residual > 1e-8
     assert problem.residual(result.x) == pytest.approx(result.residual)
-    assert len(result.history) == result.newton_steps == 12  # three starts of four steps
-
-
-@pytest.mark.parametrize("field", ["tolerance", "r_tol", "c_fact", "gamma", "beta", "max_iterations"])
-def test_constants_outside_their_bounds(field):
-    with pytest.raises(ValueError, match=f"InteriorPoint: {field} must be"):
-        InteriorPoint(**{field: 0})
+    assert len(result.history) == result.newton_steps == 8  # two starts of four steps
 
 
 def test_unsupported_laws_are_named():
@@ -252,12 +246,12 @@ def test_unsupported_laws_are_named():
 
 def test_start_from_a_coarser_mesh():
     """Forces of half the resolution: the same answer, in no more steps; random starting forces change nothing."""
-    coarse, fine = solved_block(6), solved_block(12)
+    coarse, fine = solved_block(4), solved_block(8)
     start = interpolated_forces(coarse.contact_force, coarse.problem.surface, fine.problem.surface)
     assert np.linalg.norm(start - fine.contact_force) <= 0.15 * np.linalg.norm(fine.contact_force)
     problem = fine.problem.friction_problem
     cold, warm = InteriorPoint(1e-8).solve(problem), InteriorPoint(1e-8).solve(problem, start=start)
-    even = InteriorPoint(1e-8, free=0, starts=(0.1,)).solve(problem)
+    even = InteriorPoint(1e-8, start_products=0, starts=(0.1,)).solve(problem)
     for other in (warm, even):
         assert np.linalg.norm(other.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
     assert max(warm.newton_steps, cold.newton_steps) < even.newton_steps

@@ -4,8 +4,7 @@ cones and regularised Newton steps.  The door is `solve_coulomb`.
 
 from .cone_interior_point import ConeInteriorPoint
 from .cones import cone_residual
-from .general import solve_coulomb, solve_tresca
-from .matrix_automatic import MatrixAutomatic
+from .matrix_problems import MatrixAutomatic, solve_coulomb, solve_tresca
 from .regularised_newton import RegularisedNewton
 
 __all__ = [

@@ -1,19 +1,19 @@
 """Coulomb friction where A is a matrix without full rank: stacks of rigid bodies, redundant contacts, large friction.
 
 Sweeps of Gauss-Seidel's method first, as many as promise to be quicker than what follows (gauss_seidel.py).  Then four
-methods in turn (cone_run.py), on the same Newton matrices W + nodal blocks (newton_matrix.py), in the variables of
-cone_problem.py:
+methods in turn, on the same Newton matrices W + nodal blocks (newton_matrix.py), in the variables of
+cones.py:
 
 1. nonsmooth Newton steps on the natural map from there, for as long as each of them helps; where few contacts change
    their state this is all;
-2. the interior-point path (cone_path.py) until the natural map is small, then nonsmooth Newton steps from there: they
+2. the interior-point path (cone_paths.py) until the natural map is small, then nonsmooth Newton steps from there: they
    end in a solution to rounding accuracy, also where forces are not unique or contacts are at the edge between two
    states, where the path alone would come no nearer than the square root of rounding errors;
-3. where the path ends elsewhere: the curve of smoothed problems (cone_curve.py), with Newton steps as after the path;
+3. where the path ends elsewhere: the curve of smoothed problems (cone_paths.py), with Newton steps as after the path;
    it turns where the path is blocked;
 4. convex problems with given slip, s <- |Z_t(s)|, with Anderson acceleration and Newton steps after each.  The slip of
    each is unique whatever the rank of A, unlike the forces on which successive Tresca iterates.  Where they fail,
-   another curve, and at last sweeps again.
+   sweeps again.
 
 Proved: a fixed point of the slip is a solution; the curve has one at its end, in general position and if forces stay
 bounded.  Not proved: that the path leads to one, that the fixed point attracts, or how long the curve is.  CONVERGED
@@ -21,27 +21,319 @@ means that the natural residual, computed afresh, is below the tolerance, and th
 (cones.cone_residual).
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
-factorisations with an estimate for the rest, and sweeps.  The first curve, the convex problems, and the last sweeps
+factorisations with an estimate for the rest, and sweeps.  The curve, the convex problems, and the last sweeps
 spend at most half of what is left when they begin.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import scipy.sparse
 
 from ...arrays import FloatArray
 from ...linalg.compliance import MatrixCompliance
+from ..anderson import Anderson
 from ..friction_problem import FrictionProblem
-from ..results import Goal, ProgressCallback, SolverResult, check_constants
-from .cone_problem import ConeProblem, Scales
-from .cone_run import ConeRun, Limits
+from ..results import Goal, InteriorPointStep, NotConverged, Progress, ProgressCallback, SolverResult, Status
+from ..settings import SolverSettings, within
+from .cone_paths import ConeCurve, ConePath, ConeStep
+from .cones import ConeProblem, Scales, answer, radius
 from .gauss_seidel import Sweeps, swept
+
+_CLEAR = 1e-7  # least penetration that is called a contradiction, over the largest |b|
+_MOST_ENTRIES = 3_000_000  # entries of A beyond which the question is not asked
+_NAMED = 4  # contacts that are named
+
+
+def contradiction(problem: FrictionProblem, W: Any) -> str:
+    """Why no contact forces x, of any sign and without any law of friction, make all gaps w_n >= 0; empty if some do.
+
+    A linear programme, max t with (A x - b)_n >= t: if t < 0, its multipliers are normal forces d >= 0 with A d = 0 and
+    b.d > 0, which no displacements w = A x - b with w_n >= 0 allow: w.d = -b.d < 0.  They are checked before they are
+    believed.
+
+    Args:
+        problem: The problem, on one rank.
+        W: Its compliance, sparse, its columns in any scaling; 0 along the tangents of contacts without friction.
+    """
+    from scipy.optimize import linprog  # takes time to load, and few problems have no solution
+
+    m, size = problem.A.nodes, float(np.abs(problem.b).max()) or 1.0
+    if W.nnz > _MOST_ENTRIES:
+        return ""
+    b_n, rows = problem.b[0::3] / size, W[0::3]
+    n = rows.shape[1]
+    constraints = scipy.sparse.hstack([-rows, np.ones((m, 1))]).tocsr()
+    bounds = [(None, None)] * n + [(None, 1.0)]
+    costs = np.append(np.zeros(n), -1.0)
+    found = linprog(costs, A_ub=constraints, b_ub=-b_n, bounds=bounds, options={"maxiter": 50 * n})
+    if found.x is None or found.x[-1] > -_CLEAR:
+        return ""
+    d = np.maximum(-np.asarray(found.ineqlin.marginals), 0.0)
+    against = float(b_n @ d)
+    if not float(np.linalg.norm(rows.T @ d)) <= 1e-6 * against:
+        return ""
+    worst = np.argsort(-d)[: min(_NAMED, int(np.count_nonzero(d > 1e-6 * d.max())))]
+    names = ", ".join(str(k) for k in np.sort(worst))
+    short = against * size / float(d.sum())
+    return (
+        f"no contact forces keep all contacts from penetrating: normal forces on contacts {names} (numbered from 0) "
+        f"balance each other and move nothing, but the gaps along them are {short:.1e} too small in the mean"
+    )
+
+
+_SHORT = 0.4  # shortest step of the nonsmooth Newton method, ...
+_SHORTEST = 1e-3  # ... and where it is patient
+_LEAST, _LARGEST = 1e-11, 1e-3  # proximal term
+_NEAR = 1e-2  # size of the natural map at which the path is left for Newton steps, ...
+_NEARER = 0.1  # and factor by which it decreases before they are tried again
+_STALLED = 15  # steps of the path without progress after which it ends
+_PER_MICROSECOND = 1e4  # operations of factorisations
+_PARTS = 20  # of the last sweeps, so that they can be interrupted
+
+
+class _Ended(Exception):
+    """The end of a run: a small residual, an interruption, or all work spent.
+
+    Attributes:
+        status: Of an answer whose residual is not small enough.
+    """
+
+    def __init__(self, status: Status = Status.STAGNATED):
+        super().__init__(status.value)
+        self.status = status
+
+
+class _ConeRun:
+    """The solution of one problem."""
+
+    def __init__(
+        self,
+        settings: ConeInteriorPoint,
+        problem: FrictionProblem,
+        cones: ConeProblem,
+        scales: Scales,
+        goal: Goal,
+        progress: ProgressCallback | None,
+    ):
+        self._settings, self._problem, self._cones, self._scales = settings, problem, cones, scales
+        self._goal, self._sweeps = goal, 0
+        cones.matrix.limit = settings.work
+        self._progress, self._products = progress, problem.A.products
+        self._history: list[InteriorPointStep] = []
+        self._best: tuple[float, FloatArray] = (math.inf, np.zeros(3 * cones.contacts))
+        self._convex = 0
+
+    def follow(self, start: FloatArray | None, first: Sweeps | None) -> SolverResult:
+        """The methods in turn, from the sweeps' end if there were any."""
+        status, why = Status.STAGNATED, ""
+        if first is not None:
+            start, self._sweeps = first.x, first.made
+        self._X = np.zeros_like(self._cones.q) if start is None else self._cones.scaled(start)
+        try:
+            if first is not None:
+                self._reported(first)
+            self._newton(self._X, self._settings.newton)
+            self._follow_path()
+            why = contradiction(self._problem, self._cones.W)
+            if why:
+                status = Status.NO_EQUILIBRIUM
+            else:
+                self._follow_curve(self._half_of_the_rest())
+                self._successive_slips(self._half_of_the_rest())
+                if first is not None:
+                    self._sweep_on(first)
+                if self._cones.matrix.operations > self._settings.work:
+                    status = Status.MAX_ITERATIONS
+        except _Ended as end:
+            status = end.status
+        if self._best[0] == math.inf:
+            status = self._last_chance(status)
+        return self._result(status, why)
+
+    def _last_chance(self, status: Status) -> Status:
+        """The status after the last point has been judged, of a run that ended before any was."""
+        try:
+            self._judged(self._X)
+        except _Ended as end:
+            return end.status
+        return status
+
+    def _reported(self, sweeps: Sweeps) -> None:
+        if self._progress is not None and self._progress(Progress(self._convex, len(self._history), sweeps.residual)):
+            raise _Ended(Status.INTERRUPTED)
+
+    def _sweep_on(self, at: Sweeps | None) -> None:
+        """Sweeps from the end of the first ones, with half of the work that is left: in some problems of which nothing
+        else comes to an end the contacts change their states for 100 000 sweeps.
+        """
+        problem, left = self._problem, self._settings.work - self._cones.matrix.operations
+        assert isinstance(problem.A, MatrixCompliance)
+        A, work, made = problem.A.sparse(), 0.5 * left / (_PER_MICROSECOND * _PARTS), 0
+        while at is not None and work > 0.0 and made < _PARTS:
+            at, made = swept(A, problem.b, problem.law.friction, self._goal.residual, at.x, work), made + 1
+            if at is not None:
+                self._sweeps += at.made
+                self._judged(self._cones.scaled(at.x))
+                self._reported(at)
+
+    def _judged(self, X: FloatArray) -> float:
+        """The residual of an answer; ends the run if it is small enough."""
+        x = self._problem.completed(self._cones.forces(X))
+        residual = self._scales.residual(self._problem, x, self._problem.gradient(x))
+        if residual < self._best[0]:
+            self._best = (residual, x)
+        if self._goal.reached(residual, x):
+            self._best = (residual, x)
+            raise _Ended
+        return residual
+
+    def _recorded(self, X: FloatArray, size: float, step: ConeStep | None = None, alpha: float = 1.0) -> None:
+        """Record a step; ends the run if it is interrupted, or if all work has been spent."""
+        self._X = X
+        number, matrix = len(self._history) + 1, self._cones.matrix
+        theta, sigma, gradient = (0.0, 0.0, 0.0) if step is None else (step.theta, step.sigma, step.infeasibility)
+        alpha = alpha if step is None else step.alpha
+        self._history.append(InteriorPointStep(number, size, 0, theta, sigma, alpha, gradient, 0.0))
+        if self._progress is not None and self._progress(Progress(self._convex, number, size)):
+            raise _Ended(Status.INTERRUPTED)
+        if matrix.operations > self._settings.work or matrix.factorisations >= self._settings.systems:
+            raise _Ended(Status.MAX_ITERATIONS)
+
+    def _newton(self, X: FloatArray, limit: int, patient: bool = False) -> FloatArray:
+        """Nonsmooth Newton steps from X as long as they make the natural map smaller, an impatient run much smaller;
+        the last X.
+        """
+        at = self._cones.natural_map(X)
+        sizes = [float(np.linalg.norm(at.value))]
+        near = self._goal.residual
+        for _ in range(limit):
+            if at.size <= near:
+                self._judged(X)
+                near = 0.1 * at.size
+            step = self._cones.newton_step(at, min(max(self._settings.proximal * at.size, _LEAST), _LARGEST))
+            if step is None:
+                break
+            alpha, new = 1.0, self._cones.natural_map(X + step)
+            while not np.linalg.norm(new.value) < (1.0 - 1e-4 * alpha) * sizes[-1] and alpha > (
+                _SHORTEST if patient else _SHORT
+            ):
+                alpha *= 0.5
+                new = self._cones.natural_map(X + alpha * step)
+            size = float(np.linalg.norm(new.value))
+            self._recorded(X + alpha * step, new.size, alpha=alpha)
+            if not size < sizes[-1]:
+                break
+            X, at = X + alpha * step, new
+            sizes.append(size)
+            if not patient and len(sizes) > 4 and size > 0.5 * sizes[-4]:
+                break
+        if at.size <= 10.0 * self._goal.residual:
+            self._judged(X)
+        return X
+
+    def _follow_path(self) -> None:
+        """The interior-point path, with Newton steps where it has come near a solution."""
+        path = ConePath(self._cones)
+        at: ConeStep | None = path.start()
+        near, best, best_at, last = _NEAR, math.inf, 0, None
+        for number in range(self._settings.path):
+            at = path.step(at) if at is not None else None
+            if at is None:
+                break
+            last, size = at, self._cones.natural_map(at.X).size
+            self._recorded(at.X, size, at)
+            if size <= near:
+                near = _NEARER * size
+                self._newton(at.X, self._settings.newton // 2)
+            if at.theta + at.infeasibility < 0.9 * best:
+                best, best_at = at.theta + at.infeasibility, number
+            if number - best_at > _STALLED:
+                break
+        if last is not None:
+            self._newton(last.X, 2 * self._settings.newton, patient=True)
+            self._judged(last.X)
+
+    def _half_of_the_rest(self) -> float:
+        """Operations at which a method that begins now has spent half of what is left, so that another one follows."""
+        return 0.5 * (self._cones.matrix.operations + self._settings.work)
+
+    def _follow_curve(self, enough: float) -> None:
+        """The curve of smoothed problems, with Newton steps where it has come near a solution, until this many
+        operations have been spent.
+        """
+        curve, near = ConeCurve(self._cones), _NEAR
+        at = curve.start()
+        for _ in range(self._settings.curve):
+            at = curve.step(at) if at is not None else None
+            if at is None or self._cones.matrix.operations > enough:
+                break
+            size = self._cones.natural_map(at.X).size
+            self._recorded(at.X, size, ConeStep(at.X, at.Z, at.tau**2, float(np.linalg.norm(at.G)), 0.0, curve.h))
+            if size <= near:
+                near = _NEARER * size
+                self._newton(at.X, self._settings.newton // 2)
+
+    def _successive_slips(self, enough: float) -> None:
+        """Convex problems with given slip until it repeats itself, or this many operations have been spent."""
+        slip: FloatArray = np.zeros(self._cones.contacts)
+        anderson, change = Anderson(5, self._problem.reductions), 1.0
+        for number in range(1, self._settings.convex + 1):
+            if self._cones.matrix.operations > enough:
+                return
+            self._convex = number
+            at = self._solved(slip, max(1e-2 * change**2, 1e-9))
+            if at is None:
+                return
+            found = radius(at.Z)
+            change = float(np.linalg.norm(found - slip) / (np.linalg.norm(found) or 1.0))
+            self._newton(at.X, 2 * self._settings.newton, patient=True)
+            self._judged(at.X)
+            slip = np.maximum(anderson.next(slip, found - slip, 1.0), 0.0)
+
+    def _solved(self, slip: FloatArray, tolerance: float) -> ConeStep | None:
+        """The convex problem with given slip; None where its path ends before."""
+        path = ConePath(self._cones, slip)
+        at = path.start()
+        for _ in range(self._settings.path):
+            new = path.step(at)
+            if new is None:
+                return at if at.theta + at.infeasibility < 1e-3 else None
+            at = new
+            self._recorded(at.X, self._cones.natural_map(at.X).size, at)
+            if at.theta < tolerance and at.infeasibility < tolerance:
+                break
+        return at
+
+    def _result(self, status: Status, why: str) -> SolverResult:
+        """The best answer, judged afresh."""
+        problem, x = self._problem, self._best[1]
+        gradient = problem.gradient(x)
+        residual = self._scales.residual(problem, x, gradient)
+        products = self._sweeps + problem.A.products - self._products + self._cones.products
+        result = answer(self._settings.name, problem, self._goal, x, gradient, residual, status, products)
+        result = replace(
+            result, outer_steps=self._convex, newton_steps=len(self._history), history=tuple(self._history)
+        )
+        if result.status is Status.CONVERGED:
+            return result
+        matrix = self._cones.matrix
+        message = why or (
+            f"the {self._settings.name} method ended with a residual of {residual:.1e} after {len(self._history)} "
+            f"Newton steps, {self._sweeps} sweeps and {self._convex} convex problems ({result.status.value}), "
+            f"{self._goal.missed(residual)}; "
+            f"{matrix.factorisations} factorisations, {matrix.operations:.1e} of at most "
+            f"{self._settings.work:.1e} operations"
+        )
+        raise NotConverged(message, replace(result, message=message))
 
 
 @dataclass(frozen=True)
-class ConeInteriorPoint:
+class ConeInteriorPoint(SolverSettings):
     """The method as a value; for Coulomb's law without cohesion, A given as a matrix, and one rank.
 
     Attributes:
@@ -49,8 +341,7 @@ class ConeInteriorPoint:
         sweeps: Gauss-Seidel sweeps; whether they come first, and last.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
-        curve: Steps along a curve of smoothed problems; half as many before the convex problems, all on another curve
-            after them.
+        curve: Steps along the curve of smoothed problems.
         convex: Convex problems with given slip.
         proximal: Proximal term of the nonsmooth Newton matrix, over the mean diagonal of A and the size of the natural
             map.
@@ -61,30 +352,16 @@ class ConeInteriorPoint:
         ValueError: If a constant is outside its bounds.
     """
 
-    tolerance: float = 1e-8
     sweeps: bool = True
-    newton: int = 12
-    path: int = 80
-    curve: int = 500
-    convex: int = 40
-    proximal: float = 0.1
-    work: float = 2e11
-    systems: int = 3000
+    newton: int = within("[1, inf)", 12)
+    path: int = within("[1, inf)", 80)
+    curve: int = within("[0, inf)", 250)
+    convex: int = within("[0, inf)", 40)
+    proximal: float = within("(0, inf)", 0.1)
+    work: float = within("(0, inf)", 2e11)
+    systems: int = within("[1, inf)", 3000)
 
     name = "cone interior point"
-
-    def __post_init__(self) -> None:
-        bounds = (
-            ("tolerance", self.tolerance > 0.0, "> 0"),
-            ("newton", self.newton >= 1, "at least 1"),
-            ("path", self.path >= 1, "at least 1"),
-            ("curve", self.curve >= 0, "at least 0"),
-            ("convex", self.convex >= 0, "at least 0"),
-            ("proximal", self.proximal > 0.0, "> 0"),
-            ("work", self.work > 0.0, "> 0"),
-            ("systems", self.systems >= 1, "at least 1"),
-        )
-        check_constants(self, bounds)
 
     def suits(self, problem: FrictionProblem) -> bool:
         """Whether it can solve the problem: Coulomb's law on one rank, A a matrix."""
@@ -138,8 +415,5 @@ class ConeInteriorPoint:
         if sweeps is not None and goal.reached(sweeps.residual, sweeps.x):
             return sweeps.result(self.name, goal)
         A, scales = problem.A.sparse(), Scales.of(problem)
-        limits = Limits(
-            self.name, self.newton, self.path, self.curve, self.convex, self.proximal, self.work, self.systems
-        )
-        run = ConeRun(limits, problem, ConeProblem(problem, A, scales), scales, goal, progress)
+        run = _ConeRun(self, problem, ConeProblem(problem, A, scales), scales, goal, progress)
         return run.follow(start, sweeps)

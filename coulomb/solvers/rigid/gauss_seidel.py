@@ -54,11 +54,8 @@ class Sweeps(NamedTuple):
             slip_bound=self.slip_bound,
             multipliers=self.multipliers,
             status=goal.verdict(self.residual, self.x, Status.STAGNATED),
-            outer_steps=0,
-            newton_steps=0,
             products=self.made,
             residual=self.residual,
-            history=(),
             method=method,
         )
 

@@ -25,11 +25,11 @@ from ...linalg.compliance import MatrixCompliance
 from ..contact_equations import ContactDerivative, ContactEquations
 from ..equilibrium import balanced_forces
 from ..friction_problem import FrictionProblem
-from ..laws import FrictionLaw
-from ..results import Goal, NotConverged, Progress, ProgressCallback, QPStep, SolverResult, Status, check_constants
+from ..results import Goal, NotConverged, Progress, ProgressCallback, QPStep, SolverResult, Status
 from ..rigid_motions import NO_MOTION
+from ..settings import SolverSettings, within
 from .cone_interior_point import ConeInteriorPoint
-from .cone_problem import Scales
+from .cones import Scales
 
 _WEIGHTS = (1.0, 0.1, 10.0, 0.01, 100.0)
 _STEPS = 25  # of Newton's method for one eps and weight
@@ -41,7 +41,7 @@ _LEAST = 1e-6  # diagonal of a node over a, for the weights
 
 
 @dataclass(frozen=True)
-class RegularisedNewton:
+class RegularisedNewton(SolverSettings):
     """The method as a value, for a matrix A on one rank.
 
     Without it `MatrixAutomatic` gives up 7 of 300 random problems without full rank in place of 2
@@ -56,17 +56,9 @@ class RegularisedNewton:
         ValueError: If a constant is outside its bounds.
     """
 
-    tolerance: float = 1e-8
-    systems: int = 1000
+    systems: int = within("[1, inf)", 1000)
 
     name = "regularised Newton"
-
-    def __post_init__(self) -> None:
-        bounds = (
-            ("tolerance", self.tolerance > 0.0, "> 0"),
-            ("systems", self.systems >= 1, "at least 1"),
-        )
-        check_constants(self, bounds)
 
     def suits(self, problem: FrictionProblem) -> bool:
         """Whether A is a matrix on one rank."""
@@ -127,7 +119,7 @@ class _Run:
         s = self._s
         self._A: FloatArray = problem.A.sparse().toarray() / a
         self._b: FloatArray = problem.b / (a * s)
-        law = FrictionLaw(*np.where(problem.frictional, [problem.law.cohesion / s, problem.law.friction], 0.0))
+        law = problem.law.scaled(s).only(problem.frictional, 0.0)
         self._d = np.maximum(self._A.diagonal().reshape(m, 3).max(axis=1), _LEAST)
         lower: FloatArray = np.broadcast_to(np.asarray(problem.lower, dtype=float) / s, (m,))
         self._equations = [ContactEquations(law, lower, problem.frictional, k * self._d, k * self._d) for k in _WEIGHTS]
@@ -246,7 +238,6 @@ class _Run:
             slip_bound=problem.slip_bound(x),
             multipliers=np.column_stack([np.maximum(w[:, 0], 0.0), np.hypot(w[:, 1], w[:, 2])]),
             status=self._goal.verdict(residual, x, self._status, alpha),
-            outer_steps=0,
             newton_steps=len(self._history),
             products=problem.A.products - self._products,
             residual=residual,

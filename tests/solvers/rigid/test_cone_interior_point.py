@@ -8,7 +8,7 @@ import coulomb
 from benchmarks.rigid_bodies import TouchPoint, arch, assembled, random_rank, scattered, stack, tower, walled
 from coulomb import Automatic, NotConverged, Status, solve_coulomb
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
-from coulomb.solvers.rigid.general import _compliance
+from coulomb.solvers.rigid.matrix_problems import _compliance
 
 UP = np.array([0.0, 0.0, 1.0])
 

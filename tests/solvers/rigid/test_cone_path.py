@@ -6,10 +6,18 @@ import scipy.linalg
 
 from benchmarks.rigid_bodies import arch, random_rank, scattered, spheres, stack, walled
 from coulomb import FrictionProblem
-from coulomb.solvers.rigid.cone_path import ConePath, ConeStep
-from coulomb.solvers.rigid.cone_problem import ConeProblem, Scales
-from coulomb.solvers.rigid.cones import determinant, product, radius, scaling, step_to_boundary, times
-from coulomb.solvers.rigid.general import _compliance
+from coulomb.solvers.rigid.cone_paths import ConePath, ConeStep
+from coulomb.solvers.rigid.cones import (
+    ConeProblem,
+    Scales,
+    determinant,
+    product,
+    radius,
+    scaling,
+    step_to_boundary,
+    times,
+)
+from coulomb.solvers.rigid.matrix_problems import _compliance
 
 
 def cones(given):

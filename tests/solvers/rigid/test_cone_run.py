@@ -5,11 +5,10 @@ import pytest
 
 from benchmarks.rigid_bodies import random_rank, stack, walled
 from coulomb import NotConverged, Status, solve_coulomb
-from coulomb.solvers.rigid import cone_run
-from coulomb.solvers.rigid.cone_curve import ConeCurve
-from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
-from coulomb.solvers.rigid.cone_problem import ConeProblem
-from coulomb.solvers.rigid.cone_run import ConeRun
+from coulomb.solvers.rigid import cone_interior_point as cone_run
+from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint, _ConeRun
+from coulomb.solvers.rigid.cone_paths import ConeCurve
+from coulomb.solvers.rigid.cones import ConeProblem
 
 
 def refused(problem, **settings):
@@ -43,26 +42,26 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
     """Of the path's last point, and of ten times its forces."""
     seen = []
     monkeypatch.setattr(
-        ConeRun, "_successive_slips", lambda self, _: seen.extend(map(self._judged, (self._X, 10 * self._X)))
+        _ConeRun, "_successive_slips", lambda self, _: seen.extend(map(self._judged, (self._X, 10 * self._X)))
     )
     result = refused(stack(8, 1.0, 2), newton=1, path=4, curve=0)
     assert result.status is Status.STAGNATED and seen[0] < seen[1]
     assert result.residual <= seen[0] * (1.0 + 1e-9)
 
 
-def test_the_first_curve_has_half_the_steps_of_the_last(monkeypatch):
+def test_the_curve_has_at_most_the_steps_of_the_setting(monkeypatch):
     steps, step = [], ConeCurve.step
     monkeypatch.setattr(ConeCurve, "step", lambda self, at: steps.append(self) or step(self, at))
-    refused(stack(8, 1.0, 2), newton=1, path=1, curve=6, convex=0)
-    assert [steps.count(curve) for curve in dict.fromkeys(steps)] == [3, 6]
+    refused(stack(8, 1.0, 2), newton=1, path=1, curve=3, convex=0)
+    assert len(steps) == 3
 
 
 def test_slips_of_convex_problems_are_accelerated(monkeypatch):
     """What follows each is that of Anderson's acceleration, not negative."""
     seen, accelerated = [], cone_run.Anderson.next
     monkeypatch.setattr(cone_run.Anderson, "next", lambda *given: seen.append(accelerated(*given)) or seen[-1])
-    slips, solved = [], ConeRun._solved
-    monkeypatch.setattr(ConeRun, "_solved", lambda self, slip, tol: slips.append(slip) or solved(self, slip, tol))
+    slips, solved = [], _ConeRun._solved
+    monkeypatch.setattr(_ConeRun, "_solved", lambda self, slip, tol: slips.append(slip) or solved(self, slip, tol))
     problem = random_rank(10, 20, 0.4, 1)
     solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, newton=1, path=4))
     assert len(seen) >= len(slips) - 1 > 1 and not slips[0].any() and min(slip.min() for slip in slips) >= 0.0

@@ -52,7 +52,11 @@ def test_tresca(name):
 METHODS = ("default", "successive Tresca", "interior point", "auto")
 
 
-@pytest.mark.parametrize(("name", "method"), [(n, m) for n in NAMES for m in METHODS])
+SLOW = {("Capsules-i125-1213.npz", "successive Tresca")}
+"""A minute, as every Tresca problem takes dense systems."""
+
+
+@pytest.mark.parametrize(("name", "method"), [(n, m) for n in NAMES for m in METHODS if (n, m) not in SLOW])
 def test_coulomb(name, method):
     """Coulomb residual 1e-7; where the forces are unique they are the reference's.  Most W are rank-deficient."""
     data, W = load(name)

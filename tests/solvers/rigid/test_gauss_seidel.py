@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 import scipy.sparse
-from conftest import without_sweeps
 
 from benchmarks.rigid_bodies import arch, masonry, spheres, stack
 from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
 from coulomb.io.fclib import FCLIBProblem
 from coulomb.solvers.rigid import gauss_seidel
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
-from coulomb.solvers.rigid.cone_problem import Scales
-from coulomb.solvers.rigid.general import _compliance
+from coulomb.solvers.rigid.cones import Scales
+from coulomb.solvers.rigid.matrix_problems import _compliance
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.8, 5.0])
@@ -195,50 +194,3 @@ def test_interrupted_after_the_sweeps():
     with pytest.raises(NotConverged) as failure:
         solve_coulomb(problem.W, -problem.q, problem.mu, Stopped())
     assert failure.value.result.status is Status.INTERRUPTED and [at.path_following for at in seen] == [0]
-
-
-def test_same_answer_without_sweeps(monkeypatch):
-    problem = spheres(8, 0.3, 1)
-    without_sweeps(monkeypatch)
-    result = solve_coulomb(problem.W, -problem.q, problem.mu)
-    assert result.newton_steps > 0 and problem.residual(result.x) <= 1e-8
-
-
-def blocks(pattern):
-    """Unit blocks of 3 x 3 at the entries of a pattern."""
-    return scipy.sparse.csr_matrix(np.kron(pattern, np.eye(3)))
-
-
-def beyond_its_entries(begin, pointer):
-    """The unit matrix in compressed rows of which one begins, or ends, among numbers beside its own, which would double
-    the diagonal entry."""
-    W = scipy.sparse.csr_matrix(np.eye(3))
-    W.data, W.indices = np.ones(5)[1:4], np.array([0, 0, 1, 2, 2], dtype=np.int32)[1:4]
-    W.indptr[0 if begin else -1] = pointer
-    return W
-
-
-@pytest.mark.parametrize(
-    ("W", "b"),
-    [
-        (beyond_its_entries(True, -1), 1.0),
-        (beyond_its_entries(False, 4), 1.0),
-        (blocks([[1, 1], [0, 1]]), 1.0),
-        (blocks([[1, 1, 0], [0, 1, 1], [1, 0, 1]]), 1.0),
-        (np.diag([2.0, 0.0, 0.0]), 1.0),
-        (1e160 * np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), 1.0),
-        (np.array([[1.0, 5.0, 0.0], [5.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), 1.0),
-        (1e-100 * np.eye(3), 1e200),
-        (1e-10 * np.eye(3), 1e-295),
-    ],
-    ids=[
-        *("a row before the entries", "a row beyond them", "a block without counterpart", "blocks in a circle"),
-        *("a zero diagonal", "large and asymmetric", "an indefinite block"),
-        *("forces that are too large", "loads that are too small"),
-    ],
-)
-def test_what_is_not_suitable_is_left_to_others(W, b):
-    m = W.shape[0] // 3
-    assert gauss_seidel.swept(blocks(np.eye(m)), np.ones(3 * m), 0.3, 1e-8) is not None
-    assert gauss_seidel.swept(W, np.full(3 * m, b), 0.3, 1e-8) is None
-    assert gauss_seidel.swept(blocks(np.eye(m)), np.ones(3 * m), 1e101, 1e-8) is None

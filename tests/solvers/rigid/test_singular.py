@@ -27,7 +27,7 @@ from coulomb import (
 from coulomb.linalg.reductions import Reductions
 from coulomb.solvers.laws import FrictionLaw
 from coulomb.solvers.rigid import gauss_seidel
-from coulomb.solvers.rigid.cone_problem import Scales
+from coulomb.solvers.rigid.cones import Scales
 
 OVER = Reductions(MPI.COMM_SELF)
 
@@ -253,7 +253,7 @@ def test_the_method_refuses_interrupts_and_ends():
     P = tresca_seeds(1)[0]
     with pytest.raises(ValueError, match="A as a matrix on one rank"):
         RegularisedNewton().solve(make_block(2, explicit=False).friction_problem)
-    with pytest.raises(ValueError, match="systems must be at least 1"):
+    with pytest.raises(ValueError, match="systems must be an integer at least 1"):
         RegularisedNewton(systems=0)
     problem, seen = FrictionProblem.tresca(dense_compliance(P.A), P.b, P.cohesion), []
     with pytest.raises(NotConverged) as failure:

@@ -9,11 +9,11 @@ from floating_blocks import FloatingBlock, floating_problem
 
 import coulomb
 from coulomb import InteriorPoint
-from coulomb.solvers.free_start import _Frictionless, free_start
+from coulomb.solvers.frictionless_start import _Frictionless, frictionless_start
 from coulomb.solvers.newton_systems import SchurComplementSystem
 from coulomb.solvers.scaled_problem import ScaledProblem
 
-EVEN = InteriorPoint(free=0, starts=(0.1, 1e3, 1e6))
+EVEN = InteriorPoint(start_products=0, starts=(0.1, 1e3, 1e6))
 """Equal pressure on all nodes, as cold starts were before."""
 
 
@@ -36,7 +36,7 @@ def lifted():
 def started(problem, most=12):
     scaled = ScaledProblem(problem)
     newton = SchurComplementSystem().system(scaled.A, scaled.sloped)
-    v = free_start(scaled, newton, most, 0.03)
+    v = frictionless_start(scaled, newton, most, 0.03)
     newton.destroy()
     return scaled, v
 

@@ -56,7 +56,7 @@ _EVEN_THETA = 0.1
 """theta of this start, over rms(A x - b)."""
 
 
-def free_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, accuracy: float) -> Iterate | None:
+def frictionless_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, accuracy: float) -> Iterate | None:
     """An iterate near the central path, its multipliers central; None if it is not finite; collective.
 
     Args:
@@ -68,7 +68,7 @@ def free_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, accuracy:
     normal = _Frictionless(scaled, accuracy)
     even = normal.even()
     if even is not None:
-        return even._replace(A_x=newton.start(scaled.forces(even.x_n, even.y), accuracy))
+        return even._replace(A_x=newton.products.first(scaled.forces(even.x_n, even.y), accuracy))
     for _ in range(most):
         normal.improve()
         if normal.distance() <= _CENTRED:
@@ -79,7 +79,7 @@ def free_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, accuracy:
     finite = math.isfinite(theta) and bool(np.all(np.isfinite(x_n)) and np.all(np.isfinite(y)))
     if not normal.over.all(finite and bool(np.all(x_n > scaled.lower))) or theta <= 0.0:
         return None
-    A_x = newton.start(scaled.forces(x_n, y), accuracy)
+    A_x = newton.products.first(scaled.forces(x_n, y), accuracy)
     nu = scaled.over_constraints(np.full((scaled.nodes, 2), theta), scaled.slack(x_n, y))
     return scaled.closing(Iterate(x_n, y, nu, A_x))
 

@@ -16,6 +16,23 @@ curve does no harm.
 X and Z are functions of one unknown V = X - rho Z: with its eigenvalues l in the algebra of the cone, those of X are
 (l + r)/2, r = sqrt(l^2 + 4 tau^2), those of rho Z (r - l)/2.  Lengths are measured in V/r: the size of a step relative
 to where a contact changes its state.
+
+Before it, the interior-point path of the same problem:
+
+    Z = W X + q + |Z_t| e, X o Z = theta e, X and Z inside L (cones.py), theta to 0
+
+X o Z is linearised with the scaling of Nesterov and Todd: with dZ = P c - P^2 dX,
+
+    (W + E P^2) dX = E P c + F, E = 1 - e (0, Z_t)^T/|Z_t|, F = Z - W X - q - |Z_t| e
+
+which is regular in the cone even where W is not: P^2 is positive definite, and at a contact that sticks or slips it
+is small only along forces that W leaves undetermined.  Steps have Mehrotra's predictor and corrector.
+
+|Z_t| is not differentiable at Z_t = 0, the sticking contacts, and the problem is not a minimisation: steps of the
+linearisation may be blocked.  After such a step the next ones keep |Z_t| (E = 1), a step of the convex problem with
+given slip; Z stays inside L, and |Z_t| is updated after each step.  With the slip |Z_t| given for good it is the
+convex problem of V. Acary, F. Cadoux, C. Lemarechal, J. Malick: A formulation of the linear discrete Coulomb
+friction problem via convex optimization, ZAMM 91 (2011), whose slip is unique although the forces are not.
 """
 
 from __future__ import annotations
@@ -25,33 +42,129 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import FloatArray
-from .cone_problem import ConeProblem
-from .cones import radius, times
+from .cones import ConeProblem, determinant, product, quotient, radius, scaling, step_to_boundary, times
+
+_TO_BOUNDARY = 0.99  # largest fraction of the distance to the boundary
+_NEAR_PATH = 1e-2  # smallest sqrt(det X det Z) over theta
+_BLOCKED = 0.1  # a step shorter than this is blocked
+_KEPT = 3  # steps with the slip kept after it, and more as long as they are blocked
+_FEASIBLE = 0.3  # with the slip kept, theta decreases where F is below this fraction of it ...
+_CENTRING = 0.3  # ... by this factor
+_LEAST = 0.05  # least centring; of the convex problem
+_LEAST_CONVEX = 1e-3
+
+
+class ConeStep(NamedTuple):
+    """A point of the path and how it was reached.
+
+    Attributes:
+        X: Shape (m, 3), inside L.
+        Z: Shape (m, 3), inside L.
+        theta: X.Z / m.
+        infeasibility: Root mean square of F.
+        sigma: Centring of the step.
+        alpha: Its length; 0 at the start.
+    """
+
+    X: FloatArray
+    Z: FloatArray
+    theta: float
+    infeasibility: float
+    sigma: float = 0.0
+    alpha: float = 0.0
+
+
+class ConePath:
+    """The path, step by step.
+
+    Args:
+        problem: The problem.
+        slip: |Z_t| of the convex problem with given slip, shape (m,); None to find it.
+    """
+
+    def __init__(self, problem: ConeProblem, slip: FloatArray | None = None):
+        self._problem, self._slip, self._kept = problem, slip, 0
+        self._e = np.zeros((problem.contacts, 3))
+        self._e[:, 0] = 1.0
+
+    def start(self) -> ConeStep:
+        """Equal pressure and gaps."""
+        return self._point(self._e.copy(), self._e.copy())
+
+    def _F(self, X: FloatArray, Z: FloatArray) -> FloatArray:
+        F = Z - self._problem.w(X)
+        F[:, 0] -= radius(Z) if self._slip is None else self._slip
+        return F
+
+    def _point(self, X: FloatArray, Z: FloatArray, sigma: float = 0.0, alpha: float = 0.0) -> ConeStep:
+        m = self._problem.contacts
+        size = float(np.linalg.norm(self._F(X, Z))) / np.sqrt(m)
+        return ConeStep(X, Z, float(np.vdot(X, Z)) / m, size, sigma, alpha)
+
+    def step(self, at: ConeStep) -> ConeStep | None:
+        """The next point, by one Newton matrix; None if there is none."""
+        X, Z, m = at.X, at.Z, self._problem.contacts
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            P = scaling(X, Z)
+            keep = self._keeps(at)
+            E = np.tile(np.eye(3), (m, 1, 1))
+            if not keep:
+                slip = radius(Z)
+                E[:, 0, 1:] = -Z[:, 1:] / np.where(slip > 0.0, slip, 1.0)[:, None]
+            if not self._problem.matrix.factorise(E @ P.square):
+                return None
+            F, square = self._F(X, Z), product(P.point, P.point)
+
+            def direction(right: FloatArray) -> tuple[FloatArray, FloatArray]:
+                c = times(P.P, quotient(P.point, right))
+                dX = self._problem.matrix.solve(times(E, c) + F)
+                return dX, c - times(P.square, dX)
+
+            dX, dZ = direction(-square)
+            sigma = self._centring(at, keep, min(1.0, step_to_boundary(X, dX), step_to_boundary(Z, dZ)))
+            second = product(times(P.P, dX), times(P.inverse, dZ))
+            dX, dZ = direction(sigma * at.theta * self._e - square - second)
+            alpha = min(1.0, _TO_BOUNDARY * min(step_to_boundary(X, dX), step_to_boundary(Z, dZ)))
+        return self._centred(at, dX, dZ, sigma, alpha)
+
+    def _keeps(self, at: ConeStep) -> bool:
+        """Whether this step keeps the slip."""
+        if self._slip is not None:
+            return True
+        blocked = 0.0 < at.alpha < _BLOCKED
+        self._kept = max(self._kept - 1, int(blocked)) if self._kept else _KEPT * int(blocked)
+        return self._kept > 0
+
+    def _centring(self, at: ConeStep, keep: bool, alpha: float) -> float:
+        """sigma, from the length of the predictor; with the slip kept, theta must not decrease faster than F."""
+        if self._slip is not None:
+            return max((1.0 - alpha) ** 3, _LEAST_CONVEX)
+        if keep:
+            return _CENTRING if at.infeasibility < _FEASIBLE * at.theta else 1.0
+        return max((1.0 - alpha) ** 3, _LEAST)
+
+    def _centred(self, at: ConeStep, dX: FloatArray, dZ: FloatArray, sigma: float, alpha: float) -> ConeStep | None:
+        """The longest step that stays near the path."""
+        if not np.isfinite(alpha):
+            return None
+        while alpha > 1e-9:
+            X, Z = at.X + alpha * dX, at.Z + alpha * dZ
+            product_ = determinant(X) * determinant(Z)
+            theta = float(np.vdot(X, Z)) / len(X)
+            if float(product_.min()) >= (_NEAR_PATH * theta) ** 2:
+                return self._point(X, Z, sigma, alpha)
+            alpha *= 0.8
+        return None
+
 
 _FIRST, _LARGEST, _SHORTEST = 0.3, 3.0, 1e-6  # steps along the curve
-_TRAIL = 8  # points that are remembered
 _REACHED = 1e-8  # tau at which the curve ends
 _STARTING = 100  # Newton steps to its start
 
 
-class _Care(NamedTuple):
-    """How near the curve its points are.
-
-    Attributes:
-        accepted: Largest correction of a point.
-        contracting: Largest first correction after a predictor.
-        wanted: Of the first correction.
-        corrections: Their largest number.
-    """
-
-    accepted: float
-    contracting: float
-    wanted: float
-    corrections: int
-
-
-_QUICK, _CAREFUL = _Care(0.3, 1.0, 0.5, 4), _Care(0.1, 0.5, 0.25, 4)
-_CENTRED = _Care(1e-3, 1.0, 1.0, 8)
+_ACCEPTED, _CONTRACTING = 0.3, 1.0  # largest correction of a point, and largest first one after a predictor
+_AIM, _CORRECTIONS = 0.5, 4  # first correction that steps aim at, and the largest number of corrections
+_WEIGHT = 0.1  # rho over that of the natural map; on 13 problems whose forces oppose each other half the steps of 1
 
 
 class CurvePoint:
@@ -145,19 +258,16 @@ class ConeCurve:
 
     Args:
         problem: The problem.
-        weight: rho over that of the natural map; each makes another curve.  On 13 problems whose contact forces
-            oppose each other 0.1 needs a half of the steps of 1.
 
     Attributes:
         rejected: Steps that were too long.
         h: Length of the next step.
     """
 
-    def __init__(self, problem: ConeProblem, weight: float = 0.1):
-        self._problem, self._care, self.h = problem, _QUICK, _FIRST
-        self._rho: FloatArray = weight * problem.rho
+    def __init__(self, problem: ConeProblem):
+        self._problem, self.h = problem, _FIRST
+        self._rho: FloatArray = _WEIGHT * problem.rho
         self.rejected = 0
-        self._trail: list[tuple[CurvePoint, _Directions]] = []
 
     def start(self) -> CurvePoint | None:
         """The solution at tau = 1, by damped Newton steps; None where they fail."""
@@ -168,7 +278,7 @@ class ConeCurve:
             if found is None:
                 return None
             self._found = found
-            if float(np.abs(at.relative(found.correction)).max()) < 0.1 * self._care.accepted:
+            if float(np.abs(at.relative(found.correction)).max()) < 0.1 * _ACCEPTED:
                 return at
             size, alpha = float(np.linalg.norm(at.G)), 1.0
             new = self._point(at.V + found.correction, 0.0)
@@ -195,39 +305,25 @@ class ConeCurve:
         """The next point; None at the end of the curve, or where no step succeeds."""
         if at.tau < _REACHED:
             return None
-        self._trail = [*self._trail[1 - _TRAIL :], (at, self._found)]
-        new = self._stepped(at)
-        if new is None and self._care is _QUICK:
-            self._care = _CAREFUL
-            for earlier, found in self._trail[::-1]:
-                centred = self._corrected(earlier, found.forward * found.along, found.forward, _CENTRED)[0]
-                if centred is not None:
-                    self.h = 0.1 * _FIRST
-                    new = self._stepped(centred)
-                    if new is not None:
-                        break
-        return new
-
-    def _stepped(self, at: CurvePoint) -> CurvePoint | None:
         found = self._found
         length = _norm(at, found.along, 1.0)
         t, t_log = found.forward * found.along / length, found.forward / length
         back = -_inner(at, t, t_log, found.correction, 0.0) / _inner(at, t, t_log, found.along, 1.0)
         V, log = at.V + found.correction + back * found.along, at.log + back
         while self.h > _SHORTEST:
-            new, first = self._corrected(self._point(V + self.h * t, log + self.h * t_log), t, t_log, self._care)
+            new, first = self._corrected(self._point(V + self.h * t, log + self.h * t_log), t, t_log)
             if new is not None:
-                grown = min(2.0, max(0.3, np.sqrt(self._care.wanted / max(first, 1e-9))))
+                grown = min(2.0, max(0.3, np.sqrt(_AIM / max(first, 1e-9))))
                 self.h = min(self.h * grown, _LARGEST / max(abs(t_log), 0.1))
                 return new
             self.rejected += 1
             self.h *= 0.5
         return None
 
-    def _corrected(self, at: CurvePoint, t: FloatArray, t_log: float, care: _Care) -> tuple[CurvePoint | None, float]:
+    def _corrected(self, at: CurvePoint, t: FloatArray, t_log: float) -> tuple[CurvePoint | None, float]:
         """A point near the curve, by Newton steps orthogonal to (t, t_log), and the size of the first correction."""
         first, last = 0.0, np.inf
-        for number in range(care.corrections):
+        for number in range(_CORRECTIONS):
             found = self._directions(at)
             if found is None:
                 break
@@ -236,10 +332,10 @@ class ConeCurve:
             dV = found.correction + d_log * found.along
             size = max(float(np.sqrt((at.relative(dV) ** 2).sum(axis=1)).max()), abs(d_log))
             first = first if number else size
-            if size < care.accepted:
+            if size < _ACCEPTED:
                 self._found = found
                 return at, first
-            if not size < min(care.contracting, 0.5 * last):
+            if not size < min(_CONTRACTING, 0.5 * last):
                 break
             last = size
             at = self._point(at.V + dV, at.log + d_log)

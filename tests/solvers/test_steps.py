@@ -1,15 +1,17 @@
-"""Step lengths, with one step per condition that violates it alone; sigma; and starting points."""
+"""Step lengths, with one step per condition that violates it alone; sigma; starting points; correctors."""
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import dense_compliance, random_spd, random_tresca
+from conftest import dense_compliance, make_block, random_spd, random_tresca
 
-from coulomb import FrictionLaw, FrictionProblem, InteriorPoint, NotConverged
+from coulomb import DenseSystem, FrictionLaw, FrictionProblem, InteriorPoint, NotConverged, SchurComplementSystem
 from coulomb.linalg.compliance.compliance import MatrixCompliance
-from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
-from coulomb.solvers.steps import Step, step_length
+from coulomb.solvers import interior_point
+from coulomb.solvers.dense_system import augmented_matrix
+from coulomb.solvers.scaled_problem import Iterate, ScaledProblem, Step
+from coulomb.solvers.steps import correct_step, newton_step, step_length
 
 NODES, BETA, SIGMA = 5, 10.0, 0.1
 SOLVER = InteriorPoint(gamma=0.2)
@@ -33,7 +35,7 @@ def length(at, dnu, A_dx=0.0):
     scaled, v = at
     rows = np.zeros((NODES, 3))
     A_dx = rows + [A_dx * np.sqrt(3.0), 0.0, 0.0]  # normal rows: they have the weight 1
-    return step_length(SOLVER, scaled, Step(v, rows[:, 0], rows[:, 1:], dnu * v.nu, A_dx, 0.0, 1), BETA, SIGMA)
+    return step_length(SOLVER, scaled, Step(v, rows[:, 0], rows[:, 1:], dnu * v.nu, A_dx, 1), BETA, SIGMA)
 
 
 def longest(allowed):
@@ -75,7 +77,7 @@ def test_a_step_goes_to_the_boundary_and_not_over_it(at):
     scaled, v = at
     rows = np.zeros((NODES, 3))
     dx_n = np.where(np.arange(NODES) == 2, -1.0, 0.0)
-    step = Step(v, 4.0 * dx_n, rows[:, 1:], -0.9 * v.nu, rows, 0.0, 1)
+    step = Step(v, 4.0 * dx_n, rows[:, 1:], -0.9 * v.nu, rows, 1)
     alpha, _ = step_length(InteriorPoint(gamma=1e-9), scaled, step, 1e9, SIGMA)
     assert alpha == pytest.approx(SOLVER.to_boundary / 4.0)
 
@@ -87,8 +89,8 @@ def test_centring_follows_the_last_step():
 
 
 def test_sigma_is_larger_where_the_gradient_limits_theta():
-    """Three times the part of beta theta that is taken, up to 0.9."""
-    for alpha, used, sigma in ((1.0, 0.0, 0.1), (0.5, 0.0, 0.25), (0.1, 0.1, 0.5), (1.0, 0.2, 0.6), (0.5, 0.5, 0.9)):
+    """Three times the part of beta theta that is taken, up to 1/2."""
+    for alpha, used, sigma in ((1.0, 0.0, 0.1), (0.5, 0.0, 0.25), (0.1, 0.1, 0.5), (1.0, 0.15, 0.45), (0.5, 0.5, 0.5)):
         assert SOLVER.centring(alpha, used) == pytest.approx(sigma)
 
 
@@ -134,7 +136,7 @@ def test_a_blocked_start_is_replaced_by_one_farther_inside(monkeypatch):
     with pytest.raises(NotConverged):
         InteriorPoint(max_iterations=5).solve(qp)
     assert 0.0 < max(seen[:3]) < 0.1
-    assert seen[3:] == pytest.approx([1e3] * 3 + [1e6] * 5, rel=1e-6)  # the last has no limit of short steps
+    assert seen[3:] == pytest.approx([1e3] * 5, rel=1e-6)  # the last has no limit of short steps
 
 
 def test_a_warm_start_is_on_the_central_path_of_its_projection():
@@ -186,3 +188,76 @@ def test_a_warm_start_with_slope_takes_its_settings(monkeypatch):
     rms = scaled.rms(scaled.gradient(v._replace(nu=np.zeros((20, 2)))))
     assert v.x_n.min() == pytest.approx(0.3) and np.linalg.norm(v.y, axis=1).max() <= 0.9 + 1e-12
     assert np.allclose(v.nu * scaled.slack(v.x_n, v.y), 0.03 * rms)
+
+
+# --- correctors -------------------------------------------------------------------------------------------------------
+
+MANY, WIDE = 12, 1e4
+CORRECTED = InteriorPoint()
+
+
+def interior(seed, condition=100.0):
+    """A scaled problem with friction at all nodes, and an iterate on which nu z = 1."""
+    rng = np.random.default_rng(seed)
+    A = random_spd(3 * MANY, condition, rng)
+    law = FrictionLaw(np.zeros(MANY), rng.uniform(0.1, 0.8, MANY))
+    scaled = ScaledProblem(FrictionProblem(dense_compliance(A), rng.standard_normal(3 * MANY), law))
+    x_n, y = 10.0 ** rng.uniform(-1, 1, MANY), rng.uniform(-0.5, 0.5, (MANY, 2))
+    v = Iterate(x_n, y, 1.0 / scaled.slack(x_n, y), scaled.A.mult(scaled.forces(x_n, y)))
+    return scaled, v
+
+
+def knowing(scaled):
+    """A Newton system whose approximation of A is A."""
+    newton = SchurComplementSystem().system(scaled.A, True)
+    units = np.eye(3 * MANY).reshape(-1, MANY, 3)
+    newton.learn([(e, scaled.A.mult(e)) for e in units])
+    return newton
+
+
+def lengths(seed, condition=100.0):
+    """A step, its correction, and the lengths of both."""
+    scaled, v = interior(seed, condition)
+    newton, target = knowing(scaled), 0.1
+    step = newton_step(scaled, newton, v, target, 1e-12, WIDE)
+    after = correct_step(CORRECTED, scaled, newton, step, target, WIDE)
+    newton.destroy()
+    return scaled, step, after, *(step_length(CORRECTED, scaled, one, WIDE, target)[0] for one in (step, after))
+
+
+def test_a_correction_solves_the_system_it_is_asked_for():
+    """With an approximation that is A: J_AM (dx, dnu) = (0, r2)."""
+    scaled, v = interior(1)
+    newton, r2 = knowing(scaled), np.random.default_rng(2).standard_normal((MANY, 2))
+    newton_step(scaled, newton, v, 0.1, 1e-12, WIDE)
+    at = scaled.linearize(v)
+    A = np.column_stack([scaled.A.mult(e).ravel() for e in np.eye(3 * MANY).reshape(-1, MANY, 3)])
+    change = newton.correction(r2)
+    exact = np.linalg.solve(augmented_matrix(A, at), np.concatenate([np.zeros(3 * MANY), r2.ravel()]))
+    assert np.allclose(change.dx.ravel(), exact[: 3 * MANY], atol=1e-6 * np.abs(exact).max())
+    assert np.allclose(change.dnu.ravel(), exact[3 * MANY :], atol=1e-6 * np.abs(exact).max())
+    assert np.allclose(change.A_dx, scaled.A.mult(change.dx), atol=1e-6 * np.abs(change.A_dx).max())
+    newton.destroy()
+
+
+def test_steps_become_longer_and_never_shorter():
+    pairs = np.array([lengths(seed)[3:] for seed in range(20)])
+    assert np.all(pairs[:, 1] >= pairs[:, 0])
+    assert np.count_nonzero(pairs[:, 1] > pairs[:, 0]) >= 6
+
+
+def test_a_system_without_an_approximation_of_A_leaves_the_step():
+    scaled, v = interior(3)
+    newton = DenseSystem().system(scaled.A, True)
+    step = newton_step(scaled, newton, v, 0.1, 1e-12, WIDE)
+    assert correct_step(CORRECTED, scaled, newton, step, 0.1, WIDE) is step
+
+
+def test_fewer_steps(monkeypatch):
+    problems = [make_block(p, friction).friction_problem for p in (4, 6) for friction in (0.1, 0.3, 1.0)]
+    corrected = [InteriorPoint(1e-8).solve(problem) for problem in problems]
+    monkeypatch.setattr(interior_point, "correct_step", lambda settings, scaled, newton, step, target, beta: step)
+    plain = [InteriorPoint(1e-8).solve(problem) for problem in problems]
+    assert sum(result.newton_steps for result in corrected) < sum(result.newton_steps for result in plain)
+    for one, other in zip(corrected, plain, strict=True):
+        assert np.linalg.norm(one.x - other.x) <= 1e-5 * np.linalg.norm(other.x)

@@ -1,0 +1,81 @@
+"""Settings of the solvers: every number is checked."""
+
+from dataclasses import fields
+
+import pytest
+from conftest import make_block
+
+from coulomb import (
+    KPRGP,
+    AugmentedSystem,
+    Automatic,
+    CondensedSystem,
+    ConeInteriorPoint,
+    DirectSolver,
+    InteriorPoint,
+    IterativeSolver,
+    MatrixAutomatic,
+    RegularisedNewton,
+    SchurComplementSystem,
+    SuccessiveTresca,
+)
+from coulomb.solvers.semismooth_newton import SemismoothNewton
+
+SOLVERS = [
+    *(Automatic, InteriorPoint, SuccessiveTresca, KPRGP, SemismoothNewton, ConeInteriorPoint, RegularisedNewton),
+    *(MatrixAutomatic, SchurComplementSystem, AugmentedSystem, CondensedSystem),
+]
+NUMBER_TYPES = ("float", "int", "float | None", "tuple")
+NUMBERS = [
+    (solver, field.name) for solver in SOLVERS for field in fields(solver) if field.type.split("[")[0] in NUMBER_TYPES
+]
+
+
+@pytest.mark.parametrize(("solver", "name"), NUMBERS, ids=lambda value: getattr(value, "__name__", value))
+def test_every_number_is_checked(solver, name):
+    for wrong in (float("nan"), -1.0, "1", ()):
+        with pytest.raises(ValueError, match=rf"{solver.__name__}: {name} must be .*, but is"):
+            solver(**{name: wrong})
+
+
+@pytest.mark.parametrize(
+    ("field", "must"),
+    [
+        ({"backtrack": 1.5}, r"in \(0, 1\)"),
+        ({"backtrack": 1.0}, r"in \(0, 1\)"),
+        ({"to_boundary": 5.0}, r"in \(0, 1\)"),
+        ({"tolerance": 0.0}, "> 0"),
+        ({"r_tol": 1.0}, r"in \(0, 1\)"),
+        ({"sigma_min": 0.0}, r"in \(0, sigma_max\]"),
+        ({"sigma_min": 0.6}, r"in \(0, sigma_max\]"),
+        ({"sigma_max": 0.51}, r"in \(0, 0.5\]"),
+        ({"start_products": -1}, "an integer at least 0"),
+        ({"max_iterations": 0}, "an integer at least 1"),
+        ({"max_iterations": 2.5}, "an integer at least 1"),
+        ({"max_iterations": True}, "an integer at least 1"),
+        ({"starts": ()}, "> 0"),
+        ({"starts": (1e3, 0.0)}, "> 0"),
+    ],
+)
+def test_bounds_of_the_interior_point_method(field, must):
+    with pytest.raises(ValueError, match=rf"InteriorPoint: {next(iter(field))} must be {must}, but is"):
+        InteriorPoint(**field)
+
+
+def test_ends_of_intervals():
+    assert InteriorPoint(sigma_min=0.5, sigma_max=0.5).sigma_min == 0.5
+    assert SuccessiveTresca(damping=None).damping is None and SuccessiveTresca(damping=1).damping == 1
+    with pytest.raises(ValueError, match=r"SuccessiveTresca: damping must be in \(0, 1\], or None, but is 0"):
+        SuccessiveTresca(damping=0)
+
+
+def test_the_solver_for_the_stiffness_by_name():
+    """As in a case file; "direct" was accepted once and ended in "'str' object is not callable"."""
+    for name, solver in (("direct", DirectSolver), ("iterative", IterativeSolver)):
+        assert make_block(2, linear_solver=name).body.linear_solver is solver
+    assert make_block(2, linear_solver="auto").body.linear_solver is make_block(2).body.linear_solver
+    for wrong in ("mumps", 1, Automatic):
+        with pytest.raises(
+            ValueError, match='linear_solver must be "auto", "direct" or "iterative", or one of the classes'
+        ):
+            make_block(2, linear_solver=wrong)
