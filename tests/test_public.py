@@ -1,5 +1,6 @@
 """Public names and their documentation, one version, types, imports without warnings."""
 
+import importlib
 import inspect
 import re
 import tomllib
@@ -27,8 +28,18 @@ PLATFORM = ("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py", "numpy", "s
 
 def test_public_names():
     assert sorted(coulomb.__all__) == sorted(set(coulomb.__all__))
-    assert len(coulomb.__all__) <= 72
+    assert len(coulomb.__all__) <= 45
     assert all(hasattr(coulomb, name) for name in coulomb.__all__)
+
+
+@pytest.mark.parametrize("room", ["solvers", "model", "fem", "fem.meshes"])
+def test_names_that_moved_into_rooms_warn(room):
+    there = importlib.import_module(f"coulomb.{room}")
+    assert coulomb._MOVED[room]
+    for name in coulomb._MOVED[room]:
+        assert name in there.__all__ and name not in coulomb.__all__
+        with pytest.warns(DeprecationWarning, match=rf"^coulomb\.{name} is now coulomb\.{room}\.{name}$"):
+            assert getattr(coulomb, name) is getattr(there, name)
 
 
 def members(value):
