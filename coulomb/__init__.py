@@ -217,4 +217,4 @@ writing.supply(_write)
 
 
 def __dir__() -> list[str]:
-    return sorted(globals().keys() | __all__.keys())
+    return sorted(globals().keys() | set(__all__))

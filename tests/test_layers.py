@@ -131,6 +131,8 @@ def test_imports_of_inner_rooms():
     wrong = set()
     for path in FILES:
         here = own(path).rpartition("/")[0].replace("/", ".")
+        if path.name == "__init__.py" and here in ROOMS:
+            continue  # it gives names of its inner rooms, too
         for name in imports(path):
             outer = name.removeprefix("coulomb.").rpartition(".")[0]
             target = next((room for room in INNER_ROOMS if f"{outer}.".startswith(f"{room}.")), here)
