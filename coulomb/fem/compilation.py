@@ -37,11 +37,7 @@ class NoCompiler(ValueError):
 
 def look_up_by_file(dolfinx_jit: Any) -> None:
     """Look compiled forms up by their file, and raise `NoCompiler` where one that is not there cannot be compiled;
-    called when DOLFINx is imported.
-
-    Args:
-        dolfinx_jit: The module `dolfinx.jit`.
-    """
+    called with `dolfinx.jit` when DOLFINx is imported."""
     from ffcx.codegeneration import jit
 
     if not hasattr(jit, "get_cached_module"):  # an FFCx of another structure

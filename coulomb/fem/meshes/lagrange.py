@@ -58,10 +58,8 @@ def in_dolfinx_order(cells: IntArray) -> IntArray:
 
 
 def nodes_between(width: int) -> list[tuple[int, tuple[int, ...]]]:
-    """Column of every node that is no corner, and the columns of the corners in whose middle it is, VTK's order.
-
-    Two corners for the middle of an edge, four of a face, eight of the cell.
-    """
+    """Column of every node that is no corner, and the columns of the corners in whose middle it is, VTK's order: two
+    for an edge, four for a face, eight for the cell."""
     kind, order = _kind(width), np.asarray(cpp.io.perm_vtk(_kind(width), width))
     weights = lagrange_values(kind, 1, lagrange_points(kind, 2))
     corners = CORNERS[width]
@@ -151,10 +149,8 @@ def lagrange_slopes(cell: Any, degree: int, X: FloatArray) -> FloatArray:
 
 @functools.cache
 def facet_columns(cell: Any, degree: int) -> npt.NDArray[np.int64]:
-    """Columns of a cell's nodes that are on each of its facets, shape (facets, nodes of a facet).
-
-    The nodes of a facet are in VTK's order, those of the cell and the facets themselves in DOLFINx's.
-    """
+    """Columns of a cell's nodes that are on each of its facets, shape (facets, nodes of a facet): a facet's nodes in
+    VTK's order, those of the cell and the facets themselves in DOLFINx's."""
     kind = {"tetrahedron": mesh.CellType.triangle, "hexahedron": mesh.CellType.quadrilateral}[cell.name]
     nodes, on_facet = lagrange_points(cell, degree), lagrange_points(kind, degree)
     order = np.argsort(cpp.io.perm_vtk(kind, len(on_facet)))
