@@ -332,5 +332,4 @@ def _duals(place: IntArray, direction: FloatArray, count: int) -> FloatArray:
     askew = np.any(gram != 0.0, axis=(1, 2))
     dual = D.copy()
     dual[askew] = np.swapaxes(np.linalg.pinv(D[askew], rcond=0.1 * DEPENDENT), 1, 2)
-    rows: FloatArray = dual[place, number]
-    return rows
+    return dual[place, number]

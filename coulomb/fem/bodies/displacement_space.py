@@ -49,8 +49,7 @@ class DisplacementSpace:
 
     @property
     def comm(self) -> MPI.Comm:
-        comm: MPI.Comm = self.domain.comm
-        return comm
+        return self.domain.comm
 
     @property
     def numbering(self) -> Numbering:

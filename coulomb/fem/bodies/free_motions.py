@@ -123,8 +123,7 @@ class FreeMotion:
 
     def at(self, x: FloatArray) -> FloatArray:
         """The displacements of points x (k, 3) of the component, metres, shape (k, 3)."""
-        moved: FloatArray = self.translation + np.cross(self.rotation, x - self.part.centre)
-        return moved
+        return self.translation + np.cross(self.rotation, x - self.part.centre)
 
     def __str__(self) -> str:
         """ "moves along x", or "spins about (0, 0, 1) through (1, 0.5, 0)", with the way along the axis if there is."""
@@ -180,8 +179,7 @@ class FreeMotions:
         """The amounts (q,) of the motions in displacements u (k, 3) that would be 0 at the anchors without them;
         collective."""
         there = np.array([u[a.node, a.axis] if a.rank == self.comm.rank else 0.0 for a in self.anchors])
-        total: FloatArray = np.linalg.solve(self.at_anchors, self.comm.allreduce(there, op=MPI.SUM))
-        return total
+        return np.linalg.solve(self.at_anchors, self.comm.allreduce(there, op=MPI.SUM))
 
     def anchored(self, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
         """Which components of this rank's nodes are anchors, shape (k, 3)."""
@@ -222,8 +220,7 @@ class FreeMotions:
         R = self.modes(x)
         gram = self.comm.allreduce(np.einsum("kci,kcj->ij", R, R), op=MPI.SUM)
         resultant = self.comm.allreduce(np.einsum("kci,kc->i", R, forces), op=MPI.SUM)
-        left: FloatArray = forces - R @ np.linalg.solve(gram, resultant)
-        return left
+        return forces - R @ np.linalg.solve(gram, resultant)
 
 
 def free_motions(

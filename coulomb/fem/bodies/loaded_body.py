@@ -120,8 +120,7 @@ class LoadedBody(ElasticBody, HeldSpace):
         return Temperature(factor * self._temperature_change, self.thermal.reference, displacement)
 
     def _factor(self, amplitude: Amplitude, time: float, what: str) -> float:
-        factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
-        return factor
+        return on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
 
     def _prescribe(self) -> None:
         given = [self._supported_nodes(support) for support in self.supports]

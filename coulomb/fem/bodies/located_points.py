@@ -244,8 +244,7 @@ def _nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArra
         distance = np.linalg.norm(on_edge - point, axis=1)
         best = np.where((distance < least)[:, None], on_edge, best)
         least = np.minimum(distance, least)
-    nearest: FloatArray = np.where(inside[:, None], in_plane, best)
-    return nearest
+    return np.where(inside[:, None], in_plane, best)
 
 
 def _shown(point: FloatArray) -> str:

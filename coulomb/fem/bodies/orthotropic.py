@@ -281,8 +281,7 @@ def along_directions(young: FloatArray, poisson: FloatArray, shear: FloatArray) 
         S[:, 3 + k, 3 + k] = 1.0 / shear[:, 2 - k]
     for number, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
         S[:, i, j] = S[:, j, i] = -poisson[:, number] / young[:, i]
-    C: FloatArray = np.linalg.inv(S)
-    return C
+    return np.linalg.inv(S)
 
 
 def thermal_strain(expansion: FloatArray, axes: FloatArray) -> FloatArray:

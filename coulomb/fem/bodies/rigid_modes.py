@@ -74,8 +74,7 @@ def direction_in_words(vector: FloatArray, part: float = SMALL) -> str:
 
 def tidy(vector: FloatArray, size: float) -> FloatArray:
     """Without components that are rounding errors beside a size."""
-    tidy: FloatArray = np.where(np.abs(vector) < SMALL * size, 0.0, vector) + 0.0
-    return tidy
+    return np.where(np.abs(vector) < SMALL * size, 0.0, vector) + 0.0
 
 
 @dataclass(frozen=True)

@@ -287,8 +287,7 @@ class PrescribedRotation:
     @property
     def _unit_axis(self) -> FloatArray:
         axis = np.array(self.axis, dtype=np.float64)
-        unit: FloatArray = axis / np.linalg.norm(axis)
-        return unit
+        return axis / np.linalg.norm(axis)
 
     def directions(self, face: SupportedFace) -> FloatArray:
         """The axes, or two directions across the axis of rotation."""
@@ -298,8 +297,7 @@ class PrescribedRotation:
         return np.broadcast_to(rows, (len(face.nodes), 3, 3)).copy()
 
     def displacement(self, face: SupportedFace) -> FloatArray:
-        displacement: FloatArray = self.angle * np.cross(self._unit_axis, face.x - np.array(self.point))
-        return displacement
+        return self.angle * np.cross(self._unit_axis, face.x - np.array(self.point))
 
 
 @dataclass(frozen=True)

@@ -109,8 +109,7 @@ class FacetPatch:
     @cached_property
     def middle_vectors(self) -> FloatArray:
         """`area_vectors` in the middles of the facets, shape (f, 3)."""
-        vectors: FloatArray = self.area_vectors(self.kind.points.mean(axis=0)[None])[:, 0]
-        return vectors
+        return self.area_vectors(self.kind.points.mean(axis=0)[None])[:, 0]
 
     def sagittas_with(self, n: FloatArray) -> FloatArray:
         """`sagittas` with the sums of `middle_vectors` of the facets around the nodes of each, shape (f, n, 3)."""

@@ -387,8 +387,7 @@ def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
 
 def _summed(nodes: IntArray, values: FloatArray, size: int) -> FloatArray:
     """Sums over the facets of values (f, j) at their nodes (f, j), shape (size,)."""
-    sums: FloatArray = np.bincount(nodes.ravel(), values.ravel(), size).astype(np.float64)
-    return sums
+    return np.bincount(nodes.ravel(), values.ravel(), size).astype(np.float64)
 
 
 def _places(patch: FacetPatch, size: int) -> FloatArray:

@@ -202,8 +202,7 @@ class Cells:
         x = self.corners
         far = x[:, 3] - x[:, 1] if x.shape[1] == 4 else x[:, 2] - x[:, 1]
         base = x[:, 2] - x[:, 0] if x.shape[1] == 4 else x[:, 1] - x[:, 0]
-        vector: FloatArray = 0.5 * np.cross(base, far)
-        return vector
+        return 0.5 * np.cross(base, far)
 
     @cached_property
     def area(self) -> FloatArray:

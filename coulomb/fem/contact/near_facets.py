@@ -87,8 +87,7 @@ class FaceSamples:
             best = np.argmin(values, axis=1)[:, None]
             step *= 0.5
             at = np.clip(np.take_along_axis(at, best[:, :, None], axis=1) + step * offsets, 0.0, 1.0)
-        least: FloatArray = np.take_along_axis(values, best, axis=1)[:, 0]
-        return least
+        return np.take_along_axis(values, best, axis=1)[:, 0]
 
 
 def face_samples(space: DisplacementSpace, facets: npt.NDArray[np.int32], u: FloatArray) -> FaceSamples:
@@ -295,8 +294,7 @@ def _meets(centre: FloatArray, around: FloatArray, cone: FloatArray, search: Sea
     wide = np.linalg.norm(away, axis=-1) <= max(search.depth, search.reach) + near
     within = across <= near + (np.abs(along) + near) * np.tan(np.minimum(angle, 1.2))
     within &= (along >= -search.depth - near) & (along <= search.reach + near)
-    found: npt.NDArray[np.bool_] = np.where(angle > 1.2, wide, within)
-    return found
+    return np.where(angle > 1.2, wide, within)
 
 
 def _cones(patch: FacetPatch) -> FloatArray:

@@ -87,8 +87,7 @@ def clamped_nodes(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArra
     nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
     n: FloatArray = outward[nodes]
     n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
-    clamped: npt.NDArray[np.int64] = nodes[held_length(n, body.held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
-    return clamped
+    return nodes[held_length(n, body.held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
 
 
 def _side(elasticity: Deformable, face: str) -> _Side:

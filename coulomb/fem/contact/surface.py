@@ -151,8 +151,7 @@ def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurf
     weight = 1.0 / np.maximum(distance, 1e-9 * np.max(distance, initial=1e-300)) ** 2
     weight /= weight.sum(axis=1)[:, None]
     averaged = np.einsum("ij,ijk->ik", weight, values[near])
-    forces: FloatArray = (fine.force_components(averaged) * fine.area[:, None]).ravel()
-    return forces
+    return (fine.force_components(averaged) * fine.area[:, None]).ravel()
 
 
 def contact_surface(

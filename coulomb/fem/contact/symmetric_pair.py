@@ -62,8 +62,7 @@ def within(n: FloatArray, planes: FloatArray) -> FloatArray:
     """Unit normals n (m, 3) without their parts along the projectors (m, 3, 3)."""
     inside = n - np.einsum("mij,mj->mi", planes, n)
     length = np.linalg.norm(inside, axis=1)[:, None]
-    normals: FloatArray = np.where(np.any(planes != 0.0, axis=(1, 2))[:, None], inside / length, n)
-    return normals
+    return np.where(np.any(planes != 0.0, axis=(1, 2))[:, None], inside / length, n)
 
 
 def smooth_normals(

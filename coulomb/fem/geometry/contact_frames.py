@@ -53,8 +53,7 @@ def tangent_frames(n: FloatArray) -> FloatArray:
     second -= np.einsum("ki,ki->k", second, first)[:, None] * first
     second /= np.linalg.norm(second, axis=1)[:, None]
     swap = square[:, None]
-    frames: FloatArray = np.stack([n, np.where(swap, second, first), np.where(swap, first, second)], axis=1)
-    return frames
+    return np.stack([n, np.where(swap, second, first), np.where(swap, first, second)], axis=1)
 
 
 def supported_frames(n: FloatArray, H: FloatArray) -> FloatArray:

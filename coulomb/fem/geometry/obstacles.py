@@ -208,8 +208,7 @@ def _off_axis(r: FloatArray, axis: FloatArray) -> float:
 
 def _unit(vector: Point) -> FloatArray:
     n = np.asarray(vector, dtype=np.float64)
-    unit: FloatArray = n / np.linalg.norm(n)
-    return unit
+    return n / np.linalg.norm(n)
 
 
 def check_point(what: str, point: Point) -> None:

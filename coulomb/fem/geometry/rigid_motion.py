@@ -78,8 +78,7 @@ class RigidMotion:
     @property
     def centre(self) -> FloatArray:
         """The point of the axis, moved with the translation, metres, shape (3,)."""
-        centre: FloatArray = self.translation if self.turn is None else self.turn.point + self.translation
-        return centre
+        return self.translation if self.turn is None else self.turn.point + self.translation
 
     def undone(self, x: FloatArray) -> FloatArray:
         """Points x (k, 3) in metres in the coordinates in which the foundation is given, shape (k, 3)."""
@@ -91,15 +90,13 @@ class RigidMotion:
         """Vectors (k, 3) fixed to the foundation, rotated with it."""
         if self.turn is None:
             return vectors
-        turned: FloatArray = vectors @ self.turn.matrix.T
-        return turned
+        return vectors @ self.turn.matrix.T
 
     def turned_back(self, vectors: FloatArray) -> FloatArray:
         """Vectors (k, 3) of space in the coordinates in which the foundation is given."""
         if self.turn is None:
             return vectors
-        back: FloatArray = vectors @ self.turn.matrix
-        return back
+        return vectors @ self.turn.matrix
 
     def since(self, before: RigidMotion, x: FloatArray) -> FloatArray:
         """Displacement in metres of the foundation's material at fixed points x (k, 3) since another time, along the
@@ -162,8 +159,7 @@ class Spin:
 
     def torques(self, x: FloatArray, force: FloatArray) -> FloatArray:
         """Moments about the axis of forces (k, 3) in newtons at points x (k, 3) in metres; N m, shape (k,)."""
-        torques: FloatArray = np.cross(x - self.centre, force) @ self.axis
-        return torques
+        return np.cross(x - self.centre, force) @ self.axis
 
 
 def rigid_motion(motion: Motion | None, rotation: Rotation | None, time: float, what: str) -> RigidMotion:

@@ -68,14 +68,12 @@ def starts_of(comm: MPI.Comm, count: int) -> IntArray:
 
 def even_starts(ranks: int, count: int) -> IntArray:
     """The same where so many rows are shared evenly."""
-    starts: IntArray = np.arange(ranks + 1, dtype=np.int64) * count // ranks
-    return starts
+    return np.arange(ranks + 1, dtype=np.int64) * count // ranks
 
 
 def owner_of(starts: IntArray, numbers: npt.NDArray[np.integer[Any]]) -> IntArray:
     """The rank that has the row of each number."""
-    owner: IntArray = np.searchsorted(starts, numbers, side="right").astype(np.int64) - 1
-    return owner
+    return np.searchsorted(starts, numbers, side="right").astype(np.int64) - 1
 
 
 def fetched(

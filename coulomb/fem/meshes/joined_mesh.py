@@ -57,8 +57,7 @@ def placed(motion: RigidMotion, x: FloatArray) -> FloatArray:
     """Points x (k, 3) in metres after a motion, shape (k, 3)."""
     if motion.turn is None:
         return x + motion.translation
-    turned: FloatArray = motion.turned(x - motion.turn.point) + motion.centre
-    return turned
+    return motion.turned(x - motion.turn.point) + motion.centre
 
 
 SEPARATOR = ":"

@@ -131,20 +131,17 @@ def corner_geometry(domain: Any) -> npt.NDArray[np.int32]:
 
 def lagrange_points(cell: Any, degree: int) -> FloatArray:
     """Nodes of the Lagrange functions of a cell in the reference cell, in DOLFINx's order, shape (functions, dim)."""
-    points: FloatArray = np.asarray(_element(cell.name, degree).points, dtype=np.float64)
-    return points
+    return np.asarray(_element(cell.name, degree).points, dtype=np.float64)
 
 
 def lagrange_values(cell: Any, degree: int, X: FloatArray) -> FloatArray:
     """Values of the Lagrange functions of a cell at reference points X (p, dim), shape (p, functions)."""
-    values: FloatArray = np.asarray(_element(cell.name, degree).tabulate(0, X))[0, :, :, 0]
-    return values
+    return np.asarray(_element(cell.name, degree).tabulate(0, X))[0, :, :, 0]
 
 
 def lagrange_slopes(cell: Any, degree: int, X: FloatArray) -> FloatArray:
     """Derivatives of the Lagrange functions at reference points X (p, dim), shape (dim, p, functions)."""
-    slopes: FloatArray = np.asarray(_element(cell.name, degree).tabulate(1, X))[1:, :, :, 0]
-    return slopes
+    return np.asarray(_element(cell.name, degree).tabulate(1, X))[1:, :, :, 0]
 
 
 @functools.cache

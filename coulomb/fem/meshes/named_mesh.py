@@ -39,8 +39,7 @@ class NamedMesh:
     @property
     def comm(self) -> MPI.Comm:
         """The ranks that share it."""
-        comm: MPI.Comm = self.domain.comm
-        return comm
+        return self.domain.comm
 
     @property
     def degree(self) -> int:
