@@ -11,16 +11,21 @@ import pytest
 from conftest import ROOT, run_python
 
 import coulomb
+from coulomb.fem.bodies import Deformable, Load, SingleBody, Support
 from coulomb.fem.geometry.obstacles import Revolved, RigidFoundation
 from coulomb.linalg.compliance.stiffness import StiffnessSolver
 from coulomb.solvers.newton_systems import NewtonChoice, NewtonSystem
 
 PROTOCOLS = (
+    Deformable,
+    Load,
     NewtonChoice,
     NewtonSystem,
     Revolved,
     RigidFoundation,
+    SingleBody,
     StiffnessSolver,
+    Support,
 )  # documented by their methods
 NAMES = [name for name in coulomb.__all__ if name != "__version__"]
 PLATFORM = ("dolfinx", "ufl", "basix", "ffcx", "petsc4py", "mpi4py", "numpy", "scipy", "h5py", "cffi", "pyvista", "vtk")

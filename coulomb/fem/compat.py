@@ -64,8 +64,7 @@ def functionspace(domain: Any, degree: int, shape: tuple[int, ...] = (), family:
 
 
 def _settle(domain: Any) -> None:
-    """FFCx 0.5 modifies the mesh's element when it compiles a form, and then uses another cache name for the next
-    one."""
+    """FFCx 0.5 modifies the mesh's element when it compiles a form, and uses another cache name for the next one."""
     element = domain._ufl_coordinate_element
     if getattr(getattr(element, "_sub_element", None), "_variant", "") is None:
         shape = (element.family(), element.cell(), element.degree(), element.quadrature_scheme())

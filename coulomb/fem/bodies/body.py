@@ -24,13 +24,8 @@ from .orthotropic import PAIRS, UPPER, CellMaterials
 
 
 class HexahedralForces:
-    """The forces of the cells that this rank owns.
-
-    Args:
-        V: Displacements on linear hexahedra.
-        mu: Lame's second constant, a Function that is constant on every cell, pascals.
-        lame: Lame's first constant likewise.
-    """
+    """Nodal forces of the cells that this rank owns, on linear hexahedra; mu and lame are constant on every cell,
+    pascals."""
 
     def __init__(self, V: Any, mu: Any, lame: Any):
         self._V = V
@@ -53,7 +48,7 @@ class HexahedralForces:
 
 
 def hexahedral_forces(V: Any, mu: Any, lame: Any) -> HexahedralForces | None:
-    """The kernel for a space of displacements, arguments as of `HexahedralForces`; None for other cells."""
+    """The kernel for a space of displacements; None for other cells."""
     linear = V.mesh.topology.cell_type.name == "hexahedron" and compat.geometry_degree(V.mesh) == 1
     linear = linear and V.dofmap.dof_layout.num_dofs == 8
     return HexahedralForces(V, mu, lame) if linear else None
@@ -104,14 +99,8 @@ class ElasticBody(DisplacementSpace):
     """Small strains, Hooke's law: stress = stiffness (strain - thermal strain); elements of the order of the mesh.
 
     Isotropic bodies have the stress 2 mu strain + lambda tr(strain) I; if a cell is orthotropic, all cells have the 21
-    constants of a stiffness (`orthotropic`).
-
-    Args:
-        domain: DOLFINx mesh, coordinates in metres.
-        materials: Elastic constants of this rank's own cells.
-
-    Attributes:
-        constants: The same as functions that are constant on every cell, by their names in solution.xdmf.
+    constants of a stiffness (`orthotropic`).  `constants` are those of the materials as functions that are constant on
+    every cell, by their names in solution.xdmf.
     """
 
     def __init__(self, domain: Any, materials: CellMaterials):
@@ -135,8 +124,8 @@ class ElasticBody(DisplacementSpace):
     def internal_force(self, u: FloatArray) -> FloatArray:
         """Internal nodal forces of u in newtons, assembled from the stress without K; shapes (k, 3); collective.
 
-        Those of the last u are kept: certificate, energies, reactions and strains of an answer ask for the same.
-        Without the thermal stress, of which the nodal forces are a load (`thermal_force`).
+        Without the thermal stress, of which the nodal forces are a load.  Those of the last u are kept: certificate,
+        energies, reactions and strains of an answer ask for the same.
         """
         if self._last_force is None or not self._same(u, self._last_force[0]):
             self._u.x.array[: 3 * self._owned] = u.ravel()
@@ -149,24 +138,16 @@ class ElasticBody(DisplacementSpace):
         return self._last_force[1].copy()
 
     def _same(self, u: FloatArray, last: FloatArray) -> bool:
-        """Whether two displacements are the same on all ranks; collective."""
         return bool(self.domain.comm.allreduce(np.array_equal(u, last), op=MPI.LAND))
 
     def thermal_force(self, change: FloatArray) -> FloatArray:
-        """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a temperature change.
-
-        Args:
-            change: Temperature minus that of the unstrained body, kelvin, at this rank's nodes, shape (k,).
-        """
+        """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a change of temperature (k,) in
+        kelvin."""
         return self._assemble(fem.form(ufl.inner(self._thermal_stress(change), strain(self._test)) * self._dx))
 
     def thermal_displacement(self, change: FloatArray) -> float:
-        """Displacement in metres along which the forces of a temperature change (`thermal_force`) do the energy of the
-        thermal strain: the scale of displacements of a heated body, also where walls hold it; collective.
-
-        Args:
-            change: As for `thermal_force`.
-        """
+        """Displacement in metres along which the `thermal_force` of a change (k,) does the energy of the thermal
+        strain: the scale of displacements of a heated body, also where walls hold it; collective."""
         kelvin = self._kelvin(change)
         forces = np.linalg.norm(self.thermal_force(change), axis=1)
         energy = fem.assemble_scalar(fem.form(self._thermal_energy * kelvin**2 * self._dx))
@@ -174,12 +155,8 @@ class ElasticBody(DisplacementSpace):
         return float(2.0 * over[0] / (over[1] or 1.0))
 
     def stresses(self, u: Any, change: FloatArray | None = None) -> list[Any]:
-        """The stresses `STRESSES` in pascals at the cells' midpoints, DG0 Functions.
-
-        Args:
-            u: Displacement, a Function of V.
-            change: Temperature change at this rank's nodes in kelvin, shape (k,).
-        """
+        """The `STRESSES` in pascals at the cells' midpoints, DG0 Functions, of a Function u of V and a change of
+        temperature (k,) in kelvin."""
         s = self._stress(u)
         if change is not None:
             s = s - self._thermal_stress(change)
@@ -195,7 +172,6 @@ class ElasticBody(DisplacementSpace):
         return found
 
     def _stress(self, u: Any) -> Any:
-        """Of a displacement without temperature."""
         e = strain(u)
         if self._stiffness is None:
             return 2.0 * self._mu * e + self._lame * ufl.tr(e) * ufl.Identity(3)
@@ -204,7 +180,6 @@ class ElasticBody(DisplacementSpace):
         return _tensor([sum(C[min(i, j), max(i, j)] * doubled[j] for j in range(6)) for i in range(6)])
 
     def _thermal_stress(self, change: FloatArray) -> Any:
-        """Stiffness times thermal strain."""
         assert self._per_kelvin is not None
         kelvin = self._kelvin(change)
         if self._stiffness is None:
@@ -251,5 +226,4 @@ def _stresses(s: FloatArray) -> list[FloatArray]:
 
 
 def _tensor(s: Sequence[Any]) -> Any:
-    """The symmetric tensor of six components in the order of `PAIRS`."""
     return ufl.as_matrix([[s[0], s[5], s[4]], [s[5], s[1], s[3]], [s[4], s[3], s[2]]])

@@ -26,13 +26,8 @@ from ..geometry import first_place, on_all_ranks
 
 @dataclass(frozen=True)
 class Numbering:
-    """Global numbers of this rank's nodes: those of the ranks follow each other.
-
-    Attributes:
-        first: Number of this rank's first node.
-        local: How many this rank has.
-        total: How many all ranks have.
-    """
+    """Global numbers of this rank's nodes, which follow those of the ranks before: the first, how many here, and in
+    all."""
 
     first: int
     local: int
@@ -40,11 +35,7 @@ class Numbering:
 
 
 class Nodes(Protocol):
-    """Nodes with displacements, of one body or of several.
-
-    Attributes:
-        x: Coordinates of this rank's nodes in metres, shape (k, 3).
-    """
+    """Nodes with displacements, of one body or of several; those of this rank are at x (k, 3), metres."""
 
     x: FloatArray
 
@@ -69,11 +60,7 @@ class Nodes(Protocol):
 
 
 class HeldNodes(Nodes, Protocol):
-    """Nodes whose displacement is prescribed along some directions.
-
-    Attributes:
-        held: The directions along which this rank's nodes are held.
-    """
+    """Nodes whose displacement is prescribed along some directions."""
 
     held: HeldDirections
 
@@ -103,14 +90,8 @@ class HeldNodes(Nodes, Protocol):
 def distributed_rows(
     rows: scipy.sparse.csr_matrix, columns: tuple[int, int], nodes: Nodes, block: int | None = 3
 ) -> PETSc.Mat:
-    """The matrix of the rows of every rank, with so many columns on this rank and in all.
-
-    Args:
-        rows: This rank's rows, with global numbers of columns.
-        columns: Their numbers.
-        nodes: The nodes to which rows or columns belong.
-        block: Block size; None for none.
-    """
+    """The matrix of the rows of every rank, with global numbers of columns; of `columns` there are so many on this rank
+    and in all."""
     matrix = PETSc.Mat().createAIJ(
         ((rows.shape[0], PETSc.DETERMINE), columns),
         bsize=block,
@@ -129,9 +110,6 @@ class DirichletConditions:
         x: Coordinates of this rank's nodes in metres, shape (k, 3).
         dofs: Number of degrees of freedom of this rank, ghosts included.
         comm: The ranks.
-
-    Attributes:
-        rows: The rows d . u = value; the number of a support is that of its condition.
     """
 
     def __init__(self, bcs: Sequence[Any], x: FloatArray, dofs: int, comm: MPI.Comm):
@@ -140,15 +118,11 @@ class DirichletConditions:
 
     @property
     def count(self) -> int:
-        """Number of conditions."""
         return len(self._bcs)
 
     def prescribed(self) -> FloatArray:
-        """The displacements that they prescribe now, 0 elsewhere, metres, shape (k, 3); collective.
-
-        Raises:
-            ValueError: On every rank, if one is not finite.
-        """
+        """The displacements that they prescribe now, 0 elsewhere, metres, shape (k, 3); ValueError on every rank if one
+        is not finite; collective."""
         values = np.zeros(self._dofs)
         for bc in self._bcs:
             compat_forms.set_values(bc, values)
@@ -198,10 +172,9 @@ HELD_OBLIQUE = "held_oblique"
 
 @dataclass(frozen=True)
 class HeldDirections:
-    """The held directions of this rank's k nodes, as projectors.
+    """The held directions of this rank's `count` nodes, as projectors.
 
     Attributes:
-        count: k.
         nodes: Those that are held along some direction, ascending, shape (m,).
         projector: H of each, shape (m, 3, 3).
     """
@@ -264,12 +237,7 @@ class HeldDirections:
 
     @staticmethod
     def of_fields(diagonal: FloatArray, others: FloatArray | None) -> HeldDirections:
-        """The held directions of `fields`, all entries rounded to those of the nearest projector.
-
-        Args:
-            diagonal: "held", shape (k, 3).
-            others: "held_oblique", shape (k, 3); None if it is zero.
-        """
+        """The held directions of `fields`, shapes (k, 3), all entries rounded to those of the nearest projector."""
         H = np.zeros((len(diagonal), 3, 3))
         H[:, [0, 1, 2], [0, 1, 2]] = np.round(diagonal)
         turned = np.flatnonzero(np.any(others != 0.0, axis=1)) if others is not None else np.empty(0, dtype=np.int64)
@@ -316,12 +284,8 @@ class PrescribedRows:
 
 
 def prescribed_rows(count: int, supports: Sequence[tuple[npt.NDArray[np.integer[Any]], FloatArray]]) -> PrescribedRows:
-    """The rows of supports, of which a later one applies where they meet.
-
-    Args:
-        count: Number of this rank's nodes k.
-        supports: IntArray (q,) of each support and their directions, orthonormal rows or zeros, shape (q, 3, 3).
-    """
+    """The rows of supports, of which a later one applies where they meet: of each its nodes (q,) among this rank's
+    `count`, and orthonormal rows or zeros (q, 3, 3)."""
     nodes: IntArray = np.unique(np.concatenate([np.empty(0, np.int64), *(given for given, _ in supports)]))
     H = np.zeros((len(nodes), 3, 3))
     found: list[tuple[IntArray, IntArray, FloatArray]] = []
@@ -342,16 +306,8 @@ def prescribed_rows(count: int, supports: Sequence[tuple[npt.NDArray[np.integer[
 
 
 def _independent(directions: FloatArray, H: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What directions add to those that are held.
-
-    Args:
-        directions: Orthonormal rows or zeros, shape (q, 3, 3).
-        H: Projectors onto the held directions, shape (q, 3, 3).
-
-    Returns:
-        Unit vectors in the span of the rows, independent of the held directions, or zeros, shape (q, 3, 3); and
-        orthonormal vectors that are orthogonal to H, with the same span beside H.
-    """
+    """What directions add to those that are held, with projectors H: unit vectors in the span of the rows, independent
+    of the held directions, or zeros; and orthonormal vectors that are orthogonal to H, with the same span beside H."""
     rest = directions - directions @ H
     same, none = np.all(rest == directions, axis=2), np.all(rest == 0.0, axis=2)
     rows = np.where(none[:, :, None], 0.0, directions)
@@ -376,5 +332,4 @@ def _duals(place: IntArray, direction: FloatArray, count: int) -> FloatArray:
     askew = np.any(gram != 0.0, axis=(1, 2))
     dual = D.copy()
     dual[askew] = np.swapaxes(np.linalg.pinv(D[askew], rcond=0.1 * DEPENDENT), 1, 2)
-    rows: FloatArray = dual[place, number]
-    return rows
+    return dual[place, number]

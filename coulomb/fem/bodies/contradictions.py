@@ -27,8 +27,7 @@ class SupportedNodes:
     """What a support prescribes by itself at this rank's q nodes.
 
     Attributes:
-        support: The support.
-        nodes: The nodes, ascending, shape (q,).
+        nodes: Ascending, shape (q,).
         directions: Orthonormal rows or zeros, shape (q, 3, 3).
         displacement: In metres, of which the parts along the directions are prescribed, shape (q, 3).
     """

@@ -31,10 +31,9 @@ class Loading:
     """Loads and prescribed displacements of a body at a time; this rank's k nodes.
 
     Attributes:
-        time: The time.
         load: Nodal forces of all loads in newtons, shape (k, 3).
         prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
-        temperature: Temperature; None for a body without.
+        temperature: None for a body without.
         parts: Of several bodies, the loading of each, in their order.
     """
 
@@ -47,13 +46,7 @@ class Loading:
 
 @dataclass(frozen=True)
 class Member:
-    """One of the bodies of a problem.
-
-    Attributes:
-        name: Its name; "" if it is the only one.
-        body: The body on its mesh.
-        nodes: Its nodes among those of this rank.
-    """
+    """One of the bodies of a problem, and its nodes among those of this rank; the name is "" if it is the only one."""
 
     name: str
     body: SingleBody
@@ -67,13 +60,8 @@ class Member:
 
 
 class Deformable(HeldNodes, ABC):
-    """Linear elastic bodies with their supports and loads.
-
-    Attributes:
-        contradictions: Messages about supports that prescribe different displacements where they meet.
-        materials: Its materials; None if they are in the user's forms.
-        loads: Its loads with an amplitude.
-    """
+    """Linear elastic bodies with their supports and loads; `materials` are None if they are in the user's forms,
+    `contradictions` messages about supports that prescribe different displacements where they meet."""
 
     contradictions: tuple[str, ...]
     materials: Materials | None
@@ -86,11 +74,7 @@ class Deformable(HeldNodes, ABC):
 
     @property
     def alone(self) -> SingleBody:
-        """The only body.
-
-        Raises:
-            ValueError: If there are several.
-        """
+        """The only body; ValueError if there are several."""
         if len(self.members) > 1:
             names = ", ".join(member.name for member in self.members)
             raise ValueError(
@@ -100,14 +84,11 @@ class Deformable(HeldNodes, ABC):
 
     @abstractmethod
     def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
-        """A face: the body that it is on, and this rank's facets of the body's mesh.
-
-        Raises:
-            ValueError: If there is no such face; the message begins with `what`.
-        """
+        """A face: the body that it is on, and this rank's facets of the body's mesh; ValueError, beginning with `what`,
+        if there is none."""
 
     def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
-        """This rank's nodes on a face, sorted; ValueError if there is no such face."""
+        """This rank's nodes on a face, sorted; errors as of `face`."""
         member, facets = self.face(face, what)
         nodes: npt.NDArray[np.int32] = (member.nodes.start + member.body.nodes_of(facets)).astype(np.int32)
         return nodes
@@ -153,11 +134,8 @@ class Deformable(HeldNodes, ABC):
 
     @abstractmethod
     def at(self, time: float) -> Loading:
-        """Loads and prescribed displacements at a time; collective.
-
-        Raises:
-            ValueError: On every rank, if they have no finite value at that time.
-        """
+        """Loads and prescribed displacements at a time; ValueError on every rank if they are not finite then;
+        collective."""
 
     def outdated(self, loading: Loading) -> bool:
         """Whether loads, prescribed displacements or coefficients have been changed by hand since a loading was
@@ -174,8 +152,7 @@ class Deformable(HeldNodes, ABC):
         prescribes it.
 
         Args:
-            reaction: Forces of the supports on the body at this rank's nodes in newtons, along held directions:
-                `held_part` of internal forces minus loads, springs and contact forces; shape (k, 3).
+            reaction: `held_part` of internal forces minus loads, springs and contact forces, newtons, shape (k, 3).
         """
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
@@ -218,15 +195,12 @@ class SingleBody(HeldSpace, Deformable):
 
     @property
     def members(self) -> tuple[Member, ...]:
-        """Itself."""
         return (Member("", self, slice(0, self._owned)),)
 
     def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
-        """A face of its mesh: see `Deformable`."""
         return self.members[0], self.mesh.facets(name, what)
 
     def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """The same numbers."""
         return numbers
 
     @abstractmethod
@@ -239,7 +213,6 @@ class SingleBody(HeldSpace, Deformable):
         return 3
 
     def f(self, loading: Loading) -> PETSc.Vec:
-        """The load in newtons, with the prescribed displacements included, so that K u = f; collective."""
         f, load = self.K.createVecRight(), loading.load
         if self.mesh.comm.allreduce(bool(np.any(loading.prescribed)), op=MPI.LOR):
             g = loading.prescribed

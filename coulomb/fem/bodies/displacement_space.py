@@ -21,12 +21,7 @@ from .constraints import Numbering
 
 @dataclass(frozen=True)
 class Vertices:
-    """The vertices of a mesh among the nodes of a space.
-
-    Attributes:
-        space: The linear displacements on the same mesh.
-        node: The node of each vertex of this rank, shape (v,).
-    """
+    """The vertices of a mesh: linear displacements on it, and the node of each vertex of this rank, shape (v,)."""
 
     space: DisplacementSpace
     node: npt.NDArray[np.int64]
@@ -35,12 +30,9 @@ class Vertices:
 class DisplacementSpace:
     """Displacements with values at nodes: vertices, and in second order also the middles of edges, faces and cells.
 
-    Args:
-        V: Lagrange space of vectors (3,) of first or second order on tetrahedra or hexahedra, coordinates in metres.
-
     Attributes:
-        V: The argument.
-        domain: Its DOLFINx mesh.
+        V: Lagrange space of vectors (3,) of first or second order on tetrahedra or hexahedra.
+        domain: Its DOLFINx mesh, coordinates in metres.
         x: Coordinates of this rank's nodes, the block dofs of V that it owns, in metres, shape (k, 3).
         points_of_faces: The `contact_points` of faces, by their facets.
     """
@@ -57,19 +49,15 @@ class DisplacementSpace:
 
     @property
     def comm(self) -> MPI.Comm:
-        """The ranks that share the mesh."""
-        comm: MPI.Comm = self.domain.comm
-        return comm
+        return self.domain.comm
 
     @property
     def numbering(self) -> Numbering:
-        """Global numbers of this rank's nodes."""
         index_map = self.V.dofmap.index_map
         return Numbering(index_map.local_range[0], index_map.size_local, index_map.size_global)
 
     @property
     def lifetime(self) -> object:
-        """The mesh."""
         return self.domain
 
     @property
@@ -82,13 +70,6 @@ class DisplacementSpace:
         function = fem.Function(self.V, name=name)
         function.x.array[: 3 * self._owned] = u.ravel()
         function.x.scatter_forward()
-        return function
-
-    def scalar_function(self, values: FloatArray, name: str) -> Any:
-        """DOLFINx Function of numbers (k,) at this rank's nodes, in the scalar space of the same degree."""
-        function = fem.Function(compat.functionspace(self.domain, self.degree), name=name)
-        everywhere = self.function(np.repeat(values[:, None], 3, axis=1)).x.array[::3]
-        function.x.array[compat.cell_dofs(function.function_space)] = everywhere[compat.cell_dofs(self.V)]
         return function
 
     def nodes_of(self, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
@@ -132,18 +113,15 @@ class DisplacementSpace:
         return self._integral("normal", facets, normal)
 
     def _integral(self, name: str, facets: npt.NDArray[np.int32], compute: Callable[[], FloatArray]) -> FloatArray:
-        """An integral over boundary facets of the undeformed mesh, computed once: load steps ask for it again and
-        again; collective."""
+        """An integral over boundary facets of the undeformed mesh, kept for later load steps; collective."""
         key = (name, facets.tobytes())
         if not self.comm.allreduce(key in self._integrals, op=MPI.LAND):
             self._integrals[key] = compute()
         return self._integrals[key].copy()
 
     def positive_weights(self, facets: npt.NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
-        """Area and outward normal around this rank's nodes: integrals over boundary facets in m^2, shapes (k,), (k, 3).
-
-        They are weighted by hat functions, on 10-node tetrahedra at vertices by linear ones: so they are positive.
-        """
+        """Area and outward normal around this rank's nodes: integrals over boundary facets in m^2, shapes (k,), (k, 3),
+        weighted by hat functions, on 10-node tetrahedra at vertices by linear ones: so they are positive."""
         area, normal = self.area_of(facets), self.normal_of(facets)
         if not self.positive:
             linear, node = self.vertices.space, self.vertices.node
@@ -167,7 +145,6 @@ class DisplacementSpace:
         return Vertices(linear, node)
 
     def linear_between_vertices(self, values: FloatArray) -> FloatArray:
-        """A nodal field that is linear on all edges and has these values (k,) or (k, d <= 3) at vertices."""
         if values.ndim == 1:
             return self.linear_between_vertices(values[:, None])[:, 0]
         corners, field = np.zeros((len(self.vertices.node), 3)), fem.Function(self.V)
@@ -186,11 +163,8 @@ class DisplacementSpace:
         return self._assemble(fem.form(ufl.inner(self.function(traction), self._test) * self.measure(facets)))
 
     def pressure_load(self, pressure: FloatArray, facets: npt.NDArray[np.int32]) -> FloatArray:
-        """Nodal forces in newtons, shape (k, 3), of a pressure (k,) in pascals on boundary facets.
-
-        The integral of -p n over each facet of the undeformed mesh; n, the outward normal, varies over a facet with
-        four corners that is not plane.
-        """
+        """Nodal forces in newtons, shape (k, 3), of a pressure (k,) in pascals: the integral of -p n over each facet of
+        the undeformed mesh; n varies over a facet with four corners that is not plane."""
         p = self.function(np.repeat(pressure[:, None], 3, axis=1))[0]
         n = ufl.FacetNormal(self.domain)
         return self._assemble(fem.form(-p * ufl.inner(n, self._test) * self.measure(facets)))
@@ -200,20 +174,13 @@ class DisplacementSpace:
         return self._assemble(fem.form(ufl.inner(self.function(force), self._test) * ufl.dx))
 
     def weight(self, density: FloatArray, gravity: FloatArray) -> FloatArray:
-        """Nodal forces in newtons, shape (k, 3).
-
-        Args:
-            density: Of this rank's own cells in kg/m^3, shape (c,).
-            gravity: Acceleration in m/s^2, shape (3,).
-        """
+        """Nodal forces in newtons, shape (k, 3), of own cells with a density (c,), kg/m^3, under gravity (3,) m/s^2."""
         g = self.function(np.broadcast_to(gravity, (self._owned, 3)))
         return self._assemble(fem.form(self._on_cells(density, "density") * ufl.inner(g, self._test) * ufl.dx))
 
     def largest_gradient(self, u: FloatArray) -> float:
-        """Largest Frobenius norm of the displacement gradient, over all ranks; u is (k, 3).
-
-        At the cells' midpoints in first order, in second order at their corners, where bending is largest.
-        """
+        """Largest Frobenius norm of the gradient of u (k, 3) over all ranks: at the cells' midpoints in first order, in
+        second order at their corners, where bending is largest."""
         displacement, size, expression = self._gradient
         displacement.x.array[: 3 * self._owned] = u.ravel()
         displacement.x.scatter_forward()
@@ -224,7 +191,6 @@ class DisplacementSpace:
 
     @cached_property
     def _gradient(self) -> tuple[Any, Any, Any]:
-        """A displacement, the size of its gradient, and the expression of that in the displacement."""
         W, displacement = compat.functionspace(self.domain, self.degree - 1, family="DG"), fem.Function(self.V)
         slope = ufl.grad(displacement)
         size = fem.Expression(ufl.sqrt(ufl.inner(slope, slope)), compat.interpolation_points(W))
@@ -249,7 +215,7 @@ class DisplacementSpace:
 
     def _added(self, part: FloatArray, form: Any) -> FloatArray:
         """What the cells of all ranks add at this rank's nodes, shape (k, 3), from what its own add there and at its
-        ghosts, shape (n,); a form has the same layout."""
+        ghosts (n,)."""
         if self.comm.size == 1:
             return part.reshape(-1, 3)
         vector = fem.petsc.create_vector(form)

@@ -54,20 +54,9 @@ def distributed_bodies(
 ) -> dict[str, GivenBody]:
     """Everything that is given for several bodies, by the name of the body.
 
-    Args:
-        mesh: The bodies.
-        materials: One for all, or a mapping with a material for every body, as "lower", or for every group of its
-            cells, as "lower:steel".
-        clamps: Supports of faces "body:face".
-        tractions: Loads on faces "body:face".
-        body_force: Of all bodies, or a mapping of names of bodies to theirs, as are gravity and temperature.
-        springs: On faces "body:face".
-        body_force_amplitude: Of all bodies, as are the other amplitudes and the reference temperature.
-        gravity: In m/s^2.
-        gravity_amplitude: Its factor.
-        temperature: As of `ContactProblem`.
-        reference_temperature: As of `ContactProblem`.
-        temperature_amplitude: As of `ContactProblem`.
+    Materials are one for all, or a mapping of "lower", or of groups of cells as "lower:steel"; supports, loads and
+    springs are on faces "body:face"; body force, gravity and temperature of all bodies, or mappings of names of bodies;
+    amplitudes and the reference temperature of all.
 
     Raises:
         ValueError: If a body, face or group is unknown, a body has no material or two, or a list has other entries.
@@ -99,11 +88,7 @@ def distributed_bodies(
 
 
 def made(kind: type[Kind], bodies: Mapping[str, GivenBody]) -> dict[str, Kind]:
-    """Every body as a `LoadedBody` or an `Elasticity`; collective.
-
-    Raises:
-        ValueError: As these, with the name of the body.
-    """
+    """Every body as a `LoadedBody` or an `Elasticity`; errors with the name of the body; collective."""
     found = {}
     for name, given in bodies.items():
         try:

@@ -118,18 +118,14 @@ class Elasticity(LoadedBody, SingleBody):
 
     @property
     def K(self) -> PETSc.Mat:
-        """Stiffness, N/m; block size 3, symmetric positive definite, with the rigid body modes as its near-nullspace;
-        it does not change with time."""
         return self._K
 
     @property
     def held_diagonal(self) -> FloatArray:
-        """The entry of K for held components, N/m: the mean diagonal of the node without supports, shape (k, 1)."""
         return self._held_diagonal
 
     @property
     def anchoring(self) -> FloatArray:
-        """Stiffness of the springs in K at the anchors of free motions, N/m, shape (k, 3)."""
         return self._anchoring
 
     def _add_springs(self, trial: Any) -> None:

@@ -27,35 +27,24 @@ from .rigid_modes import component_modes, of_components, rigid_modes
 
 @dataclass(frozen=True)
 class FormValues:
-    """The values of the coefficients of a form at one time; this rank's part.
-
-    Attributes:
-        functions: Of every function in it, ghosts included.
-        constants: Of all constants, packed.
-    """
+    """The values of the coefficients of a form at one time, on this rank: functions with ghosts, constants packed."""
 
     functions: tuple[FloatArray, ...]
     constants: FloatArray
 
     def same(self, other: FormValues) -> bool:
-        """Whether all values on this rank are equal."""
         pairs = zip(self.functions, other.functions, strict=True)
         equal = all(np.array_equal(one, two) for one, two in pairs)
         return equal and np.array_equal(self.constants, other.constants)
 
 
 def values_of(form: Any) -> FormValues:
-    """The present values of the coefficients of a compiled form."""
     functions = tuple(np.array(function.x.array) for function in compat_forms.functions_in(form))
     return FormValues(functions, compat_forms.packed_constants(form))
 
 
 def compiled(form: Any, what: str) -> Any:
-    """A form, compiled by DOLFINx unless it is already.
-
-    Raises:
-        ValueError: If it cannot be; the message begins with `what`.
-    """
+    """A form, compiled by DOLFINx unless it is already; ValueError, beginning with `what`, if it cannot be."""
     if compat_forms.is_compiled(form):
         return form
     try:
@@ -66,17 +55,10 @@ def compiled(form: Any, what: str) -> Any:
 
 
 class BilinearForm:
-    """A bilinear form on a space of displacements.
+    """A bilinear form, of UFL or compiled, on a space of displacements.
 
     Of a UFL form the residual is the compiled action a(u, v) for all v; of a compiled form, of which no action can be
     made, it is the product of a matrix that is assembled anew.
-
-    Args:
-        a: UFL or compiled.
-        V: The space.
-
-    Raises:
-        ValueError: If it cannot be compiled.
     """
 
     def __init__(self, a: Any, V: Any):
@@ -85,12 +67,10 @@ class BilinearForm:
 
     @property
     def values(self) -> FormValues:
-        """The present values of its coefficients."""
         return values_of(self._form)
 
     def suspects(self, values: FormValues) -> str:
-        """Which of these values make a vanish or have no finite values, for the end of a message; empty if none do;
-        collective."""
+        """Which of these values make a vanish or are not finite, for the end of a message; collective."""
         comm = self._u.function_space.mesh.comm
         names = [f"the function {function.name!r}" for function in compat_forms.functions_in(self._form)]
         sizes = [float(np.max(np.abs(one), initial=0.0)) for one in values.functions]
@@ -153,8 +133,7 @@ class _Stiffness:
     """The matrix of a with fixed values of its coefficients.
 
     Attributes:
-        values: The values.
-        K: The matrix with held directions eliminated.
+        K: With held directions eliminated.
         held_diagonal: Its entry for held components, shape (k, 1).
         ground: Nodal forces of the rigid modes; None if they are rounding errors.
         diagonal: Of the matrix of a alone, N/m, shape (k, 3).
@@ -245,39 +224,31 @@ class Body(SingleBody):
 
     @property
     def K(self) -> PETSc.Mat:
-        """Stiffness with held directions eliminated, block size 3."""
         return self._stiffness.K
 
     @property
     def held_diagonal(self) -> FloatArray:
-        """The entry of K for held components, shape (k, 1)."""
         return self._stiffness.held_diagonal
 
     @property
     def free(self) -> FreeMotions:
-        """The rigid motions that neither a nor held directions resist."""
         return self._stiffness.free
 
     @property
     def anchoring(self) -> FloatArray:
-        """Stiffness of the springs in K at the anchors of free motions, N/m, shape (k, 3)."""
         return self._stiffness.anchoring
 
     @property
     def ground(self) -> FloatArray | None:
-        """Nodal forces of the `rigid_modes`, shape (k, 3, 6): those of Robin terms in a; None without them."""
         return self._stiffness.ground
 
     def suspects(self) -> str:
-        """Coefficients of a that vanish; see `SingleBody`."""
         return self._a.suspects(self._stiffness.values)
 
     def internal_force(self, u: FloatArray) -> FloatArray:
-        """The residual form a(u, v) assembled anew at u, newtons; shapes (k, 3); collective."""
         return self._a.residual(self._stiffness.values, u)
 
     def at_time(self, time: float) -> Body:
-        """The body with the coefficients that a has at a time: itself if they are the same; collective."""
         self._set(time)
         values, own = self._a.values, self._stiffness
         if self._same(own, values):
@@ -294,11 +265,8 @@ class Body(SingleBody):
         return same
 
     def at(self, time: float) -> Loading:
-        """L and the boundary values at a time; collective.
-
-        Raises:
-            ValueError: On every rank, if a value is not finite, or the user's callable fails.
-        """
+        """L and the boundary values at a time; ValueError on every rank if one is not finite, or the user's callable
+        fails; collective."""
         self._set(time)
         load = np.zeros_like(self.x) if self._L is None else self._assemble(self._L)
 
@@ -310,7 +278,6 @@ class Body(SingleBody):
         return Loading(time, on_all_ranks(finite, "Body: L", self.mesh.comm), self._conditions.prescribed())
 
     def outdated(self, loading: Loading) -> bool:
-        """Whether the values have changed since a loading of this body was evaluated; collective."""
         if self.at_time(loading.time) is not self:
             return True
         now = self.at(loading.time)
@@ -318,7 +285,6 @@ class Body(SingleBody):
         return not self.mesh.comm.allreduce(same, op=MPI.LAND)
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        """L as one load."""
         if self._L is not None:
             yield NodalForces("load", None, loading.load)
 
@@ -332,7 +298,6 @@ class Body(SingleBody):
         return largest * work / (size or 1.0)
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        """The forces of every boundary condition by itself, in the order given; see `Deformable`."""
         rows = self._conditions.rows
         forces = rows.forces(reaction)
         for number in range(self._conditions.count):
@@ -341,7 +306,6 @@ class Body(SingleBody):
             yield NodalForces("dirichlet", None, share)
 
     def supports_understood(self) -> list[dict[str, Any]]:
-        """Kind, face and what it holds of every boundary condition; collective."""
         return self._conditions.words()
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
@@ -389,6 +353,5 @@ class Body(SingleBody):
 
 
 def _signature(form: Any) -> str | None:
-    """UFL's signature of a form, which identifies its expression without the values of coefficients; None of a compiled
-    form, or of none."""
+    """UFL's signature of a form, without the values of coefficients; None of a compiled form, or of none."""
     return str(form.signature()) if hasattr(form, "signature") else None

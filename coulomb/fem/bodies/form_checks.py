@@ -22,12 +22,7 @@ SYMMETRIC = 1e-10
 
 
 def space_of_forms(a: Any, L: Any, space: Any) -> Any:
-    """The Python function space of the forms.
-
-    Args:
-        a: The bilinear form.
-        L: The linear form, or None.
-        space: Given by the user, or None: then that of the forms.
+    """The Python function space of the forms: that given by the user, or their own.
 
     Raises:
         ValueError: If there are not one or two arguments, or the space is not one of displacements in 3D.
@@ -89,7 +84,6 @@ def _spaces(form: Any, what: str) -> list[Any]:
 
 
 def _refuse_space(space: Any) -> None:
-    """Check that a space is one of displacements."""
     wanted = "a body needs continuous Lagrange vectors with three components, of degree 1 or 2"
     topology, geometry = space.mesh.topology, space.mesh.geometry
     if topology.dim != 3 or geometry.dim != 3:
@@ -117,11 +111,7 @@ def _refuse_space(space: Any) -> None:
 
 
 def refuse_bcs(bcs: Any, V: Any) -> list[Any]:
-    """Boundary conditions of DOLFINx on V or its components, as a list.
-
-    Raises:
-        ValueError: If one is something else.
-    """
+    """Boundary conditions as a list; ValueError unless they are DOLFINx's, on V or its components."""
     if hasattr(bcs, "dof_indices") or not isinstance(bcs, Iterable):
         raise ValueError(f"Body: bcs must be a list of dirichletbc of DOLFINx, but is {bcs!r}")
     given = list(bcs)
@@ -146,12 +136,7 @@ Faces = Mapping[str, Any] | NamedMesh | Any
 
 
 def named_mesh(domain: Any, faces: Any) -> NamedMesh:
-    """The mesh of the user with the faces that he names; collective.
-
-    Args:
-        domain: The mesh.
-        faces: A mapping of names to facet numbers of this rank, or to (MeshTags, value); MeshTags, whose values become
-            names such as "3"; a NamedMesh of the same mesh.
+    """The mesh of the user with the faces that he names, as of `Body`; collective.
 
     Raises:
         ValueError: On every rank, if facets are not on the boundary of the mesh, or the argument is something else.
@@ -239,16 +224,8 @@ def _of_tags(domain: Any, tags: Any, boundary: npt.NDArray[Any]) -> NamedMesh:
 
 
 def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray, suspects: str) -> None:
-    """Check that a matrix is symmetric and its diagonal positive; collective.
-
-    Args:
-        K: The matrix of a.
-        x: The nodes, shape (k, 3).
-        suspects: Coefficients that may be the cause, for the end of a message (`BilinearForm.suspects`).
-
-    Raises:
-        ValueError: On every rank, if not.
-    """
+    """ValueError on every rank unless the matrix of a is symmetric and its diagonal positive; `suspects` ends the
+    message; collective."""
     (u, image), other = K.createVecs(), K.createVecRight()
     size = float(np.max(np.abs(x), initial=0.0)) or 1.0
     u.array[:] = np.sin(x / size @ np.array([[11.0, 23.0, 35.0], [51.0, 43.0, 72.0], [93.0, 81.0, 64.0]]) + 1.0).ravel()

@@ -27,14 +27,7 @@ _WORSE = 0.3
 
 @dataclass(frozen=True)
 class Anchor:
-    """A degree of freedom at which a spring makes K positive definite.
-
-    Attributes:
-        rank: The rank that owns its node.
-        node: The node, among those of that rank.
-        axis: 0, 1 or 2.
-        x: The node's place, shape (3,).
-    """
+    """A degree of freedom at which a spring makes K positive definite: a node of a rank, at x (3,), and an axis."""
 
     rank: int
     node: int
@@ -108,14 +101,7 @@ _TIDY = 1e-9
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """A rigid motion of a component.
-
-    Attributes:
-        component: Number of the component.
-        part: The component.
-        translation: Of its centre in metres, shape (3,).
-        rotation: In radians, shape (3,).
-    """
+    """A rigid motion of a component: translation (3,) of its centre in metres, and rotation (3,) in radians."""
 
     component: int
     part: RigidPart
@@ -133,13 +119,11 @@ class FreeMotion:
 
     @property
     def moves(self) -> bool:
-        """Whether it is not zero."""
         return bool(np.any(self.translation) or np.any(self.rotation))
 
     def at(self, x: FloatArray) -> FloatArray:
         """The displacements of points x (k, 3) of the component, metres, shape (k, 3)."""
-        moved: FloatArray = self.translation + np.cross(self.rotation, x - self.part.centre)
-        return moved
+        return self.translation + np.cross(self.rotation, x - self.part.centre)
 
     def __str__(self) -> str:
         """ "moves along x", or "spins about (0, 0, 1) through (1, 0.5, 0)", with the way along the axis if there is."""
@@ -158,9 +142,8 @@ class FreeMotions:
     """The free rigid motions of a body, q of them, linearly independent; those of a component follow each other.
 
     Attributes:
-        comm: The ranks.
         component: The component of each of this rank's k nodes, shape (k,).
-        motions: The motions, each of one metre: at the centre of its component, or at the radius.
+        motions: Each of one metre: at the centre of its component, or at the radius.
         anchors: As many degrees of freedom, in the order of the motions' components.
         bodies: What each component is called in messages.
     """
@@ -193,11 +176,10 @@ class FreeMotions:
         return E
 
     def amounts(self, u: FloatArray) -> FloatArray:
-        """The amounts of the motions in displacements u (k, 3) that are 0 at the anchors without them, shape (q,);
+        """The amounts (q,) of the motions in displacements u (k, 3) that would be 0 at the anchors without them;
         collective."""
         there = np.array([u[a.node, a.axis] if a.rank == self.comm.rank else 0.0 for a in self.anchors])
-        total: FloatArray = np.linalg.solve(self.at_anchors, self.comm.allreduce(there, op=MPI.SUM))
-        return total
+        return np.linalg.solve(self.at_anchors, self.comm.allreduce(there, op=MPI.SUM))
 
     def anchored(self, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
         """Which components of this rank's nodes are anchors, shape (k, 3)."""
@@ -231,15 +213,14 @@ class FreeMotions:
         return tuple(found)
 
     def projected(self, forces: FloatArray, x: FloatArray) -> FloatArray:
-        """Nodal forces (k, 3) at nodes x (k, 3) less their resultants along the motions, which are spread over the
-        nodes as the motions are; collective."""
+        """Nodal forces (k, 3) less their resultants along the motions, spread over the nodes as the motions are;
+        collective."""
         if not self.motions:
             return forces
         R = self.modes(x)
         gram = self.comm.allreduce(np.einsum("kci,kcj->ij", R, R), op=MPI.SUM)
         resultant = self.comm.allreduce(np.einsum("kci,kc->i", R, forces), op=MPI.SUM)
-        left: FloatArray = forces - R @ np.linalg.solve(gram, resultant)
-        return left
+        return forces - R @ np.linalg.solve(gram, resultant)
 
 
 def free_motions(
@@ -255,8 +236,7 @@ def free_motions(
     Args:
         x: This rank's nodes, metres, shape (k, 3).
         component: Their components, shape (k,).
-        forces: Nodal forces that supports and springs make of the rigid motions of each node's component
-            (`component_modes`), in any unit, shape (k, 3, 6).
+        forces: Nodal forces that supports and springs make of the `component_modes`, in any unit, shape (k, 3, 6).
         limit: Energy of a motion up to which it is free, in the same unit and metres.
         places: Which nodes suit as anchors, the best first, shapes (k,).
         comm: The ranks.
@@ -278,13 +258,7 @@ def free_motions(
 
 
 def joined_motions(parts: Sequence[FreeMotions], names: Sequence[str], nodes: Sequence[slice]) -> FreeMotions:
-    """The free motions of several bodies, of which this rank's nodes follow each other.
-
-    Args:
-        parts: Those of each body.
-        names: The names of the bodies.
-        nodes: The nodes of each among those of all.
-    """
+    """The free motions of several bodies, of which this rank's nodes follow each other."""
     motions: list[FreeMotion] = []
     anchors: list[Anchor] = []
     bodies: list[str] = []
@@ -299,7 +273,6 @@ def joined_motions(parts: Sequence[FreeMotions], names: Sequence[str], nodes: Se
 
 
 def _rows(motions: Sequence[FreeMotion], x: FloatArray) -> FloatArray:
-    """The displacements of points x (p, 3) in each motion, shape (p, 3, q)."""
     return np.stack([motion.at(x) for motion in motions], axis=2)
 
 

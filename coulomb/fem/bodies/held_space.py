@@ -19,30 +19,18 @@ INTERPOLATION = "interpolation"
 
 
 class HeldSpace(DisplacementSpace, HeldNodes):
-    """Displacements with held directions, and the faces of their mesh; what a body is made of sets both.
-
-    Attributes:
-        mesh: The body.
-        held: The directions along which this rank's nodes are held.
-    """
+    """Displacements with held directions, and the faces of their mesh; what a body is made of sets both."""
 
     mesh: NamedMesh
     held: HeldDirections
 
     def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
-        """This rank's nodes on a face, sorted; ValueError if there is no such face."""
         return self.nodes_of(self.mesh.facets(face, what))
-
-    def nodal_area(self, face: str, what: str = "contact") -> FloatArray:
-        """Integral of every hat function over a face in m^2, this rank's nodes, shape (k,)."""
-        return self.area_of(self.mesh.facets(face, what))
 
     @property
     def anchor_places(self) -> tuple[npt.NDArray[np.bool_], ...]:
-        """Which of this rank's nodes suit as anchors of free motions, the best first, shapes (k,).
-
-        Those inside, which cannot be in contact; those that are not held obliquely; all.
-        """
+        """Which of this rank's nodes suit as anchors of free motions, the best first, shapes (k,): those inside, which
+        cannot be in contact; those that are not held obliquely; all."""
         everywhere = np.ones(self._owned, dtype=bool)
         along_axes, inside = everywhere.copy(), everywhere.copy()
         along_axes[self.held.nodes[self.held.oblique]] = False
@@ -51,20 +39,15 @@ class HeldSpace(DisplacementSpace, HeldNodes):
         return inside & along_axes, along_axes, everywhere
 
     def eliminated(self, K: PETSc.Mat) -> tuple[PETSc.Mat, FloatArray]:
-        """The stiffness with the held directions eliminated, and rigid body modes for multigrid; collective.
+        """The stiffness K of the free body, which it changes or destroys, with the held directions eliminated and with
+        rigid body modes for multigrid; and m, shape (k, 1); collective.
 
         With P, the projector onto the free directions of the nodes, K becomes P K P + m (I - P): where a component is
-        held, its row and column are zero except for the diagonal.  The numbers m are means of the diagonal of the
-        node: a 1 there would disturb multigrid and all scales.  So would the same number at all nodes if one material
-        is much stiffer than another: multigrid takes the coupling of two nodes for weak where it is small beside their
+        held, its row and column are zero except for the diagonal.  The numbers m are means of the diagonal of the node:
+        a 1 there would disturb multigrid and all scales.  So would the same number at all nodes if one material is much
+        stiffer than another: multigrid takes the coupling of two nodes for weak where it is small beside their
         diagonals, nodes that are held along one direction in the softer material are then on no coarser grid, and
         motions of the body as a whole are not either.
-
-        Args:
-            K: The stiffness of the free body, N/m, block size 3; it is changed, or destroyed.
-
-        Returns:
-            The matrix, and m, shape (k, 1).
 
         Raises:
             ValueError: On every rank, if every direction of every node is held.
@@ -101,7 +84,6 @@ class HeldSpace(DisplacementSpace, HeldNodes):
         return K, mean
 
     def _projected(self, K: PETSc.Mat) -> PETSc.Mat:
-        """P K P in place of K."""
         P = self.projection()
         projected = K.PtAP(P)
         projected.setAttr("mesh", self.mesh)  # keeps it alive: see compat.assemble_matrix
@@ -110,8 +92,8 @@ class HeldSpace(DisplacementSpace, HeldNodes):
         return projected
 
     def _interpolation(self) -> PETSc.Mat:
-        """From linear displacements to free ones of second order, shape (n, 3 v), with the rigid body modes of the
-        linear ones as its near-nullspace; for multigrid."""
+        """From linear displacements to free ones of second order, with their rigid body modes as near-nullspace; for
+        multigrid."""
         linear, cell = self.vertices.space, self.domain.topology.cell_type
         values = np.round(lagrange_values(cell, 1, lagrange_points(cell, 2)), 12)
         nodes, vertices = compat.cell_dofs(self.V), compat.cell_dofs(linear.V)

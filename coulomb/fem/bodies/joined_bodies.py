@@ -78,16 +78,10 @@ def join(
 
 
 class JoinedBodies(Deformable):
-    """Bodies that only contact connects; `coulomb.join` makes them.
+    """Bodies on the same ranks that only contact connects; `coulomb.join` makes them.
 
     On every rank the nodes of the first body come before those of the second, and so on; globally, those of one rank
     before those of the next.  Faces are called "body:face".
-
-    Args:
-        bodies: The bodies by name, all on the same ranks.
-
-    Raises:
-        ValueError: On every rank, if there is none, or two are on different ranks.
     """
 
     def __init__(self, bodies: Mapping[str, SingleBody]):
@@ -115,32 +109,26 @@ class JoinedBodies(Deformable):
 
     @property
     def comm(self) -> MPI.Comm:
-        """The ranks that share all bodies."""
         return self._bodies[0].comm
 
     @property
     def numbering(self) -> Numbering:
-        """Global numbers of this rank's nodes of all bodies."""
         return Numbering(self._numbers.first_of(self.comm.rank), len(self.x), self._numbers.total)
 
     @property
     def lifetime(self) -> object:
-        """All meshes."""
         return tuple(body.lifetime for body in self._bodies)
 
     @property
     def members(self) -> tuple[Member, ...]:
-        """The bodies."""
         return tuple(map(Member, self._names, self._bodies, self._slices))
 
     def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
-        """The face "body:face": see `Deformable`."""
         of, own = self._mesh.split(name, what)
         member = self.members[self._names.index(of)]
         return member, member.body.mesh.facets(own, what)
 
     def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Global numbers among the nodes of all bodies, from those in the space of one."""
         return self._numbers.of(self._names.index(member.name), numbers)
 
     def linear_between_vertices(self, values: FloatArray) -> FloatArray:
@@ -152,14 +140,12 @@ class JoinedBodies(Deformable):
         return field
 
     def largest_gradient(self, u: FloatArray) -> float:
-        """Largest of all bodies."""
         return float(np.max([body.largest_gradient(part) for body, part in self._each(u)]))
 
     # --- stiffness ----------------------------------------------------------------------------------------------------
 
     @property
     def K(self) -> PETSc.Mat:
-        """The stiffnesses of the bodies, a block for each."""
         parts = [body.K for body in self._bodies]
         if self._K is None or any(one is not other for one, other in zip(parts, self._K[0], strict=True)):
             self._K = (parts, self._joined(parts))
@@ -212,12 +198,10 @@ class JoinedBodies(Deformable):
 
     @cached_property
     def free(self) -> FreeMotions:
-        """Those of all bodies."""
         return joined_motions([body.free for body in self._bodies], self._names, self._slices)
 
     @property
     def anchoring(self) -> FloatArray:
-        """Stiffness of the springs in K at the anchors of free motions, N/m, shape (k, 3)."""
         return np.concatenate([body.anchoring for body in self._bodies])
 
     # --- loads and forces ---------------------------------------------------------------------------------------------
@@ -235,14 +219,12 @@ class JoinedBodies(Deformable):
     _changed: JoinedBodies | None = None
 
     def at(self, time: float) -> Loading:
-        """The loadings of all bodies, which are its parts."""
         parts = tuple(body.at(time) for body in self._bodies)
         load, prescribed = (np.concatenate([getattr(part, name) for part in parts]) for name in ("load", "prescribed"))
         temperature = joined_temperatures([part.temperature for part in parts], self._slices)
         return Loading(time, load, prescribed, temperature, parts)
 
     def f(self, loading: Loading) -> PETSc.Vec:
-        """The loads of all bodies."""
         f = self.K.createVecRight()
         for body, part, nodes in zip(self._bodies, loading.parts, self._slices, strict=True):
             own = body.f(part)
@@ -251,50 +233,41 @@ class JoinedBodies(Deformable):
         return f
 
     def outdated(self, loading: Loading) -> bool:
-        """Whether that of any body is."""
         return any([body.outdated(part) for body, part in zip(self._bodies, loading.parts, strict=True)])
 
     def internal_force(self, u: FloatArray) -> FloatArray:
-        """Of all bodies."""
         return np.concatenate([body.internal_force(part) for body, part in self._each(u)])
 
     def spring_force(self, u: FloatArray) -> FloatArray:
-        """Of all bodies."""
         return np.concatenate([body.spring_force(part) for body, part in self._each(u)])
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        """Of all bodies, with the name of the body before that of the face."""
         for member, part in zip(self.members, loading.parts, strict=True):
             yield from self._named(member, member.body.loads_in(part))
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        """Of all bodies, with the name of the body before that of the face."""
         for member in self.members:
             yield from self._named(member, member.body.shares(reaction[member.nodes]))
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
-        """Of all bodies, with the name of the body before that of the face."""
         for member in self.members:
             yield from self._named(member, member.body.spring_forces(u[member.nodes]))
 
     def supports_understood(self) -> list[dict[str, Any]]:
-        """Of all bodies, with the name of the body before that of the face."""
         given = [(member, one) for member in self.members for one in member.body.supports_understood()]
         return [{**one, "face": member.called(one["face"])} for member, one in given]
 
     def blocked_displacement(self, loading: Loading) -> float:
-        """The largest of all bodies."""
         return max(body.blocked_displacement(part) for body, part in zip(self._bodies, loading.parts, strict=True))
 
     def forms(self) -> Mapping[str, Any] | None:
-        """Of the bodies of the user's forms, by name; None if there is none."""
+        """By the name of the body."""
         found = {name: body.forms() for name, body in zip(self._names, self._bodies, strict=True)}
         given = {name: forms for name, forms in found.items() if forms is not None}
         return given or None
 
     @property
     def ground(self) -> FloatArray | None:
-        """Of bodies with springs or Robin terms, for the rigid motions of all bodies together."""
         parts = [body.ground for body in self._bodies]
         if all(part is None for part in parts):
             return None
@@ -307,12 +280,10 @@ class JoinedBodies(Deformable):
         return ground
 
     def _each(self, values: FloatArray) -> Iterator[tuple[SingleBody, FloatArray]]:
-        """Every body with its part of nodal values."""
         for body, nodes in zip(self._bodies, self._slices, strict=True):
             yield body, values[nodes]
 
     def _lifted(self, member: Member, values: FloatArray) -> FloatArray:
-        """Nodal values of one body, 0 on the others."""
         lifted = np.zeros((len(self.x), *values.shape[1:]))
         lifted[member.nodes] = values
         return lifted
@@ -328,20 +299,14 @@ class JoinedBodies(Deformable):
 
 @dataclass(frozen=True)
 class _LoadOfBody:
-    """A load with the name of its body before that of its face."""
-
     kind: str
     face: str | None
     amplitude: Amplitude
 
 
 class _Numbers:
-    """Global numbers of what several bodies have on every rank, one body after the other.
-
-    Args:
-        comm: The ranks.
-        sizes: First number and count of each body on this rank, in its own numbering.
-    """
+    """Global numbers of what several bodies have on every rank, one body after the other, from the first number and
+    count of each body on this rank in its own numbering."""
 
     def __init__(self, comm: MPI.Comm, sizes: Sequence[tuple[int, int]]):
         table = np.array(comm.allgather(list(sizes)), dtype=np.int64)
@@ -349,7 +314,6 @@ class _Numbers:
         self.total = int(self._count.sum())
 
     def first_of(self, rank: int) -> int:
-        """The first number of a rank."""
         return int(self._first[rank].sum())
 
     def of(self, place: int, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -372,12 +336,10 @@ def _widened(
 
 
 def _shape(matrix: PETSc.Mat) -> tuple[int, int]:
-    """This rank's rows, and all columns."""
     return int(matrix.getLocalSize()[0]), int(matrix.getSize()[1])
 
 
 def _together(parts: Sequence[HeldDirections], slices: Sequence[slice]) -> HeldDirections:
-    """The held directions of the nodes of all bodies."""
     nodes = np.concatenate([part.nodes + where.start for part, where in zip(parts, slices, strict=True)])
     return HeldDirections(slices[-1].stop, nodes, np.concatenate([part.projector for part in parts]))
 

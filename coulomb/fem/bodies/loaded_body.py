@@ -42,20 +42,11 @@ _KINDS = {
 class LoadedBody(ElasticBody, HeldSpace):
     """An elastic body with its supports, springs and loads; `at` gives the loading at a time.
 
-    Attributes:
-        mesh: The body.
-        materials: A material, or a mapping of cell groups to materials.
-        V: Its space of displacements.
-        supports: What prescribes displacements; where supports meet, the later one applies.
-        held: The directions along which this rank's nodes are held.
-        springs: Its springs.
-        contradictions: Messages about supports that prescribe different displacements where they meet.
-        thermal: Its temperature; None without one.
-        loads: Its loads, with their nodal forces.
+    Where supports meet, the later one applies; `thermal` is its temperature, None without one.
 
     Raises:
-        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, no density
-            under gravity.
+        ValueError: If a face is unknown, a value not finite, a cell without a material or with two, no density under
+            gravity.
     """
 
     def __init__(
@@ -94,11 +85,6 @@ class LoadedBody(ElasticBody, HeldSpace):
         self.loads = (*in_volume, *heat, *on_faces)
 
     def at(self, time: float) -> Loading:
-        """Loads and prescribed displacements at a time; collective.
-
-        Raises:
-            ValueError: On every rank, if an amplitude has no finite value at that time.
-        """
         load = np.zeros((self._owned, 3))
         for part in self.loads_at(time):
             load += part.forces
@@ -107,26 +93,20 @@ class LoadedBody(ElasticBody, HeldSpace):
         return Loading(time, load, prescribed, self._temperature_at(time))
 
     def blocked_displacement(self, loading: Loading) -> float:
-        """That of the temperature (`Temperature.displacement`); 0 without one."""
         return 0.0 if loading.temperature is None else loading.temperature.displacement
 
     def loads_at(self, time: float) -> Iterator[NodalForces]:
-        """The forces of every load by itself at a time; collective.
-
-        Raises:
-            ValueError: On every rank, if an amplitude has no finite value at that time.
-        """
+        """The forces of every load by itself at a time; ValueError on every rank if an amplitude has no finite value;
+        collective."""
         for applied in self.loads:
             load = applied.load
             yield NodalForces(load.kind.replace(" ", "_"), load.face, applied.at(time, self.mesh.comm))
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        """The forces of every load by itself; collective."""
         return self.loads_at(loading.time)
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
-        """The forces of every spring by itself at displacements u (k, 3), in the order given: integrals of stiffness
-        times displacement over its face; collective."""
+        """Integrals of stiffness times displacement over the faces; see `Deformable`."""
         for spring, form in zip(self.springs, self._spring_forms, strict=True):
             self._sprung_by.x.array[: 3 * self._owned] = u.ravel()
             self._sprung_by.x.scatter_forward()
@@ -140,8 +120,7 @@ class LoadedBody(ElasticBody, HeldSpace):
         return Temperature(factor * self._temperature_change, self.thermal.reference, displacement)
 
     def _factor(self, amplitude: Amplitude, time: float, what: str) -> float:
-        factor: float = on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
-        return factor
+        return on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
 
     def _prescribe(self) -> None:
         given = [self._supported_nodes(support) for support in self.supports]
@@ -173,8 +152,7 @@ class LoadedBody(ElasticBody, HeldSpace):
         self._spring_forms = [fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs]
 
     def spring_form(self, spring: Spring, u: Any) -> Any:
-        """UFL's form of the integral of a spring's stiffness times u, a Function or TrialFunction of V, against every
-        hat function over its face."""
+        """UFL's form of the integral over its face of a spring's stiffness times u, a Function or trial function."""
         stiffness = fem.Constant(self.domain, np.array(spring.along_axes))
         sprung = ufl.as_vector([stiffness[k] * u[k] for k in range(3)])
         return ufl.inner(sprung, self._test) * self.measure(self.mesh.facets(spring.face, "spring"))
@@ -191,27 +169,19 @@ class LoadedBody(ElasticBody, HeldSpace):
     def _motions_without(
         self, component: npt.NDArray[np.int64], modes: FloatArray, forces: FloatArray, limit: float
     ) -> FreeMotions:
-        """The rigid motions, of size 1 at a node, of which neither forces (k, 3, 6) of the `component_modes` nor held
-        directions, with the weight 1, have energy."""
+        """The rigid motions of size 1 without energy, by forces (k, 3, 6) of the `component_modes` and held nodes."""
         against = forces + self.held_part(modes)
         return free_motions(self.x, component, against, limit, self.anchor_places, self.mesh.comm)
 
     @property
     def free(self) -> FreeMotions:
-        """The rigid motions that supports and springs allow: along held directions, and along axes with springs
-        whatever their stiffness, nothing moves."""
+        """The rigid motions that supports and springs allow: along axes with springs whatever their stiffness, nothing
+        moves."""
         return self._free
 
     # --- queries ----------------------------------------------------------------------------------------
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        """The forces of every support by itself, in the order given: each held direction belongs to the support that
-        prescribes it.
-
-        Args:
-            reaction: Forces of the supports on the body at this rank's nodes in newtons, along held directions:
-                `held_part` of internal forces minus loads, springs and contact forces; shape (k, 3).
-        """
         forces = self._rows.forces(reaction)
         for number, support in enumerate(self.supports):
             here, share = self._rows.support == number, np.zeros_like(reaction)
@@ -219,7 +189,6 @@ class LoadedBody(ElasticBody, HeldSpace):
             yield NodalForces(support.kind.replace(" ", "_"), support.face, share)
 
     def spring_force(self, u: FloatArray) -> FloatArray:
-        """Forces of the springs on the body at displacements u, newtons; shapes (k, 3); collective."""
         total = np.zeros_like(u)
         for one in self.spring_forces(u):
             total += one.forces
@@ -227,25 +196,21 @@ class LoadedBody(ElasticBody, HeldSpace):
 
     @cached_property
     def ground(self) -> FloatArray | None:
-        """Nodal forces of the `rigid_modes`, shape (k, 3, 6): those of the springs; None without them; collective."""
         if not self.springs:
             return None
         modes = rigid_modes(self.x, self.mesh.comm)
         return -np.stack([self.spring_force(modes[:, :, k]) for k in range(6)], axis=2)
 
     def supports_understood(self) -> list[dict[str, Any]]:
-        """Kind, face and what it holds of every support and spring."""
         supports = [{"kind": support.kind, "face": support.face, "holds": support.holds} for support in self.supports]
         return supports + [{"kind": "spring", "face": spring.face, "holds": spring.holds} for spring in self.springs]
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
-        """The stresses (`STRESSES`) of u, a Function of V, under a loading, and the constants of the materials."""
         change = None if loading.temperature is None else loading.temperature.change
         return [*self.stresses(u, change), *self.constants.values()]
 
     @property
     def numbers_per_cell(self) -> int:
-        """How many numbers per cell `cell_fields` has."""
         return len(STRESSES) + sum(3 if name in VECTORS else 1 for name in self.constants)
 
 

@@ -46,9 +46,7 @@ class Timed(Protocol):
     """What a load is called, and its factor in time."""
 
     @property
-    def kind(self) -> str:
-        """In words."""
-        ...
+    def kind(self) -> str: ...
 
     @property
     def face(self) -> str | None:
@@ -65,11 +63,8 @@ class Load(Timed, Protocol):
     """A load: a kind, perhaps a face, an amplitude, and nodal forces."""
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
-        """Nodal forces in newtons at the factor 1, this rank's nodes, shape (k, 3); collective.
-
-        Raises:
-            ValueError: On every rank, if the face is unknown, or a value is not finite on any.
-        """
+        """Nodal forces in newtons at the factor 1, this rank's nodes, shape (k, 3); ValueError on every rank if the
+        face is unknown, or a value is not finite on any; collective."""
         ...
 
 
@@ -90,7 +85,6 @@ class Traction:
     kind = "traction"
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
-        """As `Load`; the values at the nodes of the face are interpolated."""
         facets, values = mesh.facets(self.face, self.kind), np.zeros_like(body.x)
         nodes = body.nodes_of(facets)
         values[nodes] = evaluate_vectors(self.value, body.x[nodes], named(self), mesh.comm)
@@ -116,7 +110,6 @@ class Pressure:
     kind = "pressure"
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
-        """As `Load`; the values at the nodes of the face are interpolated."""
         facets, values = mesh.facets(self.face, self.kind), np.zeros(len(body.x))
         nodes = body.nodes_of(facets)
         values[nodes] = evaluate_signed_numbers(self.value, body.x[nodes], named(self), mesh.comm)
@@ -146,7 +139,6 @@ class TotalForce:
         _three(self.force, f"{named(self)}: the force", "newtons")
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
-        """As `Load`."""
         area = body.area_of(mesh.facets(self.face, self.kind))
         whole = mesh.comm.allreduce(float(area.sum()), op=MPI.SUM)
         nodal: FloatArray = area[:, None] / whole * np.asarray(self.force, dtype=np.float64)
@@ -155,12 +147,7 @@ class TotalForce:
 
 @dataclass(frozen=True)
 class BodyForce:
-    """Force per volume.
-
-    Attributes:
-        value: In N/m^3, a vector or a function of x.
-        amplitude: Factor of the value as a function of time: a number, a function, a table or a `LoadCurve`.
-    """
+    """Force per volume in N/m^3, a vector or a function of x."""
 
     value: Field
     amplitude: Amplitude = 1.0
@@ -169,22 +156,13 @@ class BodyForce:
     face = None
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
-        """As `Load`; the values at the nodes are interpolated."""
         return body.volume_load(evaluate_vectors(self.value, body.x, named(self), mesh.comm))
 
 
 @dataclass(frozen=True)
 class Weight:
-    """Weight of the body: density times the acceleration of gravity.
-
-    Attributes:
-        gravity: Acceleration in m/s^2, shape (3,), for example (0, 0, -9.81).
-        materials: The materials, each with a density.
-        amplitude: Factor of gravity as a function of time: a number, a function, a table or a `LoadCurve`.
-
-    Raises:
-        ValueError: If gravity has not three finite components.
-    """
+    """Weight of the body: its density times the acceleration of gravity (3,) in m/s^2; ValueError if this is not
+    finite."""
 
     gravity: Sequence[float]
     materials: Materials
@@ -197,43 +175,32 @@ class Weight:
         _three(self.gravity, "gravity", "m/s^2, for example (0, 0, -9.81)")
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
-        """As `Load`."""
         density = density_of_cells(mesh, self.materials)
         return body.weight(density, np.asarray(self.gravity, dtype=np.float64))
 
 
 @dataclass(frozen=True)
 class AppliedLoad:
-    """A load on a mesh; this rank's k nodes.
-
-    Attributes:
-        load: The load.
-        nodal_force: Nodal forces in newtons at the factor 1, shape (k, 3).
-        size: Its size in words, where forces do not show it.
-    """
+    """A load on a mesh: its nodal forces in newtons at the factor 1, shape (k, 3), and its size in words, where forces
+    do not show it."""
 
     load: Timed
     nodal_force: FloatArray
     size: str = ""
 
     def at(self, time: float, comm: MPI.Comm) -> FloatArray:
-        """Nodal forces at a time in newtons, shape (k, 3); collective.
-
-        Raises:
-            ValueError: On every rank, if the amplitude has no finite value then.
-        """
+        """Nodal forces at a time in newtons, shape (k, 3); ValueError on every rank if the amplitude is not finite;
+        collective."""
         load = self.load
         factor = on_all_ranks(lambda: evaluate_amplitude(load.amplitude, time, named(load)), "", comm)
         return factor * self.nodal_force
 
 
 def named(load: Timed) -> str:
-    """A load in error messages."""
     return load.kind if load.face is None else f"{load.kind} on {load.face!r}"
 
 
 def vanishes(value: Field) -> bool:
-    """Whether a vector is given, and is zero."""
     return not callable(value) and np.shape(value) == (3,) and not np.any(np.asarray(value, dtype=np.float64))
 
 

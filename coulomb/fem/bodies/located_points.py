@@ -33,12 +33,8 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Interpolation:
-    """Nodes and weights by which a nodal field is interpolated at points.
-
-    Attributes:
-        nodes: Nodes of each point among this rank's, ghosts included, shape (p, n).
-        weights: Their weights; 0 for all points that another rank interpolates; shape (p, n).
-    """
+    """Nodes (p, n) among this rank's, ghosts included, and their weights, by which a nodal field is interpolated at
+    points; 0 for points that another rank interpolates."""
 
     nodes: Ints
     weights: FloatArray
@@ -70,16 +66,11 @@ class LocatedPoints:
 def locate(
     points: FloatArray, names: Sequence[str], body: DisplacementSpace, faces: Sequence[npt.NDArray[np.int32]]
 ) -> LocatedPoints:
-    """Find points in the mesh of a body; collective.
-
-    Args:
-        points: In metres, shape (p, 3), the same on every rank.
-        names: What a message calls them.
-        body: The body.
-        faces: This rank's facets of each contact face.
+    """Find points (p, 3), the same on every rank, in the mesh of a body; `faces` are this rank's facets of each contact
+    face; collective.
 
     Raises:
-        ValueError: On every rank, if a point is outside the mesh, with the nearest point and its distance.
+        ValueError: On every rank, if a point is outside the mesh, with its name, the nearest point and its distance.
     """
     comm, cells = body.domain.comm, _Cells(body)
     body.domain.topology.create_connectivity(2, 3)
@@ -147,7 +138,7 @@ class _Cells:
 
     def holding(self, point: FloatArray) -> tuple[int, FloatArray, float]:
         """This rank's own cell that holds a point: its number, the reference coordinates, and how far these are outside
-        the reference cell; infinite if there is no such cell."""
+        the reference cell; infinite if there is none."""
         best: tuple[int, FloatArray, float] = (-1, np.zeros(3), np.inf)
         beyond = 1e-6 if self._order == 1 else 0.2  # a curved cell may reach beyond its nodes
         margin = beyond * np.max(self._high - self._low, axis=1, initial=0.0)[:, None]
@@ -192,7 +183,6 @@ class _Cells:
         return values
 
     def facets(self, facets: npt.NDArray[Any]) -> _Facets:
-        """Boundary facets with the cells beside them."""
         topology = self._domain.topology
         for dims in ((2, 0), (3, 0), (2, 3)):
             topology.create_connectivity(*dims)
@@ -208,9 +198,9 @@ class _Cells:
 
 
 class _Facets:
-    """Boundary facets as triangles: f facets, of quadrilaterals both halves.
+    """Boundary facets as triangles, of quadrilaterals both halves.
 
-    Args:
+    Attributes:
         x: Corners of the cell beside each facet, shape (f, n, 3).
         cell: Number of that cell, shape (f,).
         corners: Which corners of the cell are the facet's, shape (f, n).
@@ -254,8 +244,7 @@ def _nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArra
         distance = np.linalg.norm(on_edge - point, axis=1)
         best = np.where((distance < least)[:, None], on_edge, best)
         least = np.minimum(distance, least)
-    nearest: FloatArray = np.where(inside[:, None], in_plane, best)
-    return nearest
+    return np.where(inside[:, None], in_plane, best)
 
 
 def _shown(point: FloatArray) -> str:

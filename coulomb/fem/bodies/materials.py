@@ -62,11 +62,7 @@ def material_of_cells(mesh: NamedMesh, materials: Materials, heated: bool = Fals
 
 
 def density_of_cells(mesh: NamedMesh, materials: Materials) -> FloatArray:
-    """Density of this rank's own cells in kg/m^3, shape (c,).
-
-    Raises:
-        ValueError: On every rank, if a material has no density.
-    """
+    """Density of this rank's own cells in kg/m^3, shape (c,); ValueError on every rank if a material has none."""
     _refuse_without(materials, "density", "gravity needs the density", "density, kg/m^3")
     density = np.zeros(mesh.domain.topology.index_map(3).size_local)
     for material, cells in _with_cells(mesh, materials):
@@ -116,6 +112,5 @@ def midpoints(domain: object) -> FloatArray:
 
 
 def _with_cells(mesh: NamedMesh, materials: Materials) -> Iterator[tuple[AnyMaterial, Cells]]:
-    """Every material with this rank's own cells of it."""
     for name, material in by_group(materials):
         yield material, slice(None) if name is None else mesh.group(name, "material")

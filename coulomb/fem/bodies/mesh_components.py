@@ -19,15 +19,8 @@ from .displacement_space import DisplacementSpace
 
 
 def unjoined_parts(bodies: Deformable, pairs: Iterable[tuple[str, str]]) -> list[str]:
-    """A message on every mesh with components that touch where no pair of faces is; collective.
-
-    Args:
-        bodies: The bodies.
-        pairs: Names of the faces of all contacts against deformable faces.
-
-    Raises:
-        ValueError: If there is no such face.
-    """
+    """A message on every mesh with components that touch where no pair of faces is; ValueError if a face is unknown;
+    collective."""
     faces = [bodies.face(name, "contact") for pair in pairs for name in pair]
     said = []
     for member in bodies.members:
@@ -50,8 +43,7 @@ def unjoined_parts(bodies: Deformable, pairs: Iterable[tuple[str, str]]) -> list
 
 
 def _beside(mesh: NamedMesh, corners: IntArray) -> FloatArray:
-    """This rank's places at which components touch that are not at these nodes of the geometry, of any rank;
-    collective."""
+    """This rank's places at which components touch that are not at these nodes of any rank; collective."""
     x, comm = mesh.domain.geometry.x, mesh.comm
     ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
     near = 2.0 * SAME_PLACE * float(np.linalg.norm(np.min(comm.allgather(ends), axis=0).sum(axis=0)))
@@ -69,8 +61,7 @@ Numbers = npt.NDArray[np.int64]
 
 
 def mesh_components(space: DisplacementSpace) -> Numbers:
-    """The component of each of this rank's nodes, shape (k,), numbered from 0 by their smallest x, then y, then z;
-    collective.
+    """The component of each of this rank's nodes, shape (k,), numbered by their smallest x, then y, then z; collective.
 
     Every rank labels the components of its own cells; labels that meet at a node of two ranks are then joined on every
     rank alike, so that no mesh is gathered.

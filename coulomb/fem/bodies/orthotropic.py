@@ -79,12 +79,9 @@ class CellMaterials:
         return None if given is None else stiffness(given.young, given.poisson, given.shear, given.axes)
 
     def thermal_stress(self, constants: FloatArray | None) -> tuple[FloatArray, FloatArray] | None:
-        """Stiffness times thermal strain, per kelvin, in Pa/K: the pressure, shape (c,), or with orthotropic cells the
-        stress, shape (c, 6); and this times the thermal strain, J/(m^3 K^2), shape (c,).  None without a temperature.
-
-        Args:
-            constants: `stiffness`.
-        """
+        """Stiffness times thermal strain, per kelvin, in Pa/K: the pressure, shape (c,), or with orthotropic cells, of
+        the stiffness `constants`, the stress, shape (c, 6); and this times the thermal strain, J/(m^3 K^2), shape
+        (c,).  None without a temperature."""
         if self.expansion is None:
             return None
         if self.directional is None or constants is None:
@@ -109,12 +106,8 @@ class CellMaterials:
 
     @staticmethod
     def of_fields(fields: Mapping[str, FloatArray]) -> CellMaterials:
-        """The constants from `fields`.
-
-        Raises:
-            KeyError: If one is missing.
-            ValueError: If orthotropic constants have no positive strain energy, or directions are parallel.
-        """
+        """The constants from `fields`; KeyError if one is missing, ValueError if orthotropic ones have no positive
+        strain energy, or directions are parallel."""
         if ORTHOTROPIC[0] not in fields:
             return CellMaterials(fields["young"], fields["poisson"], None, fields.get(EXPANSION))
         young, poisson, shear, first, second = (fields[name] for name in ORTHOTROPIC)
@@ -200,11 +193,7 @@ class OrthotropicMaterial:
 
 
 def three(given: object, what: str, unit: str) -> FloatArray:
-    """Three finite numbers, shape (3,).
-
-    Raises:
-        ValueError: If they are not.
-    """
+    """Three finite numbers, shape (3,); ValueError if they are not."""
     try:
         values = np.asarray(given, dtype=np.float64)
     except (TypeError, ValueError):
@@ -215,11 +204,7 @@ def three(given: object, what: str, unit: str) -> FloatArray:
 
 
 def refuse_indefinite(young: FloatArray, poisson: FloatArray) -> None:
-    """Check that the strain energy is positive for every strain; shapes (c, 3).
-
-    Raises:
-        ValueError: If not, with the condition that the first such material violates.
-    """
+    """ValueError, with the violated condition, unless the strain energy is positive for every strain; shapes (c, 3)."""
     for number, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
         ratio, limit = np.abs(poisson[:, number]), np.sqrt(young[:, i] / young[:, j])
         wrong = ~(ratio < limit)
@@ -251,15 +236,11 @@ def _determinant(young: FloatArray, poisson: FloatArray) -> FloatArray:
 
 
 def perpendicular(first: FloatArray, second: FloatArray, x: FloatArray | None = None) -> FloatArray:
-    """Rows d1, d2, d3 of right-handed perpendicular unit vectors, shape (c, 3, 3), from two directions (c, 3).
-
-    Args:
-        first: The direction of d1.
-        second: d2 is the part of it that is perpendicular to d1.
-        x: Where they are, shape (c, 3), for messages.
+    """Rows d1, d2, d3 of right-handed perpendicular unit vectors, shape (c, 3, 3): d1 along the first directions (c,
+    3), d2 along the part of the second that is perpendicular to it.
 
     Raises:
-        ValueError: If a direction is zero, or both are parallel, with the first place.
+        ValueError: If a direction is zero, or both are parallel, with the first place in x (c, 3).
     """
 
     def refuse(wrong: npt.NDArray[np.bool_], fault: str) -> None:
@@ -279,14 +260,8 @@ def perpendicular(first: FloatArray, second: FloatArray, x: FloatArray | None = 
 
 
 def stiffness(young: FloatArray, poisson: FloatArray, shear: FloatArray, axes: FloatArray) -> FloatArray:
-    """The 21 constants of the stiffness in space of every cell, pascals, in the order of `UPPER`, shape (c, 21).
-
-    Args:
-        young: E1, E2, E3, shape (c, 3), pascals.
-        poisson: nu12, nu13, nu23, shape (c, 3).
-        shear: G12, G13, G23, shape (c, 3), pascals.
-        axes: Rows d1, d2, d3, shape (c, 3, 3).
-    """
+    """The 21 constants of the stiffness in space of every cell, pascals, in the order of `UPPER`, shape (c, 21);
+    arguments as of `Directional`."""
     i, j = np.array(UPPER).T
     found = np.empty((len(young), 21))
 
@@ -306,17 +281,11 @@ def along_directions(young: FloatArray, poisson: FloatArray, shear: FloatArray) 
         S[:, 3 + k, 3 + k] = 1.0 / shear[:, 2 - k]
     for number, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
         S[:, i, j] = S[:, j, i] = -poisson[:, number] / young[:, i]
-    C: FloatArray = np.linalg.inv(S)
-    return C
+    return np.linalg.inv(S)
 
 
 def thermal_strain(expansion: FloatArray, axes: FloatArray) -> FloatArray:
-    """Strain in space per kelvin, shape (c, 6).
-
-    Args:
-        expansion: Thermal expansion along the directions, 1/K, shape (c, 3).
-        axes: Rows d1, d2, d3, shape (c, 3, 3).
-    """
+    """Strain in space per kelvin, shape (c, 6), from expansion along the directions, rows of axes (c, 3, 3)."""
     strain = np.einsum("ck,cki,ckj->cij", expansion, axes, axes)
     return np.stack([(1.0 if i == j else 2.0) * strain[:, i, j] for i, j in PAIRS], axis=1)
 

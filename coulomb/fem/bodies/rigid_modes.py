@@ -21,8 +21,6 @@ class RigidLoad:
     """Force and moment of loads along the free motions of a component.
 
     Attributes:
-        component: Number of the component.
-        part: The component.
         force: In newtons, shape (3,).
         moment: About the centre of the component, newton metres, shape (3,).
     """
@@ -76,34 +74,22 @@ def direction_in_words(vector: FloatArray, part: float = SMALL) -> str:
 
 def tidy(vector: FloatArray, size: float) -> FloatArray:
     """Without components that are rounding errors beside a size."""
-    tidy: FloatArray = np.where(np.abs(vector) < SMALL * size, 0.0, vector) + 0.0
-    return tidy
+    return np.where(np.abs(vector) < SMALL * size, 0.0, vector) + 0.0
 
 
 @dataclass(frozen=True)
 class RigidPart:
-    """A component of a body as a rigid body.
-
-    Attributes:
-        centre: Mean of its nodes, metres, shape (3,).
-        radius: Root mean square of their distances from it, metres.
-    """
+    """A component of a body: the mean of its nodes (3,) and the root mean square of their distances from it, metres."""
 
     centre: FloatArray
     radius: float
 
 
 def rigid_modes(x: FloatArray, comm: MPI.Comm) -> FloatArray:
-    """Translations along x, y, z and rotations about these axes through the mean of all nodes; collective.
+    """Translations along x, y, z and rotations about these axes through the mean of all nodes x, shape (k, 3, 6);
+    collective.
 
     Each has the size 1: the translations at every node, the rotations in the root mean square of all nodes.
-
-    Args:
-        x: Coordinates of this rank's nodes in metres, shape (k, 3).
-        comm: The ranks.
-
-    Returns:
-        Shape (k, 3, 6).
     """
     count = comm.allreduce(len(x), op=MPI.SUM)
     r = x - comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
@@ -157,14 +143,8 @@ def of_components(
 
 
 def of_part(forces: FloatArray, x: FloatArray, here: npt.NDArray[np.bool_], comm: MPI.Comm) -> FloatArray:
-    """Forces of the rigid motions of a component (`rigid_modes` of its nodes), from those of the body as a whole, shape
-    (k, 3, 6); collective.
-
-    Args:
-        forces: Linear in the `rigid_modes` of all nodes, shape (k, 3, 6).
-        x: All nodes of this rank, shape (k, 3).
-        here: Those of the component, shape (k,).
-    """
+    """Forces of the `rigid_modes` of a component's nodes, those `here` (k,), from those of the body as a whole (k, 3,
+    6); collective."""
     _, parts = component_modes(x, np.where(here, 0, 1), comm)
     return of_components(forces, x, np.where(here, 0, 1), parts, comm)[here]
 

@@ -30,11 +30,10 @@ class SupportedFace:
     """What a support needs of its face; this rank's q nodes.
 
     Args:
-        nodes: The nodes among this rank's, ascending, shape (q,).
+        nodes: Among this rank's, ascending, shape (q,).
         x: Their coordinates in metres, shape (q, 3).
-        comm: The ranks.
-        integrals: Computes the integrals of the hat functions over the face in m^2, shape (q,), and of the outward
-            normal against them, shape (q, 3); collective.
+        integrals: Of the hat functions over the face, m^2, shape (q,), and of the outward normal against them, (q, 3);
+            collective.
     """
 
     def __init__(
@@ -83,11 +82,8 @@ class SupportedFace:
         return on_all_ranks(unit, what, self.comm)
 
     def plane(self, what: str) -> FloatArray:
-        """Outward unit normal of a plane face, shape (3,); collective.
-
-        Raises:
-            ValueError: On every rank, if the face is not plane; the message begins with `what`.
-        """
+        """Outward unit normal of a plane face, shape (3,); ValueError on every rank, beginning with `what`, if it is
+        not plane; collective."""
         area, outward = self._integrals
         total = self.comm.allreduce(float(area.sum()), op=MPI.SUM)
         mean = self.comm.allreduce(outward.sum(axis=0), op=MPI.SUM) / total

@@ -27,13 +27,7 @@ from .supported_face import SupportedFace
 
 
 def held_in_words(components: str, direction: Field | None, value: Field) -> str:
-    """Held components or direction, and the prescribed displacement unless it is zero.
-
-    Args:
-        components: Letters of "xyz", "normal" or "tangential".
-        direction: In place of components.
-        value: The displacement in metres.
-    """
+    """Held components or direction, and the prescribed displacement unless it is zero."""
     letters = direction is None and not set(components) - set("xyz")
     if direction is not None:
         held = "along a function of x" if callable(direction) else f"along {vector_in_words(direction)}"
@@ -52,7 +46,6 @@ def held_in_words(components: str, direction: Field | None, value: Field) -> str
 
 
 def vector_in_words(vector: Sequence[float] | FloatArray) -> str:
-    """(1, 0, -0.5)."""
     return f"({', '.join(f'{value:g}' for value in np.asarray(vector, dtype=np.float64))})"
 
 
@@ -67,14 +60,10 @@ class Support(Protocol):
     """A support that prescribes displacements on a face."""
 
     @property
-    def face(self) -> str:
-        """Name of the face."""
-        ...
+    def face(self) -> str: ...
 
     @property
-    def kind(self) -> str:
-        """Its name in messages."""
-        ...
+    def kind(self) -> str: ...
 
     @property
     def what(self) -> str:
@@ -92,20 +81,13 @@ class Support(Protocol):
         ...
 
     def directions(self, face: SupportedFace) -> FloatArray:
-        """The directions that it holds: orthonormal rows or zeros, shape (q, 3, 3); collective.
-
-        Raises:
-            ValueError: On every rank, if the face does not fit.
-        """
+        """The directions that it holds: orthonormal rows or zeros, shape (q, 3, 3); ValueError on every rank if the
+        face does not fit; collective."""
         ...
 
     def displacement(self, face: SupportedFace) -> FloatArray:
-        """The displacement in metres, of which the parts along the directions are prescribed, at amplitude 1, shape
-        (q, 3); collective.
-
-        Raises:
-            ValueError: On every rank, if it has no finite value.
-        """
+        """The displacement in metres, of which the parts along the directions are prescribed, at amplitude 1, shape (q,
+        3); ValueError on every rank if it is not finite; collective."""
         ...
 
 
@@ -156,21 +138,13 @@ class PrescribedDisplacement:
 
     @property
     def what(self) -> str:
-        """Kind and face, for error messages."""
         return f"{self.kind} on {self.face!r}"
 
     @property
     def holds(self) -> str:
-        """What it holds or prescribes at amplitude 1."""
         return held_in_words(self.components, self.direction, self.value)
 
     def directions(self, face: SupportedFace) -> FloatArray:
-        """The directions that it holds: orthonormal rows or zeros, shape (q, 3, 3); collective.
-
-        Raises:
-            ValueError: On every rank, if the direction is zero or not finite at a node, or if there is an edge within
-                a face whose normals are asked for.
-        """
         rows = np.zeros((len(face.nodes), 3, 3))
         if self.direction is not None:
             rows[:, 0] = self._unit_direction(face)
@@ -202,11 +176,6 @@ class PrescribedDisplacement:
         return on_all_ranks(unit, what, face.comm)
 
     def displacement(self, face: SupportedFace) -> FloatArray:
-        """The displacement in metres at amplitude 1, shape (q, 3); collective.
-
-        Raises:
-            ValueError: On every rank, if it has no finite value.
-        """
         return evaluate_vectors(self.value, face.x, self.what, face.comm)
 
 
@@ -217,13 +186,7 @@ class Clamp(PrescribedDisplacement):
 
     Args:
         face: Name of the face.
-        components: What is held: letters of "xyz"; "normal", along the normal of the face at each node; or
-            "tangential", across it.
-        direction: In place of components: the one direction that is held, a vector or a function of x.
-        surface: The exact surface of which the face is a mesh, for its normals.
-
-    Raises:
-        ValueError: As `PrescribedDisplacement`.
+        components: As of `PrescribedDisplacement`, as are direction, surface and errors.
     """
 
     kind = "clamp"
@@ -253,31 +216,22 @@ class SymmetryPlane:
 
     @property
     def amplitude(self) -> Amplitude:
-        """1 at all times."""
         return 1.0
 
     @property
     def what(self) -> str:
-        """Kind and face, for error messages."""
         return f"symmetry plane on {self.face!r}"
 
     @property
     def holds(self) -> str:
-        """The normal of the plane."""
         return "along the normal"
 
     def directions(self, face: SupportedFace) -> FloatArray:
-        """The normal of the plane at every node, shape (q, 3, 3); collective.
-
-        Raises:
-            ValueError: On every rank, if the face is not plane.
-        """
         rows = np.zeros((len(face.nodes), 3, 3))
         rows[:, 0] = face.plane(self.what)
         return rows
 
     def displacement(self, face: SupportedFace) -> FloatArray:
-        """Zero, shape (q, 3)."""
         return np.zeros_like(face.x)
 
 
@@ -322,12 +276,10 @@ class PrescribedRotation:
 
     @property
     def what(self) -> str:
-        """Kind and face, for error messages."""
         return f"{self.kind} on {self.face!r}"
 
     @property
     def holds(self) -> str:
-        """Rotation, axis, and whether the displacement along it is held."""
         along = "" if self.axial == "held" else ", free along it"
         axis, point = vector_in_words(self.axis), vector_in_words(self.point)
         return f"rotation {self.angle:g} rad about {axis} through {point} m{along}"
@@ -335,20 +287,17 @@ class PrescribedRotation:
     @property
     def _unit_axis(self) -> FloatArray:
         axis = np.array(self.axis, dtype=np.float64)
-        unit: FloatArray = axis / np.linalg.norm(axis)
-        return unit
+        return axis / np.linalg.norm(axis)
 
     def directions(self, face: SupportedFace) -> FloatArray:
-        """The axes, or two directions across the axis of rotation, shape (q, 3, 3)."""
+        """The axes, or two directions across the axis of rotation."""
         rows = np.eye(3)
         if self.axial == "free":
             rows = np.vstack([tangent_frames(self._unit_axis[None, :])[0, 1:], np.zeros(3)])
         return np.broadcast_to(rows, (len(face.nodes), 3, 3)).copy()
 
     def displacement(self, face: SupportedFace) -> FloatArray:
-        """The displacement in metres at amplitude 1, shape (q, 3)."""
-        displacement: FloatArray = self.angle * np.cross(self._unit_axis, face.x - np.array(self.point))
-        return displacement
+        return self.angle * np.cross(self._unit_axis, face.x - np.array(self.point))
 
 
 @dataclass(frozen=True)
@@ -382,7 +331,6 @@ class Spring:
 
     @property
     def holds(self) -> str:
-        """Its stiffness."""
         values = self.along_axes
         same = bool(np.all(values == values[0]))
         return f"stiffness {f'{values[0]:g}' if same else vector_in_words(values)} N/m^3"

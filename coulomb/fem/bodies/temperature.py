@@ -66,11 +66,8 @@ class ThermalLoad:
                 raise ValueError(f"{name} must be a finite number in kelvin or degrees, but is {value!r}")
 
     def change(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
-        """Temperature minus reference at this rank's nodes at the factor 1, kelvin, shape (k,); collective.
-
-        Raises:
-            ValueError: On every rank, if a value is not finite on any, or a field does not cover the body.
-        """
+        """Temperature minus reference at this rank's nodes at the factor 1, kelvin, shape (k,); ValueError on every
+        rank if one is not finite, or a field does not cover the body; collective."""
         change: FloatArray = evaluate_signed_numbers(self.temperature, body.x, "temperature", mesh.comm)
         return change - self.reference
 

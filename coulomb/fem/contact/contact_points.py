@@ -40,15 +40,8 @@ _ROUNDING = 1e-13
 
 
 def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
-    """B: the displacements of contact points, against what they touch, in their frames; collective.
-
-    Args:
-        points: The contact points, averages of the displacements of nodes.
-        frames: Rows n, t1, t2, shape (m, 3, 3).
-
-    Returns:
-        Shape (3 m, n), distributed.
-    """
+    """B, shape (3 m, n): the displacements of contact points against what they touch, in frames of rows n, t1, t2 (m,
+    3, 3); collective."""
     seen = frames
     if points.mirrored is not None:
         across = np.einsum("mai,mij->maj", frames, points.mirrored)
@@ -116,10 +109,8 @@ def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) ->
 
 
 def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
-    """Products of the three rows of every contact point with each other, shape (m, 3, 3).
-
-    They are divided by the sum of the squares of the point's weights: 1 on the diagonal, if nothing is held.
-    """
+    """Products of the three rows of every contact point with each other, over the sum of the squares of the point's
+    weights: 1 on the diagonal, if nothing is held; shape (m, 3, 3)."""
     rows = _local(B)
     weights = points.difference
     square = np.asarray(weights.multiply(weights).sum(axis=1)).ravel()
@@ -131,7 +122,6 @@ def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
 
 
 def _local(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
-    """The rows of this rank, all columns."""
     indptr, columns, values = matrix.getValuesCSR()
     rows = scipy.sparse.csr_matrix((values, columns, indptr), shape=(len(indptr) - 1, matrix.getSize()[1]))
     rows.sort_indices()
@@ -139,7 +129,6 @@ def _local(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
 
 
 def _distributed(rows: scipy.sparse.csr_matrix, points: ContactPoints) -> PETSc.Mat:
-    """The matrix of the rows of every rank."""
     rows.sort_indices()
     size = points.space.numbering
     B = distributed_rows(rows, (3 * size.local, 3 * size.total), points.space, None)
@@ -207,8 +196,8 @@ class ContactPoints:
 
     @property
     def difference(self) -> scipy.sparse.csr_matrix:
-        """The weights by which the displacement of each point against what it touches is made of those of the nodes,
-        shape (m, nodes): against a deformable face the difference of two averages."""
+        """The weights of the nodes in the displacement of each point against what it touches, shape (m, nodes): against
+        a deformable face the difference of two averages."""
         if self.opposite is None:
             return self.weights
         difference = (self.weights - self.opposite).tocsr()
@@ -241,8 +230,8 @@ class ContactPoints:
         return bounded_gap(self.average(values), self.weights, there)
 
     def opposite_average(self, values: FloatArray) -> FloatArray | None:
-        """Averages over the faces opposite of values (k, d) at this rank's nodes, shape (m, d), 0 against foundations;
-        None without such faces; collective."""
+        """Averages over the faces opposite of nodal values (k, d), shape (m, d), 0 against foundations; None without
+        such faces; collective."""
         return None if self.opposite is None else replace(self, weights=self.opposite, nodal=False).average(values)
 
     def held(self, held: HeldDirections) -> FloatArray:
@@ -251,9 +240,6 @@ class ContactPoints:
         Weighted with the squares of the weights, so that of a row of B along a unit vector d the part sqrt(d^T M d) of
         its length is along held directions.  At a point that is a node, M is its projector.  At a held vertex beside
         free nodes it is less: the row acts on these, and without the point their part of the traction would be missing.
-
-        Args:
-            held: The held directions of this rank's nodes.
         """
         if self.nodal:
             return held.projector_at(self.nodes)
@@ -263,14 +249,13 @@ class ContactPoints:
         return replace(self, weights=square.tocsr()).average(projectors).reshape(-1, 3, 3)
 
     def spread(self, values: FloatArray) -> FloatArray:
-        """Values at the contact points (m,) or (m, d) as nodal fields, 0 at other points, shape (k,) or (k, d);
-        collective.  Between vertices that are contact points the fields are linear."""
+        """Values at the contact points (m,) or (m, d) as nodal fields, 0 at other points, linear between vertices that
+        are contact points; shape (k,) or (k, d); collective."""
         field = np.zeros((len(self.space.x), *values.shape[1:]))
         field[self.nodes] = values
         return field if self.nodal else self.space.linear_between_vertices(field)
 
     def only(self, which: npt.NDArray[np.bool_]) -> ContactPoints:
-        """Some of the points, in their order."""
         if np.all(which):
             return self
         return replace(
@@ -316,8 +301,8 @@ def among_all(weights: scipy.sparse.csr_matrix, member: Member, whole: Deformabl
 
 
 def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
-    """The contact points of boundary facets, in the order of their nodes; those of a face are kept, since the evidence
-    of every load step asks for them; collective."""
+    """The contact points of boundary facets, in the order of their nodes, kept for the evidence of load steps;
+    collective."""
     key = facets.tobytes()
     if not space.comm.allreduce(key in space.points_of_faces, op=MPI.LAND):
         space.points_of_faces[key] = _contact_points(space, facets)

@@ -25,7 +25,8 @@ _SETTLED = 1e-8
 def at_points(
     kind: FacetKind, x: FloatArray, p: FloatArray, start: FloatArray, straight: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """The functions of facets at the points that are projected to places in a plane, and their area vectors there.
+    """The functions of facets at the points that are projected to places in a plane, shape (t, q, n), and normals there
+    with the length area over reference area, shape (t, q or 1, 3).
 
     Args:
         kind: Of the facets.
@@ -33,9 +34,6 @@ def at_points(
         p: The places, shape (t, q, 2).
         start: Reference points near them, shape (t, 2).
         straight: Whether the maps of all facets are affine.
-
-    Returns:
-        The functions, shape (t, q, n), and normals with the length area over reference area, shape (t, q or 1, 3).
 
     Raises:
         ValueError: If a facet is so distorted that Newton's method fails.
@@ -101,12 +99,7 @@ def _solved(along_r: _Components, along_s: _Components, x: FloatArray, y: FloatA
 
 @dataclass(frozen=True)
 class FacetKind:
-    """A kind of facet.
-
-    Attributes:
-        corners: 3 or 4.
-        degree: Order of its functions, 1 or 2.
-    """
+    """Triangles or quadrilaterals with functions of order 1 or 2."""
 
     corners: int
     degree: int
@@ -173,8 +166,7 @@ class FacetKind:
         )
 
     def rule(self, degree: int) -> tuple[FloatArray, FloatArray]:
-        """Points (q, 2) and weights (q,) of a quadrature rule on the reference facet; exact on parallelograms for
-        polynomials of that degree."""
+        """Points (q, 2) and weights (q,) of a quadrature rule, exact on parallelograms for such polynomials."""
         return _rule(basix.CellType.triangle if self.corners == 3 else basix.CellType.quadrilateral, degree)
 
 

@@ -57,7 +57,6 @@ class FacetPatch:
 
     @cached_property
     def areas(self) -> FloatArray:
-        """Area of every facet in m^2, shape (f,)."""
         areas: FloatArray = self.whole.sum(axis=1)
         return areas
 
@@ -86,7 +85,6 @@ class FacetPatch:
 
     @cached_property
     def straight(self) -> bool:
-        """Whether the maps of all facets are affine."""
         return bool(np.all(self.distortion < STRAIGHT))
 
     @cached_property
@@ -111,8 +109,7 @@ class FacetPatch:
     @cached_property
     def middle_vectors(self) -> FloatArray:
         """`area_vectors` in the middles of the facets, shape (f, 3)."""
-        vectors: FloatArray = self.area_vectors(self.kind.points.mean(axis=0)[None])[:, 0]
-        return vectors
+        return self.area_vectors(self.kind.points.mean(axis=0)[None])[:, 0]
 
     def sagittas_with(self, n: FloatArray) -> FloatArray:
         """`sagittas` with the sums of `middle_vectors` of the facets around the nodes of each, shape (f, n, 3)."""
@@ -134,21 +131,16 @@ class FacetPatch:
         return np.arange(3 if self.kind.width == 6 else self.kind.width)
 
     def only(self, which: npt.NDArray[np.bool_] | npt.NDArray[np.int64]) -> FacetPatch:
-        """Some of the facets."""
         curved = None if self.curved is None else self.curved[which]
         return replace(self, nodes=self.nodes[which], x=self.x[which], curved=curved)
 
     @property
     def second_order(self) -> FacetKind:
-        """The kind of facets with the nodes `curved`."""
         return FacetKind(self.kind.corners, 2)
 
     def on_surface(self, surface: RigidFoundation) -> FacetPatch:
-        """The facets with `curved` on a surface, whose nearest points they have.
-
-        Raises:
-            ValueError: If a corner is farther from it than a tenth of its facet.
-        """
+        """The facets with `curved` at the nearest points of a surface; ValueError if a corner is farther from it than a
+        tenth of its facet."""
         if not len(self):
             return replace(self, curved=self._in_second_order)
         x = self.x[:, : self.kind.corners].reshape(-1, 3)
@@ -165,12 +157,10 @@ class FacetPatch:
         return replace(self, curved=places.reshape(len(self), -1, 3))
 
     def smoothed(self, n: FloatArray) -> FacetPatch:
-        """The facets with `curved` on the smooth surface with these normals at the corners.
+        """The facets with `curved` on the smooth surface with the normals n: sums of `middle_vectors` of the facets
+        around the corners of each, shape (f, corners, 3).
 
         To second order the middle of an edge is off by 1/2 of the mean of ((x_k - x) . n_k) n_k over its ends.
-
-        Args:
-            n: Sums of `middle_vectors` of the facets around the corners of each, shape (f, corners, 3).
         """
         if self.kind.degree == 2:
             return self
@@ -203,12 +193,6 @@ class FacetPatch:
 
 
 def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FacetPatch:
-    """The facets of a face that this rank owns, with global numbers of the space's nodes.
-
-    Args:
-        space: The displacements.
-        facets: This rank's boundary facets of the face.
-    """
     topology = space.domain.topology
     kind = FacetKind(3 if topology.cell_type.name == "tetrahedron" else 4, space.degree)
     cell, columns = space.in_cells(facets)

@@ -173,12 +173,7 @@ _DEPTH = 0.25
 
 @dataclass(frozen=True)
 class Search:
-    """How far the master is found from the slave, in metres.
-
-    Attributes:
-        depth: Behind it: initial penetration.
-        reach: Before it.
-    """
+    """How far the master is found behind the slave (initial penetration) and before it, metres."""
 
     depth: float
     reach: float
@@ -360,11 +355,9 @@ def _interpolated(
     is known at all corners that have a part in them, shape (m,).
 
     Args:
-        slave: The facets.
-        parts: The ways at their corners.
+        parts: The ways at the corners of the slave's facets.
         products: Integrals of lambda_j and the facet's functions, for every piece of one, shape (k, n).
-        facet: The facet of each piece, shape (k,).
-        row: The contact point j of each, shape (k,).
+        facet, row: The facet and the contact point j of each piece, shape (k,).
         area: a_j, shape (m,).
     """
     corner = slave.nodes[:, : slave.kind.corners]
@@ -394,8 +387,7 @@ def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
 
 def _summed(nodes: IntArray, values: FloatArray, size: int) -> FloatArray:
     """Sums over the facets of values (f, j) at their nodes (f, j), shape (size,)."""
-    sums: FloatArray = np.bincount(nodes.ravel(), values.ravel(), size).astype(np.float64)
-    return sums
+    return np.bincount(nodes.ravel(), values.ravel(), size).astype(np.float64)
 
 
 def _places(patch: FacetPatch, size: int) -> FloatArray:

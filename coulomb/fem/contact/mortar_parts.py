@@ -43,18 +43,8 @@ class SphereTree:
     def before(
         self, centre: FloatArray, radius: FloatArray, normal: FloatArray, depth: float, reach: float
     ) -> tuple[IntArray, IntArray]:
-        """Pairs (line, facet) whose spheres meet: lines from points (k, 3) along unit normals (k, 3).
-
-        Args:
-            centre: Points in metres.
-            radius: Of the cylinders around the lines, shape (k,).
-            normal: Their directions.
-            depth: How far they begin behind their points.
-            reach: How far they go.
-
-        Returns:
-            Indices of lines, ascending, and of facets.
-        """
+        """Pairs (line, facet), ascending, whose spheres meet: lines from points (k, 3) along unit normals (k, 3), as
+        cylinders of these radii (k,), from `depth` behind their points as far as `reach`, metres."""
         lines = np.column_stack([centre, normal, radius]).T.copy()  # component by component: faster
         found = [
             self._search(at, lines, depth, reach)
@@ -111,16 +101,9 @@ _PAIRS = 20_000
 
 
 def clipped(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """The common parts of pairs of convex polygons.
-
-    Args:
-        subject: Corners of the first polygons, in either orientation, shape (p, a, 2).
-        window: Corners of the second polygons, counterclockwise, shape (p, b, 2).
-
-    Returns:
-        Corners of the common parts, shape (k, a + b, 2), of those pairs that have one, and the numbers of these pairs,
-        ascending, shape (k,).  A part with fewer corners ends with copies of its first one.
-    """
+    """The common parts, shape (k, a + b, 2), of those pairs of convex polygons that have one, and the numbers of these
+    pairs, ascending: subjects (p, a, 2) of either orientation, windows (p, b, 2) counterclockwise.  A part with fewer
+    corners ends with copies of its first one."""
     parts, pairs = [], []
     for at in np.array_split(np.arange(len(subject)), len(subject) // _PAIRS + 1):
         part, left = _clipped(subject[at], window[at])
@@ -219,12 +202,10 @@ class Cells:
         x = self.corners
         far = x[:, 3] - x[:, 1] if x.shape[1] == 4 else x[:, 2] - x[:, 1]
         base = x[:, 2] - x[:, 0] if x.shape[1] == 4 else x[:, 1] - x[:, 0]
-        vector: FloatArray = 0.5 * np.cross(base, far)
-        return vector
+        return 0.5 * np.cross(base, far)
 
     @cached_property
     def area(self) -> FloatArray:
-        """Shape (c,)."""
         area: FloatArray = np.linalg.norm(self.area_vector, axis=1)
         return area
 
@@ -281,8 +262,8 @@ class Parts:
 
 
 def common_parts(cells: Cells, others: Cells, depth: float, reach: float) -> Parts:
-    """The common parts of all slave cells with the master cells behind them by up to `depth`, before them by up to
-    `reach`, in metres."""
+    """The common parts of all slave cells with the master cells up to `depth` behind them and `reach` before them,
+    metres."""
     tree = sphere_tree(others.centre, others.radius)
     chunks = np.array_split(np.arange(len(cells.facet)), len(cells.facet) // _CELLS + 1)
     found = [_parts_of(at, cells, others, tree, depth, reach) for at in chunks]
@@ -290,7 +271,6 @@ def common_parts(cells: Cells, others: Cells, depth: float, reach: float) -> Par
 
 
 def _parts_of(at: IntArray, cells: Cells, others: Cells, tree: SphereTree, depth: float, reach: float) -> Parts:
-    """Those of some slave cells, ascending."""
     line, other = tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], depth, reach)
     one = at[line]
     cosine = np.einsum("ki,ki->k", cells.frames[one, 2], others.area_vector[other]) / others.area[other]

@@ -73,13 +73,8 @@ class Segments:
 
 
 def segments(slave: FacetPatch, master: FacetPatch, depth: float, reach: float) -> Segments:
-    """The integrals over the common parts of all slave facets.
-
-    Args:
-        slave, master: The facets; at least one of the master.
-        depth: How far behind a slave facet master facets are found (initial penetration), metres.
-        reach: How far before it.
-    """
+    """The integrals over the common parts of all slave facets with master facets, of which there is one at least, up to
+    `depth` behind them (initial penetration) and `reach` before them, metres."""
     cells, others = cells_of(slave), cells_of(master)
     parts, twice = nearest_layer(common_parts(cells, others, depth, reach), cells)
     covered = np.bincount(parts.slave, parts.area * cells.radius[parts.slave] ** 2, len(cells.area))
@@ -134,8 +129,8 @@ class _Integrals:
         return mass, vectors[:, :, :3], coupling, vectors[:, :, 3:], at_corners, number > 0.0, least
 
     def _add_corners(self, corners: FloatArray, one: IntArray, triangle: FloatArray, distance: FloatArray) -> None:
-        """Add to sums (f, corners, 4) the ways to the master, by the distances (t, 3) in the corners of triangles
-        (t, 3, 2) in slave cells, and 1, where these are corners of the facets."""
+        """Add to sums (f, corners, 4) the ways to the master, by the distances (t, 3) in the corners of triangles (t,
+        3, 2) in slave cells, and 1, where these are corners of the facets."""
         cells, kind = self._cells, self._slave.kind
         facet = cells.facet[one]
         place = cells.seen(one, self._slave.x[facet][:, : kind.corners])[:, None, :, :2]
@@ -194,15 +189,8 @@ class _Integrals:
     def _heights(
         self, patch: FacetPatch, facet: IntArray, one: IntArray, values: FloatArray, seen: FloatArray
     ) -> FloatArray:
-        """Heights of points of facets in the frames of slave cells, shape (t, q, 1).
-
-        Args:
-            patch: The facets.
-            facet: That of every triangle, shape (t,).
-            one: The slave cells, shape (t,).
-            values: The functions of the facets at the points, shape (t, q, n).
-            seen: Their nodes in the frames, shape (t, n, 3).
-        """
+        """Heights in the frames of slave cells, shape (t, q, 1), of points of facets with these functions (t, q, n),
+        and nodes `seen` (t, n, 3) in the frames."""
         if patch.curved is None:
             return values @ seen[:, :, 2:]
         if patch.kind.degree == 1:

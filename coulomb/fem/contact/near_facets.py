@@ -60,7 +60,7 @@ class FaceSamples:
     def bend(self, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """How far a distance, a function of places (k, 3) in metres, in the middles of the smooth faces is from the
         mean of those at the corners, before deformation: about h^2/(8 R), R of the gap; shape (f,)."""
-        means = distance(self.corners.reshape(-1, 3)).reshape(len(self.x), -1).mean(axis=1)
+        means = distance(self.corners.reshape(-1, 3)).reshape(len(self.x), self.kind.corners).mean(axis=1)
         smooth = distance(self.middle) - means
         bend: FloatArray = np.abs(smooth)
         if self.kind.degree == 1:  # at the ends of a face its own bend is known to a third only
@@ -70,12 +70,8 @@ class FaceSamples:
         return bend
 
     def least(self, which: npt.NDArray[np.bool_], value: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
-        """The least value in some facets, shape (f,).
-
-        Args:
-            which: The facets.
-            value: A function of places (k, 3) before deformation and after it, metres; shape (k,).
-        """
+        """The least value in some facets, shape (f,), of a function of places (k, 3) before deformation and after it,
+        metres."""
         x, u = self.x[which], self.u[which]
         step = 1.0 / _STEPS
         along = np.arange(_STEPS + 1) * step
@@ -91,8 +87,7 @@ class FaceSamples:
             best = np.argmin(values, axis=1)[:, None]
             step *= 0.5
             at = np.clip(np.take_along_axis(at, best[:, :, None], axis=1) + step * offsets, 0.0, 1.0)
-        least: FloatArray = np.take_along_axis(values, best, axis=1)[:, 0]
-        return least
+        return np.take_along_axis(values, best, axis=1)[:, 0]
 
 
 def face_samples(space: DisplacementSpace, facets: npt.NDArray[np.int32], u: FloatArray) -> FaceSamples:
@@ -145,7 +140,6 @@ class NearPair:
         slave: The facets around this rank's nodes.
         master: The facets before these.
         owned: First of this rank's nodes among the numbers of `slave`, and the one after the last.
-        search: How far before and behind the slave the master is found.
         size: Largest coordinate of the slave face, metres.
         extent: Its largest extent along an axis, metres.
     """
@@ -159,14 +153,8 @@ class NearPair:
 
 
 def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], comm: MPI.Comm) -> NearPair:
-    """What this rank needs of a pair; collective.
-
-    Args:
-        slave: This rank's facets of the slave, with global numbers of nodes.
-        master: Its facets of the master.
-        nodes: How many nodes of the slave's body and of the master's this rank owns.
-        comm: The ranks.
-    """
+    """What this rank needs of a pair, of the facets and numbers of nodes that it has of the slave and of the master;
+    collective."""
     ends = [_ends(patch, comm) for patch in (slave, master)]
     size = float(np.max(np.abs(ends[0]), initial=0.0, where=np.isfinite(ends[0])))
     extents = [high - low if np.all(np.isfinite(low)) else np.zeros(3) for low, high in ends]
@@ -231,13 +219,7 @@ def _with_sagittas(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> Rows:
 
 def normals_at_nodes(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> FloatArray:
     """Sums of `FacetPatch.middle_vectors` of the facets of all ranks around the nodes of each, shape (f, n, 3);
-    collective.
-
-    Args:
-        patch: This rank's facets, with global numbers of nodes.
-        starts: The first node of every rank, and the number of all.
-        comm: The ranks.
-    """
+    `starts` are those of the nodes; collective."""
     nodes = patch.nodes.ravel()
     to = Exchange(comm, owner_of(starts, nodes))
     node = to.send(nodes) - starts[comm.rank]
@@ -312,8 +294,7 @@ def _meets(centre: FloatArray, around: FloatArray, cone: FloatArray, search: Sea
     wide = np.linalg.norm(away, axis=-1) <= max(search.depth, search.reach) + near
     within = across <= near + (np.abs(along) + near) * np.tan(np.minimum(angle, 1.2))
     within &= (along >= -search.depth - near) & (along <= search.reach + near)
-    found: npt.NDArray[np.bool_] = np.where(angle > 1.2, wide, within)
-    return found
+    return np.where(angle > 1.2, wide, within)
 
 
 def _cones(patch: FacetPatch) -> FloatArray:

@@ -38,13 +38,8 @@ _SEEN = 1e-7
 
 @dataclass(frozen=True)
 class Shape:
-    """What the facets of a pair stand for, where gaps are measured.
-
-    Attributes:
-        smooth: First-order facets stand for the smooth surface with the mean normals at their corners.
-        slave: The surface of the slave face; None: its facets.
-        master: That of the master face.
-    """
+    """What the facets of a pair stand for, where gaps are measured: surfaces of slave and master; else, if `smooth`,
+    first-order facets stand for the smooth surface with the mean normals at their corners; else for themselves."""
 
     smooth: bool = False
     slave: RigidFoundation | None = None
@@ -63,19 +58,9 @@ def curved_patch(
     smooth: bool,
     what: str,
 ) -> FacetPatch:
-    """The facets of a face that this rank owns, with the surface for which they stand; collective.
-
-    Args:
-        space: The displacements.
-        held: The held directions of this rank's nodes: normals are within planes of symmetry.
-        facets: This rank's boundary facets of the face.
-        surface: The surface, if it is known.
-        smooth: Whether it is to be made from the normals of the facets otherwise.
-        what: The face in words, for messages.
-
-    Raises:
-        ValueError: On every rank, if nodes are off the surface.
-    """
+    """The facets of a face that this rank owns, with the surface for which they stand (`Shape`), its normals within
+    planes of symmetry, which are `held`; ValueError on every rank, beginning with `what`, if nodes are off the surface;
+    collective."""
     patch, comm = facet_patch(space, facets), space.comm
     if surface is not None:
         return on_all_ranks(lambda: patch.on_surface(surface), what, comm)
@@ -120,19 +105,12 @@ def pair_of(
     taken: npt.NDArray[np.bool_] | None = None,
     shape: Shape = NO_SHAPE,
 ) -> Pair:
-    """The geometry of a pair; collective.
+    """The geometry of a pair of a slave and a master face; collective.
 
     Nodes of the slave face whose displacement along the normal is prescribed, those that nothing opposes, those that
-    are contact points of another face already, and those that are on the master face as well, are no contact points;
-    their parts of the face belong to the nodes beside them.
-
-    Args:
-        elasticity: The bodies.
-        face: The slave face.
-        against: The master face.
-        adjust: Gaps and penetrations up to this size in metres are taken to be 0.
-        taken: Which of this rank's nodes are contact points already, shape (k,).
-        shape: What the facets stand for.
+    are contact points of another face already (`taken`), and those that are on the master face as well, are no contact
+    points; their parts of the face belong to the nodes beside them.  Gaps and penetrations up to `adjust` in metres are
+    taken to be 0.
 
     Raises:
         ValueError: On every rank, if a face is unknown, its nodes are off the surface given for it, or no part of one
@@ -215,7 +193,6 @@ def _uncertainty(rows: MortarRows, gap: FloatArray, pair: NearPair, comm: MPI.Co
 def _remarks(
     face: str, against: str, rows: MortarRows, twice: int, deepest: float, uncertain: float, comm: MPI.Comm
 ) -> tuple[str, ...]:
-    """What a user should know of the contact points of a pair; collective."""
     dropped, layered, shared = comm.allreduce(np.array([len(rows.dropped), rows.layered, twice]), op=MPI.SUM)
     lost = float(comm.allreduce(rows.lost, op=MPI.SUM))
     found = []
@@ -260,7 +237,6 @@ def _numbered(rows: scipy.sparse.csr_matrix, face: NearFace, total: int) -> scip
 
 
 def _at_nodes(weights: scipy.sparse.csr_matrix, node: npt.NDArray[np.int64], comm: MPI.Comm) -> bool:
-    """Whether every row is its node alone; collective."""
     alone = weights.nnz == len(node) and bool(np.all(weights.indices == node))
     return bool(comm.allreduce(alone, op=MPI.LAND))
 
@@ -272,15 +248,7 @@ def pair_surface(
     gap_field: Callable[[FloatArray], FloatArray],
     gap_factor: float,
 ) -> ContactSurface:
-    """The contact points of a pair as a surface; collective.
-
-    Args:
-        elasticity: The bodies with their clamps.
-        pair: The pair.
-        axes: Orthotropic friction, by which the tangents are rotated and scaled.
-        gap_field: A gap in metres that is added to the distance, at points x (m, 3) of this rank; collective.
-        gap_factor: Its amplitude.
-    """
+    """The contact points of a pair as a surface; arguments as of `contact_surface`; collective."""
     given = gap_field(pair.x)
     frames = pair_frames(pair, axes, elasticity.comm)
     part = np.zeros(len(pair.x), dtype=np.int64)

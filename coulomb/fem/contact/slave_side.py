@@ -22,16 +22,13 @@ _AS_NEAR = 1e-9
 def lost_nodes(
     points: Mapping[int, tuple[npt.NDArray[np.integer[Any]], FloatArray]], count: int, size: float
 ) -> dict[int, npt.NDArray[np.bool_]]:
-    """Which nodes every pair loses to another: a node counts at the nearest master, of equally near ones at that of
-    the first pair.
+    """Which of `count` nodes every pair loses to another, by the number of the pair: a node counts at the nearest
+    master, of equally near ones at that of the first pair.
 
     Args:
         points: By the number of the pair the nodes of its contact points and their gaps in metres, each of shape (m,).
         count: How many nodes there are.
         size: Largest coordinate, metres.
-
-    Returns:
-        By the number of the pair which nodes it loses, shape (count,).
     """
     distance = np.full((len(points), count), np.inf)
     for row, (nodes, gap) in zip(distance, points.values(), strict=True):
@@ -56,26 +53,18 @@ _STRAINS[3:] = np.diag([1.0, -1.0, 0.0]), np.diag([0.0, 1.0, -1.0])
 
 @dataclass(frozen=True)
 class _Side:
-    """A face, over all ranks.
-
-    Attributes:
-        spacing: Mean distance of its contact points if it were the slave in metres: nodes, vertices of 10-node
-            tetrahedra.
-        clamped: Share of its nodes whose displacement along the normal is prescribed.
-    """
+    """A face, over all ranks: mean distance of its contact points if it were the slave, nodes or vertices of 10-node
+    tetrahedra, in metres; and the share of its nodes whose displacement along the normal is prescribed."""
 
     spacing: float
     clamped: float
 
 
 def slave_side(elasticity: Deformable, face: str, against: str) -> tuple[str, str, str]:
-    """Slave and master of a pair of faces, and why; collective.
+    """Slave and master of a pair of faces, and why; ValueError on every rank if a face is unknown; collective.
 
     The finer face is the slave, since its nodes are the contact points; of faces as fine that of the softer body.  A
     face that is mostly clamped has too few.
-
-    Raises:
-        ValueError: On every rank, if a face is unknown.
     """
     one, other = _side(elasticity, face), _side(elasticity, against)
     mostly = one.clamped > 0.5, other.clamped > 0.5
@@ -98,8 +87,7 @@ def clamped_nodes(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArra
     nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
     n: FloatArray = outward[nodes]
     n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
-    clamped: npt.NDArray[np.int64] = nodes[held_length(n, body.held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
-    return clamped
+    return nodes[held_length(n, body.held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
 
 
 def _side(elasticity: Deformable, face: str) -> _Side:

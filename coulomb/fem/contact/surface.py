@@ -138,17 +138,10 @@ class ContactSurface:
 
 
 def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurface) -> FloatArray:
-    """Nodal forces on another mesh of the same face, as an initial guess; collective.
+    """Forces in newtons (3 m',) at the nodes of the fine surface, as an initial guess, from those (3 m,) on another
+    mesh of the same face; collective.
 
     Tractions are averaged over the four nearest nodes, weighted by the inverse squares of their distances.
-
-    Args:
-        x: Forces in newtons on the coarse mesh, shape (3 m,).
-        coarse: Its contact surface.
-        fine: The contact surface of the other mesh.
-
-    Returns:
-        Forces in newtons at the nodes of the other mesh, shape (3 m',).
     """
     comm = fine.B.getComm().tompi4py()
     tractions = coarse.vectors(x.reshape(-1, 3)) / coarse.area[:, None]
@@ -158,8 +151,7 @@ def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurf
     weight = 1.0 / np.maximum(distance, 1e-9 * np.max(distance, initial=1e-300)) ** 2
     weight /= weight.sum(axis=1)[:, None]
     averaged = np.einsum("ij,ijk->ik", weight, values[near])
-    forces: FloatArray = (fine.force_components(averaged) * fine.area[:, None]).ravel()
-    return forces
+    return (fine.force_components(averaged) * fine.area[:, None]).ravel()
 
 
 def contact_surface(
@@ -171,24 +163,25 @@ def contact_surface(
     gap_field: Callable[[FloatArray], FloatArray] | None = None,
     gap_factor: float = 1.0,
 ) -> ContactSurface:
-    """The contact nodes of a face against a rigid foundation.
+    """The contact nodes of a face against a rigid foundation, by default the plane of the face, which must then be
+    plane.
 
     The condition at a node is linear, u_n <= gap.  With the foundation's normals, n = -grad phi at the node and gap =
     phi, the signed distance: exact to first order in u, and the condition itself for a plane.  With the body's, n is
     the mean normal of the facets around the node, weighted by its hat function, and gap is the distance along n to the
     foundation; if that ray misses it, to the tangent plane of the foundation's point nearest to the node.
 
-    Nodes where the face is turned away from the foundation cannot touch it and are no contact points.
-    Nodes whose normal displacement is prescribed are no contact nodes; vertices of 10-node tetrahedra only if the other
-    nodes of their average are held as well.  A node whose displacement along a tangent is
-    prescribed is one: its slip in that direction is known, and friction acts on the support that prescribes it.  So is
-    a node that is held obliquely to its normal, as where a plane of symmetry ends on an inclined foundation: contact
-    forces act on its free displacements, and on the support.
+    Nodes where the face is turned away from the foundation cannot touch it and are no contact points.  Nodes whose
+    normal displacement is prescribed are no contact nodes; vertices of 10-node tetrahedra only if the other nodes of
+    their average are held as well.  A node whose displacement along a tangent is prescribed is one: its slip in that
+    direction is known, and friction acts on the support that prescribes it.  So is a node that is held obliquely to its
+    normal, as where a plane of symmetry ends on an inclined foundation: contact forces act on its free displacements,
+    and on the support.
 
     Args:
         elasticity: The body with its clamps.
         face: Name of the face.
-        foundation: The obstacle; by default the plane of the face, which must then be plane.
+        foundation: The obstacle.
         normals: Source of the normals, before deformation.
         axes: Orthotropic friction, by which the tangents are rotated and scaled.
         gap_field: A gap in metres that is added to the distance, of nodes x (k, 3) of this rank; collective.
@@ -285,17 +278,13 @@ def without_rounding(gap: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArr
 
 
 def matrices_of(elasticity: Deformable, points: ContactPoints, frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
-    """B and free_B of `ContactSurface`; collective."""
     B = contact_matrix(points, frames)
     return B, free_contact_matrix(B, points, elasticity)
 
 
 def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> ContactSurface:
-    """Several contact faces as one surface; collective.
-
-    Raises:
-        ValueError: On every rank, if two faces share a node: its forces would not be unique.
-    """
+    """Several contact faces as one surface; ValueError on every rank if two share a node: its forces would not be
+    unique; collective."""
     if len(surfaces) == 1:
         return surfaces[0]
     points = joined_points([surface.points for surface in surfaces])
@@ -369,8 +358,7 @@ def plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArra
 
 
 class _Refusal:
-    """Raises ValueError on every rank if a condition holds at a node of any rank; the message names the first such
-    node."""
+    """ValueError on every rank, with the first such node, if a condition holds at a node of any rank."""
 
     def __init__(self, comm: MPI.Comm, what: str):
         self._comm, self._what = comm, what

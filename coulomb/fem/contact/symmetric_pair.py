@@ -36,14 +36,8 @@ _HELD_OPPOSITE = 0.1
 
 
 def planes_of_symmetry(n: FloatArray, held: FloatArray, nodes: npt.NDArray[np.int64], patch: FacetPatch) -> FloatArray:
-    """Projectors on the held directions across which a face ends, shape (m, 3, 3); 0 for other nodes.
-
-    Args:
-        n: Mean unit normals, shape (m, 3).
-        held: Projectors on the held directions, shape (m, 3, 3).
-        nodes: Global numbers of the nodes, shape (m,).
-        patch: The facets of the face around them.
-    """
+    """Projectors on the held directions across which a face ends, shape (m, 3, 3), 0 for other nodes; from unit normals
+    n (m, 3), projectors on the held directions, numbers of nodes, and the facets around them."""
     across = np.linalg.norm(np.einsum("mij,mj->mi", held, n), axis=1)
     chosen = np.flatnonzero((np.einsum("mii->m", held) > 0.5) & (across < _OBLIQUE))
     found = np.zeros_like(held)
@@ -68,21 +62,13 @@ def within(n: FloatArray, planes: FloatArray) -> FloatArray:
     """Unit normals n (m, 3) without their parts along the projectors (m, 3, 3)."""
     inside = n - np.einsum("mij,mj->mi", planes, n)
     length = np.linalg.norm(inside, axis=1)[:, None]
-    normals: FloatArray = np.where(np.any(planes != 0.0, axis=(1, 2))[:, None], inside / length, n)
-    return normals
+    return np.where(np.any(planes != 0.0, axis=(1, 2))[:, None], inside / length, n)
 
 
 def smooth_normals(
     patch: FacetPatch, held: HeldDirections, starts: npt.NDArray[np.int64], comm: MPI.Comm
 ) -> FloatArray:
-    """`normals_at_nodes`, within the planes of symmetry on which the face ends, shape (f, n, 3); collective.
-
-    Args:
-        patch: This rank's facets, with global numbers of nodes.
-        held: The held directions of this rank's nodes.
-        starts: The first node of every rank, and the number of all.
-        comm: The ranks.
-    """
+    """`normals_at_nodes`, within the planes of symmetry on which the face ends, shape (f, n, 3); collective."""
     nodes, width = patch.nodes.ravel(), patch.kind.width
     n = normals_at_nodes(patch, starts, comm).reshape(-1, 3)
     to = Exchange(comm, owner_of(starts, nodes))
@@ -101,15 +87,8 @@ def smooth_normals(
 def mirrored(
     points: ContactPoints, planes: FloatArray, opposite: scipy.sparse.csr_matrix, elasticity: Deformable
 ) -> FloatArray | None:
-    """The directions among `planes` (m, 3, 3) along which the nodes opposite are held as well, as projectors of this
-    shape; None if no rank has any; collective.
-
-    Args:
-        points: The contact points.
-        planes: Of `planes_of_symmetry`.
-        opposite: Averages over the master's nodes, shape (m, nodes of all bodies).
-        elasticity: The bodies.
-    """
+    """The directions among the `planes_of_symmetry` (m, 3, 3) along which the nodes opposite are held as well, by the
+    averages (m, nodes) over these, as projectors of this shape; None if no rank has any; collective."""
     every = elasticity.held.projector_at(np.arange(len(elasticity.x))).reshape(-1, 9)
     share = replace(points, weights=shares(opposite), nodal=False, opposite=None)
     both = held_on_both(planes, share.average(every).reshape(-1, 3, 3))

@@ -53,8 +53,7 @@ def tangent_frames(n: FloatArray) -> FloatArray:
     second -= np.einsum("ki,ki->k", second, first)[:, None] * first
     second /= np.linalg.norm(second, axis=1)[:, None]
     swap = square[:, None]
-    frames: FloatArray = np.stack([n, np.where(swap, second, first), np.where(swap, first, second)], axis=1)
-    return frames
+    return np.stack([n, np.where(swap, second, first), np.where(swap, first, second)], axis=1)
 
 
 def supported_frames(n: FloatArray, H: FloatArray) -> FloatArray:
@@ -112,11 +111,8 @@ class FrictionAxes:
     direction: Field
 
     def coefficients(self, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
-        """F1 and F2 at points x (k, 3) in metres, shape (k, 2); collective.
-
-        Raises:
-            ValueError: On every rank, if one is negative or not finite, or too small beside the other.
-        """
+        """F1 and F2 at points x (k, 3) in metres, shape (k, 2); ValueError on every rank if one is negative or not
+        finite, or too small beside the other; collective."""
         pair = [evaluate_numbers(given, x, f"{what}: friction", comm) for given in (self.along, self.across)]
         values: FloatArray = np.column_stack(pair)
 

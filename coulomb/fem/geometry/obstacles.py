@@ -24,8 +24,6 @@ _SAME = 1e-12
 
 
 class RigidFoundation(Protocol):
-    """A rigid foundation."""
-
     def signed_distance(self, x: FloatArray) -> FloatArray:
         """Distance in metres of the points x (k, 3) from the foundation, negative inside it, shape (k,)."""
         ...
@@ -41,8 +39,7 @@ class Revolved(Protocol):
     distance and normals exactly unchanged.  Without this method they are computed in rotated coordinates."""
 
     def revolves(self, point: FloatArray, axis: FloatArray) -> bool:
-        """Whether it is a surface of revolution about the axis through a point (3,) in metres with the direction axis
-        (3,) of length 1."""
+        """Whether it is one about the axis through a point (3,) in metres with the direction axis (3,) of length 1."""
         ...
 
 
@@ -201,7 +198,6 @@ def _radial(r: FloatArray, inwards: bool) -> FloatArray:
 
 
 def _parallel(axis: FloatArray, other: Point) -> bool:
-    """Whether a unit vector and a direction are parallel."""
     return bool(np.linalg.norm(np.cross(axis, _unit(other))) <= _SAME)
 
 
@@ -212,8 +208,7 @@ def _off_axis(r: FloatArray, axis: FloatArray) -> float:
 
 def _unit(vector: Point) -> FloatArray:
     n = np.asarray(vector, dtype=np.float64)
-    unit: FloatArray = n / np.linalg.norm(n)
-    return unit
+    return n / np.linalg.norm(n)
 
 
 def check_point(what: str, point: Point) -> None:

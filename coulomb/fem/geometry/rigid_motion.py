@@ -51,13 +51,8 @@ class Rotation:
 
 @dataclass(frozen=True)
 class Turn:
-    """A rotation by an angle.
-
-    Attributes:
-        point: A point of the axis, metres, shape (3,).
-        axis: Direction of the axis, length 1, shape (3,).
-        angle: In radians, right-handed; more than a whole turn counts.
-    """
+    """A rotation by an angle in radians, right-handed, about the axis of length 1 through a point in metres, shapes
+    (3,); more than a whole turn counts."""
 
     point: FloatArray
     axis: FloatArray
@@ -74,12 +69,8 @@ class Turn:
 
 @dataclass(frozen=True)
 class RigidMotion:
-    """Rigid motion of a foundation from the place where it is given.
-
-    Attributes:
-        translation: In metres, shape (3,); after the rotation.
-        turn: The rotation; None for a foundation without `Rotation`.
-    """
+    """Rigid motion of a foundation from the place where it is given: a turn, if it has a `Rotation`, then a translation
+    (3,) in metres."""
 
     translation: FloatArray
     turn: Turn | None = None
@@ -87,8 +78,7 @@ class RigidMotion:
     @property
     def centre(self) -> FloatArray:
         """The point of the axis, moved with the translation, metres, shape (3,)."""
-        centre: FloatArray = self.translation if self.turn is None else self.turn.point + self.translation
-        return centre
+        return self.translation if self.turn is None else self.turn.point + self.translation
 
     def undone(self, x: FloatArray) -> FloatArray:
         """Points x (k, 3) in metres in the coordinates in which the foundation is given, shape (k, 3)."""
@@ -100,26 +90,17 @@ class RigidMotion:
         """Vectors (k, 3) fixed to the foundation, rotated with it."""
         if self.turn is None:
             return vectors
-        turned: FloatArray = vectors @ self.turn.matrix.T
-        return turned
+        return vectors @ self.turn.matrix.T
 
     def turned_back(self, vectors: FloatArray) -> FloatArray:
         """Vectors (k, 3) of space in the coordinates in which the foundation is given."""
         if self.turn is None:
             return vectors
-        back: FloatArray = vectors @ self.turn.matrix
-        return back
+        return vectors @ self.turn.matrix
 
     def since(self, before: RigidMotion, x: FloatArray) -> FloatArray:
-        """Displacement of the foundation's material at fixed points since another time, along the arc.
-
-        Args:
-            before: The motion of the same foundation at the other time.
-            x: The points in metres, shape (k, 3).
-
-        Returns:
-            Metres, shape (k, 3).
-        """
+        """Displacement in metres of the foundation's material at fixed points x (k, 3) since another time, along the
+        arc."""
         way = np.broadcast_to(self.translation - before.translation, x.shape)
         if self.turn is None or before.turn is None:
             return way
@@ -130,8 +111,6 @@ class RigidMotion:
 
 @dataclass(frozen=True)
 class Moved:
-    """A foundation after a rigid motion."""
-
     foundation: RigidFoundation
     motion: RigidMotion
 
@@ -180,22 +159,11 @@ class Spin:
 
     def torques(self, x: FloatArray, force: FloatArray) -> FloatArray:
         """Moments about the axis of forces (k, 3) in newtons at points x (k, 3) in metres; N m, shape (k,)."""
-        torques: FloatArray = np.cross(x - self.centre, force) @ self.axis
-        return torques
+        return np.cross(x - self.centre, force) @ self.axis
 
 
 def rigid_motion(motion: Motion | None, rotation: Rotation | None, time: float, what: str) -> RigidMotion:
-    """The rigid motion of a foundation at a time.
-
-    Args:
-        motion: Its translation; None for none.
-        rotation: Its rotation; None for none.
-        time: The time.
-        what: What the foundation is called in errors.
-
-    Raises:
-        ValueError: As `evaluate_motion` and `evaluate_amplitude`.
-    """
+    """The rigid motion of a foundation, `what` in errors, at a time; ValueError as of `evaluate_motion`."""
     translation = evaluate_motion(motion, time, what)
     if rotation is None:
         return RigidMotion(translation)
@@ -205,16 +173,7 @@ def rigid_motion(motion: Motion | None, rotation: Rotation | None, time: float, 
 
 
 def spin(now: RigidMotion, before: RigidMotion | None, duration: float) -> Spin | None:
-    """Axis and rotation of a load step.
-
-    Args:
-        now: The motion at its end.
-        before: The motion at its start; None without a step.
-        duration: Of the step, > 0.
-
-    Returns:
-        None for a foundation without rotation.
-    """
+    """Axis and rotation of a load step; `before` is its start, if there is a step; None without rotation."""
     if now.turn is None:
         return None
     angular_velocity = None
@@ -226,17 +185,7 @@ def spin(now: RigidMotion, before: RigidMotion | None, duration: float) -> Spin 
 def since_at(
     now: Sequence[RigidMotion], before: Sequence[RigidMotion], part: npt.NDArray[np.int64], x: FloatArray
 ) -> FloatArray:
-    """`RigidMotion.since` at contact points of several faces.
-
-    Args:
-        now: Motions of the foundations of the faces.
-        before: Those at the other time.
-        part: Which face a point is on, shape (m,).
-        x: The points in metres, shape (m, 3).
-
-    Returns:
-        Metres, shape (m, 3).
-    """
+    """`RigidMotion.since` at contact points x (m, 3) of several faces, of which each is on `part` (m,)."""
     moved = np.zeros_like(x)
     for number, (here, then) in enumerate(zip(now, before, strict=True)):
         on = part == number

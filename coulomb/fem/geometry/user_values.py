@@ -66,11 +66,7 @@ def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str =
 
 
 def evaluate_motion(motion: Motion | None, time: float, what: str) -> FloatArray:
-    """The translation at a time, shape (3,); zero without a motion.
-
-    Raises:
-        ValueError: As `evaluate_amplitude`.
-    """
+    """The translation at a time, shape (3,); zero without a motion; ValueError as of `evaluate_amplitude`."""
     if motion is None:
         return np.zeros(3)
     if callable(motion):
@@ -106,11 +102,8 @@ def _curve(table: LoadCurve | Sequence[Sequence[float]], time: float, columns: i
 
 
 def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
-    """Vectors (k, 3) of a field at the points x (k, 3).
-
-    Raises:
-        ValueError: On every rank, if a function fails, or a value has not three finite components, on any.
-    """
+    """Vectors (k, 3) of a field at points x (k, 3); ValueError on every rank if the function fails, or a value has not
+    three finite components."""
 
     def evaluate() -> FloatArray:
         if callable(field):
@@ -132,11 +125,8 @@ def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> 
 
 
 def evaluate_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
-    """Numbers >= 0 (k,) of a coefficient at the points x (k, 3).
-
-    Raises:
-        ValueError: On every rank, if a function fails, or a value is negative or not finite, on any.
-    """
+    """Numbers >= 0 (k,) of a coefficient at points x (k, 3); ValueError on every rank if the function fails, or a value
+    is negative or not finite."""
 
     def evaluate() -> FloatArray:
         values = _numbers(coefficient, x)
@@ -149,11 +139,8 @@ def evaluate_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: M
 
 
 def evaluate_signed_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
-    """Numbers of either sign (k,) of a coefficient at the points x (k, 3).
-
-    Raises:
-        ValueError: On every rank, if a function fails, or a value is not finite, on any.
-    """
+    """Numbers of either sign (k,) of a coefficient at points x (k, 3); ValueError on every rank if the function fails,
+    or a value is not finite."""
 
     def evaluate() -> FloatArray:
         values = _numbers(coefficient, x)

@@ -265,8 +265,7 @@ class _Reader:
         place = np.minimum(np.searchsorted(tags, nodes, sorter=order), len(tags) - 1)
         if nodes.size and (len(tags) == 0 or np.any(tags[order[place]] != nodes)):
             raise ValueError(f"{self.path}: an element or a set has a node that the file does not define; is it whole?")
-        found: IntArray = order[place] if nodes.size else nodes
-        return found
+        return order[place] if nodes.size else nodes
 
     def _facets(self, surface: str, what: str, side: str) -> IntArray:
         """Nodes of the facets that a line of a surface names."""
@@ -278,8 +277,7 @@ class _Reader:
             return on_surface if len(on_surface) else self._free(cells)
         if side not in [f"S{k + 1}" for k in range(len(_SIDES[width]))]:
             raise ValueError(f"{self.path}: *SURFACE {surface}: elements of {nodes} nodes have no side {side!r}")
-        found: IntArray = cells[:, list(_SIDES[width][int(side[1:]) - 1])]
-        return found
+        return cells[:, list(_SIDES[width][int(side[1:]) - 1])]
 
     def _free(self, cells: IntArray) -> IntArray:
         """Facets of these cells that no other cell of the mesh has."""

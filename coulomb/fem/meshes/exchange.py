@@ -15,14 +15,10 @@ _MOST_SAMPLES = 4096
 
 
 class Exchange:
-    """Sends a row to a rank for each of this rank's k entries, and brings answers back; collective.
+    """Sends a row to a rank for each of this rank's k entries, `to` (k,), and brings answers back; collective.
 
     No rank receives more than is sent to it.  Rows arrive in the order of the ranks that sent them, and of these in
     their order there: if entries are numbered rank after rank, they arrive in the order of their numbers.
-
-    Args:
-        comm: The ranks.
-        to: The rank to which each entry goes, shape (k,).
     """
 
     def __init__(self, comm: MPI.Comm, to: npt.NDArray[np.integer[Any]]):
@@ -42,8 +38,8 @@ class Exchange:
         return self._moved(rows[self._order], self._out, self._into)
 
     def reply(self, answers: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """For this rank's entries the answers (k, ...) of the ranks that got them, which give one for each row
-        received, in their order; collective."""
+        """For this rank's entries the answers of the ranks that got them, one for each row received, in their order;
+        collective."""
         back = self._moved(answers, self._into, self._out)
         found = np.empty_like(back)
         found[self._order] = back
@@ -64,35 +60,27 @@ class Exchange:
 
 
 def starts_of(comm: MPI.Comm, count: int) -> IntArray:
-    """Number of the first row of every rank, and the number of all, of an array whose ranks have `count` rows each;
-    collective; shape (ranks + 1,)."""
+    """Number of the first row of every rank, and the number of all, where ranks have `count` rows each, shape (ranks +
+    1,); collective."""
     starts: IntArray = np.concatenate([[0], np.cumsum(comm.allgather(int(count)))]).astype(np.int64)
     return starts
 
 
 def even_starts(ranks: int, count: int) -> IntArray:
     """The same where so many rows are shared evenly."""
-    starts: IntArray = np.arange(ranks + 1, dtype=np.int64) * count // ranks
-    return starts
+    return np.arange(ranks + 1, dtype=np.int64) * count // ranks
 
 
 def owner_of(starts: IntArray, numbers: npt.NDArray[np.integer[Any]]) -> IntArray:
     """The rank that has the row of each number."""
-    owner: IntArray = np.searchsorted(starts, numbers, side="right").astype(np.int64) - 1
-    return owner
+    return np.searchsorted(starts, numbers, side="right").astype(np.int64) - 1
 
 
 def fetched(
     comm: MPI.Comm, starts: IntArray, numbers: npt.NDArray[np.integer[Any]], rows: npt.NDArray[Any]
 ) -> npt.NDArray[Any]:
-    """Rows of a distributed array by their numbers; collective.
-
-    Args:
-        comm: The ranks.
-        starts: As of `starts_of`.
-        numbers: The rows that this rank needs, any shape; the result has it too.
-        rows: This rank's rows.
-    """
+    """Rows of a distributed array, of which this rank has `rows` after `starts_of`, by their numbers of any shape;
+    collective."""
     found: npt.NDArray[Any]
     if comm.size == 1:
         found = rows[numbers]
@@ -104,12 +92,7 @@ def fetched(
 
 
 class Slabs:
-    """A division of space into one slab per rank, with about as many points in each; collective.
-
-    Args:
-        comm: The ranks.
-        x: Points of this rank in metres, shape (k, 3), as many as are to be divided.
-    """
+    """A division of space into one slab per rank, with about as many points of all ranks in each; collective."""
 
     def __init__(self, comm: MPI.Comm, x: FloatArray):
         few = x[:: max(1, len(x) * comm.size // _MOST_SAMPLES)]

@@ -157,8 +157,6 @@ def _side_set(path: str, name: str, cells: IntArray, rows: IntArray, sides: IntA
     """Points of the facets of a side set: sides of solid elements, or either face of shells.
 
     Args:
-        path: The file, for messages.
-        name: The side set.
         cells: Points of all cells.
         rows: The rows of the set's elements in `cells`, -1 where they are shells.
         sides: The side of each, from 0.

@@ -44,12 +44,11 @@ _CURVED = (
 
 @dataclass(frozen=True)
 class InspectedMesh:
-    """A mesh without faults: the usable face groups, and why others are not usable.
+    """A mesh without faults.
 
     Attributes:
         points: Coordinates of this rank's points of the file in metres, shape (p, 3).
         cells: This rank's cells, as in the file.
-        cell_groups: As in the file.
         face_groups: Corners of this rank's facets, sorted in each row, by name.
         refused: Why the other groups of facets cannot be used, by name.
     """
@@ -62,14 +61,10 @@ class InspectedMesh:
 
 
 def inspect(file: MeshFile, scale: float, comm: MPI.Comm) -> InspectedMesh:
-    """Check a mesh for all faults that would make the finite elements wrong; collective.
+    """Check the parts of a mesh that the ranks have read, in units of `scale` metres, for all faults that would make
+    the finite elements wrong; collective.
 
     A group of facets that is not on the boundary is an error only where it is used as a face.
-
-    Args:
-        file: What was read: of points, cells and groups those that this rank has read.
-        scale: Metres per unit of length of the file.
-        comm: The ranks that have read it.
 
     Raises:
         ValueError: On every rank, if a coordinate is not finite, a cell flat or inside out, or if cells overlap.
@@ -148,11 +143,8 @@ def _jacobians(points: FloatArray, cells: IntArray) -> tuple[npt.NDArray[np.bool
 
 
 class _Facets:
-    """The facets of all cells, each on the rank that is responsible for its smallest point; collective.
-
-    Raises:
-        ValueError: On every rank, if a facet has more than two cells, or both on the same side.
-    """
+    """The facets of all cells, each on the rank that is responsible for its smallest point; ValueError on every rank if
+    one has more than two cells, or both on the same side; collective."""
 
     def __init__(self, cells: _Cells):
         self._cells, self._comm = cells, cells.comm

@@ -40,11 +40,6 @@ def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None =
 
 
 def motion_of(translate: Point, rotate: Rotation | None) -> RigidMotion:
-    """The motion from the place where a mesh was made.
-
-    Raises:
-        ValueError: As `moved`.
-    """
     check_point("moved: translate", translate)
     shift = np.asarray(translate, dtype=np.float64)
     if rotate is None:
@@ -62,8 +57,7 @@ def placed(motion: RigidMotion, x: FloatArray) -> FloatArray:
     """Points x (k, 3) in metres after a motion, shape (k, 3)."""
     if motion.turn is None:
         return x + motion.translation
-    turned: FloatArray = motion.turned(x - motion.turn.point) + motion.centre
-    return turned
+    return motion.turned(x - motion.turn.point) + motion.centre
 
 
 SEPARATOR = ":"
@@ -92,7 +86,7 @@ class JoinedMesh:
 
     @property
     def comm(self) -> MPI.Comm:
-        """The ranks that share the meshes."""
+        """The ranks that share it."""
         return next(iter(self.bodies.values())).comm
 
     @property
@@ -106,20 +100,12 @@ class JoinedMesh:
         return {_joined(body, name): one for body, mesh in self.bodies.items() for name, one in mesh.cells.items()}
 
     def facets(self, face: str, what: str) -> npt.NDArray[np.int32]:
-        """This rank's facets of a face, numbers of its body's mesh.
-
-        Raises:
-            ValueError: If there is no such face; the message begins with `what`.
-        """
+        """This rank's facets of a face, numbers of its body's mesh; errors as of `split`."""
         body, name = self.split(face, what)
         return self.bodies[body].facets(name, what)
 
     def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
-        """This rank's own cells of a group, numbers of its body's mesh.
-
-        Raises:
-            ValueError: If there is no such group; the message begins with `what`.
-        """
+        """This rank's own cells of a group, numbers of its body's mesh; errors as of `split`."""
         body, name = self.split_group(cells, what)
         return self.bodies[body].cells[name]
 
@@ -133,29 +119,17 @@ class JoinedMesh:
         return self._split(face, what, "face", names)
 
     def split_group(self, cells: str, what: str) -> tuple[str, str]:
-        """The name of the body of a group of cells, and the name of the group there.
-
-        Raises:
-            ValueError: If there is no such group; the message begins with `what`.
-        """
+        """The same of a group of cells."""
         return self._split(cells, what, "cell group", {body: tuple(mesh.cells) for body, mesh in self.bodies.items()})
 
     def body(self, name: str, what: str) -> NamedMesh:
-        """The mesh of a body.
-
-        Raises:
-            ValueError: If there is no such body; the message begins with `what`.
-        """
+        """The mesh of a body; ValueError, beginning with `what`, if there is none."""
         if name not in self.bodies:
             raise ValueError(f"{what}: there is no body {name!r}{_hint(name, self.bodies)}; {self._listed}")
         return self.bodies[name]
 
     def moved(self, translate: Point = NOWHERE, rotate: Rotation | None = None) -> JoinedMesh:
-        """All bodies at another place: rotated, then translated (`coulomb.moved`, which moves one).
-
-        Raises:
-            ValueError: As `coulomb.moved`.
-        """
+        """All bodies at another place; arguments and errors as of `coulomb.moved`, which moves one."""
         return JoinedMesh({name: moved(mesh, translate, rotate) for name, mesh in self.bodies.items()})
 
     @property
@@ -184,7 +158,6 @@ class JoinedMesh:
 
 
 def _check(bodies: Mapping[str, NamedMesh]) -> None:
-    """Raises ValueError as `join`."""
     if not bodies:
         raise ValueError("join: give at least one body, as in join(lower=..., upper=...)")
     for name in bodies:

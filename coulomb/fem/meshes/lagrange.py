@@ -58,10 +58,8 @@ def in_dolfinx_order(cells: IntArray) -> IntArray:
 
 
 def nodes_between(width: int) -> list[tuple[int, tuple[int, ...]]]:
-    """Column of every node that is no corner, and the columns of the corners in whose middle it is, VTK's order.
-
-    Two corners for the middle of an edge, four of a face, eight of the cell.
-    """
+    """Column of every node that is no corner, and the columns of the corners in whose middle it is, VTK's order: two
+    for an edge, four for a face, eight for the cell."""
     kind, order = _kind(width), np.asarray(cpp.io.perm_vtk(_kind(width), width))
     weights = lagrange_values(kind, 1, lagrange_points(kind, 2))
     corners = CORNERS[width]
@@ -133,28 +131,23 @@ def corner_geometry(domain: Any) -> npt.NDArray[np.int32]:
 
 def lagrange_points(cell: Any, degree: int) -> FloatArray:
     """Nodes of the Lagrange functions of a cell in the reference cell, in DOLFINx's order, shape (functions, dim)."""
-    points: FloatArray = np.asarray(_element(cell.name, degree).points, dtype=np.float64)
-    return points
+    return np.asarray(_element(cell.name, degree).points, dtype=np.float64)
 
 
 def lagrange_values(cell: Any, degree: int, X: FloatArray) -> FloatArray:
     """Values of the Lagrange functions of a cell at reference points X (p, dim), shape (p, functions)."""
-    values: FloatArray = np.asarray(_element(cell.name, degree).tabulate(0, X))[0, :, :, 0]
-    return values
+    return np.asarray(_element(cell.name, degree).tabulate(0, X))[0, :, :, 0]
 
 
 def lagrange_slopes(cell: Any, degree: int, X: FloatArray) -> FloatArray:
     """Derivatives of the Lagrange functions at reference points X (p, dim), shape (dim, p, functions)."""
-    slopes: FloatArray = np.asarray(_element(cell.name, degree).tabulate(1, X))[1:, :, :, 0]
-    return slopes
+    return np.asarray(_element(cell.name, degree).tabulate(1, X))[1:, :, :, 0]
 
 
 @functools.cache
 def facet_columns(cell: Any, degree: int) -> npt.NDArray[np.int64]:
-    """Columns of a cell's nodes that are on each of its facets, shape (facets, nodes of a facet).
-
-    The nodes of a facet are in VTK's order, those of the cell and the facets themselves in DOLFINx's.
-    """
+    """Columns of a cell's nodes that are on each of its facets, shape (facets, nodes of a facet): a facet's nodes in
+    VTK's order, those of the cell and the facets themselves in DOLFINx's."""
     kind = {"tetrahedron": mesh.CellType.triangle, "hexahedron": mesh.CellType.quadrilateral}[cell.name]
     nodes, on_facet = lagrange_points(cell, degree), lagrange_points(kind, degree)
     order = np.argsort(cpp.io.perm_vtk(kind, len(on_facet)))

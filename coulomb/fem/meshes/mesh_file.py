@@ -12,16 +12,10 @@ from .lagrange import CORNERS
 
 
 def titles(where: str, present: list[int], names: Mapping[str, int], key: str) -> dict[str, int]:
-    """Every number that occurs, by its name, or by the number itself, as in "3".
-
-    Args:
-        where: The file, for messages.
-        present: The numbers.
-        names: Names with their numbers.
-        key: Name of the argument `names` in messages.
+    """Every number that is present, by its name, or by the number itself, as in "3".
 
     Raises:
-        ValueError: If a name has a number that does not occur.
+        ValueError: If a name has a number that does not occur; `where` and `key` are file and argument in the message.
     """
     for name, number in names.items():
         if number not in present:
@@ -32,27 +26,13 @@ def titles(where: str, present: list[int], names: Mapping[str, int], key: str) -
 
 
 def members_by_name(where: str, numbers: IntArray, names: Mapping[str, int], key: str) -> dict[str, IntArray]:
-    """The positions of every number, by the name of the number, or by the number itself, as in "3".
-
-    Args:
-        where: The file, for messages.
-        numbers: The number of every facet or cell.
-        names: Names with their numbers.
-        key: Name of the argument `names` in messages.
-
-    Raises:
-        ValueError: If a name has a number that does not occur.
-    """
+    """The positions of every number, by its name as of `titles`, of the number of every facet or cell."""
     present: list[int] = list(map(int, np.unique(numbers)))
     return {name: np.flatnonzero(numbers == number) for name, number in titles(where, present, names, key).items()}
 
 
 def only_set(where: str, sets: list[str]) -> str:
-    """The one set of numbers to use.
-
-    Raises:
-        ValueError: If there are several without a known order of preference.
-    """
+    """The one set of numbers to use; ValueError if there are several without a known order of preference."""
     if len(sets) > 1:  # meshio writes gmsh's own numbers beside the physical ones
         sets = [name for name in sets if name == "gmsh:physical"] or sets
     if len(sets) > 1:
@@ -106,12 +86,7 @@ _TITLES = {
 
 
 def solid_nodes(path: str, solids: Mapping[int, int], surface_elements: int = 0) -> int:
-    """Nodes of the cells of a mesh, 4, 8, 10 or 27.
-
-    Args:
-        path: The file, for messages.
-        solids: How many elements in 3D there are, by their number of nodes.
-        surface_elements: How many elements in 2D there are.
+    """Nodes of the cells of a mesh, 4, 8, 10 or 27, from the counts of its elements in 3D by their number of nodes.
 
     Raises:
         ValueError: If there are none, or anything but cells of one kind that coulomb computes with.
@@ -125,15 +100,8 @@ def solid_nodes(path: str, solids: Mapping[int, int], surface_elements: int = 0)
 
 
 def refuse_cells(path: str, kinds: Mapping[str, int]) -> None:
-    """Check that a mesh has cells of one kind, with 4, 8, 10 or 27 nodes.
-
-    Args:
-        path: The file, for messages.
-        kinds: Nodes of the cells of each kind, by its name.
-
-    Raises:
-        ValueError: If not, saying how to export it.
-    """
+    """ValueError, saying how to export it, unless a mesh has cells of one kind, with 4, 8, 10 or 27 nodes; `kinds` are
+    the nodes of each, by its name."""
     if len(kinds) == 1 and not set(kinds.values()) - CORNERS.keys():
         return
     hint = _ONE_KIND

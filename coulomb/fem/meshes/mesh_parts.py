@@ -20,15 +20,12 @@ from .lagrange import corner_geometry
 
 
 def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
-    """This rank's boundary facets of every group; collective.
+    """Numbers of this rank's boundary facets of every group; collective.
 
     Args:
         domain: The mesh.
         groups: Facets by name, each a row of the sorted numbers of its points in the file, shape (k, corners); every
             rank gives the same names, and any of the rows.
-
-    Returns:
-        Numbers of facets; rows that are not boundary facets of this rank are left out.
     """
     if not groups:
         return {}
@@ -71,7 +68,6 @@ def local_cells(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -
 
 
 def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-    """The geometry nodes at the corners of facets of this rank, numbers of `domain.geometry.x`, shape (k, 3 or 4)."""
     topology = domain.topology
     for dim in ((2, 0), (3, 0)):
         topology.create_connectivity(*dim)
@@ -89,12 +85,8 @@ SAME_PLACE = 1e-6
 
 
 def parts_of(domain: Any, path: str) -> tuple[int, FloatArray]:
-    """How many components the cells of a mesh make by their common facets, and the places in metres at which corners
-    of several components coincide, those found on this rank, shape (k, 3); collective.
-
-    Args:
-        domain: The mesh.
-        path: Its file, for messages.
+    """How many components the cells of a mesh make by their common facets, and the places in metres at which corners of
+    several components coincide, those found on this rank, shape (k, 3); collective.
 
     Raises:
         ValueError: On every rank, if components share an edge or a corner.
@@ -181,14 +173,8 @@ def _hinges(cells: IntArray, part: IntArray, comm: MPI.Comm) -> npt.NDArray[np.b
 
 
 def _touching(x: FloatArray, numbers: IntArray, part: IntArray, comm: MPI.Comm) -> FloatArray:
-    """Places at which nodes of several components coincide, those found on this rank; collective.
-
-    Args:
-        x: This rank's nodes at corners on the boundary, metres, shape (k, 3).
-        numbers: Their numbers in the file.
-        part: Component of each; components share no nodes.
-        comm: The ranks.
-    """
+    """Places at which nodes of several components coincide, those found on this rank, from its nodes x (k, 3) at
+    corners on the boundary, their numbers in the file and their components; collective."""
     ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
     near = SAME_PLACE * float(np.linalg.norm(np.min(comm.allgather(ends), axis=0).sum(axis=0)))
     slabs = Slabs(comm, x)

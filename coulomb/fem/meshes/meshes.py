@@ -189,11 +189,8 @@ def read_mesh(
 
 
 def known_format(path: str | Path, named: bool = False) -> str:
-    """The end of the name of a mesh file.
-
-    Raises:
-        ValueError: If the format is not known, or names are given and it has no numbered groups.
-    """
+    """The end of the name of a mesh file; ValueError if the format is not known, or names are given and it has no
+    numbered groups."""
     end = Path(path).suffix.lower()
     if end not in mesh_formats.FORMATS:
         raise ValueError(f"{path}: the name of a mesh file must end in one of {mesh_formats.listed()}")
@@ -234,7 +231,6 @@ def _read(path: str, end: str, names: Mapping[str, int], cell_names: Mapping[str
 
 
 def _from_rank_0(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[], MeshFile]) -> NamedMesh:
-    """Read and inspect on rank 0; then distribute."""
     check_scale(path, scale)
     sound: InspectedMesh | None = None
     fault = ""

@@ -45,12 +45,7 @@ _LARGE = re.compile(rb"^(?:CTETRA|CHEXA|CPENTA|CPYRAM?|CTRIA3|CQUAD4)\*", re.MUL
 
 
 def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
-    """Read a file on this rank.
-
-    Args:
-        path: The file; its extension determines the format.
-        names: Names of groups of facets, with the number of these.
-        cell_names: Names of groups of cells.
+    """Read a file on this rank; its extension determines the format; names as of `read_mesh`.
 
     Raises:
         OSError: If it cannot be read.

@@ -38,9 +38,8 @@ class NamedMesh:
 
     @property
     def comm(self) -> MPI.Comm:
-        """The ranks that share the mesh."""
-        comm: MPI.Comm = self.domain.comm
-        return comm
+        """The ranks that share it."""
+        return self.domain.comm
 
     @property
     def degree(self) -> int:
@@ -48,21 +47,13 @@ class NamedMesh:
         return compat.geometry_degree(self.domain)
 
     def facets(self, face: str, what: str) -> npt.NDArray[np.int32]:
-        """This rank's facets of a face.
-
-        Raises:
-            ValueError: If there is no such face; the message begins with `what`.
-        """
+        """This rank's facets of a face; ValueError, beginning with `what`, if there is none."""
         if isinstance(face, str) and face in self.refused:
             raise ValueError(f"{what}: {self.refused[face]}")
         return _named(self.faces, face, what, "face")
 
     def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
-        """This rank's own cells of a group.
-
-        Raises:
-            ValueError: If there is no such group; the message begins with `what`.
-        """
+        """This rank's own cells of a group; ValueError, beginning with `what`, if there is none."""
         return _named(self.cells, cells, what, "cell group")
 
 
@@ -94,8 +85,7 @@ def aspects(named: NamedMesh) -> FloatArray:
 
 
 def volume(named: NamedMesh) -> float:
-    """Volume in cubic metres of this rank's own cells by their corners; non-planar faces of hexahedra are split into
-    triangles."""
+    """Volume in cubic metres of this rank's own cells by their corners; non-planar faces are split into triangles."""
     domain = named.domain
     owned = domain.topology.index_map(3).size_local
     corners = domain.geometry.x[corner_geometry(domain)[:owned]]

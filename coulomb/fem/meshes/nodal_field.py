@@ -45,11 +45,8 @@ _MESHIO = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh", ".med": "med", ".e": "e
 
 
 def read_nodal_field(path: str, field: str) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Points (n, 3) in the file's unit of length, tetrahedra (t, 4), and the values of a field (n,).
-
-    Raises:
-        ValueError: If the file cannot be read, or has no solid cells, or not one number per node by this name.
-    """
+    """Points (n, 3) in the file's unit of length, tetrahedra (t, 4), and the values of a field (n,); errors as of
+    `NodalField.from_file`."""
     kind = Path(path).suffix.lower()
     if kind not in (".xdmf", *_MESHIO):
         raise ValueError(f"{path}: a field is read from files that end in .xdmf, {', '.join(_MESHIO)}")
@@ -211,11 +208,8 @@ class NodalField:
 
 
 class _Cells:
-    """Tetrahedra in classes of similar size, in which those near a point are found by their centroids.
-
-    Attributes:
-        rows: Node numbers, shape (t, 4), without tetrahedra of no volume.
-    """
+    """Tetrahedra of some volume, rows of four nodes, in classes of similar size, in which those near a point are found
+    by their centroids."""
 
     def __init__(self, points: FloatArray, rows: IntArray):
         x = points[rows]

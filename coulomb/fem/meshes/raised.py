@@ -50,8 +50,7 @@ def raised(mesh: NamedMesh) -> NamedMesh:
 
 def _global_numbers(index_map: Any) -> IntArray:
     local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-    numbers: IntArray = np.asarray(index_map.local_to_global(local), dtype=np.int64)
-    return numbers
+    return np.asarray(index_map.local_to_global(local), dtype=np.int64)
 
 
 def _points(domain: Any, dofs: npt.NDArray[np.int32], owned: int) -> FloatArray:

@@ -66,11 +66,7 @@ class XdmfGrid:
 
 
 class XdmfFile:
-    """An XDMF file that several ranks read; collective.
-
-    Args:
-        path: The file; rank 0 reads the XML, and every rank its share of the rows of the HDF5 datasets.
-        comm: The ranks.
+    """An XDMF file; rank 0 reads the XML, and every rank its share of the rows of the HDF5 datasets; collective.
 
     Attributes:
         grids: Its Grids that have cells.
@@ -101,15 +97,8 @@ class XdmfFile:
         self.names: dict[str, dict[str, int]] = found[1]
 
     def part(self, array: XdmfArray, width: int | None = None) -> npt.NDArray[Any]:
-        """This rank's rows: rows are shared evenly; those in the XML are all on rank 0; collective.
-
-        Args:
-            array: One of this file.
-            width: Numbers of a row; by default those that the array has.
-
-        Raises:
-            ValueError: On every rank, if they cannot be read.
-        """
+        """This rank's rows, of `width` numbers, by default those that the array has: shared evenly; those in the XML
+        are all on rank 0; ValueError on every rank if they cannot be read; collective."""
 
         def read() -> npt.NDArray[Any]:
             if array.place is None:
@@ -132,7 +121,7 @@ class XdmfFile:
         return on_all_ranks(read, f"{self.path}: {where} cannot be read", self.comm)
 
     def beside(self, values: XdmfArray, rows: int) -> npt.NDArray[Any]:
-        """The values of an array with one number per row of another array, of which this rank has so many rows;
+        """The values of an array with one number per row of another one, of which this rank has so many rows;
         collective."""
         found = np.ravel(self.part(values, 1))
         theirs, ours = starts_of(self.comm, len(found)), starts_of(self.comm, rows)
@@ -142,7 +131,6 @@ class XdmfFile:
         return fetched(self.comm, theirs, mine, found)
 
     def _described(self) -> tuple[list[XdmfGrid], dict[str, dict[str, int]]]:
-        """What the XML says; not collective."""
         tree = _tree(self.path)
         grids: list[XdmfGrid] = []
         geometry: XdmfArray | None = None
@@ -182,11 +170,7 @@ class XdmfFile:
 
 
 def array_of(path: str, parent: ElementTree.Element) -> npt.NDArray[Any]:
-    """All numbers of an element's DataItem.
-
-    Raises:
-        ValueError: If they cannot be read.
-    """
+    """All numbers of an element's DataItem; ValueError if they cannot be read."""
     item = _item(path, parent)
     if _form(item) == "HDF":
         with _opened(path, item) as file:
@@ -280,19 +264,12 @@ def read(
     cell_names: Mapping[str, int],
     comm: MPI.Comm,
 ) -> MeshFile:
-    """Read a mesh, every rank a part; collective.
-
-    Args:
-        path: The mesh; the first Grid of tetrahedra or hexahedra.
-        facets: File with numbers on facets; by default the same file, if it has such.
-        cells: File with numbers on cells; by default the same file, if it has such.
-        names: Names of groups of facets, with their numbers; other numbers have the names in the file, if it has any.
-        cell_names: Names of groups of cells, likewise.
-        comm: The ranks.
+    """Read a mesh, the first Grid of tetrahedra or hexahedra, every rank a part; arguments as of `read_xdmf`;
+    collective.
 
     Returns:
         Of points, cells and facets those of this rank, of groups of cells the numbers of cells on any rank; cells and
-        points are numbered rank after rank, as in the file.
+            points are numbered rank after rank, as in the file.
 
     Raises:
         ValueError: On every rank, if a file cannot be read, is not XDMF, is incomplete, or lacks the requested numbers.
@@ -345,8 +322,7 @@ _KEPT = {"names": "faces", "cell_names": "cells"}
 
 
 def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
-    """The grid's rows by points of the mesh; if the two number the points differently, they are matched by place;
-    collective."""
+    """The grid's rows by points of the mesh; matched by place if the two number the points differently; collective."""
     comm = mesh.file.comm
     equal = grid.points.shape == mesh.points.shape and np.array_equal(grid.points, mesh.points)
     if grid.geometry == mesh.geometry or comm.allreduce(equal, op=MPI.LAND):
@@ -429,7 +405,6 @@ def _grids(
 def _points(
     file: XdmfFile, geometry: XdmfArray | None, mesh: _Grid | None, found: list[_Grid]
 ) -> tuple[tuple[str, XdmfArray], FloatArray]:
-    """Which points a Grid has, and this rank's share of them; collective."""
     for other in (*found, *([mesh] if mesh is not None else [])):
         if geometry is None or other.geometry == (file.path, geometry):
             return other.geometry, other.points

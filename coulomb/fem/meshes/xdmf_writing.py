@@ -19,15 +19,9 @@ from .xdmf_format import NAMES
 
 
 class HDF5Target:
-    """The file, as `h5py.File` takes it.
+    """A file to be created or replaced, as `h5py.File` takes it; OSError if it cannot be opened.
 
     Errors are kept for the end: with one HDF5 could neither close the file nor end the process.
-
-    Args:
-        path: Created, or replaced.
-
-    Raises:
-        OSError: If it cannot be opened.
     """
 
     def __init__(self, path: Path):
@@ -78,11 +72,8 @@ FACETS = {3: "Triangle", 4: "Quadrilateral", 6: "Triangle_6", 9: "Quadrilateral_
 
 
 def write(mesh: InspectedMesh, path: Path) -> None:
-    """Write a mesh that one rank has; groups become numbers, whose names are in an Information element.
-
-    Args:
-        mesh: The mesh; points that belong to no cell are left out.
-        path: The file, .xdmf; the arrays are written beside it, .h5.
+    """Write a mesh that one rank has, .xdmf with the arrays in .h5 beside it; groups become numbers, whose names are in
+    an Information element; points that belong to no cell are left out.
 
     Raises:
         OSError: If a file cannot be written; earlier ones of these names are kept then, and no partial ones left.

@@ -72,7 +72,7 @@ def test_scale_and_groups_without_names(tmp_path):
     assert set(domain.faces) == set("123456") and set(domain.cells) == {"1", "2"}
     assert np.allclose(np.max(domain.domain.geometry.x, axis=0), (2.0, 1.0, 1.0))
     elasticity = Elasticity(domain, STEEL, [Clamp("1")])
-    assert elasticity.nodal_area("5").sum() == pytest.approx(2.0)
+    assert elasticity.area_of(elasticity.mesh.facets("5", "test")).sum() == pytest.approx(2.0)
 
 
 def test_points_of_no_cell_and_elements_in_two_groups(tmp_path):
@@ -238,7 +238,7 @@ def test_gmsh_itself(tmp_path):
             domain = coulomb.read_gmsh(tmp_path / "box.msh")
             assert set(domain.faces) == {"left", "right"} and set(domain.refused) == {"middle"}
             elasticity = Elasticity(domain, {"one": STEEL, "two": STEEL}, [Clamp("left")])
-            assert elasticity.nodal_area("right").sum() == pytest.approx(1.0)
+            assert elasticity.area_of(elasticity.mesh.facets("right", "test")).sum() == pytest.approx(1.0)
         gmsh.write(str(tmp_path / "box.inp"))  # with the names of physical groups, and those of gmsh's own surfaces
         other = coulomb.read_mesh(tmp_path / "box.inp")
         assert (
