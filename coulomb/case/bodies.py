@@ -78,11 +78,7 @@ class MeshTable(Table):
             return False
 
     def mesh(self, comm: MPI.Comm) -> NamedMesh:
-        """What the table describes.
-
-        Raises:
-            ValueError: On every rank, if the file cannot be read or used.
-        """
+        """What the table describes; ValueError on every rank, if the file cannot be read or used."""
         from ..fem.meshes import box, raised, read_mesh, read_xdmf
 
         if self.file is None:
@@ -118,7 +114,6 @@ class RotateTable(Table):
     point: Vector = (0.0, 0.0, 0.0)
 
     def rotation(self) -> Rotation:
-        """What it describes."""
         from ..fem.geometry import Rotation
 
         return Rotation(self.point, self.axis, self.angle)
@@ -142,11 +137,7 @@ class BodyTable(MeshTable):
         return self
 
     def mesh(self, comm: MPI.Comm) -> NamedMesh:
-        """The mesh of the body at its place.
-
-        Raises:
-            ValueError: On every rank, if the file cannot be read or used.
-        """
+        """The mesh of the body at its place."""
         from ..fem.meshes import moved
 
         try:
@@ -165,11 +156,7 @@ class BodyTable(MeshTable):
 
 
 def joined_mesh(bodies: Sequence[BodyTable], comm: MPI.Comm) -> JoinedMesh:
-    """The meshes of all bodies, each at its place.
-
-    Raises:
-        ValueError: On every rank, if one cannot be read or used.
-    """
+    """The meshes of all bodies, each at its place."""
     from ..fem.meshes import JoinedMesh
 
     return JoinedMesh({body.name: body.mesh(comm) for body in bodies})
@@ -186,10 +173,7 @@ def refuse_equal_names(bodies: Sequence[BodyTable]) -> None:
 def fault_of_face(face: str, bodies: Sequence[BodyTable], box: bool) -> str:
     """What is wrong with the name of a face as far as it can be known before files are read; "" if nothing is.
 
-    Args:
-        face: The name.
-        bodies: The bodies; empty for a case with one [mesh].
-        box: Whether that [mesh] is a box.
+    `bodies` is empty for a case with one [mesh], which is a box or not.
     """
     if not bodies:
         return _no_face_of_a_box(face) if box else ""

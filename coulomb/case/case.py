@@ -19,6 +19,7 @@ from .error_messages import fault_of, tables_of_several
 from .files import apply, named_files, parsed, read_text, rename_files
 from .loads import (
     ClampTable,
+    LoadTable,
     PrescribedDisplacementTable,
     PrescribedRotationTable,
     PressureTable,
@@ -61,7 +62,6 @@ class HistoryTable(Table):
 
     @property
     def ends(self) -> tuple[float, ...]:
-        """Ends of the steps."""
         if self.times is not None:
             return self.times
         assert self.end is not None and self.steps is not None
@@ -76,7 +76,6 @@ class ProbeTable(Table):
     body: Name | None = None
 
     def probe(self) -> Probe:
-        """What the table describes."""
         from ..model.probes import Probe
 
         return Probe(self.name, self.point, self.body)
@@ -109,11 +108,7 @@ class Case(Table):
     output: OutputTable = OutputTable()
 
     def problem(self, comm: MPI.Comm | None = None) -> ContactProblem:
-        """Mesh and problem of the case on these ranks, by default all.
-
-        Raises:
-            ValueError: On every rank, if the parts are inconsistent.
-        """
+        """Mesh and problem on these ranks, by default all; ValueError on every rank, if the parts are inconsistent."""
         from mpi4py import MPI
 
         from ..linalg.compliance import DirectSolver, IterativeSolver
@@ -163,9 +158,7 @@ class Case(Table):
         return problem
 
     def loaded_bodies(self, comm: MPI.Comm) -> dict[str, LoadedBody]:
-        """The bodies of the case with loads and supports at time 0, by name, without foundations and without K.
-
-        A body that is alone has the name "".
+        """The bodies with loads and supports at time 0, by name ("" for one alone), without foundations and without K.
 
         Raises:
             ValueError: On every rank, if the parts are inconsistent.
@@ -213,9 +206,8 @@ class Case(Table):
         tables: tuple[SupportTable, ...]
         tables = (*self.clamp, *self.prescribed_displacement, *self.prescribed_rotation, *self.symmetry)
         supports: list[Support] = [t.support() for t in tables]
-        loads: list[Load] = [t.traction() for t in self.traction]
-        loads += [t.pressure() for t in self.pressure]
-        loads += [t.total_force() for t in self.total_force]
+        forces: tuple[LoadTable, ...] = (*self.traction, *self.pressure, *self.total_force)
+        loads: list[Load] = [t.load() for t in forces]
         return supports, loads, [t.spring() for t in self.spring]
 
     @property
@@ -241,7 +233,6 @@ class Case(Table):
 
     @property
     def small(self) -> bool:
-        """Whether its meshes are small (`MeshTable.small`)."""
         return all(mesh.small for mesh in self.meshes.values())
 
     @field_validator("mesh", "material", mode="after")
@@ -313,7 +304,6 @@ class Case(Table):
         return self
 
     def load_history(self) -> LoadHistory:
-        """The load steps of a case with a [history]."""
         from ..model.load_history import LoadHistory
 
         assert self.history is not None
@@ -325,7 +315,6 @@ class Case(Table):
         )
 
     def contact_solver(self) -> Solver:
-        """The solver of the case."""
         return self.solver.contact_solver(any(table.sloped for table in self.contacts.values()))
 
 

@@ -64,7 +64,6 @@ class FoundationTable(Table):
         return self
 
     def foundation(self) -> RigidFoundation:
-        """The rigid body."""
         if self.shape == "sphere":
             assert self.centre is not None and self.radius is not None
             return Sphere(self.centre, self.radius, self.hollow)
@@ -147,7 +146,6 @@ class RotationTable(Table):
     angle: AmplitudeTable
 
     def rotation(self) -> Rotation:
-        """What it describes."""
         from ..fem.geometry import Rotation
 
         return Rotation(self.point, self.axis, amplitude_of(self.angle))
@@ -229,7 +227,6 @@ class ContactTable(Table):
 
     @property
     def _parts(self) -> tuple[ContactTable | RegionTable, ...]:
-        """The contact itself and its regions."""
         return (self, *self.region)
 
     @property
@@ -243,7 +240,6 @@ class ContactTable(Table):
         )
 
     def contact(self) -> Contact:
-        """What it describes."""
         from ..model.contact import Contact
 
         return Contact(

@@ -39,11 +39,7 @@ class CurveTable(Table):
         return self
 
     def curve(self) -> LoadCurve:
-        """What the table describes.
-
-        Raises:
-            ValueError: If the times do not increase, or a repeated curve has a jump.
-        """
+        """ValueError if the times do not increase, or a repeated curve has a jump."""
         return LoadCurve([row[0] for row in self.table], [row[1:] for row in self.table], self.after)
 
 
@@ -88,28 +84,22 @@ Translations = tuple[tuple[float, float, float, float], ...] | MotionCurveTable
 
 
 def amplitude_of(given: Factors | None) -> Amplitude:
-    """An amplitude; the factor 1 without a table."""
+    """The factor 1 without a table."""
     if given is None:
         return 1.0
     return given.curve() if isinstance(given, CurveTable) else given
 
 
 def motion_of(given: Translations | None) -> Motion | None:
-    """A motion of a foundation."""
     return given.curve() if isinstance(given, CurveTable) else given
 
 
 def rows_of(given: Factors | Translations) -> tuple[tuple[float, ...], ...]:
-    """Rows of time and values."""
     return given.table if isinstance(given, CurveTable) else given
 
 
 def refuse_ended(given: Factors | Translations, end: float) -> None:
-    """Check that a table has values up to the end of a history.
-
-    Raises:
-        ValueError: If it ends before, and `after` is "error".
-    """
+    """ValueError if a table ends before the end of a history, and `after` is "error"."""
     if isinstance(given, CurveTable):
         given.curve().at(end)
 

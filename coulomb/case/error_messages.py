@@ -57,13 +57,7 @@ _short.maxlevel, _short.maxdict, _short.maxlist, _short.maxtuple = 3, 4, 6, 6
 
 
 def fault_of(error: ValidationError, where: str, case: _Model) -> ValueError:
-    """All faults found by pydantic, one per line, as one error.
-
-    Args:
-        error: The validation error.
-        where: The file, for the messages.
-        case: The model of a whole case.
-    """
+    """All faults found by pydantic in the file `where`, one per line, as one error."""
     entries = _without_consequences(error.errors(include_url=False))
     lines = [f"{where}: {_explain(entry, case)}" for entry in entries[:_MOST]]
     if len(entries) > _MOST:
@@ -134,7 +128,6 @@ def _explain(entry: Any, case: _Model) -> str:
 
 
 def _shown(value: Any) -> str:
-    """A shortened value."""
     if isinstance(value, bool):
         return str(value).lower()
     try:
@@ -194,13 +187,7 @@ def _models(annotation: Any, in_list: bool = False) -> Iterator[tuple[_Model, bo
 
 
 class ExpectedValue(NamedTuple):
-    """Words for a value.
-
-    Attributes:
-        one: For one, with its article.
-        several: For several.
-        examples: As TOML; none where one is not needed.
-    """
+    """Words for one value, with its article, and for several; examples as TOML, none where one is not needed."""
 
     one: str
     several: str
@@ -218,9 +205,7 @@ _SINGLE = {
 def expected_value(case: type[BaseModel], location: tuple[int | str, ...]) -> str:
     """What belongs at a place, with an example of a list; empty if it is a table of keys, or there is no such place.
 
-    Args:
-        case: The model of a whole case.
-        location: Keys, numbers in lists, and tags of alternatives, as pydantic gives them.
+    `location` has keys, numbers in lists, and tags of alternatives, as pydantic gives them.
     """
     place: Any = case
     for part in location:

@@ -49,14 +49,7 @@ ALLOWED = (
 
 
 class Expression:
-    """A function of place.
-
-    Args:
-        text: The expression.
-
-    Raises:
-        ValueError: If it is not one, or contains what is not allowed.
-    """
+    """A function of place; ValueError if the text is no expression, or contains what is not allowed."""
 
     def __init__(self, text: str):
         self.text = text
@@ -64,11 +57,7 @@ class Expression:
         _refuse(self._tree, text)
 
     def __call__(self, x: FloatArray) -> FloatArray:
-        """Values at points x (3, k) in metres, shape (k,).
-
-        Raises:
-            ValueError: If a value is not finite.
-        """
+        """Values at points x (3, k) in metres, shape (k,); ValueError if one is not finite."""
         with np.errstate(all="ignore"):
             values = np.asarray(_value(self._tree, dict(zip(_PLACE, x, strict=True))), dtype=np.float64)
         values = np.broadcast_to(values, x.shape[1:]).copy()
@@ -81,7 +70,6 @@ class Expression:
 
 @lru_cache(maxsize=1000)
 def expression(text: str) -> Expression:
-    """The function that a text describes; ValueError as for `Expression`."""
     return Expression(text)
 
 

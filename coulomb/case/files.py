@@ -48,12 +48,7 @@ def read_text(path: str | Path, most: int = LARGEST) -> str:
 
 
 def parsed(text: str, path: str | Path, several: set[str]) -> dict[str, Any]:
-    """Parse the tables of a case.
-
-    Args:
-        text: TOML.
-        path: The file, for messages.
-        several: Names of tables of which a case may have several.
+    """The tables of a case, of which those in `several` may be several.
 
     Raises:
         ValueError: If it is not TOML, with the position, the line, and a hint.
@@ -89,11 +84,7 @@ def _hint(fault: str, line: str, several: set[str]) -> str:
 
 
 def apply(tables: dict[str, Any], change: str) -> None:
-    """Put a setting "key.key=value" into the tables.
-
-    Raises:
-        ValueError: If it is not a setting, or there is no such place.
-    """
+    """Put a setting "key.key=value" into the tables; ValueError if it is none, or there is no such place."""
     key, equals, value = change.partition("=")
     parts, said = key.strip().split("."), f"--set {change[:80]}{' ...' if len(change) > 80 else ''}"
     if not equals or not all(parts) or len(parts) > _DEEPEST:
@@ -117,11 +108,7 @@ def apply(tables: dict[str, Any], change: str) -> None:
 
 
 def named_files(tables: Mapping[str, Any]) -> dict[KeyPath, str]:
-    """The names of the files of a case, by their place.
-
-    Args:
-        tables: The tables of the case.
-    """
+    """The names of the files of a case, by their place."""
     found: dict[KeyPath, str] = {}
     for name, keys in FILES.items():
         table = tables.get(name)

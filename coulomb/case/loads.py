@@ -44,7 +44,6 @@ class PrescribedDisplacementTable(Table):
         return self
 
     def support(self) -> PrescribedDisplacement:
-        """What the table describes."""
         from ..fem.bodies import PrescribedDisplacement
 
         return PrescribedDisplacement(
@@ -63,7 +62,6 @@ class ClampTable(PrescribedDisplacementTable):
     value: SpatialVector = (0.0, 0.0, 0.0)
 
     def support(self) -> PrescribedDisplacement:
-        """What the table describes."""
         from ..fem.bodies import Clamp
 
         if any(self.value) or self.amplitude:
@@ -82,7 +80,6 @@ class PrescribedRotationTable(Table):
     amplitude: AmplitudeTable | None = None
 
     def support(self) -> PrescribedRotation:
-        """What the table describes."""
         from ..fem.bodies import PrescribedRotation
 
         return PrescribedRotation(
@@ -96,7 +93,6 @@ class SymmetryTable(Table):
     face: Name
 
     def support(self) -> SymmetryPlane:
-        """What the table describes."""
         from ..fem.bodies import SymmetryPlane
 
         return SymmetryPlane(self.face)
@@ -116,7 +112,6 @@ class SpringTable(Table):
     stiffness: Annotated[tuple[Stiffness, Stiffness, Stiffness], BeforeValidator(_along_axes)]
 
     def spring(self) -> Spring:
-        """What the table describes."""
         from ..fem.bodies import Spring
 
         return Spring(self.face, self.stiffness)
@@ -129,8 +124,7 @@ class TractionTable(Table):
     value: SpatialVector
     amplitude: AmplitudeTable | None = None
 
-    def traction(self) -> Traction:
-        """What the table describes."""
+    def load(self) -> Traction:
         from ..fem.bodies import Traction
 
         return Traction(self.face, field(self.value), amplitude_of(self.amplitude))
@@ -143,8 +137,7 @@ class PressureTable(Table):
     value: SpatialNumber
     amplitude: AmplitudeTable | None = None
 
-    def pressure(self) -> Pressure:
-        """What the table describes."""
+    def load(self) -> Pressure:
         from ..fem.bodies import Pressure
 
         return Pressure(self.face, coefficient(self.value), amplitude_of(self.amplitude))
@@ -157,8 +150,10 @@ class TotalForceTable(Table):
     force: Vector
     amplitude: AmplitudeTable | None = None
 
-    def total_force(self) -> TotalForce:
-        """What the table describes."""
+    def load(self) -> TotalForce:
         from ..fem.bodies import TotalForce
 
         return TotalForce(self.face, self.force, amplitude_of(self.amplitude))
+
+
+LoadTable = TractionTable | PressureTable | TotalForceTable

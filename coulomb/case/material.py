@@ -86,15 +86,10 @@ class MaterialTable(Table):
 
     @property
     def orthotropic(self) -> bool:
-        """Whether it has constants along directions."""
         return isinstance(self.young, tuple)
 
     def material(self) -> AnyMaterial:
-        """What the table describes.
-
-        Raises:
-            ValueError: If the strain energy is not positive, or directions are parallel.
-        """
+        """ValueError if the strain energy is not positive, or directions are parallel."""
         if isinstance(self.young, tuple) and isinstance(self.poisson, tuple) and self.shear is not None:
             from ..fem.bodies import COORDINATE_AXES, OrthotropicMaterial
 
@@ -123,20 +118,14 @@ MaterialTables = Annotated[
 
 
 def materials_of(groups: tuple[GroupMaterialTable, ...]) -> dict[str, AnyMaterial]:
-    """The material of each group of cells."""
     return {table.cells: table.material() for table in groups}
 
 
 def refuse_groups(given: MaterialTable | tuple[GroupMaterialTable, ...], box: bool, table: str) -> None:
     """Check the groups of materials as far as they can be known before files are read.
 
-    Args:
-        given: The material, or those of groups of cells.
-        box: Whether the mesh is a box.
-        table: What the table of one material is called.
-
     Raises:
-        ValueError: If two materials are for one group, there is none, or a box has groups.
+        ValueError: If two materials are for one group, there is none, or a box has groups, where one `table` is right.
     """
     if isinstance(given, MaterialTable):
         return
@@ -172,11 +161,6 @@ class TemperatureTable(Table):
         return self
 
     def thermal(self) -> ThermalLoad:
-        """What the table describes.
-
-        Raises:
-            ValueError: If the file cannot be read.
-        """
         from ..fem.bodies import ThermalLoad
         from ..fem.meshes import NodalField
 

@@ -35,10 +35,8 @@ class SolverTable(Table):
         return self
 
     def contact_solver(self, sloped: bool) -> Solver:
-        """The solver of the table; the paper's Newton systems imply successive Tresca.
-
-        Args:
-            sloped: Whether friction grows with pressure at any node.
+        """The paper's Newton systems imply successive Tresca; `sloped` is whether friction grows with pressure
+        anywhere.
         """
         from ..solvers.automatic import Automatic
         from ..solvers.condensed import CondensedSystem

@@ -105,7 +105,6 @@ NUMBER, EXPRESSION, FIELD = "a number", "an expression", "a field of a file"
 
 
 def _expression(text: str) -> str:
-    """The text as it stands, if it is an expression."""
     expression(text)
     return text
 
@@ -123,7 +122,7 @@ class FieldTable(Table):
 
 
 class _LazyField:
-    """A field that is read when it is first evaluated: a check reports a missing file, and goes on."""
+    """Read when it is first evaluated: a check reports a missing file, and goes on."""
 
     def __init__(self, table: FieldTable):
         self._table = table
@@ -157,7 +156,6 @@ SpatialGap = Annotated[
 
 
 def coefficient(value: float | str | FieldTable) -> Coefficient:
-    """A number, or a function of place."""
     if isinstance(value, FieldTable):
         return value.at()
     return expression(value) if isinstance(value, str) else value

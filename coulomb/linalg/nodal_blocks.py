@@ -15,17 +15,12 @@ _Array = npt.NDArray[Any]
 
 
 class NodalRows:
-    """The rows of K node by node: coupled nodes, and where their 3 x 3 blocks are among the values.
-
-    Args:
-        K: Assembled, 3 rows per node, on one rank; or its blocks.  Its values are used where they are.
+    """Rows of K node by node: coupled nodes, and where their 3 x 3 blocks are among its values, which are not copied.
 
     Attributes:
-        indptr: Where the coupled nodes of every node begin in `indices`, as all of 64 bits.
-        indices: Coupled nodes, those of a node ascending.
-        first: Where the block of each pair begins among the values.
-        stride: From the begin of one of its rows to the next.
-        values: The values of K.
+        indptr, indices: Coupled nodes of every node, ascending, as all of 64 bits.
+        first, stride: Where the block of each pair begins among the values, and from one of its rows to the next.
+        values: The values of K, on one rank.
     """
 
     def __init__(self, K: PETSc.Mat | scipy.sparse.bsr_matrix):

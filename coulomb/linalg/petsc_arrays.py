@@ -7,7 +7,7 @@ import functools
 import itertools
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -39,12 +39,8 @@ def configured_ksp(
 ) -> PETSc.KSP:
     """A KSP set up with the given options only; they are removed from PETSc's database afterwards.
 
-    Args:
-        K: The matrix of which the preconditioner is made.
-        ksp_type: PETSc's name of the method.
-        values: The options, without prefix.
-        operator: The matrix of the system, if it is not K.
-        prepare: Called with the preconditioner before the options are set.
+    `operator` is the matrix of the system if it is not K, of which the preconditioner is made; `prepare` is called with
+    the preconditioner before the options (without prefix) are set.
     """
     prefix = next(_prefixes)
     ksp = PETSc.KSP().create(K.comm)
@@ -64,35 +60,35 @@ _Array = npt.NDArray[Any]
 
 
 class Entries(NamedTuple):
-    """Rows of this rank in compressed form, ascending in each row; arrays of PETSc, valid while the matrix lives.
-
-    Attributes:
-        indptr: Where the rows begin, shape (rows + 1,).
-        indices: Columns.
-        values: Entries.
-    """
+    """Rows in compressed form, ascending in each row; arrays of PETSc are valid while the matrix lives."""
 
     indptr: _Array
     indices: _Array
     values: _Array
 
 
-class DistributedEntries(NamedTuple):
-    """Rows of this rank of a distributed matrix.
+Rows = TypeVar("Rows")
+
+
+class Distributed(NamedTuple, Generic[Rows]):
+    """Rows of this rank of a distributed matrix, in entries or in blocks.
 
     Attributes:
         comm: The ranks.
-        own: Entries in this rank's columns, counted from its first one.
-        others: Entries in columns of other ranks, as places in `columns`; None on one rank.
+        own: What is in this rank's columns, counted from its first one.
+        others: What is in columns of other ranks, as places in `columns`; None on one rank.
         columns: Numbers of columns of other ranks, ascending.
         starts: Number of the first column of each rank, and of all columns, shape (ranks + 1,).
     """
 
     comm: MPI.Comm
-    own: Entries
-    others: Entries | None
+    own: Rows
+    others: Rows | None
     columns: _Array
     starts: _Array
+
+
+DistributedEntries = Distributed[Entries]
 
 
 def distributed_entries(matrix: PETSc.Mat) -> DistributedEntries:
@@ -101,27 +97,28 @@ def distributed_entries(matrix: PETSc.Mat) -> DistributedEntries:
     return DistributedEntries(matrix.comm.tompi4py(), *own_and_others(matrix), starts)
 
 
+_INTEGER = ctypes.c_int64 if np.dtype(PETSc.IntType).itemsize == 8 else ctypes.c_int32
+
+
 @functools.cache
 def _petsc() -> ctypes.CDLL:
-    """PETSc's functions: petsc4py's library is linked to PETSc's."""
+    """petsc4py's library is linked to PETSc's."""
     return ctypes.CDLL(PETSc.__file__)
 
 
 def _entries(matrix: ctypes.c_void_p, rows: int) -> Entries:
-    """Of a sequential matrix."""
     library = _petsc()
-    integer = ctypes.c_int64 if np.dtype(PETSc.IntType).itemsize == 8 else ctypes.c_int32
-    count, done = integer(), ctypes.c_int()
+    count, done = _INTEGER(), ctypes.c_int()
     indptr, indices, values = (ctypes.c_void_p() for _ in range(3))
     out = [ctypes.byref(thing) for thing in (count, indptr, indices, done)]
-    _check(library.MatGetRowIJ(matrix, integer(0), 0, 0, *out))
+    _check(library.MatGetRowIJ(matrix, _INTEGER(0), 0, 0, *out))
     _check(library.MatSeqAIJGetArrayRead(matrix, ctypes.byref(values)))
     pointers = _viewed(indptr, rows + 1, PETSc.IntType)
     found = Entries(
         pointers, _viewed(indices, int(pointers[-1]), PETSc.IntType), _viewed(values, int(pointers[-1]), np.float64)
     )
     _check(library.MatSeqAIJRestoreArrayRead(matrix, ctypes.byref(values)))
-    _check(library.MatRestoreRowIJ(matrix, integer(0), 0, 0, *out))
+    _check(library.MatRestoreRowIJ(matrix, _INTEGER(0), 0, 0, *out))
     return found
 
 
@@ -140,15 +137,7 @@ def _check(error: int) -> None:
 
 
 def own_and_others(matrix: PETSc.Mat) -> tuple[Entries, Entries | None, _Array]:
-    """The entries in this rank's columns, those in the columns of other ranks, and which these columns are.
-
-    Args:
-        matrix: Assembled, of type AIJ.
-
-    Returns:
-        Columns of the first are counted from this rank's first one, those of the second are places in the third, which
-        has the numbers of columns, ascending.  On one rank there is no second.
-    """
+    """`own`, `others` and `columns` of `Distributed`, of an assembled matrix of type AIJ."""
     rows = matrix.getLocalSize()[0]
     handle = ctypes.c_void_p(matrix.handle)
     if matrix.getType() == PETSc.Mat.Type.SEQAIJ:
@@ -163,8 +152,6 @@ def own_and_others(matrix: PETSc.Mat) -> tuple[Entries, Entries | None, _Array]:
 
 
 def _width(matrix: ctypes.c_void_p) -> int:
-    """Columns of a sequential matrix."""
-    integer = ctypes.c_int64 if np.dtype(PETSc.IntType).itemsize == 8 else ctypes.c_int32
-    rows, columns = integer(), integer()
+    rows, columns = _INTEGER(), _INTEGER()
     _check(_petsc().MatGetSize(matrix, ctypes.byref(rows), ctypes.byref(columns)))
     return int(columns.value)

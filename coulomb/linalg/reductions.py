@@ -50,7 +50,7 @@ class Reductions:
         return float(summed(self.comm, np.array([np.vdot(v, w)]))[0])
 
     def total(self, v: FloatArray) -> FloatArray:
-        """Sum over the ranks, entry by entry, of an array of the same shape on each."""
+        """See `summed`."""
         return summed(self.comm, v)
 
     def totals(self, *arrays: FloatArray) -> list[FloatArray]:

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 
 class Unsolved(RuntimeError):
-    """A solve by conjugate gradients ended before its tolerance, on all ranks; the vector of the solution has what was
-    reached.
+    """A solve by conjugate gradients ended before its tolerance, on all ranks; the solution has what was reached.
 
-    Args:
-        iterations: Of this solve.
-        residual: Reached, over the norm of the right-hand side.
-        tolerance: Wanted.
-        indefinite: Whether K or the preconditioner is not positive definite, to rounding.
+    Residual and tolerance are relative to the right-hand side; `indefinite` if K or the preconditioner is not positive
+    definite, to rounding.
     """
 
     def __init__(self, iterations: int, residual: float, tolerance: float, indefinite: bool):
@@ -24,8 +20,7 @@ class Unsolved(RuntimeError):
 
 
 class TooSlow(RuntimeError):
-    """A solve or product was not begun, as those before took all iterations that are allowed, on all ranks; with what
-    they took as message.
+    """A solve or product was not begun, on all ranks, as those before took all iterations that are allowed.
 
     It is no `Unsolved`: what has been reached is of no use, as another method begins anew.
     """

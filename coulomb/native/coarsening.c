@@ -131,7 +131,27 @@ void by_columns(int n, int columns, const int *ptr, const int *col, int *begin, 
 
 static int ascending(const void *a, const void *b) { return *(const int *)a - *(const int *)b; }
 
-/* How many aggregates the nodes have to which a row couples, itself included. */
+/* The aggregates of the nodes to which row i couples, itself included, in `own` where that is not 0: their number. */
+static int aggregates_of_row(int i, int n, const int *ptr, const int *col, const int *ghost_ptr, const int *ghost_col,
+                             const int *aggregates, int *seen, int *own)
+{
+    int found = 0;
+    for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
+        const int *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
+        for (int k = p[i]; k < p[i + 1]; k++) {
+            const int a = aggregates[c[k] + (part ? n : 0)];
+            if (a >= 0 && seen[a] != i) {
+                seen[a] = i;
+                if (own)
+                    own[found] = a;
+                found++;
+            }
+        }
+    }
+    return found;
+}
+
+/* The number of these of every row. */
 void coupled_aggregates(int n, int threads, const int *ptr, const int *col, const int *ghost_ptr, const int *ghost_col,
                         const int *aggregates, int count, int *out)
 {
@@ -140,20 +160,8 @@ void coupled_aggregates(int n, int threads, const int *ptr, const int *col, cons
         int *seen = malloc(sizeof(int) * (count + 1));
         memset(seen, -1, sizeof(int) * (count + 1));
 #pragma omp for schedule(static)
-        for (int i = 0; i < n; i++) {
-            int found = 0;
-            for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
-                const int *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
-                for (int k = p[i]; k < p[i + 1]; k++) {
-                    const int a = aggregates[c[k] + (part ? n : 0)];
-                    if (a >= 0 && seen[a] != i) {
-                        seen[a] = i;
-                        found++;
-                    }
-                }
-            }
-            out[i] = found;
-        }
+        for (int i = 0; i < n; i++)
+            out[i] = aggregates_of_row(i, n, ptr, col, ghost_ptr, ghost_col, aggregates, seen, 0);
         free(seen);
     }
 }

@@ -119,17 +119,8 @@ void NAME(smoothed)(int n, int threads, const int *ptr, const int *col, const do
         d4 *sum = aligned_alloc(64, 64 * (BR * (long)most + 1));
 #pragma omp for schedule(static)
         for (int i = 0; i < n; i++) {
-            int *own = columns + pointers[i], found = 0;
-            for (int part = 0; part < (ghost_ptr ? 2 : 1); part++) {
-                const int *p = part ? ghost_ptr : ptr, *c = part ? ghost_col : col;
-                for (int k = p[i]; k < p[i + 1]; k++) {
-                    const int a = aggregates[c[k] + (part ? n : 0)];
-                    if (a >= 0 && seen[a] != i) {
-                        seen[a] = i;
-                        own[found++] = a;
-                    }
-                }
-            }
+            int *own = columns + pointers[i];
+            const int found = aggregates_of_row(i, n, ptr, col, ghost_ptr, ghost_col, aggregates, seen, own);
             qsort(own, found, sizeof(int), ascending);
             for (int f = 0; f < found; f++)
                 place[own[f]] = f;

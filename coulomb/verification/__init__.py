@@ -53,7 +53,6 @@ CASES: dict[str, Callable[[], Verified]] = {
     "ssnp121": ssnp121.verify,
     "curved-pairs": curved_pairs.verify,
 }
-"""The cases by name."""
 
 COARSE: dict[str, Callable[[], Verified]] = {
     "hertz-pairs": partial(hertz_pairs.verify, (6, 4), (1.0,)),

@@ -1,4 +1,4 @@
-"""Meshes of hexahedra from plain arrays, and quarters of cylinders as such arrays."""
+"""Graded lines of nodes, meshes of hexahedra from plain arrays, quarters of cylinders and of rings, layers."""
 
 from __future__ import annotations
 
@@ -8,10 +8,38 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray, IntArray
-from ..fem.meshes import NamedMesh, distributed, local_facets
+from ..fem.bodies import midpoints
+from ..fem.meshes import NamedMesh, box, distributed, local_facets
 
 SIDES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 """Nodes of a cell on its faces, in cyclic order; faces 1 to 6 of Abaqus and CalculiX."""
+
+
+def growing(first: float, length: float, cells: int) -> FloatArray:
+    """Ends of cells that fill a length, each larger than the one before by the same factor, shape (cells,)."""
+
+    def filled(q: float) -> float:
+        return first * float(np.sum(q ** np.arange(cells)))
+
+    low, high = 1.0, 1.0 + (length / first) ** (1.0 / max(cells - 1, 1))
+    for _ in range(100):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if filled(middle) < length else (low, middle)
+    ends: FloatArray = np.cumsum(first * low ** np.arange(cells))
+    ends[-1] = length
+    return ends
+
+
+def graded(first: float, uniform: int, end: float, more: int, jump: float = 1.3) -> FloatArray:
+    """Ends of cells from 0 to `end`: the first ones uniform, `more` growing, the first of these by `jump`."""
+    inner = first * np.arange(uniform + 1.0)
+    return np.concatenate([inner, inner[-1] + growing(jump * first, end - inner[-1], more)])
+
+
+def between(ends: FloatArray, k: FloatArray) -> FloatArray:
+    """Places of the numbers k among ends of cells, linear between them."""
+    places: FloatArray = np.interp(k, np.arange(float(len(ends))), ends)
+    return places
 
 
 def mesh_of_arrays(
@@ -101,3 +129,22 @@ def quarter_cylinder(disc: tuple[FloatArray, IntArray], levels: FloatArray) -> N
         "top": quads + k * layers,
     }
     return mesh_of_arrays(points, cells, faces)
+
+
+def quarter_ring(
+    inner: float, outer: float, length: float, cells: tuple[int, int, int], cell: str = "hexahedron", degree: int = 1
+) -> NamedMesh:
+    """Cells along the radius, around, along z; faces left (its bore), right, front and back (planes of symmetry)."""
+
+    def place(k: FloatArray) -> FloatArray:
+        r, angle = inner + (outer - inner) * k[0], 0.5 * np.pi * k[1]
+        return np.stack([r * np.cos(angle), r * np.sin(angle), length * k[2]])
+
+    return box((1.0, 1.0, 1.0), cells, cell, place=place, degree=degree)
+
+
+def in_layers(mesh: NamedMesh, z: float, below: str, above: str) -> NamedMesh:
+    """With two groups of cells, below and above z."""
+    own = midpoints(mesh.domain)[: mesh.domain.topology.index_map(3).size_local, 2]
+    groups = {below: np.flatnonzero(own < z), above: np.flatnonzero(own > z)}
+    return NamedMesh(mesh.domain, mesh.faces, {name: cells.astype(np.int32) for name, cells in groups.items()})

@@ -36,6 +36,7 @@ from ..fem.meshes import NamedMesh, box
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
+from .array_mesh import between
 from .hertz_pairs import SPHERES, UNIFORM, A, Ellipse, Pair
 from .hertz_pairs import problem as pressed_quarters
 from .press_fit import INNER, expected_force, normal_force, ring
@@ -222,8 +223,7 @@ def roller(cells: int, kind: Kind, graded: bool = False) -> ContactProblem:
     along, deep, high = (cells, cells // 2, cells) if graded else (cells * 8 // 7, cells // 4, cells // 2)
 
     def line(k: FloatArray, count: int, towards: str) -> FloatArray:
-        place: FloatArray = np.interp(count * k, np.arange(count + 1.0), _ends(count, towards if graded else ""))
-        return place
+        return between(_ends(count, towards if graded else ""), count * k)
 
     def mid(k: FloatArray) -> FloatArray:
         angle = HALF_ANGLE * (2.0 * line(k[0], cells, "middle") - 1.0)

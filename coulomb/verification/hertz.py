@@ -37,7 +37,7 @@ from ..fem.meshes import box
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
-from .table import Curve, Panel, Row, Verified, absolute, order
+from .table import Curve, Panel, Verified, absolute, at_least, order
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 RADIUS, A = 0.1, 1e-3
@@ -53,13 +53,9 @@ LOADS = tuple((0.84 + 0.03 * k) ** 2 for k in range(12))
 
 @dataclass(frozen=True)
 class Hertz:
-    """The formulas for a force P in newtons.
+    """The formulas for a force P in newtons; of two spheres 1/R is the sum of their curvatures.
 
-    Attributes:
-        P: The force.
-        R: Radius of the sphere; of two spheres 1/R is the sum of their curvatures.
-        material: Of the elastic body.
-        other: Of the other body; by default it is rigid.
+    The other body is rigid by default.
     """
 
     P: float
@@ -69,7 +65,6 @@ class Hertz:
 
     @property
     def materials(self) -> tuple[Material, ...]:
-        """Of the elastic bodies."""
         return (self.material,) if self.other is None else (self.material, self.other)
 
     @property
@@ -92,6 +87,23 @@ class Hertz:
         """At the distances r (k,) from the centre, shape (k,)."""
         pressure: FloatArray = self.p0 * np.sqrt(np.maximum(1.0 - (r / self.a) ** 2, 0.0))
         return pressure
+
+
+def half_space(
+    material: Material, P: float, sign: float = 1.0, shift: float = 0.0
+) -> Callable[[FloatArray], FloatArray]:
+    """Displacement of the half space sign z > 0, P along sign z at the origin (Boussinesq), and a shift along z."""
+    nu = material.poisson
+    unit = P * (1.0 + nu) / (2.0 * math.pi * material.young)
+
+    def value(x: FloatArray) -> FloatArray:
+        z = np.abs(x[2])
+        s = np.sqrt(x[0] ** 2 + x[1] ** 2 + z**2)
+        across = unit * (z / s**3 - (1.0 - 2.0 * nu) / (s * (s + z)))
+        down = unit * (z**2 / s**3 + 2.0 * (1.0 - nu) / s)
+        return np.stack([across * x[0], across * x[1], sign * down + shift])
+
+    return value
 
 
 def grading(uniform: int, cells: int, width: float) -> Callable[[FloatArray], FloatArray]:
@@ -126,12 +138,10 @@ def problem(uniform: int, width: float = WIDTH) -> ContactProblem:
 
 @dataclass(frozen=True)
 class Pressed:
-    """One answer, and the formulas for its force.
+    """One answer, and the formulas for the force of the whole sphere.
 
     Attributes:
-        theory: The formulas for the force of the whole sphere.
         r: Distances of the contact nodes from the centre, shape (m,).
-        pressure: There, shape (m,).
         profile: Error of the pressure in the mean square over the face, over the mean square of the formula.
         centre: Pressure at the centre.
         by_area: Radius of a circle with the area of the nodes in contact.
@@ -196,8 +206,8 @@ def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
         absolute(
             "contact radius by second moment, error over a", 0.0, float(by_moment[-1]), size**2 * 5.0 / 12.0, second
         ),
-        _at_least("order of the pressure profile, at least", 1.0, order(h, profile), orders),
-        _at_least("order of the radius by area, at least", 1.0, order(h, by_area), orders),
+        at_least("order of the pressure profile", 1.0, order(h, profile), 0.25, orders),
+        at_least("order of the radius by area", 1.0, order(h, by_area), 0.25, orders),
         absolute(
             "order of the radius by second moment",
             2.0,
@@ -254,10 +264,6 @@ def _rms(errors: list[list[float]]) -> FloatArray:
 
 def _too_near(answers: list[Pressed]) -> float:
     return float(np.mean([answer.travel / answer.theory.approach - 1.0 for answer in answers]))
-
-
-def _at_least(quantity: str, least: float, ours: float, why: str) -> Row:
-    return Row(quantity, least, ours, max(0.0, least - ours), 0.25, why)
 
 
 def _panels(

@@ -28,7 +28,8 @@ from ..fem.geometry import Sphere
 from ..fem.meshes import box
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
-from .hertz import RADIUS, STEEL, A, Hertz
+from .array_mesh import between, graded, growing
+from .hertz import RADIUS, STEEL, A, Hertz, half_space
 from .table import Curve, Panel, Row, Verified, absolute
 
 WIDTH, UNIFORM = 5.0 * A, 1.2 * A
@@ -55,33 +56,9 @@ def _force(displacement: float) -> float:
     return float(4.0 / 3.0 * E_star * math.sqrt(RADIUS) * (displacement * A**2 / RADIUS) ** 1.5)
 
 
-def _half_space(x: FloatArray) -> FloatArray:
-    """Displacement at points x (3, k) for the force at a displacement a^2/R of the sphere, shape (3, k)."""
-    nu, (r2, z) = STEEL.poisson, (x[0] ** 2 + x[1] ** 2, x[2])
-    s = np.sqrt(r2 + z**2)
-    unit = _force(1.0) * (1.0 + nu) / (2.0 * math.pi * STEEL.young)
-    across = unit * (z / s**3 - (1.0 - 2.0 * nu) / (s * (s + z)))
-    return np.stack([across * x[0], across * x[1], unit * (z**2 / s**3 + 2.0 * (1.0 - nu) / s)])
-
-
 def _growth(time: float) -> float:
     """Of the force with the displacement of the sphere."""
     return float(time**1.5)
-
-
-def growing(first: float, length: float, cells: int) -> FloatArray:
-    """Ends of cells that fill a length, each larger than the one before by the same factor, shape (cells,)."""
-
-    def filled(q: float) -> float:
-        return first * float(np.sum(q ** np.arange(cells)))
-
-    low, high = 1.0, 1.0 + (length / first) ** (1.0 / max(cells - 1, 1))
-    for _ in range(100):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if filled(middle) < length else (low, middle)
-    ends: FloatArray = np.cumsum(first * low ** np.arange(cells))
-    ends[-1] = length
-    return ends
 
 
 def problem(element: str, n: int) -> ContactProblem:
@@ -91,15 +68,17 @@ def problem(element: str, n: int) -> ContactProblem:
     times = 3 - degree
     inner, outer, deep = times * n, times * (n // 2 + 1), times * (n + 1)
     h = UNIFORM / inner
-    along = np.concatenate([np.arange(inner + 1.0) * h, UNIFORM + growing(1.5 * h, WIDTH - UNIFORM, outer)])
+    along = graded(h, inner, WIDTH, outer, 1.5)
     down = np.concatenate([[0.0], growing(h, WIDTH, deep)])
 
-    def place(x: FloatArray) -> FloatArray:
-        across, depth = np.arange(len(along) + 0.0), np.arange(len(down) + 0.0)
-        return np.stack([np.interp(x[0], across, along), np.interp(x[1], across, along), np.interp(x[2], depth, down)])
+    def place(k: FloatArray) -> FloatArray:
+        return np.stack([between(along, k[0]), between(along, k[1]), between(down, k[2])])
 
     cells = (inner + outer, inner + outer, deep)
-    far = [PrescribedDisplacement(face, _half_space, amplitude=_growth) for face in ("right", "back", "top")]
+    far = [
+        PrescribedDisplacement(face, half_space(STEEL, _force(1.0)), amplitude=_growth)
+        for face in ("right", "back", "top")
+    ]
     planes: list[Support] = [Clamp("left", "x"), Clamp("front", "y")]
     return ContactProblem(
         box(cells, cells, cell, place=place, degree=degree),
@@ -117,15 +96,9 @@ def problem(element: str, n: int) -> ContactProblem:
 
 @dataclass(frozen=True)
 class Errors:
-    """Root mean squares over the loads.
+    """Root mean squares over the loads of the force and the pressure at the centre over Hertz's, and the worst.
 
-    Attributes:
-        unknowns: Free displacement unknowns.
-        force: Of the force over Hertz's at the same displacement of the sphere.
-        centre: Of the pressure at the centre over Hertz's p0 at that displacement.
-        worst_centre: The largest of the latter.
-        r: Distances of the contact points from the centre in metres, shape (m,).
-        pressure: There at the last load in pascals, shape (m,).
+    `r` and `pressure` (m,) are those of the contact points at the last load.
     """
 
     unknowns: int

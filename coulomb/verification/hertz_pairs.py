@@ -25,7 +25,6 @@ stand out: the pressure of a single node is uncertain by more.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +37,8 @@ from ..fem.geometry import Sphere
 from ..fem.meshes import NamedMesh, box
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
-from .hertz_elements import growing
+from .array_mesh import between, graded, growing
+from .hertz import half_space
 from .table import Curve, Panel, Row, Verified, absolute
 
 STEEL, ALUMINIUM = Material(young=2.1e11, poisson=0.3), Material(young=7e10, poisson=0.33)
@@ -140,22 +140,14 @@ def quarter(ellipse: Ellipse, n: int, upper: bool, cell: str = "hexahedron", deg
     """The quarter x, y > 0 of a body, with n cells in 1.2 half axes; z > 0 or z < 0 and its contact face at 0."""
     n //= degree
     far = WIDTH * A * max(1.0, ellipse.aspect)  # of the intended ellipse, for all loads
-    lines = []
-    for half in (A, A * ellipse.aspect):
-        inner = UNIFORM * half
-        first = inner / n
-        lines.append(
-            np.concatenate([np.arange(n + 1.0) * first, inner + growing(1.4 * first, far - inner, n // 2 + 2)])
-        )
+    lines = [graded(UNIFORM * half / n, n, far, n // 2 + 2, 1.4) for half in (A, A * ellipse.aspect)]
     first = UNIFORM * A * min(1.0, ellipse.aspect) / n
     down = np.concatenate([[0.0], growing(first, far, n + 2)])
     count, deep = len(lines[0]) - 1, len(down) - 1
     Rx, Ry = ellipse.pair.upper if upper else ellipse.pair.lower
 
     def place(k: FloatArray) -> FloatArray:
-        index = np.arange(count + 1.0)
-        x, y = np.interp(k[0], index, lines[0]), np.interp(k[1], index, lines[1])
-        depth = np.interp(k[2] if upper else deep - k[2], np.arange(deep + 1.0), down)
+        x, y, depth = between(lines[0], k[0]), between(lines[1], k[1]), between(down, k[2] if upper else deep - k[2])
         height = depth + (1.0 - depth / far) * _rise(x, y, Rx, Ry)
         return np.stack([x, y, height if upper else -height])
 
@@ -170,22 +162,6 @@ def _rise(x: FloatArray, y: FloatArray, Rx: float, Ry: float) -> FloatArray:
     return rise
 
 
-def _boussinesq(material: Material, P: float, sign: float, shift: float) -> Callable[[FloatArray], FloatArray]:
-    """Displacement of the half space sign z > 0 under P along sign z at the origin, and a shift along z."""
-    nu = material.poisson
-    unit = P * (1.0 + nu) / (2.0 * math.pi * material.young)
-
-    def value(x: FloatArray) -> FloatArray:
-        z = np.abs(x[2])
-        s = np.sqrt(x[0] ** 2 + x[1] ** 2 + z**2)
-        across = unit * (z / s**3 - (1.0 - 2.0 * nu) / (s * (s + z)))
-        return np.stack(
-            [across * x[0], across * x[1], sign * unit * (z**2 / s**3 + 2.0 * (1.0 - nu) / s) + shift + 0.0 * s]
-        )
-
-    return value
-
-
 def problem(
     ellipse: Ellipse,
     cells: tuple[int, int],
@@ -194,14 +170,9 @@ def problem(
     approached: float = 1.0,
     named: bool = False,
 ) -> ContactProblem:
-    """Quarters of both bodies.
+    """Quarters of both bodies that approach each other by so much of the approach of the ellipse.
 
-    Args:
-        ellipse: The formulas.
-        cells: In 1.2 half axes, of the upper and the lower body.
-        lower_kind, upper_kind: Kind of cells and degree of each.
-        approached: How far the bodies approach each other, over the approach of the ellipse.
-        named: Whether the spheres for which the facets stand are named.
+    `cells` in 1.2 half axes, of the upper and the lower body; `named` if the spheres for which facets stand are.
     """
     (upper, lower), P = ellipse.pair.materials, approached * ellipse.P
     bodies = {
@@ -209,8 +180,8 @@ def problem(
         "lower": quarter(ellipse, cells[1], False, *lower_kind),
     }
     far = {
-        "upper": _boussinesq(upper, P, 1.0, -approached * ellipse.approach),
-        "lower": _boussinesq(lower, P, -1.0, 0.0),
+        "upper": half_space(upper, P, 1.0, -approached * ellipse.approach),
+        "lower": half_space(lower, P, -1.0, 0.0),
     }
     supports: list[Support] = []
     for name, end in (("upper", "top"), ("lower", "bottom")):

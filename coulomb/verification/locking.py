@@ -30,6 +30,7 @@ from ..fem.geometry import Plane
 from ..fem.meshes import box
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
+from .array_mesh import between
 from .table import Curve, Panel, Row, Verified, absolute, relative
 
 LENGTH, HEIGHT, YOUNG, PRESSURE = 1.0, 0.1, 2e11, 1e5
@@ -76,7 +77,7 @@ def pad(cell: str, degree: int, cells: tuple[int, int, int]) -> tuple[float, int
     lines = WIDTH * np.sin(0.5 * np.pi * np.linspace(0.0, 1.0, cells[0] + 1))  # finer towards the free edge
 
     def place(x: FloatArray) -> FloatArray:
-        return np.stack([np.interp(x[0], np.arange(cells[0] + 1.0), lines), x[1], x[2]])
+        return np.stack([between(lines, x[0]), x[1], x[2]])
 
     walls: list[Support] = [SymmetryPlane("left"), Clamp("front", "y"), Clamp("back", "y")]
     problem = ContactProblem(

@@ -27,7 +27,8 @@ from ..fem.bodies import Clamp, Material, Support, SymmetryPlane, TotalForce, jo
 from ..fem.meshes import NamedMesh, box
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
-from .hertz_elements import growing
+from .array_mesh import between, graded
+from .press_fit import along_x
 from .table import Curve, Panel, Verified, relative
 
 STEEL, ALUMINIUM = Material(young=2.1e11, poisson=0.3), Material(young=7e10, poisson=0.3)
@@ -48,24 +49,13 @@ HALF_WIDTH = math.sqrt(4.0 * FORCE * RADIUS / (math.pi * E_STAR))
 LARGEST = math.sqrt(FORCE * E_STAR / (math.pi * RADIUS))
 
 
-def graded(first: float, uniform: int, end: float, more: int) -> FloatArray:
-    """Ends of cells from 0 to `end`: the first ones uniform, `more` growing."""
-    inner = first * np.arange(uniform + 1.0)
-    return np.concatenate([inner, inner[-1] + growing(1.3 * first, end - inner[-1], more)])
-
-
-def _between(lines: FloatArray, k: FloatArray) -> FloatArray:
-    at: FloatArray = np.interp(k, np.arange(float(len(lines))), lines)
-    return at
-
-
 def roller(cells: int) -> NamedMesh:
     """The right lower quarter, its lowest point at the origin: faces left (x = 0), right (z = R), bottom (the rim)."""
     h = UNIFORM / cells
     around, deep = graded(h / RADIUS, cells, 0.5 * math.pi, cells), graded(h, 4, RADIUS - HOLE, cells)
 
     def place(k: FloatArray) -> FloatArray:
-        angle, r = _between(around, k[0]), RADIUS - _between(deep, k[2])
+        angle, r = between(around, k[0]), RADIUS - between(deep, k[2])
         return np.stack([r * np.sin(angle), THICKNESS * k[1], RADIUS - r * np.cos(angle)])
 
     size = (len(around) - 1, 1, len(deep) - 1)
@@ -78,7 +68,7 @@ def block(cells: int) -> NamedMesh:
     across, deep = graded(h, cells, WIDTH, cells), graded(h, 4, HEIGHT, cells + 2)
 
     def place(k: FloatArray) -> FloatArray:
-        return np.stack([_between(across, k[0]), THICKNESS * k[1], -_between(deep, len(deep) - 1.0 - k[2])])
+        return np.stack([between(across, k[0]), THICKNESS * k[1], -between(deep, len(deep) - 1.0 - k[2])])
 
     size = (len(across) - 1, 1, len(deep) - 1)
     return box(size, size, place=place)
@@ -102,8 +92,7 @@ def verify(cells: tuple[int, int] = CELLS) -> Verified:
     """Half width and largest pressure."""
     solution = problem(cells).solve()
     surface, force = solution.problem.surface, solution.contact_force[0::3]
-    x, line = np.unique(np.round(surface.x[:, 0], 9), return_inverse=True)
-    pressure = np.bincount(line.ravel(), force) / np.bincount(line.ravel(), surface.area)
+    x, pressure = along_x(solution)
     half = 2.0 * math.sqrt(force @ surface.x[:, 0] ** 2 / force.sum())
     h, circle = UNIFORM / min(cells) / HALF_WIDTH, (HALF_WIDTH / RADIUS) ** 2
     round_ = f"(a/R)^2 = {circle:.1%}: the roller is a circle; "

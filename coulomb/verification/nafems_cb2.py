@@ -21,8 +21,7 @@ from ..fem.meshes import NamedMesh
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
-from .array_mesh import quarter_cylinder, quarter_disc
-from .hertz_elements import growing
+from .array_mesh import growing, quarter_cylinder, quarter_disc
 from .table import Curve, Panel, Row, Verified, relative
 
 STEEL, ALUMINIUM = Material(young=2.1e11, poisson=0.3), Material(young=7e10, poisson=0.3)

@@ -45,14 +45,9 @@ TURN *= np.linalg.det(TURN)
 
 @dataclass(frozen=True)
 class Patch:
-    """One of the patch tests.
+    """A patch test: sliding or sticking throughout, everything rotated by `turn` (3, 3).
 
-    Attributes:
-        sliding: Sliding throughout, or sticking throughout.
-        cell: "hexahedron" or "tetrahedron".
-        turn: Rotation of everything, shape (3, 3).
-        degree: Order of the elements, 1 or 2.
-        curved: Whether nodes are moved, so that edges of second-order cells are curved.
+    `curved` if nodes are moved, so that edges of second-order cells are curved.
     """
 
     sliding: bool
@@ -63,7 +58,6 @@ class Patch:
 
     @property
     def name(self) -> str:
-        """What it is, in words."""
         where = "upright" if np.array_equal(self.turn, np.eye(3)) else "turned"
         order = "" if self.degree == 1 else ", second order"
         state = "sliding" if self.sliding else "sticking"
@@ -71,18 +65,11 @@ class Patch:
 
     @property
     def shear(self) -> float:
-        """Shear traction on the top, pascals."""
-        return FRICTION * PRESSURE if self.sliding else SHEAR
+        return shear_of(self.sliding)
 
     def exact(self, x: FloatArray) -> FloatArray:
         """Displacement at the points x (3, k), shape (3, k)."""
-        E, nu = STEEL.young, STEEL.poisson
-        G, M = E / (2.0 * (1.0 + nu)), E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
-        x, y, z = self.turn.T @ x
-        across = SLIP + nu * (1.0 + nu) * PRESSURE / E * x if self.sliding else 0.0 * x
-        down = -(1.0 - nu**2) * PRESSURE / E * z if self.sliding else -PRESSURE / M * z
-        u: FloatArray = self.turn @ np.stack([across + self.shear / G * z, 0.0 * y, down])
-        return u
+        return uniform_state(x, self.turn, STEEL, SLIP if self.sliding else None)
 
     def _place(self, x: FloatArray) -> FloatArray:
         """Positions of the nodes x (3, k) of the regular cube, shape (3, k)."""
@@ -97,6 +84,47 @@ class Patch:
             Contact("bottom", FRICTION, foundation=Plane((0.0, 0.0, 0.0), tuple(normal))),
             [Traction("top", tuple(self.turn @ (self.shear, 0.0, -PRESSURE)))],
         )
+
+
+def shear_of(sliding: bool) -> float:
+    """Shear traction on the top, pascals."""
+    return FRICTION * PRESSURE if sliding else SHEAR
+
+
+def uniform_state(x: FloatArray, turn: FloatArray, material: Material, slip: float | None) -> FloatArray:
+    """Displacement at the points x (3, k) of a cube with the axes `turn` that slides by `slip`, or sticks if None."""
+    E, nu, sliding = material.young, material.poisson, slip is not None
+    G, M = E / (2.0 * (1.0 + nu)), E * (1.0 - nu) / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    x, y, z = turn.T @ x
+    across = 0.0 * x if slip is None else slip + nu * (1.0 + nu) * PRESSURE / E * x
+    down = -(1.0 - nu**2) * PRESSURE / E * z if sliding else -PRESSURE / M * z
+    u: FloatArray = turn @ np.stack([across + shear_of(sliding) / G * z, 0.0 * y, down])
+    return u
+
+
+def state_rows(
+    name: str,
+    solution: Solution,
+    sliding: bool,
+    traction: FloatArray,
+    expected: FloatArray,
+    off: float,
+    allowed: tuple[float, str],
+    of_a_point: tuple[float, str],
+    at: str = "node",
+) -> list[Row]:
+    """Tractions (m, 3) beside the expected one, the error `off` of displacements, the share of nodes in the state."""
+    worst = traction[np.argmax(np.linalg.norm(traction - expected, axis=1))]
+    counts = summary.summary(solution)["nodes"]
+    alike = counts["slip" if sliding else "stick"] / counts["contact"]
+    single, why = of_a_point
+    of_shear = single * PRESSURE / shear_of(sliding)
+    return [
+        relative(f"{name}: pressure, worst {at}, Pa", expected[2], worst[2], single, why),
+        relative(f"{name}: shear, worst {at}, Pa", expected[0], worst[0], of_shear, why),
+        absolute(f"{name}: displacement, worst node, over the largest", 0.0, off, *allowed),
+        absolute(f"{name}: share of {at}s in this state", 1.0, alike, 0.0, "a count: all of them"),
+    ]
 
 
 def curving(x: FloatArray) -> FloatArray:
@@ -158,25 +186,11 @@ def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
     force = solution.contact_force.reshape(-1, 3)
     of_a_node = np.linalg.norm(force) / np.linalg.norm(force, axis=1).min()
     single = f"{why}, times the norm of all forces over the smallest nodal force"
-    traction = _traction(patch, solution)
-    expected = np.array([-patch.shear, 0.0, PRESSURE])
-    worst = traction[np.argmax(np.linalg.norm(traction - expected, axis=1))]
     exact = patch.exact(problem.elasticity.x.T).T
-    off = np.abs(solution.displacement - exact).max() / np.abs(exact).max()
-    counts = summary.summary(solution)["nodes"]
-    alike = counts["slip" if patch.sliding else "stick"] / counts["contact"]
-    return [
-        relative(f"{name}: pressure, worst node, Pa", expected[2], worst[2], allowed * of_a_node, single),
-        relative(
-            f"{name}: shear, worst node, Pa",
-            expected[0],
-            worst[0],
-            allowed * of_a_node * PRESSURE / patch.shear,
-            single,
-        ),
-        absolute(f"{name}: displacement, worst node, over the largest", 0.0, off, allowed, why),
-        absolute(f"{name}: share of nodes in this state", 1.0, alike, 0.0, "a count: all of them"),
-    ]
+    off = float(np.abs(solution.displacement - exact).max() / np.abs(exact).max())
+    expected, of_a_point = np.array([-patch.shear, 0.0, PRESSURE]), (float(allowed * of_a_node), single)
+    traction = _traction(patch, solution)
+    return state_rows(name, solution, patch.sliding, traction, expected, off, (allowed, why), of_a_point)
 
 
 def amplification(problem: PosedProblem) -> float:

@@ -26,10 +26,11 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.bodies import Material, SymmetryPlane, join
 from ..fem.geometry import Cylinder
-from ..fem.meshes import NamedMesh, box
+from ..fem.meshes import NamedMesh
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
+from .array_mesh import quarter_ring
 from .table import Curve, Panel, Row, Verified, absolute, order, relative
 
 ALUMINIUM, STEEL = Material(young=7e10, poisson=0.33), Material(young=2.1e11, poisson=0.3)
@@ -64,13 +65,8 @@ def displacement(r: FloatArray, outer: bool) -> FloatArray:
 
 
 def quarter(inner: float, outer: float, cells: tuple[int, int], cell: str, degree: int) -> NamedMesh:
-    """A quarter of a ring: faces left (its bore), right, front and back (planes of symmetry), bottom and top."""
-
-    def place(x: FloatArray) -> FloatArray:
-        r, angle = inner + (outer - inner) * x[0], 0.5 * math.pi * x[1]
-        return np.stack([r * np.cos(angle), r * np.sin(angle), LENGTH * x[2]])
-
-    return box((1.0, 1.0, 1.0), (*cells, 1), cell, place=place, degree=degree)
+    """A quarter of a ring of the length LENGTH, cells along its radius and around."""
+    return quarter_ring(inner, outer, LENGTH, (*cells, 1), cell, degree)
 
 
 Facets = Literal["as they are", "closed", "smooth", "cylinders"]

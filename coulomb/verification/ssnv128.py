@@ -23,6 +23,7 @@ from ..fem.meshes import NamedMesh, box
 from ..model.contact import Contact
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
+from .array_mesh import between
 from .table import Curve, Panel, Row, Verified, relative
 
 EDGE, SLIVER = 0.04, 1e-5
@@ -52,7 +53,7 @@ def plate(cells: int = CELLS, cell: str = "hexahedron", degree: int = 1) -> Name
     columns = np.append(np.arange(cells) * EDGE / cells, [EDGE - SLIVER, EDGE])
 
     def place(x: FloatArray) -> FloatArray:
-        return np.stack([np.interp(x[0], np.arange(cells + 2.0), columns), x[1], x[2]])
+        return np.stack([between(columns, x[0]), x[1], x[2]])
 
     mesh = box((cells + 1.0, EDGE / cells, EDGE), (cells + 1, 1, cells), cell, place=place, degree=degree)
     corner = compat.mesh.locate_entities_boundary(

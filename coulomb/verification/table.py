@@ -12,14 +12,10 @@ from ..arrays import FloatArray
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table.
+    """A row of the table: a quantity with its unit, the known answer, what was computed, and the error allowed.
 
     Attributes:
-        quantity: What is compared, with its unit.
-        formula: The known answer.
-        ours: What was computed.
-        error: Distance between the two, relative to the formula unless that is 0, an order or a share.
-        tolerance: Largest error allowed.
+        error: Distance of the two, relative to the formula unless that is 0, an order or a share.
         why: Reason of the tolerance: theory or mesh size.
     """
 
@@ -43,6 +39,16 @@ def relative(quantity: str, formula: float, ours: float, tolerance: float, why: 
 def absolute(quantity: str, formula: float, ours: float, tolerance: float, why: str) -> Row:
     """A row whose error is |ours - formula|."""
     return Row(quantity, formula, ours, abs(ours - formula), tolerance, why)
+
+
+def at_least(quantity: str, least: float, ours: float, tolerance: float, why: str) -> Row:
+    """A row whose error is what is missing."""
+    return Row(f"{quantity}, at least", least, ours, max(0.0, least - ours), tolerance, why)
+
+
+def worst(quantity: str, formula: float, values: FloatArray, tolerance: float, why: str) -> Row:
+    """`relative`, of the value that is farthest from the formula."""
+    return relative(quantity, formula, float(values[np.argmax(np.abs(values - formula))]), tolerance, why)
 
 
 @dataclass(frozen=True)
@@ -69,12 +75,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Verified:
-    """A case that has been computed.
-
-    Attributes:
-        rows: Its rows of the table.
-        panels: Its picture.
-    """
+    """A case that has been computed: its rows of the table, and its picture."""
 
     rows: tuple[Row, ...]
     panels: tuple[Panel, ...]

@@ -28,7 +28,7 @@ def dense(matrix):
 def dense_interpolation(P, shape):
     """All rows, on every rank."""
     mine = np.zeros((shape[0] * (len(P.own.pointers) - 1), shape[1] * int(P.starts[-1])))
-    for part, numbers in ((P.own, np.arange(*P.starts[COMM.rank : COMM.rank + 2])), (P.others, P.needed)):
+    for part, numbers in ((P.own, np.arange(*P.starts[COMM.rank : COMM.rank + 2])), (P.others, P.columns)):
         if part is not None:
             blocks = part.values[:-PADDING].reshape(-1, *shape)
             for row in range(len(part.pointers) - 1):

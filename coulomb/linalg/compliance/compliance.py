@@ -31,7 +31,6 @@ class Compliance(Protocol):
     """A, in metres per newton, symmetric positive semidefinite; rows node by node (n, t1, t2), on the node's rank.
 
     Attributes:
-        comm: The ranks that share it.
         nodes: Contact nodes m of this rank, possibly 0.
         products: Products made so far.
         exact: Whether a product is as exact as rounding allows, at any tolerance.
@@ -53,12 +52,9 @@ class Compliance(Protocol):
     def matrix_free(self) -> MatrixFreeCompliance | None: ...
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
-        """y <- A x, both of shape (3 m,); counted, collective.
+        """y <- A x, newtons and metres, both of shape (3 m,); counted, collective.
 
-        Args:
-            x: Forces in newtons.
-            y: Displacements in metres.
-            tolerance: Largest relative residual, if a product is the solution of a system.
+        If a product is the solution of a system, `tolerance` is its largest relative residual.
         """
         ...
 
@@ -79,12 +75,7 @@ class BodyCompliance(Compliance, Protocol):
     """A = B K^-1 B^T with access to K and B."""
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> BodyCompliance:
-        """A in other frames, T A T^T; collective.
-
-        Args:
-            B: The contact matrix in these frames, T times the present one.
-            turn: T, node by node, shape (m, 3, 3).
-        """
+        """T A T^T, B the contact matrix in these frames, `turn` T node by node, shape (m, 3, 3); collective."""
         ...
 
     def known_product(self, x: FloatArray) -> FloatArray | None:
@@ -93,27 +84,20 @@ class BodyCompliance(Compliance, Protocol):
         ...
 
     def allow(self, products: float) -> None:
-        """Make no more than so many products from now on: `mult` then raises TooSlow, on all ranks; inf for no limit,
-        as by default."""
+        """Make no more than so many products from now on (by default inf): `mult` then raises TooSlow, on all ranks."""
         ...
 
     def under_load(self, f: PETSc.Vec, free: FloatArray) -> None:
-        """The load and K^-1 f of the problem to which the products to come belong, so that A x - b is as accurate as
-        the displacement under both allows; collective.
+        """The load f in newtons and K^-1 f in metres, this rank's part (n,), of the problem to which the products to
+        come belong.
 
-        Args:
-            f: Load in newtons; not to be changed afterwards.
-            free: K^-1 f in metres, this rank's part, shape (n,); not to be changed afterwards.
+        A x - b is then as accurate as the displacement under both allows.  Not to be changed afterwards; collective.
         """
         ...
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
-        """K^-1 (f - B^T x) in metres, this rank's part, shape (n,), to be refined; collective.
-
-        Args:
-            x: Contact forces in newtons, shape (3 m,).
-            f: Load in newtons.
-            free: K^-1 f, shape (n,).
+        """K^-1 (f - B^T x) in metres, this rank's part, shape (n,), to be refined; x and f in newtons, `free` is K^-1
+        f; collective.
         """
         ...
 
@@ -128,11 +112,9 @@ class Formed(Protocol):
 
 
 class MatrixCompliance:
-    """A as an assembled matrix, dense or sparse, rows distributed over the ranks.
+    """A as an assembled matrix, dense or sparse, 3 rows per contact node, those of a node on one rank.
 
-    Args:
-        matrix: Symmetric positive semidefinite, 3 rows per contact node, those of a node on one rank.
-        rows: This rank's rows in scipy's compressed format, if they are at hand.
+    `rows` are this rank's rows in scipy's compressed format, if they are at hand.
     """
 
     name = "matrix"
@@ -162,7 +144,7 @@ class MatrixCompliance:
         return self._diagonal
 
     def dense(self) -> FloatArray:
-        """This rank's rows as an array, shape (3 m, all columns); not to be changed."""
+        """See `Formed`."""
         rows: FloatArray = self.matrix.getDenseArray() if self._is_dense else self.sparse().toarray()
         return rows
 
@@ -191,21 +173,14 @@ class LimitedProducts:
         self._most = self.products + products
 
     def _begin(self) -> None:
-        """Refuse another product beyond the limit."""
         if self.products >= self._most:
             raise TooSlow("Newton systems with A take too many Krylov iterations")
 
 
 class MatrixFreeCompliance(LimitedProducts):
-    """A as a solve with K between B^T and B.
-
-    Its diagonal is estimated, see `estimated_diagonal`.
+    """A as a solve with K between B^T and B, its diagonal estimated by `probes` products (`estimated_diagonal`).
 
     Args:
-        B: Contact matrix, 3 rows per contact node.
-        K: The stiffness matrix.
-        solver: K^-1.
-        probes: Products spent on the diagonal.
         diagonal: Replaces the estimate of the diagonal of A - F F^T.
         soft: The motions that the solver computes apart, if there are any.
 
@@ -245,7 +220,7 @@ class MatrixFreeCompliance(LimitedProducts):
         self._elastic = estimated_diagonal(self, B, K, probes, self.rigid) if diagonal is None else diagonal
 
     def _moved(self, u: FloatArray) -> FloatArray:
-        """B u, shapes (n,) and (3 m,)."""
+        """B u."""
         self._u.array[:] = u
         self.B.mult(self._u, self._x)
         moved: FloatArray = self._x.array.copy()
@@ -321,18 +296,16 @@ class MatrixFreeCompliance(LimitedProducts):
         return self._found
 
     def _balanced(self, residual: FloatArray) -> bool:
-        """Whether a residual of the last displacement, shape (n,), is of the size of rounding errors of K u."""
+        """Whether a residual of the last displacement is of the size of rounding errors of K u."""
         over = Reductions(self.comm)
         return over.norm(residual / self._root) <= _ROUNDING * over.norm(self._root * self._last.array_r)
 
     @property
     def factorised(self) -> bool:
-        """Whether K is factorised."""
         return self._solver.tolerance == 0.0
 
     @property
     def matrix_free(self) -> MatrixFreeCompliance:
-        """Itself, since it has K and B."""
         return self
 
     def forces(self, x: FloatArray, v: PETSc.Vec) -> None:

@@ -17,19 +17,14 @@ _ACCURACY = 0.03
 
 
 class DiagonalEstimate(NamedTuple):
-    """diag(A), both of shape (3 m,).
-
-    Attributes:
-        whole: The estimate.
-        rest: Its part without the large eigenvalues of A that were found.
-    """
+    """diag(A), and `rest`, its part without the large eigenvalues of A that were found; shape (3 m,)."""
 
     whole: FloatArray
     rest: FloatArray
 
 
 class Products(Protocol):
-    """The products by a compliance that the estimate takes, see `Compliance`."""
+    """What the estimate takes of a `Compliance`."""
 
     @property
     def comm(self) -> MPI.Comm: ...
@@ -43,21 +38,14 @@ class Products(Protocol):
 def estimated_diagonal(
     A: Products, B: PETSc.Mat, K: PETSc.Mat, probes: int = 8, rigid: FloatArray | None = None
 ) -> DiagonalEstimate:
-    """diag(A) of A = B K^-1 B^T from a few products.
+    """diag(A) of A = B K^-1 B^T from a few products, or that of A - F F^T with `rigid` columns F, shape (3 m, q).
 
     From products Y = A V with random signs V, Nyström's approximation Y (V^T Y)^-1 Y^T <= A has the few large
     eigenvalues of slender bodies, along which diag(A) varies by orders of magnitude.  The diagonal of the rest is close
     to a multiple of diag(B diag(K)^-1 B^T), one multiple for each of n, t1 and t2.  They are found from what the other
     probes leave of A v, R v, since the mean of v_i (R v)_i is R_ii (Hutchinson 1989; E. N. Epperly, J. A. Tropp, R. J.
     Webber: XTrace, SIAM J. Matrix Anal. Appl. 45, 2024).  The inverse is shifted by the square of the products'
-    accuracy, the error of v^T A v.  Rigid motions that are given are left out.
-
-    Args:
-        A: The compliance; `probes` products are made.
-        B: Contact matrix, 3 rows per contact node.
-        K: The stiffness matrix, of which only the diagonal is read.
-        probes: Number of products.
-        rigid: Columns F, shape (3 m, q): the diagonal is that of A - F F^T; None if there are none.
+    accuracy, the error of v^T A v.
     """
     over, local = Reductions(A.comm), _of_diagonal(B, K)
     random = np.random.default_rng([2718, A.comm.rank])

@@ -19,16 +19,7 @@ _RANK_DEFICIENT = 1e-14  # singular values of the constraints' matrix below this
 
 
 class Constraints:
-    """A few dense rows G over the nodes of all ranks, and their multipliers, the same on all ranks.
-
-    Args:
-        comm: The ranks.
-        G: G^T, this rank's nodes, shape (m, 3, r).
-
-    Attributes:
-        count: Number of constraints r.
-        G: As given.
-    """
+    """A few dense rows G over all nodes, G^T (m, 3, count) on this rank, and multipliers, the same on all ranks."""
 
     def __init__(self, comm: MPI.Comm, G: FloatArray):
         self._comm, self.G, self.count = comm, G, G.shape[2]
@@ -48,13 +39,8 @@ class ConstraintPreconditioner:
     """[P, -G^T; G, 0]^-1 by block elimination with the r x r matrix S = G P^-1 G^T.
 
     (C. Keller, N. I. M. Gould, A. J. Wathen: Constraint preconditioning for indefinite linear systems, SIAM J. Matrix
-    Anal. Appl. 21, 2000.)  S may be singular: multipliers without resistance are zero.
-
-    Args:
-        inverse: P^-1 on (m, block) and on (m, block, r); x is the first three of `block` unknowns per node.
-        constraints: G.
-        block: Unknowns per node.
-        left: Replaces G^T in the first row of the matrix, shape (m, block, r).
+    Anal. Appl. 21, 2000.)  S may be singular: multipliers without resistance are zero.  `inverse` is P^-1 on (m, block)
+    and on (m, block, r), x the first three of `block` unknowns per node; `left` (m, block, r) replaces G^T.
     """
 
     def __init__(self, inverse: NodalMap, constraints: Constraints, block: int, left: FloatArray | None = None):
@@ -97,20 +83,16 @@ class CarryingKrylov:
 
     With constraints G x = r3 and their multipliers alpha, w = A x - G^T alpha, and the multipliers are further entries
     of the vectors of the first rank.  FGMRES solves [J, -G^T; G, 0] as it stands.  CG starts with x that satisfies the
-    constraints, and stays on them, since the constraint preconditioner (border.py) makes G z = 0: it is projected CG,
-    and as alpha is among the unknowns, its residual goes to zero as a whole and has no part that cancels (the residual
-    update strategy of N. I. M. Gould, M. E. Hribar, J. Nocedal, SIAM J. Sci. Comput. 23, 2001).  If r3 is not
-    negligible, the start costs CG a product, counted as an iteration.
+    constraints, and stays on them, since the `ConstraintPreconditioner` makes G z = 0: it is projected CG, and as alpha
+    is among the unknowns, its residual goes to zero as a whole and has no part that cancels (the residual update
+    strategy of N. I. M. Gould, M. E. Hribar, J. Nocedal, SIAM J. Sci. Comput. 23, 2001).  If r3 is not negligible, the
+    start costs CG a product, counted as an iteration.
 
     Args:
-        comm: The ranks.
-        nodes: Contact nodes of this rank.
-        block: Unknowns per node, the three of x first.
         apply_A: x (m, 3) -> A x (m, 3).
         operator: (unknowns (m, block), A x - G^T alpha (m, 3)) -> image (m, block).
         preconditioner: Residual (m, block) and (r,) -> unknowns (m, block) and multipliers (r,).
         method: KSP.Type.CG or KSP.Type.FGMRES, which preconditions from the right and keeps its z's.
-        constraints: The constraints G; None if there are none.
     """
 
     def __init__(
@@ -194,11 +176,8 @@ class CarryingKrylov:
     ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
         """Unknowns (m, block), A x - G^T alpha (m, 3), alpha (r,), iterations.
 
-        Args:
-            rhs: Shape (m, block).
-            guess: Shape (m, block), with x = 0.
-            atol: Tolerance of the residual.
-            r3: Right-hand side of the constraints, shape (r,).
+        `rhs` and `guess` (m, block), the guess with x = 0; `atol` is the tolerance of the residual, r3 (r,) the right-
+        hand side of the constraints.
         """
         b, s = self._nodewise(self._rhs), self._nodewise(self._solution)
         b[:, : self._block], b[:, self._block :] = rhs, 0.0

@@ -55,7 +55,7 @@ class LowRankApproximation:
         least_rest: The rest is at least this part of `local`, as far as A is not yet in U.
         known: Columns with which to begin; None if there are none; the same on all ranks, and then it is collective.
         rigid: Columns F of a part F F^T of A that is known exactly, shape (3 m, q), as of bodies on soft springs
-            (soft_motions.py): the rest is approximated, and F F^T added; None if there are none.
+            (`SoftMotions`): the rest is approximated, and F F^T added; None if there are none.
         local: An estimate of diag(A) without the few large eigenvalues of A, shape (m, 3); by default diag(A).
 
     Attributes:
@@ -97,7 +97,6 @@ class LowRankApproximation:
 
     @property
     def learnt(self) -> RecycledColumns:
-        """What is known of A."""
         known = RecycledColumns()
         if self.U.shape[1] > 0:
             known.keep(self._X, self.U, self._new_part)
@@ -120,7 +119,6 @@ class LowRankApproximation:
 
     @property
     def exact(self) -> bool:
-        """Whether products are exact."""
         return self._exact
 
     @property
@@ -220,11 +218,8 @@ class LowRankApproximation:
 class LowRankUpdate:
     """(P0 + U S U^T)^-1 from P0^-1, by Woodbury's formula: P0^-1 - P0^-1 U (S + U^T P0^-1 U)^-1 U^T P0^-1, S = S^-1.
 
-    Args:
-        comm: The ranks.
-        nodal_inverse: P0^-1 on (m, block, ...), nodal, perhaps unsymmetric.
-        U: Shape (m, block, r).
-        signs: Diagonal of S, each 1 or -1, shape (r,).
+    `nodal_inverse` is P0^-1 on (m, block, ...), perhaps unsymmetric; U (m, block, r); `signs` (r,) the diagonal of S, 1
+    or -1.
     """
 
     def __init__(self, comm: MPI.Comm, nodal_inverse: NodalMap, U: FloatArray, signs: FloatArray):

@@ -66,18 +66,11 @@ def undecided(displacement: int, contact: int, linear_solver: LinearSolver | Non
 def chosen(
     displacement: int, contact: int, ranks: int, linear_solver: LinearSolver | None, explicit: bool | None
 ) -> tuple[LinearSolver, bool]:
-    """The solver for K by size, and whether A is formed.
+    """The solver for K by displacement and contact unknowns over all ranks, and whether A is formed.
 
-    K is factorised by `multifrontal.MultifrontalSolver` on one rank and by `DistributedMultifrontalSolver` on several,
-    whether A is formed or not; where it is not, on several ranks only if the user chooses it: each solve waits for all
-    ranks several times.
-
-    Args:
-        displacement: Displacement unknowns, over all ranks.
-        contact: Contact unknowns, over all ranks.
-        ranks: Number of ranks.
-        linear_solver: The user's choice, if any.
-        explicit: The user's choice, if any.
+    K is factorised by `MultifrontalSolver` on one rank and by `DistributedMultifrontalSolver` on several, whether A is
+    formed or not; where it is not, on several ranks only if the user chooses it: each solve waits for all ranks several
+    times.  `linear_solver` and `explicit` are the user's choices, if any.
 
     Raises:
         ValueError: If A is to be formed without a factorisation of K.
@@ -188,15 +181,14 @@ def seconds_direct(
 ) -> float:
     """With K factorised and the Schur complement on the contact nodes, to the certificate of the last load step.
 
-    Where A is not formed, K with springs is factorised in every step of path following (`CondensedSystem`).
-
     Args:
         work: What the factorisation takes.
         contact: Displacements on which contact forces act.
         steps: Number of load steps.
         precision: Expected of the factors.
         ranks: Number of ranks.
-        formed: Whether A is formed.
+        formed: Whether A is formed; where it is not, K with springs is factorised in every step of path following
+            (`CondensedSystem`).
     """
     constant, square, byte = _PATH
     shared: float = ranks**_FACTOR_RANKS
@@ -210,13 +202,7 @@ def seconds_direct(
 
 
 def seconds_multigrid(measures: Measures, steps: int = 1, ranks: int = 1) -> float:
-    """With products by multigrid, to the certificate of the last load step.
-
-    Args:
-        measures: What decides it.
-        steps: Number of load steps.
-        ranks: Number of ranks.
-    """
+    """With products by multigrid, to the certificate of the last load step."""
     constant, of_all, of_contact = _ITERATION
     shared: float = ranks**_MULTIGRID_RANKS
     iteration = constant + of_all * measures.displacement / shared
@@ -237,15 +223,8 @@ def factorise(
 ) -> bool:
     """Whether K should be factorised: it fits into the memory, and takes no longer than multigrid.
 
-    Args:
-        work: What the factorisation takes.
-        measures: What decides how long multigrid takes.
-        steps: Number of load steps.
-        soft: Whether soft springs alone hold the body.
-        precision: Expected of the factors.
-        room: Free memory in bytes, of all ranks.
-        ranks: Number of ranks.
-        formed: Whether A would be formed.
+    Arguments as of `seconds_direct`; `soft` is whether soft springs alone hold the body, `room` the free memory in
+    bytes, of all ranks.
     """
     if not fits(work, not soft and precision is Precision.SINGLE, room, formed):
         return False
@@ -256,11 +235,8 @@ def factorise(
 def fits(work: Work, single: bool, room: float, formed: bool = True) -> bool:
     """Whether factors fit into the memory: of K, and where A is not formed of K with springs, in double precision.
 
-    Args:
-        work: What the factorisation takes.
-        single: Whether they are in single precision where that is faster.
-        room: Free memory in bytes, of all ranks.
-        formed: Whether A is formed.
+    `single` is whether they are in single precision where that is faster, `room` the free memory in bytes, of all
+    ranks.
     """
     copies = (1.0 if single and work.operations >= SINGLE_FROM else 2.0) + (0.0 if formed else 2.0)
     return work.bytes * copies <= room
@@ -276,15 +252,8 @@ def patience(
 ) -> float:
     """Iterations of multigrid in a load step after which factors are made instead, if they fit into the memory.
 
-    Multigrid then does not contract as predicted, and has taken as long as the step takes with factors.
-
-    Args:
-        work: What the factorisation takes.
-        measures: What decides how long multigrid takes.
-        steps: Number of load steps.
-        precision: Expected of the factors.
-        ranks: Number of ranks.
-        formed: Whether A would be formed then.
+    Multigrid then does not contract as predicted, and has taken as long as the step takes with factors.  Arguments as
+    of `seconds_direct`.
     """
     direct = seconds_direct(work, measures.contact, steps, precision, ranks, formed)
     return max(direct / seconds_multigrid(measures, steps, ranks), _PATIENCE) * measures.iterations

@@ -26,9 +26,6 @@ class LinearResponseCache:
 
     In a load history the loads are a few patterns times amplitudes: after as many solves as there are patterns, K^-1 f
     is a sum of vectors.
-
-    Args:
-        comm: The ranks.
     """
 
     def __init__(self, comm: MPI.Comm):
@@ -37,12 +34,10 @@ class LinearResponseCache:
         self._responses: list[FloatArray] = []
 
     def response(self, f: FloatArray, held: FloatArray, solve: Callable[[], FloatArray]) -> FloatArray:
-        """The displacement under a load; collective.
+        """The displacement under a load, both this rank's part; collective.
 
-        Args:
-            f: The load, this rank's part, any shape.
-            held: What the displacement contains besides, prescribed displacements that f determines; shape of u.
-            solve: Computes the displacement, linear in (f, held).
+        `held` is what it contains besides, prescribed displacements that f determines, shape of u; `solve` computes it,
+        linear in (f, held).
         """
         over, rest, sums = self._over, f.ravel().copy(), np.zeros((2, *held.shape))
         size = over.norm(rest)
@@ -69,8 +64,7 @@ class RecycledColumns:
     In a load history A is the same in all steps, except that the frames of the contact nodes turn.
 
     Attributes:
-        X: Forces in newtons, shape (3 m, r), this rank's rows; None as long as nothing is known.
-        U: Displacements in metres, shape (3 m, r).
+        X, U: Forces in newtons and displacements in metres, shape (3 m, r), this rank's rows; None if nothing is known.
         part: Size of A outside U over its diagonal, in (0, 1].
         prepared: What was made of them, which a later problem with the same A takes as it is; else None.
     """
@@ -82,7 +76,6 @@ class RecycledColumns:
         self.prepared: object | None = None
 
     def keep(self, X: FloatArray, U: FloatArray, part: float, prepared: object | None = None) -> None:
-        """Replace what is known."""
         self.X, self.U, self.part, self.prepared = X, U, part, prepared
 
     def turned(self, turn: FloatArray) -> RecycledColumns:

@@ -42,11 +42,8 @@ class SchurCompliance(LimitedProducts):
     term exceeds what is asked for.  If accurate products are asked for again and again by `mult`, K is factorised in
     double precision.
 
-    Args:
-        B: Contact matrix, 3 rows per contact node.
-        solver: The factorised K, with the nodes of B's columns last.
-        diagonal: Replaces the exact diagonal, shape (3 m,).
-        reference: The last accurate response, of the same A in other frames.
+    `solver` has the nodes of B's columns last; `diagonal` (3 m,) replaces the exact one; `reference` is the last
+    accurate response, of the same A in other frames.
     """
 
     name = "explicit"
@@ -96,7 +93,6 @@ class SchurCompliance(LimitedProducts):
 
     @property
     def exact(self) -> bool:
-        """Whether the factors are in double precision."""
         return not self._solver.single
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
@@ -144,7 +140,7 @@ class SchurCompliance(LimitedProducts):
         return self._solver.schur_diagonal(self._rows)
 
     def dense(self) -> FloatArray:
-        """A as an array, shape (3 m, 3 m), in double precision; on one rank."""
+        """See `Formed`; on one rank."""
         self._solver.use_double()
         whole = np.zeros((self._rows.shape[0],) * 2)
         start = 0
@@ -182,9 +178,6 @@ class SchurCompliance(LimitedProducts):
 
 class _Reference:
     """A response u = K^-1 z to forces z on the contact nodes.
-
-    Args:
-        solver: K^-1.
 
     Attributes:
         z: Nodal forces in newtons, in the order of L, shape (3 m,), the same on all ranks.

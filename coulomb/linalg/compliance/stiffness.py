@@ -32,15 +32,9 @@ from ..unsolved import TooSlow, Unsolved
 
 
 class SoftMotions:
-    """The motions and the forces that they cause.
+    """The motions R and the forces K R that they cause, this rank's rows, shape (n, q).
 
-    Args:
-        comm: The ranks.
-        motions: R, this rank's rows, shape (n, q), with R^T K R = 1: in metres per root of a joule.
-        forces: K R, shape (n, q).
-
-    Attributes:
-        motions: As given.
+    They are scaled so that R^T K R = 1: R is in metres per root of a joule.
     """
 
     def __init__(self, comm: MPI.Comm, motions: FloatArray, forces: FloatArray):
@@ -98,14 +92,11 @@ class StiffnessSolver(Protocol):
 
 
 class DirectSolver:
-    """Cholesky factorisation by MUMPS, on all ranks; where a contact problem is to be solved with this class, it takes
-    that by nested dissection instead (`multifrontal`, `distributed_multifrontal`).
+    """Cholesky factorisation by MUMPS of K, symmetric positive definite, on all ranks.
 
-    Beside being the name of that choice it solves K u = f without contact, as an independent factorisation: for the
-    verification, the matrices that other programs get, and tests of `multifrontal`.
-
-    Args:
-        K: Symmetric positive definite, assembled.
+    A contact problem that is to be solved with this class takes that by nested dissection instead
+    (`MultifrontalSolver`, `DistributedMultifrontalSolver`); this one is an independent factorisation for K u = f
+    without contact: for the verification, the matrices that other programs get, and tests.
     """
 
     name = "direct (MUMPS Cholesky)"
@@ -149,9 +140,8 @@ _ITERATIONS = 1000  # of a solve, at most
 class IterativeSolver:
     """CG with smoothed-aggregation multigrid on the rigid body modes that K carries as its near-nullspace.
 
-    The grids are made in C (coarsening.py), in blocks and with threads: PETSc's GAMG takes four to five times as long
-    and twice the memory of K, and with its grids solves take 1.4 to 1.6 times the iterations.  Products on them are
-    made in C as well (multigrid_cycle.py).
+    The grids and products on them are made in C, in blocks and with threads: PETSc's GAMG takes four to five times as
+    long and twice the memory of K, and with its grids solves take 1.4 to 1.6 times the iterations.
 
     In second order K also has an attribute "interpolation", which makes the matrix that interpolates linear
     displacements.  Multigrid then goes from second order to first, and to aggregates from there: by PETSc, on the block

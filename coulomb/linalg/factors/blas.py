@@ -39,14 +39,6 @@ def gemm_plain(alpha: float, A: Real, B: Real, C: Real) -> None:
         _routine("gemm", C.dtype)(b"N", b"N", _i(m), _i(n), _i(k), a, *_block(A), *_block(B), b, *_block(C))
 
 
-def syrk(alpha: float, A: Real, beta: float, C: Real) -> None:
-    """C <- alpha A A^T + beta C, the lower triangle."""
-    n, k = A.shape
-    if n and k:
-        a, b = (_number(C.dtype, value) for value in (alpha, beta))
-        _routine("syrk", C.dtype)(b"L", b"N", _i(n), _i(k), a, *_block(A), b, *_block(C))
-
-
 def potrf(A: Real) -> int:
     """A <- L, A = L L^T, the lower triangles; 0, or the number of the first pivot that is not positive."""
     failed = ctypes.c_int(0)

@@ -35,13 +35,7 @@ TAG = 1701
 
 
 class Block(NamedTuple):
-    """Columns of a front, or of a child's update matrix.
-
-    Attributes:
-        start: First column.
-        stop: Column after the last one.
-        rank: The rank that has them, from row `start` on.
-    """
+    """Columns of a front, or of a child's update matrix, on one rank, rows from `start` on."""
 
     start: int
     stop: int
@@ -49,17 +43,7 @@ class Block(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """Columns of a child that belong to one block of the parent.
-
-    Attributes:
-        child: The child's block.
-        source: Its rank.
-        to: The parent's block.
-        target: Its rank.
-        start: First column of the child's block.
-        first: First column of the piece, in the child.
-        after: Column after its last one.
-    """
+    """Columns of a child, `first` to `after`, that belong to one block of the parent: block and rank of both."""
 
     child: int
     source: int
@@ -117,33 +101,21 @@ def column_ranks(front: SharedFront) -> Nodes:
 
 
 class Update:
-    """A child's update matrix, a lower triangle on its border: the columns that this rank has.
-
-    Args:
-        border: The child's border, in the order of elimination.
-        blocks: All columns.
-        columns: Those of this rank, by number of the block; rows from the block's start on.
-    """
+    """A child's update matrix, a lower triangle on its border: this rank's columns by number of the block."""
 
     def __init__(self, border: Nodes, blocks: Sequence[Block], columns: dict[int, Real]):
         self.border, self.blocks, self.columns = border, blocks, columns
 
     @classmethod
     def of(cls, front: SharedFront, columns: dict[int, Real]) -> Update:
-        """The update matrix of a shared front; without columns on ranks that do not share it."""
+        """Of a shared front; without columns on ranks that do not share it."""
         own = 3 * len(front.own)
         blocks = [Block(block.start - own, block.stop - own, block.rank) for block in blocks_of(front)[1]]
         return cls(front.border, blocks, columns)
 
 
 class DistributedFront:
-    """A front of which this rank has some columns; all calls are collective over the front's ranks.
-
-    Args:
-        comm: The ranks of the whole problem.
-        front: The front.
-        dtype: float32 or float64.
-    """
+    """A front of which this rank has some columns; all calls are collective over the front's ranks."""
 
     def __init__(self, comm: MPI.Comm, front: SharedFront, dtype: npt.DTypeLike):
         self._comm, self.front, self._dtype = comm, front, np.dtype(dtype)
@@ -165,10 +137,8 @@ class DistributedFront:
     def add_entries(self, column: Nodes, row: Nodes, entries: FloatArray) -> None:
         """Add entries of K in columns of this rank.
 
-        Args:
-            column: Places of own nodes in the front, shape (k,).
-            row: Places of nodes in the front that are not before them, shape (k,).
-            entries: Blocks [i, j] of rows of the first and columns of the second (K is symmetric), shape (k, 3, 3).
+        Blocks [i, j] of `entries` (k, 3, 3) have rows of the first and columns of the second node: places (k,) in the
+        front, `column` of own nodes, `row` of nodes that are not before them (K is symmetric).
         """
         starts = np.array([block.start for block in self._blocks], dtype=np.int64)
         at = np.searchsorted(starts, 3 * column, side="right") - 1
@@ -332,9 +302,7 @@ class DistributedFront:
     def forward(self, x: Real) -> None:
         """x <- L^-1 x on the own nodes, the rest subtracted on the border; on the last front of a body x <- S^-1 x.
 
-        Args:
-            x: Right-hand sides of all nodes, shape (k, 3): on own nodes the ranks' summands.  Afterwards own nodes have
-                the same value on all ranks of the front.
+        Of x (k, 3) own nodes have the ranks' summands, and afterwards the same value on all ranks of the front.
         """
         own = self._summed(x[self.front.own].ravel())
         if self.front.root:
@@ -356,7 +324,6 @@ class DistributedFront:
         return strsv if self._dtype == np.float32 else dtrsv
 
     def _summed(self, x: Real) -> Real:
-        """The sum over the ranks of this front."""
         ranks, comm = self.front.ranks, self._comm
         total = np.zeros_like(x)
         if len(ranks) == comm.size:

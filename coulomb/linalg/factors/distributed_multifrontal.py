@@ -28,13 +28,7 @@ from .shared_dissection import Part, SharedDissection, dissect_shared
 
 
 class Entries(NamedTuple):
-    """Rows of K that a rank needs, without the entries of nodes that are eliminated before.
-
-    Attributes:
-        row: Nodes, ascending, shape (k,).
-        column: Coupled nodes, shape (k,).
-        values: Entries of K, shape (k, 3, 3).
-    """
+    """Blocks (k, 3, 3) of rows of K that a rank needs, ascending, without those of nodes eliminated before."""
 
     row: Nodes
     column: Nodes
@@ -42,16 +36,7 @@ class Entries(NamedTuple):
 
 
 class LocalPart:
-    """A part of a body on this rank.
-
-    Args:
-        part: The part.
-        entries: Rows of K, those of the part among them.
-        points: Coordinates of all nodes, shape (k, 3).
-
-    Attributes:
-        fronts: Its fronts, children before parents.
-    """
+    """A part of a body on this rank, from rows of K with those of the part among them; `fronts` has children first."""
 
     def __init__(self, part: Part, entries: Entries, points: FloatArray):
         self.part = part
@@ -69,11 +54,7 @@ class LocalPart:
         self._nodes = nodes
 
     def factorise(self, entries: Entries, dtype: npt.DTypeLike) -> Real:
-        """Make the factors; the update matrix on the border.
-
-        Raises:
-            NotPositiveDefinite: If a pivot is not positive in this precision.
-        """
+        """Make the factors; the update matrix on the border."""
         blocks = (entries.values[self._chosen], self._indices, self._indptr)
         rows = NodalRows(scipy.sparse.bsr_matrix(blocks, shape=(3 * len(self._nodes),) * 2))
         self._factors = FrontalFactors(rows, self.fronts, dtype)
@@ -118,13 +99,7 @@ def shared_work(comm: MPI.Comm, dissection: SharedDissection, parts: list[LocalP
 class DistributedFactors:
     """K = L L^T on all ranks; all calls are collective.
 
-    Args:
-        comm: The ranks.
-        dissection: Parts of the bodies, and the fronts above.
-        parts: The parts of this rank.
-        entries: The rows of K that this rank needs.
-        owned: Number of nodes of each rank in vectors.
-        dtype: float32 or float64.
+    `owned` is the number of nodes of each rank in vectors.
 
     Raises:
         NotPositiveDefinite: On every rank, if a pivot is not positive in this precision.
@@ -255,16 +230,8 @@ class DistributedFactors:
 class SharedSymbolic:
     """What is known of a factorisation on several ranks before it is made; collective.
 
-    Args:
-        K: Symmetric positive definite, assembled, 3 rows per node, those of a node on one rank.
-        points: Coordinates of this rank's nodes, shape (k, 3).
-        last: Nodes to eliminate last, by global number; those of all ranks together.
-
-    Attributes:
-        comm: The ranks.
-        owned: Number of nodes of each rank.
-        first: Number of this rank's first node.
-        dissection: Parts of the bodies, and the fronts above.
+    Arguments as of `DistributedMultifrontalSolver`.  `owned` is the number of nodes of each rank, `first` that of this
+    rank's first node.
     """
 
     def __init__(self, K: PETSc.Mat, points: FloatArray, last: npt.NDArray[np.integer[Any]]):
@@ -290,7 +257,6 @@ class SharedSymbolic:
         self._ready = None
 
     def work(self) -> Work:
-        """What a factorisation takes; collective."""
         return shared_work(self.comm, self.dissection, self.prepared[1])
 
     def _prepared(self, blocks: scipy.sparse.bsr_matrix) -> tuple[Entries, list[LocalPart]]:
@@ -329,7 +295,7 @@ class DistributedMultifrontalSolver(RefinedSolver):
     """Cholesky factorisation of K on several ranks, some of its nodes last; all calls are collective.
 
     Args:
-        K: Symmetric positive definite, assembled, 3 rows per node, those of a node on one rank.
+        K: As of `MultifrontalSolver`, the rows of a node on one rank.
         points: Coordinates of this rank's nodes, shape (k, 3).
         last: Nodes to eliminate last, by global number; those of all ranks together.
         single: Whether to factorise in single precision; by default where it is faster.
@@ -397,9 +363,5 @@ class DistributedMultifrontalSolver(RefinedSolver):
 
     @property
     def schur_factors(self) -> list[FloatArray]:
-        """Not on several ranks, which have parts of them.
-
-        Raises:
-            ValueError: Always.
-        """
+        """ValueError: each rank has a part of them."""
         raise ValueError("the factors of the Schur complement are not on one rank")

@@ -16,27 +16,19 @@ from scipy.linalg.lapack import dpotrf, spotrf
 from ...arrays import FloatArray
 from ...native import address, kernels
 from ..nodal_blocks import NodalRows
+from .blas import Real
 from .nested_dissection import Front, Nodes
 
 # What the multifrontal factorisation does beside LAPACK: entries of K, sums of update matrices, substitutions.
 #
 # In C: on the block of 11 000 unknowns numpy takes three times as long.
 
-Real = npt.NDArray[Any]
-"""Numbers in single or double precision."""
-
 
 class FrontOperations:
-    """Operations on fronts whose columns are one after another in `memory`: head (own, own), then below (border, own);
-    by the kernels of native/fronts.h.
+    """Operations on fronts whose columns are one after another in `memory`: head (own, own), then below (border, own).
 
-    All matrices are in Fortran order; heads and update matrices are lower triangles.
-
-    Args:
-        fronts: The fronts, children before parents.
-        order: Nodes in the order of elimination, those of the last border included.
-        nodes: Number of nodes of K.
-        memory: For the columns of all fronts.
+    All matrices are in Fortran order; heads and update matrices are lower triangles; `order` has the nodes in the order
+    of elimination, those of the last border included.
     """
 
     def __init__(self, fronts: list[Front], order: Nodes, nodes: int, memory: Real):
@@ -113,18 +105,8 @@ class NotPositiveDefinite(ValueError):
 class FrontalFactors:
     """L of K = L L^T, of every front its columns: head (own, own), a lower triangle, and below (border, own).
 
-    Of a part of a body (`dissect_part`) the last front has a border, whose nodes come last.
-
-    Args:
-        K: The matrix, 3 rows per node.
-        fronts: The fronts, children before parents.
-        dtype: float32 or float64.
-
-    Attributes:
-        order: Nodes in the order of elimination, of a part also those of the last border.
-        heads: Of every front.
-        below: Of every front.
-        update: What remains on the border of the last front, a lower triangle; entries above it are undefined.
+    Of a part of a body (`dissect_part`) the last front has a border, whose nodes come last in `order`; `update` is what
+    remains there, a lower triangle whose entries above are undefined.
 
     Raises:
         NotPositiveDefinite: If a pivot is not positive in this precision.
@@ -171,11 +153,11 @@ class FrontalFactors:
         self.update = updates[len(fronts) - 1]
 
     def forward(self, x: Real) -> None:
-        """x <- L^-1 x in the order of elimination, shape (3 k,); on the last border, what remains of x."""
+        """See `FrontOperations`."""
         self._operations.forward(x)
 
     def backward(self, x: Real) -> None:
-        """x <- L^-T x in the order of elimination, shape (3 k,), with given x on the last border."""
+        """See `FrontOperations`."""
         self._operations.backward(x)
 
     def solve(self, rhs: FloatArray) -> FloatArray:
@@ -195,13 +177,6 @@ class Stacks:
 
     When a front is assembled, the update matrices of its children are the latest ones at depths of their parity.  So
     fronts of even and of odd depth have a stack each.
-
-    Args:
-        fronts: The fronts, children before parents.
-        dtype: Of the numbers.
-
-    Attributes:
-        entries: Numbers in both.
     """
 
     def __init__(self, fronts: list[Front], dtype: npt.DTypeLike):

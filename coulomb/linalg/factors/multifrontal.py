@@ -26,7 +26,8 @@ from scipy.linalg.lapack import dlauum, dpotri, dtrtri, strtri
 
 from ...arrays import FloatArray
 from ..nodal_blocks import NodalRows
-from .frontal_factors import FrontalFactors, Real, stack_heights
+from .blas import Real
+from .frontal_factors import FrontalFactors, stack_heights
 from .nested_dissection import Front, Nodes, dissect
 from .refined_solver import RefinedSolver
 
@@ -39,14 +40,8 @@ class DenseInverse:
     """A symmetric matrix whose products with vectors of many zeros read only the columns that these need.
 
     At most contact nodes of a wide face there is often no force: of a plate with a hole 90 % of the products in a load
-    history have less than a third of the forces.  The columns are gathered from the triangle as they are needed, and
-    kept, since the forces of the next product are mostly at the same nodes.
-
-    Args:
-        lower: The lower triangle, shape (n, n), Fortran order; entries above the diagonal are undefined.
-
-    Attributes:
-        size: n.
+    history have less than a third of the forces.  Columns are gathered from the lower triangle (n, n) as they are
+    needed, and kept, since the forces of the next product are mostly at the same nodes.
     """
 
     def __init__(self, lower: FloatArray):
@@ -57,7 +52,6 @@ class DenseInverse:
         self._count = 0
 
     def __matmul__(self, z: FloatArray) -> FloatArray:
-        """The product with z, shape (n,)."""
         room = self._columns.shape[1]
         if np.count_nonzero(z) > room:
             product: FloatArray = dsymv(1.0, self._lower, z, lower=1)
@@ -93,12 +87,8 @@ _PANEL = 256  # rows of the inverse of a factor that are used at once
 
 
 class Work(NamedTuple):
-    """What a factorisation takes.
-
-    Attributes:
-        operations: Additions and multiplications together.
-        bytes: Memory of factors and update matrices, in single precision; in double precision twice as much.
-        longest: Operations of the rank that has most to do; on one rank all.
+    """What a factorisation takes: additions and multiplications together; memory of factors and update matrices in
+    single precision (in double twice as much); operations of the rank that has most to do.
     """
 
     operations: float
@@ -121,12 +111,10 @@ def symbolic(K: PETSc.Mat, points: FloatArray, last: npt.NDArray[np.integer[Any]
 
 
 class MultifrontalSolver(RefinedSolver):
-    """Cholesky factorisation of K on one rank, some of its nodes last.
+    """Cholesky factorisation of K, three rows per node of `points` (k, 3), on one rank, the nodes `last` (ascending)
+    last.
 
     Args:
-        K: Symmetric positive definite, assembled, 3 rows per node, on one rank.
-        points: The nodes' coordinates, shape (k, 3).
-        last: Nodes to eliminate last, ascending.
         single: Whether to factorise in single precision; by default where it is faster.
         fronts: The result of `symbolic`, if it is known.
         many: Whether many solves with the Schur complement are expected: the inverse of its factor, which the diagonal
@@ -190,11 +178,10 @@ class MultifrontalSolver(RefinedSolver):
 
     def schur_solve(self, z: FloatArray) -> FloatArray:
         """S^-1 z, shape (3 last,): by the factors, or in double precision by the inverse, where many solves are
-        expected or have been made.
+        expected.
 
-        A product with a symmetric matrix reads half as much memory as two substitutions, with a vector of many zeros
-        still less (`DenseInverse`), and the inverse takes about as long as `_MANY` solves per row save; a third of that
-        where the inverse of the factor is known.
+        A product with a symmetric matrix reads half as much memory as two substitutions, and the inverse takes about as
+        long as `_MANY` solves per row save; a third of that where the inverse of the factor is known.
         """
         if self.exact:
             self._schur_solves += 1
@@ -240,7 +227,6 @@ class MultifrontalSolver(RefinedSolver):
         return diagonal
 
     def destroy(self) -> None:
-        """Free the factors."""
         super().destroy()
         self._fronts, self._inverses, self._halves = [], [], []
 

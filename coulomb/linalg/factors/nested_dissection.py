@@ -41,10 +41,9 @@ class Front:
 
     Attributes:
         own: Nodes eliminated here.
-        border: Nodes coupled with them or with nodes eliminated below, and eliminated later; in the parent's order.
+        border: Nodes eliminated later that are coupled with them or with nodes below; in the parent's order.
         children: Numbers of the fronts whose update matrices are added here.
-        runs: The border's places in the parent, as runs of nodes that are contiguous in both: first in the border,
-            first in the parent's (own, border), and length, shape (k, 3).  None extends from own to border.
+        runs: The border's places in the parent's (own, border), see `runs_of`; none extends from own to border.
         root: Whether it is the last one of a body.
     """
 
@@ -59,12 +58,8 @@ def dissect(graph: scipy.sparse.csr_matrix, points: FloatArray, last: Nodes, lea
     """Fronts in the order of elimination, children before parents.
 
     Bodies that are not coupled have a tree each, whose last front has no border; that with most nodes in it comes last.
-
-    Args:
-        graph: Coupled nodes, symmetric, shape (k, k); the values are not used.
-        points: The nodes' coordinates, shape (k, 3).  The amount of work depends on them, the result does not.
-        last: Nodes of the last fronts, ascending.
-        leaf: Largest number of nodes of a part that is not cut.
+    `graph` (k, k) is symmetric; its values are not used.  The amount of work depends on the coordinates (k, 3), the
+    result does not.  `last` are the nodes of the last fronts, ascending.
     """
     tree = _Tree(graph, points, leaf)
     body = _bodies(graph)
@@ -78,16 +73,9 @@ def dissect(graph: scipy.sparse.csr_matrix, points: FloatArray, last: Nodes, lea
 
 
 def dissect_part(graph: scipy.sparse.csr_matrix, points: FloatArray, count: int, leaf: int = LEAF) -> list[Front]:
-    """Fronts of the first `count` nodes; the last one has those of the other nodes as its border that are coupled.
+    """Fronts of the first `count` nodes; the border of the last one has the other nodes that are coupled, ascending.
 
-    Args:
-        graph: Nodes coupled with the first ones, shape (k, k); the other rows are empty.
-        points: The nodes' coordinates, shape (k, 3).
-        count: Number of the nodes to eliminate.
-        leaf: Largest number of nodes of a part that is not cut.
-
-    Returns:
-        The fronts in the order of elimination; the border of the last one is ascending.
+    `graph` (k, k) has the rows of the first ones; the others are empty.
     """
     tree = _Tree(graph, points, leaf)
     tree.grow(np.arange(count))
@@ -95,7 +83,6 @@ def dissect_part(graph: scipy.sparse.csr_matrix, points: FloatArray, count: int,
 
 
 def _bodies(graph: scipy.sparse.csr_matrix) -> Nodes:
-    """Number of the body of each node, shape (k,): bodies are not coupled with each other."""
     _, label = connected_components(graph, directed=False)
     return large_parts(label)
 
@@ -113,8 +100,7 @@ def large_parts(label: npt.NDArray[np.integer[Any]]) -> Nodes:
 
 
 class _Tree:
-    """Separators in the order of elimination: the nodes of each, and its children; cut by native/dissection.c, with the
-    planes of `halves`."""
+    """Separators and their children in the order of elimination, cut by native/dissection.c as `halves` does."""
 
     def __init__(self, graph: scipy.sparse.csr_matrix, points: FloatArray, leaf: int):
         self.own: list[Nodes] = []
@@ -144,12 +130,7 @@ class _Tree:
 
 
 def halves(x: FloatArray, low: float = 0.5) -> Iterator[npt.NDArray[np.bool_]]:
-    """Which nodes lie beyond the median along each coordinate axis and along the longest principal axis.
-
-    Args:
-        x: Coordinates, shape (k, 3).
-        low: Part of the nodes before the cut, if it is not the half.
-    """
+    """Which nodes lie beyond the part `low` along each coordinate axis and along the longest principal axis."""
     centred = x - x.mean(axis=0)
     _, principal = np.linalg.eigh(centred.T @ centred)
     axes, longest = [*centred.T], principal[:, 2]
@@ -184,11 +165,7 @@ def _borders(graph: scipy.sparse.csr_matrix, own: list[Nodes], children: list[tu
 def _in_order(
     own: list[Nodes], borders: list[Nodes], children: list[tuple[int, ...]], points: FloatArray
 ) -> list[Front]:
-    """The fronts, with their nodes ordered so that the border of each consists of few runs in its parent.
-
-    Neighbours in space are neighbours in every front: its own nodes are in the order of `along_space`, its border in
-    the order of the parent.
-    """
+    """The fronts, with their own nodes `along_space` and borders in the order of the parent, as few runs there."""
     place = np.empty(len(points), dtype=np.int64)
     order_of_border = list(borders)
     runs: list[Nodes] = [np.empty((0, 3), dtype=np.int64)] * len(own)

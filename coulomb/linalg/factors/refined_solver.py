@@ -32,11 +32,7 @@ _MOST = 50  # iterations of a solve, beyond any that is fast enough
 
 
 class Factors(Protocol):
-    """K = L L^T.
-
-    Attributes:
-        dtype: float32 or float64.
-    """
+    """K = L L^T in float32 or float64."""
 
     dtype: np.dtype[Any]
 
@@ -47,9 +43,6 @@ class Factors(Protocol):
 
 class RefinedSolver:
     """K^-1 by factors; of a subclass that makes them.  All calls are collective.
-
-    Args:
-        K: Symmetric positive definite, assembled.
 
     Attributes:
         method: Its name without the precision, which is known once K is factorised.
@@ -73,11 +66,7 @@ class RefinedSolver:
         diagonal.destroy()
 
     def _factorised_in(self, dtype: npt.DTypeLike) -> Factors:
-        """The factors in one precision.
-
-        Raises:
-            NotPositiveDefinite: On every rank, if a pivot is not positive in this precision.
-        """
+        """The factors; NotPositiveDefinite on every rank if a pivot is not positive in this precision."""
         raise NotImplementedError
 
     def _factorise(self, single: bool) -> None:
@@ -95,7 +84,6 @@ class RefinedSolver:
 
     @property
     def single(self) -> bool:
-        """Whether the factors are in single precision."""
         return self._factors.dtype == np.float32
 
     @property
@@ -124,14 +112,9 @@ class RefinedSolver:
         u.array[:], _ = self.improved(rhs.array_r, np.zeros(len(self._root)), tolerance)
 
     def improved(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> tuple[FloatArray, float]:
-        """K^-1 rhs from an approximation u, all of shape (n,), and its residual relative to that of u.
+        """K^-1 rhs from an approximation u, 0 if nothing is known, all of shape (n,), and its residual.
 
-        Only what is left over is solved for.
-
-        Args:
-            rhs: Forces.
-            u: Displacements, 0 if nothing is known.
-            tolerance: Residual relative to that of u.
+        Only what is left over is solved for; `tolerance` and residual are relative to the residual of u.
         """
         if self.single:
             solution = self._conjugate_gradients(rhs, u, tolerance)
@@ -170,7 +153,6 @@ class RefinedSolver:
         self._K.mult(u, product)
 
     def _product(self, u: FloatArray) -> FloatArray:
-        """K u, shapes (n,)."""
         if not Reductions(self.comm).any(np.any(u)):
             return np.zeros_like(u)
         x, y = self._vectors
@@ -184,11 +166,9 @@ class RefinedSolver:
         return self._norm(r / self._root)
 
     def _norm(self, x: FloatArray) -> float:
-        """The norm of a distributed vector."""
         return math.sqrt(self._dot(x, x))
 
     def _dot(self, x: FloatArray, y: FloatArray) -> float:
-        """The product of distributed vectors."""
         return Reductions(self.comm).sum(float(x @ y))
 
     def _report(self, reason: str) -> None:

@@ -25,13 +25,7 @@ from .nested_dissection import LEAF, Nodes, along_space, halves, large_parts
 
 @dataclass(frozen=True)
 class Part:
-    """Nodes of a body that one rank eliminates alone.
-
-    Attributes:
-        rank: The rank.
-        own: The nodes, ascending; there is at least one.
-        border: Nodes eliminated later that are coupled with them, in the order of elimination.
-    """
+    """Nodes of a body, at least one, that a rank eliminates alone; the border is in the order of elimination."""
 
     rank: int
     own: Nodes
@@ -40,15 +34,10 @@ class Part:
 
 @dataclass(frozen=True)
 class SharedFront:
-    """A separator, or the contact nodes of a body.
+    """A separator, or the contact nodes of a body, in the order of elimination; with ascending ranks that share it.
 
-    Attributes:
-        ranks: The ranks that share it, ascending.
-        own: Nodes eliminated here, in the order of elimination; perhaps none.
-        border: Nodes eliminated later that are coupled with them or with nodes below, in the order of elimination.
-        parts: Numbers of the parts whose update matrices are added here.
-        children: Numbers of the shared fronts whose update matrices are added here.
-        root: Whether it is the last one of a body.
+    `border` are the nodes eliminated later that are coupled with them or with nodes below, `parts` and `children` the
+    numbers of the parts and shared fronts whose update matrices are added here; the last front of a body is a root.
     """
 
     ranks: tuple[int, ...]
@@ -61,12 +50,9 @@ class SharedFront:
 
 @dataclass(frozen=True)
 class SharedDissection:
-    """The same on all ranks.
+    """Parts, and shared fronts with children before parents; the same on all ranks.
 
-    Attributes:
-        parts: Parts of the bodies.
-        fronts: Shared fronts in the order of elimination, children before parents.
-        label: For each node the number of its part, or the number of parts plus that of its shared front, shape (k,).
+    `label` has for each node the number of its part, or the number of parts plus that of its shared front, shape (k,).
     """
 
     parts: list[Part]
@@ -75,7 +61,7 @@ class SharedDissection:
 
 
 class Graph(NamedTuple):
-    """Coupled nodes, as far as a rank has the rows: couples (row, column) of nodes."""
+    """Couples (row, column) of nodes, as far as a rank has the rows."""
 
     row: Nodes
     column: Nodes
@@ -94,12 +80,8 @@ def dissect_shared(
 ) -> SharedDissection:
     """Parts and shared fronts of all bodies; collective.
 
-    Args:
-        comm: The ranks.
-        blocks: This rank's rows of K, all columns.
-        first: Node of its first row.
-        points: Coordinates of all nodes, shape (k, 3).
-        last: Whether a node is eliminated last, shape (k,).
+    `blocks` are this rank's rows of K from the node `first` on, `points` (k, 3) and `last` (k,), the nodes that are
+    eliminated last, those of all ranks.
     """
     rows = len(blocks.indptr) - 1
     graph = Graph(
@@ -131,8 +113,6 @@ def _components(comm: MPI.Comm, graph: Graph, nodes: int) -> Nodes:
 
 
 class _Cutting:
-    """Cuts body after body; `finished` is what comes of it."""
-
     def __init__(self, comm: MPI.Comm, graph: Graph, points: FloatArray):
         self._comm, self._graph, self._points = comm, graph, points
         self._parts: list[tuple[int, Nodes]] = []  # rank, nodes

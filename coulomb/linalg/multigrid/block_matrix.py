@@ -24,7 +24,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...native import address, kernels, threads
-from ..petsc_arrays import DistributedEntries, Entries
+from ..petsc_arrays import Distributed, DistributedEntries, Entries
 
 # Blocks of a distributed vector that a rank needs and other ranks have: fetched, or summed where they belong.
 #
@@ -57,13 +57,7 @@ class Exchange(ctypes.Structure):
 
 
 class GhostBlocks:
-    """The blocks that this rank needs of others; collective.
-
-    Args:
-        comm: The ranks.
-        starts: Number of the first block of each rank, and of all blocks, shape (ranks + 1,).
-        needed: Numbers of blocks of other ranks, ascending, shape (k,).
-        size: Numbers in a block.
+    """The blocks of `size` numbers that this rank needs of others, by their ascending numbers; collective.
 
     Attributes:
         values: The fetched blocks, or those to give, shape (size k,), padded.
@@ -98,7 +92,6 @@ class GhostBlocks:
         self.exchange = Exchange(*functions, *map(address, self._arrays), len(self._fetch), len(own), size)
 
     def destroy(self) -> None:
-        """Free the requests."""
         for request in (*self._fetch, *self._give):
             request.Free()
 
@@ -118,21 +111,6 @@ def _start_and_wait() -> tuple[Any, Any]:
     library = everywhere if hasattr(everywhere, "MPI_Startall") else ctypes.CDLL(MPI.__file__)
     return library.MPI_Startall, library.MPI_Waitall
 
-
-__all__ = [
-    "PADDING",
-    "SHAPES",
-    "BlockInterpolation",
-    "Blocks",
-    "DistributedBlocks",
-    "SymmetricBlocks",
-    "address",
-    "distributed_blocks",
-    "in_kernel_blocks",
-    "joined_rows",
-    "on_every_rank",
-    "padded",
-]
 
 SHAPES = ((3, 3), (3, 6), (6, 6))
 """Shapes of blocks for which there are kernels."""
@@ -162,14 +140,7 @@ class _BlocksOfKernels(ctypes.Structure):
 
 
 class Blocks(NamedTuple):
-    """Rows of blocks.
-
-    Attributes:
-        pointers: Where the blocks of a row begin, shape (rows + 1,).
-        columns: Columns of blocks.
-        values: In single precision, block after block by rows, padded.
-        low: What single precision rounds off, padded; None if it is not kept.
-    """
+    """Rows of blocks: `values` in single precision, padded, and in `low` what that rounds off, or None."""
 
     pointers: npt.NDArray[np.int32]
     columns: npt.NDArray[np.int32]
@@ -200,22 +171,7 @@ def in_kernel_blocks(entries: Entries, shape: tuple[int, int], accurate: bool = 
     return Blocks(pointers, columns, high, low)
 
 
-class DistributedBlocks(NamedTuple):
-    """Rows of this rank of a distributed matrix in blocks.
-
-    Attributes:
-        comm: The ranks.
-        own: Blocks in this rank's columns.
-        others: Blocks in columns of other ranks, as places in `needed`; None on one rank.
-        needed: Numbers of columns of other ranks, ascending.
-        starts: Number of the first column of each rank, and of all columns, shape (ranks + 1,).
-    """
-
-    comm: MPI.Comm
-    own: Blocks
-    others: Blocks | None
-    needed: _Array
-    starts: _Array
+DistributedBlocks = Distributed[Blocks]
 
 
 def distributed_blocks(
@@ -224,8 +180,10 @@ def distributed_blocks(
     accurate: bool = False,
     upper: bool = False,
 ) -> DistributedBlocks:
-    """Entries in blocks, the rows and columns of a block on one rank; of this rank's columns the upper triangle if
-    `upper`, with what single precision rounds off if `accurate`."""
+    """Entries in blocks, the rows and columns of a block on one rank; `columns` are those of blocks.
+
+    Of this rank's columns the upper triangle if `upper`, with what single precision rounds off if `accurate`.
+    """
     needed, place = np.unique(entries.columns // shape[1], return_inverse=True)
     own, others = in_kernel_blocks(entries.own, shape, accurate, upper), None
     if entries.others is not None:
@@ -251,23 +209,16 @@ def on_every_rank(P: DistributedBlocks) -> DistributedBlocks:
     if P.others is None:
         return P
     first = P.starts[P.comm.rank]
-    parts = (P.own, P.own.columns + first), (P.others, P.needed[P.others.columns])
+    parts = (P.own, P.own.columns + first), (P.others, P.columns[P.others.columns])
     whole = joined_rows(*(part._replace(columns=columns.astype(np.int32)) for part, columns in parts))
-    return DistributedBlocks(MPI.COMM_SELF, whole, None, P.needed[:0], np.array([0, P.starts[-1]]))
+    return DistributedBlocks(MPI.COMM_SELF, whole, None, P.columns[:0], np.array([0, P.starts[-1]]))
 
 
 class _InKernels:
     """A matrix in blocks with all that the kernels need for products; collective.
 
-    Args:
-        matrix: The matrix.
-        shape: Rows and columns of a block.
-        shares: How threads share the rows of an upper triangle; None for one thread.
-        sums: Blocks of sums that a product needs.
-        team: Threads.
-
-    Attributes:
-        reference: For kernels; valid until `destroy`.
+    `shares` is how threads share the rows of an upper triangle, None for one thread; `sums` the blocks of sums that a
+    product needs; `reference`, for the kernels, is valid until `destroy`.
     """
 
     def __init__(self, matrix: DistributedBlocks, shape: tuple[int, int], shares: _Array | None, sums: int, team: int):
@@ -278,10 +229,10 @@ class _InKernels:
         self._ghosts: GhostBlocks | None = None
         elsewhere = None
         if others is not None:
-            self._ghosts = GhostBlocks(matrix.comm, matrix.starts, matrix.needed, shape[1])
+            self._ghosts = GhostBlocks(matrix.comm, matrix.starts, matrix.columns, shape[1])
             rows = np.flatnonzero(np.diff(others.pointers)).astype(np.int32)
             pointers = np.append(others.pointers[rows], others.pointers[-1]).astype(np.int32)
-            needed = len(matrix.needed)
+            needed = len(matrix.columns)
             of_others = [rows, pointers, *others[1:], np.zeros(lanes * needed + PADDING)]
             arrays += of_others
             places = map(address, of_others)
@@ -291,19 +242,16 @@ class _InKernels:
         self.reference = ctypes.byref(_BlocksOfKernels(*map(address, arrays[:6]), pointer, *sizes))
 
     def destroy(self) -> None:
-        """Free the requests of messages."""
         if self._ghosts is not None:
             self._ghosts.destroy()
 
 
 def _checked(error: int) -> None:
-    """Raise MPI's error, if there is one."""
     if error:
         raise MPI.Exception(error)
 
 
 def _team(blocks: Blocks) -> int:
-    """Threads for a matrix."""
     return threads() if len(blocks.values) >= _ALONE else 1
 
 
@@ -321,16 +269,9 @@ def _shares(blocks: Blocks, team: int) -> tuple[npt.NDArray[np.int32] | None, in
 
 
 class SymmetricBlocks:
-    """A symmetric matrix by its upper triangle in blocks.
+    """A symmetric matrix by its upper triangle in blocks of 3 or 6 rows, each on one rank.
 
-    Args:
-        matrix: Symmetric; the rows of a block on one rank.
-        size: Rows of a block, 3 or 6.
-        accurate: Whether `mult` is as accurate as in double precision, for which it keeps twice as many numbers.
-
-    Attributes:
-        size: Rows of this rank.
-        threads: Of its products.
+    `accurate` is whether `mult` is as accurate as in double precision, for which it keeps twice as many numbers.
     """
 
     def __init__(self, matrix: DistributedEntries, size: int, accurate: bool = False):
@@ -364,32 +305,19 @@ class SymmetricBlocks:
     def smooth(
         self, inverse: FloatArray, b: FloatArray, x: FloatArray, d: FloatArray, factors: FloatArray, zero: bool = False
     ) -> None:
-        """Steps d <- first d + second inverse (b - K x), x <- x + d, K in single precision; collective.
+        """Steps d <- first d + second inverse (b - K x), x <- x + d, K in single precision; x padded; collective.
 
-        Args:
-            inverse, b, x, d: Of this rank; x padded.
-            factors: The two of each step, shape (steps, 2).
-            zero: Whether x and d are 0 before the first step, whatever they hold.
+        `factors` (steps, 2) has the two of each step; if `zero`, x and d are 0 before the first, whatever they hold.
         """
         vectors = map(address, (inverse, b, x, d))
         _checked(self._smooth(self._matrix.reference, *vectors, len(factors), address(factors), int(zero)))
 
     def destroy(self) -> None:
-        """Free the requests of messages."""
         self._matrix.destroy()
 
 
 class BlockInterpolation:
-    """An interpolation P from a coarse grid, in blocks.
-
-    Args:
-        matrix: P.
-        shape: Rows and columns of a block, one of SHAPES.
-
-    Attributes:
-        shape: The argument.
-        columns: Unknowns of this rank on the coarse grid.
-    """
+    """An interpolation P from a coarse grid, with `columns` unknowns of this rank, in blocks of one of SHAPES."""
 
     def __init__(self, matrix: DistributedBlocks, shape: tuple[int, int]):
         self.shape = shape
@@ -409,5 +337,4 @@ class BlockInterpolation:
         _checked(self._restrict(self._matrix.reference, address(r), address(b)))
 
     def destroy(self) -> None:
-        """Free the requests of messages."""
         self._matrix.destroy()

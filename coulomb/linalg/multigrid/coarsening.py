@@ -26,15 +26,9 @@ _Array = npt.NDArray[Any]
 
 
 class RowExchange:
-    """Between ranks that ask for things by their numbers and those that have them; collective.
+    """Between ranks that ask for things by their numbers (ascending) and those that have them; collective.
 
-    Args:
-        comm: The ranks.
-        starts: Number of the first thing of each rank, and of all, shape (ranks + 1,).
-        needed: Numbers of things that this rank asks for, ascending.
-
-    Attributes:
-        asked: Things of this rank that others ask for, counted from its first one, by ranks.
+    `asked` are the things of this rank that others ask for, counted from its first one, by ranks.
     """
 
     def __init__(self, comm: MPI.Comm, starts: _Array, needed: _Array):
@@ -84,13 +78,7 @@ _ALONE = 2_000  # nodes below which one thread takes less time than several
 
 
 class Coarser(NamedTuple):
-    """A coarser grid.
-
-    Attributes:
-        P: Interpolation from it.
-        matrix: P^T K P.
-        motions: Of its unknowns, that P makes the motions of the finer grid, shape (unknowns of this rank, 6).
-    """
+    """P, P^T K P, and the six motions of its unknowns that P makes those of the finer grid, shape (unknowns, 6)."""
 
     P: DistributedBlocks
     matrix: DistributedEntries
@@ -106,12 +94,8 @@ def coarser(
 ) -> Coarser | None:
     """The next grid; None if no two nodes belong together; collective.
 
-    Args:
-        matrix: K, symmetric.
-        size: Rows of a block, 3 or 6.
-        motions: The six that K maps to almost zero, shape (rows of this rank, 6).
-        inverse: Of the diagonal of K, shape (rows of this rank,).
-        largest: Eigenvalue of D^-1 K.
+    K is symmetric, in blocks of 3 or 6 rows; the six motions (rows of this rank, 6) it maps to almost zero; `inverse`
+    is that of its diagonal D, `largest` the eigenvalue of D^-1 K.
     """
     K = WholeBlocks(matrix, size)
     team = threads() if K.count >= _ALONE else 1
@@ -127,8 +111,7 @@ def coarser(
 
 
 def _aggregates(K: WholeBlocks, team: int) -> tuple[npt.NDArray[np.int32], int, _Array]:
-    """The aggregate of each node of this rank or -1, how many there are, and which rows have entries beside the
-    diagonal."""
+    """The aggregate of each node or -1, how many there are, and which rows have entries beside the diagonal."""
     n, size = K.count, K.size
     norms, loose = np.zeros(n), np.zeros(size * n, np.uint8)
     examine = kernels()[f"examine_{size}_6"]
@@ -195,7 +178,6 @@ def _smoothed(
 
 
 def _chosen(blocks: Blocks, chosen: npt.NDArray[np.bool_], numbers: int) -> Blocks:
-    """Some of the blocks, of so many numbers."""
     pointers = np.concatenate([[0], np.cumsum(chosen)])[blocks.pointers].astype(np.int32)
     values = np.zeros(int(pointers[-1]) * numbers + PADDING, np.float32)
     values[:-PADDING] = blocks.values[:-PADDING].reshape(-1, numbers)[chosen].ravel()
@@ -219,7 +201,7 @@ def galerkin(K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEnt
     own = int(np.diff(P.starts)[K.comm.rank])
     rows, numbers = (P.own, np.arange(own)) if P.others is None else _with_ghosts(K, P, own, width)
     n, nodes = K.count, len(rows.pointers) - 1
-    coarse = own + len(P.needed)
+    coarse = own + len(P.columns)
     begin = np.empty(coarse + 1, np.int32)
     of, places = np.empty((2, rows.pointers[n]), np.int32)
     kernels().by_columns(n, coarse, *map(address, (*rows[:2], begin, of, places)))
@@ -247,7 +229,7 @@ def _with_ghosts(K: WholeBlocks, P: DistributedBlocks, own: int, width: int) -> 
     both = joined_rows(P.own, P.others._replace(columns=P.others.columns + np.int32(own)))
     columns, lengths = both.columns, np.diff(both.pointers)
     values = both.values[:-PADDING].reshape(len(columns), K.size * width)
-    known = np.concatenate([np.arange(own) + P.starts[K.comm.rank], P.needed])
+    known = np.concatenate([np.arange(own) + P.starts[K.comm.rank], P.columns])
     rows = RowExchange(K.comm, K.starts, K.ghosts)
     of_ghosts = rows.fetched(lengths[rows.asked], np.ones(len(rows.asked), np.int64))
     asked = _rows_of(lengths, rows.asked)
@@ -275,7 +257,7 @@ def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: F
     comm, width = P.comm, blocks.shape[1]
     first, end = P.starts[comm.rank : comm.rank + 2]
     own = end - first
-    row = np.repeat(np.concatenate([np.arange(first, end), P.needed]), np.diff(pointers))
+    row = np.repeat(np.concatenate([np.arange(first, end), P.columns]), np.diff(pointers))
     mine = int(pointers[own])
     arrays = row, columns, blocks
     given = to_owners(comm, P.starts, row[mine:], *(array[mine:] for array in arrays))

@@ -46,20 +46,11 @@ class CoarseSolver(Protocol):
         """The solution for r, padded, to be read before the next one; collective."""
         ...
 
-    def destroy(self) -> None:
-        """Free its PETSc objects."""
-        ...
+    def destroy(self) -> None: ...
 
 
 class DenseSolver:
-    """On a small coarsest grid.
-
-    Args:
-        K: Its matrix, on one rank, positive definite.
-
-    Raises:
-        LinAlgError: If it is not, to rounding.
-    """
+    """On a small coarsest grid, on one rank; LinAlgError if K is not positive definite, to rounding."""
 
     def __init__(self, K: Entries):
         n = len(K.indptr) - 1
@@ -78,11 +69,7 @@ class DenseSolver:
 
 
 class SparseSolver:
-    """On a coarsest grid of any size.
-
-    Args:
-        K: Its matrix, on one rank; not kept.
-    """
+    """On a coarsest grid of any size, on one rank."""
 
     def __init__(self, K: Entries):
         n = len(K.indptr) - 1
@@ -115,12 +102,7 @@ def exact_solver(K: Entries) -> CoarseSolver:
 
 
 class Replicated:
-    """A solver that each rank has for itself, of a grid that every rank has as a whole.
-
-    Args:
-        comm: The ranks.
-        solver: For all unknowns; the same on every rank.
-    """
+    """A solver that each rank has for itself, of a grid that every rank has as a whole."""
 
     def __init__(self, comm: MPI.Comm, solver: CoarseSolver):
         self._comm, self._solver = comm, solver
@@ -145,17 +127,13 @@ parts and blocks.
 
 
 class Level:
-    """A grid in blocks with its smoother: Chebyshev's iteration with the diagonal.
+    """A grid in blocks of `size` rows with its smoother: Chebyshev's iteration with the diagonal.
 
     Args:
-        K: The matrix; not kept.
-        size: Rows of a block.
-        steps: Steps of the smoother before and after the coarser grids.
+        steps: Of the smoother before and after the coarser grids.
         accurate: Whether products by K are as accurate as in double precision.
 
     Attributes:
-        blocks: K.
-        inverse: Of the diagonal of K.
         largest: Estimated eigenvalue of D^-1 K.
         interpolation: From the next coarser grid, if there is one; set when that is known.
     """
@@ -195,11 +173,9 @@ class Level:
         return largest
 
     def smooth_from_zero(self) -> None:
-        """x from 0."""
         self.blocks.smooth(self.inverse, self.b, self.x, self._d, self._factors, zero=True)
 
     def smooth(self) -> None:
-        """x from x."""
         self.blocks.smooth(self.inverse, self.b, self.x, self._d, self._factors)
 
     def rounding(self, x: FloatArray) -> float:
@@ -213,7 +189,6 @@ class Level:
         return self._r
 
     def destroy(self) -> None:
-        """Free the requests of messages."""
         self.blocks.destroy()
         if self.interpolation is not None:
             self.interpolation.destroy()
@@ -231,17 +206,11 @@ def _chebyshev(theta: float, delta: float, steps: int) -> FloatArray:
 
 
 class MultigridCycle:
-    """A preconditioner for K on a grid.
+    """A preconditioner for K on a grid, with the solver on the next one, if there is one.
 
-    Args:
-        level: The grid, with its interpolation.
-        coarser: The solver on the next one; None if a mesh is so small that there is none.
-        again: Whether a call makes a second cycle for the residual of the first (W-cycle), for a coarse grid: there it
-            takes little time, and the finer grid then needs fewer iterations.  The residual has to be accurate: on
-            soft springs the first cycle makes large rigid motions.
-
-    Attributes:
-        size: Unknowns of this rank.
+    `again` is whether a call makes a second cycle for the residual of the first (W-cycle), for a coarse grid: there it
+    takes little time, and the finer grid then needs fewer iterations.  The residual has to be accurate: on soft springs
+    the first cycle makes large rigid motions.
     """
 
     def __init__(self, level: Level, coarser: CoarseSolver | None = None, again: bool = False):
@@ -284,7 +253,6 @@ class MultigridCycle:
         return self._level.rounding(x)
 
     def destroy(self) -> None:
-        """Free the requests of messages and the PETSc objects."""
         self._level.destroy()
         if self._coarser is not None:
             self._coarser.destroy()

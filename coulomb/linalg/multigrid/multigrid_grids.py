@@ -34,11 +34,9 @@ _STALLED = 0.7  # unknowns over those of the finer grid from which on ranks have
 
 
 def multigrid(K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle:
-    """Multigrid for K; collective.
+    """Multigrid for K, three rows per node, with a near-nullspace of six rigid motions; collective.
 
-    Args:
-        K: Symmetric positive definite, three rows per node, with a near-nullspace of six rigid motions.
-        P: In second order the interpolation of linear displacements, with the motions of these.
+    In second order P is the interpolation of linear displacements, with the motions of these.
     """
     matrix = distributed_entries(K)
     if P is None:

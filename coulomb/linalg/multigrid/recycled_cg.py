@@ -35,7 +35,7 @@ _DEPENDENT = 1e-8  # part of the largest eigenvalue of the directions' Gram matr
 
 
 class RoughProducts(Protocol):
-    """K in single precision; vectors of this rank, padded (block_matrix.py)."""
+    """K in single precision; vectors of this rank, padded."""
 
     def mult_roughly(self, x: FloatArray, y: FloatArray) -> None:
         """y <- K x; collective."""
@@ -47,15 +47,13 @@ class RoughProducts(Protocol):
 
 
 class RecycledCG:
-    """K u = rhs for many right-hand sides, by conjugate gradients.
+    """K u = rhs for many right-hand sides, by conjugate gradients; vectors of this rank, `size` unknowns, padded.
 
     A solve to a few digits only, not the first, uses products in single precision, which read half as much, where their
     rounding errors are small beside its tolerance.
 
     Args:
-        comm: The ranks.
-        size: Unknowns of this rank.
-        mult: (x, y): y <- K x, both of this rank and padded (block_matrix.py); collective.
+        mult: (x, y): y <- K x; collective.
         precondition: r -> an approximation of K^-1 r, symmetric positive definite, to be read before the next;
             collective; it may correct rounding errors of r.
         directions: Directions kept, at most.
@@ -115,7 +113,6 @@ class RecycledCG:
         return iterations
 
     def _recompute(self, rhs: FloatArray, u: FloatArray) -> None:
-        """r <- rhs - K u."""
         self._p[:] = u
         self._mult(self._p, self._image)
         np.subtract(rhs, self._image, out=self._r)

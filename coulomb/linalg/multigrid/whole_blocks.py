@@ -19,13 +19,7 @@ _Array = npt.NDArray[Any]
 
 
 class BlockRows(NamedTuple):
-    """Rows of blocks.
-
-    Attributes:
-        pointers: Where the blocks of a row begin, shape (rows + 1,).
-        columns: Columns of blocks, ascending in each row.
-        values: By rows of entries.
-    """
+    """Rows of blocks, columns ascending in each row; values by rows of entries."""
 
     pointers: npt.NDArray[np.int32]
     columns: npt.NDArray[np.int32]
@@ -33,14 +27,9 @@ class BlockRows(NamedTuple):
 
 
 class WholeBlocks:
-    """Rows of this rank of a square matrix.
-
-    Args:
-        matrix: The matrix; its values are used where they are, if all entries of its blocks are stored.
-        size: Rows and columns of a block.
+    """Rows of this rank of a square matrix in blocks; its values are used where they are, if blocks are stored wholly.
 
     Attributes:
-        comm, size: As in the arguments.
         starts: Number of the first block of each rank, and of all blocks, shape (ranks + 1,).
         own: Blocks in this rank's columns.
         others: Blocks in columns of other ranks, as places in `ghosts`; None on one rank.
@@ -60,13 +49,7 @@ class WholeBlocks:
 
     @property
     def count(self) -> int:
-        """Blocks of this rank's rows."""
         return len(self.own.pointers) - 1
-
-    @property
-    def first(self) -> int:
-        """Number of this rank's first block."""
-        return int(self.starts[self.comm.rank])
 
     @property
     def pattern(self) -> tuple[ctypes.c_void_p, ...]:
