@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .model import writing
+from .model import solution_writer
 from .version import __version__
 
 # Read when the library of OpenMP is loaded.  Threads that wait in busy loops, its default, make products of multigrid
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from .linalg.compliance import DirectSolver, IterativeSolver
     from .load_curve import LoadCurve
     from .model.certificate import Certificate, Check
-    from .model.certify import certify
     from .model.contact import Contact
     from .model.equilibrium import NoEquilibrium
     from .model.friction import SlipRateFriction, VariableFriction
@@ -55,6 +54,7 @@ if TYPE_CHECKING:
     from .model.problem import ContactProblem
     from .model.resultants import Resultant
     from .model.solution import Solution
+    from .model.stopping_criterion import certify
     from .solvers.automatic import Automatic
     from .solvers.condensed import CondensedSystem
     from .solvers.dense_system import DenseSystem
@@ -187,7 +187,6 @@ _PUBLIC = {
         "Certificate",
         "Check",
     ),
-    "model.certify": ("certify",),
     "model.contact": ("Contact",),
     "model.equilibrium": ("NoEquilibrium",),
     "model.friction": (
@@ -209,6 +208,7 @@ _PUBLIC = {
     "model.problem": ("ContactProblem",),
     "model.resultants": ("Resultant",),
     "model.solution": ("Solution",),
+    "model.stopping_criterion": ("certify",),
     "solvers.automatic": ("Automatic",),
     "solvers.condensed": ("CondensedSystem",),
     "solvers.dense_system": ("DenseSystem",),
@@ -256,7 +256,7 @@ def _write(solution: Solution, directory: str | Path, fields: Mapping[str, objec
     import_module(".pictures.picture_of_run", __name__).write_with_picture(solution, directory, fields)
 
 
-writing.supply(_write)
+solution_writer.supply(_write)
 
 
 def __dir__() -> list[str]:

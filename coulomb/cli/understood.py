@@ -9,8 +9,8 @@ from rich.console import Console
 
 from ..arrays import FloatArray
 from ..case.case import Case
+from ..model.input_summary import contacts_of, loads_of, supports_of
 from ..model.problem import ContactProblem
-from ..model.understood import contacts_of, loads_of, supports_of
 from .console import bad_input
 from .terminal import law_in_words, metres
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..fem.bodies import FIELDS, HELD_OBLIQUE, STRESSES, TEMPERATURE
 from ..model.accumulated import ACCUMULATED
-from ..model.opposite import CARRIED
+from ..model.master_fields import CARRIED
 
 ON_CELLS = STRESSES
 """Fields of solution.h5, one number per cell; besides those of `cell_materials`."""

@@ -25,10 +25,10 @@ from ..fem.bodies import (
 from ..linalg.reductions import Reductions
 from ..model.certificate import Certificate
 from ..model.equilibrium import undetermined
+from ..model.input_summary import contacts_of, supports_of
 from ..model.nodal_answer import NodalAnswer
 from ..model.resultants import Acting
 from ..model.solution import Solution
-from ..model.understood import contacts_of, supports_of
 from ..solvers.results import Status
 from ..version import __version__
 from .environment import versions

@@ -9,14 +9,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import repeat
+from typing import Protocol
 
 import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, unjoined_parts
-from ..fem.contact import ContactSurface, KeptMatrix, Pair
-from ..fem.geometry import RigidFoundation, RigidMotion, same_place, since_at, spin
+from ..fem.bodies import Deformable, Loading, unjoined_parts
+from ..fem.contact import ContactSurface, KeptMatrix, Pair, rows_of
+from ..fem.geometry import RigidFoundation, RigidMotion, Spin, same_place, since_at, spin
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import (
     EXPLICIT_UP_TO,
@@ -43,17 +44,100 @@ from ..linalg.factors import (
     symbolic,
 )
 from ..linalg.reductions import Reductions
+from ..solvers.laws import FrictionLaw
+from ..solvers.rigid_motions import RigidMotions
 from .accumulated import Accumulated
+from .conditioning import ill_conditioned, measures_of, on_soft_springs
 from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
 from .evidence import rounding_forces
 from .free_memory import least_room
 from .probes import LocatedProbes, Part, Probe
-from .rigid_contact import refuse_untouched
-from .slenderness import ill_conditioned, measures_of, on_soft_springs
-from .state import Before, ContactState
 from .stopwatch import timed
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """A contact problem at one time; this rank's m contact points.
+
+    Attributes:
+        elasticity: The body with the coefficients of its stiffness at this time.
+        loading: Loads and prescribed displacements.
+        rigid_motions: Of the foundations of the faces.
+        spins: Axis and angular velocity of the foundations of the faces; None where there is no rotation.
+        surface: Contact points with their frames, gaps and B, for the foundations at this time.
+        law: Of friction at the contact points.
+        slip_rate: Slip rate in the load step before, metres per second, shape (m,); 0 without one.
+        slip_origin: Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m,
+            3): 0 at first, in a later load step that after the step before, moved with the foundation.
+        accumulated: Slip, friction work and largest pressure of the load steps before.
+    """
+
+    elasticity: Deformable
+    loading: Loading
+    rigid_motions: tuple[RigidMotion, ...]
+    spins: tuple[Spin | None, ...]
+    surface: ContactSurface
+    law: FrictionLaw
+    slip_rate: FloatArray
+    slip_origin: FloatArray
+    accumulated: Accumulated
+
+    @property
+    def time(self) -> float:
+        """The time of loads and foundations in seconds."""
+        return self.loading.time
+
+
+class Before(Protocol):
+    """Start of a load step: time, displacement (k, 3) in metres, slip rates (m,) in m/s and what has accumulated, after
+    the step before."""
+
+    @property
+    def time(self) -> float: ...
+
+    @property
+    def displacement(self) -> FloatArray: ...
+
+    @property
+    def slip_rate(self) -> FloatArray: ...
+
+    @property
+    def accumulated(self) -> Accumulated: ...
+
+
+def rigid_motions(elasticity: Deformable, surface: ContactSurface, loading: Loading) -> RigidMotions | None:
+    """The motions that contact alone prevents, with the loads along them; None if supports prevent all; collective."""
+    free = elasticity.free
+    if not len(free):
+        return None
+    R = elasticity.free_part(free.modes(elasticity.x))
+    G = np.stack([rows_of(surface.free_B, R[:, :, number]).ravel() for number in range(len(free))])
+    e = elasticity.comm.allreduce(np.einsum("kcq,kc->q", R, loading.load), op=MPI.SUM)
+    return RigidMotions(G, e, tuple(map(str, free.motions)))
+
+
+def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:
+    """Check that every component that supports do not hold has contact points; collective.
+
+    Raises:
+        ValueError: On every rank, with the component and its motions.
+    """
+    free = elasticity.free
+    if not len(free):
+        return
+    R = elasticity.free_part(free.modes(elasticity.x))
+    for number in dict.fromkeys(motion.component for motion in free.motions):
+        own = [k for k, motion in enumerate(free.motions) if motion.component == number]
+        moved = [rows_of(surface.free_B, R[:, :, k]) for k in own]  # all of them, on every rank
+        if not elasticity.comm.allreduce(bool(np.any(moved)), op=MPI.LOR):
+            moves = ", ".join(str(free.motions[k]) for k in own)
+            raise ValueError(
+                f"nothing holds {free.bodies[number]}: it has no contact face; clamps and springs leave it free: it "
+                f"{moves}; give it a clamp, a spring or a contact"
+            )
+
 
 _log = logging.getLogger(__name__)
 

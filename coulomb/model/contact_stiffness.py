@@ -36,7 +36,7 @@ from ..linalg.factors import (
 )
 from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
-from .spring_motions import soft_motions
+from .conditioning import soft_motions
 from .stopwatch import timed
 
 _FLAT = 1e4

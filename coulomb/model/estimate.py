@@ -16,10 +16,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
+from .conditioning import slenderness_of
 from .free_memory import least_room
 from .machine import SAME, Slowness
 from .problem import ContactProblem
-from .slenderness import slenderness_of
 
 # bytes
 _BASE = 1.4e8  # per rank without a mesh: Python, DOLFINx, PETSc

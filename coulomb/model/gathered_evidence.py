@@ -26,10 +26,9 @@ from ..fem.contact import (
 )
 from ..fem.geometry import HELD_BEYOND, RigidMotion, held_length, inverse_frames, on_all_ranks
 from ..solvers.laws import FrictionLaw
-from .contact_body import ContactBody
+from .contact_body import Before, ContactBody, ContactState
 from .evidence import Evidence, pair_actions
 from .nodal_answer import closure
-from .state import Before, ContactState
 
 
 def gather_evidence(

@@ -31,10 +31,9 @@ from .accumulated import Accumulated
 from .certificate import judge
 from .equilibrium import NoEquilibrium
 from .load_step import Energy, LoadStep, State
-from .problem import ContactProblem
+from .problem import ContactProblem, LinearSolveFailed
 from .solution import Solution
 from .times import HALVINGS, refuse_times
-from .unsolved import LinearSolveFailed
 
 _log = logging.getLogger(__name__)
 

@@ -27,29 +27,99 @@ from ..fem.bodies import (
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..linalg.compliance import IterativeSolver, LinearSolver
+from ..linalg.reductions import Reductions
 from ..linalg.unsolved import TooSlow, Unsolved
 from ..native import threads
 from ..solvers.automatic import Automatic
 from ..solvers.condensed import CondensedSystem
 from ..solvers.dense_system import DenseSystem
-from ..solvers.friction_problem import Solver
+from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.interior_point import InteriorPoint
-from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
-from .acceptance import CERTIFIED_FROM, Acceptance
+from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
+from ..solvers.rigid_motions import NO_MOTION
 from .contact import Contact
-from .contact_body import ContactBody
+from .contact_body import Before, ContactBody, ContactState
+from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
-from .posed_problem import PosedProblem
 from .probes import Probe
 from .provenance import now
 from .small_strain import known_mode
 from .solution import Solution, warn
-from .state import Before, ContactState
+from .stopping_criterion import CERTIFIED_FROM, Acceptance
 from .stopwatch import timed
-from .unsolved import CountedProgress, unsolved
 
 
-class ContactProblem(PosedProblem):
+class LinearSolveFailed(NotConverged):
+    """K u = f is not solved by multigrid: smaller load steps do not help."""
+
+
+class CountedProgress:
+    """The user's callback, with the number of steps and whether it has ended the solve.
+
+    Args:
+        progress: The callback, if there is one.
+
+    Attributes:
+        steps: Calls so far.
+        stopped: Whether a call was true.
+    """
+
+    def __init__(self, progress: ProgressCallback | None):
+        self._progress, self.steps, self.stopped = progress, 0, False
+
+    def __call__(self, progress: Progress) -> bool:
+        self.steps += 1
+        self.stopped = self._progress is not None and bool(self._progress(progress))
+        return self.stopped
+
+
+def unsolved(
+    posed: DiscreteProblem, problem: FrictionProblem, failure: Unsolved, progress: CountedProgress, method: str
+) -> LinearSolveFailed:
+    """The error of a contact problem in which a solve with K failed, with the last iterate; collective.
+
+    Args:
+        posed: The contact problem.
+        problem: It, as given to the solver.
+        failure: The failure.
+        progress: Of the solver.
+        method: Name of the solver.
+    """
+    A, rigid = problem.A.matrix_free, NO_MOTION if problem.rigid is None else np.zeros(problem.rigid.count)
+    x, gradient, residual = np.zeros_like(problem.b), -problem.b, np.inf
+    if A is not None and Reductions(posed.comm).all(A.latest is not None) and A.latest is not None:
+        x, gradient = problem.completed(A.latest), A.latest_product() - problem.b
+        if problem.rigid is not None:
+            rigid = problem.rigid_motion(x, gradient)
+            gradient = gradient - problem.rigid.displacement(rigid)
+        residual = problem.residual(x, gradient)
+    remedies = ['K factorised (linear_solver = "direct")', "better-shaped cells"]
+    if posed.elasticity.ground is not None:
+        remedies.append("stiffer springs, or a clamp, against rigid motions")
+    reached = f", with a residual of {residual:.1e}" if np.isfinite(residual) else ""
+    message = (
+        f"{failure}; {posed.unknowns['displacement']} displacement unknowns, time {posed.time:g} s, after "
+        f"{progress.steps} steps of the contact solver{reached}"
+    )
+    result = SolverResult(
+        x=x,
+        gradient=gradient,
+        slip_bound=problem.slip_bound(x),
+        multipliers=np.zeros((problem.A.nodes, 2)),
+        status=Status.INTERRUPTED if progress.stopped else Status.STAGNATED,
+        outer_steps=0,
+        newton_steps=progress.steps,
+        products=problem.A.products,
+        residual=residual,
+        history=(),
+        method=method,
+        message=message,
+        rigid=rigid,
+    )
+    return LinearSolveFailed(f"{message}; what may help: {', or '.join(remedies)}", result)
+
+
+class ContactProblem(DiscreteProblem):
     """Linear elastic bodies in frictional contact with each other and with rigid foundations.
 
     u = K^-1 (f - B^T x) with the contact forces x, which obey |x_t| <= c a + F x_n (`solvers/laws.py`).
@@ -259,7 +329,7 @@ class ContactProblem(PosedProblem):
         x = judged.contact_force
         law = self.slip_bound(x)
         g = np.where(law > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces
-        g = np.where(x[0::3] != result.x[0::3], law, g)  # where `settled` has changed the normal force
+        g = np.where(x[0::3] != result.x[0::3], law, g)  # where `zero_open_forces` has changed the normal force
         return Solution(self, x, judged.displacement, g, result, judged.certificate)
 
     @property
@@ -274,7 +344,7 @@ class _InState(ContactProblem):
     def __init__(
         self, of: ContactProblem, state: ContactState, seconds: dict[str, float], before: Before | None = None
     ):
-        PosedProblem.__init__(self, of.body, state, of.small_strain, of.started, seconds, before)
+        DiscreteProblem.__init__(self, of.body, state, of.small_strain, of.started, seconds, before)
 
 
 def _one_blas_thread(wanted: bool) -> AbstractContextManager[object]:

@@ -8,7 +8,7 @@ from conftest import run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Plane, PrescribedDisplacement, Spring, Traction
-from coulomb.model.understood import contacts_of, loads_of, supports_of
+from coulomb.model.input_summary import contacts_of, loads_of, supports_of
 
 CASE = """
 [mesh]

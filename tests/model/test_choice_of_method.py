@@ -28,8 +28,8 @@ from coulomb.linalg.compliance.predicted_cost import (
 from coulomb.linalg.factors import multifrontal
 from coulomb.linalg.factors.multifrontal import Work, predicted_work, symbolic
 from coulomb.model import contact_body
+from coulomb.model.conditioning import ill_conditioned, on_soft_springs
 from coulomb.model.estimate import slenderness
-from coulomb.model.slenderness import ill_conditioned, on_soft_springs
 
 ONCE, TWICE = Precision.SINGLE, Precision.REPEATED
 CELLS = {"tetrahedra": True}

@@ -8,8 +8,8 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...model.evidence import pair_actions
+from ...model.master_fields import carried, carrying
 from ...model.nodal_answer import NodalAnswer
-from ...model.opposite import carried, carrying
 from ..field_files import OPPOSITE
 from ..run_files import WrittenRun
 from ..written_faces import WrittenOpposite

@@ -16,7 +16,7 @@ from coulomb.fem.bodies.temperature import ThermalLoad
 from coulomb.io.case_record import case_record, refuse_another_case
 from coulomb.io.recheck.case_reference import CaseReference
 from coulomb.io.recheck.run import check_run
-from coulomb.model.understood import loads_of
+from coulomb.model.input_summary import loads_of
 
 STEEL = Material(2.1e11, 0.3, expansion=1.2e-5)
 

@@ -16,7 +16,7 @@ from coulomb.io.case_record import case_record
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck.directory import check
 from coulomb.model import contact_faces as contacts
-from coulomb.model.understood import contacts_of
+from coulomb.model.input_summary import contacts_of
 
 RUBBER = Material(1e7, 0.3)
 STEPS = """\

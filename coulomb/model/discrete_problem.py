@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
@@ -16,21 +17,106 @@ from ..fem.bodies import Deformable, Loading
 from ..fem.contact import ContactSurface
 from ..fem.geometry import RigidFoundation
 from ..fem.meshes import NamedMesh
-from ..linalg.compliance import BodyCompliance
+from ..linalg.compliance import BodyCompliance, StiffnessSolver
+from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import RigidMotions
 from .contact import Contact
-from .contact_body import ContactBody
+from .contact_body import Before, ContactBody, ContactState, rigid_motions
 from .contact_stiffness import ContactStiffness, explained
 from .evidence import Evidence
 from .gathered_evidence import gather_evidence
 from .nodal_answer import closure
-from .refinement import refined
-from .rigid_contact import rigid_motions
-from .state import Before, ContactState
+from .rigid_balance import lengths
 from .stopwatch import timed
+
+BALANCED = 1e-13
+"""Resultant force and moment of the residual, and 1e-2 of its norm, relative to the forces on the body."""
+
+_ACCURACY = 1e-6
+"""Least relative residual of a correction: few more digits are left to gain by each."""
+
+_BEYOND = 0.1
+"""Part of BALANCED at which a correction aims: its residual is not distributed like the one before."""
+
+_MOST = 4
+"""Maximum number of corrections."""
+
+
+def refined(
+    elasticity: Deformable,
+    solver: StiffnessSolver,
+    loading: Loading,
+    on_body: FloatArray,
+    u: FloatArray,
+) -> FloatArray:
+    """The displacement u (k, 3) corrected until loads, springs, reactions and contact forces balance; collective.
+
+    A solve with K leaves a residual relative to its right-hand side, which may be far larger than the forces on the
+    body: K times a prescribed displacement that carries it along; or small beside the loads, but enough to move a body
+    on soft springs.  So the residual is assembled anew from u and solved for again (iterative refinement, Wilkinson
+    1963).  The springs at the anchors of free motions (`FreeMotions`) are among the forces in balance; at a solution they are
+    zero.
+
+    Args:
+        elasticity: The body.
+        solver: K^-1.
+        loading: Loads and prescribed displacements.
+        on_body: Contact forces on the body at this rank's nodes in newtons, shape (k, 3).
+        u: An approximate displacement, with the prescribed ones, metres.
+    """
+    over, x = Reductions(elasticity.comm), elasticity.x
+    ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
+    arms = (x - ends.mean(axis=1)) / (0.5 * np.linalg.norm(np.ptp(ends, axis=1)))
+
+    def left_over(u: FloatArray) -> tuple[FloatArray, float]:
+        """The residual at this rank's nodes, and its size relative to the forces on the body."""
+        spring = elasticity.spring_force(u) - elasticity.anchoring * u
+        imbalance = loading.load + spring + on_body - elasticity.internal_force(u)
+        residual, reaction = elasticity.free_part(imbalance), elasticity.held_part(imbalance)
+        outer = (loading.load, spring, on_body, reaction)
+        sums = over.total(np.concatenate([residual.sum(axis=0), np.cross(arms, residual).sum(axis=0)]))
+        scale = np.max([over.sum(lengths(part)) for part in outer])
+        length = np.max([over.norm(part) for part in outer])
+        return residual, float(
+            np.max([np.max(np.abs(sums)) / (scale or 1.0), 1e-2 * over.norm(residual) / (length or 1.0)])
+        )
+
+    with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
+        residual, size = left_over(u)
+        for _ in range(_MOST):
+            if not BALANCED < size < math.inf:
+                break
+            accuracy = min(max(_BEYOND * BALANCED / size, _ACCURACY), _BEYOND)
+            change, ended = _solved(elasticity.K, solver, residual, accuracy)
+            changed = u + elasticity.free_part(change)
+            after, smaller = left_over(changed)
+            if not smaller < size:
+                break
+            u, residual, size, before = changed, after, smaller, size
+            if ended or size > 0.5 * before:  # rounding
+                break
+    return u
+
+
+def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accuracy: float) -> tuple[FloatArray, bool]:
+    """K^-1 of a residual (k, 3), this rank's part, to a relative residual; and whether the solve ended before."""
+    rhs, change = K.createVecs()
+    rhs.array[:] = residual.ravel()
+    size = float(rhs.norm()) or 1.0  # scaled: solves start from combinations of earlier solutions of like size
+    rhs.scale(1.0 / size)
+    ended = False
+    try:
+        solver.solve(rhs, change, accuracy)
+    except Unsolved:  # what was reached may still be better than before
+        ended = True
+    values: FloatArray = size * change.array_r.reshape(-1, 3)
+    rhs.destroy()
+    change.destroy()
+    return values, ended
+
 
 _ROUNDING = 2.0**-48
 """Slip below this part of the displacements of which it is the difference is a rounding error."""
@@ -39,7 +125,7 @@ _BEFORE_REFINEMENT = 1e-8
 """Residual of a solve with K that is refined: products by K have rounding errors of 1e-11 of the resultant forces."""
 
 
-class PosedProblem:
+class DiscreteProblem:
     """A body in a state, u = K^-1 (f - B^T x) + R alpha with the contact forces x, which obey |x_t| <= c a + F x_n.
 
     R are the rigid motions that contact alone prevents (`FreeMotions`), alpha their amounts; without any, u = K^-1 (f -
