@@ -56,7 +56,7 @@ def posed(
             refuse_uncountable(mesh.cells, mesh.degree or 1)
     problem = settings.problem(comm)
     if resume and (left := steps_left(target, comm)) is not None:
-        problem.body.expect_load_steps(left)
+        problem.body.stiffness.expect_load_steps(left)
     if not force:
         refuse_too_large(problem)
         steps = 1 if settings.history is None else len(settings.history.ends)
@@ -102,7 +102,7 @@ def expected(settings: Case, problem: ContactProblem) -> list[str]:
     """Estimated cost of the solution, in lines; collective."""
     taken, ranks = estimate_of(problem, measure(problem.comm)), problem.comm.size
     seconds, steps, drawn = taken.seconds, 1, ""
-    lines = [f"K {problem.body.stiffness_method}, A {'explicit' if problem.body.explicit else 'matrix-free'}"]
+    lines = [f"K {problem.body.stiffness.method}, A {'explicit' if problem.body.stiffness.explicit else 'matrix-free'}"]
     if settings.history is not None:
         steps = len(settings.history.ends)
         seconds += (steps - 1) * taken.seconds_a_step

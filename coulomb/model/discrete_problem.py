@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 from functools import cached_property
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -15,7 +17,6 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, Loading
 from ..fem.contact import ContactSurface
-from ..fem.geometry import RigidFoundation
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance, StiffnessSolver
 from ..linalg.reductions import Reductions
@@ -25,12 +26,14 @@ from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import RigidMotions
 from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState, rigid_motions
-from .contact_stiffness import ContactStiffness, explained
+from .contact_stiffness import FixedStiffness, explained
 from .evidence import Evidence
 from .gathered_evidence import gather_evidence
 from .nodal_answer import closure
 from .rigid_balance import lengths
 from .stopwatch import timed
+
+_T = TypeVar("_T")
 
 BALANCED = 1e-13
 """Resultant force and moment of the residual, and 1e-2 of its norm, relative to the forces on the body."""
@@ -57,8 +60,8 @@ def refined(
     A solve with K leaves a residual relative to its right-hand side, which may be far larger than the forces on the
     body: K times a prescribed displacement that carries it along; or small beside the loads, but enough to move a body
     on soft springs.  So the residual is assembled anew from u and solved for again (iterative refinement, Wilkinson
-    1963).  The springs at the anchors of free motions (`FreeMotions`) are among the forces in balance; at a solution they are
-    zero.
+    1963).  The springs at the anchors of free motions (`FreeMotions`) are among the forces in balance; at a
+    solution they are zero.
 
     Args:
         elasticity: The body.
@@ -125,6 +128,24 @@ _BEFORE_REFINEMENT = 1e-8
 """Residual of a solve with K that is refined: products by K have rounding errors of 1e-11 of the resultant forces."""
 
 
+class _OfStiffness(Generic[_T]):
+    """A property of a `DiscreteProblem` that is computed once, and anew when K has changed (`ContactStiffness`)."""
+
+    def __init__(self, compute: Callable[[Any], _T]):
+        self._compute, self.__doc__ = compute, compute.__doc__
+
+    def __get__(self, problem: Any, owner: type | None = None) -> _T:
+        if problem is None:  # for documentation
+            return cast(_T, self)
+        version = problem.body.stiffness.version
+        if problem.computed_for != version:
+            problem.computed_for, problem.computed = version, {}
+        if self not in problem.computed:
+            problem.computed[self] = self._compute(problem)
+        found: _T = problem.computed[self]
+        return found
+
+
 class DiscreteProblem:
     """A body in a state, u = K^-1 (f - B^T x) + R alpha with the contact forces x, which obey |x_t| <= c a + F x_n.
 
@@ -141,12 +162,8 @@ class DiscreteProblem:
             `slip_origin`.
 
     Attributes:
-        body: The argument, as all of them.
-        state: The argument.
-        small_strain: The argument.
-        started: The argument.
-        seconds: The argument.
-        before: The argument.
+        body, state, small_strain, started, seconds, before: The arguments.
+        computed: What was computed with K^-1, for the version `computed_for` of the body's stiffness.
     """
 
     def __init__(
@@ -160,6 +177,8 @@ class DiscreteProblem:
     ):
         self.body, self.state, self.small_strain = body, state, small_strain
         self.started, self.seconds, self.before = started, seconds, before
+        self.computed: dict[object, Any] = {}
+        self.computed_for = -1
 
     @property
     def comm(self) -> MPI.Comm:
@@ -169,7 +188,7 @@ class DiscreteProblem:
     @property
     def mesh(self) -> NamedMesh:
         """The mesh of the body, if there is one body only."""
-        return self.body.mesh
+        return self.elasticity.alone.mesh
 
     @property
     def elasticity(self) -> Deformable:
@@ -180,12 +199,6 @@ class DiscreteProblem:
     def contacts(self) -> tuple[Contact, ...]:
         """The contact faces."""
         return self.body.contacts
-
-    @property
-    def foundations(self) -> tuple[RigidFoundation | None, ...]:
-        """Foundations of all contact faces before any motion; by default the plane of the face; None against a
-        deformable face."""
-        return self.body.foundations
 
     @property
     def unknowns(self) -> dict[str, int]:
@@ -222,28 +235,22 @@ class DiscreteProblem:
         """Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m, 3)."""
         return self.state.slip_origin
 
-    def forget_stiffness(self) -> None:
-        """Compute everything that takes K^-1 anew when it is needed, after a change of the method."""
-        for name in ("stiffness", "A", "b", "mean_compliance", "_free_displacement", "_free_part"):
-            with suppress(AttributeError):  # not computed yet
-                delattr(self, name)
-
-    @cached_property
+    @_OfStiffness
     def f(self) -> PETSc.Vec:
         """Load in newtons, with the prescribed displacements included; must not be modified."""
         return self.elasticity.f(self.loading)
 
-    @cached_property
-    def stiffness(self) -> ContactStiffness:
+    @_OfStiffness
+    def stiffness(self) -> FixedStiffness:
         """K^-1 and A of the body at this time."""
-        return self.body.stiffness(self.elasticity, self.seconds)
+        return self.body.stiffness.of(self.elasticity, self.seconds)
 
-    @cached_property
+    @_OfStiffness
     def A(self) -> BodyCompliance:
         """Compliance B K^-1 B^T of the contact points, metres per newton."""
         return self.stiffness.compliance(self.surface, self.seconds)
 
-    @cached_property
+    @_OfStiffness
     def b(self) -> FloatArray:
         """B K^-1 f - c in metres, this rank's part, shape (3 m,): penetration of the free body, and its slip.
 
@@ -282,7 +289,7 @@ class DiscreteProblem:
         closed[:, 0] += self.surface.gap
         return closed
 
-    @cached_property
+    @_OfStiffness
     def mean_compliance(self) -> float:
         """Mean of diag(A) in metres per newton."""
         return self.friction_problem.mean_diagonal
@@ -306,7 +313,7 @@ class DiscreteProblem:
         elasticity = self.elasticity
         return u + elasticity.free_part(elasticity.free.modes(elasticity.x) @ alpha) if len(alpha) else u
 
-    @cached_property
+    @_OfStiffness
     def _free_displacement(self) -> FloatArray:
         """K^-1 f in metres, this rank's nodes, shape (k, 3): the displacement without contact."""
         solver = self.stiffness.solver
@@ -324,7 +331,7 @@ class DiscreteProblem:
         with timed(self.seconds, "displacement"):
             return self.stiffness.responses.response(self.f.array_r, self.loading.prescribed, solved)
 
-    @cached_property
+    @property
     def _free_part(self) -> FloatArray:
         """`_free_displacement`, shape (3 k,)."""
         return self._free_displacement.ravel()
@@ -358,8 +365,12 @@ class DiscreteProblem:
     @property
     def friction_problem(self) -> FrictionProblem:
         """A, b and the law, without the body."""
-        self.A.under_load(self.f, self._free_part)
         return FrictionProblem(self.A, self.b, self.law, rigid=self.rigid, elastic=True)
+
+    def prepare_products(self) -> None:
+        """Let the products by A to come be as accurate as the displacement under load and contact forces is, also where
+        soft springs alone hold the body; collective."""
+        self.A.under_load(self.f, self._free_part)
 
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""

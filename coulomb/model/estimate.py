@@ -130,14 +130,14 @@ def estimate_of(problem: ContactProblem, slowness: Slowness = SAME) -> Estimate:
     size = problem.unknowns
     return estimate(
         size["displacement"],
-        problem.body.interface,
+        problem.body.stiffness.interface,
         problem.comm.size,
-        problem.body.linear_solver,
-        problem.body.explicit,
+        problem.body.stiffness.linear_solver,
+        problem.body.stiffness.explicit,
         slenderness(problem),
         slowness,
         _nodes_of_cell(problem),
-        problem.body.in_double,
+        problem.body.stiffness.in_double,
     )
 
 
@@ -152,14 +152,15 @@ def refuse_too_large(problem: ContactProblem) -> None:
     Raises:
         ValueError: On every rank, if a node has too little, with the required and free memory and what would fit.
     """
-    comm, size, nodes, double = problem.comm, problem.unknowns, _nodes_of_cell(problem), problem.body.in_double
-    n, m = size["displacement"], problem.body.interface
+    comm, size, nodes = problem.comm, problem.unknowns, _nodes_of_cell(problem)
+    double = problem.body.stiffness.in_double
+    n, m = size["displacement"], problem.body.stiffness.interface
     needed = estimate_of(problem).memory
     fits = least_room(comm)
     if needed <= fits:
         return
-    methods = "K factorised" if problem.body.linear_solver is DirectSolver else "multigrid"
-    methods += ", A formed" if problem.body.explicit else ", A matrix-free"
+    methods = "K factorised" if problem.body.stiffness.linear_solver is DirectSolver else "multigrid"
+    methods += ", A formed" if problem.body.stiffness.explicit else ", A matrix-free"
     others = (
         (DirectSolver, False, 'solver.linear_solver = "direct" with solver.compliance = "matrix-free"'),
         (IterativeSolver, False, 'solver.linear_solver = "iterative" with solver.compliance = "matrix-free"'),

@@ -100,7 +100,7 @@ def gather_evidence(
         closure=np.concatenate([closed, np.zeros((len(stray), 3))]),
         gap=np.concatenate([gap, none]),
         bound=np.concatenate([bound, none]),
-        rounding=body.rounding_forces(elasticity, u),
+        rounding=body.stiffness.rounding_forces(elasticity, u),
         compliance=compliance,
         blocked=elasticity.blocked_displacement(state.loading),
         averaged=not points.nodal,

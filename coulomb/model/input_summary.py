@@ -80,7 +80,7 @@ def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
     The gap is that at the time of the problem; the given gap is without its amplitude.
     """
     over, surface, found = Reductions(problem.comm), problem.surface, []
-    for part, (contact, foundation) in enumerate(zip(problem.contacts, problem.foundations, strict=True)):
+    for part, (contact, foundation) in enumerate(zip(problem.contacts, problem.body.foundations, strict=True)):
         here = surface.part == part
         found.append(
             {

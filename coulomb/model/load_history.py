@@ -88,7 +88,7 @@ class LoadHistory:
         state = state or self.beginning(problem)
         if state.pending:
             problem.body.refuse_undefined(state.pending[0])
-        problem.body.expect_load_steps(len(state.pending))
+        problem.body.stiffness.expect_load_steps(len(state.pending))
         halved = 0
         while state.pending:
             time = state.pending[-1]

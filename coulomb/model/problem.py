@@ -239,16 +239,23 @@ class ContactProblem(DiscreteProblem):
         seconds: dict[str, float] = {}
         with timed(seconds, "assembly"):
             state = self.body.state(time, before)
-        return _InState(self, state, seconds, before)
+        return self.in_state(state, seconds, before)
 
-    def in_state(self, state: ContactState, seconds: dict[str, float] | None = None) -> ContactProblem:
+    def in_state(
+        self, state: ContactState, seconds: dict[str, float] | None = None, before: Before | None = None
+    ) -> ContactProblem:
         """The problem of the same body in another state.
 
         Args:
             state: The state.
             seconds: Wall time that was spent on it.
+            before: As of `at`.
         """
-        return _InState(self, state, {} if seconds is None else seconds)
+        problem = ContactProblem.__new__(ContactProblem)  # __init__ makes the body
+        DiscreteProblem.__init__(
+            problem, self.body, state, self.small_strain, self.started, {} if seconds is None else seconds, before
+        )
+        return problem
 
     def solve(
         self,
@@ -287,13 +294,12 @@ class ContactProblem(DiscreteProblem):
             try:
                 return self._solved(tolerance, solver, progress, start)
             except TooSlow as slow:
-                self.body.change_method(str(slow), condense=solver is None)
+                self.body.stiffness.change_method(str(slow), condense=solver is None)
             except NotConverged as failure:
                 ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
-                condense = solver is None and not self.body.explicit
-                if ended or not self.body.change_method(failure.result.message, condense):
+                condense = solver is None and not self.body.stiffness.explicit
+                if ended or not self.body.stiffness.change_method(failure.result.message, condense):
                     raise
-            self.forget_stiffness()
 
     def _solved(
         self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None, start: FloatArray | None
@@ -301,11 +307,12 @@ class ContactProblem(DiscreteProblem):
         """The answer by the present method for K^-1; arguments and errors as of `solve`."""
         chosen = solver or self._default(tolerance)
         acceptance, counted = Acceptance(self), CountedProgress(progress)
-        with self.body.limited(self.stiffness.solver):
+        with self.body.stiffness.limited(self.stiffness.solver):
             problem = self.friction_problem  # K^-1, A and b are timed separately
+            self.prepare_products()
             if chosen.tolerance <= CERTIFIED_FROM:
                 problem = replace(problem, accept=acceptance, balanced=acceptance.gradient)
-            limit = nullcontext() if solver else self.body.few_products(self.A)
+            limit = nullcontext() if solver else self.body.stiffness.few_products(self.A)
             with timed(self.seconds, "solve"), _one_blas_thread(self._by_threads), limit:
                 try:
                     result = chosen.solve(problem, start, progress=counted)
@@ -319,9 +326,9 @@ class ContactProblem(DiscreteProblem):
 
     def _default(self, tolerance: float) -> Solver:
         """The solver where the user chooses none."""
-        if self.body.condensed:
+        if self.body.stiffness.condensed:
             return InteriorPoint(tolerance, newton=CondensedSystem())
-        return InteriorPoint(tolerance, newton=DenseSystem()) if self.body.dense else Automatic(tolerance)
+        return InteriorPoint(tolerance, newton=DenseSystem()) if self.body.stiffness.dense else Automatic(tolerance)
 
     def solution(self, result: SolverResult, acceptance: Acceptance | None = None) -> Solution:
         """Displacement and certificate of a solver's result, converged or not; from `acceptance` if it has them."""
@@ -335,16 +342,7 @@ class ContactProblem(DiscreteProblem):
     @property
     def _by_threads(self) -> bool:
         """Whether the kernels of multigrid share their work among threads; collective."""
-        return self.body.linear_solver is IterativeSolver and threads() > 1
-
-
-class _InState(ContactProblem):
-    """A contact problem with the body of another one."""
-
-    def __init__(
-        self, of: ContactProblem, state: ContactState, seconds: dict[str, float], before: Before | None = None
-    ):
-        DiscreteProblem.__init__(self, of.body, state, of.small_strain, of.started, seconds, before)
+        return self.body.stiffness.linear_solver is IterativeSolver and threads() > 1
 
 
 def _one_blas_thread(wanted: bool) -> AbstractContextManager[object]:

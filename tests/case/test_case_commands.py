@@ -111,7 +111,7 @@ def test_a_history_takes_factors_in_double_precision():
     assert single.seconds < double.seconds and single.seconds_a_step == double.seconds_a_step
     problem = make_block(3)
     before = estimate_of(problem)
-    problem.body.expect_load_steps(24)
+    problem.body.stiffness.expect_load_steps(24)
     assert estimate_of(problem).memory > before.memory
 
 
@@ -159,7 +159,7 @@ def test_a_slow_machine_takes_longer():
 def test_factorised_without_forming_the_compliance():
     assert chosen(40_000, 10_001, 1, None, None) == (DirectSolver, False)
     problem = make_block(2, linear_solver=DirectSolver, explicit=False)
-    assert "nested dissection" in problem.body.stiffness_method
+    assert "nested dissection" in problem.body.stiffness.method
     assert problem.solve().certificate.passed
 
 

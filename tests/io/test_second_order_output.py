@@ -182,7 +182,9 @@ def test_estimates_count_all_nodes(written):
     assert n == 3 * 6 * 3 * 3  # without those of the clamped end
     wide = estimate(10**6, 10**4, 1, IterativeSolver, False, nodes=27).memory
     assert wide > 2.0 * estimate(10**6, 10**4, 1, IterativeSolver, False).memory
-    as_first = estimate(n, problem.body.interface, 1, problem.body.linear_solver, problem.body.explicit)
+    as_first = estimate(
+        n, problem.body.stiffness.interface, 1, problem.body.stiffness.linear_solver, problem.body.stiffness.explicit
+    )
     assert (estimate_of(problem).memory > as_first.memory) == (cell == "hexahedron")
     taken = sum((folder / f"{name}.h5").stat().st_size for name in ("solution", "contact"))
     assert 0.5 * taken < size_on_disk(problem) < 3.0 * taken + 1.1e5

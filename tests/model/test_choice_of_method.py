@@ -27,7 +27,7 @@ from coulomb.linalg.compliance.predicted_cost import (
 )
 from coulomb.linalg.factors import multifrontal
 from coulomb.linalg.factors.multifrontal import Work, predicted_work, symbolic
-from coulomb.model import contact_body
+from coulomb.model import contact_stiffness
 from coulomb.model.conditioning import ill_conditioned, on_soft_springs
 from coulomb.model.estimate import slenderness
 
@@ -100,9 +100,9 @@ def test_measures_of_a_problem():
     """A wedge that nothing but contact holds, and a half ring of which a strip can touch a plane."""
     body, x = make_block(3).body, make_block(3).surface.x
     elongation = np.sum(np.ptp(x, axis=0) ** 2) / (8.0 / 3.0 + 1.0 / 6.0)  # the row of the clamp has no contact nodes
-    n, m = body.unknowns["displacement"], body.interface
+    n, m = body.unknowns["displacement"], body.stiffness.interface
     expected = Measures(n, m, slenderness(make_block(3)), elongation=elongation, poisson=0.277)
-    assert body.measures == pytest.approx(expected, rel=1e-12)
+    assert body.stiffness.measures == pytest.approx(expected, rel=1e-12)
     foot = read_case(PARTS / "foot.toml", [f'mesh.file="{ROOT / "demos" / "foot.msh"}"']).problem().body
     assert foot.measures[3:7] == (1.0, True, True, False) and foot.measures.aspect == pytest.approx(1.0, abs=0.1)
 
@@ -115,7 +115,9 @@ def test_the_part_of_a_face_that_is_near(drop, near):
     problem = coulomb.ContactProblem(
         block, Material(2e11, 0.3), [Clamp("left")], coulomb.Contact("bottom", 0.3, foundation=plane)
     )
-    assert problem.body.measures.near == pytest.approx(near * math.sqrt(1.02) if drop > 1e-3 else near, abs=2e-3)
+    assert problem.body.stiffness.measures.near == pytest.approx(
+        near * math.sqrt(1.02) if drop > 1e-3 else near, abs=2e-3
+    )
 
 
 def test_what_decides():
@@ -203,19 +205,21 @@ def test_the_choice_is_made_once(monkeypatch, direct):
         asked.append(arguments)
         return direct
 
-    monkeypatch.setattr(contact_body, "undecided", lambda *given: given[2:] == (None, None))
-    monkeypatch.setattr(contact_body, "factorise", stub)
-    monkeypatch.setattr(contact_body, "symbolic", lambda *_: fronts)
-    monkeypatch.setattr(contact_body, "least_room", lambda _: 7.0)
+    monkeypatch.setattr(contact_stiffness, "undecided", lambda *given: given[2:] == (None, None))
+    monkeypatch.setattr(contact_stiffness, "factorise", stub)
+    monkeypatch.setattr(contact_stiffness, "symbolic", lambda *_: fronts)
+    monkeypatch.setattr(contact_stiffness, "least_room", lambda _: 7.0)
     monkeypatch.setattr(multifrontal, "_fronts_of", lambda *_: pytest.fail("dissected again"))
     problem = make_block(3)
     assert not asked  # the number of load steps is not yet known
-    problem.body.expect_load_steps(8)
-    assert problem.body.explicit is direct
-    assert asked == [(predicted_work(fronts), problem.body.measures, 8, False, Precision.DOUBLE, 7.0, 1, True)]
-    assert problem.body.linear_solver is (DirectSolver if direct else IterativeSolver)
+    problem.body.stiffness.expect_load_steps(8)
+    assert problem.body.stiffness.explicit is direct
+    assert asked == [
+        (predicted_work(fronts), problem.body.stiffness.measures, 8, False, Precision.DOUBLE, 7.0, 1, True)
+    ]
+    assert problem.body.stiffness.linear_solver is (DirectSolver if direct else IterativeSolver)
     assert problem.solve().certificate.passed
-    assert not make_block(3, linear_solver=IterativeSolver).body.explicit and len(asked) == 1
+    assert not make_block(3, linear_solver=IterativeSolver).body.stiffness.explicit and len(asked) == 1
 
 
 @pytest.mark.parametrize(
@@ -252,16 +256,16 @@ def test_bodies_that_bend_are_ill_conditioned(lengths, ill):
 def test_the_precision_that_is_expected(monkeypatch):
     """A body that bends is factorised twice, in a load history in double precision from the beginning."""
     asked = []
-    monkeypatch.setattr(contact_body, "undecided", lambda *_: True)
-    monkeypatch.setattr(contact_body, "factorise", lambda *given: asked.append(given[4]) or False)
+    monkeypatch.setattr(contact_stiffness, "undecided", lambda *_: True)
+    monkeypatch.setattr(contact_stiffness, "factorise", lambda *given: asked.append(given[4]) or False)
     for length, steps in ((0.5, 1), (0.3, 1), (0.5, 8)):
         beam = coulomb.box((length, 0.1, 0.1), (4, 2, 2))
         body = coulomb.ContactProblem(beam, Material(2e11, 0.3), [Clamp("left")], coulomb.Contact("bottom", 0.3)).body
-        body.expect_load_steps(steps)
-        assert not body.explicit
+        body.stiffness.expect_load_steps(steps)
+        assert not body.stiffness.explicit
     assert asked == [TWICE, ONCE, Precision.DOUBLE]
-    monkeypatch.setattr(contact_body, "_DOUBLE_UP_TO", 50)
-    assert body.unknowns["displacement"] > 50 and not body.in_double
+    monkeypatch.setattr(contact_stiffness, "_DOUBLE_UP_TO", 50)
+    assert body.unknowns["displacement"] > 50 and not body.stiffness.in_double
 
 
 @pytest.mark.parametrize(("steps", "exact"), [(7, False), (8, True)])
@@ -270,33 +274,38 @@ def test_many_load_steps_want_factors_in_double_precision(monkeypatch, steps, ex
     monkeypatch.setattr(multifrontal, "SINGLE_FROM", 0.0)
     problem = make_block(3)
     next(coulomb.LoadHistory([float(k) for k in range(1, steps + 1)]).steps(problem))
-    assert problem.body.stiffness_solver.exact is exact
-    assert not problem.body.stiffness(make_block(3).elasticity).solver.exact
+    assert problem.body.stiffness.solver.exact is exact
+    assert not problem.body.stiffness.of(make_block(3).elasticity).solver.exact
 
 
 def test_a_history_declares_its_load_steps(monkeypatch, tmp_path):
     """By itself, by its case, and the steps that are left when it is resumed; the choice is made after that."""
     asked = []
-    monkeypatch.setattr(contact_body, "undecided", lambda *_: True)
-    monkeypatch.setattr(contact_body, "factorise", lambda *given: asked.append(given[2]) or True)
+    monkeypatch.setattr(contact_stiffness, "undecided", lambda *_: True)
+    monkeypatch.setattr(contact_stiffness, "factorise", lambda *given: asked.append(given[2]) or True)
     history = coulomb.LoadHistory([float(k) for k in range(1, 10)])
     steps = history.steps(make_block(2))
     next(steps)
     assert asked == [9]
     case = ROOT / "demos" / "history.toml"
     small = ["mesh.cells=[4,4,2]", "output.picture=false"]
-    assert read_case(case, small).problem().body.explicit and asked == [9, 24]
+    assert read_case(case, small).problem().body.stiffness.explicit and asked == [9, 24]
     settings = read_case(case, small)
     files = coulomb.HistoryFiles(tmp_path / "out", case=case_record(settings, MPI.COMM_WORLD))
     settings.load_history().run(settings.problem(), files, on_step=lambda step: step.state.number == 2)
-    assert posed(settings, tmp_path / "out", force=False, resume=True).body.explicit and asked == [9, 24, 24, 22]
-    assert posed(settings, tmp_path / "out", force=False, now=False).body.explicit and asked[4:] == [24]
+    assert posed(settings, tmp_path / "out", force=False, resume=True).body.stiffness.explicit and asked == [
+        9,
+        24,
+        24,
+        22,
+    ]
+    assert posed(settings, tmp_path / "out", force=False, now=False).body.stiffness.explicit and asked[4:] == [24]
 
 
 def test_an_exported_matrix_wants_factors(monkeypatch, tmp_path):
     """All of A takes a product per contact unknown, as many as many load steps."""
     asked = []
-    monkeypatch.setattr(contact_body, "undecided", lambda *_: True)
-    monkeypatch.setattr(contact_body, "factorise", lambda *given: asked.append(given[2]) or True)
+    monkeypatch.setattr(contact_stiffness, "undecided", lambda *_: True)
+    monkeypatch.setattr(contact_stiffness, "factorise", lambda *given: asked.append(given[2]) or True)
     done = run_coulomb("export", ROOT / "demos" / "block.toml", tmp_path / "x.hdf5", "--set", "mesh.cells=[6,2,2]")
     assert done.returncode == 0 and asked == [54], done.stderr

@@ -29,7 +29,7 @@ from coulomb.linalg.compliance import predicted_cost as methods
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.compliance.predicted_cost import Measures, patience, seconds_direct, seconds_multigrid
 from coulomb.linalg.factors.multifrontal import Work
-from coulomb.model import contact_body
+from coulomb.model import contact_stiffness
 from coulomb.model.certificate import judge
 from coulomb.solvers.automatic import Automatic
 
@@ -89,7 +89,9 @@ def sheet(cells=(16, 5, 1), gap=1e-3, amplitude=1.0, **given):
 def test_shape_of_cells_and_face(cell, cells, aspect):
     """Of a strip of 6 by 2 by 1, with the aspect of its cells by hand."""
     strip = coulomb.box((6.0, 2.0, 1.0), cells, cell)
-    measures = ContactProblem(strip, Material(1e9, 0.45), [Clamp("top")], Contact("bottom", 0.3)).body.measures
+    measures = ContactProblem(
+        strip, Material(1e9, 0.45), [Clamp("top")], Contact("bottom", 0.3)
+    ).body.stiffness.measures
     assert measures.aspect == pytest.approx(aspect)
     assert measures.elongation == pytest.approx(40.0 / 12.0) and measures.poisson == 0.45
     assert not measures.second_order and measures.tetrahedra is (cell == "tetrahedron")
@@ -101,17 +103,17 @@ def test_elongation_is_of_one_face():
     ends = [Contact("left", 0.3), Contact("right", 0.3)]
     body = ContactProblem(mesh, STEEL, [Clamp("top")], ends).body
     # nodes of the clamp are no contact nodes: each face has a row of nodes, with half of its area
-    assert body.measures.elongation == pytest.approx(1.0 / 0.5)
+    assert body.stiffness.measures.elongation == pytest.approx(1.0 / 0.5)
 
 
 def test_a_thin_sheet_wants_factors(monkeypatch):
     """By its measures, although it has more contact unknowns than are factorised in any case."""
-    monkeypatch.setattr(contact_body, "undecided", lambda *_: True)
+    monkeypatch.setattr(contact_stiffness, "undecided", lambda *_: True)
     body = sheet().body
-    assert body.measures.second_order and body.measures.aspect == pytest.approx(20.0)
-    assert body.linear_solver is DirectSolver and not body.changed
-    monkeypatch.setattr(contact_body, "measures_of", lambda *_: Measures(3168, 1056, 1.7))
-    assert sheet().body.linear_solver is IterativeSolver
+    assert body.stiffness.measures.second_order and body.stiffness.measures.aspect == pytest.approx(20.0)
+    assert body.stiffness.linear_solver is DirectSolver and not body.stiffness.changed
+    monkeypatch.setattr(contact_stiffness, "measures_of", lambda *_: Measures(3168, 1056, 1.7))
+    assert sheet().body.stiffness.linear_solver is IterativeSolver
 
 
 def test_patience():
@@ -126,23 +128,23 @@ def test_patience():
 @pytest.fixture
 def by_multigrid(monkeypatch):
     """Multigrid is chosen, wrongly; solves end after 100 iterations."""
-    monkeypatch.setattr(contact_body, "undecided", lambda _, __, *given: given == (None, None))
-    monkeypatch.setattr(contact_body, "factorise", lambda *_: False)
+    monkeypatch.setattr(contact_stiffness, "undecided", lambda _, __, *given: given == (None, None))
+    monkeypatch.setattr(contact_stiffness, "factorise", lambda *_: False)
     monkeypatch.setattr(stiffness, "_ITERATIONS", 100)
 
 
 def changed(problem, caplog):
     """The reason of the change, which is logged once."""
     said = [record.message for record in caplog.records if "K is factorised instead" in record.message]
-    assert problem.body.linear_solver is DirectSolver and problem.body.explicit
-    assert said == [problem.body.changed]
-    return problem.body.changed
+    assert problem.body.stiffness.linear_solver is DirectSolver and problem.body.stiffness.explicit
+    assert said == [problem.body.stiffness.changed]
+    return problem.body.stiffness.changed
 
 
 @pytest.fixture
 def wide(monkeypatch):
     """Contact faces are too wide for A to be formed, and bodies too large to be factorised without a prediction."""
-    for module in (methods, contact_body):
+    for module in (methods, contact_stiffness):
         monkeypatch.setattr(module, "EXPLICIT_UP_TO", 0)
     monkeypatch.setattr(methods, "DIRECT_UP_TO", 0)
     monkeypatch.setattr(methods, "_SMALL", (0, 0))
@@ -151,21 +153,29 @@ def wide(monkeypatch):
 def test_wide_sheets_want_factors(wide):
     """Sheets of any number of contact unknowns were left to multigrid, which did not solve them; blocks still are."""
     problem = sheet()
-    assert problem.body.linear_solver is DirectSolver and problem.body.condensed and not problem.body.changed
+    assert (
+        problem.body.stiffness.linear_solver is DirectSolver
+        and problem.body.stiffness.condensed
+        and not problem.body.stiffness.changed
+    )
     assert problem.solve().valid
-    assert block().body.linear_solver is IterativeSolver
+    assert block().body.stiffness.linear_solver is IterativeSolver
 
 
 def test_wide_sheets_change_to_factors(monkeypatch, caplog, wide):
     """Multigrid has its patience whatever the number of contact unknowns, and A is not formed then."""
-    monkeypatch.setattr(contact_body, "factorise", lambda *_: False)
-    monkeypatch.setattr(contact_body, "patience", lambda *_: 20.0)
+    monkeypatch.setattr(contact_stiffness, "factorise", lambda *_: False)
+    monkeypatch.setattr(contact_stiffness, "patience", lambda *_: 20.0)
     problem = sheet()
-    assert problem.body.linear_solver is IterativeSolver
+    assert problem.body.stiffness.linear_solver is IterativeSolver
     with caplog.at_level(logging.WARNING, "coulomb"):
         solution = problem.solve()
-    assert solution.valid and [record.message for record in caplog.records] == [problem.body.changed]
-    assert "after 20 factors" in problem.body.changed and problem.body.condensed and not problem.body.explicit
+    assert solution.valid and [record.message for record in caplog.records] == [problem.body.stiffness.changed]
+    assert (
+        "after 20 factors" in problem.body.stiffness.changed
+        and problem.body.stiffness.condensed
+        and not problem.body.stiffness.explicit
+    )
 
 
 @pytest.mark.parametrize("slow", [False, True])
@@ -173,9 +183,9 @@ def test_factors_in_place_of_multigrid(monkeypatch, caplog, by_multigrid, slow):
     """Where a solve fails, or all solves together take too many iterations; the same answer as by factors."""
     if slow:
         monkeypatch.setattr(stiffness, "_ITERATIONS", 1000)
-        monkeypatch.setattr(contact_body, "patience", lambda *_: 20.0)
+        monkeypatch.setattr(contact_stiffness, "patience", lambda *_: 20.0)
     problem = sheet()
-    assert problem.body.linear_solver is IterativeSolver
+    assert problem.body.stiffness.linear_solver is IterativeSolver
     with caplog.at_level(logging.WARNING, "coulomb"):
         solution = problem.solve()
     why = changed(problem, caplog)
@@ -207,13 +217,13 @@ def test_the_choice_of_the_user_stands(caplog, by_multigrid):
 
 def test_factors_that_do_not_fit(monkeypatch, caplog, by_multigrid):
     """Multigrid goes on beyond its patience then, and fails for itself."""
-    monkeypatch.setattr(contact_body, "least_room", lambda _: 1.0)
-    monkeypatch.setattr(contact_body, "patience", lambda *_: 1.0)
+    monkeypatch.setattr(contact_stiffness, "least_room", lambda _: 1.0)
+    monkeypatch.setattr(contact_stiffness, "patience", lambda *_: 1.0)
     problem = sheet()
     with caplog.at_level(logging.WARNING, "coulomb"), pytest.raises(NotConverged, match="failed: after 100 iterations"):
         problem.solve()
     assert "factors of K do not fit into the memory" in caplog.text
-    assert problem.body.linear_solver is IterativeSolver and not problem.body.changed
+    assert problem.body.stiffness.linear_solver is IterativeSolver and not problem.body.stiffness.changed
 
 
 def block(**given):
@@ -276,16 +286,16 @@ def test_a_formed_in_place_of_solves(monkeypatch, caplog, explicit):
     """Where K is factorised and solves with it are not enough; not against the choice of the user."""
     monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
     problem = block(explicit=explicit)
-    assert problem.body.linear_solver is DirectSolver and not problem.body.explicit
+    assert problem.body.stiffness.linear_solver is DirectSolver and not problem.body.stiffness.explicit
     with caplog.at_level(logging.WARNING, "coulomb"):
         if explicit is None:
             solution = problem.solve(solver=Demanding())
             assert solution.valid and summary(solution)["method"]["compliance"] == "explicit"
-            assert problem.body.changed == "stagnated; A is formed instead" == caplog.records[0].message
+            assert problem.body.stiffness.changed == "stagnated; A is formed instead" == caplog.records[0].message
         else:
             with pytest.raises(NotConverged, match="stagnated"):
                 problem.solve(solver=Demanding())
-            assert not problem.body.explicit and not caplog.records
+            assert not problem.body.stiffness.explicit and not caplog.records
 
 
 @pytest.mark.parametrize("linear_solver", [None, IterativeSolver])
@@ -298,9 +308,9 @@ def test_a_thin_body_of_forms(monkeypatch, linear_solver):
     held = [script.bc((0.0, 0.0, 0.0), "left")]
     body = coulomb.Body(script.elasticity(2.1e11, 0.3), load, held, faces=script.mesh)
     problem = ContactProblem(body, Contact("bottom", 0.3, gap=1e-3), linear_solver=linear_solver)
-    assert problem.body.linear_solver is IterativeSolver
+    assert problem.body.stiffness.linear_solver is IterativeSolver
     if linear_solver is None:
-        assert problem.solve().valid and problem.body.changed
+        assert problem.solve().valid and problem.body.stiffness.changed
     else:
         with pytest.raises(NotConverged, match="K u = f"):
             problem.solve()
@@ -310,7 +320,7 @@ def test_a_sheet_that_solves_with_factors_do_not_solve(monkeypatch):
     """As sheets of more than 10 000 contact unknowns."""
     monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
     problem = sheet(CELLS)
-    assert not problem.body.explicit
+    assert not problem.body.stiffness.explicit
     assert problem.solve().valid
 
 
@@ -324,7 +334,7 @@ def test_an_interrupted_run_does_not_change(monkeypatch, by_multigrid, stop):
         assert failure.value.result.status is Status.INTERRUPTED
     else:
         assert problem.solve().valid
-    assert problem.body.linear_solver is IterativeSolver and not problem.body.changed
+    assert problem.body.stiffness.linear_solver is IterativeSolver and not problem.body.stiffness.changed
 
 
 def test_patience_is_of_a_solution(monkeypatch, by_multigrid):
@@ -332,13 +342,13 @@ def test_patience_is_of_a_solution(monkeypatch, by_multigrid):
     problem = block()
     solution = problem.solve()
     taken = problem.stiffness.solver.iterations
-    monkeypatch.setattr(contact_body, "patience", lambda *_: 1.5 * taken)
+    monkeypatch.setattr(contact_stiffness, "patience", lambda *_: 1.5 * taken)
     for time in (1.0, 2.0, 3.0):
         assert problem.at(time).solve().valid
-    assert problem.stiffness.solver.iterations > 2.0 * taken and not problem.body.changed
-    monkeypatch.setattr(contact_body, "patience", lambda *_: 1.0)
+    assert problem.stiffness.solver.iterations > 2.0 * taken and not problem.body.stiffness.changed
+    monkeypatch.setattr(contact_stiffness, "patience", lambda *_: 1.0)
     problem.at(4.0).solve()
-    assert problem.body.changed
+    assert problem.body.stiffness.changed
     x, y = solution.contact_force, np.empty_like(solution.contact_force)
     problem.A.mult(x, y)  # of the problem that was solved by multigrid
     gap = (y - problem.b)[0::3]
@@ -387,12 +397,16 @@ def test_a_pressed_sheet():
 def test_condensed_systems_in_place_of_many_products(monkeypatch, caplog):
     """Where Newton systems with A take too many iterations; the same answer."""
     exact = sheet((24, 6, 1)).solve()
-    monkeypatch.setattr(contact_body, "_PRODUCTS", 3)
+    monkeypatch.setattr(contact_stiffness, "_PRODUCTS", 3)
     problem = sheet((24, 6, 1))
     with caplog.at_level(logging.WARNING, "coulomb"):
         solution = problem.solve()
-    assert solution.valid and problem.body.condensed and "too many Krylov iterations" in problem.body.changed
-    assert [record.message for record in caplog.records] == [problem.body.changed]
+    assert (
+        solution.valid
+        and problem.body.stiffness.condensed
+        and "too many Krylov iterations" in problem.body.stiffness.changed
+    )
+    assert [record.message for record in caplog.records] == [problem.body.stiffness.changed]
     assert np.allclose(solution.displacement, exact.displacement, rtol=0.0, atol=1e-9)
 
 
@@ -400,12 +414,12 @@ def test_a_sheet_of_many_contact_unknowns_is_condensed(monkeypatch):
     """At once, without a change of the method; a block is not."""
     monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
     problem = sheet(CELLS)
-    assert problem.solve().result.method == "interior point" and not problem.body.changed
-    assert not block().body.condensed
+    assert problem.solve().result.method == "interior point" and not problem.body.stiffness.changed
+    assert not block().body.stiffness.condensed
 
 
 def test_dense_systems_in_place_of_condensed_ones(monkeypatch):
     """Where these fail, as on a sheet that is pressed onto its plane."""
-    monkeypatch.setattr(contact_body, "_PRODUCTS", 3)
+    monkeypatch.setattr(contact_stiffness, "_PRODUCTS", 3)
     problem = pressed((16, 5, 1))
-    assert problem.solve().valid and problem.body.dense
+    assert problem.solve().valid and problem.body.stiffness.dense
