@@ -104,7 +104,7 @@ def test_measures_of_a_problem():
     expected = Measures(n, m, slenderness(make_block(3)), elongation=elongation, poisson=0.277)
     assert body.stiffness.measures == pytest.approx(expected, rel=1e-12)
     foot = read_case(PARTS / "foot.toml", [f'mesh.file="{ROOT / "demos" / "foot.msh"}"']).problem().body
-    assert foot.measures[3:7] == (1.0, True, True, False) and foot.measures.aspect == pytest.approx(1.0, abs=0.1)
+    assert foot.stiffness.measures[3:7] == (1.0, True, True, False) and foot.stiffness.measures.aspect == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("drop", "near"), [(0.0, 1.0), (1e-3, 1.0), (2e-3, 0.5), (0.1, 0.01)])
