@@ -24,13 +24,13 @@ from ..linalg.unsolved import Unsolved
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import RigidMotions
+from .certificate import lengths
 from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState, rigid_motions
 from .contact_stiffness import FixedStiffness, explained
 from .evidence import Evidence
-from .gathered_evidence import gather_evidence
 from .nodal_answer import closure
-from .rigid_balance import lengths
+from .problem_evidence import gather_evidence
 from .stopwatch import timed
 
 _T = TypeVar("_T")
@@ -230,11 +230,6 @@ class DiscreteProblem:
         """Law of friction at this rank's contact points."""
         return self.state.law
 
-    @property
-    def slip_origin(self) -> FloatArray:
-        """Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m, 3)."""
-        return self.state.slip_origin
-
     @_OfStiffness
     def f(self) -> PETSc.Vec:
         """Load in newtons, with the prescribed displacements included; must not be modified."""
@@ -267,10 +262,10 @@ class DiscreteProblem:
         them.
         """
         rows = self.surface.rows(u)
-        closed = closure(rows, self.slip_origin)
+        closed = closure(rows, self.state.slip_origin)
         if self.surface.free_B is self.surface.B:  # no slip is prescribed
             return closed
-        size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.slip_origin).max(axis=1, initial=0.0)
+        size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.state.slip_origin).max(axis=1, initial=0.0)
         closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
         return closed
 

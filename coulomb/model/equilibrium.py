@@ -183,7 +183,7 @@ def running_away(problem: DiscreteProblem, result: SolverResult) -> str:
     over = Reductions(problem.comm)
     held = over.total(rigid.G @ result.x)
     left = rigid.e - held
-    known = (problem.displacement(result.x), problem.surface.gap, problem.slip_origin, problem.motions)
+    known = (problem.displacement(result.x), problem.surface.gap, problem.state.slip_origin, problem.motions)
     usual = sum(over.max(np.append(np.abs(values), 0.0)) for values in known)
     seen = result.equilibrium
     if len(result.rigid) == rigid.count and max(map(_size, free.of(result.rigid))) > _AWAY * usual:

@@ -2,7 +2,7 @@
 
 Coulomb's law is a condition on the slip rate.  A step from t0 to t1 takes the slip increment (backward Euler): the
 change of the tangential displacement less the foundation's displacement; friction is opposite to it.  So a step is a
-contact problem with `ContactProblem.slip_origin` at the displacement after the step before.
+contact problem with `ContactState.slip_origin` at the displacement after the step before.
 
 Energies are summed over the steps.  Loads, reactions and the foundation do work, which becomes elastic energy or is
 dissipated by friction.  Elastic energy is exact, and so is the sum of all work by the trapezoidal rule, since the

@@ -85,7 +85,7 @@ class Solution:
             gap=surface.gap,
             given_gap=problem.body.given_gap(surface, problem.time),
             area=surface.area,
-            slip_origin=problem.slip_origin,
+            slip_origin=problem.state.slip_origin,
             displacement=surface.rows(self.displacement),
             force=self.contact_force.reshape(-1, 3),
             slip_bound=self.slip_bound,
