@@ -70,8 +70,11 @@ def test_load_histories_want_factors(name):
 
 
 def test_what_decides_the_iterations():
-    """More of them for tetrahedra, bodies that contact alone holds, and slender ones; fewer on faces that hardly touch."""
+    """More for tetrahedra, bodies that contact alone holds, slender ones, flat cells, strips, and materials that keep
+    their volume; fewer on faces that hardly touch."""
     body = Measures(20_000, 1000, 1.7)
+    for name, value in (("aspect", 8.0), ("elongation", 20.0), ("poisson", 0.4999), ("second_order", True)):
+        assert body._replace(**{name: value}).iterations > 1.5 * body.iterations, name
     held = body._replace(tetrahedra=True)
     harder = (body, held, held._replace(unheld=True), held._replace(unheld=True, slenderness=44.0))
     numbers = [measures.iterations for measures in harder]

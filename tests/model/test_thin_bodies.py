@@ -34,39 +34,11 @@ from coulomb.model.certificate import judge
 from coulomb.solvers.automatic import Automatic
 
 STEEL, CELLS = Material(2.1e11, 0.3), (8, 2, 1)
-QUADRATIC = {"second_order": True}
-TETRAHEDRA = {"second_order": True, "tetrahedra": True}
-MEASURED = {  # measures, and iterations to the certificate
-    "block, cells of aspect 4": (Measures(3060, 180, 1.6, aspect=4.0), 420),
-    "block, cells of aspect 8": (Measures(5940, 180, 1.6, aspect=8.0), 899),
-    "block, needles of aspect 4": (Measures(10_404, 612, 1.6, aspect=4.0), 526),
-    "block, second order": (Measures(900, 180, 1.7, **QUADRATIC), 266),
-    "block, second order, aspect 8": (Measures(5940, 180, 1.7, aspect=8.0, **QUADRATIC), 1604),
-    "block, 10-node tetrahedra, aspect 5": (Measures(5940, 195, 1.7, aspect=5.27, **TETRAHEDRA), 1766),
-    "block, nu = 0.49": (Measures(900, 180, 1.6, poisson=0.49), 731),
-    "block, nu = 0.4999": (Measures(900, 180, 1.6, poisson=0.4999), 8479),
-    "block, second order, nu = 0.49": (Measures(2352, 336, 1.7, aspect=1.12, poisson=0.49, **QUADRATIC), 1757),
-    "block, 10-node tetrahedra, nu = 0.4999": (Measures(2352, 357, 1.7, poisson=0.4999, **TETRAHEDRA), 17_224),
-    "pad, nu = 0.49, second order": (Measures(13_230, 1323, 5.0, aspect=2.5, poisson=0.49, **QUADRATIC), 3519),
-    "beam, length 10 thicknesses": (Measures(900, 300, 4.3, elongation=5.2), 433),
-    "beam, length 20 thicknesses": (Measures(1800, 600, 6.2, elongation=10.1), 790),
-    "beam, length 40 thicknesses": (Measures(3600, 1200, 8.9, elongation=20.1), 1697),
-    "sheet, width 16 thicknesses": (Measures(9504, 3168, 15.6, elongation=2.0), 727),
-    "sheet, width 22 thicknesses": (Measures(18_000, 6000, 22.2, aspect=1.04, elongation=3.4, **QUADRATIC), 1018),
-    "sheet, width 44, not ended": (Measures(18_000, 6000, 44.4, aspect=2.08, elongation=3.4, **QUADRATIC), 14_276),
-}
 
 
-@pytest.mark.parametrize("name", MEASURED)
-def test_iterations_as_measured(name):
-    """To a factor of two; by unknowns and slenderness alone they were wrong by three to fifty."""
-    measures, iterations = MEASURED[name]
-    assert 0.5 < measures.iterations / iterations < 2.0
-
-
-def sheet(cells=(16, 5, 1), gap=1e-3, amplitude=1.0, **given):
-    """A sheet of steel, 0.5 mm thick, clamped at one end, pressed down over a plane 1 mm below: 27-node hexahedra of
-    aspect 20."""
+def sheet(cells=(10, 3, 1), gap=1e-3, amplitude=1.0, **given):
+    """A sheet of steel, 0.5 mm thick, clamped at one end, pressed down over a plane 1 mm below: 27-node
+    hexahedra."""
     return ContactProblem(
         coulomb.box((0.16, 0.05, 0.0005), cells, degree=2),
         STEEL,
@@ -109,11 +81,11 @@ def test_elongation_is_of_one_face():
 def test_a_thin_sheet_wants_factors(monkeypatch):
     """By its measures, although it has more contact unknowns than are factorised in any case."""
     monkeypatch.setattr(contact_stiffness, "undecided", lambda *_: True)
-    body = sheet().body
+    body = sheet((16, 5, 1)).body
     assert body.stiffness.measures.second_order and body.stiffness.measures.aspect == pytest.approx(20.0)
     assert body.stiffness.linear_solver is DirectSolver and not body.stiffness.changed
     monkeypatch.setattr(contact_stiffness, "measures_of", lambda *_: Measures(3168, 1056, 1.7))
-    assert sheet().body.stiffness.linear_solver is IterativeSolver
+    assert sheet((16, 5, 1)).body.stiffness.linear_solver is IterativeSolver
 
 
 def test_patience():
@@ -200,7 +172,7 @@ def test_factors_in_place_of_multigrid(monkeypatch, caplog, by_multigrid, slow):
 
 def test_deflection_of_the_free_sheet(caplog, by_multigrid):
     """q L^4 / (8 E I) of a strip, less what the clamp holds of its anticlastic curvature."""
-    problem = sheet(gap=1e-2)
+    problem = sheet((16, 5, 1), gap=1e-2)
     with caplog.at_level(logging.WARNING, "coulomb"):
         solution = problem.solve()
     assert changed(problem, caplog) and solution.valid and not np.any(solution.contact_force)
@@ -396,9 +368,9 @@ def test_a_pressed_sheet():
 
 def test_condensed_systems_in_place_of_many_products(monkeypatch, caplog):
     """Where Newton systems with A take too many iterations; the same answer."""
-    exact = sheet((24, 6, 1)).solve()
+    exact = sheet((16, 5, 1)).solve()
     monkeypatch.setattr(contact_stiffness, "_PRODUCTS", 3)
-    problem = sheet((24, 6, 1))
+    problem = sheet((16, 5, 1))
     with caplog.at_level(logging.WARNING, "coulomb"):
         solution = problem.solve()
     assert (
@@ -421,5 +393,5 @@ def test_a_sheet_of_many_contact_unknowns_is_condensed(monkeypatch):
 def test_dense_systems_in_place_of_condensed_ones(monkeypatch):
     """Where these fail, as on a sheet that is pressed onto its plane."""
     monkeypatch.setattr(contact_stiffness, "_PRODUCTS", 3)
-    problem = pressed((16, 5, 1))
+    problem = pressed((10, 3, 1))
     assert problem.solve().valid and problem.body.stiffness.dense
