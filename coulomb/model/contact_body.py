@@ -1,4 +1,4 @@
-"""A body with its contact faces: everything that does not depend on time, computed once and shared by all states."""
+"""A body with its contact faces, which all times share, and its state at one of them."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
 from .probes import LocatedProbes, Part, Probe
 from .stopwatch import timed
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -109,9 +111,6 @@ def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:
                 f"nothing holds {free.bodies[number]}: it has no contact face; clamps and springs leave it free: it "
                 f"{moves}; give it a clamp, a spring or a contact"
             )
-
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,7 @@ def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResul
     ends = np.array([[over.min(axis), over.max(axis)] for axis in body.x.T])
     arm = float(np.max(np.linalg.norm(np.abs(ends).max(axis=1))))
 
-    def understood(applied: AppliedLoad) -> LoadResultant:
+    def resultant_of(applied: AppliedLoad) -> LoadResultant:
         load = applied.load
         factors = on_all_ranks(
             lambda: [evaluate_amplitude(load.amplitude, time, named(load)) for time in times], "", problem.comm
@@ -66,7 +66,7 @@ def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResul
         what = f"{named(load)}, {applied.size}" if applied.size else named(load)
         return LoadResultant(what, times[largest], force, moment)
 
-    return [understood(applied) for applied in body.loads]
+    return [resultant_of(applied) for applied in body.loads]
 
 
 def supports_of(problem: DiscreteProblem) -> list[dict[str, Any]]:

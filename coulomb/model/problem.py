@@ -45,7 +45,7 @@ from .probes import Probe
 from .provenance import now
 from .small_strain import known_mode
 from .solution import Solution, warn
-from .stopping_criterion import CERTIFIED_FROM, Acceptance
+from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
 from .stopwatch import timed
 
 
@@ -53,16 +53,8 @@ class LinearSolveFailed(NotConverged):
     """K u = f is not solved by multigrid: smaller load steps do not help."""
 
 
-class CountedProgress:
-    """The user's callback, with the number of steps and whether it has ended the solve.
-
-    Args:
-        progress: The callback, if there is one.
-
-    Attributes:
-        steps: Calls so far.
-        stopped: Whether a call was true.
-    """
+class _CountedProgress:
+    """The user's callback, if there is one, with the number of `steps` and whether it has `stopped` the solve."""
 
     def __init__(self, progress: ProgressCallback | None):
         self._progress, self.steps, self.stopped = progress, 0, False
@@ -73,18 +65,10 @@ class CountedProgress:
         return self.stopped
 
 
-def unsolved(
-    posed: DiscreteProblem, problem: FrictionProblem, failure: Unsolved, progress: CountedProgress, method: str
+def _linear_solve_failed(
+    posed: DiscreteProblem, problem: FrictionProblem, failure: Unsolved, progress: _CountedProgress, method: str
 ) -> LinearSolveFailed:
-    """The error of a contact problem in which a solve with K failed, with the last iterate; collective.
-
-    Args:
-        posed: The contact problem.
-        problem: It, as given to the solver.
-        failure: The failure.
-        progress: Of the solver.
-        method: Name of the solver.
-    """
+    """The error of a contact problem in which a solve with K failed, with the last iterate; collective."""
     A, rigid = problem.A.matrix_free, NO_MOTION if problem.rigid is None else np.zeros(problem.rigid.count)
     x, gradient, residual = np.zeros_like(problem.b), -problem.b, np.inf
     if A is not None and Reductions(posed.comm).all(A.latest is not None) and A.latest is not None:
@@ -306,21 +290,21 @@ class ContactProblem(DiscreteProblem):
     ) -> Solution:
         """The answer by the present method for K^-1; arguments and errors as of `solve`."""
         chosen = solver or self._default(tolerance)
-        acceptance, counted = Acceptance(self), CountedProgress(progress)
+        criterion, counted = StoppingCriterion(self), _CountedProgress(progress)
         with self.body.stiffness.limited(self.stiffness.solver):
             problem = self.friction_problem  # K^-1, A and b are timed separately
             self.prepare_products()
             if chosen.tolerance <= CERTIFIED_FROM:
-                problem = replace(problem, accept=acceptance, balanced=acceptance.gradient)
+                problem = replace(problem, accept=criterion, balanced=criterion.gradient)
             limit = nullcontext() if solver else self.body.stiffness.few_products(self.A)
             with timed(self.seconds, "solve"), _one_blas_thread(self._by_threads), limit:
                 try:
                     result = chosen.solve(problem, start, progress=counted)
                 except NotConverged as failure:
-                    raise acceptance.explained(failure, chosen.tolerance) from None
+                    raise criterion.explained(failure, chosen.tolerance) from None
                 except Unsolved as failure:
-                    raise unsolved(self, problem, failure, counted, type(chosen).__name__) from None
-        answer = self.solution(result, acceptance)
+                    raise _linear_solve_failed(self, problem, failure, counted, type(chosen).__name__) from None
+        answer = self.solution(result, criterion)
         warn(answer)
         return answer
 
@@ -330,9 +314,9 @@ class ContactProblem(DiscreteProblem):
             return InteriorPoint(tolerance, newton=CondensedSystem())
         return InteriorPoint(tolerance, newton=DenseSystem()) if self.body.stiffness.dense else Automatic(tolerance)
 
-    def solution(self, result: SolverResult, acceptance: Acceptance | None = None) -> Solution:
-        """Displacement and certificate of a solver's result, converged or not; from `acceptance` if it has them."""
-        judged = (acceptance or Acceptance(self)).answer(result.x, result.rigid)
+    def solution(self, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:
+        """Displacement and certificate of a solver's result, converged or not; from `criterion` if it has them."""
+        judged = (criterion or StoppingCriterion(self)).answer(result.x, result.rigid)
         x = judged.contact_force
         law = self.slip_bound(x)
         g = np.where(law > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces

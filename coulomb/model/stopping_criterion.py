@@ -1,4 +1,4 @@
-"""Acceptance of a solver's iterate: the solver stops once its answer passes the certificate.
+"""The stopping criterion of a solve: the solver stops once its answer passes the certificate.
 
 An interior-point method leaves forces of rounding size at open nodes, a projection method slightly larger ones.  Where
 the law requires it they are set to exactly zero before displacement and certificate are computed, so that the certified
@@ -113,7 +113,7 @@ _FAR = 10.0
 
 
 @dataclass(frozen=True)
-class Judged:
+class CertifiedAnswer:
     """The result of a solver's forces.
 
     Attributes:
@@ -127,7 +127,7 @@ class Judged:
     certificate: Certificate
 
 
-class Acceptance:
+class StoppingCriterion:
     """Displacement and certificate of a solver's forces; the last ones are kept.
 
     Args:
@@ -136,7 +136,7 @@ class Acceptance:
 
     def __init__(self, problem: DiscreteProblem):
         self._problem = problem
-        self._last: tuple[FloatArray, FloatArray, Judged] | None = None
+        self._last: tuple[FloatArray, FloatArray, CertifiedAnswer] | None = None
         self._displaced: tuple[FloatArray, FloatArray] | None = None
 
     def __call__(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> bool:
@@ -144,7 +144,7 @@ class Acceptance:
         collective."""
         return self.answer(x, alpha).certificate.passed
 
-    def answer(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> Judged:
+    def answer(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> CertifiedAnswer:
         """Displacement and certificate of the forces x in newtons, shape (3 m,), and amounts alpha (q,) of free
         motions; collective."""
         problem, over = self._problem, Reductions(self._problem.comm)
@@ -152,7 +152,11 @@ class Acceptance:
         if last is None or not over.all(np.array_equal(last[0], x) and np.array_equal(last[1], alpha)):
             force, u = self._zeros_by_product(x, alpha) or self._zeros_by_displacement(x, alpha)
             with timed(problem.seconds, "certificate"):
-                last = (x.copy(), alpha.copy(), Judged(force, u, judge(problem.evidence(force, u, problem.before))))
+                last = (
+                    x.copy(),
+                    alpha.copy(),
+                    CertifiedAnswer(force, u, judge(problem.evidence(force, u, problem.before))),
+                )
             self._last = last
         return last[2]
 
