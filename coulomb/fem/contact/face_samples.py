@@ -51,7 +51,7 @@ class FaceSamples:
     def bend(self, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """How far a distance, a function of places (k, 3) in metres, in the middles of the smooth faces is from the
         mean of those at the corners, before deformation: about h^2/(8 R), R of the gap; shape (f,)."""
-        means = distance(self.corners.reshape(-1, 3)).reshape(len(self.x), -1).mean(axis=1)
+        means = distance(self.corners.reshape(-1, 3)).reshape(self.corners.shape[:2]).mean(axis=1)
         smooth = distance(self.middle) - means
         bend: FloatArray = np.abs(smooth)
         if self.kind.degree == 1:  # at the ends of a face its own bend is known to a third only
