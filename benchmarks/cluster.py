@@ -137,7 +137,7 @@ def run(p: int, friction: float, tolerance: float) -> None:
     comm = MPI.COMM_WORLD
     MPI.Pcontrol(1)  # the next phase
     problem = block(p, friction, linear_solver=IterativeSolver, explicit=False)
-    stiffness = problem.body.stiffness_solver
+    stiffness = problem.body.stiffness.solver
     MPI.Pcontrol(1)
     f = problem.elasticity.f(problem.elasticity.at(0.0))
     u = f.duplicate()

@@ -241,10 +241,10 @@ def run(case: Path, settings: Sequence[str], method: str, tolerance: float, step
         raise ValueError(f"{case}: its history has {len(times)} load steps, fewer than {steps}")
     problem = given.problem(MPI.COMM_SELF)
     body = problem.body
-    body.expect_load_steps(steps)
+    body.stiffness.expect_load_steps(steps)
     entries, predicted = int(body.elasticity.K.getInfo()["nz_used"]), _predicted(problem, steps)
     began, used = time.perf_counter(), time.process_time()
-    solver = body.stiffness_solver
+    solver = body.stiffness.solver
     setup = time.process_time() - used
     if steps > 1:
         history = LoadHistory(times[:steps], tolerance=tolerance)
@@ -265,7 +265,7 @@ def run(case: Path, settings: Sequence[str], method: str, tolerance: float, step
         stick=nodes["stick"],
         slip=nodes["slip"],
         method=method,
-        path="iterative" if body.linear_solver is IterativeSolver else "direct",
+        path="iterative" if body.stiffness.linear_solver is IterativeSolver else "direct",
         path_following=sum(result.newton_steps for result in results),
         products=sum(result.products for result in results),
         multigrid_iterations=solver.iterations,
@@ -289,17 +289,17 @@ def _solved(problem: ContactProblem, tolerance: float) -> Solution:
 
 def _predicted(problem: ContactProblem, steps: int) -> dict[str, float]:
     """What is predicted of both methods; before the time is taken, as the order of elimination is found for it."""
-    body, known = problem.body, problem.body.measures
+    body, known = problem.body, problem.body.stiffness.measures
     if known.displacement > PREDICTED_UP_TO:
         return {"slenderness": known.slenderness, "near": known.near}
-    formed = body.interface <= EXPLICIT_UP_TO
+    formed = body.stiffness.interface <= EXPLICIT_UP_TO
     last = problem.surface.nodes_in_rows[: None if formed else 0]
     work = predicted_work(symbolic(body.elasticity.K, body.elasticity.x, last))
     return {
         "slenderness": known.slenderness,
         "near": known.near,
         "operations": work.operations,
-        "predicted_direct": seconds_direct(work, known.contact, steps, body.precision, formed=formed),
+        "predicted_direct": seconds_direct(work, known.contact, steps, body.stiffness.precision, formed=formed),
         "predicted_multigrid": seconds_multigrid(known, steps),
     }
 

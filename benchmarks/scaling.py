@@ -130,7 +130,7 @@ def run(p: int, friction: float, tolerance: float, method: str, cell: str, degre
         peak_memory_bytes=comm.allreduce(peak_memory()),
         residual=result.residual,
         setup_seconds=body.seconds["stiffness"],
-        multigrid_iterations=body.body.stiffness_solver.iterations,
+        multigrid_iterations=body.body.stiffness.solver.iterations,
         certified=solution.certificate.passed,
         cell=cell,
         degree=degree,

@@ -85,8 +85,8 @@ def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) ->
         raise ValueError(f"there is no solver {unknown[0]!r} in the table; it has {', '.join(columns)}")
     for p in sizes:
         problem = block(p, friction=None, linear_solver=DirectSolver, explicit=True)
-        assert isinstance(problem.body.stiffness_solver, MultifrontalSolver)
-        problem.body.stiffness_solver.use_double()  # the paper's methods have exact products
+        assert isinstance(problem.body.stiffness.solver, MultifrontalSolver)
+        problem.body.stiffness.solver.use_double()  # the paper's methods have exact products
         qp = problem.friction_problem
         estimated = replace(qp, A=_with_estimated_diagonal(problem)) if ESTIMATED in chosen else qp
         for name in chosen:
@@ -102,6 +102,6 @@ def measure(sizes: Iterable[int] = SIZES, names: Iterable[str] | None = None) ->
 
 def _with_estimated_diagonal(problem: ContactProblem) -> SchurCompliance:
     """The same A, with the estimated diagonal of a matrix-free A."""
-    assert isinstance(problem.body.stiffness_solver, MultifrontalSolver)
+    assert isinstance(problem.body.stiffness.solver, MultifrontalSolver)
     diagonal = estimated_diagonal(problem.A, problem.surface.free_B, problem.elasticity.K).whole
-    return SchurCompliance(problem.surface.free_B, problem.body.stiffness_solver, diagonal)
+    return SchurCompliance(problem.surface.free_B, problem.body.stiffness.solver, diagonal)

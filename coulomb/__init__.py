@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .lazy_names import lazy_names
-from .model import writing
+from .model import solution_writer
 from .version import __version__
 
 # Read when the library of OpenMP is loaded.  Threads that wait in busy loops, its default, make products of multigrid
@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from .io.history_files import HistoryFiles
     from .load_curve import LoadCurve
     from .model.certificate import Certificate
-    from .model.certify import certify
     from .model.contact import Contact
     from .model.equilibrium import NoEquilibrium
     from .model.friction import SlipRateFriction, VariableFriction
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
     from .model.probes import Probe
     from .model.problem import ContactProblem
     from .model.solution import Solution
+    from .model.stopping_criterion import certify
     from .solvers.interior_point import InteriorPoint
     from .solvers.results import NotConverged, Status
     from .solvers.rigid import solve_coulomb, solve_tresca
@@ -140,7 +140,7 @@ _PUBLIC = {
     "io.history_files": ("HistoryFiles",),
     "load_curve": ("LoadCurve",),
     "model.certificate": ("Certificate",),
-    "model.certify": ("certify",),
+    "model.stopping_criterion": ("certify",),
     "model.contact": ("Contact",),
     "model.equilibrium": ("NoEquilibrium",),
     "model.friction": (
@@ -213,7 +213,7 @@ def _write(solution: Solution, directory: str | Path, fields: Mapping[str, objec
     import_module(".pictures.picture_of_run", __name__).write_with_picture(solution, directory, fields)
 
 
-writing.supply(_write)
+solution_writer.supply(_write)
 
 
 def __dir__() -> list[str]:

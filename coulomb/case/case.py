@@ -146,7 +146,7 @@ class Case(Table):
             probes=[table.probe() for table in self.probe],
         )
         if self.history is not None:
-            problem.body.expect_load_steps(len(self.history.ends))
+            problem.body.stiffness.expect_load_steps(len(self.history.ends))
         if condensed and problem.rigid is not None:
             raise ValueError(
                 'solver.newton = "condensed" needs bodies that supports hold: leave it at "recycling", or add a clamp'

@@ -242,7 +242,7 @@ def export(
         problem = settings.problem()
         if time is not None:
             problem = problem.at(time)
-        problem.body.expect_load_steps(problem.unknowns["contact"])  # all of A takes as many products
+        problem.body.stiffness.expect_load_steps(problem.unknowns["contact"])  # all of A takes as many products
         if problem.law.name(Reductions(problem.comm)) != "coulomb":
             raise ValueError("FCLIB's problems have Coulomb's law; this case has a cohesion or a slip stress")
         if any(contact.axes is not None for contact in problem.contacts):

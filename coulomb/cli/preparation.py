@@ -44,7 +44,7 @@ def prepared(
             refuse_too_many_cells(mesh.cells, mesh.degree or 1, force, comm)
     problem = settings.problem(comm)
     if resume and (left := steps_left(target, comm)) is not None:
-        problem.body.expect_load_steps(left)
+        problem.body.stiffness.expect_load_steps(left)
     if not force:
         refuse_too_large(problem)
         steps = 1 if settings.history is None else len(settings.history.ends)
@@ -116,9 +116,9 @@ def _refusal(case: Case, digests: dict[str, str], found: Present) -> str:
 def memory_of(problem: ContactProblem, method: tuple[LinearSolver, bool] | None = None) -> float:
     """Bytes that a problem needs (`memory_needed`), by default with its own method; collective."""
     body, nodes = problem.body, _nodes_of_cell(problem)
-    linear_solver, explicit = method or (body.linear_solver, body.explicit)
+    linear_solver, explicit = method or (body.stiffness.linear_solver, body.stiffness.explicit)
     n, ranks = problem.unknowns["displacement"], problem.comm.size
-    return memory_needed(n, body.interface, ranks, linear_solver, explicit, nodes, body.in_double)
+    return memory_needed(n, body.stiffness.interface, ranks, linear_solver, explicit, nodes, body.stiffness.in_double)
 
 
 def refuse_too_large(problem: ContactProblem) -> None:
@@ -127,8 +127,8 @@ def refuse_too_large(problem: ContactProblem) -> None:
     if needed <= fits:
         return
     size, body = problem.unknowns, problem.body
-    methods = "K factorised" if body.linear_solver is DirectSolver else "multigrid"
-    methods += ", A formed" if body.explicit else ", A matrix-free"
+    methods = "K factorised" if body.stiffness.linear_solver is DirectSolver else "multigrid"
+    methods += ", A formed" if body.stiffness.explicit else ", A matrix-free"
     others: tuple[tuple[str, LinearSolver], ...] = (("direct", DirectSolver), ("iterative", IterativeSolver))
     would = [
         f'solver.linear_solver = "{name}" with solver.compliance = "matrix-free" ({gigabytes(other)})'
@@ -201,7 +201,7 @@ def warn_of_locking(settings: Case, problem: ContactProblem) -> None:
 def expected(settings: Case, problem: ContactProblem) -> list[str]:
     """Methods, load steps, memory and disk of a run, in lines; collective."""
     ranks, steps = problem.comm.size, 1
-    lines = [f"K {problem.body.stiffness_method}, A {'explicit' if problem.body.explicit else 'matrix-free'}"]
+    lines = [f"K {problem.body.stiffness.method}, A {'explicit' if problem.body.stiffness.explicit else 'matrix-free'}"]
     if settings.history is not None:
         steps = len(settings.history.ends)
         lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times if it fails")

@@ -26,11 +26,11 @@ from ..io.run_directory import CASE, PICTURE, RunDirectory
 from ..io.summary import summary
 from ..io.written_case import case_text, write_case
 from ..linalg.factors import NotPositiveDefinite
-from ..model.acceptance import left_open
 from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
+from ..model.stopping_criterion import left_open
 from ..pictures import drawing_process, picture_of_run
 from ..pictures.drawing_process import DrawingProcess
 from ..ranks import on_rank_0

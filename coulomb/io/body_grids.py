@@ -16,10 +16,10 @@ from ..fem import compat, compat_forms
 from ..fem.bodies import HELD_OBLIQUE, TEMPERATURE, DisplacementSpace, Loading, Member, SingleBody
 from ..fem.compat import fem
 from ..fem.geometry import on_all_ranks
+from ..model.discrete_problem import DiscreteProblem
 from ..model.evidence import rounding_forces
+from ..model.master_fields import carried, carrying, spreading
 from ..model.nodal_answer import HELD
-from ..model.opposite import carried, carrying, spreading
-from ..model.posed_problem import PosedProblem
 from ..model.solution import Solution
 from .field_files import OPPOSITE
 from .grid_file import GridFields
@@ -126,7 +126,7 @@ BODIES, FACES = "bodies", "faces"
 """Names of the collections of several grids."""
 
 
-def collections(problem: PosedProblem) -> tuple[str, str]:
+def collections(problem: DiscreteProblem) -> tuple[str, str]:
     """Names of the collections in solution.xdmf and contact.xdmf; empty for a file with one grid."""
     several = len(problem.elasticity.members) > 1
     pairs = any(contact.against is not None for contact in problem.contacts)
@@ -192,12 +192,12 @@ def contact_grids(solution: Solution) -> list[GridFields]:
     return [*grids, *others]
 
 
-def names_of_sides(problem: PosedProblem) -> list[tuple[str, str | None]]:
+def names_of_sides(problem: DiscreteProblem) -> list[tuple[str, str | None]]:
     """Names of the grids of every contact, on its face and on that opposite."""
     return side_names((contact.face, contact.against) for contact in problem.contacts)
 
 
-def contact_facets(problem: PosedProblem, body: SingleBody) -> npt.NDArray[np.int32]:
+def contact_facets(problem: DiscreteProblem, body: SingleBody) -> npt.NDArray[np.int32]:
     """This rank's facets of all contact faces on a body, faces opposite in pairs included."""
     names = [name for contact in problem.contacts for name in (contact.face, contact.against) if name is not None]
     faces = [problem.elasticity.face(name, "contact") for name in names]
@@ -210,7 +210,7 @@ def _face_grid(
     name: str,
     member: Member,
     facets: npt.NDArray[np.int32],
-    problem: PosedProblem,
+    problem: DiscreteProblem,
     fields: Mapping[str, FloatArray],
     number: int | None = None,
 ) -> GridFields:

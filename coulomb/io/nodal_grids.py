@@ -14,7 +14,7 @@ from ..contact_fields import names
 from ..fem import compat
 from ..fem.bodies import FIELDS, HELD_OBLIQUE, STRESSES, TEMPERATURE, DisplacementSpace
 from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, starts_of
-from ..model.opposite import CARRIED
+from ..model.master_fields import CARRIED
 from .grid_file import GridPart
 
 ON_CELLS = STRESSES

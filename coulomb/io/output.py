@@ -20,7 +20,7 @@ from ..contact_fields import names
 from ..fem import compat
 from ..fem.bodies import SingleBody
 from ..fem.meshes import facet_columns
-from ..model.posed_problem import PosedProblem
+from ..model.discrete_problem import DiscreteProblem
 from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
 from ..ranks import on_rank_0
@@ -99,12 +99,12 @@ def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any]) ->
     write_grids(problem.comm, folder / CONTACT, contact_grids(solution), problem.time, faces)
 
 
-def size_on_disk(problem: PosedProblem) -> float:
+def size_on_disk(problem: DiscreteProblem) -> float:
     """Approximate bytes of the fields of a solution; collective."""
     return 1.1e5 + sum(_size_of(problem, member.body) for member in problem.elasticity.members)
 
 
-def _size_of(problem: PosedProblem, body: SingleBody) -> float:
+def _size_of(problem: DiscreteProblem, body: SingleBody) -> float:
     comm = problem.comm
     points, cells = body.numbering.total, body.domain.topology.index_map(3).size_global
     width = compat.cell_dofs(body.V).shape[1] + body.numbers_per_cell
@@ -118,7 +118,7 @@ def _size_of(problem: PosedProblem, body: SingleBody) -> float:
     return size
 
 
-def refuse_full_disk(problem: PosedProblem, target: Path, times: int = 1) -> None:
+def refuse_full_disk(problem: DiscreteProblem, target: Path, times: int = 1) -> None:
     """Check the free disk space beforehand; with a full disk HDF5 leaves damaged files and no clear message.
 
     Args:

@@ -61,7 +61,7 @@ def summary(solution: Solution) -> dict[str, Any]:
             "solver": result.method,
             "stiffness": problem.stiffness.solver.name,
             "compliance": problem.A.name,
-            **({"changed": problem.body.changed} if problem.body.changed else {}),
+            **({"changed": problem.body.stiffness.changed} if problem.body.stiffness.changed else {}),
             "ranks": problem.comm.size,
         },
         "residual": result.residual,

@@ -1,14 +1,17 @@
-"""K^-1 and A of a body whose coefficients have fixed values."""
+"""K^-1 and A of a body over a run, and the choice of the method by which they are computed."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
+import math
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
@@ -17,15 +20,23 @@ from ..fem.bodies import Deformable, SingleBody
 from ..fem.contact import ContactSurface
 from ..fem.geometry import inverse_frames
 from ..linalg.compliance import (
+    EXPLICIT_UP_TO,
     BodyCompliance,
     DirectSolver,
     IterativeSolver,
     LinearResponseCache,
     LinearSolver,
     MatrixFreeCompliance,
+    Measures,
+    Precision,
     SchurCompliance,
     SoftMotions,
     StiffnessSolver,
+    chosen,
+    factorise,
+    fits,
+    patience,
+    undecided,
 )
 from ..linalg.factors import (
     DistributedMultifrontalSolver,
@@ -33,11 +44,28 @@ from ..linalg.factors import (
     MultifrontalSolver,
     NotPositiveDefinite,
     SharedSymbolic,
+    Work,
+    predicted_work,
+    symbolic,
 )
 from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
+from .conditioning import ill_conditioned, measures_of, on_soft_springs, soft_motions
+from .evidence import rounding_forces
+from .memory import least_room
 from .provenance import timed
-from .spring_motions import soft_motions
+
+_log = logging.getLogger(__name__)
+
+_PRODUCTS = 1000
+"""Products by A in a load step after which Newton systems are condensed: four times as many as bent parts need."""
+
+_DENSE_UP_TO = 6000
+"""Contact unknowns up to which Newton systems are factorised where nothing else has an answer: 10 s each."""
+
+_DOUBLE_FROM, _DOUBLE_UP_TO = 8, 50_000
+"""Load steps from which, and displacement unknowns up to which (half a gigabyte), factors in double precision take less
+time in all than in single precision."""
 
 _FLAT = 1e4
 """Length of a cell over its thickness from which its shape is named as the cause of a singular stiffness."""
@@ -76,8 +104,8 @@ def _proportion(body: SingleBody) -> float:
     return Reductions(body.comm).max(sizes[:, 0] / np.maximum(sizes[:, 2], np.finfo(float).tiny))
 
 
-class ContactStiffness:
-    """K^-1 and A, each computed when first needed.
+class FixedStiffness:
+    """K^-1 and A for one K, each computed when first needed.
 
     Args:
         elasticity: The body.
@@ -179,6 +207,254 @@ class ContactStiffness:
             A.learnt = latest.learnt.turned(_turn(before, surface))
         self._latest = surface, A
         return A
+
+
+class ContactStiffness:
+    """K^-1 and A of a body over a run: all that is kept of them, and the method by which they are computed.
+
+    What was computed for one K is used until another is asked for (`of`), or K is said to have changed (`replace`,
+    `invalidate`).
+
+    Args:
+        elasticity: The body.
+        reference: The contact surface in whose frames A is computed; for other frames it is rotated.
+        unknowns: Displacement and contact unknowns, over all ranks.
+        linear_solver: DirectSolver or IterativeSolver for K^-1; by default the one that is predicted to be faster.
+        explicit: Whether to form the matrix A; by default chosen by size.
+        seconds: Dictionary to which wall times are added.
+
+    Attributes:
+        elasticity: The body.
+        version: Increases whenever what was computed before is no longer valid.
+        changed: Why another method than the one that was chosen first is used for K^-1 or A; empty if none is.
+    """
+
+    def __init__(
+        self,
+        elasticity: Deformable,
+        reference: ContactSurface,
+        unknowns: Mapping[str, int],
+        linear_solver: LinearSolver | None,
+        explicit: bool | None,
+        seconds: dict[str, float],
+    ):
+        self.elasticity, self._reference, self._unknowns = elasticity, reference, unknowns
+        self.comm, self._seconds = elasticity.comm, seconds
+        self._given, self._load_steps = (linear_solver, explicit), 1
+        self._symbolic: list[Front] | SharedSymbolic | None = None
+        self._work: Work | None = None
+        self.changed, self._condensed, self._may_condense, self._dense = "", False, True, False
+        self._rounding: tuple[object, float, FloatArray] | None = None
+        self._latest: FixedStiffness | None = None
+        self._first = True
+        self.version = 0
+
+    # --- K^-1 and A ---------------------------------------------------------------------------------------------------
+
+    def of(self, elasticity: Deformable, seconds: dict[str, float] | None = None) -> FixedStiffness:
+        """K^-1 and A with the coefficients of a state; those of the last state asked for are kept.
+
+        Args:
+            elasticity: The body in that state.
+            seconds: Dictionary to which wall times are added; by default that of the body.
+        """
+        if self._latest is None or self._latest.elasticity.K is not elasticity.K:
+            solver, explicit = self._chosen
+            many, spent = self._first and self.in_double, self._seconds if seconds is None else seconds
+            self._first = False
+            self._latest = FixedStiffness(elasticity, self._reference, solver, explicit, spent, self._symbolic, many)
+        return self._latest
+
+    def invalidate(self) -> None:
+        """Forget K^-1, A and what the Krylov methods have found of it: the entries of K have changed."""
+        self._latest = self._rounding = None
+        self.version += 1
+
+    def replace(self, elasticity: Deformable) -> None:
+        """Take another K of the same sparsity from now on."""
+        self.elasticity = elasticity
+        self.invalidate()
+
+    @property
+    def solver(self) -> StiffnessSolver:
+        """K^-1 of `elasticity`."""
+        return self.of(self.elasticity).solver
+
+    @property
+    def method(self) -> str:
+        """Name of the solver for K^-1."""
+        if self.linear_solver is DirectSolver:
+            return (MultifrontalSolver if self.comm.size == 1 else DistributedMultifrontalSolver).method
+        return self.linear_solver.name
+
+    def rounding_forces(self, elasticity: Deformable, u: FloatArray) -> FloatArray:
+        """`evidence.rounding_forces` of this body in a state; they are proportional to the largest displacement, and
+        computed anew only where the stiffness changes; collective."""
+        motion = Reductions(self.comm).max(np.abs(u))
+        if self._rounding is None or self._rounding[0] is not elasticity.K or not 0.0 < self._rounding[1] < math.inf:
+            self._rounding = elasticity.K, motion, rounding_forces(elasticity, u)
+        forces: FloatArray = self._rounding[2] * (motion / self._rounding[1] if motion != self._rounding[1] else 1.0)
+        return forces
+
+    # --- the method -----------------------------------------------------------------------------------------------
+
+    def expect_load_steps(self, steps: int) -> None:
+        """Declare how many load steps are to come, by default one; without effect on what has been computed before.
+
+        For more steps factors of K pay, as every later step then costs only products.
+        """
+        self._load_steps = max(steps, 1)
+
+    @cached_property
+    def _chosen(self) -> tuple[LinearSolver, bool]:
+        """The solver for K, and whether A is formed, the same on all ranks; collective.
+
+        Bodies of the user's forms, whose stiffness is assembled when it is needed, are judged by their size.
+        """
+        comm, m, (linear_solver, explicit) = self.comm, self.interface, self._given
+        n = self._unknowns["displacement"]
+        if not undecided(n, m, linear_solver, explicit) or self.elasticity.forms() is not None:
+            return chosen(n, m, comm.size, linear_solver, explicit)
+        with timed(self._seconds, "stiffness"):
+            formed = m <= EXPLICIT_UP_TO
+            found, work = self._fronts(formed)
+            soft, room = on_soft_springs(self.elasticity), least_room(comm)
+            direct = factorise(work, self.measures, self._load_steps, soft, self.precision, room, comm.size, formed)
+            if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
+                self._work = work
+                return IterativeSolver, False
+            self._symbolic = found
+        return DirectSolver, formed
+
+    def _fronts(self, contact_last: bool) -> tuple[list[Front] | SharedSymbolic, Work]:
+        """The fronts of K, and what a factorisation takes; collective."""
+        K, x, comm = self.elasticity.K, self.elasticity.x, self.comm
+        last = self._reference.nodes_in_rows if contact_last else np.empty(0, dtype=np.int64)
+        if comm.size == 1:
+            fronts = symbolic(K, x, last)
+            return fronts, predicted_work(fronts)
+        shared = SharedSymbolic(K, x, last)
+        return shared, shared.work()
+
+    @contextmanager
+    def limited(self, solver: StiffnessSolver) -> Iterator[None]:
+        """No more iterations of multigrid than its `patience`, where it was chosen by predicted time and the factors
+        fit into the memory; collective.
+
+        Args:
+            solver: K^-1 of this body.
+        """
+        formed = self.interface <= EXPLICIT_UP_TO
+        if self._work is None or not isinstance(solver, IterativeSolver) or not self._fit(self._work, formed):
+            yield
+            return
+        allowed = patience(self._work, self.measures, self._load_steps, self.precision, self.comm.size, formed)
+        solver.allow(self.comm.bcast(allowed))
+        try:
+            yield
+        finally:
+            solver.allow(math.inf)
+
+    @contextmanager
+    def few_products(self, A: BodyCompliance) -> Iterator[None]:
+        """No more than `_PRODUCTS` by A, if Newton's method can be condensed; collective."""
+        A.allow(_PRODUCTS if self._condensable and not self.condensed else math.inf)
+        try:
+            yield
+        finally:
+            A.allow(math.inf)
+
+    @property
+    def _condensable(self) -> bool:
+        """Whether condensed Newton systems may be tried: K is factorised, supports hold the bodies, and a contact point
+        is a node; collective."""
+        seen, (first, last) = self._reference.nodes_in_rows, self._reference.B.getOwnershipRangeColumn()
+        nodal = len(seen) == len(self._reference.nodes) and bool(np.all((3 * seen >= first) & (3 * seen < last)))
+        mine = nodal and self._may_condense and self._given[1] is None and len(self.elasticity.free) == 0
+        return self.linear_solver is DirectSolver and bool(self.comm.allreduce(mine, op=MPI.LAND))
+
+    @property
+    def condensed(self) -> bool:
+        """Whether Newton systems are made of K with springs in place of A (`CondensedSystem`), where the user chooses
+        no solver: from the beginning where a body bends and A is not formed; collective."""
+        return self._condensed or (not self.explicit and self._condensable and ill_conditioned(self.elasticity))
+
+    @property
+    def dense(self) -> bool:
+        """Whether Newton systems are factorised with the formed A, where the user chooses no solver and condensed ones
+        have failed."""
+        return self.explicit and self._dense
+
+    def _fit(self, work: Work, formed: bool) -> bool:
+        """Whether factors of K fit into the memory, where A is formed or not, the same on all ranks; collective."""
+        return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, least_room(self.comm), formed)))
+
+    def change_method(self, why: str, condense: bool = False) -> bool:
+        """From multigrid to factors of K, from products by A to condensed Newton systems, or from solves with factors
+        to a formed A, from now on, if that is not against the user's choice and fits into the memory; whether it is
+        done, the same on all ranks; collective.
+
+        Args:
+            why: What the present method did not do.
+            condense: Whether condensed Newton systems may help.
+        """
+        condense = condense and self._condensable and not self.condensed
+        solver, explicit = self._given
+        if self.linear_solver is IterativeSolver and solver is None:
+            explicit, then = self.interface <= EXPLICIT_UP_TO if explicit is None else explicit, "K is factorised"
+        elif condense:
+            explicit, then = False, "Newton systems are made of K with springs in place of A"
+        elif self.linear_solver is DirectSolver and explicit is None and not self.explicit:
+            explicit, then = True, "A is formed"
+            self._dense = self.condensed and self.comm.size == 1 and self._unknowns["contact"] <= _DENSE_UP_TO
+            self._may_condense = False
+        else:
+            return False
+        with timed(self._seconds, "stiffness"):
+            found, work = self._fronts(explicit)
+        fit = self._fit(work, explicit)
+        if self.comm.rank == 0:
+            _log.warning("%s; %s", why, f"{then} instead" if fit else "factors of K do not fit into the memory")
+        if fit:
+            self.changed, self._symbolic, self._first = f"{why}; {then} instead", found, True
+            self.invalidate()
+            self._chosen, self._condensed = (DirectSolver, explicit), condense
+        self._work = None  # and no limit
+        return fit
+
+    @cached_property
+    def measures(self) -> Measures:
+        """What decides how long multigrid takes; collective."""
+        return measures_of(self._reference, self.elasticity, self._unknowns["displacement"], self.interface)
+
+    @property
+    def precision(self) -> Precision:
+        """Expected of factors of K; collective."""
+        if self.in_double:
+            return Precision.DOUBLE
+        return Precision.REPEATED if ill_conditioned(self.elasticity) else Precision.SINGLE
+
+    @property
+    def in_double(self) -> bool:
+        """Whether factors are in double precision from the beginning, as many load steps then take less time."""
+        return self._load_steps >= _DOUBLE_FROM and self._unknowns["displacement"] <= _DOUBLE_UP_TO
+
+    @property
+    def linear_solver(self) -> LinearSolver:
+        """The solver class for K^-1 (DirectSolver: by nested dissection, see `stiffness_method`); collective."""
+        return self._chosen[0]
+
+    @property
+    def explicit(self) -> bool:
+        """Whether A is formed; collective."""
+        return self._chosen[1]
+
+    @cached_property
+    def interface(self) -> int:
+        """Displacements on which contact forces act, over all ranks: of pairs of faces those of both; A is formed from
+        as many columns of K^-1."""
+        mine = 3 * len(self._reference.nodes_in_rows)  # nodes at the border of ranks count twice
+        return max(int(self.comm.allreduce(mine, op=MPI.SUM)), self._unknowns["contact"])
 
 
 def _turn(before: ContactSurface, after: ContactSurface) -> FloatArray:

@@ -13,7 +13,7 @@ from ..linalg.reductions import Reductions
 from ..solvers.equilibrium import LimitLoad
 from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import MotionBasis, RigidMotions
-from .posed_problem import PosedProblem
+from .discrete_problem import DiscreteProblem
 
 _PART = 1e-6
 """Part of the loads, or of a motion, below which it is a rounding error."""
@@ -38,7 +38,7 @@ class NoEquilibrium(NotConverged):
     """No contact forces balance the loads on a body that contact alone holds: smaller load steps do not help."""
 
 
-def refuse_without_equilibrium(problem: PosedProblem) -> None:
+def refuse_without_equilibrium(problem: DiscreteProblem) -> None:
     """Check that contact forces can balance the loads on bodies that contact alone holds; collective.
 
     Raises:
@@ -62,7 +62,7 @@ def refuse_without_equilibrium(problem: PosedProblem) -> None:
         raise NoEquilibrium(said, result)
 
 
-def without_equilibrium(problem: PosedProblem) -> str:
+def without_equilibrium(problem: DiscreteProblem) -> str:
     """Why no contact forces balance the loads, with body, direction and amount; empty if some do; collective."""
     rigid, over = problem.rigid, Reductions(problem.comm)
     if rigid is None:
@@ -83,7 +83,7 @@ def without_equilibrium(problem: PosedProblem) -> str:
     return _falling(problem, _plain(problem, limit, motion), rigid)
 
 
-def _plain(problem: PosedProblem, limit: LimitLoad, motion: FloatArray) -> FloatArray:
+def _plain(problem: DiscreteProblem, limit: LimitLoad, motion: FloatArray) -> FloatArray:
     """The translation in a motion (q,), or along one axis, if nothing resists that either: it needs no centre in words;
     collective."""
     turning = np.array([bool(np.any(one.rotation)) for one in problem.elasticity.free.motions])
@@ -107,7 +107,7 @@ class SlidingLimit:
     motion: FloatArray | None
 
 
-def sliding_limit(problem: PosedProblem) -> SlidingLimit | None:
+def sliding_limit(problem: DiscreteProblem) -> SlidingLimit | None:
     """How much of the loads along the foundations friction holds beside the others; collective.
 
     Returns:
@@ -131,7 +131,7 @@ def _along_foundations(rigid: RigidMotions, over: Reductions) -> FloatArray:
     return along
 
 
-def _sliding(problem: PosedProblem, motion: FloatArray, e: FloatArray, pushed: FloatArray, part: float) -> str:
+def _sliding(problem: DiscreteProblem, motion: FloatArray, e: FloatArray, pushed: FloatArray, part: float) -> str:
     """Loads along the foundations of which friction holds a part."""
     free = problem.elasticity.free
     acting, moving = free.resultants(pushed), free.of(motion)
@@ -148,7 +148,7 @@ def _sliding(problem: PosedProblem, motion: FloatArray, e: FloatArray, pushed: F
     return f"there is no equilibrium: loads push {' and '.join(said)}; {holds}{amounts}"
 
 
-def _falling(problem: PosedProblem, motion: FloatArray, rigid: RigidMotions) -> str:
+def _falling(problem: DiscreteProblem, motion: FloatArray, rigid: RigidMotions) -> str:
     """Loads that do work on a motion that contact does not resist."""
     free = problem.elasticity.free
     acting, moving = free.resultants(rigid.e), free.of(motion)
@@ -166,7 +166,7 @@ def _falling(problem: PosedProblem, motion: FloatArray, rigid: RigidMotions) -> 
     return f"there is no equilibrium: nothing holds {'; nor '.join(said)}"
 
 
-def running_away(problem: PosedProblem, result: SolverResult) -> str:
+def running_away(problem: DiscreteProblem, result: SolverResult) -> str:
     """What the loads push away in the last iterate of a solver that has failed, in words; empty if nothing; collective.
 
     Contact forces that balance the loads may exist, while none of them obey the law of friction: a pin in a bore would
@@ -178,7 +178,7 @@ def running_away(problem: PosedProblem, result: SolverResult) -> str:
     over = Reductions(problem.comm)
     held = over.total(rigid.G @ result.x)
     left = rigid.e - held
-    known = (problem.displacement(result.x), problem.surface.gap, problem.slip_origin, problem.motions)
+    known = (problem.displacement(result.x), problem.surface.gap, problem.state.slip_origin, problem.motions)
     usual = sum(over.max(np.append(np.abs(values), 0.0)) for values in known)
     seen = result.equilibrium
     if len(result.rigid) == rigid.count and max(map(_size, free.of(result.rigid))) > _AWAY * usual:
@@ -211,7 +211,7 @@ def _size(motion: FreeMotion) -> float:
     return float(np.linalg.norm(motion.translation) + motion.part.radius * np.linalg.norm(motion.rotation))
 
 
-def undetermined(problem: PosedProblem, x: FloatArray) -> Sequence[str]:
+def undetermined(problem: DiscreteProblem, x: FloatArray) -> Sequence[str]:
     """The rigid motions that neither supports nor the contact forces of an answer resist, in words; collective.
 
     Pressure resists motions along the normal, and friction those along the foundation.

@@ -17,8 +17,8 @@ from ..fem.bodies import AppliedLoad, NodalForces, named
 from ..fem.geometry import RigidFoundation, evaluate_amplitude, on_all_ranks
 from ..linalg.reductions import Reductions
 from .contact import Contact
+from .discrete_problem import DiscreteProblem
 from .nodal_answer import law_numbers
-from .posed_problem import PosedProblem
 from .resultants import resultants
 
 _ROUNDING = 1e-12
@@ -26,7 +26,7 @@ _ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
-class UnderstoodLoad:
+class LoadResultant:
     """A load and its resultant at the time of its largest amplitude.
 
     Attributes:
@@ -42,7 +42,7 @@ class UnderstoodLoad:
     moment: FloatArray
 
 
-def loads_of(problem: PosedProblem, times: Sequence[float]) -> list[UnderstoodLoad]:
+def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResultant]:
     """Every load with its resultant at that of the times at which its amplitude is largest; collective.
 
     Raises:
@@ -52,7 +52,7 @@ def loads_of(problem: PosedProblem, times: Sequence[float]) -> list[UnderstoodLo
     ends = np.array([[over.min(axis), over.max(axis)] for axis in body.x.T])
     arm = float(np.max(np.linalg.norm(np.abs(ends).max(axis=1))))
 
-    def understood(applied: AppliedLoad) -> UnderstoodLoad:
+    def resultant_of(applied: AppliedLoad) -> LoadResultant:
         load = applied.load
         factors = on_all_ranks(
             lambda: [evaluate_amplitude(load.amplitude, time, named(load)) for time in times], "", problem.comm
@@ -64,23 +64,23 @@ def loads_of(problem: PosedProblem, times: Sequence[float]) -> list[UnderstoodLo
         force = np.where(np.abs(found.force) <= small, 0.0, found.force)
         moment = np.where(np.abs(found.moment) <= small * arm, 0.0, found.moment)
         what = f"{named(load)}, {applied.size}" if applied.size else named(load)
-        return UnderstoodLoad(what, times[largest], force, moment)
+        return LoadResultant(what, times[largest], force, moment)
 
-    return [understood(applied) for applied in body.loads]
+    return [resultant_of(applied) for applied in body.loads]
 
 
-def supports_of(problem: PosedProblem) -> list[dict[str, Any]]:
+def supports_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
     """Kind, face and what it holds of every support and spring."""
     return problem.elasticity.supports_understood()
 
 
-def contacts_of(problem: PosedProblem) -> list[dict[str, Any]]:
+def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
     """Face, nodes, law, foundation, ranges of gap and given gap, and motion of every contact pair; collective.
 
     The gap is that at the time of the problem; the given gap is without its amplitude.
     """
     over, surface, found = Reductions(problem.comm), problem.surface, []
-    for part, (contact, foundation) in enumerate(zip(problem.contacts, problem.foundations, strict=True)):
+    for part, (contact, foundation) in enumerate(zip(problem.contacts, problem.body.foundations, strict=True)):
         here = surface.part == part
         found.append(
             {

@@ -2,7 +2,7 @@
 
 Coulomb's law is a condition on the slip rate.  A step from t0 to t1 takes the slip increment (backward Euler): the
 change of the tangential displacement less the foundation's displacement; friction is opposite to it.  So a step is a
-contact problem with `ContactProblem.slip_origin` at the displacement after the step before.
+contact problem with `ContactState.slip_origin` at the displacement after the step before.
 
 Energies are summed over the steps.  Loads, reactions and the foundation do work, which becomes elastic energy or is
 dissipated by friction.  Elastic energy is exact, and so is the sum of all work by the trapezoidal rule, since the
@@ -31,10 +31,9 @@ from .accumulated import Accumulated
 from .certificate import judge
 from .equilibrium import NoEquilibrium
 from .load_step import Energy, LoadStep, State
-from .problem import ContactProblem
+from .problem import ContactProblem, LinearSolveFailed
 from .solution import Solution
 from .times import HALVINGS, refuse_times
-from .unsolved import LinearSolveFailed
 
 _log = logging.getLogger(__name__)
 
@@ -89,7 +88,7 @@ class LoadHistory:
         state = state or self.beginning(problem)
         if state.pending:
             problem.body.refuse_undefined(state.pending[0])
-        problem.body.expect_load_steps(len(state.pending))
+        problem.body.stiffness.expect_load_steps(len(state.pending))
         halved = 0
         while state.pending:
             time = state.pending[-1]

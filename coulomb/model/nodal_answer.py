@@ -25,7 +25,7 @@ OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
 face against it opposite, so no contact node (all fields 0)."""
 
 OPEN_BELOW = 1e-9
-"""A node is open if its normal force is at most this fraction of the largest; it is then exactly zero (`settled`)."""
+"""A node is open if its normal force is at most this fraction of the largest; `zero_open_forces` then makes it 0."""
 
 SLIP_ABOVE = 0.999
 """A node slips if its friction is at least this fraction of its bound."""

@@ -27,28 +27,82 @@ from ..fem.bodies import (
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
+from ..linalg.reductions import Reductions
 from ..linalg.unsolved import TooSlow, Unsolved
 from ..native import threads
 from ..solvers.automatic import Automatic
 from ..solvers.condensed import CondensedSystem
 from ..solvers.dense_system import DenseSystem
-from ..solvers.friction_problem import Solver
+from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.interior_point import InteriorPoint
-from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
-from .acceptance import CERTIFIED_FROM, Acceptance
+from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
+from ..solvers.rigid_motions import NO_MOTION
 from .contact import Contact
-from .contact_body import ContactBody
+from .contact_body import Before, ContactBody, ContactState
+from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
-from .posed_problem import PosedProblem
 from .probes import Probe
 from .provenance import now, timed
 from .small_strain import known_mode
 from .solution import Solution, warn
-from .state import Before, ContactState
-from .unsolved import CountedProgress, unsolved
+from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
 
 
-class ContactProblem(PosedProblem):
+class LinearSolveFailed(NotConverged):
+    """K u = f is not solved by multigrid: smaller load steps do not help."""
+
+
+class _CountedProgress:
+    """The user's callback, if there is one, with the number of `steps` and whether it has `stopped` the solve."""
+
+    def __init__(self, progress: ProgressCallback | None):
+        self._progress, self.steps, self.stopped = progress, 0, False
+
+    def __call__(self, progress: Progress) -> bool:
+        self.steps += 1
+        self.stopped = self._progress is not None and bool(self._progress(progress))
+        return self.stopped
+
+
+def _linear_solve_failed(
+    posed: DiscreteProblem, problem: FrictionProblem, failure: Unsolved, progress: _CountedProgress, method: str
+) -> LinearSolveFailed:
+    """The error of a contact problem in which a solve with K failed, with the last iterate; collective."""
+    A, rigid = problem.A.matrix_free, NO_MOTION if problem.rigid is None else np.zeros(problem.rigid.count)
+    x, gradient, residual = np.zeros_like(problem.b), -problem.b, np.inf
+    if A is not None and Reductions(posed.comm).all(A.latest is not None) and A.latest is not None:
+        x, gradient = problem.completed(A.latest), A.latest_product() - problem.b
+        if problem.rigid is not None:
+            rigid = problem.rigid_motion(x, gradient)
+            gradient = gradient - problem.rigid.displacement(rigid)
+        residual = problem.residual(x, gradient)
+    remedies = ['K factorised (linear_solver = "direct")', "better-shaped cells"]
+    if posed.elasticity.ground is not None:
+        remedies.append("stiffer springs, or a clamp, against rigid motions")
+    reached = f", with a residual of {residual:.1e}" if np.isfinite(residual) else ""
+    message = (
+        f"{failure}; {posed.unknowns['displacement']} displacement unknowns, time {posed.time:g} s, after "
+        f"{progress.steps} steps of the contact solver{reached}"
+    )
+    result = SolverResult(
+        x=x,
+        gradient=gradient,
+        slip_bound=problem.slip_bound(x),
+        multipliers=np.zeros((problem.A.nodes, 2)),
+        status=Status.INTERRUPTED if progress.stopped else Status.STAGNATED,
+        outer_steps=0,
+        newton_steps=progress.steps,
+        products=problem.A.products,
+        residual=residual,
+        history=(),
+        method=method,
+        message=message,
+        rigid=rigid,
+    )
+    return LinearSolveFailed(f"{message}; what may help: {', or '.join(remedies)}", result)
+
+
+class ContactProblem(DiscreteProblem):
     """Linear elastic bodies in frictional contact with each other and with rigid foundations.
 
     u = K^-1 (f - B^T x) with the contact forces x, which obey |x_t| <= c a + F x_n (`solvers/laws.py`).
@@ -169,16 +223,23 @@ class ContactProblem(PosedProblem):
         seconds: dict[str, float] = {}
         with timed(seconds, "assembly"):
             state = self.body.state(time, before)
-        return _InState(self, state, seconds, before)
+        return self.in_state(state, seconds, before)
 
-    def in_state(self, state: ContactState, seconds: dict[str, float] | None = None) -> ContactProblem:
+    def in_state(
+        self, state: ContactState, seconds: dict[str, float] | None = None, before: Before | None = None
+    ) -> ContactProblem:
         """The problem of the same body in another state.
 
         Args:
             state: The state.
             seconds: Wall time that was spent on it.
+            before: As of `at`.
         """
-        return _InState(self, state, {} if seconds is None else seconds)
+        problem = ContactProblem.__new__(ContactProblem)  # __init__ makes the body
+        DiscreteProblem.__init__(
+            problem, self.body, state, self.small_strain, self.started, {} if seconds is None else seconds, before
+        )
+        return problem
 
     def solve(
         self,
@@ -217,64 +278,55 @@ class ContactProblem(PosedProblem):
             try:
                 return self._solved(tolerance, solver, progress, start)
             except TooSlow as slow:
-                self.body.change_method(str(slow), condense=solver is None)
+                self.body.stiffness.change_method(str(slow), condense=solver is None)
             except NotConverged as failure:
                 ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
-                condense = solver is None and not self.body.explicit
-                if ended or not self.body.change_method(failure.result.message, condense):
+                condense = solver is None and not self.body.stiffness.explicit
+                if ended or not self.body.stiffness.change_method(failure.result.message, condense):
                     raise
-            self.forget_stiffness()
 
     def _solved(
         self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None, start: FloatArray | None
     ) -> Solution:
         """The answer by the present method for K^-1; arguments and errors as of `solve`."""
         chosen = solver or self._default(tolerance)
-        acceptance, counted = Acceptance(self), CountedProgress(progress)
-        with self.body.limited(self.stiffness.solver):
+        criterion, counted = StoppingCriterion(self), _CountedProgress(progress)
+        with self.body.stiffness.limited(self.stiffness.solver):
             problem = self.friction_problem  # K^-1, A and b are timed separately
+            self.prepare_products()
             if chosen.tolerance <= CERTIFIED_FROM:
-                problem = replace(problem, accept=acceptance, balanced=acceptance.gradient)
-            limit = nullcontext() if solver else self.body.few_products(self.A)
+                problem = replace(problem, accept=criterion, balanced=criterion.gradient)
+            limit = nullcontext() if solver else self.body.stiffness.few_products(self.A)
             with timed(self.seconds, "solve"), _one_blas_thread(self._by_threads), limit:
                 try:
                     result = chosen.solve(problem, start, progress=counted)
                 except NotConverged as failure:
-                    raise acceptance.explained(failure, chosen.tolerance) from None
+                    raise criterion.explained(failure, chosen.tolerance) from None
                 except Unsolved as failure:
-                    raise unsolved(self, problem, failure, counted, type(chosen).__name__) from None
-        answer = self.solution(result, acceptance)
+                    raise _linear_solve_failed(self, problem, failure, counted, type(chosen).__name__) from None
+        answer = self.solution(result, criterion)
         warn(answer)
         return answer
 
     def _default(self, tolerance: float) -> Solver:
         """The solver where the user chooses none."""
-        if self.body.condensed:
+        if self.body.stiffness.condensed:
             return InteriorPoint(tolerance, newton=CondensedSystem())
-        return InteriorPoint(tolerance, newton=DenseSystem()) if self.body.dense else Automatic(tolerance)
+        return InteriorPoint(tolerance, newton=DenseSystem()) if self.body.stiffness.dense else Automatic(tolerance)
 
-    def solution(self, result: SolverResult, acceptance: Acceptance | None = None) -> Solution:
-        """Displacement and certificate of a solver's result, converged or not; from `acceptance` if it has them."""
-        judged = (acceptance or Acceptance(self)).answer(result.x, result.rigid)
+    def solution(self, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:
+        """Displacement and certificate of a solver's result, converged or not; from `criterion` if it has them."""
+        judged = (criterion or StoppingCriterion(self)).answer(result.x, result.rigid)
         x = judged.contact_force
         law = self.slip_bound(x)
         g = np.where(law > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces
-        g = np.where(x[0::3] != result.x[0::3], law, g)  # where `settled` has changed the normal force
+        g = np.where(x[0::3] != result.x[0::3], law, g)  # where `zero_open_forces` has changed the normal force
         return Solution(self, x, judged.displacement, g, result, judged.certificate)
 
     @property
     def _by_threads(self) -> bool:
         """Whether the kernels of multigrid share their work among threads; collective."""
-        return self.body.linear_solver is IterativeSolver and threads() > 1
-
-
-class _InState(ContactProblem):
-    """A contact problem with the body of another one."""
-
-    def __init__(
-        self, of: ContactProblem, state: ContactState, seconds: dict[str, float], before: Before | None = None
-    ):
-        PosedProblem.__init__(self, of.body, state, of.small_strain, of.started, seconds, before)
+        return self.body.stiffness.linear_solver is IterativeSolver and threads() > 1
 
 
 def _one_blas_thread(wanted: bool) -> AbstractContextManager[object]:

@@ -19,12 +19,12 @@ from ..linalg.reductions import Reductions
 from ..nearest import among, tree_of
 from ..solvers.results import SolverResult
 from .certificate import Certificate
+from .discrete_problem import DiscreteProblem
 from .nodal_answer import NodalAnswer
-from .posed_problem import PosedProblem
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import Acting, Resultant, acting, resultant_of_ground
 from .small_strain import SmallStrain, deformation_of, small_strain
-from .writing import supplied
+from .solution_writer import supplied
 
 _log = logging.getLogger(__name__)
 
@@ -48,7 +48,7 @@ class Solution:
         certificate: Certificate for the equations of small strains.
     """
 
-    problem: PosedProblem
+    problem: DiscreteProblem
     contact_force: FloatArray
     displacement: FloatArray
     slip_bound: FloatArray
@@ -85,7 +85,7 @@ class Solution:
             gap=surface.gap,
             given_gap=problem.body.given_gap(surface, problem.time),
             area=surface.area,
-            slip_origin=problem.slip_origin,
+            slip_origin=problem.state.slip_origin,
             displacement=surface.rows(self.displacement),
             force=self.contact_force.reshape(-1, 3),
             slip_bound=self.slip_bound,

@@ -26,7 +26,7 @@ from ..fem.meshes import box
 from ..io import summary
 from ..linalg.compliance import SchurCompliance
 from ..model.contact import Contact
-from ..model.posed_problem import PosedProblem
+from ..model.discrete_problem import DiscreteProblem
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from .table import Curve, Panel, Row, Verified, absolute, relative
@@ -193,7 +193,7 @@ def _rows(name: str, patch: Patch, solution: Solution) -> list[Row]:
     return state_rows(name, solution, patch.sliding, traction, expected, off, (allowed, why), of_a_point)
 
 
-def amplification(problem: PosedProblem) -> float:
+def amplification(problem: DiscreteProblem) -> float:
     """Bound of the error over the natural residual: (1 + L)/m for a strongly monotone problem."""
     assert isinstance(problem.A, SchurCompliance)
     eigenvalues = np.linalg.eigvalsh(problem.A.dense()) / problem.mean_compliance

@@ -53,7 +53,7 @@ def test_solver_and_problem_are_what_the_case_says():
     solver = case.contact_solver()
     assert isinstance(solver, SuccessiveTresca) and solver.tolerance == 1e-7 and solver.max_iterations == 5
     problem = case.problem()
-    assert problem.A.name == "matrix-free" and problem.body.stiffness_solver.name.startswith("iterative")
+    assert problem.A.name == "matrix-free" and problem.body.stiffness.solver.name.startswith("iterative")
     assert problem.surface.gap == pytest.approx(1e-4)
     assert problem.loading.prescribed.min() == -1e-4
     assert problem.loading.load[:, 2].sum() == pytest.approx(-4e7 * 3 - 1e4 * 3)

@@ -19,8 +19,8 @@ from coulomb.cli.preparation import gigabytes, memory_of
 from coulomb.fem.meshes.named_mesh import volume
 from coulomb.linalg.compliance.predicted_cost import DIRECT_UP_TO, chosen
 from coulomb.linalg.compliance.stiffness import DirectSolver, IterativeSolver
+from coulomb.model.conditioning import slenderness_of
 from coulomb.model.memory import free_memory, memory_needed
-from coulomb.model.slenderness import slenderness_of
 
 SMALL = {"block": "mesh.cells=[9,3,3]", "hertz": "mesh.cells=[8,8,4]", "history": "mesh.cells=[4,4,2]"}
 
@@ -107,7 +107,7 @@ def test_estimates_follow_the_method():
     direct, iterative = make_block(4), make_block(4, linear_solver=IterativeSolver)
     before = memory_of(direct)
     assert before > memory_of(iterative)
-    direct.body.expect_load_steps(24)
+    direct.body.stiffness.expect_load_steps(24)
     assert memory_of(direct) > before
     assert gigabytes(2.34e8) == "0.23 GB" and gigabytes(1.234e11) == "123 GB"
 
@@ -131,7 +131,7 @@ def test_slenderness_of_a_plate(cell):
 def test_factorised_without_forming_the_compliance():
     assert chosen(40_000, 10_001, 1, None, None) == (DirectSolver, False)
     problem = make_block(2, linear_solver=DirectSolver, explicit=False)
-    assert "nested dissection" in problem.body.stiffness_method
+    assert "nested dissection" in problem.body.stiffness.method
     assert problem.solve().certificate.passed
 
 

@@ -183,7 +183,9 @@ def test_estimates_count_all_nodes(written):
     assert n == 3 * 6 * 3 * 3  # without those of the clamped end
     wide = memory_needed(10**6, 10**4, 1, IterativeSolver, False, nodes=27)
     assert wide > 2.0 * memory_needed(10**6, 10**4, 1, IterativeSolver, False)
-    as_first = memory_needed(n, problem.body.interface, 1, problem.body.linear_solver, problem.body.explicit)
+    as_first = memory_needed(
+        n, problem.body.stiffness.interface, 1, problem.body.stiffness.linear_solver, problem.body.stiffness.explicit
+    )
     assert (memory_of(problem) > as_first) == (cell == "hexahedron")
     taken = sum((folder / f"{name}.h5").stat().st_size for name in ("solution", "contact"))
     assert 0.5 * taken < size_on_disk(problem) < 3.0 * taken + 1.1e5

@@ -43,7 +43,7 @@ def test_product_and_b(options):
 def test_schur_complement_is_that_of_dense_algebra():
     """On a tilted plane, so that rows of B mix components."""
     problem = make_block(2, foundation=Plane((0, 0, -1.0), (-0.3, 0.2, 1.0)))
-    assert isinstance(problem.body.stiffness_solver, MultifrontalSolver)
+    assert isinstance(problem.body.stiffness.solver, MultifrontalSolver)
     A, _ = dense(problem)
     assert np.allclose(problem.A.dense(), A, rtol=1e-9, atol=1e-11 * A.max())
     assert np.allclose(problem.A.diagonal(), np.diag(A), rtol=1e-9, atol=0.0)

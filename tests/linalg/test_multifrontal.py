@@ -105,7 +105,7 @@ def test_borders_are_few_runs():
 def test_less_work_than_mumps_beside_a_schur_complement():
     """At p = 10 MUMPS takes 6.8e9 operations with AMD, Debian's only ordering, and 1.8e9 without a Schur complement."""
     problem = block(10, explicit=True)
-    solver = problem.body.stiffness_solver
+    solver = problem.body.stiffness.solver
     assert operations(solver._fronts) <= 4.5e9
     assert 1.0 < operations(solver._fronts) / DirectSolver(problem.elasticity.K).factor.getMumpsRinfog(3) < 3.0
 
@@ -137,7 +137,7 @@ def test_bodies_are_factorised_by_themselves():
     contact = Contact("upper:bottom", against="lower:top", friction=0.3)
     supports = [Clamp("lower:bottom"), Clamp("upper:top")]
     problem = ContactProblem(join(lower=lower, upper=upper), Material(2e11, 0.3), supports, contact, explicit=True)
-    solver, K, A = problem.body.stiffness_solver, problem.elasticity.K, problem.A
+    solver, K, A = problem.body.stiffness.solver, problem.elasticity.K, problem.A
     assert [len(L) for L in solver.schur_factors] == [60, 90]
     indptr, indices, values = K.getValuesCSR()
     inverse = np.linalg.inv(scipy.sparse.csr_matrix((values, indices, indptr)).toarray())

@@ -29,7 +29,7 @@ from coulomb.linalg.compliance import predicted_cost as methods
 from coulomb.linalg.compliance.schur_compliance import SchurCompliance
 from coulomb.linalg.factors import blas, distributed_multifrontal, shared_dissection
 from coulomb.linalg.factors.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
-from coulomb.model import contact_body
+from coulomb.model import contact_stiffness
 
 comm = MPI.COMM_WORLD
 
@@ -154,7 +154,7 @@ def test_the_default_is_shared_on_several_ranks():
         return ContactProblem(mesh, Material(2e11, 0.3), [Clamp("left")], Contact("bottom", 0.3), [pull])
 
     alone, together = cube(MPI.COMM_SELF).solve(1e-10), cube(comm).solve(1e-10)
-    assert ("shared fronts" in together.problem.body.stiffness_method) == (comm.size > 1)
+    assert ("shared fronts" in together.problem.body.stiffness.method) == (comm.size > 1)
     order = np.lexsort(everywhere(together.problem.surface.x).round(9).T)
     forces = everywhere(together.force_on_body)[order]
     expected = alone.force_on_body[np.lexsort(alone.problem.surface.x.round(9).T)]
@@ -182,14 +182,16 @@ def test_work_of_the_ranks_together():
 def test_the_ranks_choose_together_by_predicted_seconds(monkeypatch, direct):
     """All as the first one, and with the fronts that were found."""
     monkeypatch.setattr(methods, "_SMALL", (0, 0))
-    monkeypatch.setattr(contact_body, "factorise", lambda *_: direct == (comm.rank == 0))
+    monkeypatch.setattr(contact_stiffness, "factorise", lambda *_: direct == (comm.rank == 0))
     body = make_block(3).body
-    assert body.explicit is direct and body.linear_solver is (DirectSolver if direct else IterativeSolver)
+    assert body.stiffness.explicit is direct and body.stiffness.linear_solver is (
+        DirectSolver if direct else IterativeSolver
+    )
     monkeypatch.undo()
     monkeypatch.setattr(methods, "_SMALL", (0, 0))
-    monkeypatch.setattr(contact_body, "least_room", lambda _: math.inf if direct else 0.0)
+    monkeypatch.setattr(contact_stiffness, "least_room", lambda _: math.inf if direct else 0.0)
     problem = make_block(3)
-    assert problem.body.explicit is direct
+    assert problem.body.stiffness.explicit is direct
     if direct:
         monkeypatch.setattr(distributed_multifrontal, "dissect_shared", lambda *_: pytest.fail("dissected again"))
         assert problem.solve().certificate.passed
@@ -201,7 +203,7 @@ def test_what_is_known_before_is_the_same_on_any_number_of_ranks():
     for ranks in (comm, MPI.COMM_SELF):
         body = box((1.0, 0.1, 0.1), (20, 2, 2), comm=ranks)
         contact = Contact("bottom", 0.3, foundation=Plane((0.0, 0.0, -0.1), (5e-3, 0.0, 1.0)))
-        both.append(ContactProblem(body, Material(2e11, 0.3), [Clamp("left")], contact).body.measures)
+        both.append(ContactProblem(body, Material(2e11, 0.3), [Clamp("left")], contact).body.stiffness.measures)
     assert both[0] == pytest.approx(both[1], rel=1e-12) and 0.1 < both[0].near < 0.3
 
 

@@ -33,7 +33,7 @@ def test_multigrid_iterations_of_the_whole_problem():
     problem = make_block(8, **MULTIGRID)
     result = problem.solve(1e-7).result
     assert result.newton_steps <= 24 and result.products <= 110
-    assert problem.body.stiffness_solver.iterations <= 4.5 * result.products  # 3.7 to 4.1 for p = 8 to 20
+    assert problem.body.stiffness.solver.iterations <= 4.5 * result.products  # 3.7 to 4.1 for p = 8 to 20
 
 
 def test_incremental_products_do_not_accumulate_errors():
@@ -56,7 +56,7 @@ def test_incremental_products_do_not_accumulate_errors():
 
 def test_a_loose_product_costs_less():
     problem = make_block(4, **MULTIGRID)
-    A, solver = problem.A, problem.body.stiffness_solver
+    A, solver = problem.A, problem.body.stiffness.solver
     rng, y = np.random.default_rng(92), np.empty(3 * len(problem.surface.nodes))
     counts = []
     for tolerance in (0.1, 1e-3, 0.0):  # of a new vector each time: a solve starts from the last ones

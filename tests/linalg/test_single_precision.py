@@ -126,7 +126,7 @@ def test_the_same_answer(monkeypatch):
         solution = block(4).solve(1e-9)
         answers.append(solution.contact_force)
         assert solution.certificate.passed and solution.result.newton_steps <= 25
-        assert ("single" in solution.problem.body.stiffness_solver.name) == (at_least == 0.0)
+        assert ("single" in solution.problem.body.stiffness.solver.name) == (at_least == 0.0)
     assert np.linalg.norm(answers[0] - answers[1]) <= 1e-8 * np.linalg.norm(answers[1])
 
 

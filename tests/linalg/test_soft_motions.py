@@ -9,7 +9,7 @@ from user_forms import Script
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, IterativeSolver, Material, Spring, Traction
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
-from coulomb.model.spring_motions import soft_motions
+from coulomb.model.conditioning import soft_motions
 
 STEEL = Material(2.1e11, 0.3)
 

@@ -175,7 +175,7 @@ def test_a_looser_tolerance_stops_earlier(monkeypatch):
 def test_the_certificate_is_computed_once(monkeypatch):
     """The certificate at which the solver stopped is that of the solution: it is not computed again.
 
-    A displacement, and another one for the forces with exact zeros (`settled`).
+    A displacement, and another one for the forces with exact zeros (`zero_open_forces`).
     """
     problem, calls = make_block(4), []
     displacement = problem.displacement

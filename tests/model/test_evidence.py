@@ -10,7 +10,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, PrescribedDisplacement, Sphere
 from coulomb.fem.contact import surface as surfaces
 from coulomb.fem.contact.contact_points import contact_matrix
-from coulomb.fem.geometry.rigid_motion import RigidMotion
+from coulomb.fem.geometry.rigid_motion import Moved, RigidMotion
 from coulomb.model.contact_body import ContactBody
 from coulomb.model.load_history import StepFailed
 
@@ -200,7 +200,7 @@ def test_missing_motions_fail(monkeypatch):
 
 def test_normals_of_a_moved_ball_that_stay_fail(monkeypatch):
     problem = moving("foundation", BALL)
-    monkeypatch.setattr("coulomb.fem.geometry.rigid_motion.Moved.normal", lambda self, x: self.foundation.normal(x))
+    monkeypatch.setattr(Moved, "normal", lambda self, x: self.foundation.normal(x))
     assert not certificates(problem)[-1].passed
 
 

@@ -181,7 +181,7 @@ picture = false
 )
 
 
-@pytest.mark.parametrize(("cell", "ranks"), [("tetrahedron", None), ("tetrahedron", 2), ("hexahedron", 3)])
+@pytest.mark.parametrize(("cell", "ranks"), [("tetrahedron", 2), ("hexahedron", 3)])
 def test_case_file(tmp_path, cell, ranks):
     """The same on any number of ranks, and `coulomb check` computes it again."""
     (tmp_path / "case.toml").write_text(CASE.replace("CELL", cell))

@@ -19,7 +19,7 @@ from report_pages import page_without_pictures
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, PrescribedDisplacement, Sphere
 from coulomb.cli import app as cli
-from coulomb.model import acceptance, load_history
+from coulomb.model import load_history, stopping_criterion
 from coulomb.model.load_step import Energy
 from coulomb.model.small_strain import GAP_ERROR, GRADIENT, TURN, SmallStrain, known_mode
 from coulomb.pictures.report import page
@@ -146,7 +146,7 @@ def with_failing_certificates(monkeypatch):
         first, *others = certificate.checks
         return replace(certificate, checks=(replace(first, value=2.0 * first.limit), *others))
 
-    for module in (acceptance, load_history):
+    for module in (stopping_criterion, load_history):
         monkeypatch.setattr(module, "judge", judge)
 
 

@@ -197,7 +197,7 @@ def test_case_file():
     assert isinstance(solver, InteriorPoint) and solver.newton == CondensedSystem()
     problem = case.problem()
     assert problem.solve(solver=solver).certificate.passed
-    assert problem.A.name == "matrix-free" and isinstance(problem.body.stiffness_solver, IterativeSolver)
+    assert problem.A.name == "matrix-free" and isinstance(problem.body.stiffness.solver, IterativeSolver)
     tables["contact"] = {"face": "bottom", "slip_stress": 1e7}
     assert Case.model_validate(tables).contact_solver().newton == CondensedSystem()
     tables["solver"]["compliance"] = "explicit"

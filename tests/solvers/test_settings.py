@@ -72,8 +72,10 @@ def test_ends_of_intervals():
 def test_the_solver_for_the_stiffness_by_name():
     """As in a case file; "direct" was accepted once and ended in "'str' object is not callable"."""
     for name, solver in (("direct", DirectSolver), ("iterative", IterativeSolver)):
-        assert make_block(2, linear_solver=name).body.linear_solver is solver
-    assert make_block(2, linear_solver="auto").body.linear_solver is make_block(2).body.linear_solver
+        assert make_block(2, linear_solver=name).body.stiffness.linear_solver is solver
+    assert (
+        make_block(2, linear_solver="auto").body.stiffness.linear_solver is make_block(2).body.stiffness.linear_solver
+    )
     for wrong in ("mumps", 1, Automatic):
         with pytest.raises(
             ValueError, match='linear_solver must be "auto", "direct" or "iterative", or one of the classes'

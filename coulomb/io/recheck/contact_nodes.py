@@ -14,8 +14,8 @@ from ...arrays import FloatArray
 from ...fem.geometry import Spin, inverse_frames
 from ...model.accumulated import Accumulated
 from ...model.evidence import pair_actions
+from ...model.master_fields import carried, carrying
 from ...model.nodal_answer import NodalAnswer
-from ...model.opposite import carried, carrying
 from ...solvers.laws import FrictionLaw
 from ..field_files import OPPOSITE
 from ..run_files import WrittenRun

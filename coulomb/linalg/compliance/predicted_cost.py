@@ -1,7 +1,7 @@
 """Which is faster, K factorised or multigrid: processor seconds predicted before either is begun.
 
 The operations of a factorisation are known exactly from its fronts (`multifrontal.predicted_work`), whether it has to
-be repeated in double precision by a rule (`model.slenderness.ill_conditioned`).  The iterations of multigrid are not
+be repeated in double precision by a rule (`model.conditioning.ill_conditioned`).  The iterations of multigrid are not
 known: they are estimated from what decides the condition of A and the number of its products (`Measures`), and vary by
 a factor of up to two around this rule, of thin bodies by more: a run that takes three times as many as expected is
 given up for factors (`patience`).  Of sheets more than 22 thicknesses wide they grow with the third power of the width:

@@ -10,7 +10,7 @@ from coulomb import Clamp, Contact, ContactProblem, Traction
 from coulomb.io.grid_file import GridFields, write_grids
 from coulomb.io.nodal_grids import body_grid
 from coulomb.model.nodal_answer import HELD, OPEN, OPEN_BELOW
-from coulomb.model.settled import settled
+from coulomb.model.stopping_criterion import zero_open_forces
 
 CELLS = ["hexahedron", "tetrahedron"]
 
@@ -134,13 +134,13 @@ def test_only_small_forces_are_set_to_zero():
         for values, stays in ((large, True), (small, False)):
             spoilt = force.copy()
             spoilt[far] = np.array(values) * size
-            kept = settled(problem, spoilt.ravel(), problem.closure(u)).reshape(-1, 3)[far]
+            kept = zero_open_forces(problem, spoilt.ravel(), problem.closure(u)).reshape(-1, 3)[far]
             assert np.array_equal(kept, spoilt[far] if stays else np.zeros(3))
     pressing = int(np.argmin(np.where(gap < 1e-3 * gap.max(), np.abs(gap), np.inf)))
     spoilt = force.copy()
     for part, stays in ((2.0 * OPEN_BELOW, True), (0.5 * OPEN_BELOW, False)):  # without a gap the sign decides
         spoilt[pressing] = [part * force.max(), 0.0, 0.0]
-        assert settled(problem, spoilt.ravel(), problem.closure(u)).reshape(-1, 3)[pressing, 0] == (
+        assert zero_open_forces(problem, spoilt.ravel(), problem.closure(u)).reshape(-1, 3)[pressing, 0] == (
             spoilt[pressing, 0] if stays else 0
         )
 

@@ -16,7 +16,7 @@ from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane
 from coulomb.fem.contact import contact_points, surface
 from coulomb.io import output
 from coulomb.io.restart import nodal_vectors
-from coulomb.model import gathered_evidence
+from coulomb.model import problem_evidence
 
 RUBBER = Material(1e7, 0.3)
 PATH = [(0, 0, 0, 0), (1, 0, 0, 1e-3), (2, 2e-3, 0, 1e-3), (3, -1e-3, 5e-4, 1e-3)]
@@ -39,7 +39,7 @@ def averages(space, facets):
 
 @pytest.fixture(autouse=True)
 def weights(monkeypatch):
-    for module in (surface, gathered_evidence):
+    for module in (surface, problem_evidence):
         monkeypatch.setattr(module, "contact_points", averages)
 
 

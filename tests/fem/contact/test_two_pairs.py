@@ -22,8 +22,8 @@ from coulomb.io.field_files import OPPOSITE, read_grids
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
 from coulomb.io.written_case import written_case
+from coulomb.model.master_fields import CARRIED, carried
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
-from coulomb.model.opposite import CARRIED, carried
 
 BELOW, ABOVE = "mid:around against low:top", "mid:around against up:bottom"
 LAST = "steps/0002"

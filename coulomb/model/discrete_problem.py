@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 from functools import cached_property
+from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -14,23 +17,109 @@ from petsc4py import PETSc
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, Loading
 from ..fem.contact import ContactSurface
-from ..fem.geometry import RigidFoundation
 from ..fem.meshes import NamedMesh
-from ..linalg.compliance import BodyCompliance
+from ..linalg.compliance import BodyCompliance, StiffnessSolver
+from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import RigidMotions
+from .certificate import lengths
 from .contact import Contact
-from .contact_body import ContactBody
-from .contact_stiffness import ContactStiffness, explained
+from .contact_body import Before, ContactBody, ContactState, rigid_motions
+from .contact_stiffness import FixedStiffness, explained
 from .evidence import Evidence
-from .gathered_evidence import gather_evidence
 from .nodal_answer import closure
+from .problem_evidence import gather_evidence
 from .provenance import timed
-from .refinement import refined
-from .rigid_contact import rigid_motions
-from .state import Before, ContactState
+
+_T = TypeVar("_T")
+
+BALANCED = 1e-13
+"""Resultant force and moment of the residual, and 1e-2 of its norm, relative to the forces on the body."""
+
+_ACCURACY = 1e-6
+"""Least relative residual of a correction: few more digits are left to gain by each."""
+
+_BEYOND = 0.1
+"""Part of BALANCED at which a correction aims: its residual is not distributed like the one before."""
+
+_MOST = 4
+"""Maximum number of corrections."""
+
+
+def refined(
+    elasticity: Deformable,
+    solver: StiffnessSolver,
+    loading: Loading,
+    on_body: FloatArray,
+    u: FloatArray,
+) -> FloatArray:
+    """The displacement u (k, 3) corrected until loads, springs, reactions and contact forces balance; collective.
+
+    A solve with K leaves a residual relative to its right-hand side, which may be far larger than the forces on the
+    body: K times a prescribed displacement that carries it along; or small beside the loads, but enough to move a body
+    on soft springs.  So the residual is assembled anew from u and solved for again (iterative refinement, Wilkinson
+    1963).  The springs at the anchors of free motions (`FreeMotions`) are among the forces in balance; at a
+    solution they are zero.
+
+    Args:
+        elasticity: The body.
+        solver: K^-1.
+        loading: Loads and prescribed displacements.
+        on_body: Contact forces on the body at this rank's nodes in newtons, shape (k, 3).
+        u: An approximate displacement, with the prescribed ones, metres.
+    """
+    over, x = Reductions(elasticity.comm), elasticity.x
+    ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
+    arms = (x - ends.mean(axis=1)) / (0.5 * np.linalg.norm(np.ptp(ends, axis=1)))
+
+    def left_over(u: FloatArray) -> tuple[FloatArray, float]:
+        """The residual at this rank's nodes, and its size relative to the forces on the body."""
+        spring = elasticity.spring_force(u) - elasticity.anchoring * u
+        imbalance = loading.load + spring + on_body - elasticity.internal_force(u)
+        residual, reaction = elasticity.free_part(imbalance), elasticity.held_part(imbalance)
+        outer = (loading.load, spring, on_body, reaction)
+        sums = over.total(np.concatenate([residual.sum(axis=0), np.cross(arms, residual).sum(axis=0)]))
+        scale = np.max([over.sum(lengths(part)) for part in outer])
+        length = np.max([over.norm(part) for part in outer])
+        return residual, float(
+            np.max([np.max(np.abs(sums)) / (scale or 1.0), 1e-2 * over.norm(residual) / (length or 1.0)])
+        )
+
+    with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
+        residual, size = left_over(u)
+        for _ in range(_MOST):
+            if not BALANCED < size < math.inf:
+                break
+            accuracy = min(max(_BEYOND * BALANCED / size, _ACCURACY), _BEYOND)
+            change, ended = _solved(elasticity.K, solver, residual, accuracy)
+            changed = u + elasticity.free_part(change)
+            after, smaller = left_over(changed)
+            if not smaller < size:
+                break
+            u, residual, size, before = changed, after, smaller, size
+            if ended or size > 0.5 * before:  # rounding
+                break
+    return u
+
+
+def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accuracy: float) -> tuple[FloatArray, bool]:
+    """K^-1 of a residual (k, 3), this rank's part, to a relative residual; and whether the solve ended before."""
+    rhs, change = K.createVecs()
+    rhs.array[:] = residual.ravel()
+    size = float(rhs.norm()) or 1.0  # scaled: solves start from combinations of earlier solutions of like size
+    rhs.scale(1.0 / size)
+    ended = False
+    try:
+        solver.solve(rhs, change, accuracy)
+    except Unsolved:  # what was reached may still be better than before
+        ended = True
+    values: FloatArray = size * change.array_r.reshape(-1, 3)
+    rhs.destroy()
+    change.destroy()
+    return values, ended
+
 
 _ROUNDING = 2.0**-48
 """Slip below this part of the displacements of which it is the difference is a rounding error."""
@@ -39,7 +128,25 @@ _BEFORE_REFINEMENT = 1e-8
 """Residual of a solve with K that is refined: products by K have rounding errors of 1e-11 of the resultant forces."""
 
 
-class PosedProblem:
+class _OfStiffness(Generic[_T]):
+    """A property of a `DiscreteProblem` that is computed once, and anew when K has changed (`ContactStiffness`)."""
+
+    def __init__(self, compute: Callable[[Any], _T]):
+        self._compute, self.__doc__ = compute, compute.__doc__
+
+    def __get__(self, problem: Any, owner: type | None = None) -> _T:
+        if problem is None:  # for documentation
+            return cast(_T, self)
+        version = problem.body.stiffness.version
+        if problem.computed_for != version:
+            problem.computed_for, problem.computed = version, {}
+        if self not in problem.computed:
+            problem.computed[self] = self._compute(problem)
+        found: _T = problem.computed[self]
+        return found
+
+
+class DiscreteProblem:
     """A body in a state, u = K^-1 (f - B^T x) + R alpha with the contact forces x, which obey |x_t| <= c a + F x_n.
 
     R are the rigid motions that contact alone prevents (`FreeMotions`), alpha their amounts; without any, u = K^-1 (f -
@@ -55,12 +162,8 @@ class PosedProblem:
             `slip_origin`.
 
     Attributes:
-        body: The argument, as all of them.
-        state: The argument.
-        small_strain: The argument.
-        started: The argument.
-        seconds: The argument.
-        before: The argument.
+        body, state, small_strain, started, seconds, before: The arguments.
+        computed: What was computed with K^-1, for the version `computed_for` of the body's stiffness.
     """
 
     def __init__(
@@ -74,6 +177,8 @@ class PosedProblem:
     ):
         self.body, self.state, self.small_strain = body, state, small_strain
         self.started, self.seconds, self.before = started, seconds, before
+        self.computed: dict[object, Any] = {}
+        self.computed_for = -1
 
     @property
     def comm(self) -> MPI.Comm:
@@ -83,7 +188,7 @@ class PosedProblem:
     @property
     def mesh(self) -> NamedMesh:
         """The mesh of the body, if there is one body only."""
-        return self.body.mesh
+        return self.elasticity.alone.mesh
 
     @property
     def elasticity(self) -> Deformable:
@@ -94,12 +199,6 @@ class PosedProblem:
     def contacts(self) -> tuple[Contact, ...]:
         """The contact faces."""
         return self.body.contacts
-
-    @property
-    def foundations(self) -> tuple[RigidFoundation | None, ...]:
-        """Foundations of all contact faces before any motion; by default the plane of the face; None against a
-        deformable face."""
-        return self.body.foundations
 
     @property
     def unknowns(self) -> dict[str, int]:
@@ -131,33 +230,22 @@ class PosedProblem:
         """Law of friction at this rank's contact points."""
         return self.state.law
 
-    @property
-    def slip_origin(self) -> FloatArray:
-        """Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m, 3)."""
-        return self.state.slip_origin
-
-    def forget_stiffness(self) -> None:
-        """Compute everything that takes K^-1 anew when it is needed, after a change of the method."""
-        for name in ("stiffness", "A", "b", "mean_compliance", "_free_displacement", "_free_part"):
-            with suppress(AttributeError):  # not computed yet
-                delattr(self, name)
-
-    @cached_property
+    @_OfStiffness
     def f(self) -> PETSc.Vec:
         """Load in newtons, with the prescribed displacements included; must not be modified."""
         return self.elasticity.f(self.loading)
 
-    @cached_property
-    def stiffness(self) -> ContactStiffness:
+    @_OfStiffness
+    def stiffness(self) -> FixedStiffness:
         """K^-1 and A of the body at this time."""
-        return self.body.stiffness(self.elasticity, self.seconds)
+        return self.body.stiffness.of(self.elasticity, self.seconds)
 
-    @cached_property
+    @_OfStiffness
     def A(self) -> BodyCompliance:
         """Compliance B K^-1 B^T of the contact points, metres per newton."""
         return self.stiffness.compliance(self.surface, self.seconds)
 
-    @cached_property
+    @_OfStiffness
     def b(self) -> FloatArray:
         """B K^-1 f - c in metres, this rank's part, shape (3 m,): penetration of the free body, and its slip.
 
@@ -174,10 +262,10 @@ class PosedProblem:
         them.
         """
         rows = self.surface.rows(u)
-        closed = closure(rows, self.slip_origin)
+        closed = closure(rows, self.state.slip_origin)
         if self.surface.free_B is self.surface.B:  # no slip is prescribed
             return closed
-        size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.slip_origin).max(axis=1, initial=0.0)
+        size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.state.slip_origin).max(axis=1, initial=0.0)
         closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
         return closed
 
@@ -196,7 +284,7 @@ class PosedProblem:
         closed[:, 0] += self.surface.gap
         return closed
 
-    @cached_property
+    @_OfStiffness
     def mean_compliance(self) -> float:
         """Mean of diag(A) in metres per newton."""
         return self.friction_problem.mean_diagonal
@@ -220,7 +308,7 @@ class PosedProblem:
         elasticity = self.elasticity
         return u + elasticity.free_part(elasticity.free.modes(elasticity.x) @ alpha) if len(alpha) else u
 
-    @cached_property
+    @_OfStiffness
     def _free_displacement(self) -> FloatArray:
         """K^-1 f in metres, this rank's nodes, shape (k, 3): the displacement without contact."""
         solver = self.stiffness.solver
@@ -238,7 +326,7 @@ class PosedProblem:
         with timed(self.seconds, "displacement"):
             return self.stiffness.responses.response(self.f.array_r, self.loading.prescribed, solved)
 
-    @cached_property
+    @property
     def _free_part(self) -> FloatArray:
         """`_free_displacement`, shape (3 k,)."""
         return self._free_displacement.ravel()
@@ -272,8 +360,12 @@ class PosedProblem:
     @property
     def friction_problem(self) -> FrictionProblem:
         """A, b and the law, without the body."""
-        self.A.under_load(self.f, self._free_part)
         return FrictionProblem(self.A, self.b, self.law, rigid=self.rigid, elastic=True)
+
+    def prepare_products(self) -> None:
+        """Let the products by A to come be as accurate as the displacement under load and contact forces is, also where
+        soft springs alone hold the body; collective."""
+        self.A.under_load(self.f, self._free_part)
 
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""

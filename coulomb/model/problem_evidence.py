@@ -26,10 +26,9 @@ from ..fem.contact import (
 )
 from ..fem.geometry import HELD_BEYOND, RigidMotion, held_length, inverse_frames, on_all_ranks
 from ..solvers.laws import FrictionLaw
-from .contact_body import ContactBody
+from .contact_body import Before, ContactBody, ContactState
 from .evidence import Evidence, pair_actions
 from .nodal_answer import closure
-from .state import Before, ContactState
 
 
 def gather_evidence(
@@ -100,7 +99,7 @@ def gather_evidence(
         closure=np.concatenate([closed, np.zeros((len(stray), 3))]),
         gap=np.concatenate([gap, none]),
         bound=np.concatenate([bound, none]),
-        rounding=body.rounding_forces(elasticity, u),
+        rounding=body.stiffness.rounding_forces(elasticity, u),
         compliance=compliance,
         blocked=elasticity.blocked_displacement(state.loading),
         averaged=not points.nodal,

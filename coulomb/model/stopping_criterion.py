@@ -1,0 +1,259 @@
+"""The stopping criterion of a solve: the solver stops once its answer passes the certificate.
+
+An interior-point method leaves forces of rounding size at open nodes, a projection method slightly larger ones.  Where
+the law requires it they are set to exactly zero before displacement and certificate are computed, so that the certified
+answer is the written one.  The change is below the requested residual:
+
+- The natural residual |x - P(x - (A x - b)/a)| is the force itself where P sets it to zero.
+- Where neither force nor gap is significant, P does not decide: a force up to `OPEN_BELOW` of the largest is zero.
+- Where the slip bound is zero (Coulomb friction at open nodes, or F = 0), a small friction force is zero.
+- Where a support prescribes the displacement in a tangential direction, and there is no slip in it, the law leaves
+  friction in that direction undetermined, and it acts on the support alone: it is zero.
+- A node that sticks and is held obliquely to its normal is wedged between support and foundation: the law leaves open
+  how much each of them carries.  Friction in that plane is zero, if the friction that remains is within its bound.
+
+Where supports prescribe all of the slip, friction is set by the law from the final normal force.  Larger forces are
+kept as faults for the certificate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..fem.contact import row_products
+from ..linalg.reductions import Reductions
+from ..solvers.results import NotConverged, Status
+from ..solvers.rigid_motions import NO_MOTION
+from .certificate import Certificate, judge
+from .contact_body import Before
+from .discrete_problem import DiscreteProblem
+from .equilibrium import running_away
+from .nodal_answer import OPEN_BELOW
+from .provenance import timed
+
+ROUNDING = 1e-13
+"""Relative size of rounding errors of slips and of projections on free directions."""
+
+SMALL = 1e-6
+"""Fraction of the norm of all contact forces: the largest residual that can be requested."""
+
+
+def zero_open_forces(problem: DiscreteProblem, x: FloatArray, closed: FloatArray) -> FloatArray:
+    """Contact forces of a solver in newtons, shape (3 m,), with exact zeros; collective.
+
+    Args:
+        problem: The contact problem.
+        x: The forces, node by node (n, t1, t2), shape (3 m,).
+        closed: `DiscreteProblem.closure` of the displacement under these forces, metres, shape (m, 3).
+    """
+    over, force = Reductions(problem.comm), x.reshape(-1, 3).copy()
+    normal, small = force[:, 0], SMALL * over.norm(x)
+    gap = problem.surface.gap - closed[:, 0]
+    grazing = np.abs(normal) <= OPEN_BELOW * max(over.max(normal), 0.0)
+    opened = (np.abs(normal) <= small) & (problem.mean_compliance * normal <= gap)
+    normal[grazing | opened] = 0.0
+    frictionless = (problem.slip_bound(force.ravel()) == 0.0) & (np.hypot(force[:, 1], force[:, 2]) <= small)
+    force[frictionless, 1:] = 0.0
+    if problem.surface.free_B is not problem.surface.B:
+        _set_friction_on_supports(problem, force, closed[:, 1:])
+        _unload_wedged(problem, force)
+    return force.ravel()
+
+
+def _set_friction_on_supports(problem: DiscreteProblem, force: FloatArray, slip: FloatArray) -> None:
+    """Set friction (m, 2) at nodes whose slip is prescribed, or has a prescribed component of 0; collective.
+
+    Friction v, along t1 and t2, acts on the support alone if P (t1, t2)^T v = 0, P the projection on the free
+    directions of the node.
+    """
+    surface = problem.surface
+    free = row_products(surface.free_B, surface.points)[:, 1:, 1:]
+    sizes, directions = np.linalg.eigh(free)
+    v = directions[:, :, 0]
+    still = np.abs(np.einsum("ki,ki->k", v, slip)) <= ROUNDING * np.abs(slip).max(axis=1, initial=0.0)
+    undetermined = still & (sizes[:, 0] <= ROUNDING * sizes[:, 1])
+    force[:, 1:] -= np.where(undetermined, np.einsum("ki,ki->k", v, force[:, 1:]), 0.0)[:, None] * v
+    known = np.all(free == 0.0, axis=(1, 2))
+    force[known, 1:] = problem.law.at(known).against(slip[known], force[known, 0])
+
+
+def _unload_wedged(problem: DiscreteProblem, force: FloatArray) -> None:
+    """Change forces (m, 3) of sticking nodes that are held obliquely, by forces v, along n, t1, t2, on supports alone.
+
+    These have P (n, t1, t2)^T v = 0, P the projection on the free directions of the node.
+    """
+    gram = row_products(problem.surface.free_B, problem.surface.points)
+    diagonal = np.einsum("kii->ki", gram)
+    diagonal[diagonal == 0.0] = 1.0  # friction along such rows is determined by itself
+    sizes, directions = np.linalg.eigh(gram)
+    v = directions[:, :, 0]
+    across = np.sum(v[:, 1:] ** 2, axis=1)
+    wedged = (sizes[:, 0] <= ROUNDING) & (sizes[:, 1] > ROUNDING) & (across > ROUNDING) & (np.abs(v[:, 0]) > ROUNDING)
+    along = np.einsum("ki,ki->k", v[:, 1:], force[:, 1:]) / np.where(wedged, across, 1.0)
+    moved = force - along[:, None] * v
+    sticks = _friction(force) < (1.0 - SMALL) * problem.slip_bound(force.ravel())
+    within = (moved[:, 0] > 0.0) & (_friction(moved) < (1.0 - SMALL) * problem.slip_bound(moved.ravel()))
+    change = wedged & sticks & within
+    force[change] = moved[change]
+
+
+def _friction(force: FloatArray) -> FloatArray:
+    size: FloatArray = np.hypot(force[:, 1], force[:, 2])
+    return size
+
+
+CERTIFIED_FROM = 1e-8
+"""Largest tolerance (the default) at which the answer must pass the certificate; above it only the residual counts."""
+
+_FAR = 10.0
+"""Displacements beyond this many times the extent of the bodies are worth a word where a solver fails."""
+
+
+@dataclass(frozen=True)
+class CertifiedAnswer:
+    """The result of a solver's forces.
+
+    Attributes:
+        contact_force: The forces with exact zeros (`zero_open_forces`), newtons, shape (3 m,).
+        displacement: In metres, this rank's nodes, shape (k, 3).
+        certificate: Their certificate.
+    """
+
+    contact_force: FloatArray
+    displacement: FloatArray
+    certificate: Certificate
+
+
+class StoppingCriterion:
+    """Displacement and certificate of a solver's forces; the last ones are kept.
+
+    Args:
+        problem: The contact problem.
+    """
+
+    def __init__(self, problem: DiscreteProblem):
+        self._problem = problem
+        self._last: tuple[FloatArray, FloatArray, CertifiedAnswer] | None = None
+        self._displaced: tuple[FloatArray, FloatArray] | None = None
+
+    def __call__(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> bool:
+        """Whether the forces x in newtons, shape (3 m,), pass, with the amounts alpha (q,) of free motions;
+        collective."""
+        return self.answer(x, alpha).certificate.passed
+
+    def answer(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> CertifiedAnswer:
+        """Displacement and certificate of the forces x in newtons, shape (3 m,), and amounts alpha (q,) of free
+        motions; collective."""
+        problem, over = self._problem, Reductions(self._problem.comm)
+        last = self._last
+        if last is None or not over.all(np.array_equal(last[0], x) and np.array_equal(last[1], alpha)):
+            force, u = self._zeros_by_product(x, alpha) or self._zeros_by_displacement(x, alpha)
+            with timed(problem.seconds, "certificate"):
+                last = (
+                    x.copy(),
+                    alpha.copy(),
+                    CertifiedAnswer(force, u, judge(problem.evidence(force, u, problem.before))),
+                )
+            self._last = last
+        return last[2]
+
+    def _zeros_by_product(self, x: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+        """The forces with exact zeros, and their displacement; None if a product by A does not decide the zeros."""
+        problem, over = self._problem, Reductions(self._problem.comm)
+        with timed(problem.seconds, "displacement"):
+            closed = problem.known_closure(x, alpha)
+            if closed is None:
+                return None
+            force = zero_open_forces(problem, x, closed)
+            u = problem.moved(problem.displacement(force), alpha)
+            same = np.array_equal(zero_open_forces(problem, x, problem.closure(u)), force)
+        return (force, u) if over.all(same) else None
+
+    def _zeros_by_displacement(self, x: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The forces with exact zeros, and their displacement."""
+        problem, over = self._problem, Reductions(self._problem.comm)
+        u = problem.moved(self._displacement(x), alpha)
+        with timed(problem.seconds, "displacement"):
+            force = zero_open_forces(problem, x, problem.closure(u))
+            if not over.all(np.array_equal(force, x)):
+                u = problem.moved(problem.displacement(force), alpha)
+        return force, u
+
+    def gradient(self, x: FloatArray) -> FloatArray:
+        """A x - b in metres of the forces x in newtons, shapes (3 m,): remaining gap and slip, before free motions;
+        collective."""
+        remaining = -self._problem.closure(self._displacement(x))
+        remaining[:, 0] += self._problem.surface.gap
+        return remaining.ravel()
+
+    def _displacement(self, x: FloatArray) -> FloatArray:
+        """Displacement under the forces x in newtons, shape (3 m,), before free motions, the last one kept; metres,
+        shape (k, 3)."""
+        over = Reductions(self._problem.comm)
+        if self._displaced is None or not over.all(np.array_equal(self._displaced[0], x)):
+            with timed(self._problem.seconds, "displacement"):
+                self._displaced = x.copy(), self._problem.displacement(x)
+        return self._displaced[1]
+
+    def explained(self, failure: NotConverged, tolerance: float) -> NotConverged:
+        """The failure; if only the certificate does not pass, with its conditions and possible remedies."""
+        problem, result = self._problem, failure.result
+        if result.status is Status.INTERRUPTED:
+            return failure
+        if not result.residual <= tolerance:
+            texts = [text for text in (running_away(problem, result), str(failure), far_moved(problem)) if text]
+            return NotConverged("; ".join(texts), result) if len(texts) > 1 else failure
+        certificate = self.answer(result.x, result.rigid).certificate
+        remedies = ["a check of the units of lengths, forces and stiffnesses"]
+        if problem.elasticity.ground is not None:
+            remedies.insert(0, "a clamp or stiffer springs, to prevent the rigid motion")
+        if problem.stiffness.solver.tolerance > 0.0:
+            remedies.insert(0, 'K factorised (linear_solver = "direct")')
+        said = f"{failure}; failing conditions: {what_fails(certificate)}; what may help: {', or '.join(remedies)}"
+        return NotConverged(said, result)
+
+
+def far_moved(problem: DiscreteProblem) -> str:
+    """That what is prescribed is much larger than the bodies, as from another unit, in words; empty if it is not;
+    collective."""
+    over, x = Reductions(problem.comm), problem.elasticity.x
+    size = float(np.linalg.norm([over.max(axis) + over.max(-axis) for axis in x.T]))
+    prescribed = over.max(np.linalg.norm(problem.loading.prescribed, axis=1))
+    given = {"prescribed displacements reach": prescribed}
+    given["foundations move by"] = float(np.max(np.linalg.norm(problem.motions, axis=1)))
+    given["initial gaps reach"] = over.max(np.abs(problem.surface.gap))
+    said = [f"{what} {value:g} m" for what, value in given.items() if value > _FAR * size]
+    return (
+        f"{' and '.join(said)}, and the bodies together are {size:.3g} m long: check values and units" if said else ""
+    )
+
+
+def left_open(certificate: Certificate, tolerance: float) -> str:
+    """Conditions that a tolerance above CERTIFIED_FROM leaves unsatisfied, as a message; empty if there are none."""
+    if certificate.passed or tolerance <= CERTIFIED_FROM:
+        return ""
+    return (
+        f"the tolerance {tolerance:g} is reached, but these conditions fail: {what_fails(certificate)}; with "
+        f"{CERTIFIED_FROM:g}, the default, or less a run continues until the certificate passes"
+    )
+
+
+def what_fails(certificate: Certificate) -> str:
+    """The conditions of a certificate that fail, as text."""
+    return ", ".join(f"{c.name} {c.value:.1e} (limit {c.limit:.0e})" for c in certificate.checks if not c.passed)
+
+
+def certify(problem: DiscreteProblem, x: FloatArray, u: FloatArray, before: Before | None = None) -> Certificate:
+    """Check an answer; collective.
+
+    Args:
+        problem: The contact problem.
+        x: Contact forces in newtons, shape (3 m,), point by point (n, t1, t2).
+        u: Displacement in metres, this rank's nodes, shape (k, 3).
+        before: State after the load step before, such as a `State`, from which slip is measured, moved with the
+            foundation since; by default from the problem's `slip_origin`.
+    """
+    return judge(problem.evidence(x, u, before))
