@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.block import block
 from benchmarks.conditioning import measure
-from coulomb import KPRGP, AugmentedSystem, InteriorPoint, SchurComplementSystem
+from coulomb import InteriorPoint
+from coulomb.solvers import KPRGP, AugmentedSystem, SchurComplementSystem
 
 # The problem: min 1/2 x^T A x - b^T x subject to x_n >= 0, |x_t| <= g, at 330 contact nodes (Table 1's first line).
 problem = block(p=10, friction=None)

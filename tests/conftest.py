@@ -116,7 +116,7 @@ def random_tresca(nodes, seed, condition=1e3):
     A = 1e-9 * random_spd(3 * nodes, condition, rng)
     b = 1e-4 * rng.standard_normal(3 * nodes)
     slip_bound = 1e5 * rng.uniform(0.05, 2.0, nodes)
-    return coulomb.FrictionProblem.tresca(dense_compliance(A), b, slip_bound), A
+    return coulomb.solvers.FrictionProblem.tresca(dense_compliance(A), b, slip_bound), A
 
 
 def objective(qp, x):

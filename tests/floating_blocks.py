@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from conftest import dense_compliance
 
-from coulomb import FrictionLaw, FrictionProblem, RigidMotions
+from coulomb.solvers import FrictionLaw, FrictionProblem, RigidMotions
 
 YOUNG, POISSON = 2.1e11, 0.3
 

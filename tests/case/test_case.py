@@ -3,8 +3,9 @@
 import pytest
 from conftest import ROOT
 
-from coulomb import Clamp, InteriorPoint, PrescribedDisplacement, SchurComplementSystem, SuccessiveTresca
+from coulomb import Clamp, InteriorPoint, PrescribedDisplacement, SuccessiveTresca
 from coulomb.case.case import read_case
+from coulomb.solvers import SchurComplementSystem
 
 BLOCK = ROOT / "demos" / "block.toml"
 

@@ -15,10 +15,11 @@ from mpi4py import MPI
 from test_load_history import rubbed
 from test_standard_streams import CASE, COULOMB, certified, environment
 
-from coulomb import KPRGP, Automatic, HistoryFiles, InteriorPoint, LoadHistory, NotConverged, Status, SuccessiveTresca
+from coulomb import HistoryFiles, InteriorPoint, LoadHistory, NotConverged, Status, SuccessiveTresca
 from coulomb.cli.session import SIGNALS, Interruption
 from coulomb.cli.terminal import about
 from coulomb.model.load_history import StepFailed
+from coulomb.solvers import KPRGP, Automatic
 
 BLOCK = ROOT / "demos" / "block.toml"
 

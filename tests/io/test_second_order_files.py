@@ -37,7 +37,7 @@ def curved(cell, order=GMSH):
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize(("version", "binary"), [("2.2", False), ("4.1", True)])
 def test_gmsh(cell, version, binary, tmp_path):
-    looks_right(coulomb.read_gmsh(curved(cell).write(tmp_path / "box.msh", version, binary)))
+    looks_right(coulomb.fem.meshes.read_gmsh(curved(cell).write(tmp_path / "box.msh", version, binary)))
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -46,7 +46,7 @@ def test_formats_with_the_order_of_vtk(cell, tmp_path):
     mesh_writers.vtu(file, tmp_path / "box.vtu")
     looks_right(coulomb.read_mesh(tmp_path / "box.vtu", **numbers))
     mesh_writers.xdmf(file, tmp_path / "box.xdmf")
-    looks_right(coulomb.read_xdmf(tmp_path / "box.xdmf", tmp_path / "facets.xdmf", **numbers))
+    looks_right(coulomb.fem.meshes.read_xdmf(tmp_path / "box.xdmf", tmp_path / "facets.xdmf", **numbers))
     mesh_writers.exodus(curved(cell, EXODUS), tmp_path / "box.e")
     looks_right(coulomb.read_mesh(tmp_path / "box.e"))
 
@@ -103,7 +103,7 @@ def test_xdmf_of_dolfinx(cell, tmp_path):
             except TypeError:  # newer DOLFINx
                 file.write_meshtags(tags, made.domain.geometry)
     names = dict(zip(OF, (1, 2, 3), strict=True))
-    looks_right(coulomb.read_xdmf(tmp_path / "box.xdmf", names=names, cell_names={"soft": 7}))
+    looks_right(coulomb.fem.meshes.read_xdmf(tmp_path / "box.xdmf", names=names, cell_names={"soft": 7}))
 
 
 def test_ball_and_ring_of_gmsh_converge_by_their_curved_cells(tmp_path):
@@ -144,7 +144,7 @@ def test_ball_and_ring_of_gmsh_converge_by_their_curved_cells(tmp_path):
                 gmsh.write(str(tmp_path / "part.msh"))
             finally:
                 gmsh.finalize()
-            read = coulomb.read_gmsh(tmp_path / "part.msh")
+            read = coulomb.fem.meshes.read_gmsh(tmp_path / "part.msh")
             assert compat.geometry_degree(read.domain) == 2
             errors.setdefault((make, "volume"), []).append(abs(integral(read) / volume - 1.0))
             if area is not None:
@@ -194,14 +194,14 @@ def test_faults_of_second_order_cells(spoil, message, cell, tmp_path):
     file = BoxFile(cells=(2, 1, 1), cell=cell).second_order()
     spoil(file)
     with pytest.raises(ValueError, match=f"bad.msh: .*{message}"):
-        coulomb.read_gmsh(file.write(tmp_path / "bad.msh"))
+        coulomb.fem.meshes.read_gmsh(file.write(tmp_path / "bad.msh"))
 
 
 def test_points_of_no_cell_and_a_face_inside(tmp_path):
     file = BoxFile(cells=(2, 1, 1)).second_order()
     file.points = np.vstack([file.points, [9.0, 9.0, 9.0]])
     file.faces["inside"] = file.interface
-    read = coulomb.read_gmsh(file.write(tmp_path / "box.msh"))
+    read = coulomb.fem.meshes.read_gmsh(file.write(tmp_path / "box.msh"))
     assert read.domain.geometry.x.max() == 2.0
     with pytest.raises(ValueError, match=r"'inside' of .*box.msh lies inside the body with 1 of its 1 facets"):
         read.facets("inside", "clamp")
@@ -224,11 +224,11 @@ def test_cells_that_are_refused(kind, nodes, message, tmp_path):
     path = tmp_path / "bad.msh"
     path.write_text(text.format(nodes, points, 1, f"1 {kind} 2 1 1 {rows}\n"))
     with pytest.raises(ValueError, match=f"bad.msh: has {message}"):
-        coulomb.read_gmsh(path)
+        coulomb.fem.meshes.read_gmsh(path)
     if nodes == 20:
         path.write_text(text.format(nodes, points, 2, f"1 {kind} 2 1 1 {rows}\n2 4 2 1 1 1 2 3 4\n"))
         with pytest.raises(ValueError, match=r"bad.msh: has tetrahedra and 20-node"):
-            coulomb.read_gmsh(path)
+            coulomb.fem.meshes.read_gmsh(path)
 
 
 @pytest.mark.parametrize("width", [4, 8, 10, 27])

@@ -5,10 +5,11 @@ from mpi4py import MPI
 from scipy.sparse import csr_array
 
 import coulomb
-from coulomb import AugmentedSystem, DirectSolver, InteriorPoint, IterativeSolver, Plane
+from coulomb import InteriorPoint, Plane
 from coulomb.linalg.compliance.diagonal_estimate import estimated_diagonal
 from coulomb.linalg.factors.multifrontal import MultifrontalSolver
 from coulomb.linalg.unsolved import Unsolved
+from coulomb.solvers import AugmentedSystem, DirectSolver, IterativeSolver
 
 
 def to_numpy(matrix):

@@ -6,8 +6,9 @@ from conftest import dense_compliance, make_block, random_spd
 from mpi4py import MPI
 
 from benchmarks.table1 import PAPER, measure
-from coulomb import AugmentedSystem, InteriorPoint
+from coulomb import InteriorPoint
 from coulomb.linalg.compliance.low_rank import LowRankApproximation, LowRankUpdate
+from coulomb.solvers import AugmentedSystem
 from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import Linearization
 from coulomb.solvers.newton_systems import NewtonEquations

@@ -10,11 +10,12 @@ from conftest import make_block
 from petsc4py import PETSc
 
 from benchmarks.block import block
-from coulomb import Clamp, Contact, ContactProblem, DirectSolver, Material, box, join, moved
+from coulomb import Clamp, Contact, ContactProblem, Material, box, join, moved
 from coulomb.linalg.compliance.schur_compliance import SchurCompliance
 from coulomb.linalg.factors import frontal_factors, multifrontal
 from coulomb.linalg.factors.multifrontal import MultifrontalSolver
 from coulomb.linalg.factors.nested_dissection import dissect
+from coulomb.solvers import DirectSolver
 
 
 def grid(*counts):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from conftest import make_block
 
-from coulomb import DirectSolver, InteriorPoint, IterativeSolver
+from coulomb import InteriorPoint
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 
 def test_matrices_outlive_their_mesh():

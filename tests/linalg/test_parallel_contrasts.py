@@ -10,8 +10,9 @@ from test_parallel import everywhere
 from test_parallel_supports import by_place
 
 import coulomb
-from coulomb import Contact, ContactProblem, DirectSolver, IterativeSolver, Material, Traction
+from coulomb import Contact, ContactProblem, Material, Traction
 from coulomb.fem.bodies.materials import midpoints
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 STEEL = Material(2.1e11, 0.3)
 

@@ -12,24 +12,13 @@ from petsc4py import PETSc
 from test_parallel import everywhere, same_error
 
 from benchmarks.block import block
-from coulomb import (
-    Clamp,
-    Contact,
-    ContactProblem,
-    DirectSolver,
-    IterativeSolver,
-    Material,
-    Plane,
-    Traction,
-    box,
-    join,
-    moved,
-)
+from coulomb import Clamp, Contact, ContactProblem, Material, Plane, Traction, box, join, moved
 from coulomb.linalg.compliance import predicted_cost as methods
 from coulomb.linalg.compliance.schur_compliance import SchurCompliance
 from coulomb.linalg.factors import blas, distributed_multifrontal, shared_dissection
 from coulomb.linalg.factors.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
 from coulomb.model import contact_stiffness
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 comm = MPI.COMM_WORLD
 

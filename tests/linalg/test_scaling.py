@@ -5,7 +5,8 @@ import pytest
 from conftest import make_block, solved_block
 
 import coulomb
-from coulomb import InteriorPoint, IterativeSolver, SuccessiveTresca
+from coulomb import InteriorPoint, SuccessiveTresca
+from coulomb.solvers import IterativeSolver
 
 MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
 
@@ -16,7 +17,7 @@ MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
         ("coulomb", InteriorPoint(1e-8)),
         ("coulomb", SuccessiveTresca(1e-8)),
         ("tresca", InteriorPoint(1e-8)),
-        ("tresca", InteriorPoint(1e-8, newton=coulomb.SchurComplementSystem(rank=0))),
+        ("tresca", InteriorPoint(1e-8, newton=coulomb.solvers.SchurComplementSystem(rank=0))),
     ],
     ids=["interior point", "successive Tresca", "path following", "path following, P_SC"],
 )

@@ -7,9 +7,10 @@ from petsc4py import PETSc
 from user_forms import Script
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Elasticity, IterativeSolver, Material, Spring, Traction
+from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Spring, Traction
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
 from coulomb.model.conditioning import soft_motions
+from coulomb.solvers import IterativeSolver
 
 STEEL = Material(2.1e11, 0.3)
 
@@ -97,7 +98,7 @@ def test_products_show_the_elastic_part():
     elastic = exact - F @ (F.T @ x)
     assert np.linalg.norm(exact) > 1e4 * np.linalg.norm(elastic)
     assert np.linalg.norm(rough - exact) < 0.1 * np.linalg.norm(elastic)
-    direct = two_bodies(linear_solver=coulomb.DirectSolver, explicit=False).A
+    direct = two_bodies(linear_solver=coulomb.solvers.DirectSolver, explicit=False).A
     known = np.empty(n)
     direct.mult(x, known)
     assert np.linalg.norm(exact - known) < 1e-2 * np.linalg.norm(elastic)  # rounding errors of the factors

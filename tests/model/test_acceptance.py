@@ -11,11 +11,15 @@ from coulomb.solvers.results import Goal, Status
 
 COULOMB = [
     coulomb.InteriorPoint(1e-8),
-    coulomb.InteriorPoint(1e-8, newton=coulomb.DenseSystem()),
+    coulomb.InteriorPoint(1e-8, newton=coulomb.solvers.DenseSystem()),
     coulomb.SuccessiveTresca(1e-8),
-    coulomb.Automatic(1e-8),
+    coulomb.solvers.Automatic(1e-8),
 ]
-TRESCA = [coulomb.InteriorPoint(), coulomb.InteriorPoint(newton=coulomb.SchurComplementSystem(rank=0)), coulomb.KPRGP()]
+TRESCA = [
+    coulomb.InteriorPoint(),
+    coulomb.InteriorPoint(newton=coulomb.solvers.SchurComplementSystem(rank=0)),
+    coulomb.solvers.KPRGP(),
+]
 
 
 def soft_block(friction, **options):
@@ -89,7 +93,7 @@ def block6(law, accept):
     solution = solved_block(6, law)
     problem = solution.problem
     if law == "tresca":
-        return coulomb.FrictionProblem.tresca(problem.A, problem.b, solution.slip_bound, accept=accept)
+        return coulomb.solvers.FrictionProblem.tresca(problem.A, problem.b, solution.slip_bound, accept=accept)
     return FrictionProblem.coulomb(problem.A, problem.b, problem.law.friction, accept)
 
 

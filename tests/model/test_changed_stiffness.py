@@ -5,7 +5,8 @@ import pytest
 from conftest import STEEL
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, DirectSolver, Elasticity, IterativeSolver, Material, Traction
+from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Traction
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 SOFT = Material(1e11, 0.2)
 METHODS = [(DirectSolver, True), (DirectSolver, False), (IterativeSolver, False)]

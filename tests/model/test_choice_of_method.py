@@ -10,7 +10,7 @@ from mpi4py import MPI
 import coulomb
 from benchmarks.real_parts import PARTS
 from benchmarks.two_blocks import two_blocks
-from coulomb import Clamp, DirectSolver, Elasticity, IterativeSolver, Material, Spring
+from coulomb import Clamp, Elasticity, Material, Spring
 from coulomb.case.case import read_case
 from coulomb.cli.preparation import prepared
 from coulomb.io.case_record import case_record
@@ -29,6 +29,7 @@ from coulomb.linalg.factors import multifrontal
 from coulomb.linalg.factors.multifrontal import Work, predicted_work, symbolic
 from coulomb.model import contact_stiffness
 from coulomb.model.conditioning import ill_conditioned, on_soft_springs, slenderness_of
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 ONCE, TWICE = Precision.SINGLE, Precision.REPEATED
 CELLS = {"tetrahedra": True}

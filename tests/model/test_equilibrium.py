@@ -7,17 +7,8 @@ import pytest
 from conftest import dense_compliance
 from floating_blocks import FRICTION, WEIGHT, FloatingBlock, floating_problem
 
-from coulomb import (
-    Automatic,
-    DenseSystem,
-    FrictionLaw,
-    FrictionProblem,
-    InteriorPoint,
-    NotConverged,
-    RigidMotions,
-    Status,
-    SuccessiveTresca,
-)
+from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca
+from coulomb.solvers import Automatic, DenseSystem, FrictionLaw, FrictionProblem, RigidMotions
 from coulomb.solvers.equilibrium import equilibrium
 
 BLOCK = FloatingBlock()

@@ -12,17 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from singular_problems import singular_problem
 
-from coulomb import (
-    Automatic,
-    DenseSystem,
-    FrictionProblem,
-    InteriorPoint,
-    NotConverged,
-    Status,
-    SuccessiveTresca,
-    solve_coulomb,
-    solve_tresca,
-)
+from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca, solve_coulomb, solve_tresca
+from coulomb.solvers import Automatic, DenseSystem, FrictionProblem
 
 EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "90"))
 

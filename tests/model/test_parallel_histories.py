@@ -10,7 +10,6 @@ from test_parallel import everywhere
 import coulomb
 from coulomb import (
     Clamp,
-    CondensedSystem,
     Contact,
     ContactProblem,
     InteriorPoint,
@@ -23,6 +22,7 @@ from coulomb import (
     box,
 )
 from coulomb.linalg.reductions import Reductions
+from coulomb.solvers import CondensedSystem
 
 
 @pytest.mark.parametrize("clamped", [("left",), ()], ids=["clamped", "floating"])
@@ -117,7 +117,7 @@ def test_pulled_on_any_number_of_ranks(cell, face, friction, moved, newton):
     """Multigrid on the ranks to 1e-8 of the factorised problem on one (each rank solves that for itself)."""
     solver = InteriorPoint(1e-10, newton=CondensedSystem()) if newton == "condensed" else None
     alone = pulled(MPI.COMM_SELF, cell, face, friction, moved)
-    together = pulled(comm, cell, face, friction, moved, linear_solver=coulomb.IterativeSolver, explicit=False)
+    together = pulled(comm, cell, face, friction, moved, linear_solver=coulomb.solvers.IterativeSolver, explicit=False)
     one, many = (
         list(LoadHistory([1.0, 2.0], tolerance=1e-10, solver=chosen).steps(problem))
         for problem, chosen in ((alone, None), (together, solver))

@@ -7,11 +7,12 @@ from test_soft_motions import STEEL, two_bodies
 from test_thin_bodies import CELLS, sheet
 
 import coulomb
-from coulomb import DirectSolver, Elasticity, IterativeSolver, NotConverged, Spring
+from coulomb import Elasticity, NotConverged, Spring
 from coulomb.linalg.compliance import predicted_cost as methods
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.reductions import Reductions
 from coulomb.model import contact_stiffness
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 RANK = MPI.COMM_WORLD.rank
 

@@ -13,11 +13,9 @@ from conftest import ROOT, STEEL, run_coulomb
 import coulomb
 from coulomb import (
     Clamp,
-    CondensedSystem,
     Contact,
     ContactProblem,
     InteriorPoint,
-    IterativeSolver,
     LoadHistory,
     Plane,
     PrescribedDisplacement,
@@ -25,6 +23,7 @@ from coulomb import (
     SuccessiveTresca,
     Traction,
 )
+from coulomb.solvers import CondensedSystem, IterativeSolver
 
 CELLS = ["hexahedron", "tetrahedron"]
 FLOOR = Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))

@@ -7,19 +7,16 @@ import pytest
 from conftest import dense_compliance
 from floating_blocks import FRICTION, WEIGHT, FloatingBlock, clamped_problem, floating_problem
 
-from coulomb import (
+from coulomb import InteriorPoint, SuccessiveTresca, solve_coulomb, solve_tresca
+from coulomb.solvers import (
     KPRGP,
     AugmentedSystem,
     Automatic,
     CondensedSystem,
     DenseSystem,
     FrictionProblem,
-    InteriorPoint,
     RigidMotions,
     SchurComplementSystem,
-    SuccessiveTresca,
-    solve_coulomb,
-    solve_tresca,
 )
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
 from coulomb.solvers.steps import newton_step

@@ -59,7 +59,7 @@ def test_the_order_of_the_faces_does_not_matter():
 
 def test_matrix_free_and_written(tmp_path):
     """The same forces by multigrid; `coulomb check` passes; a line of history.csv has both faces."""
-    direct, free = jaws(), jaws(linear_solver=coulomb.IterativeSolver, explicit=False)
+    direct, free = jaws(), jaws(linear_solver=coulomb.solvers.IterativeSolver, explicit=False)
     files = coulomb.HistoryFiles(tmp_path)
     LoadHistory([1.0, 1.5], tolerance=1e-11).run(direct, files)
     _, last = LoadHistory([1.0, 1.5], tolerance=1e-11).steps(free)  # no step is halved

@@ -9,21 +9,7 @@ import ufl
 from user_forms import Script
 
 import coulomb
-from coulomb import (
-    Clamp,
-    CondensedSystem,
-    Contact,
-    ContactProblem,
-    DenseSystem,
-    DirectSolver,
-    InteriorPoint,
-    IterativeSolver,
-    LoadHistory,
-    Material,
-    NotConverged,
-    Status,
-    Traction,
-)
+from coulomb import Clamp, Contact, ContactProblem, InteriorPoint, LoadHistory, Material, NotConverged, Status, Traction
 from coulomb.io.summary import remarks, summary
 from coulomb.linalg.compliance import predicted_cost as methods
 from coulomb.linalg.compliance import stiffness
@@ -31,6 +17,7 @@ from coulomb.linalg.compliance.predicted_cost import Measures, patience, seconds
 from coulomb.linalg.factors.multifrontal import Work
 from coulomb.model import contact_stiffness
 from coulomb.model.certificate import judge
+from coulomb.solvers import CondensedSystem, DenseSystem, DirectSolver, IterativeSolver
 from coulomb.solvers.automatic import Automatic
 
 STEEL, CELLS = Material(2.1e11, 0.3), (8, 2, 1)

@@ -8,17 +8,8 @@ import pytest
 from mpi4py import MPI
 
 import coulomb
-from coulomb import (
-    Contact,
-    ContactProblem,
-    DirectSolver,
-    IterativeSolver,
-    Material,
-    PrescribedDisplacement,
-    Sphere,
-    Spring,
-    Traction,
-)
+from coulomb import Contact, ContactProblem, Material, PrescribedDisplacement, Sphere, Spring, Traction
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 RUBBER = Material(1e7, 0.3)
 MESH = coulomb.box((0.1, 0.1, 0.05), (4, 4, 3))

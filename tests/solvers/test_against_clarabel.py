@@ -8,7 +8,8 @@ import pytest
 import scipy.sparse
 from conftest import dense_compliance, objective, random_spd
 
-from coulomb import KPRGP, FrictionProblem, InteriorPoint
+from coulomb import InteriorPoint
+from coulomb.solvers import KPRGP, FrictionProblem
 
 
 def by_clarabel(A, b, slip_bound, lower):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from conftest import make_block, reference, solved_block
 
-from coulomb import CondensedSystem, DenseSystem, DirectSolver, InteriorPoint, IterativeSolver, SuccessiveTresca
+from coulomb import InteriorPoint, SuccessiveTresca
 from coulomb.case.case import Case
+from coulomb.solvers import CondensedSystem, DenseSystem, DirectSolver, IterativeSolver
 from coulomb.solvers.friction_problem import FrictionProblem
 from coulomb.solvers.newton_systems import NewtonEquations
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem

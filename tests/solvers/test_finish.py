@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, make_block, random_spd, solved_block
 
-from coulomb import Automatic, FrictionProblem, InteriorPoint, IterativeSolver
+from coulomb import InteriorPoint
 from coulomb.io.output import _write_history
+from coulomb.solvers import Automatic, FrictionProblem, IterativeSolver
 from coulomb.solvers.automatic import _FINISH
 from coulomb.solvers.results import InteriorPointStep, NotConverged, SemismoothStep, Status
 from coulomb.solvers.semismooth_newton import SemismoothNewton

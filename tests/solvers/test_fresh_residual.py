@@ -7,21 +7,18 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, make_block, random_spd, solved_block
 
-from coulomb import (
+from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca
+from coulomb.linalg.compliance.recycling import RecycledColumns
+from coulomb.solvers import (
     KPRGP,
     AugmentedSystem,
     Automatic,
     CondensedSystem,
     DenseSystem,
     FrictionProblem,
-    InteriorPoint,
     IterativeSolver,
-    NotConverged,
     SchurComplementSystem,
-    Status,
-    SuccessiveTresca,
 )
-from coulomb.linalg.compliance.recycling import RecycledColumns
 from coulomb.solvers.kprgp import norm_of
 
 TOLERANCE = 1e-8

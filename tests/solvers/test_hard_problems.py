@@ -5,7 +5,8 @@ import pytest
 from conftest import dense_compliance, make_block
 
 import coulomb
-from coulomb import Automatic, DenseSystem, FrictionProblem, InteriorPoint, NotConverged, Status, SuccessiveTresca
+from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca
+from coulomb.solvers import Automatic, DenseSystem, FrictionProblem
 
 METHODS = [
     Automatic(),
@@ -88,7 +89,7 @@ def test_stagnation_is_detected():
         def solve(self, qp, start=None, *, gradient=None, tolerance=None, progress=None):
             result = coulomb.InteriorPoint().solve(qp)
             factor = 1.0 + 0.1 * np.sin(100.0 * qp.law.cohesion.sum())
-            return coulomb.SolverResult(**{**vars(result), "x": factor * result.x})
+            return coulomb.solvers.SolverResult(**{**vars(result), "x": factor * result.x})
 
     with pytest.raises(NotConverged, match=r"\(stagnated\).*does not converge") as failure:
         SuccessiveTresca(memory=0, qp_solver=Restless()).solve(wedge(3.0, 0.3))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, IterativeSolver, LoadHistory, Material, Traction
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Traction
+from coulomb.solvers import IterativeSolver
 
 
 def test_steps_between_which_the_load_returns():
@@ -61,7 +62,7 @@ def test_a_step_without_loads():
     assert free.solution.certificate.passed and not np.any(free.solution.contact_force)
 
 
-@pytest.mark.parametrize("linear_solver", [coulomb.DirectSolver, IterativeSolver])
+@pytest.mark.parametrize("linear_solver", [coulomb.solvers.DirectSolver, IterativeSolver])
 def test_a_step_with_loads_of_rounding_errors(linear_solver):
     """sin(pi t) at t = 1 is 1.2e-16."""
     problem = ContactProblem(
@@ -79,7 +80,7 @@ def test_a_step_with_loads_of_rounding_errors(linear_solver):
 TURNED = {"rotate": coulomb.Rotation((0.1, 0.0, 0.0), (1.0, 2.0, 0.5), 0.4), "translate": (0.1, 0.7, 0.3)}
 
 
-@pytest.mark.parametrize("linear_solver", [coulomb.DirectSolver, IterativeSolver])
+@pytest.mark.parametrize("linear_solver", [coulomb.solvers.DirectSolver, IterativeSolver])
 def test_a_step_with_a_motion_of_rounding_errors(linear_solver):
     """The foundation is back where it was but for 4e-20 m, and the block was moved: its gaps are rounding errors."""
     problem = ContactProblem(

@@ -5,21 +5,18 @@ import pytest
 from conftest import dense_compliance, make_block, random_spd, reference, solved_block
 from mpi4py import MPI
 
-from coulomb import (
+from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca
+from coulomb.fem.contact.surface import interpolated_forces
+from coulomb.linalg.compliance.low_rank import LowRankUpdate
+from coulomb.solvers import (
     KPRGP,
     AugmentedSystem,
     Automatic,
     DenseSystem,
     FrictionLaw,
     FrictionProblem,
-    InteriorPoint,
-    NotConverged,
     SchurComplementSystem,
-    Status,
-    SuccessiveTresca,
 )
-from coulomb.fem.contact.surface import interpolated_forces
-from coulomb.linalg.compliance.low_rank import LowRankUpdate
 from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import NodalInverse
 from coulomb.solvers.newton_systems import NewtonEquations

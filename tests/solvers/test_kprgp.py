@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, make_block, projected_gradient, random_tresca
 
-from coulomb import KPRGP, FrictionProblem, InteriorPoint, NotConverged, SolverResult, Status
+from coulomb import InteriorPoint, NotConverged, Status
+from coulomb.solvers import KPRGP, FrictionProblem, SolverResult
 from coulomb.solvers.kprgp import _split, norm_of
 
 

@@ -6,18 +6,9 @@ from conftest import dense_compliance, random_spd
 from mpi4py import MPI
 from test_against_clarabel import by_clarabel
 
-from coulomb import (
-    KPRGP,
-    Automatic,
-    DenseSystem,
-    FrictionLaw,
-    FrictionProblem,
-    InteriorPoint,
-    SuccessiveTresca,
-    solve_coulomb,
-    solve_tresca,
-)
+from coulomb import InteriorPoint, SuccessiveTresca, solve_coulomb, solve_tresca
 from coulomb.linalg.reductions import Reductions
+from coulomb.solvers import KPRGP, Automatic, DenseSystem, FrictionLaw, FrictionProblem
 
 SOLVERS = {
     "auto": Automatic(1e-10),

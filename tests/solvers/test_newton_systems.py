@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, random_spd
 
-from coulomb import AugmentedSystem, DenseSystem, SchurComplementSystem
+from coulomb.solvers import AugmentedSystem, DenseSystem, SchurComplementSystem
 from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import Linearization
 from coulomb.solvers.newton_systems import NewtonEquations

@@ -15,18 +15,16 @@ from conftest import (
     solved_block,
 )
 
-from coulomb import (
+from coulomb import InteriorPoint, NotConverged, Status
+from coulomb.solvers import (
     AugmentedSystem,
     DenseSystem,
     FrictionLaw,
     FrictionProblem,
-    InteriorPoint,
     IterativeSolver,
-    NotConverged,
     SchurComplementSystem,
-    Status,
+    interior_point,
 )
-from coulomb.solvers import interior_point
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
 from coulomb.solvers.steps import step_length
 

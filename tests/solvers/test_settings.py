@@ -5,19 +5,18 @@ from dataclasses import fields
 import pytest
 from conftest import make_block
 
-from coulomb import (
+from coulomb import InteriorPoint, SuccessiveTresca
+from coulomb.solvers import (
     KPRGP,
     AugmentedSystem,
     Automatic,
     CondensedSystem,
     ConeInteriorPoint,
     DirectSolver,
-    InteriorPoint,
     IterativeSolver,
     MatrixAutomatic,
     RegularisedNewton,
     SchurComplementSystem,
-    SuccessiveTresca,
 )
 from coulomb.solvers.semismooth_newton import SemismoothNewton
 

@@ -6,7 +6,8 @@ import scipy.sparse
 from conftest import random_spd
 from test_fuzz import coulomb_residual
 
-from coulomb import ConeInteriorPoint, FrictionProblem, NotConverged, Status, solve_coulomb
+from coulomb import NotConverged, Status, solve_coulomb
+from coulomb.solvers import ConeInteriorPoint, FrictionProblem
 from coulomb.solvers.rigid import gauss_seidel, matrix_problems
 from coulomb.solvers.rigid.cones import Scales
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, random_spd, solved_block
 
-from coulomb import FrictionProblem, InteriorPoint, NotConverged, Status, SuccessiveTresca
+from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca
+from coulomb.solvers import FrictionProblem
 
 
 def small_coulomb(nodes, seed, friction):
@@ -190,7 +191,7 @@ def test_bad_friction():
 
 def test_both_newton_systems_give_the_same_answer():
     """PF with J_SC in the loop gives the same forces as with J_AM."""
-    from coulomb import SchurComplementSystem
+    from coulomb.solvers import SchurComplementSystem
 
     solution = solved_block(6)
     friction = np.full(len(solution.problem.surface.nodes), 0.3)

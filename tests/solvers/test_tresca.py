@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, random_tresca
 
-from coulomb import FrictionProblem
+from coulomb.solvers import FrictionProblem
 
 
 def test_projection_is_the_nearest_feasible_point():

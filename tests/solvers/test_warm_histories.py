@@ -8,13 +8,10 @@ from conftest import dense_compliance, random_spd
 from mpi4py import MPI
 
 from coulomb import (
-    Automatic,
     Clamp,
     Contact,
     ContactProblem,
-    FrictionProblem,
     InteriorPoint,
-    IterativeSolver,
     LoadHistory,
     Material,
     NotConverged,
@@ -27,6 +24,7 @@ from coulomb import (
 from coulomb.fem.contact.contact_points import KeptMatrix, contact_matrix, rows_of
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
 from coulomb.linalg.compliance.recycling import LinearResponseCache, RecycledColumns, turned_diagonal
+from coulomb.solvers import Automatic, FrictionProblem, IterativeSolver
 from coulomb.solvers.contact_equations import ContactEquations
 from coulomb.solvers.laws import FrictionLaw
 from coulomb.solvers.semismooth_newton import SemismoothNewton

@@ -14,7 +14,7 @@ def cube(clamps=(Clamp("left"),), **options):
 
 
 def solve(elasticity):
-    from coulomb import DirectSolver
+    from coulomb.solvers import DirectSolver
 
     u = elasticity.K.createVecRight()
     DirectSolver(elasticity.K).solve(elasticity.f(elasticity.at(0.0)), u)
@@ -120,7 +120,7 @@ def test_internal_force_is_the_stiffness_without_clamps():
 
 
 def test_solvers_agree():
-    from coulomb import DirectSolver, IterativeSolver
+    from coulomb.solvers import DirectSolver, IterativeSolver
 
     elasticity = cube(tractions=[Traction("right", (1e6, 2e6, 3e6))])
     answers = []
@@ -132,7 +132,7 @@ def test_solvers_agree():
 
 
 def test_no_option_is_left_behind():
-    from coulomb import DirectSolver, IterativeSolver
+    from coulomb.solvers import DirectSolver, IterativeSolver
 
     before = dict(PETSc.Options().getAll())
     elasticity = cube()

@@ -151,7 +151,11 @@ def test_another_meshs_tags_and_forms():
 
 @pytest.mark.parametrize(
     ("linear_solver", "explicit"),
-    [(coulomb.DirectSolver, True), (coulomb.DirectSolver, False), (coulomb.IterativeSolver, False)],
+    [
+        (coulomb.solvers.DirectSolver, True),
+        (coulomb.solvers.DirectSolver, False),
+        (coulomb.solvers.IterativeSolver, False),
+    ],
 )
 def test_an_indefinite_form_with_a_positive_diagonal(linear_solver, explicit):
     a = A - 4e9 * ufl.inner(S.u, S.v) * ufl.dx

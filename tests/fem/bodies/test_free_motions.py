@@ -62,7 +62,7 @@ def test_the_anchored_stiffness_answers_loads_in_equilibrium_exactly(degree):
     f = body.free.projected(np.sin(np.arange(body.x.size)).reshape(-1, 3), body.x)
     rhs, u = body.K.createVecs()
     rhs.array[:] = f.ravel()
-    coulomb.DirectSolver(body.K).solve(rhs, u)
+    coulomb.solvers.DirectSolver(body.K).solve(rhs, u)
     moved = u.array.reshape(-1, 3)
     assert np.abs(body.internal_force(moved) - f).max() <= 1e-11 * np.abs(f).max()
     assert np.abs(body.free.amounts(moved)).max() <= 1e-11 * np.abs(moved).max()
@@ -189,7 +189,7 @@ def test_each_body_must_be_balanced_by_itself():
     assert wrong["rigid motion"].value >= wrong["force balance"].value / 3.0
 
 
-class Coarse(coulomb.IterativeSolver):
+class Coarse(coulomb.solvers.IterativeSolver):
     """Multigrid to six digits only."""
 
     def __init__(self, K):

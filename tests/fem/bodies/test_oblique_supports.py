@@ -13,9 +13,7 @@ from coulomb import (
     Clamp,
     Contact,
     ContactProblem,
-    DirectSolver,
     InteriorPoint,
-    IterativeSolver,
     LoadHistory,
     Plane,
     PrescribedDisplacement,
@@ -23,6 +21,7 @@ from coulomb import (
     SuccessiveTresca,
     SymmetryPlane,
 )
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 CELLS = ("hexahedron", "tetrahedron")
 ANGLE = np.deg2rad(30.0)

@@ -105,13 +105,13 @@ def test_methods_agree(cohesion):
     """Factorised, formed and matrix-free; interior point, successive Tresca and condensed."""
     given = {**AXES, "cohesion": cohesion}
     known = vectors(block(given).solve(1e-10))
-    free = {"linear_solver": coulomb.IterativeSolver, "explicit": False}
-    formed = {"linear_solver": coulomb.DirectSolver, "explicit": True}
+    free = {"linear_solver": coulomb.solvers.IterativeSolver, "explicit": False}
+    formed = {"linear_solver": coulomb.solvers.DirectSolver, "explicit": True}
     for options, solver in (
         ({}, coulomb.SuccessiveTresca(1e-10)),
         (free, None),
         (formed, None),
-        (free, coulomb.InteriorPoint(1e-10, newton=coulomb.CondensedSystem())),
+        (free, coulomb.InteriorPoint(1e-10, newton=coulomb.solvers.CondensedSystem())),
     ):
         solution = block(given, **options).solve(1e-10, solver)
         assert solution.certificate.passed
@@ -129,7 +129,11 @@ def ball(**options):
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"linear_solver": coulomb.DirectSolver, "explicit": True}, {"linear_solver": coulomb.IterativeSolver}],
+    [
+        {},
+        {"linear_solver": coulomb.solvers.DirectSolver, "explicit": True},
+        {"linear_solver": coulomb.solvers.IterativeSolver},
+    ],
     ids=["schur", "formed", "matrix-free"],
 )
 def test_frames_that_turn(options):

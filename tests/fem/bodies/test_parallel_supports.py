@@ -8,7 +8,8 @@ from test_oblique_supports import HISTORY, TURN, rubbed, wedged
 from test_parallel import everywhere, same_error
 
 import coulomb
-from coulomb import Clamp, DirectSolver, Elasticity, IterativeSolver, SymmetryPlane
+from coulomb import Clamp, Elasticity, SymmetryPlane
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 comm = MPI.COMM_WORLD
 

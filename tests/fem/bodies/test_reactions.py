@@ -5,9 +5,10 @@ import pytest
 from conftest import STEEL
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, IterativeSolver, Plane, PrescribedDisplacement, Spring, Traction
+from coulomb import Clamp, Contact, ContactProblem, Plane, PrescribedDisplacement, Spring, Traction
 from coulomb.io.summary import summary
 from coulomb.model.load_step import face_columns
+from coulomb.solvers import IterativeSolver
 
 CELLS = ["hexahedron", "tetrahedron"]
 FAR = Contact("bottom", 0.3, foundation=Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0)))

@@ -12,7 +12,6 @@ from coulomb import (
     Contact,
     ContactProblem,
     Cylinder,
-    IterativeSolver,
     Material,
     Plane,
     PrescribedDisplacement,
@@ -21,6 +20,7 @@ from coulomb import (
     Traction,
 )
 from coulomb.fem.contact.contact_points import contact_points
+from coulomb.solvers import IterativeSolver
 
 CELLS = ["tetrahedron", "hexahedron"]
 

@@ -7,18 +7,9 @@ from mesh_files import BoxFile
 from test_elasticity import solve
 
 import coulomb
-from coulomb import (
-    Clamp,
-    Contact,
-    ContactProblem,
-    DirectSolver,
-    Elasticity,
-    IterativeSolver,
-    Material,
-    Spring,
-    Traction,
-)
+from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Spring, Traction
 from coulomb.io.summary import summary
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 
 def test_a_bar_on_a_spring_is_exact():
@@ -77,7 +68,7 @@ def test_block_held_by_friction_and_springs_sticks():
 
 def test_springs_iteratively():
     direct, iterative = (
-        sliding(4e6, 1e10, linear_solver=kind).solve() for kind in (DirectSolver, coulomb.IterativeSolver)
+        sliding(4e6, 1e10, linear_solver=kind).solve() for kind in (DirectSolver, coulomb.solvers.IterativeSolver)
     )
     assert np.linalg.norm(direct.contact_force - iterative.contact_force) <= 1e-5 * np.linalg.norm(direct.contact_force)
 

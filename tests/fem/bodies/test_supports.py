@@ -11,9 +11,7 @@ import coulomb
 from coulomb import (
     Clamp,
     Cylinder,
-    DirectSolver,
     Elasticity,
-    IterativeSolver,
     Material,
     Plane,
     PrescribedDisplacement,
@@ -23,6 +21,7 @@ from coulomb import (
     SymmetryPlane,
     Traction,
 )
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 STEEL = Material(2.1e11, 0.3)
 CELLS = ("hexahedron", "tetrahedron")

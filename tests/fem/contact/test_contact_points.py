@@ -61,7 +61,7 @@ def dense(matrix):
 WAYS = {
     "Schur complement": {"explicit": True},
     "matrix-free": {"explicit": False},
-    "multigrid": {"linear_solver": coulomb.IterativeSolver, "explicit": False},
+    "multigrid": {"linear_solver": coulomb.solvers.IterativeSolver, "explicit": False},
 }
 
 

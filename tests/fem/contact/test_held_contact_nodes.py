@@ -9,7 +9,8 @@ from conftest import dense_compliance, objective, random_spd
 from test_against_clarabel import by_clarabel
 
 import coulomb
-from coulomb import KPRGP, FrictionLaw, FrictionProblem, InteriorPoint, SuccessiveTresca
+from coulomb import InteriorPoint, SuccessiveTresca
+from coulomb.solvers import KPRGP, FrictionLaw, FrictionProblem
 from coulomb.solvers.dense_system import DenseSystem
 from coulomb.solvers.newton_systems import AugmentedSystem, SchurComplementSystem
 
@@ -111,7 +112,7 @@ COULOMB = {
     "paper's preconditioner": InteriorPoint(tolerance=1e-10, newton=SchurComplementSystem(rank=0)),
     "successive Tresca": SuccessiveTresca(tolerance=1e-10),
     "successive Tresca, KPRGP": SuccessiveTresca(tolerance=1e-7, qp_solver=KPRGP()),
-    "auto": coulomb.Automatic(1e-10),
+    "auto": coulomb.solvers.Automatic(1e-10),
 }
 
 
@@ -151,7 +152,7 @@ def test_all_nodes_held_in_their_planes():
     A = e @ (1e-9 * random_spd(3 * m, 1e2, rng)) @ e
     b = 1e-4 * rng.standard_normal(3 * m)
     frictionless = coulomb.solve_coulomb(A, b, 0.0, InteriorPoint(tolerance=1e-12))
-    for solver in (InteriorPoint(tolerance=1e-12), SuccessiveTresca(tolerance=1e-12), coulomb.Automatic(1e-12)):
+    for solver in (InteriorPoint(tolerance=1e-12), SuccessiveTresca(tolerance=1e-12), coulomb.solvers.Automatic(1e-12)):
         x = coulomb.solve_coulomb(A, b, 0.3, solver).x.reshape(-1, 3)
         assert np.allclose(x[:, 0], frictionless.x[0::3], rtol=1e-9, atol=1e-9 * np.abs(x).max())
         slip = b.reshape(-1, 3)[:, 1:]

@@ -6,16 +6,8 @@ from mpi4py import MPI
 from test_parallel import same_error
 
 import coulomb
-from coulomb import (
-    Contact,
-    ContactProblem,
-    Cylinder,
-    DirectSolver,
-    IterativeSolver,
-    LoadHistory,
-    Material,
-    SymmetryPlane,
-)
+from coulomb import Contact, ContactProblem, Cylinder, LoadHistory, Material, SymmetryPlane
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 comm = MPI.COMM_WORLD
 

@@ -107,7 +107,7 @@ def test_bad_input(clamps, face, foundation, message):
         (lambda: Plane((0, 0, 0), (0, 0, 0)), "normal must not be zero"),
         (lambda: Plane((0, 0, float("nan")), (0, 0, 1)), "point must be three finite numbers"),
         (
-            lambda: make_block(2, explicit=True, linear_solver=coulomb.IterativeSolver),
+            lambda: make_block(2, explicit=True, linear_solver=coulomb.solvers.IterativeSolver),
             "explicit=True.* only where K is factorised",
         ),
     ],

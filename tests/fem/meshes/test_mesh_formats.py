@@ -67,7 +67,7 @@ def forces(domain):
 def box(request, tmp_path_factory):
     """The box, and its forces by gmsh's format."""
     file = BoxFile(cells=(4, 2, 2), cell=request.param)
-    return file, forces(coulomb.read_gmsh(file.write(tmp_path_factory.mktemp("mesh") / "box.msh")))
+    return file, forces(coulomb.fem.meshes.read_gmsh(file.write(tmp_path_factory.mktemp("mesh") / "box.msh")))
 
 
 def same(domain, box):
@@ -89,7 +89,7 @@ def test_the_same_box_in_every_format(form, box, tmp_path):
 
 def test_xdmf_of_meshio(box, tmp_path):
     xdmf(box[0], tmp_path / "box.xdmf")
-    same(coulomb.read_xdmf(tmp_path / "box.xdmf", facets=tmp_path / "facets.xdmf", **NAMES), box)
+    same(coulomb.fem.meshes.read_xdmf(tmp_path / "box.xdmf", facets=tmp_path / "facets.xdmf", **NAMES), box)
 
 
 def test_groups_without_names_are_called_by_their_numbers(tmp_path):

@@ -36,7 +36,7 @@ def test_box_from_a_file_is_the_box(cell, version, binary, tmp_path):
     """Forces equal those on the same mesh made by DOLFINx, node by node."""
     lengths, cells = (2.0, 1.0, 1.0), (4, 2, 2)
     path = BoxFile(lengths, cells, cell).write(tmp_path / "box.msh", version, binary)
-    read, made = coulomb.read_gmsh(path), coulomb.box(lengths, cells, cell)
+    read, made = coulomb.fem.meshes.read_gmsh(path), coulomb.box(lengths, cells, cell)
     assert set(read.faces) == set(made.faces) and set(read.cells) == {"soft", "stiff"}
     assert len(read.cells["soft"]) == len(read.cells["stiff"])
     forces = []
@@ -52,7 +52,7 @@ def test_box_from_a_file_is_the_box(cell, version, binary, tmp_path):
 def test_two_materials_in_tension_are_exact(cell, tmp_path):
     """nu/E alike, so that both contract alike across: u_x = s x/E_1 up to x = 1, then s/E_1 + s (x - 1)/E_2."""
     s, soft, stiff = 1e6, Material(1e11, 0.2), Material(2e11, 0.4)
-    domain = coulomb.read_gmsh(BoxFile(cell=cell).write(tmp_path / "bar.msh"))
+    domain = coulomb.fem.meshes.read_gmsh(BoxFile(cell=cell).write(tmp_path / "bar.msh"))
     elasticity = Elasticity(
         domain,
         {"stiff": stiff, "soft": soft},
@@ -68,7 +68,7 @@ def test_two_materials_in_tension_are_exact(cell, tmp_path):
 
 def test_scale_and_groups_without_names(tmp_path):
     file = BoxFile((2000.0, 1000.0, 1000.0))
-    domain = coulomb.read_gmsh(file.write(tmp_path / "mm.msh", named=False), scale=1e-3)
+    domain = coulomb.fem.meshes.read_gmsh(file.write(tmp_path / "mm.msh", named=False), scale=1e-3)
     assert set(domain.faces) == set("123456") and set(domain.cells) == {"1", "2"}
     assert np.allclose(np.max(domain.domain.geometry.x, axis=0), (2.0, 1.0, 1.0))
     elasticity = Elasticity(domain, STEEL, [Clamp("1")])
@@ -81,7 +81,7 @@ def test_points_of_no_cell_and_elements_in_two_groups(tmp_path):
     file.cells += 1
     file.faces = {name: rows + 1 for name, rows in file.faces.items()}
     file.faces["both"] = np.vstack([file.faces["left"], file.faces["right"]])
-    domain = coulomb.read_gmsh(file.write(tmp_path / "box.msh"))
+    domain = coulomb.fem.meshes.read_gmsh(file.write(tmp_path / "box.msh"))
     assert domain.domain.geometry.x.max() == 2.0
     assert sorted([*domain.faces["left"], *domain.faces["right"]]) == sorted(domain.faces["both"])
 
@@ -109,12 +109,12 @@ def test_xdmf_of_dolfinx(cell, tmp_path):
             except TypeError:  # newer DOLFINx
                 file.write_meshtags(tags, domain.geometry)
     path, names = tmp_path / "mesh.xdmf", {"left": 1, "right": 2, "bottom": 3, "top": 4}
-    read = coulomb.read_xdmf(path, names=names, cell_names={"soft": 7})
+    read = coulomb.fem.meshes.read_xdmf(path, names=names, cell_names={"soft": 7})
     assert set(read.faces) == set(names) and set(read.cells) == {"soft", "8"}
-    assert set(coulomb.read_xdmf(path, facets=path, cells=path).faces) == {"1", "2", "3", "4"}
+    assert set(coulomb.fem.meshes.read_xdmf(path, facets=path, cells=path).faces) == {"1", "2", "3", "4"}
     materials = {"soft": Material(1e11, 0.3), "8": Material(2e11, 0.3)}
     u = solve(Elasticity(read, materials, [Clamp("left")], [Traction("right", (1e6, 0.0, 1e6))]))
-    again = coulomb.read_gmsh(BoxFile(cell=cell).write(tmp_path / "box.msh"))
+    again = coulomb.fem.meshes.read_gmsh(BoxFile(cell=cell).write(tmp_path / "box.msh"))
     other = Elasticity(
         again,
         {"soft": materials["soft"], "stiff": materials["8"]},
@@ -125,7 +125,7 @@ def test_xdmf_of_dolfinx(cell, tmp_path):
     x = Elasticity(read, materials, [Clamp("left")]).x
     assert np.abs(by_place(x, u) - by_place(other.x, v)).max() <= 1e-10 * np.abs(v).max()
     with pytest.raises(ValueError, match=r"mesh.xdmf: names has 'gone' = 9, but the numbers there are 1, 2, 3, 4"):
-        coulomb.read_xdmf(path, names={"gone": 9})
+        coulomb.fem.meshes.read_xdmf(path, names={"gone": 9})
 
 
 # --- whole runs ----------------------------------------------------------------------------------------------------
@@ -235,7 +235,7 @@ def test_gmsh_itself(tmp_path):
             gmsh.option.setNumber("Mesh.MshFileVersion", version)
             gmsh.option.setNumber("Mesh.Binary", binary)
             gmsh.write(str(tmp_path / "box.msh"))
-            domain = coulomb.read_gmsh(tmp_path / "box.msh")
+            domain = coulomb.fem.meshes.read_gmsh(tmp_path / "box.msh")
             assert set(domain.faces) == {"left", "right"} and set(domain.refused) == {"middle"}
             elasticity = Elasticity(domain, {"one": STEEL, "two": STEEL}, [Clamp("left")])
             assert elasticity.area_of(elasticity.mesh.facets("right", "test")).sum() == pytest.approx(1.0)

@@ -5,7 +5,8 @@ import pytest
 import scipy.sparse
 
 from benchmarks.rigid_bodies import capsules, scattered, stack
-from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
+from coulomb import NotConverged, Status, solve_coulomb
+from coulomb.solvers import FrictionProblem
 from coulomb.solvers.rigid import cone_paths
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
 from coulomb.solvers.rigid.cone_paths import ConeCurve, CurvePoint

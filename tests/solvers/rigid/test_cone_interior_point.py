@@ -6,7 +6,8 @@ import scipy.sparse
 
 import coulomb
 from benchmarks.rigid_bodies import TouchPoint, arch, assembled, random_rank, scattered, stack, tower, walled
-from coulomb import Automatic, NotConverged, Status, solve_coulomb
+from coulomb import NotConverged, Status, solve_coulomb
+from coulomb.solvers import Automatic
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
 from coulomb.solvers.rigid.matrix_problems import _compliance
 
@@ -94,7 +95,7 @@ def test_sweeps_at_last():
 
 def test_sweeps_at_last_are_interrupted():
     problem, seen = stack(8, 1.0, 2), []
-    friction = coulomb.FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
+    friction = coulomb.solvers.FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
     with pytest.raises(NotConverged) as failure:
         ConeInteriorPoint(newton=1, path=1, curve=0, convex=0, work=2e9).solve(
             friction, progress=lambda at: seen.append(at.residual) or len(seen) > 8
@@ -129,7 +130,7 @@ def test_progress_interrupts():
     with pytest.raises(NotConverged) as failure:
         solve = NO_SWEEPS.solve
         matrix = _compliance(stack(3, 0.5, 1).W)
-        problem = coulomb.FrictionProblem.coulomb(matrix, -stack(3, 0.5, 1).q, np.full(12, 0.5))
+        problem = coulomb.solvers.FrictionProblem.coulomb(matrix, -stack(3, 0.5, 1).q, np.full(12, 0.5))
         solve(problem, progress=lambda at: at.path_following == 2)
     assert failure.value.result.status is Status.INTERRUPTED and failure.value.result.newton_steps == 2
 
@@ -153,7 +154,7 @@ def test_same_answer_as_the_krylov_method_where_forces_are_unique():
 def test_start_from_the_answer_takes_no_path():
     problem = stack(5, 0.7, 2)
     x = solved(problem, NO_SWEEPS).x
-    friction = coulomb.FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
+    friction = coulomb.solvers.FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
     assert NO_SWEEPS.solve(friction, x).newton_steps <= 1
     again = ConeInteriorPoint().solve(friction, x)
     assert again.newton_steps == 0 and again.products == 1

@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg
 
 from benchmarks.rigid_bodies import arch, random_rank, scattered, spheres, stack, walled
-from coulomb import FrictionProblem
+from coulomb.solvers import FrictionProblem
 from coulomb.solvers.rigid.cone_paths import ConePath, ConeStep
 from coulomb.solvers.rigid.cones import (
     ConeProblem,

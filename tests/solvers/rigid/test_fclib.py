@@ -7,16 +7,9 @@ import pytest
 import scipy.sparse
 from conftest import ROOT
 
-from coulomb import (
-    Automatic,
-    DenseSystem,
-    InteriorPoint,
-    SchurComplementSystem,
-    SuccessiveTresca,
-    solve_coulomb,
-    solve_tresca,
-)
+from coulomb import InteriorPoint, SuccessiveTresca, solve_coulomb, solve_tresca
 from coulomb.io.fclib import FCLIBProblem, read_fclib
+from coulomb.solvers import Automatic, DenseSystem, SchurComplementSystem
 
 FOLDER = ROOT.parent / "shared" / "fclib"
 FILES = sorted(FOLDER.glob("*.npz"))

@@ -5,8 +5,9 @@ import pytest
 import scipy.sparse
 
 from benchmarks.rigid_bodies import arch, masonry, spheres, stack
-from coulomb import FrictionProblem, NotConverged, Status, solve_coulomb
+from coulomb import NotConverged, Status, solve_coulomb
 from coulomb.io.fclib import FCLIBProblem
+from coulomb.solvers import FrictionProblem
 from coulomb.solvers.rigid import gauss_seidel
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
 from coulomb.solvers.rigid.cones import Scales

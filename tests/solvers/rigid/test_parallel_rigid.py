@@ -8,16 +8,9 @@ from floating_blocks import FloatingBlock, floating_problem
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from coulomb import (
-    AugmentedSystem,
-    FrictionLaw,
-    FrictionProblem,
-    InteriorPoint,
-    NotConverged,
-    RigidMotions,
-    SchurComplementSystem,
-)
+from coulomb import InteriorPoint, NotConverged
 from coulomb.linalg.compliance.compliance import MatrixCompliance
+from coulomb.solvers import AugmentedSystem, FrictionLaw, FrictionProblem, RigidMotions, SchurComplementSystem
 from coulomb.solvers.equilibrium import equilibrium
 
 comm = MPI.COMM_WORLD

@@ -6,7 +6,8 @@ import scipy.sparse
 from conftest import random_spd
 from petsc4py import PETSc
 
-from coulomb import KPRGP, solve_coulomb, solve_tresca
+from coulomb import solve_coulomb, solve_tresca
+from coulomb.solvers import KPRGP
 
 
 def test_one_contact_by_hand():

@@ -11,20 +11,9 @@ from conftest import dense_compliance, make_block, random_tresca
 from mpi4py import MPI
 from singular_problems import singular_problem
 
-from coulomb import (
-    DenseSystem,
-    FrictionProblem,
-    InteriorPoint,
-    MatrixAutomatic,
-    NotConverged,
-    RegularisedNewton,
-    RigidMotions,
-    Status,
-    SuccessiveTresca,
-    solve_coulomb,
-    solve_tresca,
-)
+from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca, solve_coulomb, solve_tresca
 from coulomb.linalg.reductions import Reductions
+from coulomb.solvers import DenseSystem, FrictionProblem, MatrixAutomatic, RegularisedNewton, RigidMotions
 from coulomb.solvers.laws import FrictionLaw
 from coulomb.solvers.rigid import gauss_seidel
 from coulomb.solvers.rigid.cones import Scales
