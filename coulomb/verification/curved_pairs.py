@@ -30,7 +30,7 @@ from functools import partial
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Material, Pressure, SymmetryPlane, Traction, join
+from ..fem.bodies import Clamp, Material, Pressure, Traction, join
 from ..fem.geometry import Cylinder, Sphere
 from ..fem.meshes import NamedMesh, box
 from ..model.contact import Contact
@@ -49,6 +49,7 @@ from .ring_pair import (
     RIM,
     STEEL,
     Facets,
+    fitted,
     lame,
     mean_pressure,
     quarter,
@@ -89,14 +90,7 @@ PLATE = (0.024, 0.005)
 
 @dataclass(frozen=True)
 class Found:
-    """One answer.
-
-    Attributes:
-        quantity: What is compared.
-        formula: The known answer.
-        ours: What was computed.
-        against: Whether a mean displacement, or a force, is against the load.
-    """
+    """One answer; `against` is whether a mean displacement, or a force, is against the load."""
 
     quantity: str
     formula: float
@@ -126,20 +120,9 @@ def ball_joint(size: int, kind: Kind, named: bool) -> Found:
     radius = FIT + INTERFERENCE
     cells = [(n * size, max(size // kind[1], 1)) for n in ACROSS[kind[1]]]
     bodies = {"ball": shell(BORE, radius, cells[0], kind), "socket": shell(FIT, RIM, cells[1], kind)}
-    centre = (0.0, 0.0, 0.0)
-    problem = ContactProblem(
-        join(**bodies),
-        {"ball": ALUMINIUM, "socket": STEEL},
-        [SymmetryPlane(f"{name}:{face}") for name in bodies for face in ("left", "right", "front", "back")],
-        Contact(
-            "ball:top",
-            against="socket:bottom",
-            friction=FRICTION,
-            surface=Sphere(centre, radius) if named else None,
-            against_surface=Sphere(centre, FIT) if named else None,
-        ),
-    )
-    solution = problem.solve()
+    surface, other = (Sphere((0.0, 0.0, 0.0), r) if named else None for r in (radius, FIT))
+    contact = Contact("ball:top", FRICTION, against="socket:bottom", surface=surface, against_surface=other)
+    solution = fitted(bodies, ("left", "right", "front", "back"), contact).solve()
     known = INTERFERENCE / (FIT * (_softness(STEEL, FIT, RIM) - _softness(ALUMINIUM, FIT, BORE)))
     ours = float(solution.contact_force[0::3].sum()) / (math.pi * FIT**2 / 6.0)
     inner, outer = radial(solution, radius, 3), radial(solution, FIT, 3)
@@ -153,20 +136,10 @@ def pin_in_hole(size: int, kind: Kind, named: bool) -> Found:
         "pin": quarter(BORE, FIT, (cells, 4 * cells), *kind),
         "plate": quarter(hole, RIM, (cells, 3 * cells), *kind),
     }
-    problem = ContactProblem(
-        join(**bodies),
-        {"pin": ALUMINIUM, "plate": STEEL},
-        [SymmetryPlane(f"{name}:{face}") for name in bodies for face in ("front", "back", "bottom", "top")],
-        Contact(
-            "pin:right",
-            against="plate:left",
-            friction=FRICTION,
-            surface=Cylinder(centre, axis, FIT) if named else None,
-            against_surface=Cylinder(centre, axis, hole) if named else None,
-        ),
-        [Pressure("pin:left", BORE_PRESSURE)],
-    )
-    solution = problem.solve()
+    surface, other = (Cylinder(centre, axis, r) if named else None for r in (FIT, hole))
+    contact = Contact("pin:right", FRICTION, against="plate:left", surface=surface, against_surface=other)
+    pressed = [Pressure("pin:left", BORE_PRESSURE)]
+    solution = fitted(bodies, ("front", "back", "bottom", "top"), contact, pressed).solve()
     E, nu = ALUMINIUM.young, ALUMINIUM.poisson
     free = 2.0 * (1.0 - nu**2) / E * BORE_PRESSURE * BORE**2 * FIT / (FIT**2 - BORE**2)
     soft = FIT * softness(ALUMINIUM, FIT, BORE) + hole * softness(STEEL, hole, RIM)

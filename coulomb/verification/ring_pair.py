@@ -19,12 +19,13 @@ elements are off by b t^4/960 in the mean, less than the interference by far.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Material, SymmetryPlane, join
+from ..fem.bodies import Load, Material, SymmetryPlane, join
 from ..fem.geometry import Cylinder
 from ..fem.meshes import NamedMesh
 from ..model.contact import Contact
@@ -88,21 +89,26 @@ def rings(
         "inner": quarter(BORE, radius, (cells, 4 * cells), kinds[0], degrees[0]),
         "outer": quarter(FIT, RIM, (cells, 3 * cells), kinds[1], degrees[1]),
     }
-    return ContactProblem(
-        join(**bodies),
-        {"inner": ALUMINIUM, "outer": STEEL},
-        [SymmetryPlane(f"{name}:{face}") for name in bodies for face in ("front", "back", "bottom", "top")],
-        Contact(
-            "inner:right",
-            against="outer:left",
-            friction=FRICTION,
-            gap=0.0 if by_geometry else -INTERFERENCE,
-            adjust=0.5 * FIT * (0.5 * math.pi / (3 * cells)) ** 2 if max(degrees) == 1 and facets == "closed" else 0.0,
-            smooth=facets == "smooth",
-            surface=surfaces[0],
-            against_surface=surfaces[1],
-        ),
+    contact = Contact(
+        "inner:right",
+        against="outer:left",
+        friction=FRICTION,
+        gap=0.0 if by_geometry else -INTERFERENCE,
+        adjust=0.5 * FIT * (0.5 * math.pi / (3 * cells)) ** 2 if max(degrees) == 1 and facets == "closed" else 0.0,
+        smooth=facets == "smooth",
+        surface=surfaces[0],
+        against_surface=surfaces[1],
     )
+    return fitted(bodies, ("front", "back", "bottom", "top"), contact)
+
+
+def fitted(
+    bodies: Mapping[str, NamedMesh], planes: Sequence[str], contact: Contact, loads: Sequence[Load] = ()
+) -> ContactProblem:
+    """A body of aluminium in one of steel, between planes of symmetry."""
+    materials = dict(zip(bodies, (ALUMINIUM, STEEL), strict=True))
+    supports = [SymmetryPlane(f"{name}:{face}") for name in bodies for face in planes]
+    return ContactProblem(join(**bodies), materials, supports, contact, loads)
 
 
 def mean_pressure(solution: Solution) -> float:

@@ -6,7 +6,7 @@ from scipy.sparse import csr_array
 
 import coulomb
 from coulomb import InteriorPoint, Plane
-from coulomb.linalg.compliance.diagonal_estimate import estimated_diagonal
+from coulomb.linalg.compliance.compliance import estimated_diagonal
 from coulomb.linalg.factors.multifrontal import MultifrontalSolver
 from coulomb.linalg.unsolved import Unsolved
 from coulomb.solvers import AugmentedSystem, DirectSolver, IterativeSolver

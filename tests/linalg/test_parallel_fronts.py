@@ -203,9 +203,9 @@ def test_blas_on_blocks_of_matrices(dtype):
     C = W[30:50, 30:55].copy(order="F")
     tolerance = 100 * np.finfo(dtype).eps
     expected = C + 2.0 * W[3:23, 5:15] @ W[10:35, 20:30].T
-    blas.gemm(2.0, W[3:23, 5:15], W[10:35, 20:30], C)
+    blas.gemm(2.0, W[3:23, 5:15], W[10:35, 20:30], 1.0, C, transposed=True)
     assert np.allclose(C, expected, atol=tolerance)
-    blas.gemm_plain(-1.0, W[3:23, 5:15], W[20:30, 7:32], C)
+    blas.gemm(-1.0, W[3:23, 5:15], W[20:30, 7:32], 0.0, C)
     assert np.allclose(C, -W[3:23, 5:15] @ W[20:30, 7:32], atol=tolerance)
     S = np.zeros((30, 30), dtype, order="F")
     S[5:25, 5:25] = W[:20, :20] @ W[:20, :20].T + 20.0 * np.eye(20)

@@ -208,9 +208,7 @@ def test_auto_falls_back(monkeypatch):
     assert result.residual <= 1e-8
     spent = SuccessiveTresca(1e-8).solve(problem).products
     assert result.products > spent  # the products of the first solver are counted
-    monkeypatch.setattr(
-        "coulomb.solvers.automatic.SuccessiveTresca", lambda: SuccessiveTresca(1e-8, max_iterations=1)
-    )
+    monkeypatch.setattr("coulomb.solvers.automatic.SuccessiveTresca", lambda: SuccessiveTresca(1e-8, max_iterations=1))
     monkeypatch.setattr("coulomb.solvers.automatic.InteriorPoint", Short12)
     with pytest.raises(
         NotConverged, match=r"interior-point method ended with .*  Then successive Tresca ended with"

@@ -2,8 +2,7 @@
 low-rank corrections of systems with it.
 """
 
-from .compliance import BodyCompliance, Compliance, Formed, MatrixCompliance, MatrixFreeCompliance
-from .diagonal_estimate import estimated_diagonal
+from .compliance import BodyCompliance, Compliance, Formed, MatrixCompliance, MatrixFreeCompliance, estimated_diagonal
 from .krylov import CarryingKrylov, ConstraintPreconditioner, Constraints, NodalMap
 from .low_rank import REPLACED, LowRankApproximation, LowRankUpdate
 from .predicted_cost import (

@@ -23,20 +23,12 @@ Real = npt.NDArray[Any]
 _LETTER = {np.dtype(np.float32): "s", np.dtype(np.float64): "d"}
 
 
-def gemm(alpha: float, A: Real, B: Real, C: Real) -> None:
-    """C <- alpha A B^T + C."""
+def gemm(alpha: float, A: Real, B: Real, beta: float, C: Real, transposed: bool = False) -> None:
+    """C <- alpha A B + beta C, or alpha A B^T + beta C."""
     m, n, k = C.shape[0], C.shape[1], A.shape[1]
-    if m and n and k:
-        a, b = (_number(C.dtype, value) for value in (alpha, 1.0))
-        _routine("gemm", C.dtype)(b"N", b"T", _i(m), _i(n), _i(k), a, *_block(A), *_block(B), b, *_block(C))
-
-
-def gemm_plain(alpha: float, A: Real, B: Real, C: Real) -> None:
-    """C <- alpha A B."""
-    m, n, k = C.shape[0], C.shape[1], A.shape[1]
-    if m and n:
-        a, b = (_number(C.dtype, value) for value in (alpha, 0.0))
-        _routine("gemm", C.dtype)(b"N", b"N", _i(m), _i(n), _i(k), a, *_block(A), *_block(B), b, *_block(C))
+    if m and n and (k or beta != 1.0):
+        a, b, trans = _number(C.dtype, alpha), _number(C.dtype, beta), b"T" if transposed else b"N"
+        _routine("gemm", C.dtype)(b"N", trans, _i(m), _i(n), _i(k), a, *_block(A), *_block(B), b, *_block(C))
 
 
 def potrf(A: Real) -> int:

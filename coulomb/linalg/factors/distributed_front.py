@@ -13,6 +13,7 @@ over the ranks of L^-T L^-1 x.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -80,17 +81,11 @@ def blocks_of(front: SharedFront) -> tuple[list[Block], list[Block]]:
     for side, first, nodes in ((0, 0, own), (1, own, border)):
         count = -(-nodes // width)
         edges = first + np.round(np.linspace(0, nodes, count + 1)).astype(int)
-        for start, stop in zip(*pairs(edges), strict=True):
+        for start, stop in pairwise(edges.tolist()):
             turn = number % (2 * ranks)  # there and back, since the later blocks are shorter
             blocks[side].append(Block(3 * start, 3 * stop, front.ranks[min(turn, 2 * ranks - 1 - turn)]))
             number += 1
     return blocks[0], blocks[1]
-
-
-def pairs(edges: Nodes) -> tuple[list[int], list[int]]:
-    """Starts and ends of what lies between edges."""
-    listed = [int(edge) for edge in edges]
-    return listed[:-1], listed[1:]
 
 
 def column_ranks(front: SharedFront) -> Nodes:
@@ -185,7 +180,7 @@ class DistributedFront:
         return [
             Piece(number, block.rank, to, target.rank, block.start, max(block.start, start), min(block.stop, stop))
             for number, block in enumerate(child.blocks)
-            for to, (target, start, stop) in enumerate(zip(self._blocks, *pairs(edges), strict=True))
+            for to, (target, (start, stop)) in enumerate(zip(self._blocks, pairwise(edges.tolist()), strict=True))
             if max(block.start, start) < min(block.stop, stop)
         ]
 
@@ -249,7 +244,7 @@ class DistributedFront:
         """Subtract finished columns, times their rows here, from a block of this rank."""
         target = self._blocks[number]
         below = panel[target.start - block.start :]
-        blas.gemm(-1.0, below, below[: target.stop - target.start], self._columns[number])
+        blas.gemm(-1.0, below, below[: target.stop - target.start], 1.0, self._columns[number], transposed=True)
 
     def _keep(self, panels: list[Real]) -> None:
         """Keep what solves need."""
@@ -280,7 +275,7 @@ class DistributedFront:
                 panel, at = panels[other], self._heads[other]
                 w = at.stop - at.start
                 here = rows[:, at.start : at.stop]
-                blas.gemm_plain(-1.0, rows[:, at.stop :], panel[w : block.stop - at.start], here)
+                blas.gemm(-1.0, rows[:, at.stop :], panel[w : block.stop - at.start], 0.0, here)
                 blas.trsm_right(panel[:w], here, transposed=False)
             inverse.append((block.stop, rows))
         return inverse

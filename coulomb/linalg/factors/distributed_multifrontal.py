@@ -17,7 +17,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..nodal_blocks import NodalRows, nodal_blocks
-from ..reductions import Reductions, concatenated, summed
+from ..reductions import Reductions, concatenated, exchanged, incoming, summed
 from .blas import Real
 from .distributed_front import Block, DistributedFront, Update, column_ranks
 from .frontal_factors import FrontalFactors, NotPositiveDefinite
@@ -76,24 +76,6 @@ class LocalPart:
         mine = np.concatenate([x[self._own], x[self._border]])
         self._factors.backward(mine.reshape(-1))
         x[self._own] = mine[: len(self._own)]
-
-
-def local_parts(comm: MPI.Comm, dissection: SharedDissection, entries: Entries, points: FloatArray) -> list[LocalPart]:
-    """The parts of this rank, not yet factorised."""
-    return [LocalPart(part, entries, points) for part in dissection.parts if part.rank == comm.rank]
-
-
-def shared_work(comm: MPI.Comm, dissection: SharedDissection, parts: list[LocalPart]) -> Work:
-    """What a factorisation takes, without doing it, the same on all ranks; collective."""
-    each = [predicted_work(part.fronts) for part in parts]
-    mine, kept = float(sum(work.operations for work in each)), float(sum(work.bytes for work in each))
-    own, border = (np.array([3.0 * len(getattr(f, side)) for f in dissection.fronts]) for side in ("own", "border"))
-    shared = own**3 / 3 + own**2 * border + own * border**2
-    ranks = np.array([len(front.ranks) for front in dissection.fronts])
-    total, memory = summed(comm, np.array([mine, kept]))
-    longest = Reductions(comm).max(np.array([mine])) + float(np.sum(shared / ranks))
-    fronts = 4.0 * float(np.sum(own * (own + border)) + np.max(border**2, initial=0.0))
-    return Work(float(total + shared.sum()), float(memory) + fronts, longest)
 
 
 class DistributedFactors:
@@ -185,18 +167,15 @@ class DistributedFactors:
         comm = self.comm
         size = Reductions(comm).max(np.abs(rhs)) or 1.0
         x = np.zeros((len(self._dissection.label), 3), dtype=self.dtype)
-        received = np.empty((len(self._here), 3), dtype=self.dtype)
         sent = (rhs[self._out] / size).astype(self.dtype)
-        comm.Alltoallv((sent, 3 * self._out_counts), (received, 3 * self._here_counts))
-        x[self._here] = received
+        x[self._here] = exchanged(comm, sent, self._out_counts, self._here_counts)
         parts: list[LocalPart | DistributedFront] = [*self._parts, *filter(None, self._shared)]
         for one in parts:
             one.forward(x)
         for one in reversed(parts):
             one.backward(x)
-        comm.Alltoallv((x[self._here], 3 * self._here_counts), (sent, 3 * self._out_counts))
         solution = np.empty_like(rhs)
-        solution[self._out] = sent
+        solution[self._out] = exchanged(comm, x[self._here], self._here_counts, self._out_counts)
         solution *= size
         return solution
 
@@ -257,11 +236,22 @@ class SharedSymbolic:
         self._ready = None
 
     def work(self) -> Work:
-        return shared_work(self.comm, self.dissection, self.prepared[1])
+        """What a factorisation takes, without doing it, the same on all ranks; collective."""
+        comm, fronts = self.comm, self.dissection.fronts
+        each = [predicted_work(part.fronts) for part in self.prepared[1]]
+        mine, kept = float(sum(work.operations for work in each)), float(sum(work.bytes for work in each))
+        own, border = (np.array([3.0 * len(getattr(front, side)) for front in fronts]) for side in ("own", "border"))
+        shared = own**3 / 3 + own**2 * border + own * border**2
+        ranks = np.array([len(front.ranks) for front in fronts])
+        total, memory = summed(comm, np.array([mine, kept]))
+        longest = Reductions(comm).max(np.array([mine])) + float(np.sum(shared / ranks))
+        entries = 4.0 * float(np.sum(own * (own + border)) + np.max(border**2, initial=0.0))
+        return Work(float(total + shared.sum()), float(memory) + entries, longest)
 
     def _prepared(self, blocks: scipy.sparse.bsr_matrix) -> tuple[Entries, list[LocalPart]]:
         entries = self._redistributed(blocks)
-        return entries, local_parts(self.comm, self.dissection, entries, self._points)
+        mine = [part for part in self.dissection.parts if part.rank == self.comm.rank]
+        return entries, [LocalPart(part, entries, self._points) for part in mine]
 
     def _redistributed(self, blocks: scipy.sparse.bsr_matrix) -> Entries:
         """The entries of K that this rank eliminates, row by row."""
@@ -271,14 +261,10 @@ class SharedSymbolic:
         needed = np.flatnonzero(label[column] >= label[row])
         rank = self._eliminating_ranks()[row[needed]]
         order = needed[np.argsort(rank, kind="stable")]
-        counts = np.bincount(rank, minlength=comm.size)
-        incoming = np.empty_like(counts)
-        comm.Alltoall(counts, incoming)
-        pairs = np.empty((int(incoming.sum()), 2), dtype=np.int64)
-        values = np.empty((len(pairs), 3, 3))
-        outgoing = np.column_stack([row[order], column[order]])
-        comm.Alltoallv((outgoing, 2 * counts), (pairs, 2 * incoming))
-        comm.Alltoallv((blocks.data[order], 9 * counts), (values, 9 * incoming))
+        counts = np.bincount(rank, minlength=comm.size).astype(np.int64)
+        other = incoming(comm, counts)
+        pairs = exchanged(comm, np.column_stack([row[order], column[order]]).astype(np.int64), counts, other)
+        values = exchanged(comm, blocks.data[order], counts, other)
         return Entries(pairs[:, 0], pairs[:, 1], values)  # ascending, since ranks have ascending rows
 
     def _eliminating_ranks(self) -> Nodes:

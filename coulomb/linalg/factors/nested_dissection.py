@@ -62,7 +62,7 @@ def dissect(graph: scipy.sparse.csr_matrix, points: FloatArray, last: Nodes, lea
     result does not.  `last` are the nodes of the last fronts, ascending.
     """
     tree = _Tree(graph, points, leaf)
-    body = _bodies(graph)
+    body = large_parts(connected_components(graph, directed=False)[1])
     for number in np.argsort(np.bincount(body[last], minlength=np.max(body, initial=0) + 1), kind="stable"):
         here = body == number
         mine = last[here[last]]
@@ -80,11 +80,6 @@ def dissect_part(graph: scipy.sparse.csr_matrix, points: FloatArray, count: int,
     tree = _Tree(graph, points, leaf)
     tree.grow(np.arange(count))
     return _in_order(tree.own, _borders(graph, tree.own, tree.children), tree.children, points)
-
-
-def _bodies(graph: scipy.sparse.csr_matrix) -> Nodes:
-    _, label = connected_components(graph, directed=False)
-    return large_parts(label)
 
 
 def large_parts(label: npt.NDArray[np.integer[Any]]) -> Nodes:

@@ -25,6 +25,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...native import address, kernels, threads
 from ..petsc_arrays import Distributed, DistributedEntries, Entries
+from ..reductions import exchanged, incoming, per_rank
 
 # Blocks of a distributed vector that a rank needs and other ranks have: fetched, or summed where they belong.
 #
@@ -65,12 +66,9 @@ class GhostBlocks:
     """
 
     def __init__(self, comm: MPI.Comm, starts: _Array, needed: _Array, size: int):
-        owner = np.searchsorted(starts, needed, side="right") - 1
-        into = np.bincount(owner, minlength=comm.size).astype(np.int64)
-        out = np.empty_like(into)
-        comm.Alltoall(into, out)
-        asked = np.empty(int(out.sum()), dtype=np.int64)
-        comm.Alltoallv([needed.astype(np.int64), into], [asked, out])
+        into = per_rank(comm, starts, needed)
+        out = incoming(comm, into)
+        asked = exchanged(comm, needed.astype(np.int64), into, out)
         own = (asked - int(starts[comm.rank])).astype(np.int32)
         self.values = padded(size * len(needed))
         buffer = np.empty((len(own), size))
