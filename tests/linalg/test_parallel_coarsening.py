@@ -7,7 +7,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from coulomb import Clamp, Elasticity, Material, SymmetryPlane, box
-from coulomb.fem.bodies.elasticity import Spring
+from coulomb.fem.bodies import Spring
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.multigrid import coarsening, multigrid_grids
 from coulomb.linalg.multigrid.block_matrix import PADDING, padded

@@ -7,12 +7,12 @@ from .constraints import HELD_OBLIQUE, HeldDirections, HeldNodes, Nodes, distrib
 from .deformable import Deformable, Loading, Member, SingleBody
 from .displacement_space import DisplacementSpace
 from .distributed_bodies import distributed_bodies, made
-from .elasticity import Clamp, Elasticity, PrescribedDisplacement, Spring, Support, Traction
+from .elasticity import Elasticity
 from .form_body import Body
 from .free_motions import FreeMotion, motions_in_words
 from .joined_bodies import JoinedBodies, join
 from .loaded_body import LoadedBody
-from .loads import AppliedLoad, Load, NodalForces, Pressure, TotalForce, named, vanishes
+from .loads import AppliedLoad, Load, NodalForces, Pressure, TotalForce, Traction, named, vanishes
 from .located_points import LocatedPoints, locate
 from .materials import AnyMaterial, Materials, by_group, midpoints
 from .mesh_components import unjoined_parts
@@ -28,7 +28,7 @@ from .orthotropic import (
     OrthotropicMaterial,
 )
 from .rigid_modes import component_modes, direction_in_words, in_units, null_space, of_components, of_part, rigid_modes
-from .supports import PrescribedRotation, SymmetryPlane
+from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane
 from .temperature import TEMPERATURE, Temperature, ThermalLoad, range_of
 
 __all__ = [

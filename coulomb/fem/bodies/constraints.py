@@ -8,7 +8,7 @@ part H v and the free part v - H v.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -281,6 +281,14 @@ class PrescribedRows:
         sizes = np.einsum("ri,ri->r", self.dual, reaction[self.node])
         forces: FloatArray = sizes[:, None] * self.direction
         return forces
+
+    def shares(self, reaction: FloatArray, supports: int) -> Iterator[FloatArray]:
+        """The forces of every support by itself, shape (k, 3), in a reaction (k, 3) along held directions."""
+        forces = self.forces(reaction)
+        for number in range(supports):
+            here, share = self.support == number, np.zeros_like(reaction)
+            np.add.at(share, self.node[here], forces[here])
+            yield share
 
 
 def prescribed_rows(count: int, supports: Sequence[tuple[npt.NDArray[np.integer[Any]], FloatArray]]) -> PrescribedRows:

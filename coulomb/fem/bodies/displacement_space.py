@@ -211,7 +211,7 @@ class DisplacementSpace:
         return x
 
     def _assemble(self, form: Any) -> FloatArray:
-        return self._summed(fem.petsc.assemble_vector(form))
+        return summed(fem.petsc.assemble_vector(form))
 
     def _added(self, part: FloatArray, form: Any) -> FloatArray:
         """What the cells of all ranks add at this rank's nodes, shape (k, 3), from what its own add there and at its
@@ -221,13 +221,7 @@ class DisplacementSpace:
         vector = fem.petsc.create_vector(form)
         with vector.localForm() as local:
             local.array[:] = part
-        return self._summed(vector)
-
-    def _summed(self, vector: PETSc.Vec) -> FloatArray:
-        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        values: FloatArray = vector.array.reshape(-1, 3).copy()
-        vector.destroy()
-        return values
+        return summed(vector)
 
     def _on_cells(self, values: FloatArray, name: str) -> Any:
         """Function that is constant on every cell, from this rank's own cells: numbers (c,), or rows (c, n)."""
@@ -239,3 +233,11 @@ class DisplacementSpace:
         function.x.array.reshape(-1, *width)[cells] = values
         function.x.scatter_forward()
         return function
+
+
+def summed(vector: PETSc.Vec) -> FloatArray:
+    """What all ranks have added at this rank's nodes, shape (k, 3); the vector is destroyed; collective."""
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    values: FloatArray = vector.array.reshape(-1, 3).copy()
+    vector.destroy()
+    return values

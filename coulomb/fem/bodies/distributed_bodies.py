@@ -61,8 +61,7 @@ def distributed_bodies(
     Raises:
         ValueError: If a body, face or group is unknown, a body has no material or two, or a list has other entries.
     """
-    for name, given in (("clamps", clamps), ("springs", springs), ("tractions", tractions)):
-        refuse_others(name, given)
+    refuse_others(clamps=clamps, springs=springs, tractions=tractions)
     of_material = _materials(mesh, materials)
     held, loaded = _by_body(mesh, clamps, "support"), _by_body(mesh, tractions, "load")
     sprung = _by_body(mesh, springs, "spring")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,16 +13,10 @@ from ...arrays import FloatArray
 from ...native import address, kernels
 from .. import compat, compat_forms
 from ..compat import fem, ufl
-from ..geometry import Amplitude, Field
-from ..meshes import NamedMesh
 from .body import strain
 from .deformable import SingleBody
 from .loaded_body import LoadedBody
-from .loads import Load, Traction
-from .materials import Materials
 from .rigid_modes import component_modes, of_components
-from .supports import Clamp, PrescribedDisplacement, Spring, Support
-from .temperature import ThermalLoad
 
 # The stiffness matrix on one rank, from the cells' matrices of FFCx's kernel, without PETSc's insertion of entries.
 #
@@ -78,9 +71,6 @@ def _table(rows: Any) -> npt.NDArray[np.int32]:
     return np.ascontiguousarray(rows, dtype=np.int32)
 
 
-__all__ = ["Clamp", "Elasticity", "Materials", "PrescribedDisplacement", "Spring", "Support", "Traction"]
-
-
 class Elasticity(LoadedBody, SingleBody):
     """K u = f on hexahedra or tetrahedra of first or second order, with prescribed displacements and springs.
 
@@ -93,23 +83,7 @@ class Elasticity(LoadedBody, SingleBody):
             errors.
     """
 
-    def __init__(
-        self,
-        mesh: NamedMesh,
-        materials: Materials,
-        clamps: Sequence[Support],
-        tractions: Sequence[Load] = (),
-        body_force: Field = (0.0, 0.0, 0.0),
-        springs: Sequence[Spring] = (),
-        body_force_amplitude: Amplitude = 1.0,
-        gravity: Sequence[float] = (0.0, 0.0, 0.0),
-        gravity_amplitude: Amplitude = 1.0,
-        thermal: ThermalLoad | None = None,
-    ):
-        super().__init__(
-            *(mesh, materials, clamps, tractions, body_force, springs, body_force_amplitude),
-            *(gravity, gravity_amplitude, thermal),
-        )
+    def _stiffen(self) -> None:
         trial = ufl.TrialFunction(self.V)
         form = fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx)
         self._K = assembled_matrix(form, self.V)

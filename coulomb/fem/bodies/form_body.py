@@ -18,6 +18,7 @@ from ..compat import fem, ufl
 from ..geometry import on_all_ranks
 from .constraints import DirichletConditions
 from .deformable import Loading, SingleBody
+from .displacement_space import summed
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
 from .free_motions import FreeMotions, free_motions
 from .loads import NodalForces
@@ -94,11 +95,7 @@ class BilinearForm:
         own[:] = u.ravel()
         self._u.x.scatter_forward()
         with self._holding(values):
-            vector = fem.petsc.assemble_vector(self._action, values.constants)
-        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        forces: FloatArray = vector.array.reshape(-1, 3).copy()
-        vector.destroy()
-        return forces
+            return summed(fem.petsc.assemble_vector(self._action, values.constants))
 
     def _product(self, values: FormValues, u: FloatArray) -> FloatArray:
         K = self.matrix(values)
@@ -298,11 +295,7 @@ class Body(SingleBody):
         return largest * work / (size or 1.0)
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        rows = self._conditions.rows
-        forces = rows.forces(reaction)
-        for number in range(self._conditions.count):
-            here, share = rows.support == number, np.zeros_like(reaction)
-            np.add.at(share, rows.node[here], forces[here])
+        for share in self._conditions.rows.shares(reaction, self._conditions.count):
             yield NodalForces("dirichlet", None, share)
 
     def supports_understood(self) -> list[dict[str, Any]]:

@@ -26,10 +26,8 @@ from .mesh_components import mesh_components
 from .orthotropic import VECTORS
 from .rigid_modes import component_modes, rigid_modes
 from .supported_face import SupportedFace
-from .supports import Clamp, PrescribedDisplacement, Spring, Support
+from .supports import Spring, Support
 from .temperature import Temperature, ThermalLoad, range_of, shown_range
-
-__all__ = ["Clamp", "LoadedBody", "Loading", "PrescribedDisplacement", "Spring", "Support"]
 
 _KINDS = {
     "clamps": ("directions", "Clamp, PrescribedDisplacement, PrescribedRotation or SymmetryPlane"),
@@ -62,15 +60,13 @@ class LoadedBody(ElasticBody, HeldSpace):
         gravity_amplitude: Amplitude = 1.0,
         thermal: ThermalLoad | None = None,
     ):
-        for name, given in (("clamps", clamps), ("springs", springs), ("tractions", tractions)):
-            refuse_others(name, given)
+        refuse_others(clamps=clamps, springs=springs, tractions=tractions)
         super().__init__(mesh.domain, material_of_cells(mesh, materials, thermal is not None))
         self.mesh = mesh
         self.materials: Materials | None = materials
         self.supports = tuple(clamps)
         self._prescribe()
         self._support(springs)
-        self._find_free_motions()
         volume: list[Load] = [] if vanishes(body_force) else [BodyForce(body_force, body_force_amplitude)]
         volume += [] if vanishes(gravity) else [Weight(gravity, materials, gravity_amplitude)]
         self.thermal, heat = thermal, []
@@ -83,6 +79,10 @@ class LoadedBody(ElasticBody, HeldSpace):
             [AppliedLoad(load, load.nodal_force(self, mesh)) for load in loads] for loads in (volume, tractions)
         )
         self.loads = (*in_volume, *heat, *on_faces)
+        self._stiffen()
+
+    def _stiffen(self) -> None:
+        """Make the stiffness, of a body that has one."""
 
     def at(self, time: float) -> Loading:
         load = np.zeros((self._owned, 3))
@@ -157,14 +157,17 @@ class LoadedBody(ElasticBody, HeldSpace):
         sprung = ufl.as_vector([stiffness[k] * u[k] for k in range(3)])
         return ufl.inner(sprung, self._test) * self.measure(self.mesh.facets(spring.face, "spring"))
 
-    def _find_free_motions(self) -> None:
+    @cached_property
+    def free(self) -> FreeMotions:
+        """The rigid motions that supports and springs allow: along axes with springs whatever their stiffness, nothing
+        moves."""
         sprung = np.zeros((self._owned, 3))
         for spring in self.springs:
             sprung[np.ix_(self.nodes(spring.face, "spring"), spring.along_axes > 0.0)] = 1.0
         count = self.mesh.comm.allreduce(self.held.number + float(sprung.sum()), op=MPI.SUM)
         component = mesh_components(self)
         modes, _ = component_modes(self.x, component, self.mesh.comm)
-        self._free = self._motions_without(component, modes, sprung[:, :, None] * modes, 1e-10 * max(count, 1.0))
+        return self._motions_without(component, modes, sprung[:, :, None] * modes, 1e-10 * max(count, 1.0))
 
     def _motions_without(
         self, component: npt.NDArray[np.int64], modes: FloatArray, forces: FloatArray, limit: float
@@ -173,19 +176,9 @@ class LoadedBody(ElasticBody, HeldSpace):
         against = forces + self.held_part(modes)
         return free_motions(self.x, component, against, limit, self.anchor_places, self.mesh.comm)
 
-    @property
-    def free(self) -> FreeMotions:
-        """The rigid motions that supports and springs allow: along axes with springs whatever their stiffness, nothing
-        moves."""
-        return self._free
-
-    # --- queries ----------------------------------------------------------------------------------------
-
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        forces = self._rows.forces(reaction)
-        for number, support in enumerate(self.supports):
-            here, share = self._rows.support == number, np.zeros_like(reaction)
-            np.add.at(share, self._rows.node[here], forces[here])
+        shares = self._rows.shares(reaction, len(self.supports))
+        for support, share in zip(self.supports, shares, strict=True):
             yield NodalForces(support.kind.replace(" ", "_"), support.face, share)
 
     def spring_force(self, u: FloatArray) -> FloatArray:
@@ -214,11 +207,12 @@ class LoadedBody(ElasticBody, HeldSpace):
         return len(STRESSES) + sum(3 if name in VECTORS else 1 for name in self.constants)
 
 
-def refuse_others(name: str, given: object) -> None:
-    """Raises ValueError unless an argument is a list of what belongs there."""
-    has, types = _KINDS[name]
-    if not isinstance(given, Iterable):
-        raise ValueError(f"{name} must be a list of {types}, but is {given!r}")
-    for entry in given:
-        if not hasattr(entry, has):
-            raise ValueError(f"{name} must be a list of {types}, but an entry is {entry!r}")
+def refuse_others(**arguments: object) -> None:
+    """Raises ValueError unless each argument is a list of what belongs there."""
+    for name, given in arguments.items():
+        has, types = _KINDS[name]
+        if not isinstance(given, Iterable):
+            raise ValueError(f"{name} must be a list of {types}, but is {given!r}")
+        for entry in given:
+            if not hasattr(entry, has):
+                raise ValueError(f"{name} must be a list of {types}, but an entry is {entry!r}")

@@ -25,6 +25,7 @@ from ..geometry import (
 from ..meshes import NamedMesh
 from .displacement_space import DisplacementSpace
 from .materials import Materials, density_of_cells
+from .orthotropic import three
 
 
 @dataclass(frozen=True)
@@ -136,7 +137,7 @@ class TotalForce:
     kind = "total force"
 
     def __post_init__(self) -> None:
-        _three(self.force, f"{named(self)}: the force", "newtons")
+        three(self.force, f"{named(self)}: the force", "numbers, newtons")
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         area = body.area_of(mesh.facets(self.face, self.kind))
@@ -172,7 +173,7 @@ class Weight:
     face = None
 
     def __post_init__(self) -> None:
-        _three(self.gravity, "gravity", "m/s^2, for example (0, 0, -9.81)")
+        three(self.gravity, "gravity", "numbers, m/s^2, for example (0, 0, -9.81)")
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         density = density_of_cells(mesh, self.materials)
@@ -202,12 +203,3 @@ def named(load: Timed) -> str:
 
 def vanishes(value: Field) -> bool:
     return not callable(value) and np.shape(value) == (3,) and not np.any(np.asarray(value, dtype=np.float64))
-
-
-def _three(value: Sequence[float], what: str, unit: str) -> None:
-    try:
-        given = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        given = np.empty(0)
-    if given.shape != (3,) or not np.all(np.isfinite(given)):
-        raise ValueError(f"{what} must be three finite numbers, {unit}, but is {value!r}")

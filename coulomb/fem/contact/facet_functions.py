@@ -170,11 +170,6 @@ class FacetKind:
         return _rule(basix.CellType.triangle if self.corners == 3 else basix.CellType.quadrilateral, degree)
 
 
-def triangle_rule(degree: int) -> tuple[FloatArray, FloatArray]:
-    """Points (q, 2) and weights (q,) of a quadrature rule on the reference triangle, whose area is 1/2."""
-    return _rule(basix.CellType.triangle, degree)
-
-
 @functools.cache
 def _rule(cell: Any, degree: int) -> tuple[FloatArray, FloatArray]:
     points, weights = basix.make_quadrature(cell, degree)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ...arrays import FloatArray, IntArray
-from .facet_functions import at_points, triangle_rule
+from .facet_functions import FacetKind, at_points
 from .facet_patch import STRAIGHT, FacetPatch
 from .mortar_parts import Cells, Parts, cells_of, common_parts, nearest_layer
 
@@ -149,7 +149,7 @@ class _Integrals:
         for limit, more in _MORE:
             chosen = np.flatnonzero((distortion > least) & (distortion <= limit))
             least = limit
-            rule = _with_corners(*triangle_rule(self._degree + more))
+            rule = _with_corners(*FacetKind(3, 1).rule(self._degree + more))
             size = max(1, _POINTS // (len(rule[1]) * (parts.polygon.shape[1] - 2)))
             for at in np.split(chosen, range(size, len(chosen), size)):
                 yield at, more == 0, rule

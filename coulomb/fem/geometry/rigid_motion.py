@@ -88,15 +88,11 @@ class RigidMotion:
 
     def turned(self, vectors: FloatArray) -> FloatArray:
         """Vectors (k, 3) fixed to the foundation, rotated with it."""
-        if self.turn is None:
-            return vectors
-        return vectors @ self.turn.matrix.T
+        return vectors if self.turn is None else vectors @ self.turn.matrix.T
 
     def turned_back(self, vectors: FloatArray) -> FloatArray:
         """Vectors (k, 3) of space in the coordinates in which the foundation is given."""
-        if self.turn is None:
-            return vectors
-        return vectors @ self.turn.matrix
+        return vectors if self.turn is None else vectors @ self.turn.matrix
 
     def since(self, before: RigidMotion, x: FloatArray) -> FloatArray:
         """Displacement in metres of the foundation's material at fixed points x (k, 3) since another time, along the

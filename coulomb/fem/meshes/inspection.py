@@ -78,21 +78,12 @@ def inspect(file: MeshFile, scale: float, comm: MPI.Comm) -> InspectedMesh:
         fault = fault.replace("no volume", "no volume, or none beside one of its nodes") if second else fault
         cells.refuse(bad, f"{fault}; repair the mesh where it was made{_CURVED if second else ''}")
     facets = _Facets(cells)
-    faces, refused = {}, {}
-    for name, group in file.face_groups.items():
-        found, fault = facets.on_boundary(group)
-        if fault:
-            refused[name] = f"face group {name!r} of {file.path} {fault}"
-        else:
-            faces[name] = found
+    found = {("face group", name): facets.on_boundary(group) for name, group in file.face_groups.items()}
     for name, nodes in file.node_groups.items():
-        if name in file.face_groups:  # the file says exactly which facets
-            continue
-        found, fault = facets.covered(nodes)
-        if fault:
-            refused[name] = f"node set {name!r} of {file.path} {fault}"
-        else:
-            faces[name] = found
+        if name not in file.face_groups:  # the file says exactly which facets
+            found["node set", name] = facets.covered(nodes)
+    faces = {name: rows for (_, name), (rows, fault) in found.items() if not fault}
+    refused = {name: f"{kind} {name!r} of {file.path} {fault}" for (kind, name), (_, fault) in found.items() if fault}
     return InspectedMesh(scale * file.points, file.cells, file.cell_groups, faces, refused)
 
 
