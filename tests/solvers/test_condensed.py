@@ -53,6 +53,7 @@ def close(values, expected, accuracy=1e-8):
 def test_cone_step_is_the_dense_step():
     """From an inexact y, the step equals that of the dense system with the exact A x; y + w is exact afterwards."""
     rng = np.random.default_rng(81)
+    body().prepare_products()  # y is kept without the displacement of the load
     scaled = ScaledProblem(body().friction_problem)
     m, f = scaled.nodes, scaled.frictional
     assert 0 < f.sum() < m

@@ -81,7 +81,7 @@ def blocks_of(front: SharedFront) -> tuple[list[Block], list[Block]]:
     for side, first, nodes in ((0, 0, own), (1, own, border)):
         count = -(-nodes // width)
         edges = first + np.round(np.linspace(0, nodes, count + 1)).astype(int)
-        for start, stop in pairwise(edges.tolist()):
+        for start, stop in pairwise(edges):
             turn = number % (2 * ranks)  # there and back, since the later blocks are shorter
             blocks[side].append(Block(3 * start, 3 * stop, front.ranks[min(turn, 2 * ranks - 1 - turn)]))
             number += 1
@@ -176,11 +176,12 @@ class DistributedFront:
     def _pieces(self, child: Update, place: Nodes) -> list[Piece]:
         """The parts of a child's columns that belong to one block of this front."""
         # columns of a node are in one block
-        edges = 3 * np.searchsorted(place, [block.start for block in self._blocks] + [self.size])
+        firsts = [block.start for block in self._blocks]
+        edges = [3 * int(k) for k in np.searchsorted(place, [*firsts, self.size])]
         return [
             Piece(number, block.rank, to, target.rank, block.start, max(block.start, start), min(block.stop, stop))
             for number, block in enumerate(child.blocks)
-            for to, (target, (start, stop)) in enumerate(zip(self._blocks, pairwise(edges.tolist()), strict=True))
+            for to, (target, (start, stop)) in enumerate(zip(self._blocks, pairwise(edges), strict=True))
             if max(block.start, start) < min(block.stop, stop)
         ]
 

@@ -343,7 +343,7 @@ def nearest_nodes(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64
 
 def without(skin: Any, facets: npt.NDArray[np.int64]) -> Any:
     """The skin without the facets that have the nodes of one of these, shape (f, corners)."""
-    taken, node = set(map(frozenset, facets.tolist())), np.asarray(skin.point_data["node"])
+    taken, node = {frozenset(map(int, facet)) for facet in facets}, np.asarray(skin.point_data["node"])
     return skin.extract_cells(
         [k for k, corners in enumerate(skin.irregular_faces) if frozenset(node[corners].tolist()) not in taken]
     )

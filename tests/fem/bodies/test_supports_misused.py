@@ -71,8 +71,8 @@ def contact(**options):
         (lambda: coulomb.box("abc", (1, 1, 1)), "box: lengths must be three positive numbers in metres"),
         (lambda: coulomb.LoadHistory("1"), "history: times must"),
         (
-            lambda: contact(linear_solver="direct"),
-            "linear_solver must be DirectSolver or IterativeSolver, a class",
+            lambda: contact(linear_solver="MUMPS"),
+            'linear_solver must be "auto", "direct" or "iterative", or one of the classes',
         ),
         (lambda: contact().solve(solver="direct"), r"solver must be one for contact, as InteriorPoint\(\) .* 'direct'"),
         (lambda: Clamp("top", None), "components must be letters of 'xyz', .* but are None"),
