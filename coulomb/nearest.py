@@ -21,10 +21,13 @@ def tree_of(points: FloatArray, leaf: int = 16) -> cKDTree:
 
 
 def among(x: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
-    """Which places (..., 3) are one of some points (k, 3), to the last bit."""
+    """Which places (..., 3) are one of some points (k, 3), to 1e-9 of the largest coordinate."""
+    unit = 1e-9 * (float(np.max(np.abs(points), initial=0.0)) or 1.0)
 
-    def rows(of: FloatArray) -> npt.NDArray[np.void]:
-        return np.ascontiguousarray(of.reshape(-1, 3)).view([("", of.dtype)] * 3).ravel()
+    def cells(of: FloatArray) -> npt.NDArray[np.void]:
+        # shifted, so that coordinates of meshes are not on the edge of a cell
+        numbers = np.floor(of.reshape(-1, 3) / unit + 0.1234567).astype(np.int64)
+        return np.ascontiguousarray(numbers).view([("", np.int64)] * 3).ravel()
 
-    found: npt.NDArray[np.bool_] = np.isin(rows(x), rows(points)).reshape(x.shape[:-1])
+    found: npt.NDArray[np.bool_] = np.isin(cells(x), cells(points)).reshape(x.shape[:-1])
     return found

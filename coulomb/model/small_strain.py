@@ -245,7 +245,7 @@ def _deepest(
 
 def _depths(face: FaceSamples, foundation: RigidFoundation, points: FloatArray, given: FloatArray) -> FloatArray:
     """Depths of facets, as `_deepest`, for the contact points (m, 3) of all ranks with their given gaps (m,)."""
-    size = float(np.max(np.abs(face.x)))
+    size = float(np.max(np.abs(points)))  # of all ranks
     near = np.ones(len(face.x), dtype=bool)
     if face.nodal:
         near = np.all(among(face.corners, points), axis=1)

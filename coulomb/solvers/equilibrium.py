@@ -113,12 +113,15 @@ class LimitLoad:
 
     def _difference(self, found: _Found) -> FloatArray:
         """Between the loads, less bounded forces, and the nearest resultant of the known rays, largest component 1."""
-        from scipy.optimize import nnls
+        from scipy.optimize import lsq_linear  # nnls of SciPy 1.15 ends before the nearest
 
         target = self.rigid.e / self._size - found.bounded
         columns = np.array(self._rays).reshape(-1, len(target)).T
-        left: FloatArray = target - columns @ nnls(columns, target)[0] if columns.size else target
-        return left / (np.max(np.abs(left)) or 1.0)
+        left = target
+        if columns.size:
+            left = target - columns @ lsq_linear(columns, target, (0.0, np.inf), method="bvls", tol=1e-14).x
+        motion: FloatArray = left / (np.max(np.abs(left)) or 1.0)
+        return motion
 
     def held_part(self, changed: FloatArray) -> float | None:
         """The largest part s <= 1 of the loads `changed` (q,) which contact forces balance beside the others, e -

@@ -110,7 +110,7 @@ COULOMB = {
     "FGMRES": InteriorPoint(tolerance=1e-10),
     "dense": InteriorPoint(tolerance=1e-10, newton=DenseSystem()),
     "paper's preconditioner": InteriorPoint(tolerance=1e-10, newton=SchurComplementSystem(rank=0)),
-    "successive Tresca": SuccessiveTresca(tolerance=1e-10),
+    "successive Tresca": SuccessiveTresca(tolerance=1e-9),
     "successive Tresca, KPRGP": SuccessiveTresca(tolerance=1e-7, qp_solver=KPRGP()),
     "auto": coulomb.solvers.Automatic(1e-10),
 }

@@ -179,7 +179,7 @@ def test_case_with_a_file_is_run_and_checked(case, tmp_path, ranks):
     balance = np.array(contents["force_on_body"]["vector"]) + contents["spring_force_on_body"]
     assert np.allclose(balance, [-2e6, 0.0, 2e7 + 2e5], atol=1.0)
     again = check(tmp_path / "out")
-    assert again.passed
+    assert again.passed, str(again)
     for check_ in again.certificate.checks:
         before = contents["certificate"][check_.name.replace(" ", "_")]["value"]
         assert check_.value == pytest.approx(before, rel=1e-3, abs=1e-11), check_.name
