@@ -111,7 +111,7 @@ class InteriorPoint(StepSettings):
     max_iterations: int = within("[1, inf)", 100)
     newton: NewtonChoice = field(default_factory=SchurComplementSystem)
     start_products: int = within("[0, inf)", 12)
-    starts: tuple[float, ...] = within("(0, inf)", (1e3,))
+    starts: tuple[float, ...] = within("(0, inf)", (1e3, 1e6))
     finish: Solver | None = None
 
     name = "interior point"

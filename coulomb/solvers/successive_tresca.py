@@ -151,7 +151,7 @@ class SuccessiveTresca(SolverSettings):
             old_g, old_image = g, image
             if history[-1].change > _NEAR or (len(history) > 1 and history[-1].change > history[-2].change):
                 anderson.restart()
-            g = _without_negligible(np.maximum(anderson.next(g, misfit, damping), 0.0), g, self.tolerance, over)
+            g = np.maximum(anderson.next(g, misfit, damping), 0.0)
         assert best is not None
         _, last, g = best
         gradient = problem.gradient(last.x, last.rigid)
@@ -213,16 +213,6 @@ class SuccessiveTresca(SolverSettings):
             if not trouble or result.status is Status.INTERRUPTED:
                 break
         return result, steps, krylov, trouble
-
-
-def _without_negligible(new: FloatArray, g: FloatArray, tolerance: float, over: Reductions) -> FloatArray:
-    """The next slip bound: 0 at nodes with a negligible bound, as long as it stays negligible.
-
-    A node that opens has a remaining x_n of the size of the tolerance, whose friction is negligible and whose disc
-    degenerates: tight tolerances are missed.  A removed node must return with ten times the limit, to avoid cycles.
-    """
-    negligible = 1e-2 * tolerance * over.max(new)
-    return np.where(new > np.where(g > 0.0, negligible, 10.0 * negligible), new, 0.0)
 
 
 def _diagnosis(history: list[OuterStep], sizes: list[float], turns: list[float]) -> Status | None:

@@ -110,7 +110,7 @@ COULOMB = {
     "FGMRES": InteriorPoint(tolerance=1e-10),
     "dense": InteriorPoint(tolerance=1e-10, newton=DenseSystem()),
     "paper's preconditioner": InteriorPoint(tolerance=1e-10, newton=SchurComplementSystem(rank=0)),
-    "successive Tresca": SuccessiveTresca(tolerance=1e-9),
+    "successive Tresca": SuccessiveTresca(tolerance=1e-10),
     "successive Tresca, KPRGP": SuccessiveTresca(tolerance=1e-7, qp_solver=KPRGP()),
     "auto": coulomb.solvers.Automatic(1e-10),
 }
@@ -131,6 +131,18 @@ def test_coulomb_friction_agrees_with_tresca_problems_of_clarabel(solver, seed, 
     expected = (cohesion + friction * x[:, 0])[known, None] * slip / np.linalg.norm(slip, axis=1)[:, None]
     assert np.allclose(x[known, 1:], expected, rtol=1e-14, atol=0.0)
     assert np.array_equal(result.slip_bound[known], problem.slip_bound(result.x)[known])
+
+
+@pytest.mark.parametrize("cohesive", [False, True])
+def test_tresca_problems_whose_steps_block_are_solved_from_another_start(cohesive):
+    """The last Tresca problems start near their answers, where steps block for some rounding errors of the data."""
+    p, friction, cohesion, theirs = coulomb_friction(4, cohesive)
+    for seed in range(12):
+        noise = 1e-15 * np.random.default_rng(seed).standard_normal((len(p.b) + 1, len(p.b)))
+        A, b = p.A * (1.0 + noise[1:] + noise[1:].T), p.b * (1.0 + noise[0])
+        problem = FrictionProblem(dense_compliance(A), b, FrictionLaw(cohesion, friction))
+        result = SuccessiveTresca(tolerance=1e-10).solve(problem)
+        assert np.linalg.norm(result.x - theirs) <= 1e-4 * np.linalg.norm(theirs)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
