@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Cylinder, Material, Pressure, Traction
+from coulomb import Clamp, Contact, ContactProblem, Cylinder, Material, Plane, Pressure, Traction
+from coulomb.fem.contact.facet_functions import FacetKind
+from coulomb.fem.contact.near_facets import FaceSamples
 from coulomb.io.recheck import check
 from coulomb.linalg.reductions import Reductions
-from coulomb.model.small_strain import deformation_of
+from coulomb.model.small_strain import _depths, deformation_of
 
 
 @pytest.mark.parametrize(
@@ -87,3 +89,15 @@ def test_a_contact_smaller_than_a_facet_is_remarked(cell, degree, load):
         chord = float(solution.coarse[0].partition("up to ")[2].split()[0])
         h = 0.125 * degree
         assert 0.7 * h**2 / (8 * radius) < chord < 1.5 * h**2 / (8 * radius)
+
+
+def test_depths_are_rounded_by_the_size_of_the_whole_face():
+    """A rank whose facets are near the origin has the same depths as one that has all."""
+    corners = np.array([[[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]])
+    zero = np.zeros(1)
+    for depth, found in ((5e-13, 0.0), (5e-12, 5e-12)):
+        moved = np.full_like(corners, 0.0) - [0.0, 0.0, depth]
+        face = FaceSamples(FacetKind(3, 1), corners, moved, zero, corners.mean(axis=1), True)
+        points = np.vstack([corners[0], [[1.0, 0.0, 0.0]]])
+        depths = _depths(face, Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), points, np.zeros(4))
+        assert depths == pytest.approx([found], abs=1e-20)
