@@ -126,8 +126,9 @@ def test_ranks_give_the_same_forces(tmp_path):
         assert force == pytest.approx(forces[0], rel=1e-8)
 
 
-def test_bad_input_ends_all_ranks():
-    done = run_coulomb("run", BLOCK, "--set", "contact.face='left'", ranks=3, timeout=300)
+def test_bad_input_ends_all_ranks(tmp_path):
+    given = "--set", "contact.face='left'", "--output", tmp_path / "out"
+    done = run_coulomb("run", BLOCK, *given, ranks=3, timeout=300)
     assert done.returncode == 2 and done.stderr.count("error: contact face 'left' is fully clamped") == 1
 
 
