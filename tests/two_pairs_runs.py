@@ -24,7 +24,7 @@ material = {young = 2e11, poisson = 0.3}
 face = "low:bottom"
 [[prescribed_displacement]]
 face = "up:top"
-value = [2e-5, 1e-5, -1e-4]
+value = [2e-5, 1e-5, -4e-4]
 amplitude = [[0, 0], [1, 1]]
 [[contact]]
 face = "mid:around"

@@ -144,7 +144,7 @@ def remarks(solution: Solution) -> list[str]:
     if over.max(solution.contact_force[0::3]) > 0.0:
         motions = ", nor that ".join(undetermined(problem, solution.contact_force))
         unique = f"the equilibrium is not unique: nothing resists that {motions}; the shortest is given"
-        return [*solution.coarse, *[unique] * bool(motions)]
+        return [unique] * bool(motions)
     if solution.result.status is Status.NO_EQUILIBRIUM:  # nothing was solved
         return []
     least = over.min(problem.surface.gap - problem.closure(solution.displacement)[:, 0])

@@ -58,6 +58,13 @@ sheared, reaches 0.225 in its corners; a steel block, lifted by 50 mm next to it
 _MISSED = 100.0
 """Largest value of `SmallStrain.between`."""
 
+CHORD = Bound(0.1, 0.5)
+"""A facet as wide as the contact of a ball has a chord h^2/(8 R) of half of the approach a^2/R: nothing is left of the
+curve.  Measured with a roller between plates (docs/theory.md)."""
+
+_NEAR = 0.25
+"""Radii of a facet within which a contact point is at its corner: of 10-node tetrahedra it is beside it."""
+
 BETWEEN = Bound(0.25, 1.0)
 """Measured with a cantilever on rollers: the force is 2 to 6 % wrong below 0.7, 12 % at 2, and a roller that is narrow
 beside the facets, and is not touched by any mean, gives 7 to 9."""
@@ -80,6 +87,8 @@ class SmallStrain:
         gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
         between: Largest depth of a face inside its foundation, between contact points, less what the chord of its
             facets explains, over the same mean displacement.
+        chord: How far gaps are from linear between contact points of which one presses, the chord h^2/(8 R) of facets,
+            over the mean approach: work of the forces that deform the body, over the sum of the normal forces.
     """
 
     gap_error: float
@@ -87,6 +96,7 @@ class SmallStrain:
     slip_over_cell: float
     gradient: float
     between: float
+    chord: float
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -136,6 +146,13 @@ class SmallStrain:
                 "foundation: the facets are too large for it (on the contact face at least "
                 f"{math.sqrt(max(self.between / BETWEEN.warn, 1.0)):.2g} times smaller ones, since the depth goes with "
                 "the square of their size)",
+            ),
+            (
+                self.chord,
+                CHORD,
+                f"the facets in contact are coarse: between contact points gaps are up to {self.chord:.0%} of the mean "
+                "approach from linear, the chord h^2/(8 R), and the approach is uncertain by as much (facets there at "
+                f"least {math.sqrt(max(self.chord / CHORD.warn, 1.0)):.2g} times smaller)",
             ),
         )
 
@@ -190,7 +207,8 @@ def small_strain(
         distance, turn = on_all_ranks(measure, "contact: foundation", at_nodes.comm)
     except ValueError:  # no distance or normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
-    deformation = deformation_of(body, u, over, blocked)
+    deformation, pressed = deformation_of(body, u, over, blocked), over.sum(normal[pressing])
+    approach = max(over.dot(u, body.internal_force(u)) / pressed, blocked) if pressed > 0.0 else 0.0
     pairs = np.isin(part, [number for number, foundation in enumerate(foundations) if foundation is None])
     # Normals are those at the undeformed node, of the foundation at its current place; and a node keeps what it is
     # opposite to on a deformable face.
@@ -201,6 +219,7 @@ def small_strain(
         slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
         gradient=body.largest_gradient(u),
         between=_relative(_deepest(at_nodes, foundations, between), deformation),
+        chord=_relative(_largest_chord(at_nodes, pressing, foundations, between), approach),
     )
 
 
@@ -241,6 +260,39 @@ def _deepest(
     except ValueError:
         return math.nan
     return max(0.0, largest(np.concatenate([np.zeros(1), *deepest]), Reductions(answer.comm)))
+
+
+def _largest_chord(
+    answer: NodalAnswer,
+    pressing: npt.NDArray[np.bool_],
+    foundations: Sequence[RigidFoundation | None],
+    faces: Sequence[FaceSamples],
+) -> float:
+    """Largest chord in metres at contact points that press, of foundations that of `FaceSamples.bend`; collective."""
+    comm, points = answer.comm, answer.x[pressing]
+    own = [np.concatenate(comm.allgather(points[answer.part[pressing] == k])) for k in range(len(foundations))]
+
+    def bends() -> list[FloatArray]:
+        around = zip(faces, foundations, own, strict=False)
+        return [face.bend(of.signed_distance)[_with_corner(face, at)] for face, of, at in around if of and len(at)]
+
+    try:
+        found = on_all_ranks(bends, "contact: foundation", comm)
+    except ValueError:
+        return math.nan
+    return largest(np.concatenate([answer.chord[pressing], *found]), Reductions(comm))
+
+
+def _with_corner(face: FaceSamples, points: FloatArray) -> npt.NDArray[np.bool_]:
+    """Facets with a corner at one of the contact points (k, 3), shape (f,)."""
+    corners = face.corners
+    if face.nodal:
+        touching = among(corners, points)
+    else:
+        radius = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
+        touching = tree_of(points).query(corners)[0] <= _NEAR * radius[:, None]
+    found: npt.NDArray[np.bool_] = np.any(touching, axis=1)
+    return found
 
 
 def _depths(face: FaceSamples, foundation: RigidFoundation, points: FloatArray, given: FloatArray) -> FloatArray:

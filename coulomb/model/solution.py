@@ -13,26 +13,18 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.contact import FaceSamples, face_samples
-from ..fem.geometry import RigidFoundation, on_all_ranks
+from ..fem.contact import face_samples
 from ..linalg.reductions import Reductions
-from ..nearest import among, tree_of
 from ..solvers.results import SolverResult
 from .certificate import Certificate
 from .discrete_problem import DiscreteProblem
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import Acting, Resultant, acting, resultant_of_ground
-from .small_strain import SmallStrain, deformation_of, small_strain
+from .small_strain import SmallStrain, small_strain
 from .solution_writer import supplied
 
 _log = logging.getLogger(__name__)
-
-_CHORD = 0.1
-"""Part of the deformation above which the chord of facets in contact is remarked."""
-
-_NEAR = 0.25
-"""Radii of a facet within which a contact point is at its corner: of 10-node tetrahedra it is beside it."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +76,7 @@ class Solution:
             frames=surface.frames,
             gap=surface.gap,
             given_gap=problem.body.given_gap(surface, problem.time),
+            chord=surface.chord,
             area=surface.area,
             slip_origin=problem.state.slip_origin,
             displacement=surface.rows(self.displacement),
@@ -162,47 +155,9 @@ class Solution:
         """Measures of the small-strain theory; collective."""
         problem, body = self.problem, self.problem.elasticity
         blocked = body.blocked_displacement(problem.loading)
-        return small_strain(self.at_nodes, problem.surface.foundations, body, self.displacement, self._faces, blocked)
-
-    @cached_property
-    def _faces(self) -> list[FaceSamples]:
-        """Of every contact face; collective."""
-        members = [self.problem.elasticity.face(face, "contact") for face in self.problem.surface.faces]
-        return [face_samples(one.body, facets, self.displacement[one.nodes]) for one, facets in members]
-
-    @cached_property
-    def coarse(self) -> tuple[str, ...]:
-        """Messages on faces where gaps between contact points are uncertain by more than a tenth of the deformation;
-        collective."""
-        problem, over = self.problem, Reductions(self.problem.comm)
-        deformation = deformation_of(problem.elasticity, self.displacement, over)
-        found = []
-        surface = problem.surface
-        for number, (face, chord) in enumerate(zip(surface.faces, surface.chords, strict=True)):
-            touching = (surface.part == number) & (self.contact_force[0::3] > 0.0)
-            foundation, touches = surface.foundations[number], over.any(bool(np.any(touching)))
-            if touches and foundation is not None:
-                chord = over.max(self._bends(self._faces[number], foundation, surface.x[touching]))
-            if touches and chord > _CHORD * deformation > 0.0:
-                found.append(
-                    f"contact face {face!r}: where it touches, gaps between contact points are up to {chord:.2g} m "
-                    f"from linear, the chord h^2/(8 R) of its facets, {chord / deformation:.2g} times the deformation: "
-                    "the approach is uncertain by as much; use smaller facets there"
-                )
-        return tuple(found)
-
-    def _bends(self, face: FaceSamples, foundation: RigidFoundation, touching: FloatArray) -> FloatArray:
-        """`FaceSamples.bend` of facets with a corner at touching contact points, (k, 3) of this rank; collective."""
-        comm, corners = self.problem.comm, face.corners
-        points = np.concatenate(comm.allgather(touching))
-        if face.nodal:
-            touch = np.any(among(corners, points), axis=1)
-        else:
-            radius = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
-            touch = tree_of(points).query(corners)[0].min(axis=1, initial=np.inf) <= _NEAR * radius
-        bends = on_all_ranks(lambda: face.bend(foundation.signed_distance), "contact: foundation", comm)
-        touching_bends: FloatArray = bends[touch]
-        return touching_bends
+        members = [body.face(face, "contact") for face in problem.surface.faces]
+        faces = [face_samples(one.body, facets, self.displacement[one.nodes]) for one, facets in members]
+        return small_strain(self.at_nodes, problem.surface.foundations, body, self.displacement, faces, blocked)
 
     @property
     def outside(self) -> tuple[str, ...]:

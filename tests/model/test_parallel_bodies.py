@@ -160,9 +160,9 @@ def test_what_a_rank_needs_of_a_pair():
     one, mine = found(MPI.COMM_SELF), found(MPI.COMM_WORLD)
     for whole, near in ((one.slave, mine.slave), (one.master, mine.master)):
         assert near.largest_sagitta == pytest.approx(whole.largest_sagitta, rel=1e-9) and whole.largest_sagitta > 1e-4
-        sagittas = dict(zip(nodes_of(whole.patch), whole.sagittas, strict=True))
-        for facet, sagitta in zip(nodes_of(near.patch), near.sagittas, strict=True):
-            assert sagitta == pytest.approx(sagittas[facet], abs=1e-12)
+        bulges = dict(zip(nodes_of(whole.patch), whole.bulges, strict=True))
+        for facet, bulge in zip(nodes_of(near.patch), near.bulges, strict=True):
+            assert bulge == pytest.approx(bulges[facet], abs=1e-12)
     assert mine.search.reach == pytest.approx(one.search.reach) and mine.search.depth == pytest.approx(one.search.depth)
     assert (mine.size, mine.extent) == pytest.approx((one.size, one.extent))
     first, last = mine.owned

@@ -14,8 +14,8 @@ from .contact_points import (
     rows_of,
 )
 from .mortar import MortarRows, mortar_rows
-from .near_facets import FaceSamples, face_samples
-from .pair import NO_SHAPE, Pair, Shape, curved_patch, pair_frames, pair_of, pair_surface
+from .near_facets import FaceSamples, NearFace, face_samples, whole_face
+from .pair import NO_SHAPE, Pair, Shape, bulges_at_points, curved_patch, pair_frames, pair_of, pair_surface
 from .slave_side import lost_nodes, slave_side
 from .surface import (
     ContactSurface,
@@ -36,11 +36,13 @@ __all__ = [
     "FaceSamples",
     "KeptMatrix",
     "MortarRows",
+    "NearFace",
     "Normals",
     "Pair",
     "Shape",
     "at_nodes_of",
     "bounded_gap",
+    "bulges_at_points",
     "contact_matrix",
     "contact_points",
     "contact_surface",
@@ -63,5 +65,6 @@ __all__ = [
     "slave_side",
     "turned_away",
     "way_along",
+    "whole_face",
     "within",
 ]

@@ -95,35 +95,30 @@ class FacetPatch:
         return diameters
 
     @cached_property
-    def sagittas(self) -> FloatArray:
-        """How far the middle of every facet is from the smooth face for which the facets may stand, metres, shape (f,).
+    def bulges(self) -> FloatArray:
+        """The way from the middle of every facet to the smooth face for which the facets may stand, metres, shape
+        (f, 3).
 
         The smooth face has the mean normals n_k of the facets around the nodes: to second order the middle is off by
         1/2 of the mean of ((x_k - x) . n_k) n_k.  0 of second-order facets, where `curved` is known, and at edges
         between facets that differ by more than about 50 degrees.
         """
-        normals = np.zeros((self.size, 3))
-        np.add.at(normals, self.nodes, np.broadcast_to(self.middle_vectors[:, None], self.x.shape))
-        return self.sagittas_with(normals[self.nodes])
+        vectors = np.repeat(self.middle_vectors, self.kind.width, axis=0)
+        return self.bulges_with(mean_normals(self.nodes.ravel(), vectors, self.size)[self.nodes])
 
     @cached_property
     def middle_vectors(self) -> FloatArray:
         """`area_vectors` in the middles of the facets, shape (f, 3)."""
         return self.area_vectors(self.kind.points.mean(axis=0)[None])[:, 0]
 
-    def sagittas_with(self, n: FloatArray) -> FloatArray:
-        """`sagittas` with the sums of `middle_vectors` of the facets around the nodes of each, shape (f, n, 3)."""
-        sagittas: FloatArray = np.linalg.norm(self.bulges_with(n), axis=1)
-        return sagittas
-
     def bulges_with(self, n: FloatArray) -> FloatArray:
-        """The way from the middle of every facet to the smooth face, as `sagittas_with`, shape (f, 3)."""
+        """`bulges` with the `mean_normals` at the nodes of each facet, shape (f, n, 3)."""
         if self.kind.degree == 2 or self.curved is not None or not len(self):
             return np.zeros((len(self), 3))
-        n = n / np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-300)
+        creased, n = self._creased(n), _unit(n)
         away = np.einsum("fki,fki->fk", self.x - self.x.mean(axis=1, keepdims=True), n)
         bulges: FloatArray = 0.5 * (away[:, :, None] * n).mean(axis=1)
-        return np.where(self._creased(n)[:, None], 0.0, bulges)
+        return np.where(creased[:, None], 0.0, bulges)
 
     @property
     def multiplier_columns(self) -> npt.NDArray[np.int64]:
@@ -157,19 +152,19 @@ class FacetPatch:
         return replace(self, curved=places.reshape(len(self), -1, 3))
 
     def smoothed(self, n: FloatArray) -> FacetPatch:
-        """The facets with `curved` on the smooth surface with the normals n: sums of `middle_vectors` of the facets
-        around the corners of each, shape (f, corners, 3).
+        """The facets with `curved` on the smooth surface with the normals n: `mean_normals` at the corners of each,
+        shape (f, corners, 3).
 
         To second order the middle of an edge is off by 1/2 of the mean of ((x_k - x) . n_k) n_k over its ends.
         """
         if self.kind.degree == 2:
             return self
-        n, straight, count = n / np.maximum(np.linalg.norm(n, axis=2, keepdims=True), 1e-300), self.x, self.kind.corners
+        creased, n, straight, count = self._creased(n), _unit(n), self.x, self.kind.corners
         ends = np.stack([np.arange(count), np.roll(np.arange(count), -1)], axis=1)
         half = 0.5 * (straight[:, ends[:, 0]] - straight[:, ends[:, 1]])
         rise = [sign * np.einsum("fei,fei->fe", half, n[:, ends[:, k]]) for k, sign in enumerate((1.0, -1.0))]
         offset = 0.25 * sum(r[:, :, None] * n[:, ends[:, k]] for k, r in enumerate(rise))
-        offset[self._creased(n)] = 0.0
+        offset[creased] = 0.0
         if count == 4:
             offset = np.concatenate([offset, 0.5 * offset.sum(axis=1, keepdims=True)], axis=1)
         curved = self._in_second_order
@@ -185,11 +180,26 @@ class FacetPatch:
         return places
 
     def _creased(self, n: FloatArray) -> npt.NDArray[np.bool_]:
-        """Facets that differ by more than about 50 degrees from those beside them, by unit normals n at the corners."""
+        """Facets that differ by more than about 50 degrees from those beside them, by mean normals n at the corners:
+        one is aslant to them, or they are short, since the facets around a corner differ."""
         area = self.middle_vectors
-        aslant = np.einsum("fki,fi->fk", n, area) < _CREASE * np.linalg.norm(area, axis=1)[:, None]
-        creased: npt.NDArray[np.bool_] = np.any(aslant, axis=1)
+        aslant = np.einsum("fki,fi->fk", _unit(n), area) < _CREASE * np.linalg.norm(area, axis=1)[:, None]
+        creased: npt.NDArray[np.bool_] = np.any(aslant | (np.linalg.norm(n, axis=2) < _CREASE), axis=1)
         return creased
+
+
+def mean_normals(node: npt.NDArray[np.int64], vectors: FloatArray, size: int) -> FloatArray:
+    """Means of the unit normals of the facets around each of `size` nodes, weighted by their area, shape (size, 3), of
+    `FacetPatch.middle_vectors` (k, 3) and the nodes at which they count (k,)."""
+    sums, areas = np.zeros((size, 3)), np.bincount(node, np.linalg.norm(vectors, axis=1), size)
+    np.add.at(sums, node, vectors)
+    means: FloatArray = sums / np.maximum(areas, 1e-300)[:, None]
+    return means
+
+
+def _unit(n: FloatArray) -> FloatArray:
+    unit: FloatArray = n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-300)
+    return unit
 
 
 def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FacetPatch:

@@ -20,7 +20,7 @@ from ...nearest import tree_of
 from ..bodies import DisplacementSpace
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_functions import FacetKind
-from .facet_patch import FacetPatch, facet_patch
+from .facet_patch import FacetPatch, facet_patch, mean_normals
 from .mortar import RINGS, Search, search_of
 from .mortar_parts import FACING, Cells, cells_of
 
@@ -122,14 +122,14 @@ class NearFace:
     Attributes:
         patch: The facets, in the order of the ranks; `size` is the number of nodes here.
         numbers: Global numbers of these nodes, ascending, shape (patch.size,).
-        sagittas: Of the facets (`FacetPatch.sagittas`), shape (f,).
-        largest_sagitta: Of all facets of the face.
+        bulges: Of the facets (`FacetPatch.bulges`), shape (f, 3).
+        largest_bulge: The length of the largest of all facets of the face, metres.
     """
 
     patch: FacetPatch
     numbers: IntArray
-    sagittas: FloatArray
-    largest_sagitta: float
+    bulges: FloatArray
+    largest_bulge: float
 
 
 @dataclass(frozen=True)
@@ -162,10 +162,10 @@ def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], com
     first = int(starts[0][comm.rank])
     if comm.size == 1:
         search = search_of(slave, master) if len(slave) and len(master) else None
-        both = _as_it_is(slave), _as_it_is(master)
+        both = whole_face(slave), whole_face(master)
         return NearPair(both[0], both[1], (0, nodes[0]), search, size, float(np.max(extents[0])))
-    one, other = (_with_sagittas(patch, at, comm) for patch, at in zip((slave, master), starts, strict=True))
-    largest = [float(comm.allreduce(float(rows["sagitta"].max(initial=0.0)), op=MPI.MAX)) for rows in (one, other)]
+    one, other = (_with_bulges(patch, at, comm) for patch, at in zip((slave, master), starts, strict=True))
+    largest = [float(comm.allreduce(_length(rows["bulge"]), op=MPI.MAX)) for rows in (one, other)]
     around = _near(slave, _around(one, starts[0], comm), largest[0])
     counts = [comm.allreduce(len(patch)) for patch in (slave, master)]
     search = None
@@ -179,9 +179,13 @@ def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], com
     return NearPair(around, _near(master, there, largest[1]), (int(own[0]), int(own[1])), search, size, extent)
 
 
-def _as_it_is(patch: FacetPatch) -> NearFace:
-    sagittas = patch.sagittas
-    return NearFace(patch, np.arange(patch.size), sagittas, float(sagittas.max(initial=0.0)))
+def whole_face(patch: FacetPatch) -> NearFace:
+    """All facets of a face that is on one rank."""
+    return NearFace(patch, np.arange(patch.size), patch.bulges, _length(patch.bulges))
+
+
+def _length(vectors: FloatArray) -> float:
+    return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
 
 
 def _near(like: FacetPatch, rows: Rows, largest: float) -> NearFace:
@@ -190,7 +194,7 @@ def _near(like: FacetPatch, rows: Rows, largest: float) -> NearFace:
     nodes = inverse.reshape(rows["nodes"].shape).astype(np.int64)
     curved = None if like.curved is None else rows["curved"].copy()
     patch = FacetPatch(like.kind, nodes, rows["x"].copy(), len(numbers), curved)
-    return NearFace(patch, numbers, rows["sagitta"].copy(), largest)
+    return NearFace(patch, numbers, rows["bulge"].copy(), largest)
 
 
 def _ends(patch: FacetPatch, comm: MPI.Comm) -> FloatArray:
@@ -201,10 +205,10 @@ def _ends(patch: FacetPatch, comm: MPI.Comm) -> FloatArray:
     return np.array([low, -high])
 
 
-def _with_sagittas(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> Rows:
-    """This rank's facets as rows, with their number over all ranks and their sagittas; collective."""
+def _with_bulges(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> Rows:
+    """This rank's facets as rows, with their number over all ranks and their bulges; collective."""
     width = patch.kind.width
-    kinds = [("key", "i8"), ("sagitta", "f8"), ("nodes", "i8", (width,)), ("x", "f8", (width, 3))]
+    kinds = [("key", "i8"), ("bulge", "f8", (3,)), ("nodes", "i8", (width,)), ("x", "f8", (width, 3))]
     if patch.curved is not None:
         kinds.append(("curved", "f8", (patch.second_order.width, 3)))
     rows = np.zeros(len(patch), dtype=kinds)
@@ -213,18 +217,18 @@ def _with_sagittas(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> Rows:
     if patch.curved is not None:
         rows["curved"] = patch.curved
     elif patch.kind.degree == 1:
-        rows["sagitta"] = patch.sagittas_with(normals_at_nodes(patch, starts, comm))
+        rows["bulge"] = patch.bulges_with(normals_at_nodes(patch, starts, comm))
     return rows
 
 
 def normals_at_nodes(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> FloatArray:
-    """Sums of `FacetPatch.middle_vectors` of the facets of all ranks around the nodes of each, shape (f, n, 3);
+    """`mean_normals` of the facets of all ranks at the nodes of each, shape (f, n, 3);
     `starts` are those of the nodes; collective."""
     nodes = patch.nodes.ravel()
     to = Exchange(comm, owner_of(starts, nodes))
     node = to.send(nodes) - starts[comm.rank]
-    normals = np.zeros((int(starts[comm.rank + 1] - starts[comm.rank]), 3))
-    np.add.at(normals, node, to.send(np.repeat(patch.middle_vectors, patch.kind.width, axis=0)))
+    vectors = to.send(np.repeat(patch.middle_vectors, patch.kind.width, axis=0))
+    normals = mean_normals(node, vectors, int(starts[comm.rank + 1] - starts[comm.rank]))
     return fetched(comm, starts, nodes, normals).reshape(-1, patch.kind.width, 3)
 
 

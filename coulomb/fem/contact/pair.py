@@ -23,9 +23,9 @@ from ..meshes import Exchange, fetched, owner_of, starts_of
 from .contact_points import ContactPoints, among_all
 from .facet_patch import FacetPatch, facet_patch
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
-from .near_facets import NearFace, NearPair, near_pair
+from .near_facets import NearFace, near_pair
 from .slave_side import clamped_nodes
-from .surface import ContactSurface, largest_near, matrices_of
+from .surface import ContactSurface, matrices_of
 from .symmetric_pair import mirrored, planes_of_symmetry, smooth_normals, within
 
 _ROUNDING = 1e-14
@@ -81,8 +81,7 @@ class Pair:
         n: Unit normals, from the slave body into the master body, shape (m, 3).
         gap: Distance along them before deformation in metres, adjusted, shape (m,).
         held: Projectors on the held directions of the slave nodes, shape (m, 3, 3).
-        chord: Largest distance of the facets near the other face from the surfaces for which they may stand, or of the
-            gap in them from linear between the contact points, metres.
+        chord: As `ContactSurface.chord`.
         remarks: What a user should know of it.
     """
 
@@ -93,7 +92,7 @@ class Pair:
     n: FloatArray
     gap: FloatArray
     held: FloatArray
-    chord: float = 0.0
+    chord: FloatArray
     remarks: tuple[str, ...] = ()
 
 
@@ -171,23 +170,32 @@ def pair_of(
     deepest = -float(comm.allreduce(float(np.min(gap, initial=0.0)), op=MPI.MIN))
     seen = _SEEN * near.extent
     deepest = deepest if deepest > seen else 0.0
-    uncertain = _uncertainty(rows, gap, near, comm)
-    chord = max(uncertain, largest_near(gap, rows.chord, comm))
+    off, between = bulges_at_points(rows, gap, near.slave, near.master)
+    uncertain = float(comm.allreduce(float(np.max(off, initial=0.0)), op=MPI.MAX))
     uncertain = uncertain if uncertain > seen else 0.0
     remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, uncertain, comm)
-    return Pair(face, against, points, x, n, gap, held, chord, remarks)
+    return Pair(face, against, points, x, n, gap, held, np.max([off, between, rows.chord], axis=0), remarks)
 
 
-def _uncertainty(rows: MortarRows, gap: FloatArray, pair: NearPair, comm: MPI.Comm) -> float:
-    """Largest distance in metres of the facets, where the two faces are near, from smooth faces for which they may
-    stand; 0 if all gaps are 0, as of matching meshes; collective."""
-    largest = max(pair.slave.largest_sagitta, pair.master.largest_sagitta)
-    near = (gap != 0.0) & (np.abs(gap) < 2.0 * largest)
-    here = 0.0
-    for one, nodes in ((pair.slave, rows.node[near]), (pair.master, rows.opposite[near].indices)):
-        there = np.any(np.isin(one.patch.nodes, nodes), axis=1)
-        here = max(here, float(one.sagittas[there].max(initial=0.0)))
-    return float(comm.allreduce(here, op=MPI.MAX))
+def bulges_at_points(
+    rows: MortarRows, gap: FloatArray, slave: NearFace, master: NearFace
+) -> tuple[FloatArray, FloatArray]:
+    """How far, at every contact point, gaps (m,) are from those between smooth faces for which the facets may stand,
+    metres, shape (m,) each: by the largest of the facets there, if the gap is neither 0, as of matching meshes, nor
+    larger than what such facets cause; and by the mean, where the curvatures of both faces differ."""
+    largest = np.zeros(slave.patch.size), np.zeros(master.patch.size)
+    mean = np.zeros((slave.patch.size, 3)), np.zeros((master.patch.size, 3))
+    for most, bulge, face in zip(largest, mean, (slave, master), strict=True):
+        nodes = face.patch.nodes
+        np.maximum.at(most, nodes, np.linalg.norm(face.bulges, axis=1)[:, None])
+        np.add.at(bulge, nodes, face.bulges[:, None])
+        bulge /= np.maximum(np.bincount(nodes.ravel(), minlength=face.patch.size), 1)[:, None]
+    table = rows.opposite
+    opposite = scipy.sparse.csr_matrix((largest[1][table.indices], table.indices, table.indptr), shape=table.shape)
+    most = np.maximum(largest[0][rows.node], opposite.max(axis=1).toarray().ravel())
+    near = (gap != 0.0) & (np.abs(gap) < 2.0 * max(slave.largest_bulge, master.largest_bulge))
+    between = mean[0][rows.node] - rows.opposite @ mean[1]
+    return np.where(near, most, 0.0), np.abs(np.einsum("mi,mi->m", between, rows.normal))
 
 
 def _remarks(
@@ -254,9 +262,8 @@ def pair_surface(
     part = np.zeros(len(pair.x), dtype=np.int64)
     matrices = matrices_of(elasticity, pair.points, frames)
     gap = pair.gap + gap_factor * given
-    chords, remarks = (pair.chord,), pair.remarks
     return ContactSurface(
-        (pair.face,), part, pair.points, pair.x, frames, gap, given, *matrices, (None,), chords, remarks
+        (pair.face,), part, pair.points, pair.x, frames, gap, given, *matrices, (None,), pair.chord, pair.remarks
     )
 
 

@@ -73,7 +73,7 @@ class ContactSurface:
         free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
             no contact node has a prescribed direction.
         foundations: The foundation of each face, to which gaps are measured; None against a deformable face.
-        chords: Of each face, how far gaps near the face opposite are from linear between the contact points, metres:
+        chord: How far gaps to a face opposite are from linear between a point and those beside it, metres, shape (m,):
             h^2/(8 R) on curved faces; 0 against a foundation.
         remarks: What a user should know of it.
     """
@@ -88,7 +88,7 @@ class ContactSurface:
     B: PETSc.Mat
     free_B: PETSc.Mat
     foundations: tuple[RigidFoundation | None, ...]
-    chords: tuple[float, ...]
+    chord: FloatArray
     remarks: tuple[str, ...] = ()
 
     @property
@@ -251,7 +251,9 @@ def contact_surface(
     left_out = comm.allreduce(int(turned.sum()), op=MPI.SUM)
     remark = f"contact face {face!r}: {left_out} of its nodes face away from the foundation and are no contact points"
     remarks = (remark,) if left_out else ()
-    return ContactSurface((face,), part, points, x, frames, gaps, field, *matrices, (foundation,), (0.0,), remarks)
+    return ContactSurface(
+        (face,), part, points, x, frames, gaps, field, *matrices, (foundation,), np.zeros(len(x)), remarks
+    )
 
 
 def turned_away(slope: FloatArray, outward: FloatArray) -> npt.NDArray[np.bool_]:
@@ -260,12 +262,6 @@ def turned_away(slope: FloatArray, outward: FloatArray) -> npt.NDArray[np.bool_]
     along = np.einsum("ki,ki->k", slope, outward)
     turned: npt.NDArray[np.bool_] = along >= -_PERPENDICULAR * np.linalg.norm(outward, axis=1)
     return turned
-
-
-def largest_near(gap: FloatArray, chord: FloatArray, comm: MPI.Comm) -> float:
-    """The largest chord (m,) of points whose gaps (m,) are no more than twice as large, metres; collective."""
-    near = np.abs(gap) <= 2.0 * chord
-    return float(comm.allreduce(float(np.max(chord[near], initial=0.0)), op=MPI.MAX))
 
 
 def without_rounding(gap: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:
@@ -307,7 +303,7 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
         np.concatenate([surface.gap_field for surface in surfaces]),
         *matrices_of(elasticity, points, frames),
         tuple(foundation for surface in surfaces for foundation in surface.foundations),
-        tuple(chord for surface in surfaces for chord in surface.chords),
+        np.concatenate([surface.chord for surface in surfaces]),
         tuple(text for surface in surfaces for text in surface.remarks),
     )
 

@@ -37,6 +37,7 @@ class ContactNodes:
         frames: Rows n, t1, t2, as `ContactSurface.frames`, shape (m, 3, 3).
         gap: Before deformation in metres, shape (m,).
         given_gap: The part of it that is given beside the distance to the foundation, metres, shape (m,).
+        chord: As `ContactSurface.chord`, shape (m,); 0 as long as it is unknown.
         area: In m^2, shape (m,).
         friction: Coefficient of friction, shape (m,).
         cohesion: In pascals, shape (m,).
@@ -54,6 +55,7 @@ class ContactNodes:
     frames: FloatArray
     gap: FloatArray
     given_gap: FloatArray
+    chord: FloatArray
     area: FloatArray
     friction: FloatArray
     cohesion: FloatArray
@@ -137,6 +139,7 @@ class ContactNodes:
             frames=self.frames,
             gap=self.gap,
             given_gap=self.given_gap,
+            chord=self.chord,
             area=self.area,
             slip_origin=np.einsum("kij,kj->ki", self.frames, self.origin),
             displacement=np.einsum("kij,kj->ki", self.frames, self.displacement(run, u)),

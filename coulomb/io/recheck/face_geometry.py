@@ -20,8 +20,10 @@ from ...arrays import FloatArray
 from ...fem.contact import (
     NO_SHAPE,
     MortarRows,
+    NearFace,
     Shape,
     bounded_gap,
+    bulges_at_points,
     contact_points,
     curved_patch,
     held_on_both,
@@ -31,6 +33,7 @@ from ...fem.contact import (
     shares,
     turned_away,
     way_along,
+    whole_face,
     within,
 )
 from ...fem.geometry import HELD_BEYOND, LEAST_RATIO, held_length, supported_frames
@@ -164,7 +167,7 @@ class _Source:
         part, opposite = np.full(len(x), number), scipy.sparse.csr_matrix((len(x), len(run.body.x)))
         law, still = self._law(number, x, points.area, index), np.zeros_like(x)
         averages, origin = (index, weights, opposite, np.zeros_like(frames), part, written), data["slip_origin"]
-        nodes = ContactNodes(*averages, frames, gap, given, points.area, *law, origin, still, still)
+        nodes = ContactNodes(*averages, frames, gap, given, np.zeros(len(x)), points.area, *law, origin, still, still)
         return nodes.only(free & (written | ~turned))
 
     def in_pair(
@@ -174,6 +177,7 @@ class _Source:
         said: npt.NDArray[np.bool_],
         other: WrittenOpposite,
         rows: MortarRows,
+        faces: tuple[NearFace, NearFace],
         mirrored: FloatArray,
         n: FloatArray,
     ) -> ContactNodes:
@@ -195,14 +199,16 @@ class _Source:
             frames[untold] = supported_frames(n[untold], np.zeros((int(np.sum(untold)), 3, 3)))
         else:
             contact = case.contacts[number]
-            distance = np.where(np.abs(distance) <= contact.adjust, 0.0, distance) if contact.adjust else distance
+            floor = max(contact.adjust, 1e-14 * float(np.max(np.abs(faces[0].patch.x))))
+            distance = np.where(np.abs(distance) <= floor, 0.0, distance)
             given = given if case.lacks_gap(number) else case.given_gap(number, self.time, x)
             H = run.held.projector_at(face.part.nodes.start + rows.node)
             frames = contact.frames(n, H, x, MPI.COMM_SELF)
         self.report(index[~written], "are left out, but are opposite to the other face")
+        chord = np.max([*bulges_at_points(rows, distance, *faces), rows.chord], axis=0)
         law, still, part = self._law(number, x, rows.area, index), np.zeros_like(x), np.full(len(x), number)
         averages, origin = (index, weights, opposite, mirrored, part, written), data["slip_origin"]
-        return ContactNodes(*averages, frames, distance + given, given, rows.area, *law, origin, still, still)
+        return ContactNodes(*averages, frames, distance + given, given, chord, rows.area, *law, origin, still, still)
 
     def _law(
         self, number: int, x: FloatArray, area: FloatArray, index: npt.NDArray[np.int64]
@@ -239,7 +245,7 @@ def _pairs(
     grids: Sequence[_Grid],
     opposite: dict[int, WrittenOpposite],
     taken: npt.NDArray[np.bool_],
-) -> dict[int, tuple[MortarRows, FloatArray, FloatArray]]:
+) -> dict[int, tuple[MortarRows, tuple[NearFace, NearFace], FloatArray, FloatArray]]:
     """The contact points of all pairs (`_in_pair`) by the number of the contact, with every node at the nearest master.
 
     `taken` are nodes that are contact points against a foundation, shape (k,).
@@ -250,7 +256,7 @@ def _pairs(
             shape = NO_SHAPE if case is None else case.contacts[number].shape
             rows[number] = _in_pair(run, *grids[number], opposite[number], left_out[number], shape)
         points = {}
-        for number, (found, _, n) in rows.items():
+        for number, (found, _, _, n) in rows.items():
             adjust = 0.0 if case is None else case.contacts[number].adjust
             gap = found.gap(n)
             nodes = grids[number][0].part.nodes.start + found.node
@@ -268,9 +274,9 @@ def _in_pair(
     other: WrittenOpposite,
     taken: npt.NDArray[np.bool_],
     shape: Shape,
-) -> tuple[MortarRows, FloatArray, FloatArray]:
+) -> tuple[MortarRows, tuple[NearFace, NearFace], FloatArray, FloatArray]:
     """The contact points of a pair, with the averages over both faces; nodes are numbers in the body of each.  Besides
-    the projectors across planes of symmetry, shape (m, 3, 3), and the normals in these, shape (m, 3).
+    both faces, the projectors across planes of symmetry, shape (m, 3, 3), and the normals in these, shape (m, 3).
 
     Nodes whose displacement along their normal is prescribed have no contact point, nor have those that are contact
     points of another face, `taken` (k,).  `shape` is what the facets stand for.
@@ -291,7 +297,7 @@ def _in_pair(
     planes = planes_of_symmetry(rows.normal, held.projector_at(rows.node), rows.node, slave)
     on_master = run.held.projector_at(there.nodes.start + np.arange(master.size)).reshape(-1, 9)
     mirrored = held_on_both(planes, (shares(rows.opposite) @ on_master).reshape(-1, 3, 3))
-    return rows, mirrored, within(rows.normal, planes)
+    return rows, (whole_face(slave), whole_face(master)), mirrored, within(rows.normal, planes)
 
 
 def _have_axes(frames: FloatArray) -> npt.NDArray[np.bool_]:

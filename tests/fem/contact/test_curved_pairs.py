@@ -21,7 +21,6 @@ from coulomb import (
     moved,
 )
 from coulomb.io.recheck import check
-from coulomb.io.summary import remarks
 from coulomb.verification.ring_pair import FIT, INTERFERENCE, rings
 
 STEEL = Material(2.1e11, 0.3)
@@ -67,7 +66,7 @@ def rolled(cells, cell, degree, load, shift=0.0, **contact):
 @pytest.mark.parametrize("shift", [0.0, 0.3])
 def test_a_roller_moves_down_under_a_load_and_not_without(cell, degree, shift):
     """With a vertex or an edge at the lowest place; by half the load less.  The error of the approach is at most the
-    chord of the facets, of which the run tells."""
+    chord of the facets, and where that is large the answer is invalid."""
     for cells in (6, 9):
         problem = rolled(cells, cell, degree, 3e5, shift)
         chord = (np.pi / 1.5 / cells) ** 4 * RADIUS / 384.0 if degree == 2 else 0.0  # of facets outside the circle
@@ -77,7 +76,7 @@ def test_a_roller_moves_down_under_a_load_and_not_without(cell, degree, shift):
         down, less = (one.displacement[top, 2].mean() for one in (solution, half))
         assert down < less < 0.0
         if degree == 2:
-            assert any("chord" in text for text in remarks(solution)) or problem.surface.chords[0] < 2e-7
+            assert not solution.valid or solution.small_strain.chord < 0.5
     low = (np.pi / 9.0) ** 4 * RADIUS / 384.0 if degree == 2 else 0.0
     still = ContactProblem(
         join(
@@ -165,6 +164,7 @@ def test_what_faces_away_from_a_foundation_is_left_out(cell, degree, caplog, tmp
 RANKS = """
 import sys
 import numpy as np
+from mpi4py import MPI
 sys.path[:0] = sys.argv[1:]
 import test_curved_pairs as t
 from coulomb import Cylinder
@@ -173,7 +173,8 @@ for given in ({}, {"smooth": True}, {"surface": Cylinder((0.0, 0.0, 0.0), (0.0, 
     solution = problem.solve()
     comm = problem.comm
     sums = problem.surface.gap, solution.contact_force, problem.surface.gap**2
-    numbers = [*(comm.allreduce(float(np.sum(each))) for each in sums), *problem.surface.chords]
+    chord = comm.allreduce(float(np.max(problem.surface.chord, initial=0.0)), op=MPI.MAX)
+    numbers = [*(comm.allreduce(float(np.sum(each))) for each in sums), chord]
     if comm.rank == 0:
         print(*numbers)
 """
