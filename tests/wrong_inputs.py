@@ -69,7 +69,7 @@ CASE_FILES = (
         "dense Newton systems on two ranks",
         run("solver.newton='dense'"),
         alone=None,
-        message='solver\\.newton = "dense" works on one rank',
+        message='solver.newton = "dense" works on one rank',
     ),
     Wrong("condensed Newton systems of a body that contact alone holds", run("clamp=[]", "solver.newton='condensed'")),
 )
