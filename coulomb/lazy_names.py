@@ -1,39 +1,42 @@
-"""Names of a package that are loaded when they are first used, so that importing it takes no time."""
+"""Names of a package that are loaded when they are first used, so that importing it takes no time.
+
+The `__init__.pyi` beside its `__init__.py` is the only list of them: lines `from .module import Name as Name`, which
+type checkers read as well.
+"""
 
 from __future__ import annotations
 
+import re
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
+from pathlib import Path
 
 
-def lazy_names(
-    package: str, homes: Mapping[str, tuple[str, ...]], moved: Mapping[str, tuple[str, ...]] | None = None
-) -> Callable[[str], object]:
-    """The `__getattr__` of a package.
+def stubbed(
+    package: str, file: str, moved: Mapping[str, Iterable[str]] | None = None
+) -> tuple[list[str], Callable[[str], object]]:
+    """The `__all__` and the `__getattr__` of a package.
 
     Args:
         package: Its name.
-        homes: Names by the module, relative to the package, that has them.
-        moved: Likewise names of the version before, by the package where they are now; they warn.
+        file: Its `__init__.py`.
+        moved: Names of the version before, by the package where they are now; they warn.
     """
-    places = {
-        name: (home, old)
-        for table, old in ((homes, False), (moved or {}, True))
-        for home in table
-        for name in table[home]
-    }
+    lines = re.findall(r"^from (\.[\w.]+) import (\w+) as", Path(file).with_suffix(".pyi").read_text(), re.M)
+    homes = {name: home for home, name in lines}
+    old = {name: f".{room}" for room, names in (moved or {}).items() for name in names}
 
     def load(name: str) -> object:
-        if name not in places:
+        home = homes.get(name) or old.get(name)
+        if home is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        home, old = places[name]
-        value: object = getattr(import_module(f".{home}", package), name)
-        if old:
-            warnings.warn(f"{package}.{name} is now {package}.{home}.{name}", DeprecationWarning, stacklevel=2)
-        else:
+        value: object = getattr(import_module(home, package), name)
+        if name in homes:
             setattr(sys.modules[package], name, value)
+        else:
+            warnings.warn(f"{package}.{name} is now {package}{home}.{name}", DeprecationWarning, stacklevel=2)
         return value
 
-    return load
+    return sorted(homes), load

@@ -118,11 +118,13 @@ def read_grid(path):
     return next(iter(read_grids(path).values()))
 
 
+_RUNS = tempfile.TemporaryDirectory(prefix="coulomb-check-")  # removed at the end of the process
+
+
 @functools.cache
 def made(text):
     """Directory of a computed case; tests must not change it."""
-    folder = Path(tempfile.mkdtemp(prefix="coulomb-check-"))
-    return run_case(text, folder / "run")
+    return run_case(text, Path(tempfile.mkdtemp(dir=_RUNS.name)) / "run")
 
 
 def run_case(text, target):
@@ -215,3 +217,17 @@ def one_entry(values):
     largest = np.unravel_index(np.argmax(np.abs(values)), values.shape)
     values[largest] = values[largest] * (1.0 + 1e-6) if abs(values[largest]) > _NOTHING else 1e-6
     return values
+
+
+def fields(path):
+    """By name, at the points of the file."""
+    with h5py.File(path) as file:
+        found = {name: np.squeeze(group["0"][()]) for name, group in file["Function"].items() if name != "young"}
+        return {"x": file["Mesh/mesh/geometry"][()], **found}
+
+
+def order(points, wanted):
+    """For each wanted place the number of the point there."""
+    distance = np.linalg.norm(points[None] - wanted[:, None], axis=2)
+    assert distance.min(axis=1).max() < 1e-12
+    return distance.argmin(axis=1)

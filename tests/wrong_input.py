@@ -1,9 +1,12 @@
-"""A wrong input: its definition, and the directories, files and faults it needs."""
+"""A wrong input: its definition, the directories, files and faults it needs, and its message beside docs/errors.md."""
 
 import contextlib
 import io
 import json
+import os
+import re
 import shutil
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +22,7 @@ from coulomb.cli import app as cli
 from coulomb.cli import console
 
 comm = MPI.COMM_WORLD
+DOCUMENT = Path(__file__).parents[1] / "docs" / "errors.md"
 
 FROM_FILE = BLOCK.replace("box = [3.0, 1.0, 1.0]\ncells = [3, 1, 1]", 'file = "part.msh"')
 TOP = "[{face='top', value=[0,0,-1e-4], amplitude=[[0,0],[1,1]]}]"
@@ -32,22 +36,20 @@ class Wrong:
     Attributes:
         what: In words.
         arguments: Of coulomb, in a directory where case.toml is BLOCK.
-        message: Regular expression of what is said on standard error.
         prepare: What else is in that directory.
         patch: What is simulated.
-        code: The exit code.
         alone: Whether the command runs on one rank only; False for both, None where it takes two ranks.
         library: Text of a library, which depends on its version, follows from here on.
+        message: Part of the message, where the document has none.
     """
 
     what: str
     arguments: tuple[str, ...]
-    message: str
     prepare: Callable[[], None] = lambda: None
     patch: Callable[[], contextlib.AbstractContextManager] = contextlib.nullcontext
-    code: int = 2
     alone: bool | None = False
     library: str = ""
+    message: str = ""
 
 
 def run(*changes, case="case.toml"):
@@ -159,3 +161,77 @@ def said():
         ),  # `file` cannot be taken back: it would stay what it was then
     ):
         yield heard
+
+
+def answer(wrong, directory):
+    """Exit code of a wrong input in an empty directory, and this rank's message; collective."""
+    home = Path.cwd()
+    os.chdir(directory)
+    try:
+        if comm.rank == 0:
+            case(BLOCK)()
+        collective = getattr(wrong.prepare, "__qualname__", "").startswith("ran.")
+        if collective or comm.rank == 0:
+            wrong.prepare()
+        comm.barrier()
+        with said() as heard, wrong.patch():
+            try:
+                cli.app(list(wrong.arguments))
+                code = 0
+            except SystemExit as end:
+                code = end.code or 0
+        comm.barrier()
+    finally:
+        os.chdir(home)
+    text = heard.getvalue().strip().replace(f"{directory}/", "").replace(str(directory), ".")
+    return code, text
+
+
+def shown(wrong, code, text):
+    """Its row in the document, without the text of libraries."""
+    start = text.find(wrong.library) if wrong.library else -1
+    text = text if start < 0 else text[: start + len(wrong.library)].rstrip() + " ..."
+    ends = "" if code in (0, 2) else f" (exit code {code})"
+    return f"| {wrong.what}{ends} | {'<br>'.join(text.replace('|', chr(92) + '|').splitlines())} |"
+
+
+def document(table, answers):
+    """The table in Markdown; on one rank.
+
+    Args:
+        table: The wrong inputs by section.
+        answers: Exit codes and messages by `what`; the others are asked for.
+    """
+    lines = [
+        "# Messages about wrong input",
+        "",
+        "Written by `python tests/wrong_inputs.py`; `tests/cli/test_errors.py` compares it on one rank and on two. An",
+        "error ends with exit code 2 before anything is solved, unless another code is given; after a warning the run",
+        "continues. Here the case is `case.toml`, its mesh `part.msh`, its output `results`.",
+    ]
+    for title, rows in table.items():
+        lines += ["", f"## {title}", "", "| input | message |", "|---|---|"]
+        for wrong in rows:
+            if wrong.alone is not None:
+                with tempfile.TemporaryDirectory() as directory:
+                    lines.append(shown(wrong, *(answers.get(wrong.what) or answer(wrong, directory))))
+    return "\n".join(lines) + "\n"
+
+
+def disagreements(inputs):
+    """Wrong inputs whose message is not that of the document, or not the same on all ranks; collective."""
+    faults, rows = [], re.sub(r"\d+", "#", DOCUMENT.read_text(encoding="utf-8")).splitlines()
+    for wrong in inputs:
+        if wrong.alone:
+            continue
+        directory = comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None)
+        answers = comm.allgather(answer(wrong, directory))
+        if comm.rank == 0:
+            shutil.rmtree(directory)
+        if len(set(answers)) > 1:
+            faults.append(f"{wrong.what}: the ranks do not agree: {answers}")
+        code, text = answers[0]
+        known = code == 2 and wrong.message in text if wrong.message else False
+        if not known and re.sub(r"\d+", "#", shown(wrong, code, text)) not in rows:
+            faults.append(f"{wrong.what}: exit code {code}, {text!r}")
+    return faults

@@ -38,14 +38,8 @@ class Accumulated:
     def after(
         self, slip: FloatArray, friction_work: FloatArray, pressure: FloatArray, closed: npt.NDArray[np.bool_]
     ) -> Accumulated:
-        """After another step.
-
-        Args:
-            slip: Slip in the step, space vectors in metres, shape (m, 3).
-            friction_work: Friction traction against that slip, J/m^2, shape (m,).
-            pressure: At the end of the step, pascals, shape (m,).
-            closed: Which nodes are in contact then, shape (m,).
-        """
+        """After another step, with the slip in it (space vectors in metres, shape (m, 3)), its friction work per area
+        in J/m^2, the pressures in pascals and which nodes are in contact at its end."""
         length = np.where(closed, np.linalg.norm(slip, axis=1), 0.0)
         work: FloatArray = self.friction_work + friction_work
         return Accumulated(self.slip + length, work, np.maximum(self.pressure, pressure))

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,12 +41,11 @@ _OF_ALL = 1e-3
 def rigid_balance(e: Evidence, outer: FloatArray, length: float, turnover: float) -> tuple[float, float, int]:
     """Imbalance of three forces and three moments of every component; for free rigid motions, relative to the springs.
 
-    A rigid motion causes no internal force, except in an elastic foundation that is part of the internal forces.  The
-    work of springs and such foundations on a motion is that of their forces in the motion (`Evidence.ground`) on the
-    displacement.  If no prescribed displacement prevents it, only they do, and their forces may be a millionth of the
-    internal forces.  So the forces along such a motion are compared with those of the springs, or with those
-    that they would have for a motion by the scale of displacements.  If they do not resist it either, contact does:
-    then they are compared with all forces.
+    A rigid motion causes no internal force, except in an elastic foundation that is part of the internal forces.  If no
+    prescribed displacement prevents it, only springs and such foundations do (`Evidence.ground`), and their forces may
+    be a millionth of the internal forces.  So the forces along such a motion are compared with those of the springs, or
+    with those that they would have for a motion by the scale of displacements; if contact alone resists, with all
+    forces.
 
     Args:
         e: Evidence; of the contact only the forces at the nodes are used.
@@ -95,7 +93,7 @@ def _of_part(
     sums = over.total(sums)
     balance = ratio(worst(*np.abs(sums)), turnover)
 
-    prevented = rows[_rows_of(held.nodes)]
+    prevented = modes[held.nodes].reshape(-1, modes.shape[2])
     weights = over.total(prevented.T @ held.held_part(modes)[held.nodes].reshape(prevented.shape))
     stiffness, resisted = _resistance(over, rows, ground)
     if not (np.all(np.isfinite(sums)) and np.all(np.isfinite(weights)) and np.all(np.isfinite(stiffness))):
@@ -117,20 +115,9 @@ def _of_part(
     return balance, worst(0.0, *drifts, *(ratio(force, turnover) for force in np.abs(loose.T @ sums)))
 
 
-def _rows_of(nodes: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.integer[Any]]:
-    """The three rows of each node."""
-    return (3 * nodes[:, None] + np.arange(3)).ravel()
-
-
 def _resistance(over: Reductions, rows: FloatArray, ground: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-    """Stiffness of springs and elastic foundations against the motions, and the same with forces over the largest of
-    them, shapes (6, 6); collective.
-
-    Args:
-        over: The ranks.
-        rows: The motions, shape (3 k, 6).
-        ground: Forces of springs and foundations in the motions, shape (k, 3, 6); None without any.
-    """
+    """Stiffness against the motions (3 k, 6) by their `ground` forces (k, 3, 6), and the same over the largest of
+    these, shapes (6, 6); collective."""
     stiffness, resisted = np.zeros((2, rows.shape[1], rows.shape[1]))
     if ground is not None:
         forces = ground.reshape(rows.shape)
@@ -356,10 +343,7 @@ def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
 
 
 def _actions(e: Evidence, over: Reductions) -> tuple[Check, ...]:
-    """Whether the forces on both faces of every pair, and their moments, are opposite; no check without pairs.
-
-    The moments may differ by the couples of forces that act across the gaps of the undeformed bodies.
-    """
+    """Whether forces and moments on both faces of every pair are opposite, but for couples across undeformed gaps."""
     if e.actions is None:
         return ()
     size = max(over.max(axis) + over.max(-axis) for axis in e.x.T) or 1.0

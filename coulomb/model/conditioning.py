@@ -12,8 +12,8 @@ from ..linalg.compliance import Measures, SoftMotions
 from ..linalg.reductions import Reductions
 
 _SOFT = 1e-2
-"""Stiffness of springs against a motion, over that of the body, below which it is computed apart: a product by A of a
-few per cent is then wrong by as much as the body deforms."""
+"""Stiffness of springs against a rigid motion, over that of the body (Young's modulus times its size), below which it
+is computed apart: a product by A of a few per cent is then wrong by as much as the body deforms."""
 
 _FREE = 1e-10  # energy of held directions, over the nodes, up to which they do not prevent a motion
 
@@ -53,8 +53,6 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
     R, KR = (np.concatenate(columns, axis=2) for columns in zip(*found, strict=True))
     return SoftMotions(elasticity.comm, R.reshape(3 * len(R), R.shape[2]), KR.reshape(3 * len(KR), KR.shape[2]))
 
-
-_SOFT = 1e-2  # stiffness of springs against a rigid motion, over Young's modulus times the size of the bodies
 
 _NEAR = 1e-3  # of the diagonal of the bodies, about as far as small strains let their surfaces move
 

@@ -189,19 +189,12 @@ class Contact:
         return self.axes.frames(n, H, x, f"contact face {self.face!r}", comm)
 
     def law(self, x: FloatArray, area: FloatArray, time: float, slip_rate: FloatArray, comm: MPI.Comm) -> FrictionLaw:
-        """The law of friction at nodes of the face; collective.
-
-        Args:
-            x: Their coordinates in metres, shape (k, 3).
-            area: Their areas in m^2, shape (k,).
-            time: At which the law is taken.
-            slip_rate: Their slip rates in the load step before in m/s, shape (k,).
-            comm: The ranks.
+        """The law of friction at nodes x (k, 3) in metres of the face, with areas (k,) in m^2, and slip rates (k,) of
+        the load step before in m/s; collective.
 
         Raises:
             ValueError: On every rank, if a function of place fails, or is negative or not finite on any.
         """
-
         what = f"contact face {self.face!r}"
 
         def values(name: str, given: Coefficient | Sequence[Coefficient] | None) -> FloatArray:

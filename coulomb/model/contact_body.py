@@ -93,11 +93,7 @@ def rigid_motions(elasticity: Deformable, surface: ContactSurface, loading: Load
 
 
 def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:
-    """Check that every component that supports do not hold has contact points; collective.
-
-    Raises:
-        ValueError: On every rank, with the component and its motions.
-    """
+    """Check that every component that supports do not hold has contact points; collective."""
     free = elasticity.free
     if not len(free):
         return
@@ -122,34 +118,25 @@ class _Positioned:
     gap_factors: FloatArray
 
     def is_at(self, motions: Sequence[RigidMotion], gap_factors: FloatArray) -> bool:
-        """Whether foundations moved like this have the same surface."""
         return bool(np.array_equal(gap_factors, self.gap_factors)) and all(map(same_place, motions, self.motions))
 
 
 class ContactBody:
     """An elastic body and its contact faces.
 
-    Args:
-        make: Makes the body: K, loads and supports.
-        comm: The ranks that share it.
-        contacts: The contact faces.
-        time: Time of the reference frames in which A is computed; for other frames it is rotated.
-        linear_solver: DirectSolver or IterativeSolver for K^-1; by default the one that is predicted to be faster.
-        explicit: Whether to form the matrix A; by default chosen by size.
-        probes: Points at which displacement, slip and pressure are reported.
+    `make` makes the body, with K, loads and supports; at `time` are the reference frames in which A is computed (for
+    others it is rotated); the other arguments are those of `ContactProblem`.
 
     Attributes:
         contacts: The contact faces; of pairs of deformable faces with the slave as face.
         chosen: Which face of every pair is the slave, in words.
         elasticity: K, loads and supports.
+        comm: The ranks that share the body.
         probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
         kept_matrix: The contact matrix of the evidence.
         unknowns: Free displacement unknowns and contact unknowns, over all ranks.
         stiffness: K^-1 and A, and the method by which they are computed.
-
-    Raises:
-        ValueError: On every rank, if the input is inconsistent.
     """
 
     def __init__(
@@ -163,7 +150,7 @@ class ContactBody:
         probes: Sequence[Probe] = (),
     ):
         chosen(0, 0, comm.size, linear_solver, explicit)  # impossible combinations are refused before the assembly
-        self.seconds: dict[str, float] = {}
+        self.comm, self.seconds = comm, dict[str, float]()
         with timed(self.seconds, "assembly"):
             self.elasticity = make()
             self.contacts, self.chosen = oriented(self.elasticity, contacts)
@@ -191,33 +178,21 @@ class ContactBody:
         )
 
     @property
-    def comm(self) -> MPI.Comm:
-        """The ranks that share the body."""
-        return self.elasticity.comm
-
-    @property
     def foundations(self) -> tuple[RigidFoundation | None, ...]:
         """Foundations of all contact faces before any motion; by default the plane of the face; None against a
         deformable face."""
         return tuple(self._faces.foundations)
 
     def located(self, probes: Sequence[Probe]) -> LocatedProbes:
-        """Probes found in the mesh; collective.
-
-        Raises:
-            ValueError: On every rank, if two have the same name, or a point is outside the body.
-        """
+        """Probes found in the mesh; collective.  Raises ValueError as `Solution.probed`."""
         members = self.elasticity.members
         faces = [self.elasticity.face(contact.face, "contact") for contact in self.contacts]
         parts = [Part(member.name, member.body, member.nodes) for member in members]
         return LocatedProbes(probes, parts, [(member.name, facets) for member, facets in faces])
 
     def replace(self, elasticity: Deformable) -> None:
-        """Take another stiffness, loads and supports on the same mesh from now on, such as a tangent; states that are
-        asked for afterwards (`ContactProblem.at`) have them; collective.
-
-        Args:
-            elasticity: The body, with the same nodes, held directions and faces.
+        """Take another stiffness (a tangent), loads and supports with the same nodes and held directions; states that
+        are asked for afterwards (`ContactProblem.at`) have them; collective.
 
         Raises:
             ValueError: On every rank, if it has other nodes, or holds others.
@@ -232,12 +207,7 @@ class ContactBody:
     # --- state at a time ----------------------------------------------------------------------------------------------
 
     def refuse_undefined(self, time: float) -> None:
-        """Check that loads, supports, motions, gaps and friction have values at a time, such as the end of a history;
-        collective.
-
-        Raises:
-            ValueError: On every rank, if an amplitude or a motion has none.
-        """
+        """Raise ValueError on every rank if an amplitude or a motion has no value at a time; collective."""
         self.elasticity.at_time(time).at(time)
         self.rigid_motions(time)
         for contact in self.contacts:
@@ -245,38 +215,27 @@ class ContactBody:
             contact.gap_factor(time, self.comm)
 
     def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
-        """Of the foundations of all contact faces at a time; collective."""
         return self._faces.rigid_motions(time)
 
     def pair(self, number: int) -> Pair:
-        """The pair of faces of a contact against a deformable face; collective."""
         return self._faces.pair(number, self.elasticity)
 
     def given_gap(self, surface: ContactSurface, time: float) -> FloatArray:
-        """The gaps given with the contacts at a time, at the points of a surface of this body, metres, shape (m,);
-        collective."""
+        """The gaps given with the contacts at the points of a surface at a time, metres, shape (m,); collective."""
         given: FloatArray = self._faces.gap_factors(time)[surface.part] * surface.gap_field
         return given
 
     def foundation_displacement(self, surface: ContactSurface, then: float, now: float) -> FloatArray:
-        """Displacement of the foundations' surfaces between two times at the contact points, metres, shape (m, 3);
-        collective.
-
-        Besides the rigid motion, that of a changing gap along the normals.
-        """
+        """Displacement of the foundations' surfaces between two times at the contact points, by rigid motion and by
+        changing gaps, metres, shape (m, 3); collective."""
         moved = since_at(self.rigid_motions(now), self.rigid_motions(then), surface.part, surface.x)
         closed = self.given_gap(surface, now) - self.given_gap(surface, then)
         moved += closed[:, None] * surface.frames[:, 0]
         return moved
 
     def surface(self, motions: Sequence[RigidMotion], time: float) -> ContactSurface:
-        """The contact surface with the foundations of the faces moved, and their gaps at a time; collective.
-
-        Frames and B are the same objects for all positions of the foundations with the same normals.
-
-        Raises:
-            ValueError: On every rank, if the set of contact nodes changes.
-        """
+        """The contact surface with the foundations moved, and their gaps at a time; frames and B stay the same objects
+        while the normals do; collective.  Raises ValueError on every rank if the set of contact nodes changes."""
         factors = self._faces.gap_factors(time)
         if self.comm.allreduce(self._latest.is_at(motions, factors), op=MPI.LAND):
             return self._latest.surface
@@ -290,17 +249,9 @@ class ContactBody:
         return after
 
     def state(self, time: float, before: Before | None = None) -> ContactState:
-        """The state at a time; collective.
-
-        Args:
-            time: The time.
-            before: End of the load step before: slip is measured from its displacement plus the foundation's
-                displacement since; by default from zero displacement.
-
-        Raises:
-            ValueError: On every rank, if an amplitude or a motion has no value then, or the set of contact nodes
-                changes.
-        """
+        """The state at a time, in which slip is measured from the end of the load step before, moved with the
+        foundation since; by default from zero displacement; arguments and errors as of `ContactProblem.at`;
+        collective."""
         motions = self.rigid_motions(time)
         surface = self.surface(motions, time)
         spins = tuple(spin(motion, None, 1.0) for motion in motions)

@@ -19,11 +19,7 @@ from .contact import Contact
 
 
 def oriented(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
-    """Contacts with the slave of every pair as their face, and what was chosen in words; collective.
-
-    Raises:
-        ValueError: On every rank, if a face is unknown, or a pair given twice.
-    """
+    """Contacts with the slave of every pair as their face, and what was chosen in words; collective."""
     found, words = [], []
     pairs = [{contact.face, contact.against} for contact in contacts if contact.against is not None]
     for number, pair in enumerate(pairs):
@@ -40,20 +36,8 @@ def oriented(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple
 
 
 class ContactFaces:
-    """The contact faces of a body: their foundations at any time, and their common surface.
-
-    Args:
-        contacts: The faces.
-        comm: The ranks.
-        foundations: By default those of the contacts; None is the plane of the face.
-        pairs: Those found already, by the number of the contact.
-
-    Attributes:
-        foundations: The foundations before any motion.
-
-    Raises:
-        ValueError: If there is none.
-    """
+    """The contact faces of a body, their foundations (None: the plane of the face), pairs, and common surface at any
+    time."""
 
     def __init__(
         self,
@@ -69,7 +53,6 @@ class ContactFaces:
         self._pairs: dict[int, Pair] = {} if pairs is None else pairs
 
     def against(self, foundations: Sequence[RigidFoundation | None]) -> ContactFaces:
-        """The same faces with other foundations."""
         return ContactFaces(self._contacts, self._comm, foundations, self._pairs)
 
     def pair(self, number: int, elasticity: Deformable) -> Pair:
@@ -103,7 +86,6 @@ class ContactFaces:
         return found
 
     def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
-        """Of the foundations of all faces at a time; collective."""
         return on_all_ranks(
             lambda: tuple(c.rigid_motion(time, "contact: foundation") for c in self._contacts), "", self._comm
         )
@@ -113,11 +95,7 @@ class ContactFaces:
         return np.array([contact.gap_factor(time, self._comm) for contact in self._contacts])
 
     def surface(self, elasticity: Deformable, motions: Sequence[RigidMotion], time: float) -> ContactSurface:
-        """The contact surface with moved foundations, and gaps at a time; collective.
-
-        Raises:
-            ValueError: On every rank, as `contact_surface`, or if an interference is larger than the body.
-        """
+        """The contact surface with moved foundations, and gaps at a time; collective."""
         surfaces = []
         over = Reductions(self._comm)
         size = np.linalg.norm([over.max(axis) + over.max(-axis) for axis in elasticity.x.T])

@@ -73,11 +73,7 @@ _FLAT = 1e4
 
 @contextmanager
 def explained(elasticity: Deformable) -> Iterator[None]:
-    """Failures of K^-1 as errors in the form a, if K is made of the user's forms, or in the shape of cells.
-
-    Raises:
-        ValueError: On every rank.
-    """
+    """Failures of K^-1 as errors in the form a, if K is made of the user's forms, or in the shape of cells."""
     try:
         yield
     except (ValueError, PETSc.Error, Unsolved) as error:
@@ -113,17 +109,12 @@ class FixedStiffness:
         linear_solver: The solver class for K^-1.
         explicit: Whether A is formed.
         seconds: Dictionary to which wall times are added.
-        symbolic: The fronts of K, with the contact nodes last if A is formed, if they are known; on several ranks
-            `SharedSymbolic`.
-        many: Whether many solves are expected: K, if it is factorised, is factorised in double precision; then all
-            products by A are exact, and a solve is one substitution in place of an iteration.
+        symbolic: The fronts of K, if they are known.
+        many: Whether many solves are expected: factors are then in double precision, with which products by A are exact
+            and a solve is one substitution in place of an iteration.
 
     Attributes:
-        elasticity: The body.
         responses: Displacements without contact under the loads so far.
-
-    Raises:
-        ValueError: On every rank, when K^-1 is first needed, if K is not positive definite.
     """
 
     def __init__(
@@ -171,7 +162,6 @@ class FixedStiffness:
     def _factorised(
         self, last: npt.NDArray[np.integer[Any]], symbolic: list[Front] | SharedSymbolic | None
     ) -> MultifrontalSolver | DistributedMultifrontalSolver:
-        """K^-1 with these nodes eliminated last; what is known of that before."""
         K, x, single = self.elasticity.K, self.elasticity.x, False if self._many else None
         if self.elasticity.comm.size > 1:
             shared = symbolic if isinstance(symbolic, SharedSymbolic) else None
@@ -189,14 +179,8 @@ class FixedStiffness:
             return MatrixFreeCompliance(B, self.elasticity.K, solver, soft=self._soft)
 
     def compliance(self, surface: ContactSurface, seconds: dict[str, float]) -> BodyCompliance:
-        """A = B K^-1 B^T in the frames of a surface of this body, metres per newton; collective.
-
-        What the Krylov methods have found of it in other frames turns with them.
-
-        Args:
-            surface: The surface.
-            seconds: Dictionary to which the wall time of rotating A is added.
-        """
+        """A = B K^-1 B^T, metres per newton, in the frames of a surface of this body; what the Krylov methods have
+        found of it turns with the frames; collective."""
         A = self._compliance
         before, latest = self._latest or (self._reference, A)
         if surface.free_B is before.free_B:
@@ -213,18 +197,10 @@ class ContactStiffness:
     """K^-1 and A of a body over a run: all that is kept of them, and the method by which they are computed.
 
     What was computed for one K is used until another is asked for (`of`), or K is said to have changed (`replace`,
-    `invalidate`).
-
-    Args:
-        elasticity: The body.
-        reference: The contact surface in whose frames A is computed; for other frames it is rotated.
-        unknowns: Displacement and contact unknowns, over all ranks.
-        linear_solver: DirectSolver or IterativeSolver for K^-1; by default the one that is predicted to be faster.
-        explicit: Whether to form the matrix A; by default chosen by size.
-        seconds: Dictionary to which wall times are added.
+    `invalidate`).  Arguments as of `FixedStiffness`; without `linear_solver` the one that is predicted to be faster is
+    taken, without `explicit` A is formed by size.
 
     Attributes:
-        elasticity: The body.
         version: Increases whenever what was computed before is no longer valid.
         changed: Why another method than the one that was chosen first is used for K^-1 or A; empty if none is.
     """
@@ -252,12 +228,7 @@ class ContactStiffness:
     # --- K^-1 and A ---------------------------------------------------------------------------------------------------
 
     def of(self, elasticity: Deformable, seconds: dict[str, float] | None = None) -> FixedStiffness:
-        """K^-1 and A with the coefficients of a state; those of the last state asked for are kept.
-
-        Args:
-            elasticity: The body in that state.
-            seconds: Dictionary to which wall times are added; by default that of the body.
-        """
+        """K^-1 and A of the body in a state, the last of which are kept; wall times are added to `seconds`."""
         if self._latest is None or self._latest.elasticity.K is not elasticity.K:
             solver, explicit = self._chosen
             many, spent = self._first and self.in_double, self._seconds if seconds is None else seconds
@@ -288,8 +259,8 @@ class ContactStiffness:
         return self.linear_solver.name
 
     def rounding_forces(self, elasticity: Deformable, u: FloatArray) -> FloatArray:
-        """`evidence.rounding_forces` of this body in a state; they are proportional to the largest displacement, and
-        computed anew only where the stiffness changes; collective."""
+        """`evidence.rounding_forces` of the body in a state, scaled by the largest displacement while K is the same;
+        collective."""
         motion = Reductions(self.comm).max(np.abs(u))
         if self._rounding is None or self._rounding[0] is not elasticity.K or not 0.0 < self._rounding[1] < math.inf:
             self._rounding = elasticity.K, motion, rounding_forces(elasticity, u)
@@ -299,18 +270,12 @@ class ContactStiffness:
     # --- the method -----------------------------------------------------------------------------------------------
 
     def expect_load_steps(self, steps: int) -> None:
-        """Declare how many load steps are to come, by default one; without effect on what has been computed before.
-
-        For more steps factors of K pay, as every later step then costs only products.
-        """
+        """Declare how many load steps are to come: for many, factors of K pay; what is computed already stays."""
         self._load_steps = max(steps, 1)
 
     @cached_property
     def _chosen(self) -> tuple[LinearSolver, bool]:
-        """The solver for K, and whether A is formed, the same on all ranks; collective.
-
-        Bodies of the user's forms, whose stiffness is assembled when it is needed, are judged by their size.
-        """
+        """The solver for K, and whether A is formed; bodies of the user's forms are judged by size; collective."""
         comm, m, (linear_solver, explicit) = self.comm, self.interface, self._given
         n = self._unknowns["displacement"]
         if not undecided(n, m, linear_solver, explicit) or self.elasticity.forms() is not None:
@@ -339,11 +304,7 @@ class ContactStiffness:
     @contextmanager
     def limited(self, solver: StiffnessSolver) -> Iterator[None]:
         """No more iterations of multigrid than its `patience`, where it was chosen by predicted time and the factors
-        fit into the memory; collective.
-
-        Args:
-            solver: K^-1 of this body.
-        """
+        fit into the memory; collective."""
         formed = self.interface <= EXPLICIT_UP_TO
         if self._work is None or not isinstance(solver, IterativeSolver) or not self._fit(self._work, formed):
             yield
@@ -366,8 +327,7 @@ class ContactStiffness:
 
     @property
     def _condensable(self) -> bool:
-        """Whether condensed Newton systems may be tried: K is factorised, supports hold the bodies, and a contact point
-        is a node; collective."""
+        """Whether K is factorised, supports hold the bodies, and contact points are nodes; collective."""
         seen, (first, last) = self._reference.nodes_in_rows, self._reference.B.getOwnershipRangeColumn()
         nodal = len(seen) == len(self._reference.nodes) and bool(np.all((3 * seen >= first) & (3 * seen < last)))
         mine = nodal and self._may_condense and self._given[1] is None and len(self.elasticity.free) == 0
@@ -375,14 +335,12 @@ class ContactStiffness:
 
     @property
     def condensed(self) -> bool:
-        """Whether Newton systems are made of K with springs in place of A (`CondensedSystem`), where the user chooses
-        no solver: from the beginning where a body bends and A is not formed; collective."""
+        """Whether the default solver uses `CondensedSystem`: where a body bends and A is not formed; collective."""
         return self._condensed or (not self.explicit and self._condensable and ill_conditioned(self.elasticity))
 
     @property
     def dense(self) -> bool:
-        """Whether Newton systems are factorised with the formed A, where the user chooses no solver and condensed ones
-        have failed."""
+        """Whether the default solver factorises Newton systems with the formed A, since condensed ones have failed."""
         return self.explicit and self._dense
 
     def _fit(self, work: Work, formed: bool) -> bool:
@@ -390,14 +348,9 @@ class ContactStiffness:
         return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, least_room(self.comm), formed)))
 
     def change_method(self, why: str, condense: bool = False) -> bool:
-        """From multigrid to factors of K, from products by A to condensed Newton systems, or from solves with factors
-        to a formed A, from now on, if that is not against the user's choice and fits into the memory; whether it is
-        done, the same on all ranks; collective.
-
-        Args:
-            why: What the present method did not do.
-            condense: Whether condensed Newton systems may help.
-        """
+        """From multigrid to factors of K, from products by A to condensed Newton systems (if `condense`), or from
+        factors to a formed A, if the user has not chosen otherwise and it fits into the memory; whether it is done;
+        collective."""
         condense = condense and self._condensable and not self.condensed
         solver, explicit = self._given
         if self.linear_solver is IterativeSolver and solver is None:

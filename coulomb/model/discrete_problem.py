@@ -11,21 +11,17 @@ from functools import cached_property
 from typing import Any, Generic, TypeVar, cast
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, Loading
-from ..fem.contact import ContactSurface
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance, StiffnessSolver
 from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
 from ..solvers.friction_problem import FrictionProblem
-from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import RigidMotions
 from .certificate import lengths
-from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState, rigid_motions
 from .contact_stiffness import FixedStiffness, explained
 from .evidence import Evidence
@@ -55,20 +51,13 @@ def refined(
     on_body: FloatArray,
     u: FloatArray,
 ) -> FloatArray:
-    """The displacement u (k, 3) corrected until loads, springs, reactions and contact forces balance; collective.
+    """The displacement u (k, 3) in metres by iterative refinement (Wilkinson 1963), until loads, springs, reactions and
+    the contact forces `on_body` (k, 3) balance; collective.
 
     A solve with K leaves a residual relative to its right-hand side, which may be far larger than the forces on the
-    body: K times a prescribed displacement that carries it along; or small beside the loads, but enough to move a body
-    on soft springs.  So the residual is assembled anew from u and solved for again (iterative refinement, Wilkinson
-    1963).  The springs at the anchors of free motions (`FreeMotions`) are among the forces in balance; at a
-    solution they are zero.
-
-    Args:
-        elasticity: The body.
-        solver: K^-1.
-        loading: Loads and prescribed displacements.
-        on_body: Contact forces on the body at this rank's nodes in newtons, shape (k, 3).
-        u: An approximate displacement, with the prescribed ones, metres.
+    body (K times a prescribed displacement that carries it along), or enough to move a body on soft springs.  So the
+    residual is assembled anew from u and solved for again.  The springs at the anchors of free motions (`FreeMotions`)
+    are among the forces in balance; at a solution they are zero.
     """
     over, x = Reductions(elasticity.comm), elasticity.x
     ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
@@ -105,7 +94,7 @@ def refined(
 
 
 def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accuracy: float) -> tuple[FloatArray, bool]:
-    """K^-1 of a residual (k, 3), this rank's part, to a relative residual; and whether the solve ended before."""
+    """K^-1 of a residual (k, 3) to a relative accuracy; and whether the solve ended before."""
     rhs, change = K.createVecs()
     rhs.array[:] = residual.ravel()
     size = float(rhs.norm()) or 1.0  # scaled: solves start from combinations of earlier solutions of like size
@@ -163,6 +152,14 @@ class DiscreteProblem:
 
     Attributes:
         body, state, small_strain, started, seconds, before: The arguments.
+        comm: The ranks that share the problem.
+        contacts: The contact faces.
+        unknowns: Free displacement unknowns and contact unknowns, over all ranks.
+        elasticity: K, loads and supports at this time.
+        loading: Loads and prescribed displacements.
+        time: Time of loads, prescribed displacements and the foundation's position.
+        surface: The contact points.
+        law: Law of friction at this rank's contact points.
         computed: What was computed with K^-1, for the version `computed_for` of the body's stiffness.
     """
 
@@ -177,13 +174,11 @@ class DiscreteProblem:
     ):
         self.body, self.state, self.small_strain = body, state, small_strain
         self.started, self.seconds, self.before = started, seconds, before
+        self.comm, self.contacts, self.unknowns = body.comm, body.contacts, body.unknowns
+        self.elasticity, self.loading, self.time = state.elasticity, state.loading, state.time
+        self.surface, self.law = state.surface, state.law
         self.computed: dict[object, Any] = {}
         self.computed_for = -1
-
-    @property
-    def comm(self) -> MPI.Comm:
-        """The ranks that share the problem."""
-        return self.body.comm
 
     @property
     def mesh(self) -> NamedMesh:
@@ -191,44 +186,9 @@ class DiscreteProblem:
         return self.elasticity.alone.mesh
 
     @property
-    def elasticity(self) -> Deformable:
-        """K, loads and supports."""
-        return self.state.elasticity
-
-    @property
-    def contacts(self) -> tuple[Contact, ...]:
-        """The contact faces."""
-        return self.body.contacts
-
-    @property
-    def unknowns(self) -> dict[str, int]:
-        """Free displacement unknowns and contact unknowns, over all ranks."""
-        return self.body.unknowns
-
-    @property
-    def time(self) -> float:
-        """Time of loads, prescribed displacements and the foundation's position."""
-        return self.state.time
-
-    @property
-    def loading(self) -> Loading:
-        """Loads and prescribed displacements."""
-        return self.state.loading
-
-    @property
     def motions(self) -> FloatArray:
         """Translations of the foundations, metres, shape (faces, 3); their rotations are in `state.rigid_motions`."""
         return np.array([motion.translation for motion in self.state.rigid_motions])
-
-    @property
-    def surface(self) -> ContactSurface:
-        """The contact points."""
-        return self.state.surface
-
-    @property
-    def law(self) -> FrictionLaw:
-        """Law of friction at this rank's contact points."""
-        return self.state.law
 
     @_OfStiffness
     def f(self) -> PETSc.Vec:
@@ -297,11 +257,11 @@ class DiscreteProblem:
     def displacement(self, x: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
         collective."""
-        u = self.A.displacement(x, self.f, self._free_part).reshape(-1, 3)
+        u = self._with_prescribed(self.A.displacement(x, self.f, self._free_displacement.ravel()).reshape(-1, 3))
         free = self.A.matrix_free
         if free is not None and free.found:
-            return self._with_prescribed(u)
-        return self._refined(self._with_prescribed(u), -self.nodal_contact_force(x))
+            return u
+        return refined(self.elasticity, self.stiffness.solver, self.loading, -self.nodal_contact_force(x), u)
 
     def moved(self, u: FloatArray, alpha: FloatArray) -> FloatArray:
         """u + R alpha, amounts alpha (q,) of the free motions; metres, shapes (k, 3)."""
@@ -320,24 +280,15 @@ class DiscreteProblem:
             values = self._with_prescribed(u.array.reshape(-1, 3))
             u.destroy()
             if solver.tolerance > 0.0:  # errors of a factorised K cancel with those of A, from the same factors
-                values = self._refined(values, np.zeros_like(values))
+                values = refined(self.elasticity, solver, self.loading, np.zeros_like(values), values)
             return values
 
         with timed(self.seconds, "displacement"):
             return self.stiffness.responses.response(self.f.array_r, self.loading.prescribed, solved)
 
-    @property
-    def _free_part(self) -> FloatArray:
-        """`_free_displacement`, shape (3 k,)."""
-        return self._free_displacement.ravel()
-
     def _with_prescribed(self, u: FloatArray) -> FloatArray:
         """u with exactly the prescribed displacements, which a solver holds to its tolerance only; shapes (k, 3)."""
         return self.elasticity.free_part(u) + self.loading.prescribed
-
-    def _refined(self, u: FloatArray, on_body: FloatArray) -> FloatArray:
-        """u, with the prescribed displacements, in balance with contact forces on the body; shapes (k, 3)."""
-        return refined(self.elasticity, self.stiffness.solver, self.loading, on_body, u)
 
     def nodal_contact_force(self, x: FloatArray) -> FloatArray:
         """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""
@@ -365,7 +316,7 @@ class DiscreteProblem:
     def prepare_products(self) -> None:
         """Let the products by A to come be as accurate as the displacement under load and contact forces is, also where
         soft springs alone hold the body; collective."""
-        self.A.under_load(self.f, self._free_part)
+        self.A.under_load(self.f, self._free_displacement.ravel())
 
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""

@@ -39,11 +39,7 @@ class NoEquilibrium(NotConverged):
 
 
 def refuse_without_equilibrium(problem: DiscreteProblem) -> None:
-    """Check that contact forces can balance the loads on bodies that contact alone holds; collective.
-
-    Raises:
-        NoEquilibrium: On every rank, with body, direction and amount.
-    """
+    """Raise NoEquilibrium, with body, direction and amount, if no contact forces balance the loads; collective."""
     said = without_equilibrium(problem)
     if said:
         m, rigid = problem.A.nodes, problem.rigid
@@ -108,11 +104,8 @@ class SlidingLimit:
 
 
 def sliding_limit(problem: DiscreteProblem) -> SlidingLimit | None:
-    """How much of the loads along the foundations friction holds beside the others; collective.
-
-    Returns:
-        None if there are no free motions, or no contact forces balance the other loads.
-    """
+    """How much of the loads along the foundations friction holds beside the others; None if there are no free motions,
+    or no contact forces balance the other loads; collective."""
     if problem.rigid is None:
         return None
     over = Reductions(problem.comm)
@@ -212,14 +205,7 @@ def _size(motion: FreeMotion) -> float:
 
 
 def undetermined(problem: DiscreteProblem, x: FloatArray) -> Sequence[str]:
-    """The rigid motions that neither supports nor the contact forces of an answer resist, in words; collective.
-
-    Pressure resists motions along the normal, and friction those along the foundation.
-
-    Args:
-        problem: The problem.
-        x: Contact forces in newtons, shape (3 m,).
-    """
+    """The rigid motions that neither supports nor the contact forces x (3 m,) resist, in words; collective."""
     if problem.rigid is None:
         return ()
     pressing, rubbing = x[0::3] > 0.0, problem.slip_bound(x) > 0.0

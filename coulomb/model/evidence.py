@@ -74,20 +74,9 @@ class Evidence:
 def pair_actions(
     x: FloatArray, slave: FloatArray, master: FloatArray, at: FloatArray, opposite: FloatArray, force: FloatArray
 ) -> FloatArray:
-    """What acts on both faces of a pair: sums over this rank, shape (3, 7).
-
-    The rows are the slave, the master, and the couples of the forces across the gaps of the undeformed bodies, which
-    act at places some distance apart on the two.  The columns are three forces, three moments about the origin of x,
-    and the sum of the magnitudes of the forces.
-
-    Args:
-        x: Coordinates of the nodes in metres, shape (k, 3).
-        slave: Forces at them on the slave in newtons, shape (k, 3).
-        master: Forces on the master, shape (k, 3).
-        at: Where the forces act on the slave, shape (m, 3).
-        opposite: Where they act on the master, shape (m, 3).
-        force: The forces on the slave, shape (m, 3).
-    """
+    """Resultants on this rank of nodal forces on slave and master (k, 3) of a pair, and of the couples of its forces
+    (m, 3) on the slave `at` and on the master `opposite` across undeformed gaps: shape (3, 7), with three forces, three
+    moments about the origin of x, and the sum of magnitudes."""
     couples = np.cross(at - opposite, force)
     none = np.zeros_like(couples)
     rows = ((slave, np.cross(x, slave)), (master, np.cross(x, master)), (none, couples))
@@ -97,26 +86,16 @@ def pair_actions(
 
 
 class Strained(Protocol):
-    """A body with internal forces.
-
-    Attributes:
-        x: Coordinates of this rank's nodes in metres, shape (k, 3).
-    """
+    """A body with nodes x (k, 3), internal nodal forces of displacements u (k, 3), and their largest gradient."""
 
     x: FloatArray
 
     @property
-    def comm(self) -> MPI.Comm:
-        """The ranks that share it."""
-        ...
+    def comm(self) -> MPI.Comm: ...
 
-    def internal_force(self, u: FloatArray) -> FloatArray:
-        """Internal nodal forces of u in newtons, shapes (k, 3); collective."""
-        ...
+    def internal_force(self, u: FloatArray) -> FloatArray: ...
 
-    def largest_gradient(self, u: FloatArray) -> float:
-        """Largest norm of the displacement gradient of u (k, 3) in a cell, over all ranks; collective."""
-        ...
+    def largest_gradient(self, u: FloatArray) -> float: ...
 
 
 def rounding_forces(body: Strained, u: FloatArray) -> FloatArray:

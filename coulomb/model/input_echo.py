@@ -43,11 +43,7 @@ class LoadResultant:
 
 
 def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResultant]:
-    """Every load with its resultant at that of the times at which its amplitude is largest; collective.
-
-    Raises:
-        ValueError: On every rank, if an amplitude has no finite value at one of them.
-    """
+    """Every load with its resultant at that of the times at which its amplitude is largest; collective."""
     body, over = problem.elasticity, Reductions(problem.comm)
     ends = np.array([[over.min(axis), over.max(axis)] for axis in body.x.T])
     arm = float(np.max(np.linalg.norm(np.abs(ends).max(axis=1))))
@@ -75,10 +71,8 @@ def supports_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
 
 
 def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
-    """Face, nodes, law, foundation, ranges of gap and given gap, and motion of every contact pair; collective.
-
-    The gap is that at the time of the problem; the given gap is without its amplitude.
-    """
+    """Face, nodes, law, foundation, gap at the problem's time, given gap without amplitude, and motion of every
+    contact; collective."""
     over, surface, found = Reductions(problem.comm), problem.surface, []
     for part, (contact, foundation) in enumerate(zip(problem.contacts, problem.body.foundations, strict=True)):
         here = surface.part == part

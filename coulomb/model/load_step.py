@@ -102,12 +102,8 @@ class Energy:
         return self.loads + self.prescribed + self.foundation - self.elastic - self.dissipated
 
     def warning(self, rounding: float = 0.0, overlap: float = 0.0) -> str:
-        """A warning if the imbalance is large and exceeds `rounding` in joules, else empty; it names the cause if
-        bodies overlap by `overlap` metres before deformation.
-
-        Large: more than a quarter of the dissipation, whose error it is, and more than a thousandth of the largest of
-        work, elastic energy and dissipation, so that histories with little slip give no warning.
-        """
+        """A warning if the imbalance exceeds `rounding` in joules, a quarter of the dissipation, and a thousandth of
+        the largest energy, else empty; it names the cause if bodies overlap by `overlap` metres before deformation."""
         work = self.loads + self.prescribed + self.foundation
         turned_over = max(abs(work), self.elastic, self.dissipated)
         small = max(_IMBALANCE * abs(self.dissipated), _OF_ALL * turned_over, rounding)
@@ -132,17 +128,8 @@ class Energy:
         over: Reductions,
         coefficients: float = 0.0,
     ) -> Energy:
-        """The energy at the end of a step; collective.
-
-        Args:
-            then: Values at its beginning.
-            now: Values at its end.
-            held: The held directions of this rank's nodes.
-            foundation: Work of the moving foundation on the body in the step, joules.
-            dissipated: Energy dissipated by friction in the step, joules.
-            over: The ranks.
-            coefficients: Work of changes of the stiffness in the step, joules.
-        """
+        """The energy at the end of a step, from the forces at its beginning and end; and the work of the foundation,
+        the energy dissipated, and the work of changes of the stiffness (`coefficients`) in it, joules; collective."""
         change = now.displacement - then.displacement
         reactions = sum(held.held_part(at.kept - at.load - at.on_body) for at in (then, now))
         return Energy(
@@ -172,10 +159,8 @@ class Forces:
 
 
 def coefficients_work(then: Forces, now: Forces, over: Reductions) -> float:
-    """Work in joules of a change of the stiffness from K0 to K1 in a step: (u0 . K1 u1 - u1 . K0 u0) / 2; collective.
-
-    It is what the elastic energy changes by beside the work of the forces by the trapezoidal rule; 0 if K stays.
-    """
+    """Work in joules of a change of the stiffness from K0 to K1 in a step: (u0 . K1 u1 - u1 . K0 u0) / 2;
+    collective."""
     return 0.5 * (over.dot(then.displacement, now.kept) - over.dot(now.displacement, then.kept))
 
 
@@ -196,12 +181,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class Earlier:
-    """The end of the step before the last one, from which forces are extrapolated.
-
-    Attributes:
-        time: Its time.
-        force_on_body: As that of `State`.
-    """
+    """Time and `State.force_on_body` of the step before the last one, from which forces are extrapolated."""
 
     time: float
     force_on_body: FloatArray
@@ -293,17 +273,8 @@ class LoadStep:
 def row(
     numbers: Mapping[str, Any], at: Moment, steps: int, residual: float, certified: bool, valid: bool
 ) -> dict[str, Any]:
-    """The figures of a step, by name.
-
-    Args:
-        numbers: Figures of its contact nodes (`NodalAnswer.numbers`), its `reactions`, of several bodies its `bodies`,
-            and its `probes`.
-        at: Its number, time, and energies.
-        steps: Path-following steps.
-        residual: Residual of its problem.
-        certified: Whether its certificate passed.
-        valid: Whether its answer counts.
-    """
+    """The figures of a step by name, from those of its contact nodes (`NodalAnswer.numbers`), reactions, bodies and
+    probes; path-following `steps`, and the residual of its problem."""
     face = numbers["totals"]
     faces = named_faces(numbers["faces"])
     several = faces if len(faces) > 1 or "against" in faces[0][1] else []

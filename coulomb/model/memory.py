@@ -68,12 +68,7 @@ _PROC, _GROUPS = Path("/proc"), Path("/sys/fs/cgroup")
 
 
 def free_memory(proc: Path = _PROC, groups: Path = _GROUPS) -> float | None:
-    """Free memory in bytes; None if the system does not report it.
-
-    Args:
-        proc: The proc file system, with memory and control groups of this process.
-        groups: The file system of the control groups, version 1 or 2.
-    """
+    """Free memory in bytes by the kernel and the control groups (version 1 or 2); None if it is not reported."""
     found = [_available(proc / "meminfo")]
     for line in _lines(proc / "self" / "cgroup"):
         _, controllers, path = (line.split(":", 2) + ["", ""])[:3]
@@ -104,10 +99,7 @@ def _available(path: Path) -> float | None:
 
 
 def _rooms(root: Path, path: str, limit: str, usage: str, cached: str) -> list[float | None]:
-    """Free bytes of a group and its parents: limit minus used memory without cached files.
-
-    Inside a container, its own group may be at the root.
-    """
+    """Free bytes of a group and its parents (in a container the root): limit less used memory without cached files."""
     parts = [part for part in path.split("/") if part]
     rooms: list[float | None] = []
     for depth in range(len(parts) + 1):

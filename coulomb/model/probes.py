@@ -98,12 +98,8 @@ class Part(NamedTuple):
 
 
 class LocatedProbes:
-    """Probes found in the meshes of one body or several; collective.
-
-    Args:
-        probes: The probes.
-        parts: The bodies.
-        faces: Name of the body, and this rank's facets there, of each contact face.
+    """Probes found in the meshes of one body or several; `faces` are name of the body and this rank's facets there, of
+    each contact face; collective.
 
     Raises:
         ValueError: On every rank, if two probes have the same name, a body is not known, or a point is outside, or in
@@ -153,15 +149,11 @@ class LocatedProbes:
         return inside[0]
 
     def values(self, u: FloatArray, answer: NodalAnswer, nodes: npt.NDArray[np.integer[Any]]) -> tuple[ProbeValue, ...]:
-        """What is at the probes; collective, the same on every rank.
+        """What is at the probes, by the displacement u (k, 3) and the answer at the contact nodes with these numbers;
+        collective, the same on every rank.
 
         Slip and pressure are those of contact.xdmf, interpolated: 0 at nodes of the face that are no contact nodes.  In
         pairs they are at the face with the contact points.
-
-        Args:
-            u: Displacement of this rank's nodes in metres, shape (k, 3).
-            answer: The answer at its contact nodes.
-            nodes: Their numbers among its nodes, shape (m,).
         """
         if not self.probes:
             return ()
@@ -173,13 +165,7 @@ class LocatedProbes:
 
 
 class _Located:
-    """The probes in one body.
-
-    Args:
-        part: The body.
-        numbers: Numbers of the probes.
-        faces: Numbers of the contact faces on it.
-    """
+    """The probes in one body, by the numbers of probes and of contact faces on it."""
 
     def __init__(self, part: Part, numbers: Sequence[int], faces: Sequence[int]):
         self._part, self._numbers, self._faces = part, numbers, faces

@@ -138,9 +138,7 @@ class ContactProblem(DiscreteProblem):
     Attributes:
         body: The time-independent part: K, K^-1, A, contact faces and foundations.
         state: The state at one time: loads, gaps, frames, law of friction, slip origin.
-        small_strain: The argument.
-        seconds: Wall time of each phase so far.
-        started: Date and time when it was set up.
+        Others: As of `DiscreteProblem`.
 
     Raises:
         ValueError: On every rank, if the input is invalid, with a remedy.
@@ -228,13 +226,7 @@ class ContactProblem(DiscreteProblem):
     def in_state(
         self, state: ContactState, seconds: dict[str, float] | None = None, before: Before | None = None
     ) -> ContactProblem:
-        """The problem of the same body in another state.
-
-        Args:
-            state: The state.
-            seconds: Wall time that was spent on it.
-            before: As of `at`.
-        """
+        """The problem of the same body in another state; `seconds` and `before` as of `DiscreteProblem`."""
         problem = ContactProblem.__new__(ContactProblem)  # __init__ makes the body
         DiscreteProblem.__init__(
             problem, self.body, state, self.small_strain, self.started, {} if seconds is None else seconds, before
@@ -297,7 +289,7 @@ class ContactProblem(DiscreteProblem):
             if chosen.tolerance <= CERTIFIED_FROM:
                 problem = replace(problem, accept=criterion, balanced=criterion.gradient)
             limit = nullcontext() if solver else self.body.stiffness.few_products(self.A)
-            with timed(self.seconds, "solve"), _one_blas_thread(self._by_threads), limit:
+            with timed(self.seconds, "solve"), self._one_blas_thread(), limit:
                 try:
                     result = chosen.solve(problem, start, progress=counted)
                 except NotConverged as failure:
@@ -323,19 +315,10 @@ class ContactProblem(DiscreteProblem):
         g = np.where(x[0::3] != result.x[0::3], law, g)  # where `zero_open_forces` has changed the normal force
         return Solution(self, x, judged.displacement, g, result, judged.certificate)
 
-    @property
-    def _by_threads(self) -> bool:
-        """Whether the kernels of multigrid share their work among threads; collective."""
-        return self.body.stiffness.linear_solver is IterativeSolver and threads() > 1
-
-
-def _one_blas_thread(wanted: bool) -> AbstractContextManager[object]:
-    """One thread of BLAS if `wanted`, and afterwards as many as before.
-
-    For some milliseconds after a call the threads of OpenBLAS wait for the next one in busy loops, in which they take
-    processors from those of multigrid's kernels.
-    """
-    return threadpool_limits(limits=1, user_api="blas") if wanted else nullcontext()
+    def _one_blas_thread(self) -> AbstractContextManager[object]:
+        """One thread of BLAS where multigrid's kernels have several: OpenBLAS waits for its next call in busy loops."""
+        threaded = self.body.stiffness.linear_solver is IterativeSolver and threads() > 1
+        return threadpool_limits(limits=1, user_api="blas") if threaded else nullcontext()
 
 
 def _linear_solver(given: object) -> LinearSolver | None:
@@ -351,11 +334,7 @@ def _linear_solver(given: object) -> LinearSolver | None:
 
 
 def _contacts(given: object) -> tuple[Contact, ...]:
-    """One contact or several, as a tuple.
-
-    Raises:
-        ValueError: If they are something else.
-    """
+    """One contact or several, as a tuple."""
     contacts = (given,) if isinstance(given, Contact) else tuple(given) if isinstance(given, Sequence) else ()
     if not contacts or not all(isinstance(contact, Contact) for contact in contacts):
         raise ValueError(f"contact must be a Contact, or several, but is {given!r}")

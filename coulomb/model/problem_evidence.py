@@ -111,15 +111,8 @@ def gather_evidence(
 def _actions(
     x: FloatArray, points: ContactPoints, frames: FloatArray, force: FloatArray, counts: list[int]
 ) -> FloatArray | None:
-    """What acts on both faces of every pair: `Evidence.actions`; None without pairs; collective.
-
-    Args:
-        x: Coordinates of the nodes in metres, shape (k, 3).
-        points: The contact points of all faces.
-        frames: Their frames, shape (m, 3, 3).
-        force: The contact forces at them along n, t1, t2 in newtons, shape (m, 3).
-        counts: How many of them are on each face.
-    """
+    """`Evidence.actions` of all pairs, from forces (m, 3) along the frames of the contact points, of which each face
+    has a count; None without pairs; collective."""
     opposite = points.opposite_average(x)
     if opposite is None:
         return None
@@ -145,12 +138,8 @@ def _actions(
 def _face(
     body: ContactBody, number: int, time: float, before: Before | None, slip_rate: FloatArray
 ) -> tuple[ContactPoints, FloatArray, FloatArray, FrictionLaw, FloatArray]:
-    """The contact points of a face that face its foundation and are not prescribed along their normal; collective.
-
-    Returns:
-        The points; frames, shape (m, 3, 3); gap in metres; the law of friction of the contact; and the
-        foundation's displacement in this step in metres, shape (m, 3).
-    """
+    """The contact points of a face that face its foundation and are not prescribed along their normal: points, frames
+    (m, 3, 3), gap, law of friction, and the foundation's displacement in this step (m, 3); metres; collective."""
     contact, comm = body.contacts[number], body.comm
     if contact.against is not None:
         return _pair(body, number, time, slip_rate)

@@ -102,17 +102,8 @@ def acting(
     ground: Sequence[Resultant] = (),
     bodies: Mapping[str, slice] | None = None,
 ) -> Acting:
-    """Resultants and balance of nodal forces; collective.
-
-    Args:
-        loads: The forces of every load.
-        supports: The forces of every support.
-        on_body: Contact forces on the body at this rank's nodes in newtons, shape (k, 3).
-        x: Coordinates of the nodes, shape (k, 3).
-        over: The ranks.
-        ground: Of elastic foundations in the internal forces (`resultant_of_ground`).
-        bodies: Of several bodies the nodes of each by name: loads and supports are on the body that their face names.
-    """
+    """Resultants and balance of the forces of loads, supports, contact (k, 3) and elastic foundations (`ground`); of
+    several bodies, with the nodes of each by name, each has the loads and supports whose face names it; collective."""
     with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
         pulling, holding = resultants(loads, x, over), (*resultants(supports, x, over), *ground)
         contact = resultants([NodalForces("contact", None, on_body)], x, over)
@@ -147,15 +138,8 @@ def resultant_of_ground(
 ) -> Resultant:
     """Force and moment on a body of elastic foundations that are terms of its internal forces; collective.
 
-    By the symmetry of these, the work of the internal forces of u on a rigid motion is that of the forces of the motion
-    on u; the rest of the body does none.
-
-    Args:
-        ground: Nodal forces of the rigid modes, shape (k, 3, 6).
-        u: Displacements in metres, shape (k, 3).
-        x: Coordinates of the nodes, shape (k, 3).
-        over: The ranks.
-        body: Name of the body, if there are several.
+    By symmetry, the work of the internal forces of u (k, 3) on a rigid motion is that of the nodal forces of the
+    motion, `ground` (k, 3, 6), on u; the rest of the body does none.
     """
     count = over.sum(float(len(x)))
     centre = np.array([over.sum(axis) for axis in x.T]) / count
@@ -170,13 +154,8 @@ def resultant_of_ground(
 def balance(outer: Sequence[Resultant], x: FloatArray, over: Reductions) -> float:
     """What all forces on a body leave over, relative to the largest of them; collective.
 
-    The larger of two figures: the sum of the forces, and the sum of their moments about the body's centre over the
-    radius of the body, each over the largest sum of nodal forces of a load, support or contact.
-
-    Args:
-        outer: All loads, supports and contact forces on the body.
-        x: The nodes of the body, shape (k, 3).
-        over: The ranks.
+    The larger of two figures: the sum of the forces, and the sum of their moments about the centre of the nodes x (k,
+    3) over the radius of the body, each over the largest sum of nodal forces of a load, support or contact.
     """
     ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
     centre, radius = ends.mean(axis=1), 0.5 * float(np.linalg.norm(np.ptp(ends, axis=1)))

@@ -42,13 +42,8 @@ SMALL = 1e-6
 
 
 def zero_open_forces(problem: DiscreteProblem, x: FloatArray, closed: FloatArray) -> FloatArray:
-    """Contact forces of a solver in newtons, shape (3 m,), with exact zeros; collective.
-
-    Args:
-        problem: The contact problem.
-        x: The forces, node by node (n, t1, t2), shape (3 m,).
-        closed: `DiscreteProblem.closure` of the displacement under these forces, metres, shape (m, 3).
-    """
+    """Contact forces x of a solver in newtons, shape (3 m,), with exact zeros, where `closed` (m, 3) is
+    `DiscreteProblem.closure` of the displacement under them; collective."""
     over, force = Reductions(problem.comm), x.reshape(-1, 3).copy()
     normal, small = force[:, 0], SMALL * over.norm(x)
     gap = problem.surface.gap - closed[:, 0]
@@ -128,11 +123,8 @@ class CertifiedAnswer:
 
 
 class StoppingCriterion:
-    """Displacement and certificate of a solver's forces; the last ones are kept.
-
-    Args:
-        problem: The contact problem.
-    """
+    """Displacement and certificate of a solver's forces x (3 m,) and amounts alpha (q,) of free motions; the last ones
+    are kept."""
 
     def __init__(self, problem: DiscreteProblem):
         self._problem = problem
@@ -140,13 +132,9 @@ class StoppingCriterion:
         self._displaced: tuple[FloatArray, FloatArray] | None = None
 
     def __call__(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> bool:
-        """Whether the forces x in newtons, shape (3 m,), pass, with the amounts alpha (q,) of free motions;
-        collective."""
         return self.answer(x, alpha).certificate.passed
 
     def answer(self, x: FloatArray, alpha: FloatArray = NO_MOTION) -> CertifiedAnswer:
-        """Displacement and certificate of the forces x in newtons, shape (3 m,), and amounts alpha (q,) of free
-        motions; collective."""
         problem, over = self._problem, Reductions(self._problem.comm)
         last = self._last
         if last is None or not over.all(np.array_equal(last[0], x) and np.array_equal(last[1], alpha)):
@@ -173,7 +161,6 @@ class StoppingCriterion:
         return (force, u) if over.all(same) else None
 
     def _zeros_by_displacement(self, x: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The forces with exact zeros, and their displacement."""
         problem, over = self._problem, Reductions(self._problem.comm)
         u = problem.moved(self._displacement(x), alpha)
         with timed(problem.seconds, "displacement"):
@@ -190,8 +177,7 @@ class StoppingCriterion:
         return remaining.ravel()
 
     def _displacement(self, x: FloatArray) -> FloatArray:
-        """Displacement under the forces x in newtons, shape (3 m,), before free motions, the last one kept; metres,
-        shape (k, 3)."""
+        """Displacement under the forces x before free motions, the last one kept; metres, shape (k, 3)."""
         over = Reductions(self._problem.comm)
         if self._displaced is None or not over.all(np.array_equal(self._displaced[0], x)):
             with timed(self._problem.seconds, "displacement"):

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from conftest import RANKS_ON_FEW_CORES, ROOT, make_block, run_coulomb, run_python
 from mpi4py import MPI
-from test_load_history import rubbed
+from shared_problems import rubbed
 from test_standard_streams import CASE, COULOMB, certified, environment
 
 from coulomb import HistoryFiles, InteriorPoint, LoadHistory, NotConverged, Status, SuccessiveTresca

@@ -10,8 +10,8 @@ from check_runs import BALL, BLOCK, copied, edit, leaves, made, put
 from conftest import run_coulomb
 from mesh_files import BoxFile
 from mpi4py import MPI
+from shared_problems import FailsAt
 from test_check_files import SQUEEZED
-from test_load_history import FailsAt
 
 import coulomb
 from coulomb.case.case import read_case

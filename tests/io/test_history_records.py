@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from conftest import STEEL
-from test_load_history import RUBBER, UP, rubbed
+from shared_problems import RUBBER, UP, rubbed
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, InteriorPoint, LoadHistory, Plane, Sphere, Spring, Traction

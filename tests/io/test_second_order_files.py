@@ -4,14 +4,15 @@ import h5py
 import mesh_writers
 import numpy as np
 import pytest
-from mesh_files import EXODUS, GMSH, VTK, BoxFile
+from mesh_files import EXODUS, GMSH, VTK, BoxFile, integral
 from mpi4py import MPI
-from test_second_order_meshes import CELLS, integral
 
 import coulomb
 from coulomb.fem import compat
 from coulomb.fem.compat import io, mesh
 from coulomb.fem.meshes.lagrange import corner_geometry, in_dolfinx_order, in_vtk_order
+
+CELLS = ("hexahedron", "tetrahedron")
 
 
 def bent(x):

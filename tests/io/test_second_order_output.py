@@ -6,10 +6,8 @@ import shutil
 import h5py
 import numpy as np
 import pytest
-from check_runs import read_grid
+from check_runs import fields, order, read_grid
 from conftest import without_pictures
-from test_exact_fields import fields, order
-from test_second_order_meshes import CELLS
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Traction
@@ -24,6 +22,8 @@ from coulomb.pictures.report.fields import zone_counts
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.grids import first_order
 from coulomb.pictures.report.problem import geometry
+
+CELLS = ("hexahedron", "tetrahedron")
 
 STEEL = Material(2.1e11, 0.3)
 TOPOLOGY = {"hexahedron": ("Hexahedron_27", "Quadrilateral_9"), "tetrahedron": ("Tetrahedron_10", "Triangle_6")}

@@ -6,8 +6,7 @@ Run alone, or as `mpirun -n 2 python -m pytest tests/linalg/test_parallel_contra
 import numpy as np
 import pytest
 from mpi4py import MPI
-from test_parallel import everywhere
-from test_parallel_supports import by_place
+from ranks import by_place, everywhere
 
 import coulomb
 from coulomb import Contact, ContactProblem, Material, Traction

@@ -9,7 +9,7 @@ import scipy.sparse
 from conftest import make_block
 from mpi4py import MPI
 from petsc4py import PETSc
-from test_parallel import everywhere, same_error
+from ranks import everywhere, same_error
 
 from benchmarks.block import block
 from coulomb import Clamp, Contact, ContactProblem, Material, Plane, Traction, box, join, moved

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from conftest import random_spd
 from mpi4py import MPI
-from test_contact_preconditioner import NODES, equations
+from shared_problems import NODES, equations
 
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
 from coulomb.linalg.reductions import concatenated

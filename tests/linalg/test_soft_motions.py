@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
+from shared_problems import two_bodies
 from user_forms import Script
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Spring, Traction
+from coulomb import Clamp, Elasticity, Material, Spring
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
 from coulomb.model.conditioning import soft_motions
 from coulomb.solvers import IterativeSolver
@@ -25,21 +26,6 @@ def robin():
     script = Script(coulomb.box((3.0, 1.0, 1.0), (6, 2, 2)), 1)
     springs = sum(1e6 * script.u[i] * script.v[i] for i in range(3)) * script.ds("right")
     return coulomb.Body(script.elasticity(2.1e11, 0.3) + springs, None, faces=script.mesh)
-
-
-def two_bodies(stiffness=1e6, **given):
-    """A block of aluminium on one of steel that is clamped; springs alone hold it, beside contact."""
-    lower = coulomb.box((1.2, 0.6, 0.4), (12, 6, 4))
-    upper = coulomb.moved(coulomb.box((0.8, 0.4, 0.4), (7, 4, 4), "tetrahedron"), translate=(0.2, 0.1, 0.4))
-    return ContactProblem(
-        coulomb.join(lower=lower, upper=upper),
-        {"lower": STEEL, "upper": Material(7e10, 0.33)},
-        [Clamp("lower:bottom")],
-        Contact("upper:bottom", against="lower:top", friction=0.4),
-        [Traction("upper:top", (2e6, 0.0, -1e7))],
-        springs=[Spring("upper:left", stiffness)],
-        **given,
-    )
 
 
 @pytest.mark.parametrize(

@@ -7,21 +7,20 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from conftest import ROOT, STEEL, run_coulomb
+from shared_problems import RUBBER, UP, FailsAt, rubbed
 
 import coulomb
 from coulomb import (
     Clamp,
     Contact,
     ContactProblem,
-    InteriorPoint,
     LoadHistory,
     Material,
-    NotConverged,
     Plane,
     PrescribedDisplacement,
     Sphere,
@@ -29,20 +28,6 @@ from coulomb import (
 )
 from coulomb.io.recheck import check
 from coulomb.model.load_history import StepFailed
-
-RUBBER = Material(1e7, 0.3)
-UP = [(0.0, 0.0), (1.0, 1.0)]
-TO_AND_FRO = [(1.0, 0.0), (2.0, 1.0), (4.0, -1.0), (5.0, 0.0)]
-
-
-def rubbed(cells=4, sway=2e-3, friction=0.4, material=RUBBER):
-    """A block of rubber, its top pressed down by 1 mm until time 1, and moved to and fro along x until time 5."""
-    top = [
-        PrescribedDisplacement("top", (0.0, 0.0, -1e-3), amplitude=UP),
-        PrescribedDisplacement("top", (sway, 0.0, 0.0), "x", amplitude=TO_AND_FRO),
-    ]
-    mesh = coulomb.box((0.1, 0.1, 0.05), (cells, cells, cells))
-    return ContactProblem(mesh, material, top, Contact("bottom", friction))
 
 
 def test_slip_is_kept_between_steps():
@@ -129,22 +114,6 @@ def test_a_turned_compliance_is_the_one_of_the_turned_frames():
     assert np.allclose(later.A.dense(), anew.A.dense(), rtol=1e-9, atol=1e-20)
     assert np.array_equal(later.surface.frames, anew.surface.frames)
     assert np.allclose(later.b, anew.b, atol=1e-12)
-
-
-@dataclass(frozen=True)
-class FailsAt:
-    """Fails when called for one of these."""
-
-    failures: tuple[int, ...]
-    tolerance: float = 1e-8
-    calls: list = field(default_factory=list)
-
-    def solve(self, problem, start=None, *, gradient=None, progress=None):
-        self.calls.append(len(self.calls))
-        result = InteriorPoint(self.tolerance).solve(problem, progress=progress)
-        if self.calls[-1] in self.failures:
-            raise NotConverged("fussy", result)
-        return result
 
 
 def test_a_step_that_fails_is_halved(caplog):

@@ -181,11 +181,10 @@ picture = false
 )
 
 
-@pytest.mark.parametrize(("cell", "ranks"), [("tetrahedron", 2), ("hexahedron", 3)])
-def test_case_file(tmp_path, cell, ranks):
-    """The same on any number of ranks, and `coulomb check` computes it again."""
-    (tmp_path / "case.toml").write_text(CASE.replace("CELL", cell))
-    done = run_coulomb("run", "case.toml", "--output", "out", ranks=ranks, cwd=tmp_path)
+def test_case_file(tmp_path):
+    """On several ranks, and `coulomb check` computes it again."""
+    (tmp_path / "case.toml").write_text(CASE.replace("CELL", "tetrahedron"))
+    done = run_coulomb("run", "case.toml", "--output", "out", ranks=2, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "Mohr-Coulomb friction 0.3, cohesion 4e+06 Pa" in done.stdout
     with (tmp_path / "out" / "history.csv").open() as file:

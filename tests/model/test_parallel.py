@@ -8,6 +8,7 @@ import pytest
 from conftest import STEEL, indentation, make_block, reference
 from mesh_files import BoxFile
 from mpi4py import MPI
+from ranks import everywhere, same_error
 from synthetic_evidence import BODY, CASES, CONTACT, synthetic_evidence
 
 import coulomb
@@ -23,24 +24,10 @@ from coulomb.solvers import CondensedSystem, FrictionProblem, IterativeSolver
 comm = MPI.COMM_WORLD
 
 
-def everywhere(values):
-    """Rows of all ranks, on every rank."""
-    return np.concatenate(comm.allgather(values))
-
-
 @pytest.fixture(scope="module")
 def shared_directory(tmp_path_factory):
     """One directory for all ranks."""
     return comm.bcast(tmp_path_factory.mktemp("shared") if comm.rank == 0 else None)
-
-
-def same_error(action):
-    """The ValueError of an action; every rank must raise the same one."""
-    with pytest.raises(ValueError) as failure:
-        action()
-    texts = comm.allgather(str(failure.value))
-    assert len(set(texts)) == 1
-    return texts[0]
 
 
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])

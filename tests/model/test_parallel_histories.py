@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from conftest import STEEL
 from mpi4py import MPI
+from ranks import everywhere
 from rotating_foundations import CELLS, puck, shoe, steps
-from test_parallel import everywhere
 
 import coulomb
 from coulomb import (

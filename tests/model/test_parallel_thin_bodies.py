@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from conftest import STEEL
 from mpi4py import MPI
-from test_soft_motions import STEEL, two_bodies
+from shared_problems import two_bodies
 from test_thin_bodies import CELLS, sheet
 
 import coulomb

@@ -3,29 +3,12 @@
 import numpy as np
 import pytest
 from conftest import STEEL
+from shared_problems import CLOSING, CORK, jaws
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, Sphere, Spring
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Sphere, Spring
 from coulomb.io.output import write
 from coulomb.io.recheck import check
-
-CORK = Material(1e7, 0.0)
-CLOSING = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, -1e-3), (2.0, 2e-3, 0.0, -1e-3)]
-
-
-def jaws(friction=(0.4, 0.4), motion=CLOSING, **options):
-    """A block of cork on soft springs between a floor and a plate that moves down by 1 mm and then sideways by 2 mm."""
-    return ContactProblem(
-        coulomb.box((0.1, 0.1, 0.05), (4, 4, 4)),
-        CORK,
-        [],
-        [
-            Contact("bottom", friction[0]),
-            Contact("top", friction[1], foundation=Plane((0, 0, 0.05), (0, 0, -1)), motion=motion),
-        ],
-        springs=[Spring("left", 1e3), Spring("right", 1e3)],
-        **options,
-    )
 
 
 def test_squeezed_and_sheared():

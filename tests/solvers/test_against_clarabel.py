@@ -2,37 +2,13 @@
 
 from dataclasses import replace
 
-import clarabel
 import numpy as np
 import pytest
-import scipy.sparse
 from conftest import dense_compliance, objective, random_spd
+from shared_problems import by_clarabel
 
 from coulomb import InteriorPoint
 from coulomb.solvers import KPRGP, FrictionProblem
-
-
-def by_clarabel(A, b, slip_bound, lower):
-    """The same problem with s = x_n - lower >= 0 and (g, x_t1, x_t2) in the second-order cone, scaled for Clarabel."""
-    m, a = len(slip_bound), np.diag(A).mean()
-    f = np.abs(b).max() / a
-    rows, right, cones = [], [], []
-    normal = scipy.sparse.csr_matrix((-np.ones(m), (np.arange(m), 3 * np.arange(m))), shape=(m, 3 * m))
-    rows.append(normal)
-    right.append(-lower / f)
-    cones.append(clarabel.NonnegativeConeT(m))
-    for i in range(m):
-        rows.append(scipy.sparse.csr_matrix(([-1.0, -1.0], ([1, 2], [3 * i + 1, 3 * i + 2])), shape=(3, 3 * m)))
-        right.append([slip_bound[i] / f, 0.0, 0.0])
-        cones.append(clarabel.SecondOrderConeT(3))
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
-    P = scipy.sparse.csc_matrix(np.triu(A / a))
-    G = scipy.sparse.csc_matrix(scipy.sparse.vstack(rows))
-    solution = clarabel.DefaultSolver(P, -b / (a * f), G, np.concatenate(right), cones, settings).solve()
-    assert "Solved" in str(solution.status)
-    return f * np.array(solution.x)
 
 
 def problem(nodes, condition, normal, bound, seed):

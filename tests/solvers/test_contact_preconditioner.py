@@ -6,26 +6,10 @@ import numpy as np
 import pytest
 from conftest import random_spd
 from mpi4py import MPI
+from shared_problems import NODES, equations
 
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
-from coulomb.solvers.contact_equations import ContactEquations
-from coulomb.solvers.laws import FrictionLaw
 from coulomb.solvers.semismooth_newton import ContactPreconditioner
-
-NODES = 20
-
-
-def equations(rng):
-    """At forces of which some are open, some stick and some slip."""
-    law = FrictionLaw(np.zeros(NODES), np.full(NODES, 0.4))
-    ones = np.ones(NODES)
-    of = ContactEquations(law, np.zeros(NODES), ones > 0.0, rng.uniform(1.0, 2.0, NODES), rng.uniform(1.0, 2.0, NODES))
-    x, w = rng.uniform(0.0, 2.0, (NODES, 3)), rng.uniform(-1.0, 1.0, (NODES, 3))
-    x[:5, 1:], w[:5] = 0.0, 0.0
-    w[5:8, 0] = 10.0
-    at = of.at(x, w)
-    assert set(at.status) == {0, 1, 2}
-    return at
 
 
 @pytest.mark.parametrize("columns", [0, 12])

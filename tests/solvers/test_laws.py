@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import dense_compliance, random_spd
 from mpi4py import MPI
-from test_against_clarabel import by_clarabel
+from shared_problems import by_clarabel
 
 from coulomb import InteriorPoint, SuccessiveTresca, solve_coulomb, solve_tresca
 from coulomb.linalg.reductions import Reductions

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from conftest import STEEL
 from petsc4py import PETSc
+from shared_problems import solve
 
 import coulomb
 from coulomb import Clamp, Elasticity, Material, PrescribedDisplacement, Traction
@@ -11,14 +12,6 @@ def cube(clamps=(Clamp("left"),), **options):
     return Elasticity(
         coulomb.box((2.0, 1.0, 1.5), (4, 2, 3), options.pop("cell", "hexahedron")), STEEL, clamps, **options
     )
-
-
-def solve(elasticity):
-    from coulomb.solvers import DirectSolver
-
-    u = elasticity.K.createVecRight()
-    DirectSolver(elasticity.K).solve(elasticity.f(elasticity.at(0.0)), u)
-    return u.array.reshape(-1, 3)
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

@@ -1,8 +1,8 @@
 """Zeros and integers are exact in the files, and every value is at its own point."""
 
-import h5py
 import numpy as np
 import pytest
+from check_runs import fields, order
 from conftest import ROOT, STEEL, make_block, run_coulomb, without_pictures
 
 import coulomb
@@ -23,20 +23,6 @@ def block(cell, law="coulomb", cells=(12, 4, 4), friction=0.3):
         Contact("bottom", friction) if law == "coulomb" else Contact("bottom", slip_stress=1e7),
         [Traction("top", (0.0, 1e7, -4e7)), Traction("right", (2e7, 0.0, 0.0))],
     )
-
-
-def fields(path):
-    """By name, at the points of the file."""
-    with h5py.File(path) as file:
-        found = {name: np.squeeze(group["0"][()]) for name, group in file["Function"].items() if name != "young"}
-        return {"x": file["Mesh/mesh/geometry"][()], **found}
-
-
-def order(points, wanted):
-    """For each wanted place the number of the point there."""
-    distance = np.linalg.norm(points[None] - wanted[:, None], axis=2)
-    assert distance.min(axis=1).max() < 1e-12
-    return distance.argmin(axis=1)
 
 
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import ufl
 from mpi4py import MPI
+from ranks import by_place, everywhere, same_error
 from test_forms import both
-from test_parallel import everywhere, same_error
-from test_parallel_supports import by_place
 from user_forms import Script
 
 import coulomb

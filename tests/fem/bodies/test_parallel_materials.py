@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from test_parallel import everywhere, same_error
-from test_parallel_supports import by_place
+from ranks import by_place, everywhere, same_error
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, NodalField, OrthotropicMaterial

@@ -4,19 +4,14 @@ import numpy as np
 import pytest
 from conftest import STEEL
 from mpi4py import MPI
+from ranks import by_place, everywhere, same_error
 from test_oblique_supports import HISTORY, TURN, rubbed, wedged
-from test_parallel import everywhere, same_error
 
 import coulomb
 from coulomb import Clamp, Elasticity, SymmetryPlane
 from coulomb.solvers import DirectSolver, IterativeSolver
 
 comm = MPI.COMM_WORLD
-
-
-def by_place(x, values):
-    """Rows in the order of their places."""
-    return values[np.lexsort(x.round(9).T)]
 
 
 @pytest.mark.parametrize("linear_solver", [DirectSolver, IterativeSolver])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import STEEL
 from mesh_files import BoxFile
-from test_elasticity import solve
+from shared_problems import solve
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Spring, Traction

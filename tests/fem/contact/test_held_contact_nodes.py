@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from conftest import dense_compliance, objective, random_spd
-from test_against_clarabel import by_clarabel
+from shared_problems import by_clarabel
 
 import coulomb
 from coulomb import InteriorPoint, SuccessiveTresca

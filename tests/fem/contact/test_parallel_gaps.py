@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from test_parallel import same_error
+from ranks import same_error
 
 import coulomb
 from coulomb import Contact, ContactProblem, Cylinder, LoadHistory, Material, SymmetryPlane

@@ -10,7 +10,7 @@ from check_runs import change, run_case
 from conftest import run_coulomb
 from report_pages import page_without_pictures
 from resumed_rows import rows_of, same_to_the_tolerance
-from test_several_faces import jaws
+from shared_problems import jaws
 from two_pairs_runs import LENS, write_lens
 
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, SymmetryPlane, Traction, box, join, moved

@@ -7,7 +7,7 @@ import pytest
 from conftest import STEEL, run_coulomb
 from mesh_files import BoxFile
 from mpi4py import MPI
-from test_elasticity import solve
+from shared_problems import solve
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Traction

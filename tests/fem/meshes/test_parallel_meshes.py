@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from mesh_files import BoxFile
 from mpi4py import MPI
+from ranks import same_error
 from test_mesh_faults import doubled, flattened, hinge
-from test_parallel import same_error
 from typer.testing import CliRunner
 
 import coulomb

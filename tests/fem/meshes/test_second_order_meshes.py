@@ -2,31 +2,17 @@
 
 import numpy as np
 import pytest
-from mesh_files import BoxFile
+from mesh_files import BoxFile, integral
 from mpi4py import MPI
 
 import coulomb
 from coulomb.case.bodies import MeshTable
 from coulomb.cli.preparation import unknowns_of_box
 from coulomb.fem import compat
-from coulomb.fem.compat import fem, ufl
 from coulomb.fem.meshes.lagrange import corner_geometry
 from coulomb.fem.meshes.named_mesh import NamedMesh
 
 CELLS = ("hexahedron", "tetrahedron")
-
-
-def integral(mesh, face=None, cells=None):
-    """The volume of a mesh or of a group of its cells, or the area of a face, with the map of its cells."""
-    one, degree = fem.Constant(mesh.domain, 1.0), 6
-    measure, where, dim = ufl.dx, cells and mesh.group(cells, "test"), 3
-    if face is not None:
-        measure, where, dim = ufl.ds, mesh.facets(face, "test"), 2
-    if where is not None:
-        tags = compat.meshtags(mesh.domain, dim, where, np.ones(len(where), dtype=np.int32))
-        measure = measure(domain=mesh.domain, subdomain_data=tags, subdomain_id=1)
-    mine = fem.assemble_scalar(fem.form(one * measure(degree=degree)))
-    return mesh.comm.allreduce(mine, op=MPI.SUM)
 
 
 @pytest.mark.parametrize("cell", CELLS)

@@ -1,0 +1,4 @@
+"""The names of the package, with the modules that have them: for type checkers, and read by `lazy_names`."""
+
+from .contact import ContactSurface as ContactSurface
+from .meshes import JoinedMesh as JoinedMesh

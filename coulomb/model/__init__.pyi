@@ -1,0 +1,7 @@
+"""The names of the package, with the modules that have them: for type checkers, and read by `lazy_names`."""
+
+from .certificate import Check as Check
+from .load_step import Energy as Energy
+from .load_step import LoadStep as LoadStep
+from .probes import ProbeValue as ProbeValue
+from .resultants import Resultant as Resultant

@@ -1,0 +1,128 @@
+"""Problems and independent solutions that tests of several folders share."""
+
+from dataclasses import dataclass, field
+
+import clarabel
+import numpy as np
+import scipy.sparse
+
+import coulomb
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    InteriorPoint,
+    Material,
+    NotConverged,
+    Plane,
+    PrescribedDisplacement,
+    Spring,
+    Traction,
+)
+from coulomb.solvers import DirectSolver, FrictionLaw
+from coulomb.solvers.contact_equations import ContactEquations
+
+CORK = Material(1e7, 0.0)
+RUBBER = Material(1e7, 0.3)
+UP = [(0.0, 0.0), (1.0, 1.0)]
+TO_AND_FRO = [(1.0, 0.0), (2.0, 1.0), (4.0, -1.0), (5.0, 0.0)]
+NODES = 20
+CLOSING = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, -1e-3), (2.0, 2e-3, 0.0, -1e-3)]
+
+
+def solve(elasticity):
+    u = elasticity.K.createVecRight()
+    DirectSolver(elasticity.K).solve(elasticity.f(elasticity.at(0.0)), u)
+    return u.array.reshape(-1, 3)
+
+
+def rubbed(cells=4, sway=2e-3, friction=0.4, material=RUBBER):
+    """A block of rubber, its top pressed down by 1 mm until time 1, and moved to and fro along x until time 5."""
+    top = [
+        PrescribedDisplacement("top", (0.0, 0.0, -1e-3), amplitude=UP),
+        PrescribedDisplacement("top", (sway, 0.0, 0.0), "x", amplitude=TO_AND_FRO),
+    ]
+    mesh = coulomb.box((0.1, 0.1, 0.05), (cells, cells, cells))
+    return ContactProblem(mesh, material, top, Contact("bottom", friction))
+
+
+@dataclass(frozen=True)
+class FailsAt:
+    """Fails when called for one of these."""
+
+    failures: tuple[int, ...]
+    tolerance: float = 1e-8
+    calls: list = field(default_factory=list)
+
+    def solve(self, problem, start=None, *, gradient=None, progress=None):
+        self.calls.append(len(self.calls))
+        result = InteriorPoint(self.tolerance).solve(problem, progress=progress)
+        if self.calls[-1] in self.failures:
+            raise NotConverged("fussy", result)
+        return result
+
+
+def jaws(friction=(0.4, 0.4), motion=CLOSING, **options):
+    """A block of cork on soft springs between a floor and a plate that moves down by 1 mm and then sideways by 2 mm."""
+    return ContactProblem(
+        coulomb.box((0.1, 0.1, 0.05), (4, 4, 4)),
+        CORK,
+        [],
+        [
+            Contact("bottom", friction[0]),
+            Contact("top", friction[1], foundation=Plane((0, 0, 0.05), (0, 0, -1)), motion=motion),
+        ],
+        springs=[Spring("left", 1e3), Spring("right", 1e3)],
+        **options,
+    )
+
+
+def two_bodies(stiffness=1e6, **given):
+    """A block of aluminium on one of steel that is clamped; springs alone hold it, beside contact."""
+    lower = coulomb.box((1.2, 0.6, 0.4), (12, 6, 4))
+    upper = coulomb.moved(coulomb.box((0.8, 0.4, 0.4), (7, 4, 4), "tetrahedron"), translate=(0.2, 0.1, 0.4))
+    return ContactProblem(
+        coulomb.join(lower=lower, upper=upper),
+        {"lower": Material(2.1e11, 0.3), "upper": Material(7e10, 0.33)},
+        [Clamp("lower:bottom")],
+        Contact("upper:bottom", against="lower:top", friction=0.4),
+        [Traction("upper:top", (2e6, 0.0, -1e7))],
+        springs=[Spring("upper:left", stiffness)],
+        **given,
+    )
+
+
+def equations(rng):
+    """At forces of which some are open, some stick and some slip."""
+    law = FrictionLaw(np.zeros(NODES), np.full(NODES, 0.4))
+    ones = np.ones(NODES)
+    of = ContactEquations(law, np.zeros(NODES), ones > 0.0, rng.uniform(1.0, 2.0, NODES), rng.uniform(1.0, 2.0, NODES))
+    x, w = rng.uniform(0.0, 2.0, (NODES, 3)), rng.uniform(-1.0, 1.0, (NODES, 3))
+    x[:5, 1:], w[:5] = 0.0, 0.0
+    w[5:8, 0] = 10.0
+    at = of.at(x, w)
+    assert set(at.status) == {0, 1, 2}
+    return at
+
+
+def by_clarabel(A, b, slip_bound, lower):
+    """The same problem with s = x_n - lower >= 0 and (g, x_t1, x_t2) in the second-order cone, scaled for Clarabel."""
+    m, a = len(slip_bound), np.diag(A).mean()
+    f = np.abs(b).max() / a
+    rows, right, cones = [], [], []
+    normal = scipy.sparse.csr_matrix((-np.ones(m), (np.arange(m), 3 * np.arange(m))), shape=(m, 3 * m))
+    rows.append(normal)
+    right.append(-lower / f)
+    cones.append(clarabel.NonnegativeConeT(m))
+    for i in range(m):
+        rows.append(scipy.sparse.csr_matrix(([-1.0, -1.0], ([1, 2], [3 * i + 1, 3 * i + 2])), shape=(3, 3 * m)))
+        right.append([slip_bound[i] / f, 0.0, 0.0])
+        cones.append(clarabel.SecondOrderConeT(3))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+    P = scipy.sparse.csc_matrix(np.triu(A / a))
+    G = scipy.sparse.csc_matrix(scipy.sparse.vstack(rows))
+    solution = clarabel.DefaultSolver(P, -b / (a * f), G, np.concatenate(right), cones, settings).solve()
+    assert "Solved" in str(solution.status)
+    return f * np.array(solution.x)
