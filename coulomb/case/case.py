@@ -163,7 +163,7 @@ class Case(Table):
         Raises:
             ValueError: On every rank, if the parts are inconsistent.
         """
-        from ..fem.bodies import LoadedBody, distributed_bodies, made
+        from ..fem.bodies import LoadedBody, build_bodies, distributed_bodies
         from ..fem.meshes import JoinedMesh
 
         clamps, loads, springs = self._acting
@@ -173,7 +173,7 @@ class Case(Table):
         if isinstance(mesh, JoinedMesh):
             heat = () if thermal is None else (self._of_body(thermal), thermal.reference, thermal.amplitude)
             bodies = distributed_bodies(mesh, self.materials(), clamps, loads, *given, self._gravity, factor, *heat)
-            return made(LoadedBody, bodies)
+            return build_bodies(LoadedBody, bodies)
         return {"": LoadedBody(mesh, self.materials(), clamps, loads, *given, self.gravity, factor, thermal)}
 
     def _mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:

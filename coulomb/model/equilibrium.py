@@ -152,7 +152,7 @@ def _falling(problem: DiscreteProblem, motion: FloatArray, rigid: RigidMotions) 
             work = float(load.force @ one.translation + load.moment @ one.rotation)
             turn, way = float(np.linalg.norm(one.rotation)), float(np.linalg.norm(one.translation))
             if turn * one.part.radius > _MOVING * way:
-                said.append(f"{free.bodies[one.component]}: it {one.tidied(_MOVING)}, under {in_units(work / turn)}N m")
+                said.append(f"{free.bodies[one.component]}: it {one.tidy(_MOVING)}, under {in_units(work / turn)}N m")
             else:
                 along = direction_in_words(one.translation, _MOVING)
                 said.append(f"{free.bodies[one.component]} against loads of {in_units(work / way)}N along {along}")
@@ -185,7 +185,7 @@ def running_away(problem: DiscreteProblem, result: SolverResult) -> str:
     said = []
     for load, carried, one in zip(free.resultants(rigid.e), free.resultants(held), free.of(motion), strict=True):
         if _size(one) > least:
-            one = one.tidied(_TURNING)
+            one = one.tidy(_TURNING)
             pushed, resisted = (float(by.force @ one.translation + by.moment @ one.rotation) for by in (load, carried))
             resisted = 0.0 if abs(resisted) <= _PART * abs(pushed) else resisted
             way, turn = float(np.linalg.norm(one.translation)), float(np.linalg.norm(one.rotation))

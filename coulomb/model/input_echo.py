@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, is_number
-from ..fem.bodies import AppliedLoad, NodalForces, named
+from ..fem.bodies import AppliedLoad, NodalForces, load_title
 from ..fem.geometry import RigidFoundation, evaluate_amplitude, on_all_ranks
 from ..linalg.reductions import Reductions
 from .contact import Contact
@@ -51,7 +51,7 @@ def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResul
     def resultant_of(applied: AppliedLoad) -> LoadResultant:
         load = applied.load
         factors = on_all_ranks(
-            lambda: [evaluate_amplitude(load.amplitude, time, named(load)) for time in times], "", problem.comm
+            lambda: [evaluate_amplitude(load.amplitude, time, load_title(load)) for time in times], "", problem.comm
         )
         largest = int(np.argmax(np.abs(factors)))
         forces = NodalForces(load.kind, load.face, factors[largest] * applied.nodal_force)
@@ -59,7 +59,7 @@ def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResul
         small = _ROUNDING * found.nodal
         force = np.where(np.abs(found.force) <= small, 0.0, found.force)
         moment = np.where(np.abs(found.moment) <= small * arm, 0.0, found.moment)
-        what = f"{named(load)}, {applied.size}" if applied.size else named(load)
+        what = f"{load_title(load)}, {applied.size}" if applied.size else load_title(load)
         return LoadResultant(what, times[largest], force, moment)
 
     return [resultant_of(applied) for applied in body.loads]

@@ -20,8 +20,8 @@ from ..fem.bodies import (
     Spring,
     Support,
     ThermalLoad,
+    build_bodies,
     distributed_bodies,
-    made,
     vanishes,
 )
 from ..fem.geometry import Amplitude, Coefficient, Field
@@ -191,7 +191,7 @@ class ContactProblem(DiscreteProblem):
                     *(mesh, *arguments, body_force, springs, body_force_amplitude, gravity, gravity_amplitude),
                     *(temperature, reference_temperature, temperature_amplitude),
                 )
-                return JoinedBodies(made(Elasticity, bodies))
+                return JoinedBodies(build_bodies(Elasticity, bodies))
             if isinstance(body_force, Mapping) or isinstance(gravity, Mapping) or isinstance(temperature, Mapping):
                 raise ValueError("body_force, gravity, temperature: by body only for the bodies of coulomb.join")
             thermal = None

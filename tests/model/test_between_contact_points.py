@@ -5,7 +5,7 @@ import pytest
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Cylinder, Material, Plane, Pressure, Traction
-from coulomb.fem.contact.facet_functions import FacetKind
+from coulomb.fem.contact.facet_patch import FacetKind
 from coulomb.fem.contact.near_facets import FaceSamples
 from coulomb.io.recheck import check
 from coulomb.linalg.reductions import Reductions

@@ -10,7 +10,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, PrescribedDisplacement, Sphere
 from coulomb.fem.contact import surface as surfaces
 from coulomb.fem.contact.contact_points import contact_matrix
-from coulomb.fem.geometry.rigid_motion import Moved, RigidMotion
+from coulomb.fem.geometry.obstacles import Moved, RigidMotion
 from coulomb.model.contact_body import ContactBody
 from coulomb.model.load_history import StepFailed
 

@@ -21,7 +21,7 @@ from coulomb import (
     Spring,
     box,
 )
-from coulomb.fem.geometry.rigid_motion import Moved, RigidMotion, Turn, moved
+from coulomb.fem.geometry.obstacles import Moved, RigidMotion, Turn, moved
 
 POINTS = np.random.default_rng(7).uniform(-1.0, 1.0, (20, 3))
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from ...arrays import FloatArray, is_number
+from ...arrays import FloatArray
 from ...native import address, kernels
 from .. import compat
 from ..compat import fem, ufl
 from .displacement_space import DisplacementSpace
-from .orthotropic import PAIRS, UPPER, CellMaterials
+from .materials import PAIRS, UPPER, CellMaterials
 
 # Internal nodal forces of linear hexahedra with an isotropic material, by a kernel in C for several cells at once.
 #
@@ -63,36 +61,6 @@ STRESSES = (
     *(f"principal_stress_{number}" for number in (1, 2, 3)),
 )
 """Names of the stresses of a cell: tension is positive, the first principal stress is the largest."""
-
-
-@dataclass(frozen=True)
-class Material:
-    """Isotropic, linear elastic.
-
-    Attributes:
-        young: Young's modulus in pascals, > 0.
-        poisson: Poisson's ratio, in (-1, 0.5).
-        density: Density in kg/m^3, > 0; only gravity needs it.
-        expansion: Coefficient of thermal expansion in 1/K; only a temperature needs it.
-
-    Raises:
-        ValueError: If a constant is outside its bounds.
-    """
-
-    young: float
-    poisson: float
-    density: float | None = None
-    expansion: float | None = None
-
-    def __post_init__(self) -> None:
-        if not (is_number(self.young) and self.young > 0.0):
-            raise ValueError(f"material: young must be a positive number of pascals, but is {self.young!r}")
-        if not (is_number(self.poisson, -1.0) and -1.0 < self.poisson < 0.5):
-            raise ValueError(f"material: poisson must be a number in (-1, 0.5), but is {self.poisson!r}")
-        if self.density is not None and not (is_number(self.density) and self.density > 0.0):
-            raise ValueError(f"material: density must be a positive number of kg/m^3, but is {self.density!r}")
-        if self.expansion is not None and not is_number(self.expansion, -math.inf):
-            raise ValueError(f"material: expansion must be a finite number in 1/K, but is {self.expansion!r}")
 
 
 class ElasticBody(DisplacementSpace):

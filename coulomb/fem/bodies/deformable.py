@@ -19,11 +19,10 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ..meshes import SEPARATOR
 from .constraints import HeldNodes
+from .displacement_space import HeldSpace
 from .free_motions import FreeMotions
-from .held_space import HeldSpace
-from .loads import AppliedLoad, NodalForces
+from .loads import AppliedLoad, NodalForces, Temperature
 from .materials import Materials
-from .temperature import Temperature
 
 
 @dataclass(frozen=True)
@@ -90,8 +89,7 @@ class Deformable(HeldNodes, ABC):
     def nodes(self, face: str, what: str) -> npt.NDArray[np.int32]:
         """This rank's nodes on a face, sorted; errors as of `face`."""
         member, facets = self.face(face, what)
-        nodes: npt.NDArray[np.int32] = (member.nodes.start + member.body.nodes_of(facets)).astype(np.int32)
-        return nodes
+        return (member.nodes.start + member.body.nodes_of(facets)).astype(np.int32)
 
     @abstractmethod
     def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

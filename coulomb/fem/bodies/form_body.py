@@ -84,7 +84,7 @@ class BilinearForm:
 
     def matrix(self, values: FormValues) -> PETSc.Mat:
         """The matrix with these values of the coefficients; collective."""
-        with self._holding(values):
+        with self._with_coefficients(values):
             return compat.assemble_matrix(self._form, values.constants)
 
     def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
@@ -94,7 +94,7 @@ class BilinearForm:
         own = self._u.x.array[: u.size]
         own[:] = u.ravel()
         self._u.x.scatter_forward()
-        with self._holding(values):
+        with self._with_coefficients(values):
             return summed(fem.petsc.assemble_vector(self._action, values.constants))
 
     def _product(self, values: FormValues, u: FloatArray) -> FloatArray:
@@ -108,7 +108,7 @@ class BilinearForm:
         return forces
 
     @contextmanager
-    def _holding(self, values: FormValues) -> Iterator[None]:
+    def _with_coefficients(self, values: FormValues) -> Iterator[None]:
         """With the user's functions at other values, which are reset afterwards."""
         functions = compat_forms.functions_in(self._form)
         present = [np.array(function.x.array) for function in functions]
@@ -148,7 +148,7 @@ class _Stiffness:
 
 
 @dataclass
-class _Present:
+class _SharedState:
     """What the copies of a body share: the last time of the callable, and the last stiffness."""
 
     time: float | None = None
@@ -194,7 +194,7 @@ class Body(SingleBody):
         V = space_of_forms(a, L, space)
         self.mesh = named_mesh(V.mesh, {} if faces is None else faces)
         super().__init__(V)
-        self._update, self._present = update, _Present()
+        self._update, self._present = update, _SharedState()
         self._signatures = {name: _signature(form) for name, form in (("a", a), ("L", L))}
         self._degree = compat_forms.lagrange_vectors(V)[1]
         self._a, self._L = BilinearForm(a, V), None if L is None else compiled(L, "L")
@@ -258,8 +258,7 @@ class Body(SingleBody):
         return then
 
     def _same(self, one: _Stiffness, values: FormValues) -> bool:
-        same: bool = self.mesh.comm.allreduce(one.values.same(values), op=MPI.LAND)
-        return same
+        return self.mesh.comm.allreduce(one.values.same(values), op=MPI.LAND)
 
     def at(self, time: float) -> Loading:
         """L and the boundary values at a time; ValueError on every rank if one is not finite, or the user's callable

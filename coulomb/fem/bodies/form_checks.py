@@ -196,8 +196,7 @@ def _facets(domain: Any, given: Any) -> npt.NDArray[np.int32]:
             f"{facets[outside][0]} is no facet of this mesh, which has the facets 0 to "
             f"{count.size_local + count.num_ghosts - 1}"
         )
-    own: npt.NDArray[np.int32] = np.unique(facets[facets < count.size_local]).astype(np.int32)
-    return own
+    return np.unique(facets[facets < count.size_local]).astype(np.int32)
 
 
 def _refuse_tags(domain: Any, tags: Any) -> None:

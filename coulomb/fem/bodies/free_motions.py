@@ -108,7 +108,7 @@ class FreeMotion:
     translation: FloatArray
     rotation: FloatArray
 
-    def tidied(self, part: float) -> FreeMotion:
+    def tidy(self, part: float) -> FreeMotion:
         """Without components below a part of the largest."""
         radius = self.part.radius
         most = part * float(np.max(np.abs([self.translation, radius * self.rotation])))
@@ -247,13 +247,13 @@ def free_motions(
     for number, part in enumerate(parts):
         here = component == number
         energy = comm.allreduce(np.einsum("kci,kcj->ij", modes[here], forces[here]), op=MPI.SUM)
-        basis = _readable(null_space(energy, limit))
+        basis = _basis_along_axes(null_space(energy, limit))
         if basis.shape[1] == 0:
             continue
         found = [FreeMotion(number, part, column[:3], column[3:] / part.radius) for column in basis.T]
         motions += found
-        anchors += anchors_of(x, [here & suited for suited in places], partial(_rows, found), comm)
-    bodies = tuple(f"component {k} of the body, {_around(part)}" for k, part in enumerate(parts, 1))
+        anchors += anchors_of(x, [here & suited for suited in places], partial(_displacements_at, found), comm)
+    bodies = tuple(f"component {k} of the body, {_location_in_words(part)}" for k, part in enumerate(parts, 1))
     return FreeMotions(comm, component, tuple(motions), tuple(anchors), bodies if len(parts) > 1 else ("the body",))
 
 
@@ -272,11 +272,11 @@ def joined_motions(parts: Sequence[FreeMotions], names: Sequence[str], nodes: Se
     return FreeMotions(parts[0].comm, np.concatenate(component), tuple(motions), tuple(anchors), tuple(bodies))
 
 
-def _rows(motions: Sequence[FreeMotion], x: FloatArray) -> FloatArray:
+def _displacements_at(motions: Sequence[FreeMotion], x: FloatArray) -> FloatArray:
     return np.stack([motion.at(x) for motion in motions], axis=2)
 
 
-def _readable(free: FloatArray) -> FloatArray:
+def _basis_along_axes(free: FloatArray) -> FloatArray:
     """A basis of free motions: translations first, along axes where that is possible; shape (6, q)."""
     _, sizes, right = np.linalg.svd(free[3:], full_matrices=True)
     turning = int(np.sum(sizes > _PURE))
@@ -313,15 +313,15 @@ def motions_in_words(free: FreeMotions, combinations: FloatArray) -> tuple[str, 
         alone = int(np.sum(sizes > _PURE))
         own = [free.motions[k] for k in np.flatnonzero(here)]
         M = np.array([np.concatenate([one.translation, one.part.radius * one.rotation]) for one in own]).T
-        basis = _readable(np.linalg.qr(M @ left[here] @ right[alone:].T)[0])
+        basis = _basis_along_axes(np.linalg.qr(M @ left[here] @ right[alone:].T)[0])
         motions = [FreeMotion(number, own[0].part, c[:3], c[3:] / own[0].part.radius) for c in basis.T]
         said += [f"{free.bodies[number]} {motion}" for motion in motions]
         left = left @ right[:alone].T
     for column in left.T:
-        moving = [one.tidied(SMALL) for one in free.of(column)]
+        moving = [one.tidy(SMALL) for one in free.of(column)]
         said.append(" while ".join(f"{free.bodies[one.component]} {one}" for one in moving if one.moves))
     return tuple(said)
 
 
-def _around(part: RigidPart) -> str:
+def _location_in_words(part: RigidPart) -> str:
     return f"around ({', '.join(f'{value:.3g}' for value in tidy(part.centre, part.radius))})"

@@ -1,12 +1,13 @@
-"""Several bodies, each on its own mesh, as one: their nodes one after the other, K block diagonal."""
+"""Several bodies as one: what is given for all, distributed to each; joined, with their nodes one after the other."""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Any, overload
+from typing import Any, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -15,16 +16,144 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..geometry import Amplitude
+from ..geometry import Amplitude, Coefficient, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh
 from .constraints import HeldDirections, Numbering, distributed_rows
 from .deformable import Deformable, Loading, Member, SingleBody
+from .displacement_space import INTERPOLATION, attach_rigid_body_modes
+from .elasticity import LoadedBody, refuse_others
 from .free_motions import FreeMotions, joined_motions
-from .held_space import INTERPOLATION, attach_rigid_body_modes
-from .loads import AppliedLoad, NodalForces
-from .materials import AnyMaterial, by_group
+from .loads import AppliedLoad, Load, NodalForces, ThermalLoad, joined_temperatures
+from .materials import AnyMaterial, Materials, by_group
 from .rigid_modes import rigid_modes
-from .temperature import joined_temperatures
+from .supports import Spring, Support
+
+Acting = TypeVar("Acting")
+Value = TypeVar("Value")
+Kind = TypeVar("Kind", bound=LoadedBody)
+
+NOTHING = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class BodyArguments:
+    """What one body is made of: the arguments of `LoadedBody` and of `Elasticity`, in their order."""
+
+    mesh: NamedMesh
+    materials: Materials
+    clamps: Sequence[Support]
+    tractions: Sequence[Load] = ()
+    body_force: Field = NOTHING
+    springs: Sequence[Spring] = ()
+    body_force_amplitude: Amplitude = 1.0
+    gravity: Sequence[float] = NOTHING
+    gravity_amplitude: Amplitude = 1.0
+    thermal: ThermalLoad | None = None
+
+
+def distributed_bodies(
+    mesh: JoinedMesh,
+    materials: Materials,
+    clamps: Sequence[Support],
+    tractions: Sequence[Load] = (),
+    body_force: Field | Mapping[str, Field] = NOTHING,
+    springs: Sequence[Spring] = (),
+    body_force_amplitude: Amplitude = 1.0,
+    gravity: Sequence[float] | Mapping[str, Sequence[float]] = NOTHING,
+    gravity_amplitude: Amplitude = 1.0,
+    temperature: Coefficient | Mapping[str, Coefficient] | None = None,
+    reference_temperature: float = 0.0,
+    temperature_amplitude: Amplitude = 1.0,
+) -> dict[str, BodyArguments]:
+    """Everything that is given for several bodies, by the name of the body.
+
+    Materials are one for all, or a mapping of "lower", or of groups of cells as "lower:steel"; supports, loads and
+    springs are on faces "body:face"; body force, gravity and temperature of all bodies, or mappings of names of bodies;
+    amplitudes and the reference temperature of all.
+
+    Raises:
+        ValueError: If a body, face or group is unknown, a body has no material or two, or a list has other entries.
+    """
+    refuse_others(clamps=clamps, springs=springs, tractions=tractions)
+    of_material = _material_of_bodies(mesh, materials)
+    held, loaded = _by_body(mesh, clamps, "support"), _by_body(mesh, tractions, "load")
+    sprung = _by_body(mesh, springs, "spring")
+    forces: dict[str, Field] = _each(mesh, body_force, "body_force")
+    weights: dict[str, Sequence[float]] = _each(mesh, gravity, "gravity")
+    temperatures: dict[str, Coefficient] = _each(mesh, temperature, "temperature")
+    bodies = {}
+    for name, one in mesh.bodies.items():
+        heat = temperatures.get(name)
+        bodies[name] = BodyArguments(
+            mesh=one,
+            materials=of_material[name],
+            clamps=held[name],
+            tractions=loaded[name],
+            body_force=forces.get(name, NOTHING),
+            springs=sprung[name],
+            body_force_amplitude=body_force_amplitude,
+            gravity=weights.get(name, NOTHING),
+            gravity_amplitude=gravity_amplitude,
+            thermal=None if heat is None else ThermalLoad(heat, reference_temperature, temperature_amplitude),
+        )
+    return bodies
+
+
+def build_bodies(kind: type[Kind], bodies: Mapping[str, BodyArguments]) -> dict[str, Kind]:
+    """Every body as a `LoadedBody` or an `Elasticity`; errors with the name of the body; collective."""
+    found = {}
+    for name, given in bodies.items():
+        try:
+            found[name] = kind(*(getattr(given, field.name) for field in fields(given)))
+        except ValueError as error:
+            raise ValueError(f"body {name!r}: {error}") from None
+    return found
+
+
+def _by_body(mesh: JoinedMesh, given: Iterable[Acting], what: str) -> dict[str, list[Acting]]:
+    """Supports or loads of every body, with the names that their faces have there."""
+    found: dict[str, list[Acting]] = {name: [] for name in mesh.bodies}
+    for one in given:
+        face = getattr(one, "face", None)
+        body, name = mesh.split(cast(str, face), getattr(one, "kind", what))
+        there = copy.copy(one)
+        object.__setattr__(there, "face", name)  # of frozen classes, whose constructors differ
+        found[body].append(there)
+    return found
+
+
+def _each(mesh: JoinedMesh, given: Value | Mapping[str, Value] | None, what: str) -> dict[str, Value]:
+    """The value of every body that has one: the same for all, or that in a mapping."""
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(mesh.bodies, given)
+    for name in given:
+        mesh.body(name, what)
+    return dict(given)
+
+
+def _material_of_bodies(mesh: JoinedMesh, materials: Materials) -> dict[str, Materials]:
+    if not isinstance(materials, Mapping):
+        return dict.fromkeys(mesh.bodies, materials)
+    whole: dict[str, AnyMaterial] = {}
+    groups: dict[str, dict[str, AnyMaterial]] = {name: {} for name in mesh.bodies}
+    for name, material in materials.items():
+        if isinstance(name, str) and SEPARATOR in name:
+            body, group = mesh.split_group(name, "material")
+            groups[body][group] = material
+        else:
+            mesh.body(name, "material")
+            whole[name] = material
+    for name in mesh.bodies:
+        if name in whole and groups[name]:
+            both = ", ".join(f"{name}{SEPARATOR}{group}" for group in groups[name])
+            raise ValueError(f"material: body {name!r} has one for the whole body, and others for {both}; give either")
+        if name not in whole and not groups[name]:
+            raise ValueError(
+                f"material: body {name!r} has none; materials are given for {', '.join(materials) or '(none)'}"
+            )
+    return {name: whole[name] if name in whole else groups[name] for name in mesh.bodies}
 
 
 @overload
@@ -98,7 +227,7 @@ class JoinedBodies(Deformable):
         self._slices = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
         self._numbers = _Numbers(comm, [(body.numbering.first, body.numbering.local) for body in parts])
         self.x: FloatArray = np.concatenate([body.x for body in parts])
-        self.held = _together([body.held for body in parts], self._slices)
+        self.held = _joined_held([body.held for body in parts], self._slices)
         self.contradictions = tuple(
             f"body {name!r}: {text}" for name, body in bodies.items() for text in body.contradictions
         )
@@ -158,7 +287,7 @@ class JoinedBodies(Deformable):
         for member, part in zip(self.members, parts, strict=True):
             indptr, columns, values = part.getValuesCSR()
             rows = scipy.sparse.csr_matrix((values, columns, indptr), _shape(part))
-            blocks.append(_widened(rows, partial(self.numbers_of, member), self.numbering.total))
+            blocks.append(_in_joined_numbers(rows, partial(self.numbers_of, member), self.numbering.total))
         rows = scipy.sparse.vstack(blocks, format="csr")
         K = distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
         K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -189,7 +318,7 @@ class JoinedBodies(Deformable):
             sizes.append((first // 3, (last - first) // 3))
         coarse, x = _Numbers(self.comm, sizes), np.concatenate(places)
         rows = scipy.sparse.vstack(
-            [_widened(block, partial(coarse.of, place), coarse.total) for place, block in enumerate(blocks)],
+            [_in_joined_numbers(block, partial(coarse.of, place), coarse.total) for place, block in enumerate(blocks)],
             format="csr",
         )
         interpolation = distributed_rows(rows, (3 * len(x), 3 * coarse.total), self)
@@ -283,18 +412,18 @@ class JoinedBodies(Deformable):
         for body, nodes in zip(self._bodies, self._slices, strict=True):
             yield body, values[nodes]
 
-    def _lifted(self, member: Member, values: FloatArray) -> FloatArray:
+    def _among_all_nodes(self, member: Member, values: FloatArray) -> FloatArray:
         lifted = np.zeros((len(self.x), *values.shape[1:]))
         lifted[member.nodes] = values
         return lifted
 
     def _load_of(self, member: Member, given: AppliedLoad) -> AppliedLoad:
         load = _LoadOfBody(given.load.kind, member.called(given.load.face), given.load.amplitude)
-        return AppliedLoad(load, self._lifted(member, given.nodal_force), given.size)
+        return AppliedLoad(load, self._among_all_nodes(member, given.nodal_force), given.size)
 
     def _named(self, member: Member, given: Iterable[NodalForces]) -> Iterator[NodalForces]:
         for one in given:
-            yield NodalForces(one.kind, member.called(one.face), self._lifted(member, one.forces))
+            yield NodalForces(one.kind, member.called(one.face), self._among_all_nodes(member, one.forces))
 
 
 @dataclass(frozen=True)
@@ -321,11 +450,10 @@ class _Numbers:
         ends = self._first[:, place] + self._count[:, place]
         rank = np.searchsorted(ends, numbers, side="right")  # a rank without any ends where it starts
         before = self._first.sum(axis=1) + self._count[:, :place].sum(axis=1)
-        found: npt.NDArray[np.int64] = before[rank] + numbers - self._first[rank, place]
-        return found
+        return before[rank] + numbers - self._first[rank, place]
 
 
-def _widened(
+def _in_joined_numbers(
     rows: scipy.sparse.csr_matrix, number: Callable[[npt.NDArray[np.int64]], npt.NDArray[np.int64]], total: int
 ) -> scipy.sparse.csr_matrix:
     """Rows over the displacements of the nodes of one body as rows over those of all."""
@@ -339,7 +467,7 @@ def _shape(matrix: PETSc.Mat) -> tuple[int, int]:
     return int(matrix.getLocalSize()[0]), int(matrix.getSize()[1])
 
 
-def _together(parts: Sequence[HeldDirections], slices: Sequence[slice]) -> HeldDirections:
+def _joined_held(parts: Sequence[HeldDirections], slices: Sequence[slice]) -> HeldDirections:
     nodes = np.concatenate([part.nodes + where.start for part, where in zip(parts, slices, strict=True)])
     return HeldDirections(slices[-1].stop, nodes, np.concatenate([part.projector for part in parts]))
 

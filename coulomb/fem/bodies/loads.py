@@ -5,7 +5,8 @@ All are integrated on the undeformed body: a pressure keeps the direction of the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -23,9 +24,9 @@ from ..geometry import (
     on_all_ranks,
 )
 from ..meshes import NamedMesh
+from .body import ElasticBody
 from .displacement_space import DisplacementSpace
-from .materials import Materials, density_of_cells
-from .orthotropic import three
+from .materials import Materials, density_of_cells, three
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class Traction:
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         facets, values = mesh.facets(self.face, self.kind), np.zeros_like(body.x)
         nodes = body.nodes_of(facets)
-        values[nodes] = evaluate_vectors(self.value, body.x[nodes], named(self), mesh.comm)
+        values[nodes] = evaluate_vectors(self.value, body.x[nodes], load_title(self), mesh.comm)
         return body.surface_load(values, facets)
 
 
@@ -113,7 +114,7 @@ class Pressure:
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         facets, values = mesh.facets(self.face, self.kind), np.zeros(len(body.x))
         nodes = body.nodes_of(facets)
-        values[nodes] = evaluate_signed_numbers(self.value, body.x[nodes], named(self), mesh.comm)
+        values[nodes] = evaluate_signed_numbers(self.value, body.x[nodes], load_title(self), mesh.comm)
         return body.pressure_load(values, facets)
 
 
@@ -137,13 +138,12 @@ class TotalForce:
     kind = "total force"
 
     def __post_init__(self) -> None:
-        three(self.force, f"{named(self)}: the force", "numbers, newtons")
+        three(self.force, f"{load_title(self)}: the force", "numbers, newtons")
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         area = body.area_of(mesh.facets(self.face, self.kind))
         whole = mesh.comm.allreduce(float(area.sum()), op=MPI.SUM)
-        nodal: FloatArray = area[:, None] / whole * np.asarray(self.force, dtype=np.float64)
-        return nodal
+        return area[:, None] / whole * np.asarray(self.force, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class BodyForce:
     face = None
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
-        return body.volume_load(evaluate_vectors(self.value, body.x, named(self), mesh.comm))
+        return body.volume_load(evaluate_vectors(self.value, body.x, load_title(self), mesh.comm))
 
 
 @dataclass(frozen=True)
@@ -193,13 +193,94 @@ class AppliedLoad:
         """Nodal forces at a time in newtons, shape (k, 3); ValueError on every rank if the amplitude is not finite;
         collective."""
         load = self.load
-        factor = on_all_ranks(lambda: evaluate_amplitude(load.amplitude, time, named(load)), "", comm)
+        factor = on_all_ranks(lambda: evaluate_amplitude(load.amplitude, time, load_title(load)), "", comm)
         return factor * self.nodal_force
 
 
-def named(load: Timed) -> str:
+def load_title(load: Timed) -> str:
     return load.kind if load.face is None else f"{load.kind} on {load.face!r}"
 
 
 def vanishes(value: Field) -> bool:
     return not callable(value) and np.shape(value) == (3,) and not np.any(np.asarray(value, dtype=np.float64))
+
+
+TEMPERATURE = "temperature_change"
+"""Its name in solution.xdmf and summary.json."""
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """Temperature of a body at a time; this rank's k nodes.
+
+    Attributes:
+        change: Temperature minus that of the unstrained body in kelvin, shape (k,).
+        reference: Temperature of the unstrained body, in kelvin or degrees Celsius.
+        displacement: Scale of the displacements that it causes, metres (`ElasticBody.thermal_displacement`).
+    """
+
+    change: FloatArray
+    reference: float
+    displacement: float
+
+
+@dataclass(frozen=True)
+class ThermalLoad:
+    """A temperature, from that of the unstrained body; `ContactProblem(temperature=...)` makes it.
+
+    Attributes:
+        temperature: In kelvin or degrees Celsius: a number, a function of x, or a `NodalField`.
+        reference: Temperature of the unstrained body, in the same unit.
+        amplitude: Factor of the difference as a function of time: a number, a function, a table or a `LoadCurve`.
+
+    Raises:
+        ValueError: If the reference, or a temperature that is no function, is not a finite number.
+    """
+
+    temperature: Coefficient
+    reference: float = 0.0
+    amplitude: Amplitude = 1.0
+
+    kind = "thermal"
+    face = None
+
+    def __post_init__(self) -> None:
+        given = {"reference_temperature": self.reference}
+        if not callable(self.temperature):
+            given["temperature"] = self.temperature
+        for name, value in given.items():
+            if isinstance(value, bool) or not isinstance(value, float | int) or not math.isfinite(value):
+                raise ValueError(f"{name} must be a finite number in kelvin or degrees, but is {value!r}")
+
+    def change(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
+        """Temperature minus reference at this rank's nodes at the factor 1, kelvin, shape (k,); ValueError on every
+        rank if one is not finite, or a field does not cover the body; collective."""
+        change: FloatArray = evaluate_signed_numbers(self.temperature, body.x, "temperature", mesh.comm)
+        return change - self.reference
+
+
+def range_of(change: FloatArray, comm: MPI.Comm) -> dict[str, float]:
+    """Smallest and largest temperature change on all ranks, kelvin; collective."""
+    return {
+        "min": float(comm.allreduce(float(np.min(change, initial=math.inf)), op=MPI.MIN)),
+        "max": float(comm.allreduce(float(np.max(change, initial=-math.inf)), op=MPI.MAX)),
+    }
+
+
+def shown_range(found: Mapping[str, float]) -> str:
+    """A range in words, for lists of loads."""
+    low, high = found["min"], found["max"]
+    same = high - low <= 1e-9 * max(abs(low), abs(high))
+    return f"temperature change {low:.6g} K" if same else f"temperature change from {low:.6g} to {high:.6g} K"
+
+
+def joined_temperatures(parts: Sequence[Temperature | None], slices: Sequence[slice]) -> Temperature | None:
+    """The temperatures of all bodies, with no change in those without; None if no body has one."""
+    given = [part for part in parts if part is not None]
+    if not given:
+        return None
+    change = np.zeros(slices[-1].stop)
+    for part, nodes in zip(parts, slices, strict=True):
+        if part is not None:
+            change[nodes] = part.change
+    return Temperature(change, given[0].reference, max(part.displacement for part in given))

@@ -42,8 +42,7 @@ class Interpolation:
     def of(self, values: FloatArray, comm: MPI.Comm) -> FloatArray:
         """Vectors at the points, shape (p, 3), on every rank, from those at the nodes, ghosts included; collective."""
         mine = np.einsum("pn,pnj->pj", self.weights, np.where(self.weights[:, :, None] != 0.0, values[self.nodes], 0.0))
-        found: FloatArray = comm.allreduce(mine)
-        return found
+        return comm.allreduce(mine)
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def locate(
     inside = Interpolation(np.zeros((count, corners), dtype=np.int64), np.zeros((count, corners)))
     on_surface = Interpolation(inside.nodes.copy(), inside.weights.copy())
     for k, point in enumerate(points):
-        cell, X, outside = cells.holding(point)
+        cell, X, outside = cells.containing(point)
         if comm.allreduce(outside, op=MPI.MIN) > _ROUNDING:
             at, distance, facet = boundary.nearest(point)
             outside, owner = comm.allreduce((distance, comm.rank), op=MPI.MINLOC)
@@ -97,7 +96,7 @@ def locate(
         else:
             _, owner = comm.allreduce((outside, comm.rank), op=MPI.MINLOC)
         if comm.rank == owner:
-            inside.nodes[k], inside.weights[k] = cells.dofs[cell], _without_dust(cells.shape(np.clip(X, 0.0, 1.0)))
+            inside.nodes[k], inside.weights[k] = cells.dofs[cell], _without_rounding(cells.shape(np.clip(X, 0.0, 1.0)))
         for number, face in enumerate(contact):
             at, distance, facet = face.nearest(x[k])
             distance = distance if facet >= 0 and distance <= SNAP * face.size[facet] else np.inf
@@ -107,11 +106,11 @@ def locate(
                 if comm.rank == owner:
                     cell = int(face.cell[facet])
                     weights = cells.on_facet(np.clip(cells.reference(cell, at)[0], 0.0, 1.0), face.corners[facet])
-                    on_surface.nodes[k], on_surface.weights[k] = cells.dofs[cell], _without_dust(weights)
+                    on_surface.nodes[k], on_surface.weights[k] = cells.dofs[cell], _without_rounding(weights)
     return LocatedPoints(x, inside, on_face, on_surface)
 
 
-def _without_dust(weights: FloatArray) -> FloatArray:
+def _without_rounding(weights: FloatArray) -> FloatArray:
     """Weights that add up to 1, those of rounding errors 0: no open node has a pressure of 1e-20 Pa."""
     clean: FloatArray = np.where(np.abs(weights) > 1e-14, weights, 0.0)
     clean /= clean.sum()
@@ -136,7 +135,7 @@ class _Cells:
             np.minimum(self._low, self._x[node], out=self._low)
             np.maximum(self._high, self._x[node], out=self._high)
 
-    def holding(self, point: FloatArray) -> tuple[int, FloatArray, float]:
+    def containing(self, point: FloatArray) -> tuple[int, FloatArray, float]:
         """This rank's own cell that holds a point: its number, the reference coordinates, and how far these are outside
         the reference cell; infinite if there is none."""
         best: tuple[int, FloatArray, float] = (-1, np.zeros(3), np.inf)
@@ -179,8 +178,7 @@ class _Cells:
         return np.where(beside, 0.0, self.shape(X))
 
     def _values(self, X: FloatArray, degree: int) -> FloatArray:
-        values: FloatArray = lagrange_values(self._kind, degree, X[None])[0]
-        return values
+        return lagrange_values(self._kind, degree, X[None])[0]
 
     def facets(self, facets: npt.NDArray[Any]) -> _Facets:
         topology = self._domain.topology

@@ -53,8 +53,7 @@ def _beside(mesh: NamedMesh, corners: IntArray) -> FloatArray:
     ask = Exchange(comm, slabs.of(mesh.touching))
     asked = ask.send(mesh.touching)
     distance = tree_of(on_faces).query(asked)[0] if len(on_faces) else np.full(len(asked), np.inf)
-    places: FloatArray = mesh.touching[ask.reply(distance > near)]
-    return places
+    return mesh.touching[ask.reply(distance > near)]
 
 
 Numbers = npt.NDArray[np.int64]

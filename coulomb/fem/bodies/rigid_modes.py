@@ -152,5 +152,4 @@ def of_part(forces: FloatArray, x: FloatArray, here: npt.NDArray[np.bool_], comm
 def null_space(energy: FloatArray, limit: float) -> FloatArray:
     """The motions with an energy of at most `limit`, orthonormal columns of six components, shape (6, q)."""
     sizes, vectors = np.linalg.eigh(0.5 * (energy + energy.T))
-    free: FloatArray = vectors[:, sizes <= limit]
-    return free
+    return vectors[:, sizes <= limit]

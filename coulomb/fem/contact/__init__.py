@@ -15,8 +15,22 @@ from .contact_points import (
 )
 from .mortar import MortarRows, mortar_rows
 from .near_facets import FaceSamples, NearFace, face_samples, whole_face
-from .pair import NO_SHAPE, Pair, Shape, bulges_at_points, curved_patch, pair_frames, pair_of, pair_surface
-from .slave_side import lost_nodes, slave_side
+from .pair import (
+    NO_SHAPE,
+    Pair,
+    Shape,
+    bulges_at_points,
+    curved_patch,
+    held_on_both,
+    lost_nodes,
+    pair_frames,
+    pair_of,
+    pair_surface,
+    planes_of_symmetry,
+    shares,
+    slave_side,
+    within,
+)
 from .surface import (
     ContactSurface,
     Normals,
@@ -27,44 +41,3 @@ from .surface import (
     turned_away,
     way_along,
 )
-from .symmetric_pair import held_on_both, planes_of_symmetry, shares, within
-
-__all__ = [
-    "NO_SHAPE",
-    "ContactPoints",
-    "ContactSurface",
-    "FaceSamples",
-    "KeptMatrix",
-    "MortarRows",
-    "NearFace",
-    "Normals",
-    "Pair",
-    "Shape",
-    "at_nodes_of",
-    "bounded_gap",
-    "bulges_at_points",
-    "contact_matrix",
-    "contact_points",
-    "contact_surface",
-    "curved_patch",
-    "face_samples",
-    "held_on_both",
-    "interpolated_forces",
-    "joined",
-    "joined_points",
-    "lost_nodes",
-    "mortar_rows",
-    "pair_frames",
-    "pair_of",
-    "pair_surface",
-    "plane_of_face",
-    "planes_of_symmetry",
-    "row_products",
-    "rows_of",
-    "shares",
-    "slave_side",
-    "turned_away",
-    "way_along",
-    "whole_face",
-    "within",
-]

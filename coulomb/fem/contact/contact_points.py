@@ -287,8 +287,7 @@ class ContactPoints:
 def bounded_gap(average: FloatArray, weights: scipy.sparse.csr_matrix, values: FloatArray) -> FloatArray:
     """`ContactPoints.gap` by the averages (m,) and the gaps at the node of every entry of the weights, shape (e,)."""
     least = np.minimum.reduceat(np.append(values, 0.0), weights.indptr[:-1]) if len(average) else average
-    gap: FloatArray = np.maximum(average, np.minimum(least, 0.0))
-    return gap
+    return np.maximum(average, np.minimum(least, 0.0))
 
 
 def among_all(weights: scipy.sparse.csr_matrix, member: Member, whole: Deformable) -> scipy.sparse.csr_matrix:
@@ -306,8 +305,7 @@ def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> C
     key = facets.tobytes()
     if not space.comm.allreduce(key in space.points_of_faces, op=MPI.LAND):
         space.points_of_faces[key] = _contact_points(space, facets)
-    kept: ContactPoints = space.points_of_faces[key]
-    return kept
+    return space.points_of_faces[key]
 
 
 def _contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:

@@ -32,7 +32,6 @@ interpolant / the larger of both), as they are and on the cylinders that they st
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -43,51 +42,33 @@ from ...nearest import tree_of
 from .facet_patch import FacetPatch
 from .mortar_segments import Segments, segments
 
-# The functions of the contact forces on a slave face: dual ones, or hats.
+# The functions of the contact forces on a slave face.
 #
 # On every slave facet they are combinations of its functions N (of the vertices' linear functions on 6-node triangles),
 #
 # lambda_j = sum_k Lambda_jk N_k, sum_j lambda_j = 1
 #
-# Dual (biorthogonal, Wohlmuth 2000): int lambda_j N_k = delta_jk int N_k, so Lambda = diag(M 1) M^-1 with the mass
-# matrix M of the facet, of the covered part of a partly covered one (Cichosz and Bischoff 2011).  The quadratic
+# They are dual (biorthogonal, Wohlmuth 2000): int lambda_j N_k = delta_jk int N_k, so Lambda = diag(M 1) M^-1 with the
+# mass matrix M of the facet, of the covered part of a partly covered one (Cichosz and Bischoff 2011).  The quadratic
 # functions of 9-node quadrilaterals have positive integrals, so theirs are dual as they are; those of 6-node triangles
-# have not (Popp, Wohlmuth, Gee and Wall 2012).
-#
-# Measured on an aluminium block on a steel one, 19 to 121 contact points, all kinds of elements, sticking and sliding
-# with F = 0.3; the pressure under the middle of a block that is wholly on the other, and under all of one that is not:
-#
-# condition of A Newton steps smallest to largest pressure, MPa dual 6e1 to 3e2 9 to 14 14 to 16 hats 6e2 to 4e3 12 to
-# 17 10 to 20 partly covered: dual there too 5e1 to 3e2 10 to 13 11 to 170 hats there, dual elsewhere 9e1 to 3e3 11 to
-# 17 0 to 420 hats everywhere 5e2 to 9e3 11 to 17 0 to 370
-#
-# So dual functions it is, also on partly covered facets, unless the part is so small that they are extrapolations.
-
-Basis = Literal["dual", "hats"]
+# have not (Popp, Wohlmuth, Gee and Wall 2012).  With N itself the condition of A is about ten times larger.  Where the
+# covered part is so small that dual functions are extrapolations, they are the linear functions of the corners.
 
 _LEAST_DUAL = 0.05
-"""Covered share of a facet below which its functions are hats, linear ones: those of the corners."""
-
-_WHOLE = 0.999
-"""Covered share from which a facet counts as wholly covered: hats of second order are positive in the mean there."""
+"""Covered share of a facet below which its functions are the linear ones of the corners."""
 
 _LEAST_COVERED = 1e-6
 """Covered share of a facet below which it counts as uncovered."""
 
 
-def multipliers(slave: FacetPatch, parts: Segments, basis: Basis) -> FloatArray:
+def multipliers(slave: FacetPatch, parts: Segments) -> FloatArray:
     """Lambda of every facet, shape (f, multipliers of a facet, n); zero where a facet is uncovered."""
     kind = slave.kind
     count = len(slave.multiplier_columns)
     span = np.eye(kind.width) if kind.width != 6 else kind.vertex_functions
-    corner = np.zeros((count, kind.width))
-    corner[: kind.corners] = kind.vertex_functions
-    covered, full = parts.share > _LEAST_COVERED, parts.share > (_LEAST_DUAL if basis == "dual" else _WHOLE)
     found = np.zeros((len(slave), count, kind.width))
-    found[covered] = corner
-    if basis == "hats":
-        found[full] = span
-        return found
+    found[parts.share > _LEAST_COVERED, : kind.corners] = kind.vertex_functions
+    full = parts.share > _LEAST_DUAL
     mass = span @ parts.mass[full] @ span.T
     sizes = mass.sum(axis=2)
     found[full] = sizes[:, :, None] * np.linalg.solve(mass, np.broadcast_to(span, (len(mass), *span.shape)))
@@ -95,7 +76,7 @@ def multipliers(slave: FacetPatch, parts: Segments, basis: Basis) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Pieces:
+class SlaveFunctions:
     """The functions lambda_j, on every facet a combination of its functions.
 
     Attributes:
@@ -111,9 +92,9 @@ class Pieces:
     lost: IntArray
 
 
-def pieces(
+def slave_functions(
     slave: FacetPatch, nodes: IntArray, found: FloatArray, sizes: FloatArray, left_out: npt.NDArray[np.bool_]
-) -> Pieces:
+) -> SlaveFunctions:
     """The functions of all nodes but some, whose functions are added to others: the sum of all stays 1.
 
     The others are those of the same facet; if it has none, the nearest one of the facets that it shares nodes with.
@@ -139,7 +120,7 @@ def pieces(
     facet = np.concatenate([own[row], bare[target >= 0]])
     node = np.concatenate([nodes[own[row], j], target[target >= 0]])
     one = np.ones((int(np.count_nonzero(target >= 0)), slave.kind.width))
-    return Pieces(facet, node, np.concatenate([kept[row, j], one]), bare[target < 0])
+    return SlaveFunctions(facet, node, np.concatenate([kept[row, j], one]), bare[target < 0])
 
 
 def _nearest(slave: FacetPatch, nodes: IntArray, bare: IntArray, standing: npt.NDArray[np.bool_]) -> IntArray:
@@ -230,15 +211,13 @@ class MortarRows:
     def gap(self, n: FloatArray) -> FloatArray:
         """Distance of the master before deformation along unit normals n (m, 3), metres, shape (m,); negative where the
         faces overlap."""
-        gap: FloatArray = np.maximum(np.einsum("ki,ki->k", self.separation, n), self.overlap)
-        return gap
+        return np.maximum(np.einsum("ki,ki->k", self.separation, n), self.overlap)
 
 
 def mortar_rows(
     slave: FacetPatch,
     master: FacetPatch,
     owned: tuple[int, int],
-    basis: Basis = "dual",
     left_out: IntArray | None = None,
     search: Search | None = None,
 ) -> MortarRows:
@@ -248,7 +227,6 @@ def mortar_rows(
         slave: The facets of the slave, of all ranks, or those in `RINGS` rings around this rank's nodes.
         master: Those of the master, of all ranks, or those before these.
         owned: First number of this rank's nodes, and the one after the last.
-        basis: Of the contact forces, dual functions or hats.
         left_out: Numbers of slave nodes without a contact point, such as clamped ones; their functions are added
             to those of other nodes near.
         search: How far before and behind the slave the master is found; by default that of these facets.
@@ -258,12 +236,12 @@ def mortar_rows(
     """
     near = _around(slave, owned)
     if not len(near) or not len(master):
-        return _none(slave.size, master.size)
+        return _no_rows(slave.size, master.size)
     search = search or search_of(slave, master)
     slave = slave.only(near)
     parts = segments(slave, master, search.depth, search.reach)
     nodes = slave.nodes[:, slave.multiplier_columns]
-    found = multipliers(slave, parts, basis)
+    found = multipliers(slave, parts)
     mass = parts.mass.sum(axis=2)
     gone = np.zeros(slave.size, dtype=bool)
     if left_out is not None:
@@ -271,10 +249,10 @@ def mortar_rows(
     hats: FloatArray = (
         np.einsum("jn,fn->fj", slave.kind.vertex_functions, slave.whole) if slave.kind.width == 6 else slave.whole
     )
-    whole = _summed(nodes, hats, slave.size)
+    whole = _nodal_sums(nodes, hats, slave.size)
     sizes = np.einsum("fjn,fn->fj", found, mass)
     weak = _weak(nodes, sizes, whole, gone)
-    return _rows(slave, master, parts, pieces(slave, nodes, found, sizes, gone | weak), owned, whole, weak)
+    return _rows(slave, master, parts, slave_functions(slave, nodes, found, sizes, gone | weak), owned, whole, weak)
 
 
 def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
@@ -289,7 +267,7 @@ def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
 
 def _weak(nodes: IntArray, sizes: FloatArray, whole: FloatArray, gone: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Slave nodes with too small a covered part; of a facet that has no others, the one with the largest part stays."""
-    covered = _summed(nodes, sizes, len(whole))
+    covered = _nodal_sums(nodes, sizes, len(whole))
     weak = (covered > 0.0) & (covered < LEAST_SHARE * whole) & ~gone
     alone = np.any(sizes > 0.0, axis=1) & np.all(weak[nodes] | gone[nodes] | (covered[nodes] <= 0.0), axis=1)
     alone &= np.any(weak[nodes], axis=1)
@@ -302,14 +280,14 @@ def _rows(
     slave: FacetPatch,
     master: FacetPatch,
     parts: Segments,
-    functions: Pieces,
+    functions: SlaveFunctions,
     owned: tuple[int, int],
     whole: FloatArray,
     weak: npt.NDArray[np.bool_],
 ) -> MortarRows:
     facet, coefficients = functions.facet, functions.coefficients
     products = np.einsum("kn,knm->km", coefficients, parts.mass[facet])
-    area = _summed(functions.node, products.sum(axis=1), slave.size)
+    area = _nodal_sums(functions.node, products.sum(axis=1), slave.size)
     node = owned[0] + np.flatnonzero(area[owned[0] : owned[1]] > 0.0)
     point = np.full(slave.size, -1)
     point[node] = np.arange(len(node))
@@ -325,7 +303,7 @@ def _rows(
     normal = spread @ parts.normal.reshape(-1, 3) / area[node][:, None]
     length = np.linalg.norm(normal, axis=1)
     if np.any(length < 0.1):
-        where = ", ".join(f"{c:.6g}" for c in _places(slave, slave.size)[node[np.argmin(length)]])
+        where = ", ".join(f"{c:.6g}" for c in _node_coordinates(slave, slave.size)[node[np.argmin(length)]])
         raise ValueError(f"the outward normals of the facets around x = {where} cancel: no contact normal is defined")
     normal /= length[:, None]
     separation = spread @ parts.separation.reshape(-1, 3) / area[node][:, None]
@@ -342,7 +320,7 @@ def _rows(
     counted = (first >= owned[0]) & (first < owned[1])  # every facet on one rank
     lost = float((parts.share * slave.areas)[functions.lost][counted[functions.lost]].sum())
     layered = int(np.count_nonzero(parts.doubled & counted))
-    x = weights @ _places(slave, slave.size)
+    x = weights @ _node_coordinates(slave, slave.size)
     return MortarRows(
         node, area[node], whole[node], normal, x, separation, chord, overlap, weights, opposite, mine, lost, layered
     )
@@ -361,8 +339,8 @@ def _interpolated(
         area: a_j, shape (m,).
     """
     corner = slave.nodes[:, : slave.kind.corners]
-    count = _summed(corner, parts.reached.astype(np.float64), slave.size)
-    ways = [_summed(corner, part, slave.size) for part in np.moveaxis(parts.at_corners, 2, 0)]
+    count = _nodal_sums(corner, parts.reached.astype(np.float64), slave.size)
+    ways = [_nodal_sums(corner, part, slave.size) for part in np.moveaxis(parts.at_corners, 2, 0)]
     way = np.stack([*(of / np.maximum(count, 1.0) for of in ways), count == 0.0], axis=1)
     weights = products @ slave.kind.vertex_functions.T / area[row][:, None]
     entries = (weights.ravel(), (np.repeat(row, weights.shape[1]), corner[facet].ravel()))
@@ -385,19 +363,19 @@ def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
     return averages
 
 
-def _summed(nodes: IntArray, values: FloatArray, size: int) -> FloatArray:
+def _nodal_sums(nodes: IntArray, values: FloatArray, size: int) -> FloatArray:
     """Sums over the facets of values (f, j) at their nodes (f, j), shape (size,)."""
     return np.bincount(nodes.ravel(), values.ravel(), size).astype(np.float64)
 
 
-def _places(patch: FacetPatch, size: int) -> FloatArray:
+def _node_coordinates(patch: FacetPatch, size: int) -> FloatArray:
     """Coordinates of the nodes of a patch, 0 of all others, shape (size, 3)."""
     x = np.zeros((size, 3))
     x[patch.nodes] = patch.x
     return x
 
 
-def _none(slave: int, master: int) -> MortarRows:
+def _no_rows(slave: int, master: int) -> MortarRows:
     no, none = np.empty(0), np.empty(0, dtype=np.int64)
     rows, opposite = (scipy.sparse.csr_matrix((0, size)) for size in (slave, master))
     places = np.empty((0, 3))

@@ -106,13 +106,13 @@ def clipped(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, npt.ND
     corners ends with copies of its first one."""
     parts, pairs = [], []
     for at in np.array_split(np.arange(len(subject)), len(subject) // _PAIRS + 1):
-        part, left = _clipped(subject[at], window[at])
+        part, left = _clip(subject[at], window[at])
         parts.append(part)
         pairs.append(at[left])
     return np.concatenate(parts), np.concatenate(pairs)
 
 
-def _clipped(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+def _clip(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     x, y = subject[:, :, 0], subject[:, :, 1]
     around = np.roll(window, -1, axis=1) - window
     least = _ON_LINE * np.max(np.einsum("psi,psi->ps", around, around), axis=1, initial=0.0)
@@ -125,11 +125,11 @@ def _clipped(subject: FloatArray, window: FloatArray) -> tuple[FloatArray, npt.N
         inside[np.abs(inside) <= least[left, None]] = 0.0
         some = np.any(inside > 0.0, axis=1)
         left, x, y, inside = left[some], x[some], y[some], inside[some]
-        x, y = _halved(x, y, inside)
+        x, y = _cut_by_lines(x, y, inside)
     return np.stack([x, y], axis=2), left
 
 
-def _halved(x: FloatArray, y: FloatArray, inside: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _cut_by_lines(x: FloatArray, y: FloatArray, inside: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Polygons cut by lines; `inside` is positive at corners that are kept.  The result has one more column."""
     kept = inside >= 0.0
     crossing = kept != np.roll(kept, -1, axis=1)
@@ -186,15 +186,13 @@ class Cells:
     @cached_property
     def centre(self) -> FloatArray:
         """Mean of the corners, shape (c, 3)."""
-        mean: FloatArray = self.corners.mean(axis=1)
-        return mean
+        return self.corners.mean(axis=1)
 
     @cached_property
     def radius(self) -> FloatArray:
         """Distance of the farthest corner from the centre, shape (c,)."""
         away = np.linalg.norm(self.corners - self.centre[:, None], axis=2)
-        radius: FloatArray = away.max(axis=1, initial=0.0)
-        return radius
+        return away.max(axis=1, initial=0.0)
 
     @cached_property
     def area_vector(self) -> FloatArray:
@@ -206,8 +204,7 @@ class Cells:
 
     @cached_property
     def area(self) -> FloatArray:
-        area: FloatArray = np.linalg.norm(self.area_vector, axis=1)
-        return area
+        return np.linalg.norm(self.area_vector, axis=1)
 
     @cached_property
     def frames(self) -> FloatArray:
@@ -221,8 +218,7 @@ class Cells:
     def seen(self, cell: IntArray, x: FloatArray) -> FloatArray:
         """Points x (k, n, 3) in the frames of cells (k,), from their centres over their radii: lengths 1, (k, n, 3)."""
         away = (x - self.centre[cell][:, None]) / self.radius[cell][:, None, None]
-        seen: FloatArray = np.einsum("kni,kji->knj", away, self.frames[cell])
-        return seen
+        return np.einsum("kni,kji->knj", away, self.frames[cell])
 
 
 def cells_of(patch: FacetPatch) -> Cells:

@@ -16,8 +16,7 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ...arrays import FloatArray, IntArray
-from .facet_functions import FacetKind, at_points
-from .facet_patch import STRAIGHT, FacetPatch
+from .facet_patch import STRAIGHT, FacetKind, FacetPatch, functions_at
 from .mortar_parts import Cells, Parts, cells_of, common_parts, nearest_layer
 
 _POINTS = 100_000
@@ -170,9 +169,9 @@ class _Integrals:
         p = triangle[:, None, 0] + rule[0] @ edges
         doubled = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
         slave = cells.seen(one, self._slave.x[cells.facet[one]])
-        values, normal = at_points(self._slave.kind, slave, p, cells.start[one], straight)
+        values, normal = functions_at(self._slave.kind, slave, p, cells.start[one], straight)
         master = cells.seen(one, self._master.x[others.facet[other]])
-        theirs, _ = at_points(self._master.kind, master, p, others.start[other], straight)
+        theirs, _ = functions_at(self._master.kind, master, p, others.start[other], straight)
         ends = self._heights(self._master, others.facet[other], one, theirs, master)
         starts = self._heights(self._slave, cells.facet[one], one, values, slave)
         distance = (ends - starts) * cells.radius[one][:, None, None]

@@ -19,8 +19,7 @@ from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
 from ..bodies import DisplacementSpace
 from ..meshes import Exchange, fetched, owner_of, starts_of
-from .facet_functions import FacetKind
-from .facet_patch import FacetPatch, facet_patch, mean_normals
+from .facet_patch import FacetKind, FacetPatch, facet_patch, mean_normals
 from .mortar import RINGS, Search, search_of
 from .mortar_parts import FACING, Cells, cells_of
 
@@ -155,7 +154,7 @@ class NearPair:
 def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], comm: MPI.Comm) -> NearPair:
     """What this rank needs of a pair, of the facets and numbers of nodes that it has of the slave and of the master;
     collective."""
-    ends = [_ends(patch, comm) for patch in (slave, master)]
+    ends = [_bounds(patch, comm) for patch in (slave, master)]
     size = float(np.max(np.abs(ends[0]), initial=0.0, where=np.isfinite(ends[0])))
     extents = [high - low if np.all(np.isfinite(low)) else np.zeros(3) for low, high in ends]
     starts = [starts_of(comm, count) for count in nodes]
@@ -164,9 +163,9 @@ def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], com
         search = search_of(slave, master) if len(slave) and len(master) else None
         both = whole_face(slave), whole_face(master)
         return NearPair(both[0], both[1], (0, nodes[0]), search, size, float(np.max(extents[0])))
-    one, other = (_with_bulges(patch, at, comm) for patch, at in zip((slave, master), starts, strict=True))
+    one, other = (_rows_with_bulges(patch, at, comm) for patch, at in zip((slave, master), starts, strict=True))
     largest = [float(comm.allreduce(_length(rows["bulge"]), op=MPI.MAX)) for rows in (one, other)]
-    around = _near(slave, _around(one, starts[0], comm), largest[0])
+    around = _face_of_rows(slave, _around(one, starts[0], comm), largest[0])
     counts = [comm.allreduce(len(patch)) for patch in (slave, master)]
     search = None
     there = other[:0]
@@ -176,7 +175,7 @@ def near_pair(slave: FacetPatch, master: FacetPatch, nodes: tuple[int, int], com
         there = _before(around.patch, master, other, search, comm)
     own = np.searchsorted(around.numbers, [first, first + nodes[0]])
     extent = float(np.max(extents[0]))
-    return NearPair(around, _near(master, there, largest[1]), (int(own[0]), int(own[1])), search, size, extent)
+    return NearPair(around, _face_of_rows(master, there, largest[1]), (int(own[0]), int(own[1])), search, size, extent)
 
 
 def whole_face(patch: FacetPatch) -> NearFace:
@@ -188,7 +187,7 @@ def _length(vectors: FloatArray) -> float:
     return float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
 
 
-def _near(like: FacetPatch, rows: Rows, largest: float) -> NearFace:
+def _face_of_rows(like: FacetPatch, rows: Rows, largest: float) -> NearFace:
     """Facets with numbers of nodes among themselves."""
     numbers, inverse = np.unique(rows["nodes"], return_inverse=True)
     nodes = inverse.reshape(rows["nodes"].shape).astype(np.int64)
@@ -197,7 +196,7 @@ def _near(like: FacetPatch, rows: Rows, largest: float) -> NearFace:
     return NearFace(patch, numbers, rows["bulge"].copy(), largest)
 
 
-def _ends(patch: FacetPatch, comm: MPI.Comm) -> FloatArray:
+def _bounds(patch: FacetPatch, comm: MPI.Comm) -> FloatArray:
     """Lowest and highest coordinates of a face, shape (2, 3), infinite if there is none; collective."""
     x = patch.x.reshape(-1, 3)
     mine = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
@@ -205,7 +204,7 @@ def _ends(patch: FacetPatch, comm: MPI.Comm) -> FloatArray:
     return np.array([low, -high])
 
 
-def _with_bulges(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> Rows:
+def _rows_with_bulges(patch: FacetPatch, starts: IntArray, comm: MPI.Comm) -> Rows:
     """This rank's facets as rows, with their number over all ranks and their bulges; collective."""
     width = patch.kind.width
     kinds = [("key", "i8"), ("bulge", "f8", (3,)), ("nodes", "i8", (width,)), ("x", "f8", (width, 3))]

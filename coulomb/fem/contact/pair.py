@@ -1,15 +1,10 @@
-"""A pair of deformable faces: contact points on the slave face, and what opposes them on the master face.
-
-    (B u)_j = (1/a_j) int lambda_j  R_j (u_slave - u_master o pi) dS,    a_j = int lambda_j dS,   R_j = (n, t1, t2)
-
-with multipliers lambda_j on the slave face and the projection pi of its points on the master face along the normals
-(`mortar`).  Forces on both faces are equal and opposite.
-"""
+"""Pairs of faces: which is the slave, planes of symmetry, geometry before deformation."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,16 +12,201 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ..bodies import Deformable, DisplacementSpace, HeldDirections
-from ..geometry import FrictionAxes, RigidFoundation, on_all_ranks, supported_frames
+from .. import compat
+from ..bodies import Deformable, DisplacementSpace, HeldDirections, SingleBody
+from ..geometry import HELD_BEYOND, FrictionAxes, RigidFoundation, held_length, on_all_ranks, supported_frames
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .contact_points import ContactPoints, among_all
 from .facet_patch import FacetPatch, facet_patch
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
-from .near_facets import NearFace, near_pair
-from .slave_side import clamped_nodes
+from .near_facets import NearFace, near_pair, normals_at_nodes
 from .surface import ContactSurface, matrices_of
-from .symmetric_pair import mirrored, planes_of_symmetry, smooth_normals, within
+
+_AS_NEAR = 1e-9
+"""Distances that differ by less than this part of the coordinates are the same."""
+
+
+def lost_nodes(
+    points: Mapping[int, tuple[npt.NDArray[np.integer[Any]], FloatArray]], count: int, size: float
+) -> dict[int, npt.NDArray[np.bool_]]:
+    """Which of `count` nodes every pair loses to another, by the number of the pair: a node counts at the nearest
+    master, of equally near ones at that of the first pair.
+
+    Args:
+        points: By the number of the pair the nodes of its contact points and their gaps in metres, each of shape (m,).
+        count: How many nodes there are.
+        size: Largest coordinate, metres.
+    """
+    distance = np.full((len(points), count), np.inf)
+    for row, (nodes, gap) in zip(distance, points.values(), strict=True):
+        row[nodes] = np.abs(gap)
+    near = distance <= np.min(distance, axis=0) + _AS_NEAR * size
+    first = np.argmax(near, axis=0)
+    return {number: np.isfinite(distance[k]) & (first != k) for k, number in enumerate(points)}
+
+
+_FINER = 1.2
+"""Ratio of the distances of nodes from which one face is finer than the other."""
+
+_SOFTER = 1.5
+"""Ratio of stiffnesses from which one body is softer than the other."""
+
+_STRAINS = np.zeros((5, 3, 3))
+for _k in range(3):
+    _STRAINS[_k, _k, _k - 1] = _STRAINS[_k, _k - 1, _k] = 1.0
+_STRAINS[3:] = np.diag([1.0, -1.0, 0.0]), np.diag([0.0, 1.0, -1.0])
+"""Strains without change of volume."""
+
+
+@dataclass(frozen=True)
+class _Side:
+    """A face, over all ranks: mean distance of its contact points if it were the slave, nodes or vertices of 10-node
+    tetrahedra, in metres; and the share of its nodes whose displacement along the normal is prescribed."""
+
+    spacing: float
+    clamped: float
+
+
+def slave_side(elasticity: Deformable, face: str, against: str) -> tuple[str, str, str]:
+    """Slave and master of a pair of faces, and why; ValueError on every rank if a face is unknown; collective.
+
+    The finer face is the slave, since its nodes are the contact points; of faces as fine that of the softer body.  A
+    face that is mostly clamped has too few.
+    """
+    one, other = _side(elasticity, face), _side(elasticity, against)
+    mostly = one.clamped > 0.5, other.clamped > 0.5
+    if mostly[0] != mostly[1]:
+        exchanged, why = mostly[0], "the other face is clamped"
+    elif max(one.spacing, other.spacing) > _FINER * min(one.spacing, other.spacing):
+        exchanged, why = other.spacing < one.spacing, "it has the finer mesh"
+    else:
+        stiffness = [_stiffness(elasticity, name) for name in (face, against)]
+        softer = max(stiffness) > _SOFTER * min(stiffness)
+        exchanged, why = (
+            softer and stiffness[1] < stiffness[0],
+            "its body is softer" if softer else "it was named first",
+        )
+    return (against, face, why) if exchanged else (face, against, why)
+
+
+def clamped_nodes(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
+    """This rank's nodes on facets whose displacement along the normal is prescribed; collective."""
+    nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
+    n: FloatArray = outward[nodes]
+    n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
+    return nodes[held_length(n, body.held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
+
+
+def _side(elasticity: Deformable, face: str) -> _Side:
+    member, facets = elasticity.face(face, "contact")
+    body, nodes = member.body, member.body.nodes_of(facets)
+    points = np.intersect1d(nodes, body.vertices.node).size if not body.positive else len(nodes)
+    mine = [len(nodes), points, body.area_of(facets).sum(), len(clamped_nodes(body, facets))]
+    count, number, area, clamped = elasticity.comm.allreduce(np.array(mine, dtype=np.float64), op=MPI.SUM)
+    return _Side(float(np.sqrt(area / max(number, 1.0))), float(clamped / max(count, 1.0)))
+
+
+def _stiffness(elasticity: Deformable, face: str) -> float:
+    """Twice the shear modulus of a body at a face, in pascals, whatever its mesh, and also of the user's forms;
+    collective.
+
+    A uniform strain without change of volume, A, has the stress 2 mu A and the nodal forces 2 mu A n, n the integral of
+    the outward normal against the hat functions.  Of anisotropic materials it is a mean over five strains.
+    """
+    member, facets = elasticity.face(face, "contact")
+    body, nodes = member.body, member.body.nodes_of(facets)
+    body.domain.topology.create_connectivity(2, 3)
+    outward = body.normal_of(compat.mesh.exterior_facet_indices(body.domain.topology).astype(np.int32))[nodes]
+    work = np.zeros(2)
+    for A in _STRAINS:
+        forces, expected = body.internal_force(body.x @ A)[nodes], outward @ A
+        work += np.vdot(forces, expected), np.vdot(expected, expected)
+    done, of_unit = elasticity.comm.allreduce(work, op=MPI.SUM)
+    return float(done / (of_unit or 1.0))
+
+
+_OBLIQUE = 0.5
+"""Part of a unit normal along held directions beyond which the face does not meet a plane of symmetry."""
+
+_BEYOND = 1e-6
+"""Part of the extent of the facets around a node that counts as beyond its plane."""
+
+_HELD_OPPOSITE = 0.1
+"""Part of the weight of the opposite nodes that must be held: those of the master's edge have a half and more."""
+
+
+def planes_of_symmetry(n: FloatArray, held: FloatArray, nodes: npt.NDArray[np.int64], patch: FacetPatch) -> FloatArray:
+    """Projectors on the held directions across which a face ends, shape (m, 3, 3), 0 for other nodes; from unit normals
+    n (m, 3), projectors on the held directions, numbers of nodes, and the facets around them."""
+    across = np.linalg.norm(np.einsum("mij,mj->mi", held, n), axis=1)
+    chosen = np.flatnonzero((np.einsum("mii->m", held) > 0.5) & (across < _OBLIQUE))
+    found = np.zeros_like(held)
+    row = np.full(patch.size, -1)
+    row[nodes[chosen]] = np.arange(len(chosen))
+    facet, corner = np.nonzero(row[patch.nodes] >= 0)
+    at = row[patch.nodes[facet, corner]]
+    sizes, directions = np.linalg.eigh(held[chosen])
+    offset = patch.x[facet] - patch.x[facet, corner][:, None]
+    along = np.einsum("kwi,kia->kwa", offset, directions[at])
+    lowest, highest, extent = np.zeros((len(chosen), 3)), np.zeros((len(chosen), 3)), np.zeros(len(chosen))
+    np.minimum.at(lowest, at, along.min(axis=1))
+    np.maximum.at(highest, at, along.max(axis=1))
+    np.maximum.at(extent, at, np.abs(along).max(axis=(1, 2)))
+    beyond = _BEYOND * extent[:, None]
+    ends = np.any((sizes > 0.5) & ((lowest >= -beyond) | (highest <= beyond)), axis=1)
+    found[chosen[ends]] = held[chosen[ends]]
+    return found
+
+
+def within(n: FloatArray, planes: FloatArray) -> FloatArray:
+    """Unit normals n (m, 3) without their parts along the projectors (m, 3, 3)."""
+    inside = n - np.einsum("mij,mj->mi", planes, n)
+    length = np.linalg.norm(inside, axis=1)[:, None]
+    return np.where(np.any(planes != 0.0, axis=(1, 2))[:, None], inside / length, n)
+
+
+def smooth_normals(
+    patch: FacetPatch, held: HeldDirections, starts: npt.NDArray[np.int64], comm: MPI.Comm
+) -> FloatArray:
+    """`normals_at_nodes`, within the planes of symmetry on which the face ends, shape (f, n, 3); collective."""
+    nodes, width = patch.nodes.ravel(), patch.kind.width
+    n = normals_at_nodes(patch, starts, comm).reshape(-1, 3)
+    to = Exchange(comm, owner_of(starts, nodes))
+    around = replace(
+        patch, nodes=to.send(np.repeat(patch.nodes, width, axis=0)), x=to.send(np.repeat(patch.x, width, axis=0))
+    )
+    node, which = np.unique(to.send(nodes), return_index=True)
+    own = to.send(n)[which]
+    own = own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-300)
+    local = node - starts[comm.rank]
+    planes = np.zeros((int(starts[comm.rank + 1] - starts[comm.rank]), 3, 3))
+    planes[local] = planes_of_symmetry(own, held.projector_at(local), node, around)
+    return within(n, fetched(comm, starts, nodes, planes)).reshape(-1, width, 3)
+
+
+def mirrored(
+    points: ContactPoints, planes: FloatArray, opposite: scipy.sparse.csr_matrix, elasticity: Deformable
+) -> FloatArray | None:
+    """The directions among the `planes_of_symmetry` (m, 3, 3) along which the nodes opposite are held as well, by the
+    averages (m, nodes) over these, as projectors of this shape; None if no rank has any; collective."""
+    every = elasticity.held.projector_at(np.arange(len(elasticity.x))).reshape(-1, 9)
+    share = replace(points, weights=shares(opposite), nodal=False, opposite=None)
+    both = held_on_both(planes, share.average(every).reshape(-1, 3, 3))
+    return both if elasticity.comm.allreduce(bool(np.any(both)), op=MPI.LOR) else None
+
+
+def shares(opposite: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    """Sizes of the weights of the master's nodes, every row with the sum 1."""
+    size = abs(opposite)
+    return (scipy.sparse.diags(1.0 / np.maximum(np.asarray(size.sum(axis=1)).ravel(), 1e-300)) @ size).tocsr()
+
+
+def held_on_both(planes: FloatArray, there: FloatArray) -> FloatArray:
+    """The directions among `planes` (m, 3, 3) that are held on the master, too, by the means of its projectors there
+    (m, 3, 3) with `shares`, as projectors of this shape."""
+    sizes, directions = np.linalg.eigh(planes @ there @ planes)
+    return np.einsum("mia,ma,mja->mij", directions, (sizes > _HELD_OPPOSITE).astype(np.float64), directions)
+
 
 _ROUNDING = 1e-14
 """Gaps below this part of the coordinates are rounding errors."""

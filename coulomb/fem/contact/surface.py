@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import partial
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,7 @@ from ..geometry import (
     FrictionAxes,
     Plane,
     RigidFoundation,
+    first_place,
     held_length,
     inverse_frames,
     on_all_ranks,
@@ -103,23 +105,19 @@ class ContactSurface:
 
     def components(self, vectors: FloatArray) -> FloatArray:
         """The rows of displacements (m, 3), space vectors at the contact points, as in B u: along n, t1, t2."""
-        components: FloatArray = np.einsum("kij,kj->ki", self.frames, vectors)
-        return components
+        return np.einsum("kij,kj->ki", self.frames, vectors)
 
     def vectors(self, components: FloatArray) -> FloatArray:
         """Forces (m, 3) with these components along n, t1, t2 (m, 3), as space vectors, as in B^T x."""
-        vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
-        return vectors
+        return np.einsum("kij,ki->kj", self.frames, components)
 
     def force_components(self, vectors: FloatArray) -> FloatArray:
         """The components along n, t1, t2 of forces, space vectors, both of shape (m, 3): what `vectors` takes."""
-        components: FloatArray = np.einsum("kij,kj->ki", inverse_frames(self.frames), vectors)
-        return components
+        return np.einsum("kij,kj->ki", inverse_frames(self.frames), vectors)
 
     def displacements(self, rows: FloatArray) -> FloatArray:
         """The space vectors of rows along n, t1, t2, as of B u, both of shape (m, 3): what `components` takes."""
-        vectors: FloatArray = np.einsum("kij,ki->kj", inverse_frames(self.frames), rows)
-        return vectors
+        return np.einsum("kij,ki->kj", inverse_frames(self.frames), rows)
 
     def rows(self, u: FloatArray) -> FloatArray:
         """B u: displacement of the contact points in n, t1, t2 (m, 3) from u (k, 3) of this rank's nodes, metres;
@@ -133,8 +131,7 @@ class ContactSurface:
     @property
     def nodes_in_rows(self) -> npt.NDArray[np.int64]:
         """Global numbers of the nodes in the rows of this rank, ascending."""
-        seen: npt.NDArray[np.int64] = np.unique(self.B.getValuesCSR()[1] // 3).astype(np.int64)
-        return seen
+        return np.unique(self.B.getValuesCSR()[1] // 3).astype(np.int64)
 
 
 def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurface) -> FloatArray:
@@ -204,22 +201,23 @@ def contact_surface(
 
     if normals not in ("foundation", "body"):
         raise ValueError(f'contact: normals must be "foundation" or "body", but is {normals!r}')
-    refuse = _Refusal(comm, f"contact face {face!r}")
-    refuse.where(area[on_face] <= 0.0, place, "has a node without area")
+    what = f"contact face {face!r}"
+    _refuse(area[on_face] <= 0.0, place, f"{what} has a node without area", comm)
     inwards = _evaluate(foundation.normal, place, 3, comm, face)
     away, gap = np.zeros(len(body.x), dtype=bool), np.zeros(len(body.x))
     away[on_face] = turned_away(inwards, outward[on_face])
     gap[on_face] = _evaluate(foundation.signed_distance, place, 1, comm, face)
     facing = comm.allreduce(int(np.sum(~away[points.nodes])), op=MPI.SUM)
     inside = away[on_face] & ((gap[on_face] <= 0.0) | (facing == 0))
-    refuse.where(inside, place, "is turned away from the foundation: reverse the normal, or leave such facets out")
+    reverse = "reverse the normal, or leave such facets out"
+    _refuse(inside, place, f"{what} is turned away from the foundation: {reverse}", comm)
     x = points.average(body.x)
     if normals == "foundation":
         n = -_evaluate(foundation.normal, x, 3, comm, face)
     else:
         mean = outward[on_face] / np.linalg.norm(outward[on_face], axis=1)[:, None]
-        what = f"contact face {face!r}: foundation"
-        gap[on_face] = on_all_ranks(lambda: way_along(mean, place, gap[on_face], foundation), what, comm)
+        way = partial(way_along, mean, place, gap[on_face], foundation)
+        gap[on_face] = on_all_ranks(way, f"{what}: foundation", comm)
         n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
     distance = points.gap(gap)
 
@@ -227,13 +225,10 @@ def contact_surface(
     turned = away[points.nodes]
     keep: npt.NDArray[np.bool_] = (along <= HELD_BEYOND) & ~turned
     free_length = np.sqrt(np.maximum(1.0 - along**2, 0.0))
-    refuse.where(
-        keep & (free_length < _NEARLY_HELD),
-        x,
-        "is held at less than 0.6 degrees to the foundation's normal: hold it along the normal, or not",
-    )
+    nearly = "is held at less than 0.6 degrees to the foundation's normal: hold it along the normal, or not"
+    _refuse(keep & (free_length < _NEARLY_HELD), x, f"{what} {nearly}", comm)
     if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
-        raise ValueError(f"contact face {face!r} is fully clamped: none of its nodes can move against the foundation")
+        raise ValueError(f"{what} is fully clamped: none of its nodes can move against the foundation")
 
     points, x, n, H, distance = points.only(keep), x[keep], n[keep], H[keep], distance[keep]
     given = np.zeros(len(body.x))
@@ -244,12 +239,12 @@ def contact_surface(
     if axes is None:
         frames = supported_frames(n, H)
     else:
-        frames = axes.frames(n, H, x, f"contact face {face!r}", comm)
+        frames = axes.frames(n, H, x, what, comm)
     part = np.zeros(len(x), dtype=np.int64)
     points = points.of(member, elasticity)
     matrices = matrices_of(elasticity, points, frames)
     left_out = comm.allreduce(int(turned.sum()), op=MPI.SUM)
-    remark = f"contact face {face!r}: {left_out} of its nodes face away from the foundation and are no contact points"
+    remark = f"{what}: {left_out} of its nodes face away from the foundation and are no contact points"
     remarks = (remark,) if left_out else ()
     return ContactSurface(
         (face,), part, points, x, frames, gaps, field, *matrices, (foundation,), np.zeros(len(x)), remarks
@@ -260,8 +255,7 @@ def turned_away(slope: FloatArray, outward: FloatArray) -> npt.NDArray[np.bool_]
     """Where a face cannot touch its foundation, since its normals (k, 3), of any length, are along the gradients of the
     signed distance (k, 3) or perpendicular to them, shape (k,)."""
     along = np.einsum("ki,ki->k", slope, outward)
-    turned: npt.NDArray[np.bool_] = along >= -_PERPENDICULAR * np.linalg.norm(outward, axis=1)
-    return turned
+    return along >= -_PERPENDICULAR * np.linalg.norm(outward, axis=1)
 
 
 def without_rounding(gap: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:
@@ -290,8 +284,8 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
     twice = np.zeros(len(nodes), dtype=bool)
     twice[order[1:]] = nodes[order][1:] == nodes[order][:-1]
     faces = tuple(face for surface in surfaces for face in surface.faces)
-    refuse = _Refusal(elasticity.comm, f"contact faces {', '.join(map(repr, faces))}: a node")
-    refuse.where(twice, elasticity.x[nodes], "is on two of them; end one face before the other")
+    both = f"contact faces {', '.join(map(repr, faces))}: a node is on two of them; end one face before the other"
+    _refuse(twice, elasticity.x[nodes], both, elasticity.comm)
     frames = np.concatenate([surface.frames for surface in surfaces])
     return ContactSurface(
         faces,
@@ -353,17 +347,11 @@ def plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArra
     return Plane(tuple(point), tuple(-normal))
 
 
-class _Refusal:
-    """ValueError on every rank, with the first such node, if a condition holds at a node of any rank."""
+def _refuse(where: npt.NDArray[np.bool_], x: FloatArray, fault: str, comm: MPI.Comm) -> None:
+    """ValueError on every rank, with the first such node x (k, 3), if a condition (k,) holds at one of any rank."""
 
-    def __init__(self, comm: MPI.Comm, what: str):
-        self._comm, self._what = comm, what
+    def check() -> None:
+        if np.any(where):
+            raise ValueError(f"{fault} (first seen at x = {first_place(x, where)})")
 
-    def where(self, condition: npt.NDArray[np.bool_], x: FloatArray, fault: str) -> None:
-        mine: Any = None
-        if np.any(condition):
-            place = x[np.argmax(condition)]
-            mine = np.where(np.abs(place) < 1e-12 * np.max(np.abs(x)), 0.0, place).tolist()
-        found = [point for point in self._comm.allgather(mine) if point is not None]
-        if found:
-            raise ValueError(f"{self._what} {fault} (first seen at x = {', '.join(f'{c:.6g}' for c in found[0])})")
+    on_all_ranks(check, "", comm)

@@ -86,14 +86,12 @@ def inverse_frames(frames: FloatArray) -> FloatArray:
     The rows G are orthogonal, so this is G^-T: slip (3,) as a space vector is G^-1 (B u), and the components of a force
     f (3,) are G^-T f.
     """
-    dual: FloatArray = frames / np.einsum("kij,kij->ki", frames, frames)[:, :, None]
-    return dual
+    return frames / np.einsum("kij,kij->ki", frames, frames)[:, :, None]
 
 
 def tangent_lengths(frames: FloatArray) -> FloatArray:
     """Lengths of t1 and t2 of frames (k, 3, 3), shape (k, 2)."""
-    lengths: FloatArray = np.linalg.norm(frames[:, 1:], axis=2)
-    return lengths
+    return np.linalg.norm(frames[:, 1:], axis=2)
 
 
 @dataclass(frozen=True)
@@ -166,5 +164,4 @@ def held_length(directions: FloatArray, H: FloatArray) -> FloatArray:
     """Length of the parts of directions (k, 3) that are held, with the projectors H (k, 3, 3) of the nodes, or their
     means at contact points (`ContactPoints.held`); shape (k,)."""
     squares: FloatArray = np.einsum("ki,kij,kj->k", directions, H, directions)
-    lengths: FloatArray = np.sqrt(np.maximum(squares, 0.0))
-    return lengths
+    return np.sqrt(np.maximum(squares, 0.0))

@@ -3,7 +3,7 @@
 Our own reader, not meshio's (tried: 5.3.5), which loses or misreads the data of faces: it ignores *SURFACE; an
 element set given by the names of others, or on an *ELEMENT after one without a set, goes to the wrong elements, without
 a warning; a second *NODE replaces the first; *NODE's NSET, types in lower case and surface elements (SFM3D4, M3D4) are
-not read.  Formats with plain numbers on cells are read by meshio (`meshio_formats`).
+not read.  Formats with plain numbers on cells are read by meshio (`meshio_format`).
 24 000 hexahedra take 0.38 s here and 0.60 s in meshio.
 """
 
@@ -286,8 +286,7 @@ class _Reader:
         both = np.vstack([mine, everyone])
         _, number, count = np.unique(np.sort(both, axis=1), axis=0, return_inverse=True, return_counts=True)
         of_everyone = np.bincount(number.ravel()[len(mine) :], minlength=len(count))
-        free: IntArray = mine[of_everyone[number.ravel()[: len(mine)]] == 1]
-        return free
+        return mine[of_everyone[number.ravel()[: len(mine)]] == 1]
 
 
 def _lines(path: str, depth: int = 0) -> Iterator[tuple[str, str]]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray
+
+Value = TypeVar("Value")
 
 _MOST_SAMPLES = 4096
 """Coordinates in all by which space is divided among the ranks."""
@@ -35,17 +38,17 @@ class Exchange:
 
     def send(self, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """The rows (k, ...) of all ranks that go to this rank; collective."""
-        return self._moved(rows[self._order], self._out, self._into)
+        return self._all_to_all(rows[self._order], self._out, self._into)
 
     def reply(self, answers: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """For this rank's entries the answers of the ranks that got them, one for each row received, in their order;
         collective."""
-        back = self._moved(answers, self._into, self._out)
+        back = self._all_to_all(answers, self._into, self._out)
         found = np.empty_like(back)
         found[self._order] = back
         return found
 
-    def _moved(self, rows: npt.NDArray[Any], out: IntArray, into: IntArray) -> npt.NDArray[Any]:
+    def _all_to_all(self, rows: npt.NDArray[Any], out: IntArray, into: IntArray) -> npt.NDArray[Any]:
         if self._comm.size == 1:
             return rows
         rows = np.ascontiguousarray(rows)
@@ -62,8 +65,7 @@ class Exchange:
 def starts_of(comm: MPI.Comm, count: int) -> IntArray:
     """Number of the first row of every rank, and the number of all, where ranks have `count` rows each, shape (ranks +
     1,); collective."""
-    starts: IntArray = np.concatenate([[0], np.cumsum(comm.allgather(int(count)))]).astype(np.int64)
-    return starts
+    return np.concatenate([[0], np.cumsum(comm.allgather(int(count)))]).astype(np.int64)
 
 
 def even_starts(ranks: int, count: int) -> IntArray:
@@ -114,3 +116,22 @@ class Slabs:
         point = np.repeat(np.arange(len(x)), count)
         step = np.arange(len(point)) - np.repeat(np.cumsum(count) - count, count)
         return point, (first[point] + step).astype(np.int64)
+
+
+def on_first_rank(comm: MPI.Comm, path: str, read: Callable[[], Value]) -> Value | None:
+    """What rank 0 reads from a file, None on the others; ValueError on every rank if it cannot be read; collective."""
+    found: Value | None = None
+    fault = ""
+    if comm.rank == 0:
+        try:
+            found = read()
+        except OSError as error:
+            fault = f"{error.filename or path}: cannot be read: {error.strerror or error}"
+        except ValueError as error:
+            fault = str(error)
+        except Exception as error:  # no error due to a damaged file may leave the other ranks waiting
+            fault = f"{path}: is damaged, or too large for one rank: {type(error).__name__}: {error}"
+    fault = comm.bcast(fault)
+    if fault:
+        raise ValueError(fault)
+    return found

@@ -57,8 +57,7 @@ def read(path: str) -> MeshFile:
         place = np.minimum(np.searchsorted(tags, nodes, sorter=order), len(tags) - 1)
         if len(tags) == 0 or np.any(tags[order[place]] != nodes):
             raise ValueError(f"{path}: an element has a node that the file does not define; is it whole?")
-        found: IntArray = order[place]
-        return found
+        return order[place]
 
     cells, cell_groups = _join(elements[cell], NODES[cell], names, 3)
     corners = 3 if CORNERS[NODES[cell]] == 4 else 4

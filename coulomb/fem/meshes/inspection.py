@@ -259,5 +259,4 @@ def _lookup(rows: IntArray, values: IntArray, wanted: IntArray) -> IntArray:
     _, number, times = _distinct(np.vstack([rows, wanted]))
     of_row = np.zeros(len(times), dtype=np.int64)
     of_row[number[: len(rows)]] = values
-    found: IntArray = of_row[number[len(rows) :]]
-    return found
+    return of_row[number[len(rows) :]]

@@ -76,8 +76,7 @@ def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int
     of_cell = corner_geometry(domain)  # there may be no cell on this rank
     of_vertex[vertices] = of_cell.ravel()
     of_facet = topology.connectivity(2, 0).array.reshape(-1, 3 if of_cell.shape[1] == 4 else 4)
-    corners: npt.NDArray[np.int64] = of_vertex[of_facet[facets]]
-    return corners
+    return of_vertex[of_facet[facets]]
 
 
 SAME_PLACE = 1e-6
@@ -186,5 +185,4 @@ def _touching(x: FloatArray, numbers: IntArray, part: IntArray, comm: MPI.Comm) 
     pairs = tree_of(x).query_pairs(near, output_type="ndarray") if len(x) else np.empty((0, 2), dtype=np.int64)
     pairs = pairs[part[pairs[:, 0]] != part[pairs[:, 1]]]
     one_each = np.setdiff1d(pairs.min(axis=1, initial=len(x)), pairs.max(axis=1, initial=-1))
-    places: FloatArray = x[one_each][slabs.of(x[one_each]) == comm.rank]
-    return places
+    return x[one_each][slabs.of(x[one_each]) == comm.rank]

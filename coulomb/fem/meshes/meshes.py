@@ -1,13 +1,16 @@
-"""Meshes with named boundary faces and cell groups: boxes, and meshes from files."""
+"""Second-order meshes from first-order ones: nodes at the middles of edges, in hexahedra also of faces and cells."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray, is_number
@@ -15,13 +18,69 @@ from .. import compat, mesh_formats
 from ..compat import mesh
 from ..geometry import evaluate_vectors
 from ..mesh_formats import BOX_FACES
-from .exchange import starts_of
+from .exchange import on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
-from .lagrange import CORNERS, in_dolfinx_order, is_second_order, lagrange_points, lagrange_slopes
+from .lagrange import (
+    CORNERS,
+    corner_geometry,
+    in_dolfinx_order,
+    is_second_order,
+    lagrange_points,
+    lagrange_slopes,
+    lagrange_values,
+)
 from .mesh_file import MeshFile
-from .mesh_parts import local_cells, local_facets
+from .mesh_parts import corners_of, local_cells, local_facets
 from .named_mesh import NamedMesh
-from .raised import raised
+
+
+def raised(mesh: NamedMesh) -> NamedMesh:
+    """The mesh with 10-node tetrahedra or 27-node hexahedra of the same corners; collective.
+
+    The shape of the body does not change: the new nodes are at the middles of the straight edges, and those of
+    hexahedra also where the trilinear map has the middles of faces and cells.
+
+    Args:
+        mesh: A first-order mesh with its named faces and groups of cells, which are kept.
+
+    Raises:
+        ValueError: If the mesh is of second order already.
+    """
+    old, comm = mesh.domain, mesh.comm
+    if mesh.degree != 1:
+        raise ValueError("raised: the mesh has second-order cells already; raised takes a first-order mesh")
+    own = old.topology.index_map(3).size_local
+    V = compat.functionspace(old, 2)
+    dofs, number = compat.cell_dofs(V), _global_numbers(V.dofmap.index_map)
+    kind = old.topology.cell_type
+    points = _points(old, dofs, V.dofmap.index_map.size_local)
+    domain = compat.create_mesh(comm, kind.name, number[dofs[:own]], points, degree=2)
+
+    corners = corner_geometry(old)
+    of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
+    of_point[corners] = number[dofs[:, : corners.shape[1]]]
+    rows = {name: np.sort(of_point[corners_of(old, facets)], axis=1) for name, facets in mesh.faces.items()}
+    first = old.topology.index_map(3).local_range[0]
+    cells = {name: first + np.asarray(mine, dtype=np.int64) for name, mine in mesh.cells.items()}
+    starts = starts_of(comm, own)
+    return replace(mesh, domain=domain, faces=local_facets(domain, rows), cells=local_cells(domain, starts, cells))
+
+
+def _global_numbers(index_map: Any) -> IntArray:
+    local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    return np.asarray(index_map.local_to_global(local), dtype=np.int64)
+
+
+def _points(domain: Any, dofs: npt.NDArray[np.int32], owned: int) -> FloatArray:
+    """Places of this rank's own nodes, shape (owned, 3), the corners exactly those of the mesh."""
+    kind = domain.topology.cell_type
+    weights = np.round(8.0 * lagrange_values(kind, 1, lagrange_points(kind, 2))) / 8.0  # 1, 1/2, 1/4, 1/8
+    in_cells = np.einsum("nc,kci->kni", weights, domain.geometry.x[corner_geometry(domain)])
+    points = np.empty((owned, 3))
+    mine = dofs < owned
+    points[dofs[mine]] = in_cells[mine]
+    return points
+
 
 CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron}
 
@@ -112,7 +171,7 @@ def read_gmsh(path: str | Path, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WO
     Raises:
         ValueError: On every rank, if the file cannot be read, or its mesh cannot be used, with the reason.
     """
-    return _from_rank_0(comm, path, scale, lambda: _read(str(path), ".msh", {}, {}))
+    return _from_rank_0(comm, path, scale, lambda: read_file(str(path), {}, {}, ".msh"))
 
 
 def read_xdmf(
@@ -199,53 +258,27 @@ def known_format(path: str | Path, named: bool = False) -> str:
     return end
 
 
-def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
-    """What a mesh file holds, read on this rank alone; arguments and errors as of `read_mesh`, and OSError."""
-    return _read(path, Path(path).suffix.lower(), names, cell_names)
+_READERS = {".msh": "gmsh", ".xdmf": "xdmf", ".inp": "abaqus", ".med": "med"}
+"""The module that reads a format, by the end of the file's name."""
 
 
-def _read(path: str, end: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
-    if end == ".msh":  # a run needs at most one of these modules
-        from . import gmsh_format
-
-        return gmsh_format.read(path)
+def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int], end: str = "") -> MeshFile:
+    """What a mesh file holds, read on this rank alone, by the end of its name unless another one is given; arguments
+    and errors as of `read_mesh`, and OSError."""
+    end = end or Path(path).suffix.lower()
+    numbered = end in mesh_formats.NUMBERED
+    name = _READERS.get(end, "meshio" if numbered else "exodus")
+    module = import_module(f".{name}_format", __package__)  # a run needs at most one of them
     if end == ".xdmf":
-        from . import xdmf_format
-
-        return xdmf_format.read(path, None, None, names, cell_names, MPI.COMM_SELF)
-    if end == ".inp":
-        from . import abaqus_format
-
-        return abaqus_format.read(path)
-    if end == ".med":
-        from . import med_format
-
-        return med_format.read(path)
-    if end in mesh_formats.NUMBERED:
-        from . import meshio_formats
-
-        return meshio_formats.read(path, names, cell_names)
-    from . import exodus_format
-
-    return exodus_format.read(path)
+        found: MeshFile = module.read(path, None, None, names, cell_names, MPI.COMM_SELF)
+    else:
+        found = module.read(path, names, cell_names) if numbered else module.read(path)
+    return found
 
 
 def _from_rank_0(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[], MeshFile]) -> NamedMesh:
     check_scale(path, scale)
-    sound: InspectedMesh | None = None
-    fault = ""
-    if comm.rank == 0:
-        try:
-            sound = inspect(read(), scale, MPI.COMM_SELF)
-        except OSError as error:
-            fault = f"{error.filename or path}: cannot be read: {error.strerror or error}"
-        except ValueError as error:
-            fault = str(error)
-        except Exception as error:  # no error due to a damaged file may leave the other ranks waiting
-            fault = f"{path}: is damaged, or too large for one rank: {type(error).__name__}: {error}"
-    fault = comm.bcast(fault)
-    if fault:
-        raise ValueError(fault)
+    sound = on_first_rank(comm, str(path), lambda: inspect(read(), scale, MPI.COMM_SELF))
     names = None
     if sound is not None:
         corners = {name: rows.shape[1] for name, rows in sound.face_groups.items()}

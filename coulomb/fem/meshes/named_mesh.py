@@ -1,17 +1,19 @@
-"""A mesh whose boundary faces and cell groups have names."""
+"""Meshes whose boundary faces and cell groups have names; several that share no nodes, as the bodies of one problem."""
 
 from __future__ import annotations
 
 import difflib
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, is_number
 from .. import compat
+from ..geometry import Point, RigidMotion, Rotation, Turn, check_point
 from .lagrange import corner_geometry
 
 
@@ -80,8 +82,7 @@ def aspects(named: NamedMesh) -> FloatArray:
     corners = domain.geometry.x[corner_geometry(domain)[:owned]]
     from_middle = corners - corners.mean(axis=1, keepdims=True)
     squares = np.linalg.eigvalsh(np.einsum("kvi,kvj->kij", from_middle, from_middle))
-    found: FloatArray = np.sqrt(squares[:, 2] / squares[:, 0])
-    return found
+    return np.sqrt(squares[:, 2] / squares[:, 0])
 
 
 def volume(named: NamedMesh) -> float:
@@ -95,3 +96,188 @@ def volume(named: NamedMesh) -> float:
         edges = corners[:, [b, c, d]] - corners[:, [a]]
         total += float(np.sum(np.abs(np.linalg.det(edges)))) / 6.0
     return total
+
+
+NOWHERE = (0.0, 0.0, 0.0)
+
+
+def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None = None) -> NamedMesh:
+    """The same mesh at another place: rotated, then translated.
+
+    Faces and groups of cells keep their names, cells their shape, curved ones too; the given mesh stays where it is, so
+    that one mesh can be the model of several bodies.  Loads, directions of supports and axes of materials are those of
+    space: they do not rotate with the mesh.
+
+    Args:
+        mesh: A mesh of any order.
+        translate: In metres, along x, y and z.
+        rotate: A rotation by a constant angle in radians; `point` and `axis` are those before the translation.
+
+    Raises:
+        ValueError: If the translation is not three finite numbers, or the angle not one.
+    """
+    motion = motion_of(translate, rotate)
+    domain = compat.copied_mesh(mesh.domain)
+    domain.geometry.x[:] = placed(motion, domain.geometry.x)
+    return replace(mesh, domain=domain, touching=placed(motion, mesh.touching))
+
+
+def motion_of(translate: Point, rotate: Rotation | None) -> RigidMotion:
+    check_point("moved: translate", translate)
+    shift = np.asarray(translate, dtype=np.float64)
+    if rotate is None:
+        return RigidMotion(shift)
+    if not isinstance(rotate, Rotation):
+        raise ValueError(f"moved: rotate must be a Rotation(point, axis, angle), but is {rotate!r}")
+    if not is_number(rotate.angle, -np.inf):
+        raise ValueError(f"moved: the angle of rotate must be one finite number in radians, but is {rotate.angle!r}")
+    axis = np.asarray(rotate.axis, dtype=np.float64)
+    point = np.asarray(rotate.point, dtype=np.float64)
+    return RigidMotion(shift, Turn(point, axis / np.linalg.norm(axis), float(np.asarray(rotate.angle))))
+
+
+def placed(motion: RigidMotion, x: FloatArray) -> FloatArray:
+    """Points x (k, 3) in metres after a motion, shape (k, 3)."""
+    if motion.turn is None:
+        return x + motion.translation
+    return motion.turned(x - motion.turn.point) + motion.centre
+
+
+SEPARATOR = ":"
+"""Between the name of a body and that of its face or group of cells: "lower:top"."""
+
+_MOST_LISTED = 24
+
+
+@dataclass(frozen=True)
+class JoinedMesh:
+    """Meshes of several bodies, each with its name; what holds them together is contact alone.
+
+    A face is called by its body and its own name, as in "lower:top", a group of cells likewise, as in "lower:steel".
+
+    Attributes:
+        bodies: The mesh of each body, by its name.
+
+    Raises:
+        ValueError: As `join`.
+    """
+
+    bodies: dict[str, NamedMesh]
+
+    def __post_init__(self) -> None:
+        _check(self.bodies)
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The ranks that share it."""
+        return next(iter(self.bodies.values())).comm
+
+    @property
+    def faces(self) -> dict[str, npt.NDArray[np.int32]]:
+        """This rank's boundary facets of each face by its name, as "lower:top"; facet numbers of its body's mesh."""
+        return {_joined(body, name): one for body, mesh in self.bodies.items() for name, one in mesh.faces.items()}
+
+    @property
+    def cells(self) -> dict[str, npt.NDArray[np.int32]]:
+        """This rank's own cells of each group by its name, as "lower:steel"; cell numbers of its body's mesh."""
+        return {_joined(body, name): one for body, mesh in self.bodies.items() for name, one in mesh.cells.items()}
+
+    def facets(self, face: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's facets of a face, numbers of its body's mesh; errors as of `split`."""
+        body, name = self.split(face, what)
+        return self.bodies[body].facets(name, what)
+
+    def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
+        """This rank's own cells of a group, numbers of its body's mesh; errors as of `split`."""
+        body, name = self.split_group(cells, what)
+        return self.bodies[body].cells[name]
+
+    def split(self, face: str, what: str) -> tuple[str, str]:
+        """The name of the body of a face, and the name of the face there: "lower" and "top" of "lower:top".
+
+        Raises:
+            ValueError: If there is no such face; the message begins with `what`.
+        """
+        names = {body: (*mesh.faces, *mesh.refused) for body, mesh in self.bodies.items()}
+        return self._split(face, what, "face", names)
+
+    def split_group(self, cells: str, what: str) -> tuple[str, str]:
+        """The same of a group of cells."""
+        return self._split(cells, what, "cell group", {body: tuple(mesh.cells) for body, mesh in self.bodies.items()})
+
+    def body(self, name: str, what: str) -> NamedMesh:
+        """The mesh of a body; ValueError, beginning with `what`, if there is none."""
+        if name not in self.bodies:
+            raise ValueError(f"{what}: there is no body {name!r}{_hint(name, self.bodies)}; {self._listed}")
+        return self.bodies[name]
+
+    def moved(self, translate: Point = NOWHERE, rotate: Rotation | None = None) -> JoinedMesh:
+        """All bodies at another place; arguments and errors as of `coulomb.moved`, which moves one."""
+        return JoinedMesh({name: moved(mesh, translate, rotate) for name, mesh in self.bodies.items()})
+
+    @property
+    def _listed(self) -> str:
+        return f"the bodies are {_list(self.bodies)}" if len(self.bodies) > 1 else f"the body is {_list(self.bodies)}"
+
+    def _split(self, given: str, what: str, kind: str, names: Mapping[str, tuple[str, ...]]) -> tuple[str, str]:
+        body, colon, name = given.partition(SEPARATOR) if isinstance(given, str) else ("", "", "")
+        every = [_joined(one, inner) for one, own in names.items() for inner in own]
+        if not colon:
+            homes = [_joined(one, given) for one, own in names.items() if given in own]
+            meant = f" (did you mean {' or '.join(map(repr, homes[:3]))}?)" if homes else _hint(str(given), every)
+            form = f"{next(iter(self.bodies))}:{kind.split()[-1]}"
+            raise ValueError(
+                f"{what}: {kind} {given!r} does not say of which body; name it as in {form!r}{meant}; {self._listed}"
+            )
+        self.body(body, f"{what}: {kind} {given!r}")
+        own = names[body]
+        if name not in own:
+            listed = [_joined(body, inner) for inner in own]
+            has = f"its {kind}s are {_list(listed)}" if own else f"it has no {kind}s"
+            if not name:
+                raise ValueError(f"{what}: {given!r} names a body, but none of its {kind}s; {has}")
+            raise ValueError(f"{what}: body {body!r} has no {kind} {given!r}{_hint(given, listed or every)}; {has}")
+        return body, name
+
+
+def _check(bodies: Mapping[str, NamedMesh]) -> None:
+    if not bodies:
+        raise ValueError("join: give at least one body, as in join(lower=..., upper=...)")
+    for name in bodies:
+        check_name(name, "join: the name of a body")
+    (first, one), *others = bodies.items()
+    for name, other in others:
+        if MPI.Comm.Compare(one.comm, other.comm) not in (MPI.IDENT, MPI.CONGRUENT):
+            raise ValueError(
+                f"join: {first!r} and {name!r} are on different ranks ({one.comm.size} and {other.comm.size} of them); "
+                "make all meshes with the same comm"
+            )
+    seen: dict[int, str] = {}
+    for name, mesh in bodies.items():
+        twin = seen.setdefault(id(mesh.domain), name)
+        if twin != name:
+            raise ValueError(
+                f"join: {twin!r} and {name!r} are the same mesh at the same place; give one of them another place with "
+                "coulomb.moved(mesh, translate=...)"
+            )
+
+
+def check_name(name: object, what: str) -> None:
+    """Raises ValueError unless a name of a body is an identifier, so that it can stand before the ":"."""
+    if not (isinstance(name, str) and name.isidentifier()):
+        raise ValueError(f"{what} must be an identifier (letters, digits and _, no digit first), but is {name!r}")
+
+
+def _joined(body: str, name: str) -> str:
+    return f"{body}{SEPARATOR}{name}"
+
+
+def _hint(name: str, known: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f" (did you mean {close[0]!r}?)" if close else ""
+
+
+def _list(names: Iterable[str]) -> str:
+    names = list(names)
+    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    return ", ".join(names[:_MOST_LISTED]) + more

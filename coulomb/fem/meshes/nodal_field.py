@@ -21,7 +21,7 @@ from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
 from ...regular_file import read_bytes
 from ..geometry import first_place
-from .meshio_formats import by_meshio
+from .meshio_format import by_meshio
 from .xdmf_format import array_of
 
 Parts = Sequence[tuple[str, IntArray]]
@@ -195,7 +195,7 @@ class NodalField:
 
     def _interpolated(self, x: FloatArray) -> FloatArray:
         """Values at points (k, 3) that are no nodes."""
-        cell, weights = self._cells.holding(x)
+        cell, weights = self._cells.containing(x)
         if np.any(cell < 0):
             low, high = (", ".join(f"{c:.6g}" for c in end(self.points, axis=0)) for end in (np.min, np.max))
             raise ValueError(
@@ -203,8 +203,7 @@ class NodalField:
                 f"are between ({low}) and ({high}) metres (is scale, the metres per unit of length, right?)"
             )
         nodes = self._cells.rows[cell]
-        values: FloatArray = np.einsum("ki,ki->k", weights, self.values[nodes])
-        return values
+        return np.einsum("ki,ki->k", weights, self.values[nodes])
 
 
 class _Cells:
@@ -227,7 +226,7 @@ class _Cells:
         members = [np.flatnonzero(size == octave) for octave in np.unique(size)]
         self._classes = [(tree_of(centroid[own]), own, float(np.max(radius[own]))) for own in members]
 
-    def holding(self, x: FloatArray) -> tuple[IntArray, FloatArray]:
+    def containing(self, x: FloatArray) -> tuple[IntArray, FloatArray]:
         """The tetrahedron of each point (k, 3), -1 where none is near, shape (k,), and the weights of its nodes, shape
         (k, 4); of a point outside those of a point of the boundary nearby."""
         best, cell = np.full(len(x), np.inf), np.full(len(x), -1)
@@ -258,8 +257,7 @@ class _Cells:
         worst = np.argmin(self._shares(x, tetrahedron) * height, axis=1)
         beyond = np.minimum(self._shares(x, tetrahedron)[number, worst], 0.0) * height[number, worst] ** 2
         shares = np.maximum(self._shares(x - beyond[:, None] * self._slopes[tetrahedron, worst], tetrahedron), 0.0)
-        nearest: FloatArray = shares / shares.sum(axis=1, keepdims=True)
-        return nearest
+        return shares / shares.sum(axis=1, keepdims=True)
 
     def _shares(self, x: FloatArray, tetrahedron: IntArray) -> FloatArray:
         """Barycentric coordinates of points (k, 3) in tetrahedra (k,), shape (k, 4)."""

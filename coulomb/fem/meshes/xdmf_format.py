@@ -21,7 +21,7 @@ from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
 from ...regular_file import read_bytes, refuse_irregular
 from ..geometry import on_all_ranks
-from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
+from .exchange import Exchange, Slabs, even_starts, fetched, on_first_rank, owner_of, starts_of
 from .mesh_file import MeshFile, only_set, refuse_cells, titles
 
 NAMES = "coulomb:names"
@@ -79,20 +79,7 @@ class XdmfFile:
     def __init__(self, path: str, comm: MPI.Comm):
         self.path, self.comm = path, comm
         self._texts: list[npt.NDArray[Any]] = []
-        found: tuple[list[XdmfGrid], dict[str, dict[str, int]]] | None = None
-        fault = ""
-        if comm.rank == 0:
-            try:
-                found = self._described()
-            except OSError as error:
-                fault = f"{error.filename or path}: cannot be read: {error.strerror or error}"
-            except ValueError as error:
-                fault = str(error)
-            except Exception as error:  # no error due to a damaged file may leave the other ranks waiting
-                fault = f"{path}: is damaged: {type(error).__name__}: {error}"
-        fault, found = comm.bcast((fault, found))
-        if found is None:
-            raise ValueError(fault)
+        found = comm.bcast(on_first_rank(comm, path, self._described))
         self.grids: list[XdmfGrid] = found[0]
         self.names: dict[str, dict[str, int]] = found[1]
 
@@ -344,8 +331,7 @@ def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
     found = ask.reply(found)
     if comm.allreduce(bool(np.any(found < 0)), op=MPI.LOR):
         raise ValueError(f"{grid.file.path}: has points that are none of the mesh {mesh.file.path}")
-    rows: IntArray = found[inverse.ravel()].reshape(grid.rows.shape)
-    return rows
+    return found[inverse.ravel()].reshape(grid.rows.shape)
 
 
 def _corners_in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:

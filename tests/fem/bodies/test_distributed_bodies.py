@@ -5,9 +5,9 @@ import pytest
 
 import coulomb
 from coulomb import Clamp, Elasticity, Material, Pressure, Spring, SymmetryPlane, TotalForce, Traction
-from coulomb.fem.bodies.distributed_bodies import distributed_bodies, made
-from coulomb.fem.bodies.loaded_body import LoadedBody
-from coulomb.fem.bodies.temperature import ThermalLoad
+from coulomb.fem.bodies.elasticity import LoadedBody
+from coulomb.fem.bodies.joined_bodies import build_bodies, distributed_bodies
+from coulomb.fem.bodies.loads import ThermalLoad
 
 STEEL, RUBBER = Material(2e11, 0.3, 7800.0, 1e-5), Material(1e7, 0.4, 1000.0, 1e-4)
 HELD = [Clamp("lower:left", "xy"), SymmetryPlane("upper:right"), Clamp("lower:bottom"), Clamp("upper:left")]
@@ -43,7 +43,7 @@ def test_everything_reaches_its_body(mesh):
     assert upper.body_force == (0.0, 7.0, 0.0) and not any(lower.body_force) and lower.gravity == upper.gravity
     assert lower.thermal == ThermalLoad(20.0, 5.0, 4.0) and upper.thermal is None
 
-    bodies = made(LoadedBody, given)
+    bodies = build_bodies(LoadedBody, given)
     force = {name: bodies[name].comm.allreduce(body.at(0.0).load.sum(axis=0)) for name, body in bodies.items()}
     assert force["upper"] == pytest.approx(
         [2.0 + 3.0, 0.5 * 2.0 * 7.0, -3.0 * 2.0 * 7800.0 * 10.0]
@@ -87,4 +87,4 @@ def test_wrong_names(mesh, changes, said):
 def test_a_fault_of_a_body_names_it(mesh):
     held = [Clamp("lower:bottom"), Clamp("upper:top", direction=lambda x: 0.0 * x)]
     with pytest.raises(ValueError, match=r"^body 'upper': clamp on 'top': direction"):
-        made(Elasticity, distributed_bodies(mesh, STEEL, held))
+        build_bodies(Elasticity, distributed_bodies(mesh, STEEL, held))

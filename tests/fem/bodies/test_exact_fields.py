@@ -15,7 +15,7 @@ from coulomb.model.stopping_criterion import zero_open_forces
 CELLS = ["hexahedron", "tetrahedron"]
 
 
-def block(cell, law="coulomb", cells=(12, 4, 4), friction=0.3):
+def block(cell, law="coulomb", cells=(9, 3, 3), friction=0.3):
     return ContactProblem(
         coulomb.box((3.0, 1.0, 1.0), cells, cell),
         STEEL,
@@ -65,15 +65,15 @@ def test_written_fields_equal_the_answer_exactly(cell, tmp_path):
     assert np.array_equal(at["contact_force"][node], -surface.vectors(solution.contact_force.reshape(-1, 3)))
 
 
-@pytest.mark.parametrize(("cell", "ranks"), [("hexahedron", 3), ("tetrahedron", 2)])
-def test_on_ranks(cell, ranks, tmp_path):
+def test_on_ranks(tmp_path):
     """Every point has the value of its own node, on whichever rank."""
+    cell, ranks = "tetrahedron", 3
     case = ROOT / "demos" / "block.toml"
-    changes = ("mesh.cells=[12,4,4]", f"mesh.cell='{cell}'", "output.picture=false", "solver.linear_solver='iterative'")
+    changes = ("mesh.cells=[6,2,2]", f"mesh.cell='{cell}'", "output.picture=false", "solver.linear_solver='iterative'")
     sets = [part for change in changes for part in ("--set", change)]
     done = run_coulomb("run", case, *sets, "--output", tmp_path / "out", ranks=ranks)
     assert done.returncode == 0, done.stderr
-    expected = block(cell).solve()
+    expected = block(cell, cells=(6, 2, 2)).solve()
     surface, at = expected.problem.surface, fields(tmp_path / "out" / "contact.h5")
     assert np.array_equal(at["status"], np.round(at["status"]))
     assert not at["contact_force"][at["status"] == OPEN].any()
@@ -85,12 +85,6 @@ def test_on_ranks(cell, ranks, tmp_path):
     body = fields(tmp_path / "out" / "solution.h5")
     u = body["displacement"][order(body["x"], expected.problem.elasticity.x)]
     assert np.abs(u - expected.displacement).max() <= 1e-6 * np.abs(expected.displacement).max()
-
-
-def test_zero_friction_gives_zero_friction_forces(tmp_path):
-    solution = block("hexahedron", friction=0.0).solve()
-    assert solution.certificate.passed and not solution.contact_force.reshape(-1, 3)[:, 1:].any()
-    assert solution.contact_force.any()
 
 
 @pytest.mark.parametrize("solver", [coulomb.InteriorPoint(), coulomb.SuccessiveTresca()])

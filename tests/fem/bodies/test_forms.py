@@ -48,8 +48,7 @@ def close(one, other, limit=1e-10):
     return np.abs(one - other).max() <= limit * np.abs(other).max()
 
 
-@pytest.mark.parametrize("compiled", [False, True], ids=["ufl", "compiled"])
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize(("cell", "compiled"), [("hexahedron", True), ("tetrahedron", False)])
 def test_the_same_history_from_forms(cell, compiled):
     """Displacements, forces, reactions, energies and accumulated friction of three steps are the same to 1e-10."""
     ours, theirs, script = both(cell, 1, compiled)
@@ -115,29 +114,6 @@ def test_a_layered_bar(cell, degree):
     assert solution.certificate.passed and solution.acting.balance < 1e-10
     assert np.abs(sunk / (1e6 * (1 / 1e9 + 1 / 4e9)) - 1.0).max() < 1e-5
     assert solution.forces_on_foundations[0].force[2] == pytest.approx(-1e6, rel=1e-5)
-
-
-@pytest.mark.parametrize(("cell", "degree"), ELEMENTS[1:3])
-def test_an_orthotropic_block(cell, degree):
-    """Pressed by p along z: strains -p/Ez and p nu_zx/Ez, p nu_zy/Ez across, from the compliance of the form."""
-    E, nu_zx, nu_zy = np.array([2e9, 5e9, 1e9]), 0.1, 0.2
-    S = np.diag([*1.0 / E, *(1.0 / np.array([4e8, 3e8, 7e8]))])
-    S[2, 0] = S[0, 2] = -nu_zx / E[2]
-    S[2, 1] = S[1, 2] = -nu_zy / E[2]
-    S[0, 1] = S[1, 0] = -0.05 / E[0]
-    C = ufl.as_matrix(np.linalg.inv(S).tolist())
-
-    def voigt(u):
-        e = ufl.sym(ufl.grad(u))
-        return ufl.as_vector([e[0, 0], e[1, 1], e[2, 2], 2 * e[1, 2], 2 * e[0, 2], 2 * e[0, 1]])
-
-    def form(script):
-        return ufl.inner(ufl.dot(C, voigt(script.u)), voigt(script.v)) * ufl.dx
-
-    _, solution = pressed(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2), cell), degree, form)
-    at = solution.problem.elasticity.x
-    expected = at * (1e6 / E[2] * np.array([nu_zx, nu_zy, -1.0]))
-    assert np.abs(solution.displacement - expected).max() < 1e-5 * 1e6 / E[2]
 
 
 @pytest.mark.parametrize(("cell", "degree"), ELEMENTS[1:3])

@@ -94,13 +94,6 @@ def projected(axis):
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_constant_pressure_on_a_closed_surface_has_no_resultant(cell):
-    found = resultants(cap(3, cell), *(Pressure(face, P) for face in FACES))
-    assert np.abs(np.sum([force for force, _ in found], axis=0)).max() < 1e-12 * P
-    assert np.abs(np.sum([moment for _, moment in found], axis=0)).max() < 1e-12 * P
-
-
-@pytest.mark.parametrize("cell", CELLS)
 def test_buoyancy_is_the_weight_of_the_fluid(cell):
     """Archimedes: hydrostatic pressure on all faces has minus the force and moment of the fluid's weight, exactly."""
     density, g = 1025.0, 9.81

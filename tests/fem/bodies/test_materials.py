@@ -9,7 +9,7 @@ import coulomb
 from coulomb import Clamp, Elasticity, Material, OrthotropicMaterial
 from coulomb.case.case import read_case
 from coulomb.cli import preparation
-from coulomb.fem.bodies.orthotropic import (
+from coulomb.fem.bodies.materials import (
     PAIRS,
     UPPER,
     along_directions,
@@ -161,7 +161,7 @@ def test_equal_constants_in_all_directions_are_an_isotropic_body(cell, degree):
     half = np.arange(mesh.domain.topology.index_map(3).size_local, dtype=np.int32)
     groups = {"one": half[::2], "other": half[1::2]}
     mixed = coulomb.NamedMesh(mesh.domain, mesh.faces, groups)
-    heat = coulomb.fem.bodies.temperature.ThermalLoad(lambda x: 50 * x[0] + 3, 1.0)
+    heat = coulomb.fem.bodies.loads.ThermalLoad(lambda x: 50 * x[0] + 3, 1.0)
     bodies = [
         Elasticity(mixed, materials, [Clamp("left")], gravity=(0, 0, -9.81), thermal=heat)
         for materials in (steel, {"one": steel, "other": alike})

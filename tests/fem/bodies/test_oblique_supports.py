@@ -57,8 +57,7 @@ def forces(step):
 HISTORY = LoadHistory([0.5, 1.0, 1.5, 2.0, 3.0], tolerance=1e-11)
 
 
-@pytest.mark.parametrize("linear_solver", [DirectSolver, IterativeSolver])
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize(("cell", "linear_solver"), [("hexahedron", IterativeSolver), ("tetrahedron", DirectSolver)])
 def test_a_plane_of_symmetry_at_30_degrees_is_one_along_an_axis(cell, linear_solver):
     upright = list(HISTORY.steps(rubbed(np.eye(3), cell, linear_solver=DirectSolver)))
     turned = list(HISTORY.steps(rubbed(TURN, cell, linear_solver=linear_solver)))
@@ -112,9 +111,15 @@ def wedged(cell, friction, turn=None, comm=MPI.COMM_WORLD, **ways):
     return ContactProblem(box, STEEL, supports, floor, loads, **ways), p
 
 
-@pytest.mark.parametrize("turned", [False, True])
-@pytest.mark.parametrize("ways", [{}, {"explicit": False}, {"explicit": False, "linear_solver": IterativeSolver}])
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize(
+    ("ways", "cell", "turned"),
+    [
+        ({}, "hexahedron", True),
+        ({}, "tetrahedron", False),
+        ({"explicit": False}, "tetrahedron", True),
+        ({"explicit": False, "linear_solver": IterativeSolver}, "hexahedron", True),
+    ],
+)
 def test_equal_pressure_between_a_floor_and_an_inclined_guide(cell, ways, turned):
     """Without friction every node of the floor has the pressure p, also those that the guide holds at 20 degrees."""
     turn = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0] if turned else np.eye(3)
@@ -149,8 +154,7 @@ def test_a_block_between_a_rough_floor_and_an_inclined_guide(cell):
     assert np.sum(away) == 9 and np.allclose(friction[away], 0.2 * force[away, 0], rtol=1e-6)
 
 
-@pytest.mark.parametrize("friction", [0.2, 0.6])
-@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(("friction", "turned"), [(0.2, True), (0.6, False)])
 def test_a_wedged_node_has_the_same_forces_by_every_solver(friction, turned):
     """Between guide and floor a sticking node carries no friction towards the guide: the law does not determine it."""
     turn = TURN if turned else np.eye(3)
@@ -165,12 +169,3 @@ def test_a_wedged_node_has_the_same_forces_by_every_solver(friction, turned):
     sticks = np.linalg.norm(found[0][:, :2], axis=1) < 0.99 * friction * found[0][:, 2]
     edge = x[:, 0] < 1e-9
     assert np.any(edge & sticks) and np.abs(found[0][edge & sticks, 0]).max() <= 1e-12 * np.abs(found[0]).max()
-
-
-def test_a_normal_that_is_nearly_held_is_refused():
-    tilted = Plane((0.0, 0.0, 0.0), (np.sin(0.005), 0.0, np.cos(0.005)))
-    message = "contact face 'bottom' is held at less than 0.6 degrees to the foundation's normal"
-    with pytest.raises(ValueError, match=message):
-        problem = rubbed(np.eye(3))
-        held = [Clamp("top"), Clamp("left", "z")]
-        ContactProblem(problem.mesh, STEEL, held, Contact("bottom", friction=0.3, foundation=tilted))

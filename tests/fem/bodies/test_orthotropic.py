@@ -10,7 +10,7 @@ from coulomb import Contact, ContactProblem, LoadHistory, Material, PrescribedDi
 
 F1, F2 = 0.3, 0.1
 STEEL = Material(2.1e11, 0.3)
-ANGLES = [0.0, 20.0, 45.0, 70.0, 90.0]
+TIMES = [1.0, 2.0, 3.0, 6.0, 10.0, 11.0]
 PRESSED = PrescribedDisplacement("top", (0.0, 0.0, -2e-4), "z", amplitude=[(0, 0), (1, 1)])
 
 
@@ -38,15 +38,15 @@ def drawn(angle, cell="hexahedron", direction=(1.0, 0.0, 0.0), amplitude=1.0, **
     )
 
 
-def sliding(problem, tolerance=1e-11):
-    steps = list(LoadHistory([float(t) for t in range(1, 12)], tolerance=tolerance).steps(problem))
+def sliding(problem):
+    steps = list(LoadHistory(TIMES, tolerance=1e-11).steps(problem))
     assert all(step.solution.certificate.passed for step in steps), steps[-1].solution.certificate
     return steps
 
 
-@pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize(
-    ("cell", "direction"), [("hexahedron", 0.0), ("tetrahedron", 30.0)], ids=["hexahedra, x", "tetrahedra, 30 degrees"]
+    ("cell", "direction", "angle"),
+    [("hexahedron", 0.0, 20.0), ("hexahedron", 0.0, 90.0), ("tetrahedron", 30.0, 0.0), ("tetrahedron", 30.0, 70.0)],
 )
 def test_block_drawn_along_an_angle(cell, direction, angle):
     """T is the point of the ellipse whose normal is opposite to the given slip; |T| s is dissipated."""
@@ -64,13 +64,12 @@ def test_block_drawn_along_an_angle(cell, direction, angle):
     assert sums.sum(axis=0) == pytest.approx([*total["force"][:2], 0.0], rel=1e-9, abs=1e-3)
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-@pytest.mark.parametrize("angle", [0.0, 45.0, 70.0])
+@pytest.mark.parametrize(("cell", "angle"), [("hexahedron", 45.0), ("tetrahedron", 70.0)])
 def test_amplitude_scales_the_ellipse(cell, angle):
     """T of a node is on the ellipse of A(t) F1, A(t) F2; where A is constant, the total is A times the known force."""
     steps = sliding(drawn(angle, cell, (*unit(30.0), 0.0), amplitude=[(2, 1.0), (4, 0.25)]))
     axes = np.column_stack([[*unit(30.0), 0.0], [*unit(120.0), 0.0]])
-    for step, factor in zip(steps[2:], [0.625, *[0.25] * 8], strict=True):
+    for step, factor in zip(steps[2:], [0.625, 0.25, 0.25, 0.25], strict=True):
         fields = step.solution.at_nodes.fields()
         T, N = fields["contact_force"] @ axes, fields["contact_force"][:, 2]
         assert np.hypot(T[:, 0] / F1, T[:, 1] / F2) == pytest.approx(factor * N, abs=1e-8 * N.max())
@@ -79,7 +78,7 @@ def test_amplitude_scales_the_ellipse(cell, angle):
     assert total["force"][:2] == pytest.approx(expected, abs=1e-7 * np.linalg.norm(expected))
 
 
-@pytest.mark.parametrize("angle", ANGLES)
+@pytest.mark.parametrize("angle", [0.0, 20.0, 70.0])
 def test_direction_of_sliding_of_a_pulled_block(angle):
     """The pull is along x and `direction` turned from it: slip_2/slip_1 = (F1/F2)^2 T2/T1, by the associated rule.
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import PRESSED_CASE, STEEL, run_coulomb
 from mpi4py import MPI
+from report_pages import page_without_pictures
 from test_orthotropic import F1, F2, force_for_slip, unit
 
 import coulomb
@@ -18,6 +19,7 @@ from coulomb.fem.geometry.contact_frames import FrictionAxes, tangent_frames
 from coulomb.io.output import write
 from coulomb.io.recheck import check
 from coulomb.io.summary import summary
+from coulomb.solvers import IterativeSolver
 
 AXES = {"friction": (F1, F2), "direction": (1.0, 0.5, 0.0)}
 
@@ -105,7 +107,7 @@ def test_methods_agree(cohesion):
     """Factorised, formed and matrix-free; interior point, successive Tresca and condensed."""
     given = {**AXES, "cohesion": cohesion}
     known = vectors(block(given).solve(1e-10))
-    free = {"linear_solver": coulomb.solvers.IterativeSolver, "explicit": False}
+    free = {"linear_solver": IterativeSolver, "explicit": False}
     formed = {"linear_solver": coulomb.solvers.DirectSolver, "explicit": True}
     for options, solver in (
         ({}, coulomb.SuccessiveTresca(1e-10)),
@@ -129,12 +131,8 @@ def ball(**options):
 
 @pytest.mark.parametrize(
     "options",
-    [
-        {},
-        {"linear_solver": coulomb.solvers.DirectSolver, "explicit": True},
-        {"linear_solver": coulomb.solvers.IterativeSolver},
-    ],
-    ids=["schur", "formed", "matrix-free"],
+    [{"linear_solver": coulomb.solvers.DirectSolver, "explicit": True}, {"linear_solver": IterativeSolver}],
+    ids=["formed", "matrix-free"],
 )
 def test_frames_that_turn(options):
     """The direction is projected at each node; every step is certified, with the same forces by each method."""
@@ -171,19 +169,16 @@ times = [1, 2, 3, 4, 5, 6, 7, 8]
 tolerance = 1e-10
 [output]
 picture = false
-report = true
 """
 )
 
 
-@pytest.mark.parametrize(
-    ("cell", "ranks", "factor"), [("hexahedron", None, 0.5), ("tetrahedron", 2, 1.0), ("hexahedron", 3, 0.5)]
-)
+@pytest.mark.parametrize(("cell", "ranks", "factor"), [("hexahedron", None, 0.5), ("tetrahedron", 2, 1.0)])
 def test_case_file(tmp_path, cell, ranks, factor):
     """The force of each, and the check; the report, and faults in the case, of one rank."""
     amplitude = f"friction_amplitude = [[2, 1], [7, {factor}]]"
     text = CASE.replace("CELL", cell).replace("[history]", f"{amplitude}\n[history]")
-    (tmp_path / "case.toml").write_text(text if ranks is None else text.replace("report = true", ""))
+    (tmp_path / "case.toml").write_text(text)
     done = run_coulomb("run", "case.toml", "--output", "out", ranks=ranks, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "Coulomb friction 0.3 along and 0.1 across" in done.stdout
@@ -196,7 +191,7 @@ def test_case_file(tmp_path, cell, ranks, factor):
     assert check(tmp_path / "out").passed
     if ranks is not None:
         return
-    report = (tmp_path / "out" / "report.html").read_text().replace("\u202f", " ")
+    report = page_without_pictures(tmp_path / "out", charts=True).replace("\u202f", " ")
     assert "Coulomb friction 0.15 along and 0.05 across" in report
     assert "friction law in the last step" in report and "factor 1 at 2 s, 0.5 at 7 s" in report
     written = (tmp_path / "out" / "case.json").read_text()
@@ -210,21 +205,6 @@ def test_case_file(tmp_path, cell, ranks, factor):
         changed["contact"].update(changes)
         (tmp_path / "out" / "case.json").write_text(json.dumps(changed))
         assert not check(tmp_path / "out").passed
-
-
-def test_resumed(tmp_path):
-    """A history that was interrupted goes on with the same numbers."""
-    (tmp_path / "case.toml").write_text(CASE.replace("CELL", "hexahedron").replace("report = true", ""))
-    settings = read_case(tmp_path / "case.toml")
-    whole, parts = coulomb.HistoryFiles(tmp_path / "whole"), tmp_path / "parts"
-    settings.load_history().run(settings.problem(), whole)
-    settings.load_history().run(
-        settings.problem(), coulomb.HistoryFiles(parts), on_step=lambda step: step.state.number == 3
-    )
-    again = coulomb.HistoryFiles(parts, resume=True)
-    settings.load_history().run(settings.problem(), again)
-    for ours, expected in zip(again.rows, whole.rows, strict=True):
-        assert float(ours["force_y"]) == pytest.approx(float(expected["force_y"]), rel=1e-7)
 
 
 def test_regions():
@@ -291,11 +271,6 @@ def test_a_clamp_along_a_tangent():
         way = np.linalg.norm(slip, axis=1)
         assert np.all(way > 1e-4)  # the edge slips along x: friction is along the slip in the scaled tangents
         assert np.allclose(force[:, 1:], bound[:, None] * slip / way[:, None], atol=1e-8 * bound.max())
-
-
-def test_no_friction_in_both_directions():
-    solution = block({"friction": (0.0, 0.0), "direction": (1.0, 0.0, 0.0)}).solve(1e-10)
-    assert np.all(solution.contact_force.reshape(-1, 3)[:, 1:] == 0.0)
 
 
 def test_axes_on_any_normal():

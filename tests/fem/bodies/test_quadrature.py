@@ -7,7 +7,7 @@ from conftest import STEEL
 import coulomb
 from coulomb.fem import compat
 from coulomb.fem.bodies.body import ElasticBody, strain
-from coulomb.fem.bodies.orthotropic import CellMaterials
+from coulomb.fem.bodies.materials import CellMaterials
 from coulomb.fem.compat import fem, ufl
 
 

@@ -30,8 +30,7 @@ def left_over(solution):
     return max(found)
 
 
-@pytest.mark.parametrize("solver", [None, IterativeSolver])
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize(("cell", "solver"), [("hexahedron", None), ("tetrahedron", IterativeSolver)])
 def test_a_clamp_carries_the_loads(cell, solver):
     """A cantilever that touches nothing: traction at its end, and weight."""
     traction, weight = np.array([2e5, 1e5, -3e6]), np.array([0.0, 0.0, -7.7e4])
@@ -113,8 +112,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("solver", [None, IterativeSolver])
-@pytest.mark.parametrize("cell", CELLS)
+@pytest.mark.parametrize(("cell", "solver"), [("tetrahedron", None), ("hexahedron", IterativeSolver)])
 @pytest.mark.parametrize("name", CASES)
 def test_loads_reactions_and_contact_balance(name, cell, solver):
     solution = CASES[name](cell, linear_solver=solver).solve()
@@ -125,17 +123,6 @@ def test_loads_reactions_and_contact_balance(name, cell, solver):
     assert summary(solution)["balance"] == solution.acting.balance
     (foundation,) = solution.forces_on_foundations
     assert np.allclose(foundation.force, np.negative(solution.at_nodes.totals()["force"]), rtol=1e-12)
-
-
-def test_a_pulled_block_carries_its_friction():
-    """A block pressed on and pulled by its top: the clamp has N along z, and the friction F N against the pull."""
-    pull = PrescribedDisplacement("top", (1e-3, 0.0, -1e-5))
-    problem = ContactProblem(bar("hexahedron"), STEEL, [pull], Contact("bottom", 0.3), small_strain="warn")
-    solution = problem.solve(1e-10)
-    (reaction,), totals = solution.reactions, solution.at_nodes.totals()
-    assert np.allclose(reaction.force, np.negative(totals["force"]), rtol=1e-9, atol=1e-9 * totals["normal_force"])
-    assert reaction.force[2] == pytest.approx(-totals["normal_force"], rel=1e-9)
-    assert reaction.force[0] == pytest.approx(0.3 * totals["normal_force"], rel=1e-3)  # nodes slip sideways a little
 
 
 @pytest.mark.parametrize(("cell", "slope"), [("hexahedron", 4e-6), ("hexahedron", 0.0), ("tetrahedron", 0.0)])

@@ -9,7 +9,7 @@ from shared_problems import solve
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Spring, Traction
 from coulomb.io.summary import summary
-from coulomb.solvers import DirectSolver, IterativeSolver
+from coulomb.solvers import IterativeSolver
 
 
 def test_a_bar_on_a_spring_is_exact():
@@ -64,33 +64,6 @@ def test_block_held_by_friction_and_springs_sticks():
     assert contents["certificate"]["passed"] and contents["nodes"]["stick"] > 0
     assert contents["force_on_body"]["vector"][0] == pytest.approx(-1e6, rel=1e-3)
     assert 0.0 < -contents["spring_force_on_body"][0] < 1e3
-
-
-def test_springs_iteratively():
-    direct, iterative = (
-        sliding(4e6, 1e10, linear_solver=kind).solve() for kind in (DirectSolver, coulomb.solvers.IterativeSolver)
-    )
-    assert np.linalg.norm(direct.contact_force - iterative.contact_force) <= 1e-5 * np.linalg.norm(direct.contact_force)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: Spring("left", -1.0), r"spring on 'left': stiffness must be a number or three .* but is -1.0"),
-        (lambda: Spring("left", (1.0, 2.0)), "spring on 'left': stiffness must be a number or three"),
-        (lambda: Spring("left", 0.0), "spring on 'left': stiffness must be a number or three"),
-        (lambda: Spring("left", float("nan")), "spring on 'left': stiffness must be a number or three"),
-        (lambda: sprung(Spring("lfet", 1.0)), r"spring: there is no face 'lfet' on this mesh \(did you mean 'left'"),
-        (lambda: sprung(Spring("left", 1e-6)), "the springs are too soft in comparison with rounding errors"),
-    ],
-)
-def test_wrong_springs(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()
-
-
-def sprung(*springs):
-    return Elasticity(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), STEEL, [], springs=springs)
 
 
 def test_multigrid_knows_rigid_motions_of_a_soft_part_that_is_held(tmp_path):

@@ -153,20 +153,6 @@ def test_an_eighth_of_a_ring_under_pressure(cell):
     assert np.allclose(force[1], hoop * np.array([-1.0, 1.0, 0.0]) / np.sqrt(2.0), atol=1e-9 * hoop)
 
 
-def test_an_eighth_of_a_ring_is_half_of_a_quarter():
-    """Between planes of symmetry at 45 degrees or at 90, with the same cells, and on the body's other side turned."""
-    answers = {}
-    for angle, cells in ((np.pi / 4, (4, 4, 1)), (np.pi / 2, (4, 8, 1))):
-        symmetries = [SymmetryPlane(face) for face in ("front", "back", "bottom", "top")]
-        elasticity = Elasticity(ring(angle, cells), STEEL, symmetries, [Pressure("left", 1e8)])
-        u, _ = solved(elasticity)
-        answers |= {(angle, *np.round(x, 9)): value for x, value in zip(elasticity.x, u, strict=True)}
-    shared = [key for key in answers if key[0] == np.pi / 4]
-    for key in shared:
-        assert np.allclose(answers[key], answers[(np.pi / 2, *key[1:])], rtol=0.0, atol=1e-9 * 1.5e-3)
-    assert len(shared) == 50
-
-
 @pytest.mark.parametrize("cell", CELLS)
 def test_a_rotation_of_all_faces_strains_nothing(cell):
     point, axis, angle = (0.3, -0.1, 2.0), (1.0, 2.0, -2.0), 0.05
@@ -198,8 +184,7 @@ def torque(n, cell, axial):
     return moments[1][2]
 
 
-@pytest.mark.parametrize("cell", CELLS)
-@pytest.mark.parametrize("axial", ["held", "free"])
+@pytest.mark.parametrize(("cell", "axial"), [("hexahedron", "held"), ("tetrahedron", "free")])
 def test_a_twisted_bar_has_the_torque_of_the_formula(cell, axial):
     """T = G J theta / L, J = pi r^4 / 2; the error falls with the square of the size of the cells."""
     exact = STEEL.young / (2.0 * 1.3) * np.pi * 0.5**4 / 2.0 * 0.01 / 2.0

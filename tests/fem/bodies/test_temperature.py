@@ -12,7 +12,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, NodalField, Plane
 from coulomb.case.case import read_case
 from coulomb.fem import compat
-from coulomb.fem.bodies.temperature import ThermalLoad
+from coulomb.fem.bodies.loads import ThermalLoad
 from coulomb.io.case_record import case_record, refuse_another_case
 from coulomb.io.recheck.case_reference import CaseReference
 from coulomb.io.recheck.run import check_run

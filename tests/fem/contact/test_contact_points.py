@@ -128,27 +128,6 @@ def test_work_is_that_of_forces_and_displacements_at_the_points():
         assert energy["dissipated"] > 0.0
 
 
-def test_steady_sliding():
-    path = [(0.0, 0.0, 0.0, 1e-3), (10.0, 0.1, 0.0, 1e-3)]
-    problem = dragged()
-    contact = replace(problem.contacts[0], motion=path)
-    sliding = ContactProblem(problem.mesh, RUBBER, [Clamp("top")], contact)
-    *_, step = LoadHistory([1.0, 4.0, 7.0, 10.0], tolerance=1e-11).steps(sliding)
-    assert step.row["force_x"] == pytest.approx(0.4 * step.row["force_z"], rel=1e-9)
-
-
-def test_a_history_goes_on_from_its_files(tmp_path):
-    times = [1.0, 2.0, 3.0]
-    *_, expected = LoadHistory(times).steps(dragged())
-    history, files = LoadHistory(times), coulomb.HistoryFiles(tmp_path)
-    history.run(dragged(), files, on_step=lambda step: step.state.number == 2)
-    taken = []
-    history.run(dragged(), coulomb.HistoryFiles(tmp_path, resume=True), on_step=taken.append)
-    (step,) = taken
-    assert step.row["force_x"] == pytest.approx(expected.row["force_x"], rel=1e-7)
-    assert step.state.energy.foundation == pytest.approx(expected.state.energy.foundation, rel=1e-7)
-
-
 def test_evidence_is_built_from_the_weights():
     """Points that the solver omits or moves are detected, as with one node per point."""
     problem = dragged().at(1.0)

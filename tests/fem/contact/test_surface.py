@@ -3,7 +3,7 @@ import pytest
 from conftest import STEEL, make_block
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Elasticity, Plane
+from coulomb import Clamp, Contact, Elasticity, Plane
 from coulomb.fem.contact.surface import contact_surface
 from coulomb.fem.geometry.contact_frames import tangent_frames
 
@@ -60,22 +60,6 @@ def test_frames_are_orthonormal_and_keep_axes():
                 assert np.abs(frames[k, 1:, axis]).max() == pytest.approx(1.0, abs=1e-12)
 
 
-def test_nodes_held_along_a_tangent_stay_and_carry_no_friction_there():
-    """Plane strain: u_y = 0 everywhere. No friction along y, the rest as usual."""
-    problem = ContactProblem(
-        coulomb.box((3.0, 0.25, 1.0), (12, 1, 4)),
-        STEEL,
-        [Clamp("left"), Clamp("front", "y"), Clamp("back", "y")],
-        Contact("bottom", friction=0.3),
-        [coulomb.Traction("top", (0.0, 0.0, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
-    )
-    assert len(problem.surface.nodes) == 24
-    solution = problem.solve()
-    force = solution.contact_force.reshape(-1, 3)
-    assert solution.certificate.passed
-    assert np.abs(force[:, 1]).max() > 1e4 and np.abs(force[:, 2]).max() <= 1e-9 * np.abs(force).max()
-
-
 @pytest.mark.parametrize(
     ("clamps", "face", "foundation", "message"),
     [
@@ -102,10 +86,8 @@ def test_bad_input(clamps, face, foundation, message):
         (lambda: Contact("bottom"), "either friction .* or slip_stress"),
         (lambda: Contact("bottom", 0.3, 1e7), "either friction .* or slip_stress"),
         (lambda: Contact("bottom", -0.3), "friction must be a number >= 0"),
-        (lambda: Contact("bottom", "rough"), "friction must be a number >= 0, but is 'rough'"),
         (lambda: Contact("bottom", slip_stress=float("inf")), "slip_stress must be a number >= 0"),
         (lambda: Plane((0, 0, 0), (0, 0, 0)), "normal must not be zero"),
-        (lambda: Plane((0, 0, float("nan")), (0, 0, 1)), "point must be three finite numbers"),
         (
             lambda: make_block(2, explicit=True, linear_solver=coulomb.solvers.IterativeSolver),
             "explicit=True.* only where K is factorised",

@@ -13,11 +13,9 @@ from resumed_rows import rows_of, same_to_the_tolerance
 from shared_problems import jaws
 from two_pairs_runs import LENS, write_lens
 
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, SymmetryPlane, Traction, box, join, moved
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, box, join, moved
 from coulomb.contact_names import side_names
-from coulomb.fem.contact.slave_side import lost_nodes
-from coulomb.fem.meshes.named_mesh import NamedMesh
-from coulomb.io import output
+from coulomb.fem.contact.pair import lost_nodes
 from coulomb.io.field_files import OPPOSITE, read_grids
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
@@ -186,26 +184,6 @@ def test_a_face_is_the_slave_of_one_pair_and_the_master_of_another(tmp_path):
     assert found.passed, str(found)
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_nodes_in_both_pairs_count_at_one(cell, tmp_path):
-    """A pad across the joint of two bases: a uniform pressure stays uniform, and is that of the load on both."""
-    bases = {name: moved(box((1.0, 1.0, 0.5), (2, 2, 1)), (x, 0.0, -0.5)) for name, x in (("one", 0.0), ("two", 1.0))}
-    pad = box((2.0, 1.0, 0.5), (7, 4, 2), cell)
-    pressed = [Traction("pad:top", (0.0, 0.0, -1e7))]
-    planes = [SymmetryPlane(f"{name}:front") for name in ("pad", *bases)]
-    planes += [SymmetryPlane(face) for face in ("pad:left", "one:left", "one:bottom", "two:bottom", "two:right")]
-    contacts = [Contact("pad:bottom", against=f"{name}:top", friction=0.3) for name in bases]
-    problem = ContactProblem(join(pad=pad, **bases), Material(2e11, 0.0), planes, contacts, pressed)
-    solution = problem.solve(1e-11)
-    output.write(solution, tmp_path)
-    assert len(np.unique(problem.surface.nodes)) == len(problem.surface.nodes) == 8 * 5
-    assert np.allclose(solution.at_nodes.fields()["pressure"], 1e7, rtol=1e-8)
-    for face in json.loads((tmp_path / "summary.json").read_text())["faces"]:
-        assert face["force"][2] == pytest.approx(1e7, rel=1e-8)
-    found = check(tmp_path)
-    assert found.passed, str(found)
-
-
 def test_nodes_in_both_pairs_are_remarked():
     """The three nodes in the middle of the pad are opposite to both bases."""
     bases = {name: moved(box((1.0, 1.0, 0.5), (1, 1, 1)), (x, 0.0, -0.5)) for name, x in (("one", 0.0), ("two", 1.0))}
@@ -271,21 +249,3 @@ def test_of_several_foundations_only_the_force_is_a_sum(tmp_path):
     assert summary["force_on_body"].keys() == {"vector"} and "force" in summary["totals"]
     assert row["top_normal_force"] == summary["faces"][1]["normal_force"] > 0.0
     assert check(tmp_path).passed
-
-
-def test_one_face_of_a_body_alone_in_two_pairs(tmp_path):
-    """Components need no case: the face is made here."""
-    mid = moved(box((1.0, 0.6, 0.4), (3, 2, 1)), (0.0, 0.0, 0.0))
-    both = np.unique(np.concatenate([mid.faces["bottom"], mid.faces["top"]]))
-    mid = NamedMesh(mid.domain, {**mid.faces, "both": both})
-    plates = {name: moved(box((1.0, 0.6, 0.2), (2, 1, 1)), (0.0, 0.0, z)) for name, z in (("low", -0.2), ("up", 0.4))}
-    planes = [SymmetryPlane(f"{name}:{face}") for name in ("mid", *plates) for face in ("left", "front")]
-    contacts = [Contact("mid:both", against=face, friction=0.3) for face in ("low:top", "up:bottom")]
-    load = [Traction("up:top", (0.0, 0.0, -1e7))]
-    supports = [SymmetryPlane("low:bottom"), *planes]
-    problem = ContactProblem(join(mid=mid, **plates), Material(2e11, 0.0), supports, contacts, load)
-    solution = problem.solve(1e-11)
-    assert np.allclose(solution.at_nodes.fields()["pressure"], 1e7, rtol=1e-8)
-    output.write(solution, tmp_path)
-    found = check(tmp_path)
-    assert found.passed, str(found)
