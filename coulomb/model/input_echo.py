@@ -14,7 +14,7 @@ import numpy as np
 
 from ..arrays import FloatArray, is_number
 from ..fem.bodies import AppliedLoad, NodalForces, load_title
-from ..fem.geometry import RigidFoundation, evaluate_amplitude, on_all_ranks
+from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere, evaluate_amplitude, on_all_ranks
 from ..linalg.reductions import Reductions
 from .contact import Contact
 from .discrete_problem import DiscreteProblem
@@ -82,6 +82,7 @@ def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
                 "nodes": int(over.sum(here.astype(float))),
                 **law_numbers(problem.law.at(here), surface.area[here], surface.frames[here], over),
                 "foundation": _foundation(contact, foundation),
+                **({} if foundation is not None else {"shape": _shape(contact)}),
                 "gap": {"min": over.min(surface.gap[here]), "max": over.max(surface.gap[here])},
                 "given_gap": {"min": over.min(surface.gap_field[here]), "max": over.max(surface.gap_field[here])},
                 "moves": _moves(contact),
@@ -101,6 +102,23 @@ def _foundation(contact: Contact, foundation: RigidFoundation | None) -> str:
         return kind
     given = {field.name: getattr(foundation, field.name) for field in dataclasses.fields(foundation)}
     return ", ".join([kind, *(f"{name} {_shown(value)}" for name, value in given.items() if not callable(value))])
+
+
+def _shape(contact: Contact) -> dict[str, Any]:
+    """What the facets of a pair stand for, in the words of a case: surfaces that no case can name are "a function"."""
+    tables: list[dict[str, Any] | str | None] = []
+    for surface in (contact.surface, contact.against_surface):
+        if isinstance(surface, Plane | Sphere | Cylinder):
+            given = {field.name: getattr(surface, field.name) for field in dataclasses.fields(surface)}
+            named = {name.removesuffix("_vector"): _plain(value) for name, value in given.items()}
+            tables.append({"shape": type(surface).__name__.lower(), **named})
+        else:
+            tables.append(None if surface is None else "a function")
+    return {"smooth": contact.smooth, "surface": tables[0], "against_surface": tables[1]}
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, bool) else np.asarray(value, dtype=np.float64).tolist()
 
 
 def _moves(contact: Contact) -> str:

@@ -17,6 +17,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
+from ...case.contact import FoundationTable
 from ...fem.contact import (
     NO_SHAPE,
     MortarRows,
@@ -189,6 +190,8 @@ class _Source:
         written, data = (run.touching & said)[index], {name: v[index] for name, v in run.on_face.items()}
         x = rows.x + np.einsum("mij,mj->mi", mirrored, data["x"] - rows.x)
         given, distance = data["given_gap"], rows.gap(n)
+        if case is None and _written_shape(run, number) is None:
+            distance = data["initial_gap"] - given
         if case is None:  # gaps of meshes may have been closed
             floor = 1e-13 * float(np.max(np.abs(run.body.x)))
             closed = np.abs(data["initial_gap"] - given) <= floor + 1e-13 * np.abs(given)
@@ -253,8 +256,8 @@ def _pairs(
     rows, left_out, changed = {}, dict.fromkeys(opposite, taken), list(opposite)
     while changed:
         for number in changed:
-            shape = NO_SHAPE if case is None else case.contacts[number].shape
-            rows[number] = _in_pair(run, *grids[number], opposite[number], left_out[number], shape)
+            shape = _written_shape(run, number) if case is None else case.contacts[number].shape
+            rows[number] = _in_pair(run, *grids[number], opposite[number], left_out[number], shape or NO_SHAPE)
         points = {}
         for number, (found, _, _, n) in rows.items():
             adjust = 0.0 if case is None else case.contacts[number].adjust
@@ -265,6 +268,20 @@ def _pairs(
         changed = [number for number in lost if np.any(lost[number])]
         left_out |= {number: left_out[number] | lost[number] for number in changed}
     return rows
+
+
+def _written_shape(run: WrittenRun, number: int) -> Shape | None:
+    """What the facets of a pair stand for by summary.json; None of surfaces that are known to the run alone.
+
+    Raises:
+        ValueError: If it is no shape.
+    """
+    given = run.summary.get("understood", {}).get("contacts", [{}] * (number + 1))[number].get("shape", {})
+    tables = [given.get(name) for name in ("surface", "against_surface")]
+    if any(isinstance(table, str) for table in tables):
+        return None
+    slave, master = (None if table is None else FoundationTable.model_validate(table).foundation() for table in tables)
+    return Shape(bool(given.get("smooth", False)), slave, master)
 
 
 def _in_pair(

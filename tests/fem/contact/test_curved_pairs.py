@@ -1,5 +1,6 @@
 """Pairs of curved faces: nothing moves against the load, nothing presses without one, and named surfaces count."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,14 @@ from coulomb import (
     Material,
     Plane,
     PrescribedDisplacement,
+    SignedDistance,
     Sphere,
     Traction,
     box,
     join,
     moved,
 )
+from coulomb.io import output
 from coulomb.io.recheck import check
 from coulomb.verification.ring_pair import FIT, INTERFERENCE, rings
 
@@ -183,3 +186,21 @@ def test_ranks_find_the_same_gaps():
     assert one.returncode == 0 and several.returncode == 0, several.stderr
     found = [np.array([[float(n) for n in line.split()] for line in run.stdout.splitlines()]) for run in (one, several)]
     assert found[0].shape == (3, 4) and np.allclose(found[0], found[1], rtol=1e-6, atol=1e-15)
+
+
+SURFACES = {
+    "smooth": {"smooth": True},
+    "cylinder": {"surface": Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), RADIUS)},
+    "function": {"surface": SignedDistance(lambda x: np.hypot(x[0], x[2]) - RADIUS)},
+}
+
+
+@pytest.mark.parametrize("given", SURFACES.values(), ids=SURFACES)
+def test_check_knows_the_surfaces_of_a_run_from_python(given, tmp_path):
+    """Without a case it takes them from summary.json; those that are functions it cannot know, nor gaps that follow."""
+    output.write(rolled(9, "hexahedron", 1, 3e5, 0.3, **given).solve(), tmp_path / "run")
+    assert check(tmp_path / "run").faults == ()
+    summary = json.loads((tmp_path / "run/summary.json").read_text())
+    summary["understood"]["contacts"][0]["shape"] = {"smooth": False, "surface": None, "against_surface": None}
+    (tmp_path / "run/summary.json").write_text(json.dumps(summary))
+    assert any(fault.startswith("contact.xdmf: initial_gap") for fault in check(tmp_path / "run").faults)
