@@ -94,7 +94,7 @@ amplitude = [[0, 1], [3, 2]]
 [contact]
 face = "bottom"
 friction = 0.4
-foundation = {shape = "sphere", centre = [0.5, 0.3, -4.0], radius = 4.0}
+foundation = {shape = "sphere", centre = [0.5, 0.3, -8.0], radius = 8.0}
 motion = [[0, 0, 0, 0], [1, 0, 0, 5e-3], [2, 2e-3, 0, 5e-3], [3, -1e-3, 1e-3, 6e-3]]
 [[probe]]
 name = "heel"

@@ -266,7 +266,9 @@ def lost_nodes(monkeypatch):
     def without_the_middle(elasticity, face, *arguments):
         surface = real_surface(elasticity, face, *arguments)
         keep = ~((surface.x[:, 0] > 0.39) & (surface.x[:, 0] < 0.81))
-        of_points = {name: getattr(surface, name)[keep] for name in ("part", "x", "frames", "gap", "gap_field")}
+        of_points = {
+            name: getattr(surface, name)[keep] for name in ("part", "x", "frames", "gap", "gap_field", "chord")
+        }
         points = surface.points.only(keep)
         B = contact_matrix(points, of_points["frames"])
         return replace(surface, **of_points, points=points, B=B, free_B=B)

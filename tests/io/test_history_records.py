@@ -92,7 +92,7 @@ def test_the_largest_slip_is_that_of_a_closed_node():
 
 def test_small_strain_measures_of_a_foundation_that_moves_past():
     """A ball of 1 m moved away under a body by 30 mm: normals are those at its present position."""
-    ball, mesh = Sphere((0.05, 0.05, -1.0), 1.0), coulomb.box((0.1, 0.1, 0.05), (4, 4, 3))
+    ball, mesh = Sphere((0.05, 0.05, -1.0), 1.0), coulomb.box((0.1, 0.1, 0.05), (5, 5, 3))
     drawn = Contact("bottom", 0.0, foundation=ball, motion=[(0, 0, 0, 0), (1, 0.03, 0, 2e-3)])
     measured = ContactProblem(mesh, RUBBER, [Clamp("top")], drawn, time=1.0).solve()
     surface, x = measured.problem.surface, measured.contact_force.reshape(-1, 3)
