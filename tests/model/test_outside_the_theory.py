@@ -21,7 +21,7 @@ from coulomb import Clamp, Contact, ContactProblem, LoadHistory, PrescribedDispl
 from coulomb.cli import app as cli
 from coulomb.model import load_history, stopping_criterion
 from coulomb.model.load_step import Energy
-from coulomb.model.small_strain import GAP_ERROR, GRADIENT, TURN, SmallStrain, known_mode
+from coulomb.model.small_strain import CHORD, GAP_ERROR, GRADIENT, TURN, SmallStrain, known_mode
 from coulomb.pictures.report import page
 
 BLOCK, HISTORY, HERTZ = (
@@ -193,10 +193,12 @@ def test_python_returns_the_answer_and_logs_the_warning(caplog):
 
 
 @pytest.mark.parametrize(
-    ("name", "bound"), [("gap_error", GAP_ERROR), ("turn", TURN), ("gradient", GRADIENT)], ids=lambda v: str(v)[:9]
+    ("name", "bound"),
+    [("gap_error", GAP_ERROR), ("turn", TURN), ("gradient", GRADIENT), ("chord", CHORD)],
+    ids=lambda v: str(v)[:9],
 )
 def test_a_measure_just_inside_and_just_outside(name, bound):
-    quiet = SmallStrain(0.0, 0.0, 0.0, 0.0, 0.0)
+    quiet = SmallStrain(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     assert not quiet.warnings and not quiet.violations
     for value, warnings, violations in (
         (0.999 * bound.warn, 0, 0),
@@ -233,7 +235,7 @@ def test_a_foundation_that_ends_where_the_body_goes_is_outside():
 
 def test_a_foundation_that_moves_past_takes_its_normals_along():
     """A ball rolls along the body by many cells: normals are those at its present position, and the answer is valid."""
-    ball = Sphere((0.2, 0.1, -1.0), 1.0)
+    ball = Sphere((0.2, 0.1, -15.0), 15.0)
     mesh = coulomb.box((0.4, 0.2, 0.1), (16, 8, 4))
     contact = Contact("bottom", 0.1, foundation=ball, motion=[(0, 0, 0, 0), (1, 0, 0, 2e-4), (3, 0.1, 0, 2e-4)])
     problem = ContactProblem(mesh, STEEL, [Clamp("top")], contact)

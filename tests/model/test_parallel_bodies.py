@@ -143,7 +143,7 @@ def nodes_of(patch):
 
 
 def test_what_a_rank_needs_of_a_pair():
-    """On curved faces, of which one rank has the largest sagitta and another the least distance: as one rank has it."""
+    """On curved faces, of which one rank has the largest bulge and another the least distance: as one rank has it."""
 
     def found(comm):
         def place(x):
@@ -159,7 +159,7 @@ def test_what_a_rank_needs_of_a_pair():
 
     one, mine = found(MPI.COMM_SELF), found(MPI.COMM_WORLD)
     for whole, near in ((one.slave, mine.slave), (one.master, mine.master)):
-        assert near.largest_sagitta == pytest.approx(whole.largest_sagitta, rel=1e-9) and whole.largest_sagitta > 1e-4
+        assert near.largest_bulge == pytest.approx(whole.largest_bulge, rel=1e-9) and whole.largest_bulge > 1e-4
         bulges = dict(zip(nodes_of(whole.patch), whole.bulges, strict=True))
         for facet, bulge in zip(nodes_of(near.patch), near.bulges, strict=True):
             assert bulge == pytest.approx(bulges[facet], abs=1e-12)
