@@ -92,6 +92,20 @@ def test_a_roller_moves_down_under_a_load_and_not_without(cell, degree, cells, s
     assert not np.any(still.contact_force)
 
 
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_contact_smaller_than_a_facet_does_not_count(cell, degree):
+    """The approach is the work of the line load over it; the chord is that of the distance of contact points."""
+    for load, valid in ((3e5, False), (3e7, True)):
+        solution = rolled(18, cell, degree, load).solve()
+        forces = solution.problem.elasticity.internal_force(solution.displacement)
+        approach = np.vdot(forces, solution.displacement) / (2e-3 * load)
+        sagitta = RADIUS * (1.0 - np.cos(np.pi / 54))
+        if degree == 1:
+            assert 0.7 < solution.small_strain.chord * approach / sagitta < 1.02  # in the middles of triangles less
+        assert any("coarse" in text for text in solution.small_strain.violations) is not valid
+
+
 def test_named_surfaces_of_first_order_facets_count():
     """A plate pressed on a roller that is the master: between its vertices the polygon is lower than the circle."""
     cylinder = Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), RADIUS)
