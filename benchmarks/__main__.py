@@ -176,7 +176,7 @@ def elements(
     directory: Output = None,
 ) -> None:
     """Linear and quadratic tetrahedra (P1, P2) and hexahedra (Q1, Q2) on Hertz's problem; also draws elements.png."""
-    from coulomb.verification.hertz_elements import ELEMENTS
+    from verification.hertz_elements import ELEMENTS
 
     from .elements import SIZES, draw, measure
 

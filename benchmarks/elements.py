@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from matplotlib.figure import Figure
 
-from coulomb.verification.hertz_elements import ELEMENTS, errors, problem
+from verification.hertz_elements import ELEMENTS, errors, problem
 
 SIZES = (2, 3, 4, 6, 8)
 """Second-order cells on 1.2 a; first order has twice as many, and the same unknowns."""

@@ -20,7 +20,7 @@ from coulomb.arrays import FloatArray, IntArray
 from coulomb.fem.bodies import Clamp, Material, Spring, Traction, join
 from coulomb.model.contact import Contact
 from coulomb.model.problem import ContactProblem
-from coulomb.verification.array_mesh import SIDES, mesh_of_arrays
+from verification.array_mesh import SIDES, mesh_of_arrays
 
 HEIGHT = 0.5
 """z of the contact plane, in metres."""

@@ -2,7 +2,7 @@
 
     python demos/cattaneo_mindlin.py
 
-The formulas and their assumptions are in coulomb/verification/cattaneo_mindlin.py; this script computes the
+The formulas and their assumptions are in verification/cattaneo_mindlin.py; this script computes the
 load history of the hysteresis loop.
 """
 

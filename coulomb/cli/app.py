@@ -1,4 +1,4 @@
-"""The commands of `coulomb`, except those of verification, cases and pictures.  Output is on rank 0; exit codes:
+"""The commands of `coulomb`, except those of cases and pictures.  Output is on rank 0; exit codes:
 console.py.
 
 Modules that take time to load are imported by the command that needs them: numpy and the case files', so that help is
@@ -23,7 +23,6 @@ from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_r
 from .console import console as _console
 from .console import errors as _errors
 from .picture_commands import drawing_soon, plot, report
-from .verification import verification
 
 if TYPE_CHECKING:
     from ..case.case import Case
@@ -120,15 +119,15 @@ def resume(
 app.command("new")(new)
 app.command("check-case")(check_case)
 app.command("convert")(convert)
-app.command("verification")(verification)
 
 
-@app.command(hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
-def benchmark() -> None:
-    """Says where the benchmarks are; to be removed in the next version."""
+@app.command("benchmark", hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+@app.command("verification", hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
+def elsewhere() -> None:
+    """Says where benchmarks and verification are; to be removed in the next version."""
     _errors.print(
-        "error: the benchmarks have left the package: run `python -m benchmarks NAME` from a checkout of the "
-        "repository; the verification is `coulomb verification`",
+        "error: benchmarks and verification are not in the package: from a checkout of the repository run "
+        "`python -m benchmarks NAME` or `python -m verification`",
         markup=False,
     )
     raise typer.Exit(BAD_INPUT)

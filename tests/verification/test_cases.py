@@ -1,8 +1,8 @@
-"""Known answers: every row of the table of `coulomb verification` within its tolerance."""
+"""Known answers: every row of the table of `python -m verification` within its tolerance."""
 
 import pytest
 
-from coulomb.verification import CASES, COARSE
+from verification import CASES, COARSE
 
 
 @pytest.mark.parametrize("name", CASES)

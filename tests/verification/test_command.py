@@ -1,4 +1,4 @@
-"""`coulomb verification`: table, files, exit codes; and the formulas themselves."""
+"""`python -m verification`: table, files, exit codes; and the formulas themselves."""
 
 import csv
 import math
@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from coulomb import verification
-from coulomb.cli.app import app
-from coulomb.verification.cattaneo_mindlin import FRICTION, LOADED, Moment, PartialSlip, known
-from coulomb.verification.hertz import RADIUS, STEEL, Hertz, grading
-from coulomb.verification.table import order
+import verification
+from verification.__main__ import app
+from verification.cattaneo_mindlin import FRICTION, LOADED, Moment, PartialSlip, known
+from verification.hertz import RADIUS, STEEL, Hertz, grading
+from verification.table import order
 
 
 def run(*arguments):
-    return CliRunner().invoke(app, ["verification", *map(str, arguments)])
+    return CliRunner().invoke(app, [*map(str, arguments)])
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_wrong_input_is_refused_before_anything_is_computed(tmp_path):
 def test_a_table_without_pictures(ssnv128, monkeypatch, tmp_path):
     """Where matplotlib is not installed."""
     monkeypatch.setitem(verification.CASES, "ssnv128", lambda: ssnv128)
-    monkeypatch.delitem(sys.modules, "coulomb.verification.figures", raising=False)
+    monkeypatch.delitem(sys.modules, "verification.figures", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     done = run("--case", "ssnv128", "--output", tmp_path)
     assert done.exit_code == 0 and "warning: no figure: matplotlib is not installed" in done.output

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from coulomb.verification.hertz import Hertz
-from coulomb.verification.hertz_pairs import CYLINDERS, SPHERES, A, Ellipse
+from verification.hertz import Hertz
+from verification.hertz_pairs import CYLINDERS, SPHERES, A, Ellipse
 
 
 def sunk(ellipse, x, y):

@@ -96,7 +96,7 @@ class DirectSolver:
 
     A contact problem that is to be solved with this class takes that by nested dissection instead
     (`MultifrontalSolver`, `DistributedMultifrontalSolver`); this one is an independent factorisation for K u = f
-    without contact: for the verification, the matrices that other programs get, and tests.
+    without contact: for verification, the matrices that other programs get, and tests.
     """
 
     name = "direct (MUMPS Cholesky)"

@@ -24,7 +24,7 @@ from coulomb import (
 )
 from coulomb.io import output
 from coulomb.io.recheck import check
-from coulomb.verification.ring_pair import FIT, INTERFERENCE, rings
+from verification.ring_pair import FIT, INTERFERENCE, rings
 
 STEEL = Material(2.1e11, 0.3)
 RADIUS = 0.01

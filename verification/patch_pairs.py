@@ -24,13 +24,14 @@ from functools import partial
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement, Traction, join
-from ..fem.meshes import box, moved
-from ..linalg.compliance import DirectSolver
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement, Traction, join
+from coulomb.fem.meshes import box, moved
+from coulomb.linalg.compliance import DirectSolver
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+from coulomb.model.solution import Solution
+
 from .patch import FRICTION, PRESSURE, RESIDUAL, SLIP, TURN, amplification, shear_of, state_rows, uniform_state
 from .table import Row, Verified, absolute
 

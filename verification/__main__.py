@@ -1,22 +1,24 @@
-"""`coulomb verification`: the table of the cases with known answers, and their pictures."""
+"""`python -m verification`: the table of the cases with known answers, and their pictures."""
 
 from __future__ import annotations
 
 import csv
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from ..pictures.drawing_process import missing
-from ..regular_file import unwritable
-from .console import FAILED, bad_input, console, errors, refuse_ranks
+from coulomb.cli.console import FAILED, bad_input, console, errors, refuse_ranks
+from coulomb.pictures.drawing_process import missing
+from coulomb.regular_file import unwritable
 
-if TYPE_CHECKING:
-    from ..verification import Verified
+from . import CASES, Verified
+
+app = typer.Typer(pretty_exceptions_enable=False)
 
 
+@app.command()
 def verification(
     names: Annotated[list[str] | None, typer.Option("--case", help="A case, as hertz; repeat.")] = None,
     directory: Annotated[Path | None, typer.Option("--output", help="For verification.csv and the pictures.")] = None,
@@ -25,9 +27,7 @@ def verification(
 
     Exit code 1 if a tolerance is exceeded.
     """
-    from ..verification import CASES
-
-    refuse_ranks("coulomb verification")
+    refuse_ranks("python -m verification")
     with bad_input():
         for name in names or ():
             if name not in CASES:
@@ -82,7 +82,7 @@ def _write(directory: Path, found: dict[str, Verified]) -> None:
                 writer.writerow((name, row.quantity, *numbers, row.passed, row.why))
     drawn = ""
     try:
-        from ..verification.figures import draw
+        from .figures import draw
 
         pictures = {name: verified.panels for name, verified in found.items() if verified.panels}
         for name, panels in pictures.items():
@@ -93,3 +93,7 @@ def _write(directory: Path, found: dict[str, Verified]) -> None:
             raise
         errors.print(f"warning: no figure: {missing(error)}", markup=False)
     console.print(f"verification.csv{drawn} in {directory}{os.sep}", markup=False, soft_wrap=True)
+
+
+if __name__ == "__main__":
+    app(prog_name="python -m verification")

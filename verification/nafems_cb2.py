@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Material, SymmetryPlane, TotalForce, join
-from ..fem.meshes import NamedMesh
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, Material, SymmetryPlane, TotalForce, join
+from coulomb.fem.meshes import NamedMesh
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+from coulomb.model.solution import Solution
+
 from .array_mesh import growing, quarter_cylinder, quarter_disc
 from .table import Curve, Panel, Row, Verified, relative
 

@@ -31,12 +31,13 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Material, PrescribedDisplacement, Support, join
-from ..fem.geometry import Sphere
-from ..fem.meshes import NamedMesh, box
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, Material, PrescribedDisplacement, Support, join
+from coulomb.fem.geometry import Sphere
+from coulomb.fem.meshes import NamedMesh, box
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+
 from .array_mesh import between, graded, growing
 from .hertz import half_space
 from .table import Curve, Panel, Row, Verified, absolute

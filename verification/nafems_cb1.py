@@ -22,11 +22,12 @@ import math
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Material, Support, SymmetryPlane, TotalForce, join
-from ..fem.meshes import NamedMesh, box
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, Material, Support, SymmetryPlane, TotalForce, join
+from coulomb.fem.meshes import NamedMesh, box
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+
 from .array_mesh import between, graded
 from .press_fit import along_x
 from .table import Curve, Panel, Verified, relative

@@ -29,13 +29,14 @@ from functools import partial
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Material, Pressure, Traction, join
-from ..fem.geometry import Cylinder, Sphere
-from ..fem.meshes import NamedMesh, box
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, Material, Pressure, Traction, join
+from coulomb.fem.geometry import Cylinder, Sphere
+from coulomb.fem.meshes import NamedMesh, box
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+from coulomb.model.solution import Solution
+
 from .array_mesh import between
 from .hertz_pairs import SPHERES, UNIFORM, A, Ellipse, Pair
 from .hertz_pairs import problem as pressed_quarters

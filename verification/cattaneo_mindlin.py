@@ -40,15 +40,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, PrescribedDisplacement, join
-from ..fem.geometry import Sphere
-from ..fem.meshes import NamedMesh, box
-from ..model.contact import Contact
-from ..model.load_history import LoadHistory
-from ..model.nodal_answer import STICK
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, PrescribedDisplacement, join
+from coulomb.fem.geometry import Sphere
+from coulomb.fem.meshes import NamedMesh, box
+from coulomb.model.contact import Contact
+from coulomb.model.load_history import LoadHistory
+from coulomb.model.nodal_answer import STICK
+from coulomb.model.problem import ContactProblem
+from coulomb.model.solution import Solution
+
 from .hertz import RADIUS, STEEL, UNIFORM, WIDTH, A, Hertz, grading
 from .table import Curve, Panel, Verified, absolute, relative
 

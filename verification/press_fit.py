@@ -32,14 +32,15 @@ import math
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Material, PrescribedDisplacement, SymmetryPlane, Traction
-from ..fem.geometry import Cylinder, Plane
-from ..fem.meshes import box
-from ..model.contact import Contact
-from ..model.load_history import LoadHistory
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, Material, PrescribedDisplacement, SymmetryPlane, Traction
+from coulomb.fem.geometry import Cylinder, Plane
+from coulomb.fem.meshes import box
+from coulomb.model.contact import Contact
+from coulomb.model.load_history import LoadHistory
+from coulomb.model.problem import ContactProblem
+from coulomb.model.solution import Solution
+
 from .array_mesh import quarter_ring
 from .table import Curve, Panel, Row, Verified, absolute, at_least, order, relative, worst
 

@@ -16,13 +16,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem import compat
-from ..fem.bodies import Clamp, Material, Traction
-from ..fem.meshes import NamedMesh, box
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
+from coulomb.arrays import FloatArray
+from coulomb.fem import compat
+from coulomb.fem.bodies import Clamp, Material, Traction
+from coulomb.fem.meshes import NamedMesh, box
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+from coulomb.model.solution import Solution
+
 from .array_mesh import between
 from .table import Curve, Panel, Row, Verified, relative
 

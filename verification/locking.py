@@ -24,12 +24,13 @@ import math
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Material, PrescribedDisplacement, Pressure, Support, SymmetryPlane
-from ..fem.geometry import Plane
-from ..fem.meshes import box
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, Material, PrescribedDisplacement, Pressure, Support, SymmetryPlane
+from coulomb.fem.geometry import Plane
+from coulomb.fem.meshes import box
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+
 from .array_mesh import between
 from .table import Curve, Panel, Row, Verified, absolute, relative
 

@@ -1,6 +1,6 @@
 """Problems with known answers, one per module: physics, formula, computed values, and tolerances with their reasons.
 
-`coulomb verification` prints the table; tests/verification asserts its rows.
+`python -m verification` prints the table; tests/verification asserts its rows.
 """
 
 from __future__ import annotations

@@ -17,12 +17,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Material, TotalForce, join
-from ..fem.meshes import box, moved
-from ..model.contact import Contact
-from ..model.equilibrium import NoEquilibrium, sliding_limit
-from ..model.problem import ContactProblem
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Material, TotalForce, join
+from coulomb.fem.meshes import box, moved
+from coulomb.model.contact import Contact
+from coulomb.model.equilibrium import NoEquilibrium, sliding_limit
+from coulomb.model.problem import ContactProblem
+
 from .table import Curve, Panel, Row, Verified, absolute, relative
 
 STEEL = Material(young=2.1e11, poisson=0.3, density=7850.0)

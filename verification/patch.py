@@ -19,16 +19,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Material, PrescribedDisplacement, Traction
-from ..fem.geometry import Plane
-from ..fem.meshes import box
-from ..io import summary
-from ..linalg.compliance import SchurCompliance
-from ..model.contact import Contact
-from ..model.discrete_problem import DiscreteProblem
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Material, PrescribedDisplacement, Traction
+from coulomb.fem.geometry import Plane
+from coulomb.fem.meshes import box
+from coulomb.io import summary
+from coulomb.linalg.compliance import SchurCompliance
+from coulomb.model.contact import Contact
+from coulomb.model.discrete_problem import DiscreteProblem
+from coulomb.model.problem import ContactProblem
+from coulomb.model.solution import Solution
+
 from .table import Curve, Panel, Row, Verified, absolute, relative
 
 STEEL = Material(young=2.119e11, poisson=0.277)

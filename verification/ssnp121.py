@@ -15,10 +15,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..fem.bodies import Clamp, Load, Material, PrescribedDisplacement, Support, Traction, join
-from ..fem.meshes import box, moved
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
+from coulomb.fem.bodies import Clamp, Load, Material, PrescribedDisplacement, Support, Traction, join
+from coulomb.fem.meshes import box, moved
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+
 from .table import Curve, Panel, Row, Verified, worst
 
 MATERIAL = Material(young=2e6, poisson=0.0)

@@ -24,13 +24,14 @@ from typing import Literal
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Load, Material, SymmetryPlane, join
-from ..fem.geometry import Cylinder
-from ..fem.meshes import NamedMesh
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Load, Material, SymmetryPlane, join
+from coulomb.fem.geometry import Cylinder
+from coulomb.fem.meshes import NamedMesh
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+from coulomb.model.solution import Solution
+
 from .array_mesh import quarter_ring
 from .table import Curve, Panel, Row, Verified, absolute, order, relative
 

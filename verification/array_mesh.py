@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray, IntArray
-from ..fem.bodies import midpoints
-from ..fem.meshes import NamedMesh, box, distributed, local_facets
+from coulomb.arrays import FloatArray, IntArray
+from coulomb.fem.bodies import midpoints
+from coulomb.fem.meshes import NamedMesh, box, distributed, local_facets
 
 SIDES = ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7))
 """Nodes of a cell on its faces, in cyclic order; faces 1 to 6 of Abaqus and CalculiX."""

@@ -22,14 +22,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement
-from ..fem.meshes import box
-from ..linalg.compliance import DirectSolver
-from ..model.contact import Contact
-from ..model.load_history import LoadHistory
-from ..model.load_step import LoadStep
-from ..model.problem import ContactProblem
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, Elasticity, Material, PrescribedDisplacement
+from coulomb.fem.meshes import box
+from coulomb.linalg.compliance import DirectSolver
+from coulomb.model.contact import Contact
+from coulomb.model.load_history import LoadHistory
+from coulomb.model.load_step import LoadStep
+from coulomb.model.problem import ContactProblem
+
 from .table import Curve, Panel, Row, Verified, at_least, order, relative
 
 STEEL = Material(young=2.1e11, poisson=0.3)

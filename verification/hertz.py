@@ -30,13 +30,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Material
-from ..fem.geometry import Sphere
-from ..fem.meshes import box
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, Material
+from coulomb.fem.geometry import Sphere
+from coulomb.fem.meshes import box
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+from coulomb.model.solution import Solution
+
 from .table import Curve, Panel, Verified, absolute, at_least, order
 
 STEEL = Material(young=2.1e11, poisson=0.3)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import FloatArray
+from coulomb.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, PrescribedDisplacement, Support
-from ..fem.geometry import Sphere
-from ..fem.meshes import box
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, PrescribedDisplacement, Support
+from coulomb.fem.geometry import Sphere
+from coulomb.fem.meshes import box
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+
 from .array_mesh import between, graded, growing
 from .hertz import RADIUS, STEEL, A, Hertz, half_space
 from .table import Curve, Panel, Row, Verified, absolute

@@ -16,13 +16,14 @@ from functools import partial
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Clamp, Material
-from ..fem.geometry import Plane
-from ..fem.meshes import box
-from ..model.contact import Contact
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
+from coulomb.arrays import FloatArray
+from coulomb.fem.bodies import Clamp, Material
+from coulomb.fem.geometry import Plane
+from coulomb.fem.meshes import box
+from coulomb.model.contact import Contact
+from coulomb.model.problem import ContactProblem
+from coulomb.model.solution import Solution
+
 from .array_mesh import in_layers
 from .table import Curve, Panel, Row, Verified, absolute, relative, worst
 
