@@ -9,7 +9,7 @@ from importlib import import_module
 
 from . import fem, model, solvers
 from .lazy_names import stubbed
-from .model import solution_writer
+from .model.supplied import supplied
 
 # Read when the library of OpenMP is loaded.  Threads that wait in busy loops, its default, make products of multigrid
 # ten times as slow where other programs need the processors too.  With GNU's library they look a thousand times, for
@@ -28,12 +28,18 @@ _MOVED = {
 __all__, __getattr__ = stubbed(__name__, __file__, _MOVED)
 
 
-def _write(solution, directory, fields):
-    """The writer of `Solution.write`, loaded when it is first needed."""
-    import_module(".pictures.picture_of_run", __name__).write_with_picture(solution, directory, fields)
+def _later(module, name):
+    """A function of a module that is loaded when it is first called."""
+    return lambda *arguments: getattr(import_module(module, __name__), name)(*arguments)
 
 
-solution_writer.supply(_write)
+supplied.update(
+    write=_later(".pictures.picture_of_run", "write_with_picture"),
+    faces=_later(".io.body_grids", "face_answers"),
+    plot=_later(".pictures.of_solution", "plot"),
+    picture=_later(".pictures.of_solution", "picture"),
+    plot_history=_later(".pictures.of_solution", "plot_history"),
+)
 
 
 def __dir__():

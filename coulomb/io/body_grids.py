@@ -18,6 +18,7 @@ from ..fem.compat import fem
 from ..fem.geometry import on_all_ranks
 from ..model.discrete_problem import DiscreteProblem
 from ..model.evidence import rounding_forces
+from ..model.face_answer import FaceAnswer
 from ..model.master_fields import carried, carrying, spreading
 from ..model.nodal_answer import HELD
 from ..model.solution import Solution
@@ -190,6 +191,20 @@ def contact_grids(solution: Solution) -> list[GridFields]:
         if contact.against is not None and names[1] is not None:
             others.append(_opposite_grid(solution, number, contact.against, names[1], fields))
     return [*grids, *others]
+
+
+def face_answers(solution: Solution) -> dict[str, FaceAnswer]:
+    """The faces of all contacts by name, those opposite included; of a face in several pairs that of the first;
+    collective."""
+    problem, fields, found = solution.problem, solution.at_nodes.fields(), dict[str, FaceAnswer]()
+    for number, contact in enumerate(problem.contacts):
+        member, facets = problem.elasticity.face(contact.face, "contact")
+        grids = {contact.face: _face_grid("", member, facets, problem, fields, number)}
+        if contact.against is not None:
+            grids[contact.against] = _opposite_grid(solution, number, contact.against, "", fields)
+        for name, of in grids.items():
+            found.setdefault(name, FaceAnswer(name, of.grid.points, of.grid.cells, dict(of.on_points)))
+    return found
 
 
 def names_of_sides(problem: DiscreteProblem) -> list[tuple[str, str | None]]:

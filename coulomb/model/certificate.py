@@ -26,6 +26,7 @@ from ..arrays import FloatArray
 from ..fem.bodies import null_space, of_part, rigid_modes
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
+from . import html
 from .evidence import Evidence
 
 EPSILON = 2.0**-52
@@ -203,6 +204,14 @@ class Certificate:
 
     def __getitem__(self, name: str) -> Check:
         return next(check for check in self.checks if check.name == name)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (c.name, f"{c.value:.2e} {c.unit}", f"{c.limit:.0e}", "ok" if c.passed else "FAILED", c.meaning)
+            for c in self.checks
+        ]
+        words = f"certificate {'passed' if self.passed else 'FAILED'}"
+        return html.verdict(self.passed, words) + html.table(("condition", "value", "limit", "", "meaning"), rows)
 
     def __str__(self) -> str:
         lines = [

@@ -27,10 +27,12 @@ from ..solvers.automatic import Automatic
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from ..solvers.semismooth_newton import SemismoothNewton
+from . import html
 from .accumulated import Accumulated
 from .certificate import judge
 from .equilibrium import NoEquilibrium
 from .load_step import Energy, LoadStep, State
+from .notebook_bar import NotebookBar, in_notebook
 from .problem import ContactProblem, LinearSolveFailed
 from .solution import Solution
 from .times import HALVINGS, refuse_times
@@ -89,9 +91,14 @@ class LoadHistory:
         if state.pending:
             problem.body.refuse_undefined(state.pending[0])
         problem.body.stiffness.expect_load_steps(len(state.pending))
-        halved = 0
+        halved, bar = 0, NotebookBar() if progress is None and in_notebook() and problem.comm.rank == 0 else None
+        if in_notebook():  # one bar for all steps
+            progress = progress or (lambda _: None)
         while state.pending:
             time = state.pending[-1]
+            if bar is not None:
+                share = (state.time - self.start) / (self.times[-1] - self.start)
+                bar.show(share, f"load step {state.number + 1} to {time:g} s")
             try:
                 solution = self._attempt(problem, state, time, progress)
             except NotConverged as failure:
@@ -120,8 +127,14 @@ class LoadHistory:
             if problem.comm.rank == 0:
                 passed = "passed" if solution.certificate.passed else "FAILED"
                 _log.info("load step %d to %g s: certificate %s", state.number, state.time, passed)
+            if bar is not None and not state.pending:
+                bar.show(1.0, f"{state.number} load steps")
             yield LoadStep(solution, state, halved)
             halved = 0
+
+    def _repr_html_(self) -> str:
+        rows = [(len(self.times), self.start, self.times[-1], self.tolerance, self.halvings)]
+        return html.table(("load steps", "from (s)", "to (s)", "tolerance", "halvings at most"), rows, "load history")
 
     def _posed(self, problem: ContactProblem, state: State, time: float) -> ContactProblem:
         """The step from a state to a time, as a problem."""

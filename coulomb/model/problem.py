@@ -37,10 +37,13 @@ from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
+from . import html
 from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState
 from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
+from .input_echo import contacts_of, loads_of, supports_of
+from .notebook_bar import residuals_shown
 from .probes import Probe
 from .provenance import now, timed
 from .small_strain import known_mode
@@ -249,7 +252,7 @@ class ContactProblem(DiscreteProblem):
             solver: Replaces the default (and its tolerance): Automatic (the default), InteriorPoint or
                 SuccessiveTresca; where no friction grows with pressure, also KPRGP.  Condensed Newton systems need
                 explicit=False.
-            progress: Called after every step.
+            progress: Called after every step; in a notebook a bar by default.
             start: Forces in newtons to start from, shape (3 m,), as those of a load step before, or of a coarser mesh
                 (`interpolated_forces`).
 
@@ -266,16 +269,35 @@ class ContactProblem(DiscreteProblem):
         if self.elasticity.outdated(self.loading):
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         refuse_without_equilibrium(self)
-        while True:
-            try:
-                return self._solved(tolerance, solver, progress, start)
-            except TooSlow as slow:
-                self.body.stiffness.change_method(str(slow), condense=solver is None)
-            except NotConverged as failure:
-                ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
-                condense = solver is None and not self.body.stiffness.explicit
-                if ended or not self.body.stiffness.change_method(failure.result.message, condense):
-                    raise
+        with residuals_shown(progress, tolerance, self.comm.rank) as shown:
+            while True:
+                try:
+                    return self._solved(tolerance, solver, shown, start)
+                except TooSlow as slow:
+                    self.body.stiffness.change_method(str(slow), condense=solver is None)
+                except NotConverged as failure:
+                    ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
+                    condense = solver is None and not self.body.stiffness.explicit
+                    if ended or not self.body.stiffness.change_method(failure.result.message, condense):
+                        raise
+
+    def _repr_html_(self) -> str:
+        """Bodies, loads, supports and contacts as they were understood."""
+        bodies, sizes = self.elasticity.members, self.body.unknowns
+        unknowns = ", ".join(f"{count} {what}" for what, count in sizes.items())
+        rows = [(one.name or "the body", one.body.numbering.total, one.body.degree) for one in bodies]
+        loads = [(one.what, _vector(one.force), _vector(one.moment)) for one in loads_of(self, [self.time])]
+        supports = [(one["kind"], one["face"], one["holds"]) for one in supports_of(self)]
+        contacts = [(one["face"], one["foundation"], one["nodes"], one["law"]) for one in contacts_of(self)]
+        return "".join(
+            [
+                html.verdict(True, f"contact problem: {unknowns} unknowns"),
+                html.table(("body", "nodes", "order"), rows),
+                html.table(("load", "force (N)", "moment about the origin (N m)"), loads),
+                html.table(("support", "face", "holds"), supports),
+                html.table(("contact face", "against", "contact points", "law"), contacts),
+            ]
+        )
 
     def _solved(
         self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None, start: FloatArray | None
@@ -319,6 +341,10 @@ class ContactProblem(DiscreteProblem):
         """One thread of BLAS where multigrid's kernels have several: OpenBLAS waits for its next call in busy loops."""
         threaded = self.body.stiffness.linear_solver is IterativeSolver and threads() > 1
         return threadpool_limits(limits=1, user_api="blas") if threaded else nullcontext()
+
+
+def _vector(values: FloatArray) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in values)})"
 
 
 def _linear_solver(given: object) -> LinearSolver | None:

@@ -16,13 +16,15 @@ from ..arrays import FloatArray
 from ..fem.contact import face_samples
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
+from . import html
 from .certificate import Certificate
 from .discrete_problem import DiscreteProblem
+from .face_answer import FaceAnswer
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import Acting, Resultant, acting, resultant_of_ground
 from .small_strain import SmallStrain, small_strain
-from .solution_writer import supplied
+from .supplied import supplied
 
 _log = logging.getLogger(__name__)
 
@@ -182,7 +184,77 @@ class Solution:
             OSError: On every rank, if the directory cannot be written to.
             ValueError: On every rank, if a function cannot be written.
         """
-        supplied()(self, directory, fields or {})
+        supplied["write"](self, directory, fields or {})
+
+    def face(self, name: str) -> FaceAnswer:
+        """The nodes, facets and fields of a contact face, or of a face opposite in a pair; collective.
+
+        Raises:
+            ValueError: On every rank, if no contact has a face of this name.
+        """
+        faces: dict[str, FaceAnswer] = supplied["faces"](self)
+        if name not in faces:
+            raise ValueError(f"there is no contact face {name!r}; there are {', '.join(map(repr, faces))}")
+        return faces[name]
+
+    def table(self) -> dict[str, Any]:
+        """This rank's contact points as columns of length m, vectors as three columns: what `pandas.DataFrame` takes;
+        collective.
+
+        `contact_face` is the name of the face, x, y, z are places before deformation in metres; the others are the
+        fields of contact.xdmf.
+        """
+        at = self.at_nodes
+        columns: dict[str, Any] = {"contact_face": np.array(at.faces)[at.part]}
+        columns |= dict(zip("xyz", at.x.T, strict=True))
+        for name, values in at.fields().items():
+            if values.ndim == 1:
+                columns[name] = values
+            else:
+                columns |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
+        return columns
+
+    def plot(self, field: str = "pressure", scale: float | None = None, view: str | None = None) -> Any:
+        """A pyvista plotter with the deformed bodies and a field, as of `coulomb plot`; `show()` displays it: in a
+        notebook interactively where trame is installed, else as a picture.  Collective; None on ranks other than 0.
+
+        Args:
+            field: Of the contact points or of the bodies; vectors also with _x, _y, _z.
+            scale: Factor of the displacement; None chooses a visible one.
+            view: As of `coulomb plot --view`; None chooses one that shows the field.
+
+        Raises:
+            ValueError: If there is no such field or view.
+            ModuleNotFoundError: If pyvista is not installed: `pip install "coulomb[pictures]"`.
+        """
+        return supplied["plot"](self, field, scale, view)
+
+    def plot_history(self) -> Any:
+        """A matplotlib figure of residuals and CG iterations by step of the solver; collective, None on ranks other
+        than 0."""
+        return supplied["plot_history"](self)
+
+    def _repr_html_(self) -> str:
+        """Verdict, totals, certificate, and on one rank a picture."""
+        result, names = self.result, ("normal_force", "contact_area", "greatest_pressure", "greatest_slip")
+        units = dict(zip(names, ("N", "m²", "Pa", "m"), strict=True))
+        totals = [self.at_nodes.totals(part) for part in range(len(self.at_nodes.faces))]
+        rows = [[*one["faces"], *(one[name] for name in names)] for one in totals]
+        head = ("face", *(f"{name.replace('_', ' ')} ({units[name]})" for name in names))
+        words = f"{result.status.value}, residual {result.residual:.1e}: {'valid' if self.valid else 'NOT VALID'}"
+        return "".join(
+            [
+                html.verdict(self.valid, words),
+                *(f"<p>{text}</p>" for text in self.outside),
+                html.table(head, rows),
+                self.certificate._repr_html_(),
+                self._picture,
+            ]
+        )
+
+    @cached_property
+    def _picture(self) -> str:
+        return str(supplied["picture"](self)) if self.problem.comm.size == 1 else ""
 
 
 def warn(answer: Solution) -> None:

@@ -26,16 +26,21 @@ _CURVES = tuple((colour, style) for style in ("o-", "s--") for colour in (_FIRST
 
 
 def convergence(run: Run) -> str:
-    """Convergence of the (last) solve: residuals, measured rate, theta, CG iterations."""
-    rows = run.iterations
-    if not rows:
+    """Convergence of the (last) solve."""
+    if not run.iterations:
         return ""
-    outer = "change" in rows[0]
+    return _svg(convergence_figure(run), "Convergence: residuals by step, and CG iterations by step")
+
+
+def convergence_figure(run: Run) -> Any:
+    """Residuals, measured rate, theta, CG iterations by step."""
+    rows = run.iterations
+    outer = bool(rows) and "change" in rows[0]
     figure, (left, right) = _figure(2)
     number = _column(rows, "iteration")
     _logarithmic(left, number, _column(rows, "residual"), "o-", _FIRST, 4.0, "residual")
-    what = "Tresca problem" if outer else "path-following step" if "theta" in rows[0] else "step"
-    if "theta" in rows[0]:
+    what = "Tresca problem" if outer else "path-following step" if rows and "theta" in rows[0] else "step"
+    if rows and "theta" in rows[0]:
         theta = _column(rows, "theta")
         _logarithmic(left, number, theta, "s--", _SECOND, 3.5, "θ, duality measure")
     if outer:
@@ -55,7 +60,7 @@ def convergence(run: Run) -> str:
         _legend(right)
     right.set(xlabel=what, ylabel="number" if outer else "CG iterations")
     _whole(left.xaxis, right.xaxis, right.yaxis)
-    return _svg(figure, "Convergence: residuals by step, and CG iterations by step")
+    return figure
 
 
 def _measured_rate(axis: Any, number: Any, residual: Any, rate: float | None) -> None:

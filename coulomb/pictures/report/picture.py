@@ -22,8 +22,14 @@ _SECONDS = 0.15  # duration of a frame
 
 
 def plot(
-    directory: Path, field: str, scale: float | None, view: str | None, save: Path | None, step: int | None
-) -> str:
+    directory: Path,
+    field: str,
+    scale: float | None,
+    view: str | None,
+    save: Path | None = None,
+    step: int | None = None,
+    show: bool = True,
+) -> Any:
     """Draw a run; returns a message for the user.
 
     Args:
@@ -33,6 +39,7 @@ def plot(
         view: One of `VIEWS`; None chooses by the field.
         save: File of a picture, or for a load history of an animation; None opens a window.
         step: Step of a load history, from 1; None for the last.
+        show: Whether to open the window; if not, pyvista's plotter is returned.
 
     Raises:
         ValueError: If the directory contains no run, or field, view, step or the ending of `save` is not known.
@@ -61,6 +68,8 @@ def plot(
     if save is None:
         plotter = plotter_for((1280, 880), window=True)
         paint(plotter, steps[0], Look(chosen, limits, used, view, f"{caption(run, steps[0], used)} {run.alarm}"))
+        if not show:
+            return plotter
         plotter.show(title=f"coulomb: {directory}")
         return ""
     look = Look(chosen, limits, used, view)
@@ -137,7 +146,7 @@ def main(arguments: list[str]) -> str:
     """DIRECTORY FIELD SCALE VIEW SAVE STEP; "-" for defaults."""
     directory, field, scale, view, save, step = (None if given == "-" else given for given in arguments)
     assert directory is not None and field is not None
-    return plot(
+    text: str = plot(
         Path(directory),
         field,
         None if scale is None else float(scale),
@@ -145,3 +154,4 @@ def main(arguments: list[str]) -> str:
         None if save is None else Path(save),
         None if step is None else int(step),
     )
+    return text
