@@ -102,6 +102,14 @@ def _arguments(annotation):
         yield from _arguments(argument)
 
 
+def test_the_example_beside_another_program_runs(tmp_path):
+    page = (ROOT / "docs" / "coming-from.md").read_text()
+    (case,) = re.findall(r"```toml\n(.*?)```", page, flags=re.S)
+    (tmp_path / "pair.toml").write_text(case)
+    done = run_coulomb("run", "pair.toml", "--set", "output.picture=false", cwd=tmp_path)
+    assert done.returncode == 0 and "certificate passed" in done.stdout, done.stderr
+
+
 def test_it_builds(tmp_path):
     pytest.importorskip("mkdocs")
     pytest.importorskip("material")

@@ -24,17 +24,21 @@ class Kind(StrEnum):
     block = "block"
     hertz = "hertz"
     history = "history"
+    pair = "pair"
+    forms = "forms"
 
 
 def new(
     kind: Annotated[Kind, typer.Argument(help="The template.")],
-    file: Annotated[Path | None, typer.Argument(help="File to write; by default KIND.toml.", metavar="[FILE]")] = None,
+    file: Annotated[Path | None, typer.Argument(help="By default KIND.toml, or forms.py.", metavar="[FILE]")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
 ) -> None:
-    """Write a case file with comments: a block pushed along a plane, a ball in rubber, or a load history."""
-    target = file or Path(f"{kind.value}.toml")
-    text = (resources.files("coulomb") / "templates" / f"{kind.value}.toml").read_text(encoding="utf-8")
-    text = text.replace(f"{kind.value}.toml", str(target))
+    """Write a case file with comments: a block pushed along a plane, a ball in rubber, a load history, two bodies; or a
+    script with your own forms."""
+    name, stored = ("forms.py", "forms.py.txt") if kind is Kind.forms else (f"{kind.value}.toml",) * 2
+    target = file or Path(name)
+    text = (resources.files("coulomb") / "templates" / stored).read_text(encoding="utf-8")
+    text = text.replace(name, str(target))
 
     def write() -> str:
         stream = target.open("w" if force else "x", encoding="utf-8")
@@ -53,7 +57,8 @@ def new(
             raise ValueError(f"{target}: already exists; --force replaces it") from None
         except OSError as error:
             raise ValueError(f"{target}: cannot be written: {error.strerror or error}") from None
-    console.print(f"{target} written; next: coulomb check-case {target}", markup=False, soft_wrap=True)
+    then = "python" if kind is Kind.forms else "coulomb check-case"
+    console.print(f"{target} written; next: {then} {target}", markup=False, soft_wrap=True)
 
 
 def check_case(

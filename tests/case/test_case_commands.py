@@ -10,7 +10,7 @@ from pathlib import PurePath
 
 import pytest
 import typer.testing
-from conftest import ROOT, make_block, run_coulomb, run_python
+from conftest import ROOT, make_block, run_coulomb, run_python, run_script
 
 import coulomb
 from benchmarks.estimates import measure
@@ -22,7 +22,12 @@ from coulomb.linalg.compliance.stiffness import DirectSolver, IterativeSolver
 from coulomb.model.conditioning import slenderness_of
 from coulomb.model.memory import free_memory, memory_needed
 
-SMALL = {"block": "mesh.cells=[9,3,3]", "hertz": "output.report=false", "history": "mesh.cells=[4,4,2]"}
+SMALL = {
+    "block": "mesh.cells=[9,3,3]",
+    "hertz": "output.report=false",
+    "history": "mesh.cells=[4,4,2]",
+    "pair": "output.report=false",
+}
 
 
 @pytest.mark.parametrize("kind", SMALL)
@@ -35,6 +40,14 @@ def test_a_new_case_runs_and_certifies(kind, tmp_path):
     )
     assert done.returncode == 0 and done.stdout == done.stderr == ""
     assert json.loads((tmp_path / "results" / kind / "summary.json").read_text())["certificate"]["passed"]
+
+
+def test_a_new_script_with_forms_runs(tmp_path):
+    done = run_coulomb("new", "forms", "mine.py", cwd=tmp_path)
+    assert done.returncode == 0 and done.stdout == "mine.py written; next: python mine.py\n"
+    done = run_script(tmp_path / "mine.py", cwd=tmp_path)
+    assert done.returncode == 0 and "certificate passed" in done.stdout, done.stderr
+    assert (tmp_path / "results" / "forms" / "contact.xdmf").exists()
 
 
 @pytest.mark.parametrize("kind", ["block", "history"])
@@ -256,7 +269,7 @@ def test_a_shell_gets_its_script():
 
 def test_exit_codes_are_documented():
     contents = " ".join(run_coulomb("--help").stdout.split())
-    readme = (ROOT / "README.md").read_text()
+    page = (ROOT / "docs" / "commands.md").read_text()
     for code in ("0", "1", "2", "3", "130"):
         assert re.search(rf"Exit codes:.* {code} [a-z]", contents)
-        assert re.search(rf"^\| {code} \|", readme, re.MULTILINE)
+        assert re.search(rf"^\| {code} \|", page, re.MULTILINE)
