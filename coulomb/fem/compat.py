@@ -40,7 +40,8 @@ from dolfinx import cpp, fem, io, mesh
 __all__ = ["basix", "cpp", "fem", "io", "mesh", "ufl"]
 
 VERSION: str = dolfinx.__version__
-if tuple(int(part) for part in VERSION.split(".")[:2]) < (0, 5):
+NUMBERS = tuple(int(part) for part in VERSION.split(".")[:2])
+if NUMBERS < (0, 5):
     raise ImportError(f"coulomb needs DOLFINx 0.5 or newer, but this is {VERSION}")
 if np.dtype(PETSc.ScalarType).kind != "f":
     raise ImportError("coulomb needs a PETSc with real numbers, this one is complex: python3-dolfinx-real on Debian")
