@@ -9,6 +9,7 @@ import sys
 from importlib import import_module
 
 from . import fem, model, solvers
+from .installation import Unusable
 from .lazy_names import stubbed
 from .model import solution_writer
 
@@ -32,6 +33,8 @@ class _MpiFirst:
                 import_module("dolfinx_solver")
             except ModuleNotFoundError:
                 pass
+            except ImportError as error:
+                raise Unusable(str(error)) from None
         return None  # the others find the module itself
 
 
