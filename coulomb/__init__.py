@@ -5,9 +5,11 @@ min 1/2 x^T A x - b^T x   subject to   x_n >= 0,  |x_t| <= g,   with g = F x_n a
 """
 
 import os
+import sys
 from importlib import import_module
 
 from . import fem, model, solvers
+from .installation import Unusable
 from .lazy_names import stubbed
 from .model.supplied import supplied
 
@@ -16,6 +18,27 @@ from .model.supplied import supplied
 # some microseconds, before they sleep: to be woken takes longer than many products do.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+
+
+class _MpiFirst:
+    """Loads MPI before DOLFINx and PETSc, in every import after that of coulomb: PyPI's wheel of DOLFINx requires it.
+
+    Its package `dolfinx_solver` does it, and refuses a second petsc4py; elsewhere there is no such package.
+    """
+
+    def find_spec(self, name, path=None, target=None):
+        if name in ("dolfinx", "petsc4py", "slepc4py"):
+            sys.meta_path.remove(self)
+            try:
+                import_module("dolfinx_solver")
+            except ModuleNotFoundError:
+                pass
+            except ImportError as error:
+                raise Unusable(str(error)) from None
+        return None  # the others find the module itself
+
+
+sys.meta_path.insert(0, _MpiFirst())
 
 _MOVED = {
     "solvers": solvers.__all__,

@@ -1,9 +1,11 @@
 """The classic elasticity script of DOLFINx, and six lines that add certified contact with friction."""
 
+from mpi4py import MPI  # before dolfinx, as its wheel of PyPI requires
+
+# isort: split
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
-from mpi4py import MPI
 
 import coulomb
 

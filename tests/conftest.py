@@ -224,6 +224,9 @@ def without_pictures():
         yield
 
 
+MPIEXEC = str(mpiexec) if (mpiexec := Path(sys.prefix, "bin", "mpiexec")).exists() else "mpirun"
+"""Of the environment's MPI, which PyPI's DOLFINx brings along, or the system's."""
+
 RANKS_ON_FEW_CORES = {
     "OMPI_MCA_mpi_yield_when_idle": "1",
     "OMPI_MCA_btl": "^tcp",  # all ranks are on this machine; Open MPI 5 complains of networks without routes
@@ -231,17 +234,17 @@ RANKS_ON_FEW_CORES = {
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
 }
-"""Environment of mpirun."""
+"""Environment of Open MPI's mpirun."""
 
 
 def run_python(*arguments, ranks=None, cwd=None, timeout=600):
     """Run Python in a process of its own, without the MPI environment of this one."""
-    launcher = ("OMPI_COMM", "OMPI_MCA", "OMPI_UNIVERSE", "PMIX", "PRTE")
+    launcher = ("OMPI_COMM", "OMPI_MCA", "OMPI_UNIVERSE", "PMIX", "PRTE", "PMI_", "HYDI_", "HYDRA_", "MPI_LOCAL")
     clean = {key: value for key, value in os.environ.items() if not key.startswith(launcher)}
     clean |= RANKS_ON_FEW_CORES
     command = [sys.executable, *map(str, arguments)]
     if ranks is not None:
-        command = ["mpirun", "-n", str(ranks), *command]
+        command = [MPIEXEC, "-n", str(ranks), *command]
     return subprocess.run(command, env=clean, cwd=cwd, capture_output=True, text=True, timeout=timeout, check=False)
 
 

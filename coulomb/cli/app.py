@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .. import process
+from ..installation import unusable
 from ..ranks import launched
 from ..version import __version__
 from .case_commands import Changes, check_case, convert, new
@@ -309,7 +310,10 @@ def main() -> None:
         app()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
-    except Exception:
+    except Exception as error:
+        if said := unusable(error):
+            sys.stderr.write(f"error: {said}\n")
+            process.leave(BAD_INPUT, FAILED)
         traceback.print_exc()
         sys.stderr.flush()
         comm = launched()

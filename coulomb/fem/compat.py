@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..installation import COMPLEX, Unusable, loaded_libraries, why_mpi_does_not_fit, why_not_imported
 from .compilation import watch_compilation
 
 # Debian 12's DOLFINx sets RTLD_GLOBAL and does not reset it; VTK's wheels, imported later, then abort.
@@ -24,13 +25,10 @@ try:
     import dolfinx
     import dolfinx.fem.petsc
     import dolfinx.jit
+    from mpi4py import MPI
     from petsc4py import PETSc
-except ImportError as error:
-    hint = f" PETSC_DIR is set ({os.environ['PETSC_DIR']}): try without." if "PETSC_DIR" in os.environ else ""
-    raise ImportError(
-        f"coulomb needs DOLFINx 0.5 or newer with petsc4py and mpi4py, which pip does not install ({error}). "
-        f"On Debian: ./install.sh, or apt-get install python3-dolfinx-real.{hint}"
-    ) from error
+except (ImportError, AssertionError) as error:  # the second without petsc4py, since 0.8
+    raise Unusable(why_not_imported(error, os.environ)) from error
 finally:
     sys.setdlopenflags = _setdlopenflags
 import basix
@@ -40,10 +38,14 @@ from dolfinx import cpp, fem, io, mesh
 __all__ = ["basix", "cpp", "fem", "io", "mesh", "ufl"]
 
 VERSION: str = dolfinx.__version__
-if tuple(int(part) for part in VERSION.split(".")[:2]) < (0, 5):
-    raise ImportError(f"coulomb needs DOLFINx 0.5 or newer, but this is {VERSION}")
+NUMBERS = tuple(int(part) for part in VERSION.split(".")[:2])
+if NUMBERS < (0, 5):
+    raise Unusable(f"coulomb needs DOLFINx 0.5 or newer, but this is {VERSION}")
 if np.dtype(PETSc.ScalarType).kind != "f":
-    raise ImportError("coulomb needs a PETSc with real numbers, this one is complex: python3-dolfinx-real on Debian")
+    raise Unusable(COMPLEX)
+_mpi = MPI.Get_library_version().split("\n")[0].strip("\0 ")
+if _why := why_mpi_does_not_fit(loaded_libraries(), MPI.COMM_WORLD.size, _mpi, os.environ):
+    raise Unusable(_why)
 
 logging.getLogger().addFilter(lambda record: record.levelno > logging.INFO)  # 0.5's JIT logs the compiler's lines
 for _name in ("JIT_OPTIONS", "JIT_PARAMETERS"):  # wait a minute for another process that compiles the same form

@@ -8,7 +8,7 @@ import cffi
 import numpy as np
 
 from ..arrays import FloatArray
-from .compat import basix, coordinate_element, cpp, fem, functionspace, mesh, ufl
+from .compat import NUMBERS, basix, coordinate_element, cpp, fem, functionspace, mesh, ufl
 
 
 class CellKernel(NamedTuple):
@@ -92,6 +92,11 @@ def lagrange_vectors(space: Any) -> tuple[bool, int, int]:
 def contains(V: Any, space: Any) -> bool:
     """Whether a space of C++ is V, or a component of it."""
     return bool(V._cpp_object.contains(getattr(space, "_cpp_object", space)))
+
+
+def create_vector(form: Any, V: Any) -> Any:
+    """PETSc vector of a linear form on V, ghosts included."""
+    return fem.petsc.create_vector(form if NUMBERS < (0, 10) else V)
 
 
 def set_values(bc: Any, values: FloatArray) -> None:

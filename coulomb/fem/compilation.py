@@ -55,7 +55,7 @@ def watch_compilation(dolfinx_jit: Any) -> None:
         try:
             return compiled(*arguments, **options)
         except RuntimeError as error:
-            if str(error).startswith("Failed just-in-time compilation"):  # on several ranks, on all of them
+            if "compilation" in str(error):  # on several ranks, on all of them
                 _refuse_without_compiler()
             raise
 

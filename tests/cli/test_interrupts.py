@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import RANKS_ON_FEW_CORES, ROOT, make_block, run_coulomb, run_python
+from conftest import MPIEXEC, RANKS_ON_FEW_CORES, ROOT, make_block, run_coulomb, run_python
 from mpi4py import MPI
 from shared_problems import rubbed
 from test_standard_streams import CASE, COULOMB, certified, environment
@@ -148,7 +148,7 @@ def test_a_signal_before_there_is_something_to_keep(number, command, small_case)
 
 @pytest.mark.parametrize(("number", "ranks"), [(signal.SIGINT, 1), (signal.SIGHUP, 1), (signal.SIGUSR1, 2)])
 def test_a_signal_stops_a_run_with_everything_kept(number, ranks, small_case):
-    log, launcher = Path("log"), ("mpirun", "-n", ranks) if ranks > 1 else ()
+    log, launcher = Path("log"), (MPIEXEC, "-n", ranks) if ranks > 1 else ()
     slow = ["--set", "mesh.cells=[30,10,10]", "--set", "solver={linear_solver='iterative', method='successive-tresca'}"]
     watched = Watched(*launcher, *RUN, *slow, "--log", log).logged(log, "path following   2")
     code, _, errors = watched.signalled(number)

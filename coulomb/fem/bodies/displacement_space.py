@@ -14,7 +14,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from .. import compat
+from .. import compat, compat_forms
 from ..compat import fem, ufl
 from ..meshes import NamedMesh, facet_columns, lagrange_points, lagrange_values
 from .constraints import HeldDirections, HeldNodes, Numbering, distributed_rows
@@ -218,7 +218,7 @@ class DisplacementSpace:
         ghosts (n,)."""
         if self.comm.size == 1:
             return part.reshape(-1, 3)
-        vector = fem.petsc.create_vector(form)
+        vector = compat_forms.create_vector(form, self.V)
         with vector.localForm() as local:
             local.array[:] = part
         return summed(vector)
