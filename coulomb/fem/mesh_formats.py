@@ -4,16 +4,17 @@ BOX_FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "
 """By name: axis, and whether at its lower (0) or upper (1) end."""
 
 FORMATS = {
-    ".msh": "gmsh",
-    ".xdmf": "XDMF",
-    ".inp": "Abaqus, CalculiX",
-    ".med": "Salome",
-    **dict.fromkeys((".e", ".exo", ".exii", ".g"), "Exodus II"),
-    **dict.fromkeys((".vtu", ".vtk"), "VTK"),
-    **dict.fromkeys((".bdf", ".nas"), "Nastran"),
-    ".mesh": "Medit",
+    ".msh": ("gmsh", "gmsh"),
+    ".xdmf": ("XDMF", "xdmf"),
+    ".inp": ("Abaqus, CalculiX", "abaqus"),
+    ".med": ("Salome", "med"),
+    **dict.fromkeys((".e", ".exo", ".exii", ".g"), ("Exodus II", "exodus")),
+    **dict.fromkeys((".vtu", ".vtk"), ("VTK", "meshio")),
+    **dict.fromkeys((".bdf", ".nas"), ("Nastran", "meshio")),
+    ".mesh": ("Medit", "meshio"),
 }
-"""The programs that write them, by file name extension in lower case."""
+"""By file name extension in lower case: the program that writes it, and X of the module `meshes.X_format` that reads
+it."""
 
 NUMBERED = {".xdmf", ".vtu", ".vtk", ".bdf", ".nas", ".mesh"}
 """Formats whose groups are numbers on facets and cells, to which a user gives names."""
@@ -22,6 +23,6 @@ NUMBERED = {".xdmf", ".vtu", ".vtk", ".bdf", ".nas", ".mesh"}
 def listed() -> str:
     """The formats and the ends of their names, for messages."""
     ends: dict[str, list[str]] = {}
-    for end, title in FORMATS.items():
+    for end, (title, _) in FORMATS.items():
         ends.setdefault(title, []).append(end)
     return ", ".join(f"{', '.join(group)} ({title})" for title, group in ends.items())

@@ -258,17 +258,12 @@ def known_format(path: str | Path, named: bool = False) -> str:
     return end
 
 
-_READERS = {".msh": "gmsh", ".xdmf": "xdmf", ".inp": "abaqus", ".med": "med"}
-"""The module that reads a format, by the end of the file's name."""
-
-
 def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int], end: str = "") -> MeshFile:
     """What a mesh file holds, read on this rank alone, by the end of its name unless another one is given; arguments
     and errors as of `read_mesh`, and OSError."""
     end = end or Path(path).suffix.lower()
     numbered = end in mesh_formats.NUMBERED
-    name = _READERS.get(end, "meshio" if numbered else "exodus")
-    module = import_module(f".{name}_format", __package__)  # a run needs at most one of them
+    module = import_module(f".{mesh_formats.FORMATS[end][1]}_format", __package__)  # a run needs at most one of them
     if end == ".xdmf":
         found: MeshFile = module.read(path, None, None, names, cell_names, MPI.COMM_SELF)
     else:
