@@ -59,9 +59,9 @@ def _later(module, name):
 supplied.update(
     write=_later(".pictures.picture_of_run", "write_with_picture"),
     faces=_later(".io.body_grids", "face_answers"),
-    plot=_later(".pictures.of_solution", "plot"),
-    picture=_later(".pictures.of_solution", "picture"),
-    plot_history=_later(".pictures.of_solution", "plot_history"),
+    plot=_later(".pictures.picture_of_run", "plot_solution"),
+    picture=_later(".pictures.picture_of_run", "picture"),
+    plot_history=_later(".pictures.picture_of_run", "plot_history"),
 )
 
 

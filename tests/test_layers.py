@@ -161,7 +161,7 @@ def test_package_imports_neither_plotting_nor_command_line():
             assert not uses(path, "pyvista", "vtk", "vtkmodules", "matplotlib"), path
 
 
-LAUNCH = {PACKAGE / "pictures" / name for name in ("drawing_process.py", "of_solution.py", "picture_of_run.py")}
+LAUNCH = {PACKAGE / "pictures" / name for name in ("drawing_process.py", "picture_of_run.py")}
 """They run in the process that requests a picture."""
 
 

@@ -18,10 +18,9 @@ from ..fem.compat import fem
 from ..fem.geometry import on_all_ranks
 from ..model.discrete_problem import DiscreteProblem
 from ..model.evidence import rounding_forces
-from ..model.face_answer import FaceAnswer
 from ..model.master_fields import carried, carrying, spreading
 from ..model.nodal_answer import HELD
-from ..model.solution import Solution
+from ..model.solution import FaceAnswer, Solution
 from .field_files import OPPOSITE
 from .grid_file import GridFields
 from .nodal_grids import BETWEEN, GROUND, INTERNAL, OURS, ROUNDING, FaceGrid, body_grid, cell_values, middle

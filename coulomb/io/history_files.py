@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ..model.accumulated import ACCUMULATED, Accumulated
 from ..model.load_step import Earlier, Energy, LoadStep, State
+from ..model.nodal_answer import ACCUMULATED, Accumulated
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
 from . import output

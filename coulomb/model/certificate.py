@@ -26,7 +26,7 @@ from ..arrays import FloatArray
 from ..fem.bodies import null_space, of_part, rigid_modes
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
-from . import html
+from . import notebook
 from .evidence import Evidence
 
 EPSILON = 2.0**-52
@@ -211,7 +211,9 @@ class Certificate:
             for c in self.checks
         ]
         words = f"certificate {'passed' if self.passed else 'FAILED'}"
-        return html.verdict(self.passed, words) + html.table(("condition", "value", "limit", "", "meaning"), rows)
+        return notebook.verdict(self.passed, words) + notebook.table(
+            ("condition", "value", "limit", "", "meaning"), rows
+        )
 
     def __str__(self) -> str:
         lines = [

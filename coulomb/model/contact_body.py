@@ -21,10 +21,10 @@ from ..linalg.compliance import (
 )
 from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import RigidMotions
-from .accumulated import Accumulated
 from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
+from .nodal_answer import Accumulated
 from .probes import LocatedProbes, Part, Probe
 from .provenance import timed
 

@@ -27,12 +27,12 @@ from ..solvers.automatic import Automatic
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from ..solvers.semismooth_newton import SemismoothNewton
-from . import html
-from .accumulated import Accumulated
+from . import notebook
 from .certificate import judge
 from .equilibrium import NoEquilibrium
 from .load_step import Energy, LoadStep, State
-from .notebook_bar import NotebookBar, in_notebook
+from .nodal_answer import Accumulated
+from .notebook import NotebookBar, in_notebook
 from .problem import ContactProblem, LinearSolveFailed
 from .solution import Solution
 from .times import HALVINGS, refuse_times
@@ -134,7 +134,9 @@ class LoadHistory:
 
     def _repr_html_(self) -> str:
         rows = [(len(self.times), self.start, self.times[-1], self.tolerance, self.halvings)]
-        return html.table(("load steps", "from (s)", "to (s)", "tolerance", "halvings at most"), rows, "load history")
+        return notebook.table(
+            ("load steps", "from (s)", "to (s)", "tolerance", "halvings at most"), rows, "load history"
+        )
 
     def _posed(self, problem: ContactProblem, state: State, time: float) -> ContactProblem:
         """The step from a state to a time, as a problem."""

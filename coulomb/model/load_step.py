@@ -13,7 +13,7 @@ from ..arrays import FloatArray
 from ..contact_names import named_faces
 from ..fem.bodies import Deformable, HeldDirections
 from ..linalg.reductions import Reductions
-from .accumulated import Accumulated
+from .nodal_answer import Accumulated
 from .solution import Solution
 
 

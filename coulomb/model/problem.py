@@ -37,13 +37,13 @@ from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
-from . import html
+from . import notebook
 from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState
 from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
 from .input_echo import contacts_of, loads_of, supports_of
-from .notebook_bar import residuals_shown
+from .notebook import residuals_shown
 from .probes import Probe
 from .provenance import now, timed
 from .small_strain import known_mode
@@ -291,11 +291,11 @@ class ContactProblem(DiscreteProblem):
         contacts = [(one["face"], one["foundation"], one["nodes"], one["law"]) for one in contacts_of(self)]
         return "".join(
             [
-                html.verdict(True, f"contact problem: {unknowns} unknowns"),
-                html.table(("body", "nodes", "order"), rows),
-                html.table(("load", "force (N)", "moment about the origin (N m)"), loads),
-                html.table(("support", "face", "holds"), supports),
-                html.table(("contact face", "against", "contact points", "law"), contacts),
+                notebook.verdict(True, f"contact problem: {unknowns} unknowns"),
+                notebook.table(("body", "nodes", "order"), rows),
+                notebook.table(("load", "force (N)", "moment about the origin (N m)"), loads),
+                notebook.table(("support", "face", "holds"), supports),
+                notebook.table(("contact face", "against", "contact points", "law"), contacts),
             ]
         )
 

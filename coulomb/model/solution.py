@@ -11,15 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..fem.contact import face_samples
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
-from . import html
+from . import notebook
 from .certificate import Certificate
 from .discrete_problem import DiscreteProblem
-from .face_answer import FaceAnswer
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import Acting, Resultant, acting, resultant_of_ground
@@ -27,6 +27,32 @@ from .small_strain import SmallStrain, small_strain
 from .supplied import supplied
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class FaceAnswer:
+    """Nodes and facets of a contact face of this rank, with the contact fields as attributes: `face.pressure`.
+
+    The names are those of contact.xdmf (`fields`); units are in docs/theory.md.  Nodes without a contact point have the
+    status 3 and zeros.  The middle nodes of 10-node tetrahedra have values between those of the vertices, over which
+    sums of forces go: `connectivity[:, :3]`.
+
+    Attributes:
+        name: Of the face.
+        coordinates: Of its nodes before deformation, metres, shape (k, 3).
+        connectivity: The nodes of its facets in VTK's order, numbered over all ranks, rank after rank, shape (f, n).
+        fields: By name, shapes (k,) or (k, 3).
+    """
+
+    name: str
+    coordinates: FloatArray
+    connectivity: npt.NDArray[np.int64]
+    fields: dict[str, FloatArray]
+
+    def __getattr__(self, name: str) -> FloatArray:
+        if name.startswith("_") or name not in self.fields:
+            raise AttributeError(f"a contact face has no {name!r}; its fields are {', '.join(self.fields)}")
+        return self.fields[name]
 
 
 @dataclass(frozen=True)
@@ -244,9 +270,9 @@ class Solution:
         words = f"{result.status.value}, residual {result.residual:.1e}: {'valid' if self.valid else 'NOT VALID'}"
         return "".join(
             [
-                html.verdict(self.valid, words),
+                notebook.verdict(self.valid, words),
                 *(f"<p>{text}</p>" for text in self.outside),
-                html.table(head, rows),
+                notebook.table(head, rows),
                 self.certificate._repr_html_(),
                 self._picture,
             ]

@@ -1,11 +1,15 @@
-"""picture.png in the directory of a run: drawn by a separate process, and recorded in the run's summary."""
+"""picture.png in the directory of a run: drawn by a separate process, and recorded in the run's summary; and the
+pictures of a `Solution` in memory, which is written into a temporary directory and drawn as from there."""
 
 from __future__ import annotations
 
+import base64
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from mpi4py import MPI
@@ -94,3 +98,42 @@ def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: Dr
     for file in (picture, picture.with_name(f".{PICTURE}")):  # the old picture, and a partial new one
         file.unlink(missing_ok=True)
     return f"could not be drawn: {said}"
+
+
+@contextmanager
+def _written(solution: Solution) -> Iterator[Path]:
+    """A directory with the answer, whose name is in the pictures; collective."""
+    with TemporaryDirectory() as own:
+        folder = Path(solution.problem.comm.bcast(own), "answer")
+        write(solution, folder)
+        yield folder
+
+
+def plot_solution(solution: Solution, field: str, scale: float | None, view: str | None) -> Any:
+    """See `Solution.plot`."""
+    from .report.picture import plot
+
+    with _written(solution) as folder:
+        return plot(folder, field, scale, view, show=False) if solution.problem.comm.rank == 0 else None
+
+
+def picture(solution: Solution) -> str:
+    """picture.png of the answer as an HTML image; empty where it cannot be drawn; on one rank."""
+    with _written(solution) as folder:
+        if draw(folder):
+            return ""
+        data = base64.b64encode(RunDirectory(folder).picture.read_bytes()).decode()
+        return f'<img src="data:image/png;base64,{data}" style="max-width:min(100%,720px)">'
+
+
+def plot_history(solution: Solution) -> Any:
+    """See `Solution.plot_history`."""
+    from .report.charts import convergence_figure
+    from .report.files import read_run
+
+    with _written(solution) as folder:
+        if solution.problem.comm.rank > 0:
+            return None
+        figure = convergence_figure(read_run(folder, ()))
+        figure.set_facecolor("white")
+        return figure

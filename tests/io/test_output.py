@@ -13,8 +13,7 @@ from conftest import make_block, solved_block
 from coulomb import Clamp, Contact, ContactProblem, Material, SuccessiveTresca, box
 from coulomb.io import output
 from coulomb.io.summary import summary
-from coulomb.model.accumulated import ACCUMULATED
-from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
+from coulomb.model.nodal_answer import ACCUMULATED, HELD, OPEN, SLIP, STICK
 from coulomb.pictures import drawing_process
 from coulomb.pictures.picture_of_run import write_with_picture
 from coulomb.pictures.report.fields import ZONES, Limits, named

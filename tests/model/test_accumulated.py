@@ -13,7 +13,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, HistoryFiles, LoadHistory, Material, Plane, PrescribedDisplacement
 from coulomb.io.field_files import data_of, read_fields
 from coulomb.io.recheck import check
-from coulomb.model.accumulated import ACCUMULATED, Accumulated
+from coulomb.model.nodal_answer import ACCUMULATED, Accumulated
 
 YOUNG, HEIGHT, DOWN, FRICTION, AREA = 1e10, 0.05, 1e-6, 0.4, 0.01
 PRESSURE = YOUNG * DOWN / HEIGHT  # no lateral contraction: uniform as long as nothing shears

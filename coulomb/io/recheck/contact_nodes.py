@@ -12,10 +12,9 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...fem.geometry import Spin, inverse_frames
-from ...model.accumulated import Accumulated
 from ...model.evidence import pair_actions
 from ...model.master_fields import carried, carrying
-from ...model.nodal_answer import NodalAnswer
+from ...model.nodal_answer import Accumulated, NodalAnswer
 from ...solvers.laws import FrictionLaw
 from ..field_files import OPPOSITE
 from ..run_files import WrittenRun

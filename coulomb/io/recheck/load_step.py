@@ -11,7 +11,7 @@ import numpy as np
 
 from ...arrays import FloatArray
 from ...fem.geometry import Spin, since_at, spin
-from ...model.accumulated import ACCUMULATED
+from ...model.nodal_answer import ACCUMULATED
 from ..run_directory import CONTACT
 from ..run_files import OF_LARGEST, WrittenRun
 from .case_reference import CaseReference
