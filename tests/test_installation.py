@@ -1,9 +1,11 @@
 """DOLFINx, petsc4py or MPI that are missing or do not fit: what is said, with fakes in place of the installations."""
 
 import os
+import re
+import tomllib
 
 import pytest
-from conftest import SMALL_CASE, run_python
+from conftest import ROOT, SMALL_CASE, run_python
 
 from coulomb.installation import loaded_libraries, why_mpi_does_not_fit, why_not_imported
 
@@ -78,3 +80,11 @@ def test_complex_numbers(tmp_path, monkeypatch):
     )
     done = run_python(script, cwd=tmp_path)
     assert "PETSc with real numbers, this one is complex" in done.stdout and "dolfinx-solver-real" in done.stdout
+
+
+def test_the_recipe_of_conda_forge_has_what_pyproject_has():
+    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    recipe = (ROOT / "recipe" / "recipe.yaml").read_text()
+    run = re.findall(r"^    - (.*)$", recipe.partition("  run:\n")[2].partition("\ntests:")[0], re.M)
+    assert {name.replace(">=", " >=") for name in wanted["dependencies"]} < set(run)
+    assert f"python {wanted['requires-python']}" in run
