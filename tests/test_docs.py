@@ -55,6 +55,13 @@ def test_every_page_is_in_the_index_and_in_the_navigation():
     assert set(re.findall(r": ([a-z-]+\.md)$", navigation, flags=re.M)) == pages
 
 
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
+def test_links_outside_the_documentation_lead_somewhere(page):
+    """mkdocs checks those between its pages."""
+    links = re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / page).read_text())
+    assert links and not [link for link in links if not (ROOT / link).exists()]
+
+
 def test_every_contact_field_has_a_row():
     """Name, words, unit, kind, where it is shown, and how the face opposite has it, in the order of the files."""
     where = {"": "", "plot": "`plot`", "report": "`plot`, 3D view", "history": "`plot`, 3D view of histories"}
