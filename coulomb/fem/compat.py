@@ -1,5 +1,6 @@
 """Depends on the DOLFINx version, as `compat_forms` and nothing else: 0.5 (Debian 12) to 0.9 (Debian 13), and 0.11.
 
+A comment names the version up to which, or from which, a branch is needed: it can go when that is no longer supported.
 Other modules import DOLFINx's `mesh`, `fem`, `io`, `cpp` and Basix from here, so that this module is imported first.
 """
 

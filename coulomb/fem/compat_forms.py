@@ -63,7 +63,7 @@ def packed_constants(form: Any) -> FloatArray:
 
 def cpp_of(thing: Any) -> Any:
     """The C++ object of a mesh, or itself."""
-    return getattr(thing, "_cpp_object", getattr(thing, "_mesh", thing))
+    return getattr(thing, "_cpp_object", getattr(thing, "_mesh", thing))  # the second in 0.5
 
 
 def space_of(space: Any) -> Any:
@@ -101,7 +101,7 @@ def create_vector(form: Any, V: Any) -> Any:
 
 def set_values(bc: Any, values: FloatArray) -> None:
     """Set the entries of an array of all dofs of this rank to the values that a boundary condition prescribes."""
-    if hasattr(bc, "set"):
+    if hasattr(bc, "set"):  # after 0.5
         bc.set(values, None, 1.0)
     else:
         fem.set_bc(values, [bc])
@@ -109,11 +109,11 @@ def set_values(bc: Any, values: FloatArray) -> None:
 
 def mesh_of_tags(tags: Any) -> Any:
     """The C++ topology that MeshTags belong to."""
-    return tags.topology if hasattr(tags, "topology") else tags.mesh.topology
+    return tags.topology if hasattr(tags, "topology") else tags.mesh.topology  # the second in 0.5
 
 
 def tensor_space(domain: Any, degree: int, shape: tuple[int, ...], family: str) -> Any:
     """Lagrange or DG space of scalars, vectors or tensors."""
-    if hasattr(fem, "functionspace") or len(shape) < 2:
+    if hasattr(fem, "functionspace") or len(shape) < 2:  # the first from 0.7 on
         return functionspace(domain, degree, shape, family)
     return fem.TensorFunctionSpace(domain, (family, degree), shape=shape)
