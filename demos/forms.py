@@ -1,8 +1,6 @@
 """The classic elasticity script of DOLFINx, and six lines that add certified contact with friction."""
 
-from mpi4py import MPI  # before dolfinx, as its wheel of PyPI requires
-
-# isort: split
+import mpi4py.MPI as MPI  # before dolfinx, as its wheel of PyPI requires
 import numpy as np
 import ufl
 from dolfinx import fem, mesh
