@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-REMEDY = 'On Debian: ./install.sh; on any Linux with Python 3.12 or newer: pip install "coulomb[fenicsx]".'
+REMEDY = 'On Debian: ./install.sh; on any Linux with Python 3.12 or newer: pip install ".[fenicsx]" in the checkout.'
 
 
 class Unusable(ImportError):
