@@ -16,7 +16,7 @@ BESIDE = "/usr/lib/libmpi_cxx.so.40", "/venv/lib/libmpifort.so.12", "/lib/libc.s
 @pytest.mark.parametrize(
     ("error", "environment", "said"),
     [
-        (ModuleNotFoundError("No module named 'dolfinx'", name="dolfinx"), {}, r"pip install \"coulomb\[fenicsx\]\""),
+        (ModuleNotFoundError("No module named 'dolfinx'", name="dolfinx"), {}, r"pip install \"\.\[fenicsx\]\""),
         (ModuleNotFoundError("No module named 'petsc4py'", name="petsc4py"), {}, "a DOLFINx with petsc4py"),
         (AssertionError(), {}, "a DOLFINx with petsc4py, which this one does not have [(]AssertionError[)]"),
         (ImportError("x"), {"PETSC_DIR": "/opt/petsc"}, "PETSC_DIR is set [(]/opt/petsc[)]: try without"),
