@@ -282,16 +282,19 @@ class ContactProblem(DiscreteProblem):
                         raise
 
     def _repr_html_(self) -> str:
-        """Bodies, loads, supports and contacts as they were understood."""
+        """Bodies, loads, supports and contacts as they were understood; on several ranks the size alone."""
         bodies, sizes = self.elasticity.members, self.body.unknowns
         unknowns = ", ".join(f"{count} {what}" for what, count in sizes.items())
+        size = notebook.verdict(True, f"contact problem: {unknowns} unknowns")
+        if self.comm.size > 1:
+            return size
         rows = [(one.name or "the body", one.body.numbering.total, one.body.degree) for one in bodies]
         loads = [(one.what, _vector(one.force), _vector(one.moment)) for one in loads_of(self, [self.time])]
         supports = [(one["kind"], one["face"], one["holds"]) for one in supports_of(self)]
         contacts = [(one["face"], one["foundation"], one["nodes"], one["law"]) for one in contacts_of(self)]
         return "".join(
             [
-                notebook.verdict(True, f"contact problem: {unknowns} unknowns"),
+                size,
                 notebook.table(("body", "nodes", "order"), rows),
                 notebook.table(("load", "force (N)", "moment about the origin (N m)"), loads),
                 notebook.table(("support", "face", "holds"), supports),

@@ -261,7 +261,9 @@ class Solution:
         return supplied["plot_history"](self)
 
     def _repr_html_(self) -> str:
-        """Verdict, totals, certificate, and on one rank a picture."""
+        """Verdict, totals, certificate and a picture; on several ranks, of which one may ask alone, the certificate."""
+        if self.problem.comm.size > 1:
+            return self.certificate._repr_html_()
         result, names = self.result, ("normal_force", "contact_area", "greatest_pressure", "greatest_slip")
         units = dict(zip(names, ("N", "m²", "Pa", "m"), strict=True))
         totals = [self.at_nodes.totals(part) for part in range(len(self.at_nodes.faces))]
@@ -280,7 +282,7 @@ class Solution:
 
     @cached_property
     def _picture(self) -> str:
-        return str(supplied["picture"](self)) if self.problem.comm.size == 1 else ""
+        return str(supplied["picture"](self))
 
 
 def warn(answer: Solution) -> None:
