@@ -75,7 +75,7 @@ def test_complex_numbers(tmp_path, monkeypatch):
     """As if PETSc's numbers were complex."""
     script = tmp_path / "script.py"
     script.write_text(
-        "import coulomb\nfrom petsc4py import PETSc\nPETSc.ScalarType = complex\n"
+        "import coulomb\nimport dolfinx.fem.petsc\nfrom petsc4py import PETSc\nPETSc.ScalarType = complex\n"
         "try:\n    from coulomb.fem import compat\nexcept ImportError as error:\n    print(error)\n"
     )
     done = run_python(script, cwd=tmp_path)
