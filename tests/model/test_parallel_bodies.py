@@ -15,6 +15,7 @@ from coulomb.fem.contact.mortar import RINGS
 from coulomb.fem.contact.near_facets import near_pair
 from coulomb.fem.contact.pair import pair_of
 from coulomb.linalg.compliance.stiffness import IterativeSolver
+from coulomb.linalg.reductions import Reductions
 
 STEEL, ALUMINIUM = Material(2.1e11, 0.3), Material(7e10, 0.33)
 
@@ -212,3 +213,19 @@ def test_nodes_opposite_to_two_masters_count_at_one(cell):
     assert np.allclose(solution.at_nodes.fields()["pressure"], 1e7, rtol=1e-8)
     forces = [solution.at_nodes.totals(part)["force"][2] for part in (0, 1)]
     assert forces == pytest.approx([1e7, 1e7], rel=1e-8)
+
+
+def test_a_pair_at_the_ends_of_two_bars():
+    """Ranks far from it have no contact point, and nothing opposite."""
+
+    def found(comm):
+        one = box((4.0, 0.5, 0.5), (16, 2, 2), comm=comm)
+        other = moved(box((4.0, 0.5, 0.5), (17, 3, 3), comm=comm), translate=(4.0, 0.0, 0.0))
+        pair, load = Contact("one:right", 0.3, against="other:left"), Traction("other:right", (-1e7, 1e5, 0.0))
+        bars = join(one=one, other=other)
+        solution = ContactProblem(bars, STEEL, [Clamp("one:left"), Clamp("other:right", "yz")], pair, [load]).solve()
+        force = Reductions(comm).total(solution.force_on_body.sum(axis=0))
+        return force, solution.small_strain.chord
+
+    (together, chord), (alone, expected) = found(MPI.COMM_WORLD), found(MPI.COMM_SELF)
+    assert together == pytest.approx(alone, rel=1e-8, abs=1e-3) and chord == pytest.approx(expected, abs=1e-12)
