@@ -88,7 +88,8 @@ def test_a_bar_in_a_notebook(monkeypatch):
     problem = pressed()
     problem.solve()
     assert not shown
-    monkeypatch.setitem(sys.modules, "ipykernel", types.ModuleType("ipykernel"))
+    shell = types.SimpleNamespace(get_ipython=lambda: types.SimpleNamespace(kernel=None))
+    monkeypatch.setitem(sys.modules, "IPython", shell)
     problem.solve()
     assert shown[-1].startswith('<progress max="1" value="1.000"></progress> path following')
     del shown[:]

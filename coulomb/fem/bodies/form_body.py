@@ -50,7 +50,7 @@ def compiled(form: Any, what: str) -> Any:
         return form
     try:
         return fem.form(form)
-    except Exception as error:
+    except (Exception, compat_forms.ARITY_MISMATCH) as error:
         reason = str(error).strip().splitlines()
         raise ValueError(f"{what} cannot be compiled: {reason[-1] if reason else type(error).__name__}") from None
 
