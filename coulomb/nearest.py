@@ -21,8 +21,8 @@ def tree_of(points: FloatArray, leaf: int = 16) -> cKDTree:
 
 
 def among(x: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
-    """Which places (..., 3) are one of some points (k, 3), to 1e-9 of the largest coordinate."""
-    unit = 1e-9 * (float(np.max(np.abs(points), initial=0.0)) or 1.0)
+    """Which places (..., 3) are one of some points (k, 3), to 1e-9 of the largest coordinate of either."""
+    unit = 1e-9 * (max(float(np.max(np.abs(of), initial=0.0)) for of in (x, points)) or 1.0)
 
     def cells(of: FloatArray) -> npt.NDArray[np.void]:
         # shifted, so that coordinates of meshes are not on the edge of a cell

@@ -10,6 +10,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement, Traction, certify
 from coulomb.model.certificate import SMALLEST, judge
 from coulomb.model.evidence import Evidence
+from coulomb.nearest import among
 
 OTHERS = ("comm", "held", "compliance", "averaged", "ground", "component", "bodies", "actions")
 ARRAYS = [field.name for field in fields(Evidence) if field.name not in OTHERS]
@@ -188,3 +189,8 @@ def test_a_lifted_body_that_is_wrong_fails():
     u = solution.displacement.copy()
     u[:, 0] += 1e-10 * np.sin(3.0 * problem.elasticity.x[:, 0]) * (~problem.elasticity.fixed[:, 0])
     assert "equilibrium" in failed(certify(problem, solution.contact_force, u))
+
+
+def test_places_are_found_beside_a_point_at_the_origin():
+    x, origin = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.array([[1e-20, 0.0, 0.0]])
+    assert among(x, origin).tolist() == [True, False]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +19,7 @@ from .. import compat, compat_forms
 from ..compat import fem, ufl
 from ..meshes import NamedMesh, facet_columns, lagrange_points, lagrange_values
 from .constraints import HeldDirections, HeldNodes, Numbering, distributed_rows
+from .garbage import free_earlier_bodies
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class DisplacementSpace:
 
     def __init__(self, V: Any):
         self.domain, self.V = V.mesh, V
+        free_earlier_bodies(self.domain)
         self._test = ufl.TestFunction(self.V)
         self._owned = self.V.dofmap.index_map.size_local
         self.x = self._coordinates()
@@ -244,7 +247,7 @@ def summed(vector: PETSc.Vec) -> FloatArray:
 
 
 INTERPOLATION = "interpolation"
-"""Attribute of a stiffness of second order: makes the matrix that interpolates linear displacements."""
+"""Attribute of a stiffness of second order: makes the matrix that interpolates linear displacements; None without body."""
 
 
 class HeldSpace(DisplacementSpace, HeldNodes):
@@ -309,7 +312,7 @@ class HeldSpace(DisplacementSpace, HeldNodes):
         K.setOption(PETSc.Mat.Option.SPD, True)
         attach_rigid_body_modes(K, self.x)
         if self.degree == 2:
-            K.setAttr(INTERPOLATION, self._interpolation)
+            attach_interpolation(K, self._interpolation)
         return K, mean
 
     def _projected(self, K: PETSc.Mat) -> PETSc.Mat:
@@ -345,6 +348,13 @@ class HeldSpace(DisplacementSpace, HeldNodes):
         free.setAttr("mesh", self.mesh)
         attach_rigid_body_modes(free, linear.x)
         return free
+
+
+def attach_interpolation(K: PETSc.Mat, make: Callable[[], PETSc.Mat]) -> None:
+    """The attribute `INTERPOLATION` of a stiffness, from a method of its body, which it does not keep alive: Python
+    cannot collect a cycle through a matrix of PETSc."""
+    of_body = weakref.WeakMethod(make)
+    K.setAttr(INTERPOLATION, lambda: (method := of_body()) and method())
 
 
 def attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:

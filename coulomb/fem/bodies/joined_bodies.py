@@ -20,7 +20,7 @@ from ..geometry import Amplitude, Coefficient, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh
 from .constraints import HeldDirections, Numbering, distributed_rows
 from .deformable import Deformable, Loading, Member, SingleBody
-from .displacement_space import INTERPOLATION, attach_rigid_body_modes
+from .displacement_space import INTERPOLATION, attach_interpolation, attach_rigid_body_modes
 from .elasticity import LoadedBody, refuse_others
 from .free_motions import FreeMotions, joined_motions
 from .loads import AppliedLoad, Load, NodalForces, ThermalLoad, joined_temperatures
@@ -277,7 +277,9 @@ class JoinedBodies(Deformable):
     def K(self) -> PETSc.Mat:
         parts = [body.K for body in self._bodies]
         if self._K is None or any(one is not other for one, other in zip(parts, self._K[0], strict=True)):
-            self._K = (parts, self._joined(parts))
+            self._K = (parts, joined := self._joined(parts))
+            if any(body.degree == 2 for body in self._bodies):
+                attach_interpolation(joined, self._interpolation)
         return self._K[1]
 
     _K: tuple[list[PETSc.Mat], PETSc.Mat] | None = None
@@ -293,14 +295,13 @@ class JoinedBodies(Deformable):
         K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         K.setOption(PETSc.Mat.Option.SPD, True)
         attach_rigid_body_modes(K, self.x)
-        if any(body.degree == 2 for body in self._bodies):
-            K.setAttr(INTERPOLATION, lambda: self._interpolation(parts))
         return K
 
-    def _interpolation(self, parts: list[PETSc.Mat]) -> PETSc.Mat:
+    def _interpolation(self) -> PETSc.Mat:
         """From linear displacements to those of second order; displacements of first order stay as they are."""
         blocks, places, sizes = [], [], []
-        for body, K in zip(self._bodies, parts, strict=True):
+        for body in self._bodies:
+            K = body.K
             make = K.getAttr(INTERPOLATION)
             if make is None:
                 first, last = K.getOwnershipRange()
