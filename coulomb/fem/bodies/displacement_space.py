@@ -247,7 +247,7 @@ def summed(vector: PETSc.Vec) -> FloatArray:
 
 
 INTERPOLATION = "interpolation"
-"""Attribute of a stiffness of second order: makes the matrix that interpolates linear displacements; None without body."""
+"""Attribute of a second-order stiffness: makes the matrix that interpolates linear displacements; None without body."""
 
 
 class HeldSpace(DisplacementSpace, HeldNodes):

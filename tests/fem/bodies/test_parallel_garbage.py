@@ -56,7 +56,6 @@ def test_meshes_and_communicators_of_earlier_problems_are_freed(degree):
         assert left[1] >= left[0] - BODIES  # one communicator a problem
 
 
-@pytest.mark.skipif(comm.size == 1, reason="runs on several ranks")
 def test_what_is_used_is_kept():
     kept = ContactProblem(
         coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), Material(1e9, 0.3), [Clamp("top")], Contact("bottom", 0.3)
