@@ -48,7 +48,7 @@ _MOVED = {
 }
 """Names of the version before, by where they are now."""
 
-__all__, __getattr__ = stubbed(__name__, __file__, _MOVED)
+__all__, __getattr__ = stubbed(__name__, __file__, _MOVED, renamed={"raised": "second_order"})
 
 
 def _later(module, name):

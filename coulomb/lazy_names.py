@@ -15,7 +15,10 @@ from pathlib import Path
 
 
 def stubbed(
-    package: str, file: str, moved: Mapping[str, Iterable[str]] | None = None
+    package: str,
+    file: str,
+    moved: Mapping[str, Iterable[str]] | None = None,
+    renamed: Mapping[str, str] | None = None,
 ) -> tuple[list[str], Callable[[str], object]]:
     """The `__all__` and the `__getattr__` of a package.
 
@@ -23,12 +26,17 @@ def stubbed(
         package: Its name.
         file: Its `__init__.py`.
         moved: Names of the version before, by the package where they are now; they warn.
+        renamed: Names of the version before, with the present name; they warn.
     """
     lines = re.findall(r"^from (\.[\w.]+) import (\w+) as", Path(file).with_suffix(".pyi").read_text(), re.M)
     homes = {name: home for home, name in lines}
     old = {name: f".{room}" for room, names in (moved or {}).items() for name in names}
 
     def load(name: str) -> object:
+        if name in (renamed or {}):
+            now = (renamed or {})[name]
+            warnings.warn(f"{package}.{name} is now {package}.{now}", DeprecationWarning, stacklevel=2)
+            return load(now)
         home = homes.get(name) or old.get(name)
         if home is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")

@@ -35,6 +35,6 @@ body = coulomb.Body(a, L, [bc], faces={"sole": bottom})
 solution = coulomb.ContactProblem(body, coulomb.Contact("sole", friction=0.3)).solve()
 uh = solution.function  # a dolfinx.fem.Function in V
 solution.write("results/forms")
-force, balance = solution.forces_on_foundations[0].force, solution.acting.balance  # sums over all ranks
+force, balance = solution.forces_on_foundations[0].force, solution.force_balance.balance  # sums over all ranks
 if domain.comm.rank == 0:
     print(f"{solution.certificate}\nforce on the floor: {force.round(1).tolist()} N, balance {balance:.0e}")

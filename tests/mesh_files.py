@@ -83,11 +83,11 @@ class BoxFile:
                 points.append(self.points[list(corners)].mean(axis=0))
             return made[key]
 
-        def raised(rows, around):
+        def second_order(rows, around):
             return np.array([[*row, *(middle(row[list(of)]) for of in around)] for row in rows])
 
-        self.cells = raised(self.cells, order[self.cells.shape[1]])
-        self.faces = {name: raised(rows, AROUND[rows.shape[1]]) for name, rows in self.faces.items()}
+        self.cells = second_order(self.cells, order[self.cells.shape[1]])
+        self.faces = {name: second_order(rows, AROUND[rows.shape[1]]) for name, rows in self.faces.items()}
         self.points = place(np.array(points))
         return self
 

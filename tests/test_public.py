@@ -100,3 +100,8 @@ for module in pkgutil.walk_packages(coulomb.__path__, "coulomb."):
 """,
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_renamed_names_warn():
+    with pytest.warns(DeprecationWarning, match=r"^coulomb\.raised is now coulomb\.second_order$"):
+        assert coulomb.raised is coulomb.second_order

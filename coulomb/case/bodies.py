@@ -79,7 +79,7 @@ class MeshTable(Table):
 
     def mesh(self, comm: MPI.Comm) -> NamedMesh:
         """What the table describes; ValueError on every rank, if the file cannot be read or used."""
-        from ..fem.meshes import box, raised, read_mesh, read_xdmf
+        from ..fem.meshes import box, read_mesh, read_xdmf, second_order
 
         if self.file is None:
             assert self.box is not None and self.cells is not None
@@ -93,7 +93,7 @@ class MeshTable(Table):
                 f"{self._of}degree = 1, but {self.file} has second-order cells: leave degree out, or export "
                 "first-order cells (in gmsh: Mesh.ElementOrder = 1)"
             )
-        return raised(read) if self.degree == 2 and read.degree == 1 else read
+        return second_order(read) if self.degree == 2 and read.degree == 1 else read
 
 
 def _identifier(name: str) -> str:

@@ -68,7 +68,8 @@ def compute(
         overwrite: As --overwrite.
         renderer: The drawing process, if it has been started already.
     """
-    gc.freeze()  # the modules loaded so far, which are no garbage and take long to search
+    if not gc.get_freeze_count():  # once in a process: what is garbage then stays for ever
+        gc.freeze()  # the modules loaded so far, which are no garbage and take long to search
     gc.set_threshold(20_000)
     if force:
         settings = settings.model_copy(update={"small_strain": "warn"})
@@ -218,7 +219,7 @@ def _take_recorded_steps(
         nonlocal warned, taken
         row, taken = step.row, taken + 1
         forces.extend(normal_forces(row).values())
-        least = accuracy(step.solution.acting.entries(), settings.solver.tolerance, forces=forces)
+        least = accuracy(step.solution.force_balance.entries(), settings.solver.tolerance, forces=forces)
         halved = f", halved {step.halvings} times" if step.halvings else ""
         when = f"{row['time']:.4g} s"
         console.print(

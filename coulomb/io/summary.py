@@ -26,7 +26,7 @@ from ..model.certificate import Certificate
 from ..model.equilibrium import undetermined
 from ..model.input_echo import contacts_of, supports_of
 from ..model.nodal_answer import NodalAnswer
-from ..model.resultants import Acting
+from ..model.resultants import ForceBalance
 from ..model.solution import Solution
 from ..process import peak_memory
 from ..solvers.results import Status
@@ -49,7 +49,12 @@ def summary(solution: Solution) -> dict[str, Any]:
         "status": result.status.value,
         "valid": solution.valid,
         **derived(
-            solution.at_nodes, solution.certificate, u, elasticity.spring_force(u), elasticity.held, solution.acting
+            solution.at_nodes,
+            solution.certificate,
+            u,
+            elasticity.spring_force(u),
+            elasticity.held,
+            solution.force_balance,
         ),
         "probes": [value.entry() for value in solution.probes],
         "understood": {"supports": supports_of(problem), "contacts": contacts_of(problem)},
@@ -91,7 +96,7 @@ def derived(
     displacement: FloatArray,
     spring_force: FloatArray,
     held: HeldDirections,
-    acting: Acting | None,
+    acting: ForceBalance | None,
 ) -> dict[str, Any]:
     """The entries of summary.json that follow from displacement and forces; collective, the same on every rank.
 

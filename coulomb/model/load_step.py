@@ -261,7 +261,7 @@ class LoadStep:
         result, certificate = self.solution.result, self.solution.certificate
         probes = [value.entry() for value in self.solution.probes]
         return row(
-            {**self.solution.at_nodes.numbers(), **self.solution.acting.entries(), "probes": probes},
+            {**self.solution.at_nodes.numbers(), **self.solution.force_balance.entries(), "probes": probes},
             self.state,
             steps=result.newton_steps,
             residual=result.residual,

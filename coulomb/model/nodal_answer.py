@@ -147,7 +147,7 @@ class NodalAnswer:
         return -self._vectors(self.force)
 
     @cached_property
-    def moved(self) -> FloatArray:
+    def displacement_vectors(self) -> FloatArray:
         """Displacement as space vectors, shape (m, 3)."""
         return self._displacements(self.displacement)
 

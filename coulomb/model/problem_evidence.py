@@ -18,11 +18,11 @@ from ..fem.contact import (
     at_nodes_of,
     contact_matrix,
     contact_points,
+    distance_along,
+    faces_away,
     joined_points,
     pair_frames,
     rows_of,
-    turned_away,
-    way_along,
 )
 from ..fem.geometry import HELD_BEYOND, RigidMotion, held_length, inverse_frames, on_all_ranks
 from ..solvers.laws import FrictionLaw
@@ -174,7 +174,7 @@ def _face(
             return np.zeros(0)
         distance = foundation.signed_distance(place)
         if contact.normals == "body":
-            return way_along(here.turned_back(outward[nodes]), place, distance, foundation)
+            return distance_along(here.turned_back(outward[nodes]), place, distance, foundation)
         return distance
 
     gap = np.zeros(len(elasticity.x))
@@ -184,7 +184,7 @@ def _face(
     at_vertices = slope(elasticity.x[points.nodes])
     gaps = points.gap(gap) + points.average(given)
     H = elasticity.held.projector_at(points.nodes)
-    facing = ~turned_away(at_vertices, outward[points.nodes])
+    facing = ~faces_away(at_vertices, outward[points.nodes])
     free = facing & (held_length(n, points.held(elasticity.held)) <= HELD_BEYOND)
     points, n, x, H, gaps = points.only(free), n[free], x[free], H[free], gaps[free]
     law = contact.law(x, points.area, time, slip_rate[points.nodes], comm)

@@ -68,7 +68,7 @@ class BodyBalance:
 
 
 @dataclass(frozen=True)
-class Acting:
+class ForceBalance:
     """All that acts on the bodies at one time.
 
     Attributes:
@@ -93,7 +93,7 @@ class Acting:
         }
 
 
-def acting(
+def force_balance(
     loads: Iterable[NodalForces],
     supports: Iterable[NodalForces],
     on_body: FloatArray,
@@ -101,7 +101,7 @@ def acting(
     over: Reductions,
     ground: Sequence[Resultant] = (),
     bodies: Mapping[str, slice] | None = None,
-) -> Acting:
+) -> ForceBalance:
     """Resultants and balance of the forces of loads, supports, contact (k, 3) and elastic foundations (`ground`); of
     several bodies, with the nodes of each by name, each has the loads and supports whose face names it; collective."""
     with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
@@ -109,7 +109,7 @@ def acting(
         contact = resultants([NodalForces("contact", None, on_body)], x, over)
         outer = (*pulling, *holding)
         each = tuple(_balance_of(name, nodes, outer, on_body, x, over) for name, nodes in (bodies or {}).items())
-        return Acting(pulling, holding, balance((*outer, *contact), x, over), each)
+        return ForceBalance(pulling, holding, balance((*outer, *contact), x, over), each)
 
 
 def _balance_of(

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.contact import FaceSamples, way_along
+from ..fem.contact import FaceSamples, distance_along
 from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
 from ..nearest import among, tree_of
@@ -188,7 +188,7 @@ def small_strain(
     """
     over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
     pressing = normal > _PRESSING * max(over.max(normal), 0.0)
-    way, part = at_nodes.moved[pressing], at_nodes.part[pressing]
+    way, part = at_nodes.displacement_vectors[pressing], at_nodes.part[pressing]
     before, moved = at_nodes.x[pressing], at_nodes.x[pressing] + way
     rounding = _ROUNDING * max(over.max(np.abs(moved)), 0.0)
 
@@ -326,7 +326,7 @@ def _beyond(
         foundation: The foundation.
     """
     x, n, gap = (values[pressing][at] for values in (answer.x, answer.frames[:, 0], answer.gap))
-    beyond: FloatArray = gap - way_along(n, x, foundation.signed_distance(x), foundation)
+    beyond: FloatArray = gap - distance_along(n, x, foundation.signed_distance(x), foundation)
     return beyond
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +23,7 @@ from .certificate import Certificate
 from .discrete_problem import DiscreteProblem
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
-from .resultants import Acting, Resultant, acting, resultant_of_ground
+from .resultants import ForceBalance, Resultant, force_balance, resultant_of_ground
 from .small_strain import SmallStrain, small_strain
 from .supplied import supplied
 
@@ -118,7 +119,7 @@ class Solution:
         )
 
     @cached_property
-    def acting(self) -> Acting:
+    def force_balance(self) -> ForceBalance:
         """Resultants of all loads and supports, and the balance of all forces; collective."""
         problem, u = self.problem, self.displacement
         body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
@@ -133,12 +134,18 @@ class Solution:
             if ground is not None
         ]
         each = {member.name: member.nodes for member in members} if len(members) > 1 else {}
-        return acting(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each)
+        return force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each)
+
+    @property
+    def acting(self) -> ForceBalance:
+        """`force_balance`, as it was called before."""
+        warnings.warn("Solution.acting is now Solution.force_balance", DeprecationWarning, stacklevel=2)
+        return self.force_balance
 
     @property
     def loads(self) -> tuple[Resultant, ...]:
         """Force and moment of every load: in their order, those in the volume first; collective."""
-        return self.acting.loads
+        return self.force_balance.loads
 
     @property
     def reactions(self) -> tuple[Resultant, ...]:
@@ -146,7 +153,7 @@ class Solution:
 
         With the loads and the contact forces on a body (`at_nodes.totals()`) they add up to zero.
         """
-        return self.acting.reactions
+        return self.force_balance.reactions
 
     @property
     def forces_on_foundations(self) -> tuple[Resultant, ...]:

@@ -48,7 +48,7 @@ def test_a_block_dragged_to_and_fro(cell):
         assert step.halvings == 0
         assert worn.friction_work @ answer.area == pytest.approx(step.state.energy.dissipated, rel=1e-10, abs=1e-14)
         assert np.all(worn.friction_work >= last.friction_work - 1e-9 * FRICTION * PRESSURE * 0.01)
-        now = answer.moved.copy()
+        now = answer.displacement_vectors.copy()
         now[:, 2] = 0.0
         path += np.where(answer.force[:, 0] > 0.0, np.linalg.norm(now - u, axis=1), 0.0)
         assert worn.slip == pytest.approx(path, rel=1e-12, abs=1e-20)

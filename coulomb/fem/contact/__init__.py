@@ -35,9 +35,9 @@ from .surface import (
     ContactSurface,
     Normals,
     contact_surface,
+    distance_along,
+    faces_away,
     interpolated_forces,
     joined,
     plane_of_face,
-    turned_away,
-    way_along,
 )

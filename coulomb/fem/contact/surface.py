@@ -205,7 +205,7 @@ def contact_surface(
     _refuse(area[on_face] <= 0.0, place, f"{what} has a node without area", comm)
     inwards = _evaluate(foundation.normal, place, 3, comm, face)
     away, gap = np.zeros(len(body.x), dtype=bool), np.zeros(len(body.x))
-    away[on_face] = turned_away(inwards, outward[on_face])
+    away[on_face] = faces_away(inwards, outward[on_face])
     gap[on_face] = _evaluate(foundation.signed_distance, place, 1, comm, face)
     facing = comm.allreduce(int(np.sum(~away[points.nodes])), op=MPI.SUM)
     inside = away[on_face] & ((gap[on_face] <= 0.0) | (facing == 0))
@@ -216,7 +216,7 @@ def contact_surface(
         n = -_evaluate(foundation.normal, x, 3, comm, face)
     else:
         mean = outward[on_face] / np.linalg.norm(outward[on_face], axis=1)[:, None]
-        way = partial(way_along, mean, place, gap[on_face], foundation)
+        way = partial(distance_along, mean, place, gap[on_face], foundation)
         gap[on_face] = on_all_ranks(way, f"{what}: foundation", comm)
         n = outward[points.nodes] / np.linalg.norm(outward[points.nodes], axis=1)[:, None]
     distance = points.gap(gap)
@@ -251,7 +251,7 @@ def contact_surface(
     )
 
 
-def turned_away(slope: FloatArray, outward: FloatArray) -> npt.NDArray[np.bool_]:
+def faces_away(slope: FloatArray, outward: FloatArray) -> npt.NDArray[np.bool_]:
     """Where a face cannot touch its foundation, since its normals (k, 3), of any length, are along the gradients of the
     signed distance (k, 3) or perpendicular to them, shape (k,)."""
     along = np.einsum("ki,ki->k", slope, outward)
@@ -316,7 +316,7 @@ def _evaluate(
     return on_all_ranks(evaluate, f"contact face {face!r}: foundation", comm)
 
 
-def way_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundation: RigidFoundation) -> FloatArray:
+def distance_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundation: RigidFoundation) -> FloatArray:
     """Distance in metres from x along n to the foundation (k,); Newton's method along each ray.
 
     If a ray misses it, the distance to the tangent plane of the foundation's point nearest to x.

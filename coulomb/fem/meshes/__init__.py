@@ -1,5 +1,5 @@
 """Meshes with named groups of cells and facets: built (`box_mesh`), read from files (`read_mesh`), inspected, moved,
-joined and raised to second order.  Nodal fields in files belong here as well.
+joined and made second order.  Nodal fields in files belong here as well.
 """
 
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
@@ -15,7 +15,7 @@ from .lagrange import (
 )
 from .mesh_file import MeshFile
 from .mesh_parts import SAME_PLACE, corners_of, local_facets
-from .meshes import box, distributed, known_format, raised, read_file, read_gmsh, read_mesh, read_xdmf
+from .meshes import box, distributed, known_format, read_file, read_gmsh, read_mesh, read_xdmf, second_order
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume
 from .nodal_field import NodalField
 from .xdmf_writing import FACETS, SOLIDS, HDF5Target, write

@@ -34,7 +34,7 @@ from .mesh_parts import corners_of, local_cells, local_facets
 from .named_mesh import NamedMesh
 
 
-def raised(mesh: NamedMesh) -> NamedMesh:
+def second_order(mesh: NamedMesh) -> NamedMesh:
     """The mesh with 10-node tetrahedra or 27-node hexahedra of the same corners; collective.
 
     The shape of the body does not change: the new nodes are at the middles of the straight edges, and those of
@@ -48,7 +48,7 @@ def raised(mesh: NamedMesh) -> NamedMesh:
     """
     old, comm = mesh.domain, mesh.comm
     if mesh.degree != 1:
-        raise ValueError("raised: the mesh has second-order cells already; raised takes a first-order mesh")
+        raise ValueError("second_order: the mesh has second-order cells already; it takes a first-order mesh")
     own = old.topology.index_map(3).size_local
     V = compat.functionspace(old, 2)
     dofs, number = compat.cell_dofs(V), _global_numbers(V.dofmap.index_map)
@@ -123,7 +123,7 @@ def box(
         faces[name] = mesh.locate_entities_boundary(
             domain, 2, lambda x, i=axis, e=end: np.abs(x[i] - e * corner[i]) < near[i]
         )
-    made = NamedMesh(domain, faces) if degree == 1 else raised(NamedMesh(domain, faces))
+    made = NamedMesh(domain, faces) if degree == 1 else second_order(NamedMesh(domain, faces))
     if place is not None:
         x = made.domain.geometry.x
         x[:] = evaluate_vectors(place, x.copy(), "box: place", comm)

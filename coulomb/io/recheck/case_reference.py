@@ -28,7 +28,7 @@ from ...fem.contact import plane_of_face
 from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR, corners_of
 from ...linalg.reductions import Reductions
-from ...model.resultants import Acting, acting
+from ...model.resultants import ForceBalance, force_balance
 from ..case_record import lasting_part
 from ..nodal_grids import GROUND
 from ..run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
@@ -267,7 +267,7 @@ class CaseForces:
         self._members, self._node, self._run = case.members, case.nodes_of(run), run
         self._loads = {name: list(body.loads_at(time)) for name, body in case.bodies.items()}
 
-    def acting(self, u: FloatArray, held: FloatArray, on_body: FloatArray, taken: Perturbed) -> Acting:
+    def force_balance(self, u: FloatArray, held: FloatArray, on_body: FloatArray, taken: Perturbed) -> ForceBalance:
         """Resultants and balance with displacements u, forces of the supports along held directions, and contact forces
         on the body at the run's nodes, shapes (k, 3)."""
         order = np.argsort(self._node)  # of the run's nodes in the order of the case
@@ -283,4 +283,4 @@ class CaseForces:
         shares = parts(lambda member: member.body.shares(held[order][member.nodes]))
         springs = parts(lambda member: member.body.spring_forces(u[order][member.nodes]))
         x, over, slices = taken(self._run.body.x), Reductions(MPI.COMM_SELF), self._run.body.slices
-        return acting(loads, chain(shares, springs), on_body, x, over, (), slices)
+        return force_balance(loads, chain(shares, springs), on_body, x, over, (), slices)

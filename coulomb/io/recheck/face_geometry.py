@@ -27,13 +27,13 @@ from ...fem.contact import (
     bulges_at_points,
     contact_points,
     curved_patch,
+    distance_along,
+    faces_away,
     held_on_both,
     lost_nodes,
     mortar_rows,
     planes_of_symmetry,
     shares,
-    turned_away,
-    way_along,
     whole_face,
     within,
 )
@@ -143,7 +143,7 @@ class _Source:
             if contact.normals == "body":
                 n = unit
                 normals = outward[on] / np.linalg.norm(outward[on], axis=1)[:, None]
-                distance = way_along(normals, place, distance, there)
+                distance = distance_along(normals, place, distance, there)
             else:
                 n = -there.normal(x)
             on_nodes = np.zeros((count, 2))
@@ -152,7 +152,7 @@ class _Source:
             distance, given = (weights @ on_nodes).T
             if not points.nodal:
                 distance = bounded_gap(distance, weights, on_nodes[weights.indices, 0])
-            turned = turned_away(there.normal(run.on_face["x"][index]), unit)
+            turned = faces_away(there.normal(run.on_face["x"][index]), unit)
             given = data["given_gap"] if case.lacks_gap(number) else given
             gap = distance + given
         free: npt.NDArray[np.bool_] = held_length(n, points.held(held)) <= beyond

@@ -144,7 +144,7 @@ class Recomputation:
         for one in run.opposite:
             carried = opposite_fields(run, only_written, written, one)
             found |= {f"{CONTACT}: {name} of {one.face.name}": values for name, values in carried.items()}
-        acting = None if self.supported is None else self.supported.acting(u, reactions, on_body, taken)
+        acting = None if self.supported is None else self.supported.force_balance(u, reactions, on_body, taken)
         probed = _probe_entries(self.probes, u, written, run.node[only_written.index], taken)
         numbers = derived(written, certificate, u, spring, held, acting)
         strain: dict[str, Any] = {"gradient": body.largest_gradient(u)}

@@ -144,7 +144,7 @@ def test_another_meshs_tags_and_forms():
     script = Script(other, 1)
     with pytest.raises(ValueError, match=r"on 2 meshes|of different spaces"):
         coulomb.Body(A + ufl.inner(script.u, script.v) * ufl.dx, L, [HELD], BOX)
-    curved = Script(coulomb.raised(other), 1)
+    curved = Script(coulomb.second_order(other), 1)
     with pytest.raises(ValueError, match=r"degree 1.*of degree 2"):
         coulomb.Body(curved.elasticity(1e9, 0.3), None, [curved.bc((0.0, 0.0, 0.0), "top")], curved.mesh)
 

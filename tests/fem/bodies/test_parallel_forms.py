@@ -25,7 +25,7 @@ def test_a_history_from_forms(cell, degree):
         expected = by_place(one.solution.problem.elasticity.x, one.solution.displacement)
         x = everywhere(other.solution.problem.elasticity.x)
         found = by_place(x, everywhere(other.solution.displacement))
-        assert other.solution.certificate.passed and other.solution.acting.balance < 1e-10
+        assert other.solution.certificate.passed and other.solution.force_balance.balance < 1e-10
         assert np.abs(found - expected).max() <= 1e-8 * np.abs(expected).max()
         for mine, theirs in zip(one.solution.reactions, other.solution.reactions, strict=True):
             assert np.abs(mine.force - theirs.force).max() <= 1e-8 * np.abs(mine.force).max()
@@ -40,7 +40,7 @@ def test_robin_terms_and_own_fields(tmp_path):
     faces = {"sole": script.mesh.faces["bottom"]}
     body = coulomb.Body(script.elasticity(1e10, 0.3) + robin, L, faces=faces)
     solution = ContactProblem(body, Contact("sole", 0.2)).solve()
-    assert solution.certificate.passed and solution.acting.balance < 1e-10
+    assert solution.certificate.passed and solution.force_balance.balance < 1e-10
     contents = write(solution, folder / str(comm.size), fields={"z": script.on_cells(lambda x: x[2])})
     assert contents["fields"] == ["z"] and contents["reactions"][0]["name"] == "form"
 

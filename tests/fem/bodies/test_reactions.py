@@ -50,7 +50,7 @@ def test_a_clamp_carries_the_loads(cell, solver):
     moment = -(np.cross(0.5 * LENGTHS, weight * volume) + np.cross(end, traction * face))
     assert np.linalg.norm(reaction.force - force) <= 1e-10 * np.linalg.norm(force)
     assert np.linalg.norm(reaction.moment - moment) <= 1e-10 * np.linalg.norm(moment)
-    assert solution.acting.balance <= 1e-10
+    assert solution.force_balance.balance <= 1e-10
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -119,8 +119,8 @@ def test_loads_reactions_and_contact_balance(name, cell, solver):
     assert solution.certificate.passed
     assert solution.at_nodes.totals()["normal_force"] > 0.0
     assert left_over(solution) <= 1e-10
-    assert solution.acting.balance <= 1e-10
-    assert summary(solution)["balance"] == solution.acting.balance
+    assert solution.force_balance.balance <= 1e-10
+    assert summary(solution)["balance"] == solution.force_balance.balance
     (foundation,) = solution.forces_on_foundations
     assert np.allclose(foundation.force, np.negative(solution.at_nodes.totals()["force"]), rtol=1e-12)
 

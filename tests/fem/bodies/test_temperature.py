@@ -165,7 +165,7 @@ def test_load_of_its_own_kind():
     solution = problem.at(2.0).solve()
     (found,) = solution.loads
     assert (found.kind, found.face) == ("thermal", None) and solution.certificate.passed
-    assert np.linalg.norm(found.force) <= 1e-12 * found.nodal and solution.acting.balance <= 1e-12
+    assert np.linalg.norm(found.force) <= 1e-12 * found.nodal and solution.force_balance.balance <= 1e-12
 
 
 CASE = """\

@@ -48,7 +48,7 @@ def test_components_that_touch_are_known(tmp_path, second):
 def test_components_apart(tmp_path):
     mesh = read(torn((5.0, 0.0, 0.0)), tmp_path)
     assert mesh.components == 2 and len(mesh.touching) == 0
-    assert coulomb.raised(mesh).components == 2
+    assert coulomb.second_order(mesh).components == 2
 
 
 def test_a_tear_is_reported_unless_a_contact_is_there(tmp_path, caplog):

@@ -33,7 +33,7 @@ def test_raised_mesh_keeps_shape_faces_and_cells(cell):
     mesh = coulomb.box((3.0, 2.0, 1.0), (3, 2, 1), cell, place=lambda x: x + 0.1 * np.sin(5.0 * x[[1, 2, 0]]))
     middle = mesh.domain.geometry.x[compat.cell_geometry(mesh.domain)].mean(axis=1)
     mesh.cells["left half"] = np.flatnonzero(middle[:, 0] < 1.5).astype(np.int32)
-    second = coulomb.raised(mesh)
+    second = coulomb.second_order(mesh)
     assert isinstance(second, NamedMesh)
     assert list(second.faces) == list(mesh.faces)
     for face in mesh.faces:
@@ -67,6 +67,6 @@ def test_degree_in_case_files(tmp_path):
 def test_second_order_meshes_are_not_raised_again():
     mesh = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1), degree=2)
     with pytest.raises(ValueError, match="second-order cells already"):
-        coulomb.raised(mesh)
+        coulomb.second_order(mesh)
     with pytest.raises(ValueError, match="degree must be 1 or 2, but is 3"):
         coulomb.box((1.0, 1.0, 1.0), (1, 1, 1), degree=3)
