@@ -94,8 +94,7 @@ def _solved(J: FloatArray, rhs: FloatArray, rows: FloatArray, columns: FloatArra
     with warnings.catch_warnings():  # a singular matrix gives a step that is not finite, which ends the start
         warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
         factors = scipy.linalg.lu_factor(rows[:, None] * J * columns, overwrite_a=True, check_finite=False)
-    solution: FloatArray = columns * scipy.linalg.lu_solve(factors, rows * rhs)
-    return solution
+    return columns * scipy.linalg.lu_solve(factors, rows * rhs)
 
 
 def schur_matrix(A: FloatArray, at: Linearization) -> FloatArray:

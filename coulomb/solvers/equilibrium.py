@@ -120,8 +120,7 @@ class LimitLoad:
         left = target
         if columns.size:
             left = target - columns @ lsq_linear(columns, target, (0.0, np.inf), method="bvls", tol=1e-14).x
-        motion: FloatArray = left / (np.max(np.abs(left)) or 1.0)
-        return motion
+        return left / (np.max(np.abs(left)) or 1.0)
 
     def held_part(self, changed: FloatArray) -> float | None:
         """The largest part s <= 1 of the loads `changed` (q,) which contact forces balance beside the others, e -
@@ -276,8 +275,7 @@ def _closed(rigid: RigidMotions, pressure: FloatArray, over: Reductions) -> Floa
     """Orthonormal motions (q, k) that do not open or close the contact where there is pressure (m,)."""
     rows = rigid.G[:, 0::3] * np.sqrt(np.maximum(pressure, 0.0))
     squares, V = np.linalg.eigh(over.total(rows @ rows.T))
-    kept: FloatArray = V[:, squares < _SHARP * squares[-1]] if squares[-1] > 0.0 else V
-    return kept
+    return V[:, squares < _SHARP * squares[-1]] if squares[-1] > 0.0 else V
 
 
 def balanced_forces(problem: FrictionProblem, method: str) -> FloatArray | None:

@@ -131,8 +131,7 @@ class FrictionProblem:
     @cached_property
     def known_slip(self) -> npt.NDArray[np.bool_]:
         """Nodes whose slip no contact force changes, shape (m,): both tangential rows of A are zero."""
-        known: npt.NDArray[np.bool_] = np.all(self.A.diagonal().reshape(-1, 3)[:, 1:] == 0.0, axis=1)
-        return known
+        return np.all(self.A.diagonal().reshape(-1, 3)[:, 1:] == 0.0, axis=1)
 
     @cached_property
     def frictional(self) -> npt.NDArray[np.bool_]:
@@ -196,8 +195,7 @@ class FrictionProblem:
         G = np.einsum("iab,ibq->qia", roots, nodal).reshape(self.rigid.count, len(self.b))
         basis = MotionBasis(G, self.reductions)
         w = np.einsum("iab,ib->ia", roots, without.reshape(-1, 3)).ravel()
-        alpha: FloatArray = basis.T.T @ (basis.T @ self.reductions.total(G @ w))
-        return alpha
+        return basis.T.T @ (basis.T @ self.reductions.total(G @ w))
 
     def shortest_motion(self, x: FloatArray, without: FloatArray, alpha: FloatArray) -> FloatArray:
         """`rigid_motion`, if it is far shorter than alpha (q,) and the residual with it no larger; else alpha.
@@ -272,8 +270,7 @@ class FrictionProblem:
         if self.rigid is None:
             return w
         G = self.motion_basis.T @ self.motion_basis.G
-        without: FloatArray = w - self.reductions.total(G @ w) @ G
-        return without
+        return w - self.reductions.total(G @ w) @ G
 
     @cached_property
     def _loads(self) -> float:

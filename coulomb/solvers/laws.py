@@ -94,8 +94,7 @@ class FrictionLaw:
 
     def radius(self, x_n: FloatArray) -> FloatArray:
         """Bound of the friction force in newtons at normal forces x_n in newtons, both of shape (m,)."""
-        bound: FloatArray = self.cohesion + self.friction * np.maximum(x_n, 0.0)
-        return bound
+        return self.cohesion + self.friction * np.maximum(x_n, 0.0)
 
     def scaled(self, normal: FloatArray | float, friction: FloatArray | float | None = None) -> FrictionLaw:
         """The law for normal forces in units of `normal` and friction in units of `friction`, by default the same; one
@@ -139,8 +138,7 @@ class FrictionLaw:
             x_n: Normal forces in newtons, shape (m,).
         """
         way = np.hypot(slip[:, 0], slip[:, 1])
-        friction: FloatArray = slip * (self.radius(x_n) / np.where(way > 0.0, way, 1.0))[:, None]
-        return friction
+        return slip * (self.radius(x_n) / np.where(way > 0.0, way, 1.0))[:, None]
 
     def natural_residual(
         self,

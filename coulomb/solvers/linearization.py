@@ -44,20 +44,17 @@ class Linearization:
     @cached_property
     def k(self) -> FloatArray:
         """F (1 + |y|^2)/2, how fast the slack of the disc grows with x_n, shape (m,)."""
-        widening: FloatArray = 0.5 * self.slope * (1.0 + squares(self.y))
-        return widening
+        return 0.5 * self.slope * (1.0 + squares(self.y))
 
     @cached_property
     def _disc(self) -> FloatArray:
         """Derivative of -z2 along dx_n, dx_t1, dx_t2, shape (m, 3); 0 without friction."""
-        rows = side_by_side(-self.k, self.y[:, 0], self.y[:, 1]) * self.frictional[:, None]
-        return rows
+        return side_by_side(-self.k, self.y[:, 0], self.y[:, 1]) * self.frictional[:, None]
 
     @cached_property
     def _C(self) -> FloatArray:
         """The last two rows of the nodal part of J11 along dx_n, as that along dx_t is h, shape (m, 2)."""
-        columns: FloatArray = -(self.h * self.slope)[:, None] * self.y
-        return columns
+        return -(self.h * self.slope)[:, None] * self.y
 
     def C(self, dx: FloatArray) -> FloatArray:
         """The nodal part of J11 on dx (m, 3)."""
@@ -151,5 +148,4 @@ def disc_inverse(D: FloatArray, y: FloatArray, d22: FloatArray, S: FloatArray, r
     w = np.empty_like(y)
     w[:, 0], w[:, 1] = -y[:, 1], y[:, 0]
     along = (w[:, :1] * r[:, :1] + w[:, 1:] * r[:, 1:]) / (D[:, :1] * D[:, 1:])
-    inverse: FloatArray = (d22 * r / D + along * w) / S
-    return inverse
+    return (d22 * r / D + along * w) / S

@@ -50,13 +50,11 @@ class RigidMotions:
 
     def displacement(self, alpha: FloatArray) -> FloatArray:
         """G^T alpha in metres, this rank's nodes, shape (3 m,)."""
-        moved: FloatArray = alpha @ self.G
-        return moved
+        return alpha @ self.G
 
     def out_of_balance(self, x: FloatArray, over: Reductions) -> FloatArray:
         """e - G x in newtons, shape (q,), of forces x (3 m,) in newtons; collective."""
-        left: FloatArray = self.e - over.total(self.G @ x)
-        return left
+        return self.e - over.total(self.G @ x)
 
     def described(self, alpha: FloatArray) -> str:
         """The motions of alpha (q,) by name, the largest first, without those below a hundredth of it."""
@@ -116,8 +114,7 @@ class MotionBasis:
     @cached_property
     def T(self) -> FloatArray:
         values, V, kept = self._spectrum
-        T: FloatArray = (V[:, kept] / values[kept]).T
-        return T
+        return (V[:, kept] / values[kept]).T
 
     @cached_property
     def free(self) -> FloatArray:

@@ -58,8 +58,7 @@ class ScaledCompliance:
         """A~ as an array, shape (3 m, 3 m), on one rank: as A has it, or by 3 m products."""
         A, W = self.A, self.W.ravel()
         if isinstance(A, Formed):
-            dense: FloatArray = W[:, None] * A.dense() * W / self.a
-            return dense
+            return W[:, None] * A.dense() * W / self.a
         return np.array([self.mult(e.reshape(-1, 3)).ravel() for e in np.eye(W.size)]).T
 
     def resultant(self, x: FloatArray) -> FloatArray:

@@ -255,8 +255,7 @@ class ScaledProblem:
 
     def scaled_gradient(self, gradient: FloatArray) -> FloatArray:
         """A x - b (3 m,) in m as A~ x~ - b~, shape (m, 3)."""
-        scaled: FloatArray = self._W * gradient.reshape(-1, 3) / (self._a * self._s)
-        return scaled
+        return self._W * gradient.reshape(-1, 3) / (self._a * self._s)
 
     def unscaled(self, v: Iterate) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Forces in N (3 m,), with friction where the slip is known, w in m (3 m,), multipliers in m (m, 2)."""
@@ -271,20 +270,17 @@ class ScaledProblem:
 
     def displaced(self, v: Iterate) -> FloatArray:
         """A x - b in metres, shape (3 m,), without rigid motions."""
-        displaced: FloatArray = (self._a * self._s / self._W * self._w(v)).ravel()
-        return displaced
+        return (self._a * self._s / self._W * self._w(v)).ravel()
 
     def _w(self, v: Iterate) -> FloatArray:
         """A~ x~ - b~ without rigid motions, shape (m, 3)."""
-        w: FloatArray = v.A_x - self._b if v.w is None else v.w.copy()
-        return w
+        return v.A_x - self._b if v.w is None else v.w.copy()
 
     def rigid_motion(self, v: Iterate) -> FloatArray:
         """alpha (q,) in the user's units, the shortest; empty without rigid motions."""
         if self.problem.rigid is None:
             return NO_MOTION
-        alpha: FloatArray = self._a * self._s * (self._T.T @ v.alpha)
-        return alpha
+        return self._a * self._s * (self._T.T @ v.alpha)
 
     def with_gradient(self, v: Iterate, gradient: FloatArray) -> Iterate:
         """The iterate with A x - b in metres, shape (3 m,), without rigid motions, not from its A x."""

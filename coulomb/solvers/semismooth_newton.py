@@ -126,8 +126,7 @@ class ContactPreconditioner:
             seen = summed(self._comm, C.T @ z.reshape(len(C), count))
             known = dgetrs(self._factors, self._pivots, seen)[0]
             z -= self._R @ (C @ known).reshape(z.shape)
-        applied: FloatArray = z.reshape(r.shape)
-        return applied
+        return z.reshape(r.shape)
 
 
 @dataclass(frozen=True)
@@ -288,8 +287,7 @@ class _Iteration:
         if not len(self._e):
             return NO_MOTION
         alpha = self._problem.rigid_motion(x.ravel(), self._a * (A_x - self._b).ravel())
-        scaled: FloatArray = np.linalg.lstsq(self._T.T, alpha / self._a, rcond=None)[0]
-        return scaled
+        return np.linalg.lstsq(self._T.T, alpha / self._a, rcond=None)[0]
 
     def _w(self, A_x: FloatArray, alpha: FloatArray) -> FloatArray:
         """A x - b - G^T alpha in newtons."""
@@ -369,8 +367,7 @@ class _Iteration:
         """alpha (q,) in the user's units."""
         if self._problem.rigid is None:
             return NO_MOTION
-        motion: FloatArray = self._a * (self._T.T @ alpha)
-        return motion
+        return self._a * (self._T.T @ alpha)
 
     def _result(
         self, x: FloatArray, A_x: FloatArray, alpha: FloatArray, history: list[SemismoothStep], status: Status

@@ -22,38 +22,3 @@ from .predicted_cost import (
 from .recycling import LinearResponseCache, RecycledColumns
 from .schur_compliance import SchurCompliance
 from .stiffness import DirectSolver, IterativeSolver, SoftMotions, StiffnessSolver
-
-__all__ = [
-    "EXPLICIT_UP_TO",
-    "PREDICTED_UP_TO",
-    "REPLACED",
-    "BodyCompliance",
-    "CarryingKrylov",
-    "Compliance",
-    "ConstraintPreconditioner",
-    "Constraints",
-    "DirectSolver",
-    "Formed",
-    "IterativeSolver",
-    "LinearResponseCache",
-    "LinearSolver",
-    "LowRankApproximation",
-    "LowRankUpdate",
-    "MatrixCompliance",
-    "MatrixFreeCompliance",
-    "Measures",
-    "NodalMap",
-    "Precision",
-    "RecycledColumns",
-    "SchurCompliance",
-    "SoftMotions",
-    "StiffnessSolver",
-    "chosen",
-    "estimated_diagonal",
-    "factorise",
-    "fits",
-    "patience",
-    "seconds_direct",
-    "seconds_multigrid",
-    "undecided",
-]

@@ -144,8 +144,7 @@ class MatrixCompliance:
 
     def dense(self) -> FloatArray:
         """See `Formed`."""
-        rows: FloatArray = self.matrix.getDenseArray() if self._is_dense else self.sparse().toarray()
-        return rows
+        return self.matrix.getDenseArray() if self._is_dense else self.sparse().toarray()
 
     @property
     def _is_dense(self) -> bool:
@@ -287,8 +286,7 @@ class MatrixFreeCompliance(LimitedProducts):
         """B u."""
         self._u.array[:] = u
         self.B.mult(self._u, self._x)
-        moved: FloatArray = self._x.array.copy()
-        return moved
+        return self._x.array.copy()
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         self._begin()
@@ -323,8 +321,7 @@ class MatrixFreeCompliance(LimitedProducts):
         """A x of `latest`; to be read before the next product."""
         self._u.array[:] = self._free - self._last.array_r
         self.B.mult(self._u, self._x)
-        product: FloatArray = self._x.array_r
-        return product
+        return self._x.array_r
 
     def _follow(self, x: FloatArray, change: float, whole: float) -> None:
         """The last displacement corrected for another x, to an accuracy relative to the change or to the whole of the
@@ -394,8 +391,7 @@ class MatrixFreeCompliance(LimitedProducts):
         """A x = B (v + K^-1 f) of v = K^-1 (B^T x - f); to be read before the next product."""
         self._u.array[:] = self._free + v.array_r
         self.B.mult(self._u, self._x)
-        product: FloatArray = self._x.array_r
-        return product
+        return self._x.array_r
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         rest: FloatArray = np.einsum("iab,ib->ia", turn**2, self._elastic.rest.reshape(-1, 3)).ravel()

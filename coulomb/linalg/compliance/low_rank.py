@@ -176,8 +176,7 @@ class LowRankApproximation:
     def weighted_columns(self) -> FloatArray:
         """D^-1 C, shape (3 m, s); 0 in rows of A that are 0 as all of their displacements are prescribed."""
         D = self.rest.reshape(-1, 1)
-        weighted: FloatArray = np.divide(self.columns, D, out=np.zeros_like(self.columns), where=D > 0.0)
-        return weighted
+        return np.divide(self.columns, D, out=np.zeros_like(self.columns), where=D > 0.0)
 
     def _unknown(self, X: FloatArray, Y: FloatArray) -> float:
         """Size of A on the new part of the pairs (X, Y) relative to diag(A); unchanged without a new part.
@@ -211,8 +210,7 @@ class LowRankApproximation:
     def _gram(self, X: FloatArray, Y: FloatArray) -> FloatArray:
         """X^T Y over all ranks, symmetrised."""
         G = summed(self._comm, X.T @ Y)
-        symmetric: FloatArray = 0.5 * (G + G.T)
-        return symmetric
+        return 0.5 * (G + G.T)
 
 
 class LowRankUpdate:
@@ -242,5 +240,4 @@ def _inverse_root(G: FloatArray) -> FloatArray:
     """T with T^T G T = I on the range of the positive semidefinite G."""
     size, V = np.linalg.eigh(G)
     kept = size > _RANK_DEFICIENT * size[-1]
-    root: FloatArray = V[:, kept] / np.sqrt(size[kept])
-    return root
+    return V[:, kept] / np.sqrt(size[kept])

@@ -49,8 +49,7 @@ class LinearResponseCache:
         left = over.norm(rest)
         fits = over.max(np.abs(sums[1] - held)) <= _SAME * over.max(np.abs(held))
         if self._loads and left <= _SAME * size and fits:
-            kept: FloatArray = sums[0]
-            return kept
+            return sums[0]
         u = solve()
         if len(self._loads) < MOST and left > _NEW * size:
             self._loads.append(rest / left)

@@ -157,8 +157,7 @@ class SchurCompliance(LimitedProducts):
         """With factors in double precision always, else of the forces of the last accurate product."""
         z, known = self._forces(x), self._reference
         if self.exact:
-            product: FloatArray = self._rows @ self._solver.schur_solve(z)
-            return product
+            return self._rows @ self._solver.schur_solve(z)
         accurate = known.rest <= _REST * float(np.linalg.norm(z)) and np.array_equal(z, known.z)
         return self._rows @ known.contact_part if accurate else None
 

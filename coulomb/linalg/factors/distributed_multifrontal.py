@@ -187,8 +187,7 @@ class DistributedFactors:
         for front, here in self._roots():
             part[here] = front.product(w[here])
         self.comm.Allreduce(part, w)
-        solution: FloatArray = w * np.float64(size)
-        return solution
+        return w * np.float64(size)
 
     def schur_squares(self, columns: scipy.sparse.csr_matrix) -> FloatArray:
         """b^T S^-1 b for each column b of a matrix, the same on all ranks."""

@@ -90,8 +90,7 @@ def large_parts(label: npt.NDArray[np.integer[Any]]) -> Nodes:
     size = np.bincount(label)
     large = size >= _PART * len(label)
     number = np.where(large, np.cumsum(large) - 1, 0)
-    found: Nodes = number[label].astype(np.int64)
-    return found
+    return number[label].astype(np.int64)
 
 
 class _Tree:

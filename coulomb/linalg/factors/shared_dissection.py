@@ -107,8 +107,7 @@ def _components(comm: MPI.Comm, graph: Graph, nodes: int) -> Nodes:
         lower = least[component]
         comm.Allreduce(MPI.IN_PLACE, lower, op=MPI.MIN)
         if np.array_equal(lower, label):
-            found: Nodes = np.unique(label, return_inverse=True)[1].astype(np.int64)
-            return found
+            return np.unique(label, return_inverse=True)[1].astype(np.int64)
         label = lower
 
 

@@ -4,11 +4,3 @@ from .block_matrix import padded
 from .multigrid_cycle import MultigridCycle
 from .multigrid_grids import SECOND_ORDER_STEPS, multigrid
 from .recycled_cg import RecycledCG
-
-__all__ = [
-    "SECOND_ORDER_STEPS",
-    "MultigridCycle",
-    "RecycledCG",
-    "multigrid",
-    "padded",
-]

@@ -289,8 +289,7 @@ class SymmetricBlocks:
         """In single precision, shape (size,)."""
         at = np.arange(self._width)
         blocks = self._blocks.values[:-PADDING].reshape(-1, self._width, self._width)
-        diagonal: FloatArray = blocks[self._blocks.pointers[:-1, None], at, at].astype(np.float64).ravel()
-        return diagonal
+        return blocks[self._blocks.pointers[:-1, None], at, at].astype(np.float64).ravel()
 
     def mult(self, x: FloatArray, y: FloatArray, accurate: bool = True) -> None:
         """y <- K x, in double precision if `accurate`, here and in the matrix; x padded; collective."""

@@ -168,8 +168,7 @@ def _chosen(blocks: Blocks, chosen: npt.NDArray[np.bool_], numbers: int) -> Bloc
 def _fetched(K: WholeBlocks, rows: FloatArray) -> FloatArray:
     """Rows (nodes, k) of the nodes of other ranks; collective."""
     exchange = RowExchange(K.comm, K.starts, K.ghosts)
-    fetched: FloatArray = exchange.fetched(rows[exchange.asked], np.ones(len(exchange.asked), np.int64))
-    return fetched
+    return exchange.fetched(rows[exchange.asked], np.ones(len(exchange.asked), np.int64))
 
 
 def galerkin(K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEntries:

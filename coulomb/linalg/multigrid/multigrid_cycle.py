@@ -169,8 +169,7 @@ class Level:
                 break
             beside.append(math.sqrt(beta) / alpha)
             p[:] = z + beta * p
-        largest: float = scipy.linalg.eigvalsh_tridiagonal(diagonal, beside[: len(diagonal) - 1])[-1]
-        return largest
+        return scipy.linalg.eigvalsh_tridiagonal(diagonal, beside[: len(diagonal) - 1])[-1]
 
     def smooth_from_zero(self) -> None:
         self.blocks.smooth(self.inverse, self.b, self.x, self._d, self._factors, zero=True)

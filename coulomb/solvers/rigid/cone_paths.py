@@ -227,8 +227,7 @@ class CurvePoint:
     def newton_blocks(self) -> FloatArray:
         """D of the matrix W + D for dX: -dZ/dX at constant tau, and with it the slip."""
         D = self._blocks(self._z / self._x, self._z.sum(axis=0) / self._x.sum(axis=0)) / self._rho[:, :, None]
-        blocks: FloatArray = self._E @ D
-        return blocks
+        return self._E @ D
 
     def unknowns(self, dX: FloatArray) -> FloatArray:
         """dV of a dX at constant tau."""

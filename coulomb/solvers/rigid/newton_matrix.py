@@ -174,8 +174,7 @@ class NewtonMatrix:
         else:
             x = np.empty_like(r)
             x[self._order] = self._lu.solve(r[self._order])
-        solution: FloatArray = (self._c * x).reshape(right.shape)
-        return solution
+        return (self._c * x).reshape(right.shape)
 
 
 def _with_diagonal(blocks: Any) -> Any:

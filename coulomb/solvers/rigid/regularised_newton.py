@@ -207,8 +207,7 @@ class _Run:
         if self._progress is not None and self._progress(Progress(0, number, self._best[0])):
             self._status = Status.INTERRUPTED
             raise _Ended
-        step: FloatArray = dv if singular == 0 else np.full(len(dv), np.nan)
-        return step
+        return dv if singular == 0 else np.full(len(dv), np.nan)
 
     def _judged(self, v: FloatArray) -> None:
         """Judge an answer afresh."""
