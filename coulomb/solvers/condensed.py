@@ -47,7 +47,7 @@ from ..linalg.petsc_arrays import configured_ksp
 from ..linalg.reductions import Reductions
 from .linearization import NodalInverse
 from .newton_systems import ROUNDING, NewtonEquations, NewtonStep, NewtonSystem
-from .scaled_compliance import IterateProducts, ScaledCompliance
+from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import Settings, within
 
 _FACTORS: dict[str, str | float] = {

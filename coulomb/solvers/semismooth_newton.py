@@ -46,7 +46,7 @@ from .contact_equations import ContactDerivative, ContactEquations
 from .friction_problem import FrictionProblem
 from .results import Goal, NotConverged, Progress, ProgressCallback, SemismoothStep, SolverResult, Status
 from .rigid_motions import NO_MOTION, MotionBasis
-from .scaled_compliance import IterateProducts, ScaledCompliance
+from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import SolverSettings, within
 
 _CHANGED = 0.03

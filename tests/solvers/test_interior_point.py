@@ -17,9 +17,8 @@ from coulomb.solvers import (
     FrictionProblem,
     SchurComplementSystem,
 )
-from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import NodalInverse
-from coulomb.solvers.newton_systems import NewtonEquations
+from coulomb.solvers.newton_systems import NewtonEquations, augmented_matrix
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
 from coulomb.solvers.steps import newton_step
 

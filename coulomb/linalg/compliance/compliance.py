@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ..reductions import Reductions
 from ..unsolved import TooSlow, Unsolved
-from .recycling import RecycledColumns, turned_diagonal
+from .low_rank import RecycledColumns, turned_diagonal
 from .stiffness import SoftMotions, StiffnessSolver
 
 _DISPLACED = 1e-8

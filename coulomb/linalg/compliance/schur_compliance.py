@@ -13,7 +13,7 @@ from ...arrays import FloatArray
 from ..factors import DistributedMultifrontalSolver, MultifrontalSolver, inverse_factor
 from ..reductions import Reductions
 from .compliance import LimitedProducts, MatrixFreeCompliance
-from .recycling import RecycledColumns
+from .low_rank import RecycledColumns
 
 SchurSolver = MultifrontalSolver | DistributedMultifrontalSolver
 

@@ -25,8 +25,7 @@ from scipy.linalg.blas import dtrsv, strsv
 from ...arrays import FloatArray
 from . import blas
 from .blas import Real
-from .nested_dissection import Nodes, runs_of
-from .shared_dissection import SharedFront
+from .nested_dissection import Nodes, SharedFront, runs_of
 
 _WIDTH = 192
 """Most columns of a block: the larger, the faster are its products, and the longer it takes to finish one."""

@@ -1,7 +1,7 @@
 """K = L L^T on several ranks by nested dissection, the contact nodes last: as `multifrontal` on one rank.
 
 Each rank factorises its parts of the bodies alone, with the fronts of one rank; the fronts above are shared (see
-`shared_dissection` and `distributed_front`).  The rows of K go to the ranks that eliminate their nodes first.
+`nested_dissection` and `distributed_front`).  The rows of K go to the ranks that eliminate their nodes first.
 """
 
 from __future__ import annotations
@@ -16,15 +16,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..nodal_blocks import NodalRows, nodal_blocks
+from ..petsc_arrays import NodalRows, nodal_blocks
 from ..reductions import Reductions, concatenated, exchanged, incoming, summed
 from .blas import Real
 from .distributed_front import Block, DistributedFront, Update, column_ranks
 from .frontal_factors import FrontalFactors, NotPositiveDefinite
 from .multifrontal import SINGLE_FROM, Work, predicted_work
-from .nested_dissection import Front, Nodes, dissect_part
+from .nested_dissection import Front, Nodes, Part, SharedDissection, dissect_part, dissect_shared
 from .refined_solver import RefinedSolver
-from .shared_dissection import Part, SharedDissection, dissect_shared
 
 
 class Entries(NamedTuple):

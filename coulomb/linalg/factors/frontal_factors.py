@@ -15,7 +15,7 @@ from scipy.linalg.lapack import dpotrf, spotrf
 
 from ...arrays import FloatArray
 from ...native import address, kernels
-from ..nodal_blocks import NodalRows
+from ..petsc_arrays import NodalRows
 from .blas import Real
 from .nested_dissection import Front, Nodes
 

@@ -25,7 +25,7 @@ from scipy.linalg.blas import dsymv, dtrsv, strsv
 from scipy.linalg.lapack import dlauum, dpotri, dtrtri, strtri
 
 from ...arrays import FloatArray
-from ..nodal_blocks import NodalRows
+from ..petsc_arrays import NodalRows
 from .blas import Real
 from .frontal_factors import FrontalFactors, stack_heights
 from .nested_dissection import Front, Nodes, dissect

@@ -3,7 +3,7 @@
 Values are stored in single precision, half the memory that a product reads; vectors and sums are in double precision.
 A symmetric matrix keeps what single precision rounds off as well, for products as accurate as in double precision.
 The entries in columns of other ranks are a matrix of their own, of which only the rows that have such entries are kept.
-While the blocks of a vector that they need come from other ranks (ghost_blocks.py), the product with this rank's own
+While the blocks of a vector that they need come from other ranks, the product with this rank's own
 columns is made.
 
 Vectors of this rank are arrays with room for a few numbers behind their end (`padded`).

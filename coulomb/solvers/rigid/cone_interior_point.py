@@ -36,10 +36,10 @@ import scipy.sparse
 
 from ...arrays import FloatArray
 from ...linalg.compliance import MatrixCompliance
-from ..anderson import Anderson
 from ..friction_problem import FrictionProblem
 from ..results import Goal, InteriorPointStep, NotConverged, Progress, ProgressCallback, SolverResult, Status
 from ..settings import SolverSettings, within
+from ..successive_tresca import Anderson
 from .cone_paths import ConeCurve, ConePath, ConeStep
 from .cones import ConeProblem, Scales, answer, radius
 from .gauss_seidel import Sweeps, swept

@@ -18,10 +18,10 @@ from ...arrays import FloatArray
 from ...linalg.compliance import Compliance, MatrixCompliance
 from ...linalg.reductions import Reductions
 from ..automatic import DECISIVE, Automatic, named
-from ..dense_system import DenseSystem
 from ..friction_problem import FrictionProblem, Solver
 from ..interior_point import InteriorPoint
 from ..laws import FrictionLaw
+from ..newton_systems import DenseSystem
 from ..results import Goal, NotConverged, ProgressCallback, SolverResult
 from ..rigid_motions import RigidMotions
 from ..settings import SolverSettings
