@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import FloatArray
-from .friction_problem import FrictionProblem
+from .friction_problem import FrictionProblem, SolverSettings
 from .interior_point import InteriorPoint
 from .results import NotConverged, ProgressCallback, SolverResult, Status
 from .semismooth_newton import SemismoothNewton
-from .settings import SolverSettings
 from .successive_tresca import SuccessiveTresca
 
 _FINISH = SemismoothNewton(patience=3, refused=1e-4, finer=1.0, sharpest=0.01)

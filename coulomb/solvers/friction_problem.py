@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +15,9 @@ from ..arrays import FloatArray
 from ..linalg.compliance import Compliance
 from ..linalg.reductions import Reductions
 from .laws import FrictionLaw
-from .results import Accept, ProgressCallback, SolverResult
+from .results import Accept, Goal, NotConverged, ProgressCallback, SolverResult, Status
 from .rigid_motions import MotionBasis, RigidMotions
+from .settings import Settings, within
 
 _FAR_SHORTER = 1e-3
 """Length of the shortest rigid motion over that of an iterate's from which it is preferred."""
@@ -347,3 +348,55 @@ class Solver(Protocol):
             progress: Called after every step.
         """
         ...
+
+
+class Task(NamedTuple):
+    """What a solver is asked for, besides the problem: the goal, and arguments of `Solver.solve`."""
+
+    goal: Goal
+    start: FloatArray | None
+    gradient: FloatArray | None
+    progress: ProgressCallback | None
+
+
+@dataclass(frozen=True)
+class SolverSettings(Settings):
+    """Base of the solvers.
+
+    Attributes:
+        tolerance: Residual at which to stop (`FrictionProblem.residual`).
+    """
+
+    tolerance: float = within("(0, inf)", 1e-8)
+
+    name: ClassVar[str]
+
+    def solve(
+        self,
+        problem: FrictionProblem,
+        start: FloatArray | None = None,
+        *,
+        gradient: FloatArray | None = None,
+        tolerance: float | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> SolverResult:
+        """Solve a problem with friction; arguments as those of `Solver.solve`.
+
+        Raises:
+            NotConverged: With the best answer, if its residual stays above the tolerance or the certificate fails.
+            ValueError: If the method does not support the law or the compliance.
+        """
+        goal, products = Goal(self.tolerance if tolerance is None else tolerance, problem.accept), problem.A.products
+        result = self._solved(problem, Task(goal, start, gradient, progress))
+        result = replace(result, products=problem.A.products - products, method=self.name)
+        if result.status is Status.CONVERGED:
+            return result
+        message = result.message or (
+            f"the {self.name} method ended with a residual of {result.residual:.1e} after {result.newton_steps} "
+            f"Newton steps ({result.status.value}), {goal.missed(result.residual)}"
+        )
+        raise NotConverged(message, replace(result, message=message))
+
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
+        """The best answer, whether it has converged, without products; with a message that is not the usual one."""
+        raise NotImplementedError

@@ -36,7 +36,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .equilibrium import balanced_forces, no_equilibrium, sliding
-from .friction_problem import FrictionProblem, Solver
+from .friction_problem import FrictionProblem, Solver, Task
 from .frictionless_start import frictionless_start
 from .newton_systems import NewtonChoice, SchurComplementSystem
 from .results import (
@@ -44,7 +44,6 @@ from .results import (
     InteriorPointStep,
     NotConverged,
     Progress,
-    ProgressCallback,
     QPStep,
     SolverResult,
     Status,
@@ -99,6 +98,10 @@ class InteriorPoint(StepSettings):
         finish: A method that is tried once from an iterate near the answer; if it fails, the path is followed further
             from that iterate.
 
+    If steps from a given start block, the cold starts follow.  `history` has an InteriorPointStep per Newton step.
+    `solve` raises NotConverged with the status NO_EQUILIBRIUM before the first step, if no contact forces balance the
+    loads of a body that contact alone holds, or after some steps, if it slides away.
+
     Raises:
         ValueError: If a number is outside its bounds.
     """
@@ -116,41 +119,18 @@ class InteriorPoint(StepSettings):
 
     name = "interior point"
 
-    def solve(
-        self,
-        problem: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """Solve a problem with friction; arguments and errors as those of `Solver.solve`.
-
-        If steps from `start` block, the cold starts follow.  `history` has an InteriorPointStep per Newton step.
-
-        Raises:
-            NotConverged: With the status NO_EQUILIBRIUM before the first step, if no contact forces balance the loads
-                of a body that contact alone holds, or after some steps, if it slides away.
-        """
-        products = problem.A.products
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         balanced_forces(problem, self.name)
-        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
-        result = _smallest_force(problem, goal, self.name) or _Path(self, problem, goal, progress).follow(
-            start, gradient
-        )
-        result = replace(result, products=problem.A.products - products)
+        result = _smallest_force(problem, task.goal) or _Path(self, problem, task).follow()
         if result.equilibrium is not None and problem.rigid is not None and result.status is Status.NO_EQUILIBRIUM:
             message = f"{no_equilibrium(problem.rigid, result.equilibrium)}, after {result.newton_steps} Newton steps"
-            raise NotConverged(message, replace(result, message=message))
-        if result.status is not Status.CONVERGED:
+        else:
             residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-3:])
             message = (
                 f"the interior-point method ended with a residual of {result.residual:.1e} after {result.newton_steps} "
-                f"Newton steps ({result.status.value}), {goal.missed(result.residual)}; last residuals {residuals}"
+                f"Newton steps ({result.status.value}), {task.goal.missed(result.residual)}; last residuals {residuals}"
             )
-            raise NotConverged(message, replace(result, message=message))
-        return result
+        return result if result.status is Status.CONVERGED else replace(result, message=message)
 
     def centring(self, alpha: float, used: float = 0.0) -> float:
         """sigma after a step of length alpha, with the gradient at a fraction `used` of its bound in N(gamma, beta)."""
@@ -160,18 +140,17 @@ class InteriorPoint(StepSettings):
 class _Path:
     """The solution of a problem from one start after another."""
 
-    def __init__(
-        self, settings: InteriorPoint, problem: FrictionProblem, goal: Goal, progress: ProgressCallback | None
-    ):
-        self._settings, self._problem, self._goal, self._progress = settings, problem, goal, progress
+    def __init__(self, settings: InteriorPoint, problem: FrictionProblem, task: Task):
+        self._settings, self._problem, self._task, self._goal = settings, problem, task, task.goal
         self._scaled = ScaledProblem(problem)
         self._newton = settings.newton.system(self._scaled.A, self._scaled.sloped)
         self._history: list[QPStep] = []
-        self._finish = _Finish(settings.finish, problem, goal, progress, self._history)
+        self._tried = self._finished = False
 
-    def follow(self, start: FloatArray | None, gradient: FloatArray | None) -> SolverResult:
+    def follow(self) -> SolverResult:
         """One start after another, each farther inside: near the boundary steps may block, far inside they are more."""
         results: list[SolverResult] = []
+        start, gradient = self._task.start, self._task.gradient
         starts, v = list(self._settings.starts), None if start is None else self._warm(start, gradient)
         products = self._settings.start_products
         try:
@@ -191,7 +170,7 @@ class _Path:
                 ):
                     break
         finally:
-            if not self._finish.converged:
+            if not self._finished:
                 self._newton.keep()
             self._newton.destroy()
         best = last if gone else min(results, key=lambda result: result.residual)
@@ -273,15 +252,17 @@ class _Path:
             history.append(
                 InteriorPointStep(count, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
-            stop = self._progress is not None and self._progress(Progress(0, count, residual))
+            stop = self._reported(Progress(0, count, residual))
             if reached:
                 break
             if stop:
                 status = Status.INTERRUPTED
                 break
-            if self._finish.due(residual):
+            # if the certificate has refused an answer, only path following has products of the accuracy that it needs
+            due = settings.finish is not None and not self._tried and not goal.refused
+            if due and goal.tolerance < residual <= _FINISH_FROM:
                 newton.keep()
-                finished = self._finish.tried(scaled.unscaled(v)[0], scaled.displaced(v), settings.name)
+                finished = self._by_another(scaled.unscaled(v)[0], scaled.displaced(v))
                 if finished is not None:
                     return finished
                 v = v._replace(A_x=newton.products.exact(x))
@@ -311,13 +292,42 @@ class _Path:
             multipliers=multipliers,
             status=goal.verdict(residual, forces, status, motion),
             residual=residual,
-            method=settings.name,
             rigid=motion,
             equilibrium=away,
         )
 
+    def _reported(self, at: Progress) -> bool:
+        return self._task.progress is not None and bool(self._task.progress(at))
 
-def _smallest_force(problem: FrictionProblem, goal: Goal, method: str) -> SolverResult | None:
+    def _by_another(self, x: FloatArray, gradient: FloatArray) -> SolverResult | None:
+        """The result of `InteriorPoint.finish` from an iterate near the answer, if it converges or is interrupted;
+        collective.
+
+        Path following converges slowly where a node is at the edge of its disc without slip: the residual falls like
+        the square root of theta.  The semismooth Newton method does not need theta.
+
+        Args:
+            x: Forces of the iterate in newtons, shape (3 m,).
+            gradient: A x - b in metres, shape (3 m,), without rigid motions.
+        """
+        method, first, self._tried = self._settings.finish, len(self._history), True
+        assert method is not None
+
+        def reported(at: Progress) -> bool:
+            return self._reported(Progress(at.outer, first + at.path_following, at.residual))
+
+        tolerance = self._goal.tolerance
+        try:
+            result = method.solve(self._problem, x, gradient=gradient, tolerance=tolerance, progress=reported)
+        except NotConverged as failure:
+            result = failure.result
+        steps = (step for step in result.history if isinstance(step, QPStep))
+        self._history += [replace(step, iteration=first + step.iteration) for step in steps]
+        self._finished = result.status is Status.CONVERGED
+        return result if self._finished or result.status is Status.INTERRUPTED else None
+
+
+def _smallest_force(problem: FrictionProblem, goal: Goal) -> SolverResult | None:
     """The smallest feasible force, if it is the answer: then there is no path to follow."""
     x = problem.completed(problem.project(np.zeros_like(problem.b)))
     w = problem.without_motion(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
@@ -327,71 +337,4 @@ def _smallest_force(problem: FrictionProblem, goal: Goal, method: str) -> Solver
     if residual != 0.0 and not goal.reached(residual, x, alpha):  # with 0 there is no other answer, accepted or not
         return None
     status, nothing = goal.verdict(residual, x, Status.MAX_ITERATIONS, alpha), np.zeros((problem.A.nodes, 2))
-    return SolverResult(x, gradient, problem.slip_bound(x), nothing, status, residual, method, rigid=alpha)
-
-
-class _Finish:
-    """Another method from an iterate near the answer.
-
-    Path following converges slowly where a node is at the edge of its disc without slip: the residual falls like the
-    square root of theta.  The semismooth Newton method does not need theta.
-
-    Args:
-        method: The method; None: there is none.
-        problem: The problem.
-        goal: That of path following.
-        progress: Called after every step.
-        history: The steps so far; those of the method are appended.
-
-    Attributes:
-        converged: Whether the method has found the answer.
-    """
-
-    def __init__(
-        self,
-        method: Solver | None,
-        problem: FrictionProblem,
-        goal: Goal,
-        progress: ProgressCallback | None,
-        history: list[QPStep],
-    ):
-        self._method, self._problem, self._goal = method, problem, goal
-        self._progress, self._history, self._tried, self.converged = progress, history, False, False
-
-    def due(self, residual: float) -> bool:
-        """Whether to try it from an iterate with this residual, the same on all ranks.
-
-        Not below the tolerance, and not if the certificate has refused an answer: only path following then has products
-        of the accuracy that the certificate needs.
-        """
-        if self._method is None or self._tried or self._goal.refused:
-            return False
-        return self._goal.tolerance < residual <= _FINISH_FROM
-
-    def tried(self, x: FloatArray, gradient: FloatArray, name: str) -> SolverResult | None:
-        """The result, if the method converges or is interrupted; collective.
-
-        Args:
-            x: Forces of the iterate in newtons, shape (3 m,).
-            gradient: A x - b in metres, shape (3 m,), without rigid motions.
-            name: Name of the solver, for the result.
-        """
-        assert self._method is not None
-        first = len(self._history)
-        self._tried = True
-
-        def reported(at: Progress) -> bool:
-            later = Progress(at.outer, first + at.path_following, at.residual)
-            return self._progress is not None and bool(self._progress(later))
-
-        tolerance = self._goal.tolerance
-        try:
-            result = self._method.solve(self._problem, x, gradient=gradient, tolerance=tolerance, progress=reported)
-        except NotConverged as failure:
-            result = failure.result
-        steps = (step for step in result.history if isinstance(step, QPStep))
-        self._history += [replace(step, iteration=first + step.iteration) for step in steps]
-        self.converged = result.status is Status.CONVERGED
-        if self.converged or result.status is Status.INTERRUPTED:
-            return replace(result, method=name)
-        return None
+    return SolverResult(x, gradient, problem.slip_bound(x), nothing, status, residual, rigid=alpha)

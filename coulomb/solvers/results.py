@@ -217,7 +217,7 @@ class SolverResult:
     multipliers: FloatArray
     status: Status
     residual: float
-    method: str
+    method: str = ""
     outer_steps: int = 0
     newton_steps: int = 0
     products: int = 0

@@ -30,7 +30,7 @@ small beside what the approximation of A does.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -43,11 +43,11 @@ from ..arrays import FloatArray
 from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, Constraints, LowRankApproximation
 from ..linalg.reductions import Reductions, summed
 from .contact_equations import ContactDerivative, ContactEquations
-from .friction_problem import FrictionProblem
-from .results import Goal, NotConverged, Progress, ProgressCallback, SemismoothStep, SolverResult, Status
+from .friction_problem import FrictionProblem, SolverSettings, Task
+from .results import Progress, SemismoothStep, SolverResult, Status
 from .rigid_motions import NO_MOTION, MotionBasis
 from .scaled_problem import IterateProducts, ScaledCompliance
-from .settings import SolverSettings, within
+from .settings import within
 
 _CHANGED = 0.03
 """Change of P, and of Q D, of a node from which on its part is replaced."""
@@ -137,6 +137,10 @@ class SemismoothNewton(SolverSettings):
     has no safeguard.  `Automatic`, the default of `LoadHistory`, takes it where it is useful, from the second load step
     on, with the interior-point method as its safeguard.
 
+    The start may be several forces, shape (c, 3 m), of which it takes the best; without any it starts from 0.  The
+    gradient is A x - b of a single start, without rigid motions, from the last product of A.  `history` has a
+    SemismoothStep per step.  It fails if the residual does not fall fast, or a tangent of a node is partly prescribed.
+
     Attributes:
         tolerance: Natural residual at which to stop (`FrictionProblem.residual`).
         max_iterations: Newton steps before it gives up.
@@ -170,43 +174,16 @@ class SemismoothNewton(SolverSettings):
 
     name = "semismooth Newton"
 
-    def solve(
-        self,
-        problem: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """Solve a problem; arguments and errors as those of `Solver.solve`, but `start` may be several forces, shape
-        (c, 3 m), of which it takes the best; without any it starts from 0.  `gradient` is A x - b of a single start,
-        without rigid motions, from the last product of A.  `history` has a SemismoothStep per step.
-
-        Raises:
-            NotConverged: If the residual does not fall fast, or a tangent of a node is partly prescribed.
-        """
-        products = problem.A.products
-        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
-        starts = np.atleast_2d(np.zeros_like(problem.b) if start is None else start)
-        result = _Iteration(self, problem, goal, progress).run(starts, gradient)
-        result = replace(result, products=problem.A.products - products)
-        if result.status is not Status.CONVERGED:
-            message = (
-                f"the semismooth Newton method ended with a residual of {result.residual:.1e} after "
-                f"{result.newton_steps} steps ({result.status.value}), {goal.missed(result.residual)}"
-            )
-            raise NotConverged(message, replace(result, message=message))
-        return result
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
+        starts = np.atleast_2d(np.zeros_like(problem.b) if task.start is None else task.start)
+        return _Iteration(self, problem, task).run(starts, task.gradient)
 
 
 class _Iteration:
     """The steps from one start.  Forces in newtons; A, b, w in units of the mean diagonal a of A, newtons as well."""
 
-    def __init__(
-        self, settings: SemismoothNewton, problem: FrictionProblem, goal: Goal, progress: ProgressCallback | None
-    ):
-        self._settings, self._problem, self._goal, self._progress = settings, problem, goal, progress
+    def __init__(self, settings: SemismoothNewton, problem: FrictionProblem, task: Task):
+        self._settings, self._problem, self._goal, self._progress = settings, problem, task.goal, task.progress
         self._over, self._a, m = problem.reductions, problem.mean_diagonal, problem.A.nodes
         self._T: FloatArray = np.empty((0, 0))
         self._e: FloatArray = NO_MOTION
@@ -389,6 +366,5 @@ class _Iteration:
             newton_steps=len(history),
             residual=residual,
             history=tuple(history),
-            method=self._settings.name,
             rigid=motion,
         )

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .friction_problem import SolverSettings
 from .linearization import Linearization
 from .newton_systems import NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_problem import Iterate, ScaledProblem, Step
-from .settings import SolverSettings, within
+from .settings import within
 
 _GRADIENT_SHARE = 0.3
 """With slope, the residual of a Newton system is at most this part of the gradient."""

@@ -13,11 +13,11 @@ import numpy as np
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
 from .equilibrium import balanced_forces
-from .friction_problem import FrictionProblem, Solver
+from .friction_problem import FrictionProblem, Solver, SolverSettings, Task
 from .interior_point import InteriorPoint
 from .newton_systems import AugmentedSystem
 from .results import Goal, NotConverged, OuterStep, Progress, ProgressCallback, SolverResult, Status
-from .settings import SolverSettings, within
+from .settings import within
 
 _RANK_DEFICIENT = 1e-12  # eigenvalues of the normal equations below this fraction of the largest are rounding errors
 
@@ -74,8 +74,11 @@ _GROWTH = (8, 1e2)  # successive increases of the slip bound, and multiple of th
 
 @dataclass(frozen=True)
 class SuccessiveTresca(SolverSettings):
-    """Fixed-point iteration g <- r(x_n(g)) (Panagiotopoulos), started with the cohesion; every Tresca problem starts
-    from the last answer.
+    """Fixed-point iteration g <- r(x_n(g)) (Panagiotopoulos); every Tresca problem starts from the last answer.
+
+    The first g is r(x_n) of the start, by default the cohesion; where rigid motions have no equilibrium with it, at
+    least that of forces in equilibrium.  `history` has an OuterStep per Tresca problem.  NotConverged has the status
+    STAGNATED, OSCILLATING, DIVERGED or MAX_ITERATIONS, with a diagnosis and advice.
 
     Attributes:
         tolerance: Residual at which to stop.
@@ -100,34 +103,9 @@ class SuccessiveTresca(SolverSettings):
 
     name = "successive Tresca"
 
-    def solve(
-        self,
-        problem: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """Solve a problem with friction.
-
-        Args:
-            problem: The problem.
-            start: Forces in newtons, shape (3 m,), whose r(x_n) is the first g; by default the cohesion; where
-                rigid motions have no equilibrium with it, at least that of forces in equilibrium.
-            gradient: Not needed.
-            tolerance: Replaces the field.
-            progress: Called after every step of the Tresca solver.
-
-        Returns:
-            The answer, its residual at most the tolerance; `history` has an OuterStep per Tresca problem.
-
-        Raises:
-            NotConverged: With the best answer, if the residual stays above the tolerance: STAGNATED,
-                OSCILLATING, DIVERGED or MAX_ITERATIONS, with a diagnosis and advice.
-        """
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         over, A = problem.reductions, problem.A
-        products = A.products
+        goal, start, _, progress = task
         anderson = Anderson(self.memory, over)
         balanced = balanced_forces(problem, self.name)
         g = problem.law.radius(np.zeros(problem.A.nodes)) if start is None else problem.slip_bound(start)
@@ -139,7 +117,6 @@ class SuccessiveTresca(SolverSettings):
         sizes: list[float] = []  # |r(x_n)|
         turns: list[float] = []  # cosines between successive r(x_n) - g
         misfit: FloatArray | None = None
-        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
         status, why = Status.MAX_ITERATIONS, ""
         for iteration in range(1, self.max_iterations + 1):
             began, before = time.perf_counter(), A.products
@@ -209,17 +186,12 @@ class SuccessiveTresca(SolverSettings):
             status=goal.verdict(residual, last.x, status, last.rigid),
             outer_steps=len(history),
             newton_steps=sum(step.path_following for step in history),
-            products=A.products - products,
             residual=residual,
             history=tuple(history),
-            method=self.name,
             contraction=_contraction(history),
             rigid=last.rigid,
         )
-        if result.status is not Status.CONVERGED:
-            message = _message(goal, result, why)
-            raise NotConverged(message, replace(result, message=message))
-        return result
+        return result if result.status is Status.CONVERGED else replace(result, message=_message(goal, result, why))
 
     def _tresca(
         self,

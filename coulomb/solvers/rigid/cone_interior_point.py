@@ -36,9 +36,9 @@ import scipy.sparse
 
 from ...arrays import FloatArray
 from ...linalg.compliance import MatrixCompliance
-from ..friction_problem import FrictionProblem
+from ..friction_problem import FrictionProblem, SolverSettings
 from ..results import Goal, InteriorPointStep, NotConverged, Progress, ProgressCallback, SolverResult, Status
-from ..settings import SolverSettings, within
+from ..settings import within
 from ..successive_tresca import Anderson
 from .cone_paths import ConeCurve, ConePath, ConeStep
 from .cones import ConeProblem, Scales, answer, radius

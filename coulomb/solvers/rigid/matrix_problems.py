@@ -18,13 +18,12 @@ from ...arrays import FloatArray
 from ...linalg.compliance import Compliance, MatrixCompliance
 from ...linalg.reductions import Reductions
 from ..automatic import DECISIVE, Automatic, named
-from ..friction_problem import FrictionProblem, Solver
+from ..friction_problem import FrictionProblem, Solver, SolverSettings
 from ..interior_point import InteriorPoint
 from ..laws import FrictionLaw
 from ..newton_systems import DenseSystem
 from ..results import Goal, NotConverged, ProgressCallback, SolverResult
 from ..rigid_motions import RigidMotions
-from ..settings import SolverSettings
 from ..successive_tresca import SuccessiveTresca
 from .cone_interior_point import ConeInteriorPoint
 from .gauss_seidel import Sweeps, swept
