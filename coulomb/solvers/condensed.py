@@ -34,7 +34,7 @@ grows with the square of the contact nodes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -146,7 +146,7 @@ class _DisplacementProducts(IterateProducts):
             vector.destroy()
 
 
-class _Condensed:
+class _Condensed(NewtonSystem):
     """The displacement y, the stiffened matrix, and a step with it."""
 
     def __init__(self, A: ScaledCompliance, sloped: bool, settings: CondensedSystem):
@@ -169,7 +169,7 @@ class _Condensed:
         self._stiffened.setNearNullSpace(self._K.getNearNullSpace())
         for option in (PETSc.Mat.Option.SYMMETRIC, PETSc.Mat.Option.SPD):
             self._stiffened.setOption(option, True)
-        self.products = _DisplacementProducts(A, compliance, settings.first)
+        self.products: _DisplacementProducts = _DisplacementProducts(A, compliance, settings.first)
         self._rhs = self.products.y.duplicate()
         self._x = self._B.createVecLeft()
         diagonal = self._K.getDiagonal()
@@ -217,13 +217,7 @@ class _Condensed:
         ksp.destroy()
         A_dx = self._gathered(self.products.w)
         dx = self._spring(r - A_dx)
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations)
-
-    def correction(self, r2: FloatArray) -> NewtonStep | None:
-        return None
-
-    def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
-        """A step has no products by A."""
+        return NewtonStep(dx, at.multipliers(dx, r2), A_dx, iterations)
 
     def _stiffen(self) -> None:
         """K + B^T C_d^-1 B: K, and a block per contact node on its diagonal."""
@@ -235,9 +229,6 @@ class _Condensed:
         if A.nodes:  # petsc4py divides by the number of blocks
             self._stiffened.setValuesBlockedRCV(at, at, blocks.reshape(-1, 9), addv=PETSc.InsertMode.ADD_VALUES)
         self._stiffened.assemble()
-
-    def keep(self) -> None:
-        """It has nothing to keep: there is no model of A."""
 
     def destroy(self) -> None:
         operator = [] if self._operator is None else [self._operator]

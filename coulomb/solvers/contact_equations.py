@@ -48,10 +48,6 @@ class ContactDerivative:
         """P dx + Q dw, shapes (m, 3)."""
         return np.einsum("iab,ib->ia", self.P, dx) + np.einsum("iab,ib->ia", self.Q, dw)
 
-    def inverse(self, rest: FloatArray) -> FloatArray:
-        """(P + Q diag(rest))^-1 of every node, shape (m, 3, 3), with rest > 0 of shape (m, 3)."""
-        return np.linalg.inv(self.P + self.Q * rest[:, None, :])
-
 
 @dataclass(frozen=True)
 class ContactEquations:

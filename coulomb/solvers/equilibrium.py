@@ -253,7 +253,7 @@ def equilibrium(problem: FrictionProblem) -> Equilibrium:
     if size == 0.0:
         return Equilibrium(True, x.ravel())
     law = FrictionLaw(problem.law.radius(x[:, 0]), problem.law.friction).only(problem.frictional, 0.0)
-    limit = LimitLoad(RigidMotions(basis.T @ basis.G, resisted), law, over)
+    limit = LimitLoad(RigidMotions(basis.rows, resisted), law, over)
     resisting = limit.unbalanced()
     x += limit.forces()
     if resisting is None:

@@ -139,6 +139,11 @@ class FrictionProblem:
         """Nodes whose friction is to be found: not zero at every pressure, nor known from the slip; shape (m,)."""
         return self.law.frictional & ~self.known_slip
 
+    @cached_property
+    def unknown(self) -> npt.NDArray[np.bool_]:
+        """Forces that are to be found, shape (m, 3): pressures, and friction of `frictional` nodes."""
+        return np.column_stack([np.ones(self.A.nodes, dtype=bool), self.frictional, self.frictional])
+
     def completed(self, x: FloatArray) -> FloatArray:
         """Forces x (3 m,) in newtons with the friction of nodes of known slip: at its bound r(x_n), against the slip;
         0 where there is no slip, where the law leaves it undetermined."""
@@ -230,8 +235,7 @@ class FrictionProblem:
         """
         if self.rigid is None:
             raise ValueError("the problem has no rigid motions")
-        resisting = np.column_stack([np.ones(self.A.nodes, dtype=bool), self.frictional, self.frictional])
-        return MotionBasis(self.rigid.G * resisting.ravel(), self.reductions)
+        return MotionBasis(self.rigid.G * self.unknown.ravel(), self.reductions)
 
     def imbalance(self, x: FloatArray) -> float:
         """How far forces x (3 m,) are from equilibrium along the rigid motions, relative to |x|; 0 without motions.
@@ -270,7 +274,7 @@ class FrictionProblem:
         """Displacements or forces w (3 m,) less their part that is a rigid motion; w itself without any; collective."""
         if self.rigid is None:
             return w
-        G = self.motion_basis.T @ self.motion_basis.G
+        G = self.motion_basis.rows
         return w - self.reductions.total(G @ w) @ G
 
     @cached_property

@@ -102,7 +102,9 @@ class _Frictionless:
         self._scaled, self._accuracy = scaled, accuracy
         self._model = LowRankApproximation(scaled.A.comm, scaled.A.diagonal, 1000, scaled.A.A.exact, REPLACED)
         self._G: FloatArray = scaled.A.G[:, 0]
-        self._nearest = -scaled.A.resultant(scaled.free)  # the motion that comes nearest to the free gaps and slips
+        self._nearest = -scaled.A.constraints.resultant(
+            scaled.free
+        )  # the motion that comes nearest to the free gaps and slips
         carried = self.over.dot(scaled.A_ones[:, 0], np.ones(scaled.nodes))
         self._penalty = _PENALTY * max(carried / self.over.sum(np.ones(scaled.nodes)), 1.0)
         self.pairs: list[tuple[FloatArray, FloatArray]] = []
@@ -231,7 +233,7 @@ class _Frictionless:
         y = scaled.smoothed_discs(self.x, scaled.projection_step(np.zeros_like(w), w)[:, 1:], self.theta)
         x = self._forces(np.zeros(len(self.x)))
         x[:, 1:] = scaled.law.radius(self.x)[:, None] * y
-        moved = scaled.A.resultant(x)
+        moved = scaled.A.constraints.resultant(x)
         energy = self.over.dot(x, self._product(x)) + self._penalty * float(moved @ moved)
         work = -self.over.dot(x, w)
         if not 0.0 < work < energy:

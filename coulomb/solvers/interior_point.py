@@ -235,7 +235,7 @@ class _Path:
             v = new._replace(A_x=newton.products.advance(x, None if scaled.sloped else new.A_x, alpha, _ITERATE))
             theta, before, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), gradient, scaled.infeasibility(v)
             if gradient > (1.0 + _GROWTH * alpha) * before:
-                newton.products.tighten()
+                newton.tighten()
             # err is proportional to alpha, so a blocked step would look like convergence: the residual decides
             residual = problem.residual(*scaled.unscaled(v)[:2])
             if residual <= goal.residual or goal.refused:  # A x may be inexact: decide with the most accurate product

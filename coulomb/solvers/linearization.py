@@ -80,12 +80,9 @@ class Linearization:
         """(C + J12 D22^-1 J21) dx, what J_SC adds to A dx, shape (m, 3)."""
         return self.C(dx) + self.J12(self.J21(dx) / self.D22)
 
-    def blocks(self) -> FloatArray:
-        """`schur` as matrices, shape (m, 3, 3); the identity on the tangential pair of a node without friction."""
-        e = np.eye(3)
-        C = np.stack([self.schur(np.tile(e[k], (len(self.h), 1))) for k in range(3)], axis=2)
-        C[~self.frictional, 1:, 1:] = np.eye(2)
-        return C
+    def multipliers(self, dx: FloatArray, r2: FloatArray) -> FloatArray:
+        """dnu of dx (m, 3), eliminated from the second row of the system, shape (m, 2)."""
+        return (self.J21(dx) - r2) / self.D22
 
     def dy(self, dx: FloatArray) -> FloatArray:
         """Change of y to first order, (dx_t - F y dx_n)/r, shape (m, 2)."""

@@ -26,7 +26,7 @@ For small problems on which these methods fail, `DenseSystem` factorises J_AM or
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -39,7 +39,6 @@ from ..linalg.compliance import (
     REPLACED,
     CarryingKrylov,
     ConstraintPreconditioner,
-    Constraints,
     LowRankApproximation,
     LowRankUpdate,
     NodalMap,
@@ -99,8 +98,7 @@ class NewtonSystem(Protocol):
         products: A x of the iterates.
     """
 
-    @property
-    def products(self) -> IterateProducts: ...
+    products: IterateProducts
 
     def solve(self, equations: NewtonEquations) -> NewtonStep:
         """The step, as accurate as asked for."""
@@ -109,19 +107,23 @@ class NewtonSystem(Protocol):
     def correction(self, r2: FloatArray) -> NewtonStep | None:
         """The solution of the last system for r1 = 0, r2 (m, 2) with an approximation of A, without a product; None if
         there is none."""
-        ...
+        return None
+
+    def tighten(self) -> None:
+        """Make inexact products ten times as accurate from now on."""
+        self.products.tighten()
 
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         """Take note of products made elsewhere, pairs of x and A x, each (m, 3)."""
-        ...
+        return
 
     def keep(self) -> None:
         """Leave what was found of A with A, for other methods and problems to come."""
-        ...
+        return
 
     def destroy(self) -> None:
         """Free its PETSc objects."""
-        ...
+        return
 
 
 class NewtonChoice(Protocol):
@@ -180,23 +182,11 @@ class AugmentedSystem(Settings):
         return _Augmented(A, self.rank, self.product, 5, sloped)
 
 
-class _LearntProducts(IterateProducts):
-    """Products beside an approximation of A, on which less reliance is placed once they have to be more accurate."""
-
-    def __init__(self, A: ScaledCompliance, rely_less: Callable[[], None]):
-        super().__init__(A)
-        self._rely_less = rely_less
-
-    def tighten(self) -> None:
-        super().tighten()
-        self._rely_less()
-
-
-class _Krylov:
+class _Krylov(NewtonSystem):
     """The common part of J_AM/P_AM and J_SC/P_SC: products, and the low-rank approximation of A made from them."""
 
     def __init__(self, A: ScaledCompliance, rank: int, product: tuple[float, float], block: int, sloped: bool) -> None:
-        self.products = _LearntProducts(A, self._rely_less)
+        self.products = IterateProducts(A)
         self._scaled = A
         self._comm, self._product, self._accuracy = A.comm, product, 0.0
         known = A.known()
@@ -217,7 +207,7 @@ class _Krylov:
                 recorded(np.ascontiguousarray(G))
             self._A.update()
         method = PETSc.KSP.Type.FGMRES if sloped else PETSc.KSP.Type.CG
-        self._constraints = Constraints(A.comm, A.G)
+        self._constraints = A.constraints
         self._krylov = CarryingKrylov(
             A.comm, A.nodes, block, recorded, self._weighted_operator, self._precondition, method, self._constraints
         )
@@ -257,11 +247,9 @@ class _Krylov:
     def _norm(self, r: FloatArray) -> float:
         return float(np.sqrt(Reductions(self._comm).dot(r, r)))
 
-    def correction(self, r2: FloatArray) -> NewtonStep | None:
-        return None
-
-    def _rely_less(self) -> None:
-        self._A.replace_nothing()
+    def tighten(self) -> None:
+        super().tighten()
+        self._A.replace_nothing()  # once products have to be more accurate, less is made of what they show
 
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         for x, A_x in pairs:
@@ -288,14 +276,14 @@ class _SchurComplement(_Krylov):
         dx, A_dx, dalpha, iterations = self._solve(
             NodalInverse(at, self._A.rest), rhs, np.zeros_like(rhs), size, tolerance, cap, r3
         )
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations, dalpha)
+        return NewtonStep(dx, at.multipliers(dx, r2), A_dx, iterations, dalpha)
 
     def correction(self, r2: FloatArray) -> NewtonStep | None:
         if self._scaled.rigid.shape[1]:  # on soft springs A x and b nearly cancel: too much for an approximation of A
             return None
         at = self._at
         dx, dalpha = self._bordered(at.J12(r2 / at.D22), np.zeros(self._constraints.count))
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self._A.mult(dx), 0, dalpha)
+        return NewtonStep(dx, at.multipliers(dx, r2), self._A.mult(dx), 0, dalpha)
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
         return A_p + self._at.schur(p)
@@ -347,12 +335,12 @@ class DenseSystem:
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
         """See `NewtonChoice`; a ValueError on more than one rank."""
-        return _DenseSchur(A) if sloped else _Dense(A)
+        return _Dense(A, sloped)
 
 
-class _Dense:
-    def __init__(self, A: ScaledCompliance):
-        self._scaled, self.products = A, IterateProducts(A)
+class _Dense(NewtonSystem):
+    def __init__(self, A: ScaledCompliance, sloped: bool):
+        self._scaled, self._sloped, self.products = A, sloped, IterateProducts(A)
         if A.comm.size > 1:
             raise ValueError("dense Newton systems work on one rank; use a Krylov one: solver.newton of the case file")
         self._A: FloatArray = A.dense()
@@ -360,12 +348,24 @@ class _Dense:
     def solve(self, equations: NewtonEquations) -> NewtonStep:
         """The step to rounding accuracy; weight, tolerance and cap are not used."""
         at, r1, r2, r3 = equations.at, equations.r1, equations.r2, equations.r3
-        J = self._bordered(augmented_matrix(self._A, at))
-        rows = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=1))
-        columns = 1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=0))
-        solution = _solved(J, np.concatenate([r1.ravel(), r2.ravel(), r3]), rows, columns)
-        dx, dnu = solution[: r1.size].reshape(r1.shape), solution[r1.size : r1.size + r2.size].reshape(r2.shape)
-        return NewtonStep(dx, dnu, self._image(dx), 0, solution[r1.size + r2.size :])
+        if self._sloped:  # J_AM is as accurate, and takes three times as long (block, p = 10, F = 0.3)
+            rhs = r1 + at.J12(r2 / at.D22)
+            rhs[~at.frictional, 1:] = 0.0
+            J = self._bordered(schur_matrix(self._A, at))
+            rows = 1.0 / np.abs(J).max(axis=1)
+            columns = 1.0 / np.abs(rows[:, None] * J).max(axis=0)
+        else:
+            rhs = np.concatenate([r1.ravel(), r2.ravel()])
+            J = self._bordered(augmented_matrix(self._A, at))
+            rows, columns = (1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=axis)) for axis in (1, 0))
+        with warnings.catch_warnings():  # a singular matrix gives a step that is not finite, which ends the start
+            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
+            factors = scipy.linalg.lu_factor(rows[:, None] * J * columns, overwrite_a=True, check_finite=False)
+        solution = columns * scipy.linalg.lu_solve(factors, rows * np.concatenate([rhs.ravel(), r3]))
+        dx, dnu, dalpha = np.split(solution, [r1.size, rhs.size])
+        dx = dx.reshape(r1.shape)
+        dnu = at.multipliers(dx, r2) if self._sloped else dnu.reshape(r2.shape)
+        return NewtonStep(dx, dnu, (self._A @ dx.ravel()).reshape(dx.shape), 0, dalpha)
 
     def _bordered(self, M: FloatArray) -> FloatArray:
         """[M, -G^T; G, 0], G on the first unknowns; M without rigid motions."""
@@ -378,52 +378,15 @@ class _Dense:
         bordered[: len(G), n:], bordered[n:, : len(G)] = -G, G.T
         return bordered
 
-    def correction(self, r2: FloatArray) -> NewtonStep | None:
-        return None
-
-    def _image(self, x: FloatArray) -> FloatArray:
-        return (self._A @ x.ravel()).reshape(x.shape)
-
-    def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
-        """It has A itself."""
-
-    def keep(self) -> None:
-        """It has A itself."""
-
-    def destroy(self) -> None:
-        """There are no PETSc objects to free."""
-
-
-class _DenseSchur(_Dense):
-    """J_SC by LU: with slope J_AM is as accurate, and takes three times as long (block, p = 10, F = 0.3)."""
-
-    def solve(self, equations: NewtonEquations) -> NewtonStep:
-        """The step to rounding accuracy; weight, tolerance and cap are not used."""
-        at, r1, r2, r3 = equations.at, equations.r1, equations.r2, equations.r3
-        rhs = r1 + at.J12(r2 / at.D22)
-        rhs[~at.frictional, 1:] = 0.0
-        M = self._bordered(schur_matrix(self._A, at))
-        rows = 1.0 / np.abs(M).max(axis=1)
-        columns = 1.0 / np.abs(rows[:, None] * M).max(axis=0)
-        solution = _solved(M, np.concatenate([rhs.ravel(), r3]), rows, columns)
-        dx = solution[: r1.size].reshape(r1.shape)
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self._image(dx), 0, solution[r1.size :])
-
-
-def _solved(J: FloatArray, rhs: FloatArray, rows: FloatArray, columns: FloatArray) -> FloatArray:
-    """J^-1 rhs by LU of diag(rows) J diag(columns)."""
-    with warnings.catch_warnings():  # a singular matrix gives a step that is not finite, which ends the start
-        warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
-        factors = scipy.linalg.lu_factor(rows[:, None] * J * columns, overwrite_a=True, check_finite=False)
-    return columns * scipy.linalg.lu_solve(factors, rows * rhs)
-
 
 def schur_matrix(A: FloatArray, at: Linearization) -> FloatArray:
     """J_SC = A + C + J12 D22^-1 J21 with this A, shape (3 m, 3 m); the identity for pairs without friction."""
     M, n = A.copy(), 3 * np.arange(len(at.h))
     dropped = (n[~at.frictional][:, None] + np.array([1, 2])).ravel()
     M[dropped], M[:, dropped] = 0.0, 0.0
-    M[n[:, None, None] + np.arange(3)[:, None], n[:, None, None] + np.arange(3)] += at.blocks()
+    blocks = np.stack([at.schur(np.tile(e, (len(n), 1))) for e in np.eye(3)], axis=2)
+    blocks[~at.frictional, 1:, 1:] = np.eye(2)
+    M[n[:, None, None] + np.arange(3)[:, None], n[:, None, None] + np.arange(3)] += blocks
     return M
 
 

@@ -98,7 +98,8 @@ class MotionBasis:
         over: Reductions over the ranks.
 
     Attributes:
-        T: Shape (r, q), T G has orthonormal rows.
+        T: Shape (r, q).
+        rows: T G, orthonormal, this rank's columns, shape (r, 3 m).
         free: Orthonormal motions without resistance, shape (q, q - r).
         size: The largest singular value of G; 1 if G is zero.
     """
@@ -115,6 +116,10 @@ class MotionBasis:
     def T(self) -> FloatArray:
         values, V, kept = self._spectrum
         return (V[:, kept] / values[kept]).T
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        return self.T @ self.G
 
     @cached_property
     def free(self) -> FloatArray:

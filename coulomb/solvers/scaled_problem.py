@@ -30,8 +30,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray, side_by_side, squares
-from ..linalg.compliance import Compliance, Formed, RecycledColumns
-from ..linalg.reductions import Reductions, summed
+from ..linalg.compliance import Compliance, Constraints, Formed, RecycledColumns
+from ..linalg.reductions import Reductions
 from .friction_problem import FrictionProblem
 from .linearization import Linearization
 from .rigid_motions import NO_MOTION, MotionBasis
@@ -54,6 +54,7 @@ class ScaledCompliance:
         diagonal: diag(A~).
         rest: diag(A~), where products are inexact without the few large eigenvalues that the estimate of it has found.
         G: G~^T, shape (m, 3, r), r = 0 without rigid motions.
+        constraints: G~ x = e~.
         rigid: Columns F~ of a part F~ F~^T of A~ that is known exactly (`MatrixFreeCompliance.rigid`), shape (3 m, q).
         recalls: Whether Newton systems begin with the columns of A that earlier problems have found.
     """
@@ -66,6 +67,7 @@ class ScaledCompliance:
         rest = A.diagonal() if free is None or A.exact else free.rest_of_diagonal
         self.rest: FloatArray = W**2 * rest.reshape(-1, 3) / a
         self.G: FloatArray = np.empty((*W.shape, 0)) if G is None else G
+        self.constraints = Constraints(A.comm, self.G)
         F = None if free is None else free.rigid
         self.rigid: FloatArray = np.empty((W.size, 0)) if F is None else W.reshape(-1, 1) * F / np.sqrt(a)
         self.recalls = False
@@ -88,10 +90,6 @@ class ScaledCompliance:
         if isinstance(A, Formed):
             return W[:, None] * A.dense() * W / self.a
         return np.array([self.mult(e.reshape(-1, 3)).ravel() for e in np.eye(W.size)]).T
-
-    def resultant(self, x: FloatArray) -> FloatArray:
-        """G~ x of all ranks, shape (r,); collective."""
-        return summed(self.comm, np.einsum("iaq,ia->q", self.G, x))
 
     def forces(self, x: FloatArray) -> FloatArray:
         """s W x in newtons, shape (3 m,)."""
@@ -226,7 +224,7 @@ class ScaledProblem:
     def __init__(self, problem: FrictionProblem):
         self.problem, self._over, self.sloped = problem, problem.reductions, problem.sloped
         self.nodes, self.frictional = problem.A.nodes, problem.frictional
-        self._active = np.column_stack([np.ones(self.nodes, dtype=bool), self.frictional])
+        self._active = problem.unknown[:, :2]
         self._all_active, self._ones = bool(self.frictional.all()), np.ones(self.nodes)
         self._constraints = self._over.sum(self._active.astype(float))
         self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
@@ -240,7 +238,7 @@ class ScaledProblem:
         self.A_ones: FloatArray = self._W * self._A_e / self._a
         self.lower = np.broadcast_to(np.asarray(problem.lower) / self._s, (self.nodes,))
         self._b = self._W * problem.b.reshape(-1, 3) / (self._a * self._s)
-        self.free: FloatArray = np.where(np.column_stack([self._active, self.frictional]), self._b, 0.0)
+        self.free: FloatArray = np.where(problem.unknown, self._b, 0.0)
 
     def _nominal_force(self) -> float:
         """s > 0 in newtons; one product by A."""
@@ -261,10 +259,8 @@ class ScaledProblem:
         rigid = self.problem.rigid
         if rigid is None:
             return np.empty((0, 0)), np.empty((self.nodes, 3, 0)), NO_MOTION
-        unknown = np.column_stack([np.ones(self.nodes, dtype=bool), self.frictional, self.frictional])
-        basis = MotionBasis(rigid.G * (self._W * unknown).ravel(), self._over)
-        G: FloatArray = (basis.T @ basis.G).T.reshape(self.nodes, 3, len(basis.T))
-        return basis.T, G, basis.T @ rigid.e / self._s
+        basis = MotionBasis(rigid.G * (self._W * self.problem.unknown).ravel(), self._over)
+        return basis.T, basis.rows.T.reshape(self.nodes, 3, len(basis.T)), basis.T @ rigid.e / self._s
 
     # --- norms ----------------------------------------------------------------------------------------------------
 
@@ -335,7 +331,7 @@ class ScaledProblem:
         """e~ - G~ x~, shape (r,), what lacks for equilibrium; collective if there are rigid motions."""
         if not len(self.e):
             return NO_MOTION
-        return self.e - self.A.resultant(self.forces(v.x_n, v.y))
+        return self.e - self.A.constraints.resultant(self.forces(v.x_n, v.y))
 
     def closing(self, v: Iterate) -> Iterate:
         """The iterate with the alpha that makes its weighted gradient smallest."""

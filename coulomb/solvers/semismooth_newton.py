@@ -40,12 +40,12 @@ from petsc4py import PETSc
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from ..arrays import FloatArray
-from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, Constraints, LowRankApproximation
+from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, LowRankApproximation
 from ..linalg.reductions import Reductions, summed
 from .contact_equations import ContactDerivative, ContactEquations
 from .friction_problem import FrictionProblem, SolverSettings, Task
 from .results import Progress, SemismoothStep, SolverResult, Status
-from .rigid_motions import NO_MOTION, MotionBasis
+from .rigid_motions import NO_MOTION
 from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import within
 
@@ -189,10 +189,9 @@ class _Iteration:
         self._e: FloatArray = NO_MOTION
         G: FloatArray = np.empty((m, 3, 0))
         if problem.rigid is not None:
-            unknown = np.column_stack([np.ones(m, dtype=bool), problem.frictional, problem.frictional])
-            basis = MotionBasis(problem.rigid.G * unknown.ravel(), self._over)
+            basis = problem.motion_basis
             self._T, self._e = basis.T, basis.T @ problem.rigid.e
-            G = (basis.T @ basis.G).T.reshape(m, 3, len(basis.T))
+            G = basis.rows.T.reshape(m, 3, len(basis.T))
         self._scaled = ScaledCompliance(problem.A, np.ones((m, 3)), self._a, 1.0, G)
         self._images = IterateProducts(self._scaled)
         self._scaled.recalls = True
@@ -204,7 +203,7 @@ class _Iteration:
         self._updated_from = settings.updated_from[costly]
         self._inverse = self._prepared(settings.rank[costly])
         self._A = self._inverse.A
-        self._constraints = Constraints(problem.A.comm, G)
+        self._constraints = self._scaled.constraints
         self._accuracy = settings.forcing
         self._finer = settings.finer if problem.A.exact else 1.0
 
@@ -328,7 +327,7 @@ class _Iteration:
         self._at = at
         self._inverse.move(at)
         self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, at.Q @ self._scaled.G)
-        r3 = NO_MOTION if not len(self._e) else self._e - self._scaled.resultant(x)
+        r3 = NO_MOTION if not len(self._e) else self._e - self._constraints.resultant(x)
         size = math.hypot(over.norm(at.value), float(np.linalg.norm(r3)))
         share = min(settings.forcing, max(residual, settings.sharpest))
         least = 0.1 * self._finer * min(self._goal.residual, residual)

@@ -318,10 +318,8 @@ class MatrixFreeCompliance(LimitedProducts):
         self.products += 1
 
     def latest_product(self) -> FloatArray:
-        """A x of `latest`; to be read before the next product."""
-        self._u.array[:] = self._free - self._last.array_r
-        self.B.mult(self._u, self._x)
-        return self._x.array_r
+        """A x of `latest`."""
+        return self._moved(self._free - self._last.array_r)
 
     def _follow(self, x: FloatArray, change: float, whole: float) -> None:
         """The last displacement corrected for another x, to an accuracy relative to the change or to the whole of the
@@ -388,10 +386,8 @@ class MatrixFreeCompliance(LimitedProducts):
         self._accurate = self.latest = None
 
     def displaced(self, v: PETSc.Vec) -> FloatArray:
-        """A x = B (v + K^-1 f) of v = K^-1 (B^T x - f); to be read before the next product."""
-        self._u.array[:] = self._free + v.array_r
-        self.B.mult(self._u, self._x)
-        return self._x.array_r
+        """A x = B (v + K^-1 f) of v = K^-1 (B^T x - f)."""
+        return self._moved(self._free + v.array_r)
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         rest: FloatArray = np.einsum("iab,ib->ia", turn**2, self._elastic.rest.reshape(-1, 3)).ravel()
@@ -403,7 +399,7 @@ class MatrixFreeCompliance(LimitedProducts):
         last = self._accurate
         if not Reductions(self.comm).all(last is not None and np.array_equal(last, x)):
             return None
-        return self.latest_product().copy()
+        return self.latest_product()
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         """By a correction of K^-1 B^T x of the last products; if that fails, with what it reached: the certificate

@@ -159,6 +159,7 @@ class LowRankApproximation:
         local: An estimate of diag(A) without the few large eigenvalues of A, shape (m, 3); by default diag(A).
 
     Attributes:
+        exact: The argument.
         rest: Shape (m, 3), positive.
         U: Shape (3 m, r), r <= rank.
         columns: U, V and F side by side, shape (3 m, s).
@@ -177,7 +178,7 @@ class LowRankApproximation:
         rigid: FloatArray | None = None,
         local: FloatArray | None = None,
     ):
-        self._comm, self._whole, self._rank, self._exact = comm, diagonal, rank, exact
+        self._comm, self._whole, self._rank, self.exact = comm, diagonal, rank, exact
         self._F: FloatArray = np.empty((diagonal.size, 0)) if rigid is None else rigid
         diagonal = diagonal - np.sum(self._F**2, axis=1).reshape(-1, 3) if self._F.shape[1] else diagonal
         self._diagonal: FloatArray = diagonal
@@ -204,7 +205,7 @@ class LowRankApproximation:
 
     def fits(self, diagonal: FloatArray, rank: int, exact: bool) -> bool:
         """Whether it was made with these arguments; collective."""
-        same = self._rank == rank and self._exact == exact and np.array_equal(self._whole, diagonal)
+        same = self._rank == rank and self.exact == exact and np.array_equal(self._whole, diagonal)
         return Reductions(self._comm).all(same)
 
     def forget_new(self) -> None:
@@ -213,18 +214,9 @@ class LowRankApproximation:
 
     def replace_nothing(self) -> None:
         """Keep all of D from now on, if products are not exact: their errors have shown; collective."""
-        if not self._exact and self._replaced > 0.0:
+        if not self.exact and self._replaced > 0.0:
             self._replaced = 0.0
             self._set(self.U)
-
-    @property
-    def exact(self) -> bool:
-        return self._exact
-
-    @property
-    def new(self) -> int:
-        """Number of products recorded since the last update."""
-        return len(self._new)
 
     def record(self, x: FloatArray, A_x: FloatArray) -> None:
         """Record a product, both (m, 3)."""
@@ -239,7 +231,7 @@ class LowRankApproximation:
         self._new.clear()
         if self._F.shape[1]:
             Y = Y - self._F @ summed(self._comm, self._F.T @ X)
-        self._new_part = min(max(self._unknown(X, Y), 0.0 if self._exact else _SEEN), 1.0)
+        self._new_part = min(max(self._unknown(X, Y), 0.0 if self.exact else _SEEN), 1.0)
         X, Y = np.column_stack([self._X, X]), np.column_stack([self.U, Y])
         G = self._gram(X, X)
         size = np.sqrt(np.maximum(G.diagonal(), 1e-300))

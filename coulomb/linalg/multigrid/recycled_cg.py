@@ -80,11 +80,6 @@ class RecycledCG:
         self._count, self._next = 0, 0
         self._threads, self._length = threads() if size >= _ALONE else 1, size
 
-    @property
-    def residual(self) -> FloatArray:
-        """rhs - K u of the last solve; not to be changed."""
-        return self._r
-
     def solve(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> int:
         """u <- K^-1 rhs to |rhs - K u| <= tolerance |rhs|; the number of iterations; collective.
 

@@ -41,7 +41,7 @@ from ..results import Goal, InteriorPointStep, NotConverged, Progress, ProgressC
 from ..settings import within
 from ..successive_tresca import Anderson
 from .cone_paths import ConeCurve, ConePath, ConeStep
-from .cones import ConeProblem, Scales, answer, radius
+from .cones import ConeProblem, Scales, radius
 from .gauss_seidel import Sweeps, swept
 
 _CLEAR = 1e-7  # least penetration that is called a contradiction, over the largest |b|
@@ -314,10 +314,19 @@ class _ConeRun:
         problem, x = self._problem, self._best[1]
         gradient = problem.gradient(x)
         residual = self._scales.residual(problem, x, gradient)
-        products = self._sweeps + problem.A.products - self._products + self._cones.products
-        result = answer(self._settings.name, problem, self._goal, x, gradient, residual, status, products)
-        result = replace(
-            result, outer_steps=self._convex, newton_steps=len(self._history), history=tuple(self._history)
+        w = gradient.reshape(-1, 3)
+        result = SolverResult(
+            x=x,
+            gradient=gradient,
+            slip_bound=problem.slip_bound(x),
+            multipliers=np.stack([np.maximum(w[:, 0], 0.0), radius(w)], axis=1),
+            status=self._goal.verdict(residual, x, status),
+            outer_steps=self._convex,
+            newton_steps=len(self._history),
+            products=self._sweeps + problem.A.products - self._products + self._cones.products,
+            residual=residual,
+            history=tuple(self._history),
+            method=self._settings.name,
         )
         if result.status is Status.CONVERGED:
             return result

@@ -21,7 +21,6 @@ import scipy.sparse
 
 from ...arrays import FloatArray
 from ..friction_problem import FrictionProblem
-from ..results import Goal, SolverResult, Status
 from .newton_matrix import NewtonMatrix
 
 
@@ -215,41 +214,6 @@ class Scales(NamedTuple):
         """The larger of the natural residual and the collection's, of forces x in newtons with A x - b in metres."""
         r, u = x.reshape(-1, 3) / self.force, gradient.reshape(-1, 3) / (self.compliance * self.force)
         return max(problem.residual(x, gradient), cone_residual(r, u, problem.law.friction, self.loads))
-
-
-def answer(
-    name: str,
-    problem: FrictionProblem,
-    goal: Goal,
-    x: FloatArray,
-    gradient: FloatArray,
-    residual: float,
-    otherwise: Status,
-    products: int,
-) -> SolverResult:
-    """The result with some forces.
-
-    Args:
-        name: The solver's.
-        problem: The problem.
-        goal: Decides on the status.
-        x: Forces in newtons, shape (3 m,).
-        gradient: A x - b in metres, shape (3 m,), computed afresh.
-        residual: Of both.
-        otherwise: The status if they do not pass.
-        products: Products by A so far.
-    """
-    w = gradient.reshape(-1, 3)
-    return SolverResult(
-        x=x,
-        gradient=gradient,
-        slip_bound=problem.slip_bound(x),
-        multipliers=np.stack([np.maximum(w[:, 0], 0.0), radius(w)], axis=1),
-        status=goal.verdict(residual, x, otherwise),
-        products=products,
-        residual=residual,
-        method=name,
-    )
 
 
 class ConeProblem:

@@ -93,7 +93,7 @@ class _Run:
         if rigid is not None:
             basis = problem.motion_basis
             self._s = max(self._s, basis.distance(rigid.e))
-            self._T, self._G, self._e = basis.T, basis.T @ basis.G, basis.T @ rigid.e / self._s
+            self._T, self._G, self._e = basis.T, basis.rows, basis.T @ rigid.e / self._s
         s = self._s
         self._A: FloatArray = problem.A.sparse().toarray() / a
         self._b: FloatArray = problem.b / (a * s)
