@@ -6,15 +6,13 @@ the update matrices, since the first access to new memory takes about as long as
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg.blas import dsyrk, dtrsm, ssyrk, strsm
 from scipy.linalg.lapack import dpotrf, spotrf
 
 from ...arrays import FloatArray
-from ...native import address, kernels
+from ...native import kernels
 from ..petsc_arrays import NodalRows
 from .blas import Real
 from .nested_dissection import Front, Nodes
@@ -48,36 +46,25 @@ class FrontOperations:
     def assemble(self, K: NodalRows) -> None:
         """Set the entries of K on and below the diagonal, in the order of elimination, and zeros elsewhere."""
         place = np.empty_like(self.position)
-        self._assemble(
-            len(self.own),
-            *map(address, (self.own, self.border, self.order, self.borders, self.position)),
-            *map(address, (K.indptr, K.indices, K.first, K.stride)),
-            *map(address, (K.values, place, self.memory)),
-        )
+        fronts = (self.own, self.border, self.order, self.borders, self.position)
+        entries = (K.indptr, K.indices, K.first, K.stride, K.values)
+        self._assemble(len(self.own), *fronts, *entries, place, self.memory)
 
     def add_to_columns(self, child: Real, front: Front, head: Real, below: Real) -> None:
         """Add the update matrix of a child, the front given, to the parent's own columns."""
-        self._extended(0, child, front, len(head), len(below), head, below)
+        self._extend(0, child, len(child), len(front.runs), front.runs, len(head), len(below), head, below)
 
     def add_to_update(self, child: Real, front: Front, own: int, update: Real) -> None:
         """Add the rest of it to the update matrix of the parent, which has `own` columns."""
-        self._extended(1, child, front, own, len(update), update, update)
-
-    def _extended(self, rest: int, child: Real, front: Front, own: int, border: int, head: Real, below: Real) -> None:
-        width, count, e, b = (n for n in (len(child), len(front.runs), own, border))
-        self._extend(rest, address(child), width, count, address(front.runs), e, b, address(head), address(below))
+        self._extend(1, child, len(child), len(front.runs), front.runs, own, len(update), update, update)
 
     def forward(self, x: Real) -> None:
         """x <- L^-1 x in the order of elimination, shape (3 k,); on the last border, what remains of x."""
-        self._substituted(self._forward, x)
+        self._forward(len(self.own), self.own, self.border, self.edges, self.memory, x, self._work)
 
     def backward(self, x: Real) -> None:
         """x <- L^-T x in the order of elimination, shape (3 k,), with given x on the last border."""
-        self._substituted(self._backward, x)
-
-    def _substituted(self, kernel: Any, x: Real) -> None:
-        places = (self.own, self.border, self.edges)
-        kernel(len(self.own), *map(address, (*places, self.memory, x, self._work)))
+        self._backward(len(self.own), self.own, self.border, self.edges, self.memory, x, self._work)
 
 
 def split_columns(memory: Real, own: Nodes, border: Nodes) -> tuple[list[Real], list[Real]]:

@@ -117,11 +117,9 @@ class _Tree:
             return ()
         given, own, counts, below = (np.empty(size * count, dtype=np.int64) for size in (1, 1, 2, 4))  # some are empty
         given[:] = nodes
-        arrays = (given, self._ptr, self._col, self._points)
         made = kernels().dissect_nodes(
-            len(self._points), count, *(array.ctypes.data for array in arrays), self._leaf,
-            *(array.ctypes.data for array in (own, counts, below)),
-        )  # fmt: skip
+            len(self._points), count, given, self._ptr, self._col, self._points, self._leaf, own, counts, below
+        )
         if made < 0:
             raise MemoryError("the order of elimination needs more memory than there is")
         self.own += np.split(own, np.cumsum(counts[: made - 1]))
@@ -204,7 +202,7 @@ def runs_of(places: Nodes, own: int) -> Nodes:
 def along_space(nodes: Nodes, points: FloatArray) -> Nodes:
     """The nodes ordered by halves, quarters and so on along their longest extents."""
     ordered, places = nodes.astype(np.int64), np.ascontiguousarray(points, dtype=np.float64)
-    if kernels().order_along_space(len(nodes), ordered.ctypes.data, places.ctypes.data, _BLOCK):
+    if kernels().order_along_space(len(nodes), ordered, places, _BLOCK):
         raise MemoryError("the order of elimination needs more memory than there is")
     return ordered
 

@@ -153,8 +153,7 @@ def in_kernel_blocks(entries: Entries, shape: tuple[int, int], accurate: bool = 
     pointers = np.empty(rows + 1, dtype=np.int32)
 
     def convert(values: _Array, *out: _Array | None) -> int:
-        arrays = [indptr, indices, values, pointers, *out]
-        return int(kernels().to_blocks(rows, *shape, int(upper), *map(address, arrays)))
+        return int(kernels().to_blocks(rows, *shape, int(upper), indptr, indices, values, pointers, *out))
 
     values = entries.values
     count = convert(values, None, None, None)
@@ -293,11 +292,11 @@ class SymmetricBlocks:
 
     def mult(self, x: FloatArray, y: FloatArray, accurate: bool = True) -> None:
         """y <- K x, in double precision if `accurate`, here and in the matrix; x padded; collective."""
-        _checked(self._product(self._matrix.reference, int(accurate), address(x), address(y)))
+        _checked(self._product(self._matrix.reference, int(accurate), x, y))
 
     def residual(self, b: FloatArray, x: FloatArray, r: FloatArray) -> None:
         """r <- b - K x, K in single precision; x padded; collective."""
-        _checked(self._residual(self._matrix.reference, *map(address, (b, x, r))))
+        _checked(self._residual(self._matrix.reference, b, x, r))
 
     def smooth(
         self, inverse: FloatArray, b: FloatArray, x: FloatArray, d: FloatArray, factors: FloatArray, zero: bool = False
@@ -306,8 +305,7 @@ class SymmetricBlocks:
 
         `factors` (steps, 2) has the two of each step; if `zero`, x and d are 0 before the first, whatever they hold.
         """
-        vectors = map(address, (inverse, b, x, d))
-        _checked(self._smooth(self._matrix.reference, *vectors, len(factors), address(factors), int(zero)))
+        _checked(self._smooth(self._matrix.reference, inverse, b, x, d, len(factors), factors, int(zero)))
 
     def destroy(self) -> None:
         self._matrix.destroy()
@@ -327,11 +325,11 @@ class BlockInterpolation:
 
     def prolong(self, e: FloatArray, x: FloatArray) -> None:
         """x <- x + P e; e padded; collective."""
-        _checked(self._prolong(self._matrix.reference, address(e), address(x)))
+        _checked(self._prolong(self._matrix.reference, e, x))
 
     def restrict(self, r: FloatArray, b: FloatArray) -> None:
         """b <- P^T r; collective."""
-        _checked(self._restrict(self._matrix.reference, address(r), address(b)))
+        _checked(self._restrict(self._matrix.reference, r, b))
 
     def destroy(self) -> None:
         self._matrix.destroy()

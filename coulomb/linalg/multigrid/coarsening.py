@@ -9,7 +9,6 @@ long as they are needed.
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...native import address, kernels, threads
+from ...native import kernels, threads
 from ..petsc_arrays import DistributedEntries, Entries
 from ..reductions import concatenated, exchanged, incoming, per_rank
 from .block_matrix import PADDING, Blocks, DistributedBlocks, joined_rows
@@ -60,23 +59,21 @@ class WholeBlocks:
         return len(self.own.pointers) - 1
 
     @property
-    def pattern(self) -> tuple[ctypes.c_void_p, ...]:
-        """For kernels: pointers and columns of both parts."""
-        others = (None, None) if self.others is None else self.others[:2]
-        return tuple(map(address, (*self.own[:2], *others)))
+    def parts(self) -> tuple[_Array | None, ...]:
+        """For kernels: pointers, columns and values of both parts."""
+        return (*self.own, *(self.others or (None, None, None)))
 
     @property
-    def parts(self) -> tuple[ctypes.c_void_p, ...]:
-        """For kernels: pointers, columns and values of both parts."""
-        others = (None, None, None) if self.others is None else self.others
-        return tuple(map(address, (*self.own, *others)))
+    def pattern(self) -> tuple[_Array | None, ...]:
+        """For kernels: pointers and columns of both parts."""
+        return (*self.parts[:2], *self.parts[3:5])
 
 
 def _block_rows(entries: Entries, size: int, columns: int) -> BlockRows:
     rows = (len(entries.indptr) - 1) // size
     indptr, indices = (array.astype(np.int32, copy=False) for array in entries[:2])
     pointers, found = np.empty(rows + 1, np.int32), np.empty(len(indices) // size, np.int32)
-    if kernels().block_pattern(rows, size, *map(address, (indptr, indices, pointers, found))):
+    if kernels().block_pattern(rows, size, indptr, indices, pointers, found):
         return BlockRows(pointers, found[: pointers[-1]], entries.values)
     blocks = scipy.sparse.csr_matrix((entries.values, indices, indptr), shape=(size * rows, columns)).tobsr(
         (size, size)
@@ -92,8 +89,7 @@ def entries_of(pointers: _Array, columns: _Array, blocks: FloatArray, threads: i
     indptr = np.empty(size * rows + 1, np.int32)
     indices, values = np.empty(blocks.size, np.int32), np.empty(blocks.size)
     blocks = np.ascontiguousarray(blocks, dtype=np.float64)
-    arrays = map(address, (pointers, columns, blocks, indptr, indices, values))
-    kernels().entries_of_blocks(rows, size, threads, *arrays)
+    kernels().entries_of_blocks(rows, size, threads, pointers, columns, blocks, indptr, indices, values)
     return Entries(indptr, indices, values)
 
 
@@ -185,14 +181,12 @@ def _aggregates(K: WholeBlocks, team: int) -> tuple[npt.NDArray[np.int32], int, 
     n, size = K.count, K.size
     norms, loose = np.zeros(n), np.zeros(size * n, np.uint8)
     examine = kernels()[f"examine_{size}_6"]
-    examine(n, team, *(address(array) for array in (*K.own, norms, loose)))
+    examine(n, team, *K.own, norms, loose)
     if K.others is not None:
-        examine(n, team, *(address(array) for array in (*K.others, None, loose)))
+        examine(n, team, *K.others, None, loose)
     strong, aggregates = np.empty(len(K.own.columns), np.uint8), np.empty(n, np.int32)
-    strength = kernels()[f"strength_{size}_6"]
-    strength(n, team, *(address(array) for array in (*K.own, norms)), _STRONG, address(strong))
-    graph: tuple[_Array, ...] = (K.own.pointers, K.own.columns, strong, aggregates)
-    count = kernels().aggregate(n, *map(address, graph))
+    kernels()[f"strength_{size}_6"](n, team, *K.own, norms, _STRONG, strong)
+    count = kernels().aggregate(n, K.own.pointers, K.own.columns, strong, aggregates)
     return aggregates, count, loose
 
 
@@ -206,8 +200,7 @@ def _orthonormal(
     P0[:] = motions
     P0.reshape(len(aggregates), size * _MOTIONS)[aggregates < 0] = 0.0
     R = np.zeros((count, _MOTIONS, _MOTIONS))
-    kernel = kernels()[f"orthonormal_{size}_6"]
-    kernel(count, team, *map(address, (begin, members, loose, P0, R)))
+    kernels()[f"orthonormal_{size}_6"](count, team, begin, members, loose, P0, R)
     return P0, R
 
 
@@ -232,12 +225,11 @@ def _smoothed(
         P0 = np.concatenate([P0.ravel(), ghosts[:, 1:].ravel(), np.zeros(PADDING)])
     count = own + len(needed)
     pointers = np.zeros(n + 1, np.int32)
-    kernels().coupled_aggregates(n, team, *K.pattern, address(aggregates), count, address(pointers[1:]))
+    kernels().coupled_aggregates(n, team, *K.pattern, aggregates, count, pointers[1:])
     np.cumsum(pointers, out=pointers)
     columns = np.empty(pointers[-1], np.int32)
     values = np.zeros(len(columns) * size * _MOTIONS + PADDING, np.float32)
-    kernel = kernels()[f"smoothed_{size}_6"]
-    kernel(n, team, *K.parts, address(aggregates), count, *map(address, (P0, S, pointers, columns, values)))
+    kernels()[f"smoothed_{size}_6"](n, team, *K.parts, aggregates, count, P0, S, pointers, columns, values)
     whole = Blocks(pointers, columns, values, None)
     if K.others is None:
         return DistributedBlocks(K.comm, whole, None, needed, starts)
@@ -273,18 +265,17 @@ def galerkin(K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEnt
     coarse = own + len(P.columns)
     begin = np.empty(coarse + 1, np.int32)
     of, places = np.empty((2, rows.pointers[n]), np.int32)
-    kernels().by_columns(n, coarse, *map(address, (*rows[:2], begin, of, places)))
+    kernels().by_columns(n, coarse, *rows[:2], begin, of, places)
     pointers = np.zeros(coarse + 1, np.int32)
-    pattern = (*map(address, (begin, of)), *K.pattern, *map(address, rows[:2]))
+    pattern = (begin, of, *K.pattern, *rows[:2])
     sizes = n, nodes, coarse, len(numbers), team
-    kernels().product_pattern(*sizes, *pattern, address(pointers[1:]), None)
+    kernels().product_pattern(*sizes, *pattern, pointers[1:], None)
     np.cumsum(pointers, out=pointers)
     columns = np.empty(pointers[-1], np.int32)
-    most = kernels().product_pattern(*sizes, *pattern, address(pointers), address(columns))
+    most = kernels().product_pattern(*sizes, *pattern, pointers, columns)
     blocks = np.empty((len(columns), width, width))
     kernel = kernels()[f"galerkin_{K.size}_{width}"]
-    out: tuple[_Array, ...] = (rows.pointers, rows.columns, rows.values, pointers, columns, blocks)
-    kernel(*sizes, most, *map(address, (begin, of, places)), *K.parts, *map(address, out))
+    kernel(*sizes, most, begin, of, places, *K.parts, *rows[:3], pointers, columns, blocks)
     if P.others is None:
         entries = entries_of(pointers, columns, blocks, team)
         return DistributedEntries(K.comm, entries, None, np.empty(0, np.int32), width * P.starts)

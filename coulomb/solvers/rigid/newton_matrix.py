@@ -49,7 +49,7 @@ class BlockPattern:
         self.indices = np.empty(9 * len(self._column), dtype=np.int32)
         self._at = np.empty(9 * len(self._column), dtype=np.int32)
         arrays = (self._first, self._column, old, new, self.indptr, self.indices, self._at)
-        kernels().positions(self._m, *(array.ctypes.data for array in arrays))
+        kernels().positions(self._m, *arrays)
 
     def entries(self, D: FloatArray, L: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Entries of r (L W + D) c in compressed columns, and r, c of shape (3 m,): largest entries of rows, then of
@@ -62,7 +62,7 @@ class BlockPattern:
         data, r, c = np.empty(len(self._at)), np.empty(3 * self._m), np.empty(3 * self._m)
         D, left = np.ascontiguousarray(D), None if L is None else np.ascontiguousarray(L)
         arrays = (self._first, self._column, self._blocks, D, left, self._at, np.empty_like(self._blocks), r, c, data)
-        kernels().entries(self._m, *(None if array is None else array.ctypes.data for array in arrays))
+        kernels().entries(self._m, *arrays)
         return data, r, c
 
 
