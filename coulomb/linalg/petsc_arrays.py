@@ -5,8 +5,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -18,30 +17,15 @@ from petsc4py import PETSc
 _prefixes = (f"coulomb_{number}_" for number in itertools.count())
 
 
-@contextmanager
-def petsc_options(prefix: str, values: Mapping[str, object]) -> Iterator[None]:
-    """Set PETSc options under a prefix, and remove them afterwards."""
-    database = PETSc.Options(prefix)
-    for key, value in values.items():
-        database[key] = value
-    try:
-        yield
-    finally:
-        for key in values:
-            database.delValue(key)
-
-
 def configured_ksp(
     K: PETSc.Mat,
     ksp_type: str,
     values: Mapping[str, object],
     operator: PETSc.Mat | None = None,
-    prepare: Callable[[PETSc.PC], None] | None = None,
 ) -> PETSc.KSP:
     """A KSP set up with the given options only; they are removed from PETSc's database afterwards.
 
-    `operator` is the matrix of the system if it is not K, of which the preconditioner is made; `prepare` is called with
-    the preconditioner before the options (without prefix) are set.
+    `operator` is the matrix of the system if it is not K, of which the preconditioner is made.
     """
     prefix = next(_prefixes)
     ksp = PETSc.KSP().create(K.comm)
@@ -49,12 +33,26 @@ def configured_ksp(
     ksp.setType(ksp_type)
     ksp.setErrorIfNotConverged(True)
     ksp.setOptionsPrefix(prefix)
-    if prepare is not None:
-        prepare(ksp.getPC())
-    with petsc_options(prefix, values):
+    database = PETSc.Options(prefix)
+    for key, value in values.items():
+        database[key] = value
+    try:
         ksp.setFromOptions()
         ksp.setUp()
+    finally:
+        for key in values:
+            database.delValue(key)
     return ksp
+
+
+CHOLESKY: dict[str, str | float] = {
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 60,
+    "mat_mumps_icntl_7": 5,
+}
+"""MUMPS's factorisation.  ICNTL(14): per cent of memory beyond the estimate, for delayed pivots and parallel fronts.
+ICNTL(7): METIS; without it, as on Debian, MUMPS uses PORD.  Its own choice (7) took up to twice as long."""
 
 
 _Array = npt.NDArray[Any]

@@ -43,30 +43,20 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..linalg.compliance import MatrixFreeCompliance
-from ..linalg.petsc_arrays import configured_ksp
+from ..linalg.petsc_arrays import CHOLESKY, configured_ksp
 from ..linalg.reductions import Reductions
 from .linearization import NodalInverse
 from .newton_systems import ROUNDING, NewtonEquations, NewtonStep, NewtonSystem
 from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import Settings, within
 
-_FACTORS: dict[str, str | float] = {
+_MULTIGRID: dict[str, str | float] = {
     "ksp_norm_type": "unpreconditioned",
-    "pc_type": "cholesky",
-    "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_14": 60,
-    "mat_mumps_icntl_7": 5,
+    "pc_type": "gamg",
+    "pc_gamg_threshold": 0.02,
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "jacobi",
 }
-
-
-def _multigrid() -> dict[str, str | float]:
-    return {
-        "ksp_norm_type": "unpreconditioned",
-        "pc_type": "gamg",
-        "pc_gamg_threshold": 0.02,
-        "mg_levels_ksp_type": "chebyshev",
-        "mg_levels_pc_type": "jacobi",
-    }
 
 
 @dataclass(frozen=True)
@@ -89,7 +79,7 @@ class CondensedSystem(Settings):
     tight: float = within("(0, 1)", 1e-10)
     first: float = within("(0, 1)", 0.03)
     max_iterations: int = within("[1, inf)", 200)
-    multigrid: dict[str, str | float] = field(default_factory=_multigrid)
+    multigrid: dict[str, str | float] = field(default_factory=_MULTIGRID.copy)
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
         """See `NewtonChoice`; a ValueError on every rank if the compliance has no K and B."""
@@ -97,12 +87,7 @@ class CondensedSystem(Settings):
 
 
 class _DisplacementProducts(IterateProducts):
-    """A x of the iterates as B y.
-
-    Args:
-        A: The scaled compliance.
-        compliance: The same with access to K and B.
-        first: Accuracy of the first y, at best.
+    """A x of the iterates as B y, of a compliance with K and B; `first` is the accuracy of the first y, at best.
 
     Attributes:
         y: Near K^-1 B^T x.
@@ -204,7 +189,7 @@ class _Condensed(NewtonSystem):
         size, lacking = self._rhs.norm(), self.products.R.norm()
         settings = self._settings
         factorised = self._compliance.factorised
-        options = _FACTORS if factorised else settings.multigrid
+        options = {"ksp_norm_type": "unpreconditioned", **CHOLESKY} if factorised else settings.multigrid
         ksp = configured_ksp(self._stiffened, self._method, options, operator=self._operator)
         if not factorised:
             _sweep_by_nodes(ksp)

@@ -201,25 +201,15 @@ class LimitLoad:
 
 @dataclass(frozen=True)
 class _Found:
-    """Answer of the linear programme.
+    """Answer of the linear programme."""
 
-    Attributes:
-        left: What is left over, relative to the loads.
-        motion: Along which it is, largest component 1, shape (q,).
-        used: Largest known resultant of the bounded forces along the motion.
-        part: The part of the changed loads that is held.
-        bounded: Resultants of the bounded forces, relative to the loads, shape (q,).
-        rays: Weights of the known forces without bound, and
-        frictions: of the bounded ones.
-    """
-
-    left: float
-    motion: FloatArray
-    used: float
-    part: float
-    bounded: FloatArray
-    rays: FloatArray
-    frictions: FloatArray
+    left: float  # over, relative to the loads
+    motion: FloatArray  # along which it is, largest component 1, shape (q,)
+    used: float  # largest known resultant of the bounded forces along the motion
+    part: float  # of the changed loads that is held
+    bounded: FloatArray  # resultants of the bounded forces, relative to the loads, shape (q,)
+    rays: FloatArray  # weights of the known forces without bound, ...
+    frictions: FloatArray  # ... and of the bounded ones
 
 
 _BALANCED = 1e-8  # relative error of equilibrium along motions that nothing resists

@@ -80,14 +80,10 @@ class FrictionProblem:
     ) -> FrictionProblem:
         """With given slip bounds g >= 0 in newtons, shape (m,)."""
         over = Reductions(A.comm)
-        if not over.all(slip_bound.shape == (A.nodes,)):
-            raise ValueError(
-                f"slip_bound must have shape ({A.nodes},), one per contact node, but has {slip_bound.shape}"
-            )
-        if not over.all(bool(np.all(np.isfinite(slip_bound)))):
-            raise ValueError("slip_bound has entries that are not finite")
-        if not over.all(bool(np.all(slip_bound >= 0.0))):
-            raise ValueError("slip_bound has negative entries; a friction disc has a radius >= 0")
+        shape, must = slip_bound.shape, f"slip_bound must have shape ({A.nodes},), one per contact node"
+        over.require(shape == (A.nodes,), f"{must}, but has {shape}")
+        over.require(np.all(np.isfinite(slip_bound)), "slip_bound has entries that are not finite")
+        over.require(np.all(slip_bound >= 0.0), "slip_bound has negative entries; a friction disc has a radius >= 0")
         return cls(A, b, FrictionLaw.tresca(slip_bound), lower, accept)
 
     @classmethod
@@ -103,21 +99,19 @@ class FrictionProblem:
 
     def __post_init__(self) -> None:
         m, over = self.A.nodes, self.reductions
-        if not over.all(self.b.shape == (3 * m,)):
-            raise ValueError(f"b must have shape ({3 * m},), three entries per contact node, but has {self.b.shape}")
+        shape, lower = self.b.shape, np.asarray(self.lower)
+        must = f"b must have shape ({3 * m},), three entries per contact node"
+        over.require(shape == (3 * m,), f"{must}, but has {shape}")
         self.law.validate(m, over)
-        if not over.all(np.shape(self.lower) in ((), (m,))):
-            raise ValueError(f"lower must be a number or have shape ({m},), but has {np.shape(self.lower)}")
-        for name, values in (("b", self.b), ("lower", np.asarray(self.lower))):
-            if not over.all(bool(np.all(np.isfinite(values)))):
-                raise ValueError(f"{name} has entries that are not finite")
-        if not over.all(bool(np.all(~self.law.sloped | (np.asarray(self.lower) >= 0.0)))):
-            raise ValueError("lower must be >= 0 where friction > 0: the bound of friction grows from pressure 0 on")
+        over.require(lower.shape in ((), (m,)), f"lower must be a number or have shape ({m},), but has {lower.shape}")
+        for name, values in (("b", self.b), ("lower", lower)):
+            over.require(np.all(np.isfinite(values)), f"{name} has entries that are not finite")
+        must = "lower must be >= 0 where friction > 0: the bound of friction grows from pressure 0 on"
+        over.require(np.all(~self.law.sloped | (lower >= 0.0)), must)
         if self.rigid is not None:
             self.rigid.validate(m, over)
-            moved = np.any(self.rigid.G != 0.0, axis=0)
-            if not over.all(not np.any(moved & (self.A.diagonal() == 0.0))):
-                raise ValueError("rigid: G must be zero where a row of A is zero: the slip there is known")
+            moved = np.any(self.rigid.G != 0.0, axis=0) & (self.A.diagonal() == 0.0)
+            over.require(not np.any(moved), "rigid: G must be zero where a row of A is zero: the slip there is known")
 
     @cached_property
     def reductions(self) -> Reductions:

@@ -85,11 +85,7 @@ def frictionless_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, a
 
 
 class _Frictionless:
-    """The barrier function of the normal forces, with the best forces so far.
-
-    Args:
-        scaled: The problem.
-        accuracy: Accuracy of a product.
+    """The barrier function of the normal forces, with the best forces so far, by products of some accuracy.
 
     Attributes:
         x: Normal forces, shape (m,).

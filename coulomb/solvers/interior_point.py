@@ -306,9 +306,7 @@ class _Path:
         Path following converges slowly where a node is at the edge of its disc without slip: the residual falls like
         the square root of theta.  The semismooth Newton method does not need theta.
 
-        Args:
-            x: Forces of the iterate in newtons, shape (3 m,).
-            gradient: A x - b in metres, shape (3 m,), without rigid motions.
+        x (3 m,) are its forces in newtons, `gradient` A x - b (3 m,) in metres, without rigid motions.
         """
         method, first, self._tried = self._settings.finish, len(self._history), True
         assert method is not None

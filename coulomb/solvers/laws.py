@@ -55,10 +55,10 @@ class FrictionLaw:
             ValueError: On every rank, if the law is not one of this many nodes, or has a number that is not permitted.
         """
         for name, values in (("cohesion", self.cohesion), ("friction", self.friction)):
-            if not over.all(values.shape == (nodes,)):
-                raise ValueError(f"{name} must have shape ({nodes},), one per contact node, but has {values.shape}")
-            if not over.all(bool(np.all(np.isfinite(values) & (values >= 0.0)))):
-                raise ValueError(f"{name} has entries that are negative or not finite")
+            must = f"{name} must have shape ({nodes},), one per contact node, but has {values.shape}"
+            over.require(values.shape == (nodes,), must)
+            permitted = np.all(np.isfinite(values) & (values >= 0.0))
+            over.require(permitted, f"{name} has entries that are negative or not finite")
 
     def name(self, over: Reductions) -> str:
         """Name of the law over all ranks, one of `LAWS`: Coulomb's without cohesion, Tresca's without friction."""

@@ -39,7 +39,6 @@ class Goal:
     the end.
 
     Args:
-        tolerance: Residual to reach.
         accept: The certificate; None if only the residual decides.
 
     Attributes:

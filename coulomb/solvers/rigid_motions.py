@@ -70,23 +70,16 @@ class RigidMotions:
             ValueError: On every rank, if they do not fit a problem with this many contact nodes on this rank.
         """
         q = np.shape(self.e)
-        if not over.all(len(q) == 1 and q[0] > 0):
-            raise ValueError(
-                f"rigid: e must have shape (q,) with q > 0 motions, but has {q}; without any use rigid=None"
-            )
-        if not over.all(np.shape(self.G) == (*q, 3 * nodes)):
-            raise ValueError(
-                f"rigid: G must have shape ({q[0]}, {3 * nodes}), one row per motion and three columns per contact "
-                f"node, but has {np.shape(self.G)}"
-            )
+        must = f"rigid: e must have shape (q,) with q > 0 motions, but has {q}; without any use rigid=None"
+        over.require(len(q) == 1 and q[0] > 0, must)
+        must = f"rigid: G must have shape ({q[0]}, {3 * nodes}), one row per motion and three columns per contact node"
+        over.require(np.shape(self.G) == (*q, 3 * nodes), f"{must}, but has {np.shape(self.G)}")
         for name, values in (("G", self.G), ("e", self.e)):
-            if not over.all(bool(np.all(np.isfinite(values)))):
-                raise ValueError(f"rigid: {name} has entries that are not finite")
-        first = over.comm.bcast(self.e, root=0)
-        if not over.all(np.array_equal(first, self.e)):
-            raise ValueError("rigid: e differs between the ranks; it is the resultant of the loads on all of them")
-        if not over.all(len(self.names) in (0, *q)):
-            raise ValueError(f"rigid: names must be one per motion ({q[0]}), or none, but are {len(self.names)}")
+            over.require(np.all(np.isfinite(values)), f"rigid: {name} has entries that are not finite")
+        same = np.array_equal(over.comm.bcast(self.e, root=0), self.e)
+        over.require(same, "rigid: e differs between the ranks; it is the resultant of the loads on all of them")
+        count = len(self.names)
+        over.require(count in (0, *q), f"rigid: names must be one per motion ({q[0]}), or none, but are {count}")
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,11 @@ from ...native import kernels
 
 
 class BlockPattern:
-    """The entries of a block matrix and where they are in compressed columns.
-
-    Args:
-        W: Block matrix of scipy, blocks of 3 x 3, columns in order, with all blocks of the diagonal.
+    """The entries of a matrix W of 3 x 3 blocks, columns in order, with all blocks of the diagonal, and where they are
+    in compressed columns, `indptr` and `indices`.
 
     Attributes:
         order: New numbers to old ones of rows and columns alike; None for the old ones.
-        indptr: Of the compressed columns.
-        indices: Of the compressed columns.
     """
 
     def __init__(self, W: Any):
@@ -55,9 +51,7 @@ class BlockPattern:
         """Entries of r (L W + D) c in compressed columns, and r, c of shape (3 m,): largest entries of rows, then of
         columns, are 1.
 
-        Args:
-            D: Shape (m, 3, 3).
-            L: Shape (m, 3, 3); None for 1.
+        D and L have shape (m, 3, 3); None is L = 1.
         """
         data, r, c = np.empty(len(self._at)), np.empty(3 * self._m), np.empty(3 * self._m)
         D, left = np.ascontiguousarray(D), None if L is None else np.ascontiguousarray(L)
@@ -105,12 +99,7 @@ class NewtonMatrix:
             self._pattern = BlockPattern(pattern)
 
     def factorise(self, D: FloatArray, L: FloatArray | None = None) -> bool:
-        """Factorise L W + D, both of shape (m, 3, 3); whether it is regular, and the limit of work is not exceeded.
-
-        Args:
-            D: Added blocks.
-            L: Factors of the rows of W; None for 1.
-        """
+        """Factorise L W + D, both (m, 3, 3), None is L = 1; whether it is regular, and within the limit of work."""
         if self.operations > self.limit:
             return False
         self.factorisations += 1
