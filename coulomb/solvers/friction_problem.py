@@ -386,7 +386,7 @@ class SolverSettings(Settings):
         """
         goal, products = Goal(self.tolerance if tolerance is None else tolerance, problem.accept), problem.A.products
         result = self._solved(problem, Task(goal, start, gradient, progress))
-        result = replace(result, products=problem.A.products - products, method=self.name)
+        result = replace(result, products=result.products + problem.A.products - products, method=self.name)
         if result.status is Status.CONVERGED:
             return result
         message = result.message or (
@@ -396,5 +396,5 @@ class SolverSettings(Settings):
         raise NotConverged(message, replace(result, message=message))
 
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
-        """The best answer, whether it has converged, without products; with a message that is not the usual one."""
+        """The best answer, whether it has converged; with products that are not those of A, and an unusual message."""
         raise NotImplementedError

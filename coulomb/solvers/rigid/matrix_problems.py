@@ -78,7 +78,7 @@ class MatrixAutomatic(SolverSettings):
             NotConverged: With the best answer of the methods, and the messages of all.
         """
         tolerance = self.tolerance if tolerance is None else tolerance
-        cones, regularised = ConeInteriorPoint(tolerance), RegularisedNewton(tolerance)
+        cones, regularised = ConeInteriorPoint(tolerance, sweeps or True), RegularisedNewton(tolerance)
         ending = SuccessiveTresca(tolerance, newton_steps=_TRESCA)
         by_cones = cones.suits(problem) and (sweeps is not None or _for_cones(problem.A))
         few = regularised.suits(problem) and problem.A.nodes <= (_FEWER if by_cones else _FEW)
@@ -92,13 +92,8 @@ class MatrixAutomatic(SolverSettings):
         def by(krylov: Solver) -> Callable[[], SolverResult]:
             return lambda: krylov.solve(problem, start, gradient=gradient, progress=progress)
 
-        def by_cone_method() -> SolverResult:
-            if sweeps is None:
-                return cones.solve(problem, start, progress=progress)
-            return cones.after(problem, sweeps, progress=progress)
-
         if by_cones:
-            methods = [regularise, by_cone_method] if singular else [by_cone_method]
+            methods = [*([regularise] if singular else []), by(cones)]
         elif singular:
             methods = [regularise, by(InteriorPoint(tolerance, newton=DenseSystem())), by(InteriorPoint(tolerance))]
             methods += [by(ending)] if problem.sloped else []
