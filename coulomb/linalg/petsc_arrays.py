@@ -18,10 +18,7 @@ _prefixes = (f"coulomb_{number}_" for number in itertools.count())
 
 
 def configured_ksp(
-    K: PETSc.Mat,
-    ksp_type: str,
-    values: Mapping[str, object],
-    operator: PETSc.Mat | None = None,
+    K: PETSc.Mat, ksp_type: str, values: Mapping[str, object], operator: PETSc.Mat | None = None
 ) -> PETSc.KSP:
     """A KSP set up with the given options only; they are removed from PETSc's database afterwards.
 

@@ -88,11 +88,7 @@ class FrictionProblem:
 
     @classmethod
     def coulomb(
-        cls,
-        A: Compliance,
-        b: FloatArray,
-        friction: FloatArray,
-        accept: Accept | None = None,
+        cls, A: Compliance, b: FloatArray, friction: FloatArray, accept: Accept | None = None
     ) -> FrictionProblem:
         """With coefficients of friction F >= 0, shape (m,), and no cohesion."""
         return cls(A, b, FrictionLaw.coulomb(friction), accept=accept)

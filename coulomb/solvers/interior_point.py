@@ -47,15 +47,7 @@ from .friction_problem import FrictionProblem, Solver, SolverSettings, Task
 from .frictionless_start import frictionless_start
 from .linearization import Linearization
 from .newton_systems import NewtonChoice, NewtonEquations, NewtonStep, NewtonSystem, SchurComplementSystem
-from .results import (
-    Goal,
-    InteriorPointStep,
-    NotConverged,
-    Progress,
-    QPStep,
-    SolverResult,
-    Status,
-)
+from .results import Goal, InteriorPointStep, NotConverged, Progress, QPStep, SolverResult, Status
 from .rigid_motions import Equilibrium
 from .scaled_problem import Iterate, ScaledProblem, Step
 from .settings import within
@@ -369,12 +361,7 @@ _GAIN = 0.1
 
 
 def newton_step(
-    scaled: ScaledProblem,
-    newton: NewtonSystem,
-    v: Iterate,
-    target: float,
-    tolerance: float,
-    beta: float,
+    scaled: ScaledProblem, newton: NewtonSystem, v: Iterate, target: float, tolerance: float, beta: float
 ) -> Step:
     """The Newton step to nu_i z_i = target: J dv = -F + (0, 0, target e), solved to a relative tolerance."""
     at, r1 = scaled.linearize(v), -scaled.gradient(v)

@@ -14,13 +14,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from .friction_problem import FrictionProblem, SolverSettings, Task, refuse_slope
-from .results import (
-    ActiveSetStep,
-    Progress,
-    SolverResult,
-    Status,
-    StepKind,
-)
+from .results import ActiveSetStep, Progress, SolverResult, Status, StepKind
 from .settings import within
 
 _PATIENCE = 1000  # steps without a better residual after the certificate has refused an answer

@@ -141,12 +141,7 @@ class FrictionLaw:
         return slip * (self.radius(x_n) / np.where(way > 0.0, way, 1.0))[:, None]
 
     def natural_residual(
-        self,
-        x: FloatArray,
-        gradient: FloatArray,
-        compliance: float,
-        over: Reductions,
-        lower: float | FloatArray = 0.0,
+        self, x: FloatArray, gradient: FloatArray, compliance: float, over: Reductions, lower: float | FloatArray = 0.0
     ) -> float:
         """|x - P(x - (A x - b)/a)| / |x|, P the projection with r(x_n) of x itself; 0 exactly at a solution.
 

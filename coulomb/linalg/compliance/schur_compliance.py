@@ -50,11 +50,7 @@ class SchurCompliance(LimitedProducts):
     matrix_free: MatrixFreeCompliance | None = None
 
     def __init__(
-        self,
-        B: PETSc.Mat,
-        solver: SchurSolver,
-        diagonal: FloatArray | None = None,
-        reference: _Reference | None = None,
+        self, B: PETSc.Mat, solver: SchurSolver, diagonal: FloatArray | None = None, reference: _Reference | None = None
     ):
         self.B = B  # kept, since the communicator lives as long as the matrix
         self.comm: MPI.Comm = B.getComm().tompi4py()

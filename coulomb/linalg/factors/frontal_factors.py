@@ -17,10 +17,7 @@ from ..petsc_arrays import NodalRows
 from .blas import Real
 from .nested_dissection import Front, Nodes
 
-_ROUTINES = {
-    np.dtype(np.float32): (spotrf, strsm, ssyrk),
-    np.dtype(np.float64): (dpotrf, dtrsm, dsyrk),
-}
+_ROUTINES = {np.dtype(np.float32): (spotrf, strsm, ssyrk), np.dtype(np.float64): (dpotrf, dtrsm, dsyrk)}
 
 
 class NotPositiveDefinite(ValueError):

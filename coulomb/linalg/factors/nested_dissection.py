@@ -318,10 +318,7 @@ class _Cutting:
                 low, high, separator = parts
                 half = piece.ranks // 2
                 cuts[piece.first, piece.ranks] = separator
-                below += [
-                    _Piece(low, piece.first, half),
-                    _Piece(high, piece.first + half, piece.ranks - half),
-                ]
+                below += [_Piece(low, piece.first, half), _Piece(high, piece.first + half, piece.ranks - half)]
             level = below
         below_parts, children = self._grow(0, self._comm.size, cuts, done)
         ranks = tuple(range(self._comm.size))

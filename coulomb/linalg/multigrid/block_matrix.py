@@ -172,10 +172,7 @@ DistributedBlocks = Distributed[Blocks]
 
 
 def distributed_blocks(
-    entries: DistributedEntries,
-    shape: tuple[int, int],
-    accurate: bool = False,
-    upper: bool = False,
+    entries: DistributedEntries, shape: tuple[int, int], accurate: bool = False, upper: bool = False
 ) -> DistributedBlocks:
     """Entries in blocks, the rows and columns of a block on one rank; `columns` are those of blocks.
 

@@ -152,11 +152,7 @@ class Coarser(NamedTuple):
 
 
 def coarser(
-    matrix: DistributedEntries,
-    size: int,
-    motions: FloatArray,
-    inverse: FloatArray,
-    largest: float,
+    matrix: DistributedEntries, size: int, motions: FloatArray, inverse: FloatArray, largest: float
 ) -> Coarser | None:
     """The next grid; None if no two nodes belong together; collective.
 
@@ -205,12 +201,7 @@ def _orthonormal(
 
 
 def _smoothed(
-    K: WholeBlocks,
-    aggregates: npt.NDArray[np.int32],
-    starts: _Array,
-    P0: FloatArray,
-    S: FloatArray,
-    team: int,
+    K: WholeBlocks, aggregates: npt.NDArray[np.int32], starts: _Array, P0: FloatArray, S: FloatArray, team: int
 ) -> DistributedBlocks:
     """(1 - S K) P0; collective."""
     n, size, own = K.count, K.size, int(np.diff(starts)[K.comm.rank])

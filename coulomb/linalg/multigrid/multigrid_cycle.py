@@ -295,11 +295,7 @@ def _motions(matrix: PETSc.Mat) -> FloatArray:
 
 
 def _cycle(
-    matrix: DistributedEntries,
-    size: int,
-    motions: FloatArray,
-    finest: bool = False,
-    first: bool = False,
+    matrix: DistributedEntries, size: int, motions: FloatArray, finest: bool = False, first: bool = False
 ) -> MultigridCycle | None:
     """On a grid with its coarser ones; None if there are none; `first` if it is the first of aggregates."""
     level = Level(matrix, size, accurate=finest or size == 6)
@@ -314,11 +310,7 @@ def _cycle(
 
 
 def _cycle_on(
-    level: Level,
-    P: DistributedBlocks,
-    shape: tuple[int, int],
-    coarser: CoarseSolver,
-    again: bool = False,
+    level: Level, P: DistributedBlocks, shape: tuple[int, int], coarser: CoarseSolver, again: bool = False
 ) -> MultigridCycle:
     """With the solver on the coarser grid from which P, in blocks of this shape, interpolates."""
     P = on_every_rank(P) if isinstance(coarser, Replicated) else P
@@ -327,11 +319,7 @@ def _cycle_on(
 
 
 def _solver(
-    matrix: DistributedEntries,
-    size: int,
-    motions: FloatArray,
-    stalled: bool = False,
-    first: bool = False,
+    matrix: DistributedEntries, size: int, motions: FloatArray, stalled: bool = False, first: bool = False
 ) -> CoarseSolver:
     """For a coarse grid; `stalled` if aggregates, each of one rank, are hardly fewer; `first` as of `_cycle`."""
     unknowns = int(matrix.starts[-1])
