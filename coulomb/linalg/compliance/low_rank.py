@@ -138,6 +138,7 @@ _SEEN = 0.5
 """Least part of the bound of the rest that is left where inexact products show that little of A is new; with all of it,
 load steps of a half ring with eleven nodes in contact take twice the products (docs/measurements.md)."""
 
+_LEAST = 0.2  # of `local` that is left in the rest, as far as A is not yet in U
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
 
 
@@ -152,7 +153,6 @@ class LowRankApproximation:
             and all of D replaced on the span of X: what inexact products show there of small A is their error, and
             without D a body on soft springs is not solved (tests/solvers/test_inexact_products.py).
         replaced: Part of D that is replaced there if products are not exact, at least 0 and below 1.
-        least_rest: The rest is at least this part of `local`, as far as A is not yet in U.
         known: Columns with which to begin; None if there are none; the same on all ranks, and then it is collective.
         rigid: Columns F of a part F F^T of A that is known exactly, shape (3 m, q), as of bodies on soft springs
             (`SoftMotions`): the rest is approximated, and F F^T added; None if there are none.
@@ -173,7 +173,6 @@ class LowRankApproximation:
         rank: int,
         exact: bool,
         replaced: float = 0.0,
-        least_rest: float = 0.2,
         known: RecycledColumns | None = None,
         rigid: FloatArray | None = None,
         local: FloatArray | None = None,
@@ -183,7 +182,7 @@ class LowRankApproximation:
         diagonal = diagonal - np.sum(self._F**2, axis=1).reshape(-1, 3) if self._F.shape[1] else diagonal
         self._diagonal: FloatArray = diagonal
         self._local = diagonal if local is None else local
-        self._replaced, self._least_rest = 1.0 if exact else replaced, least_rest
+        self._replaced = 1.0 if exact else replaced
         self._new: list[tuple[FloatArray, FloatArray]] = []
         self._X: FloatArray = np.empty((diagonal.size, 0))
         self._new_part = 1.0
@@ -247,7 +246,7 @@ class LowRankApproximation:
     def _set(self, U: FloatArray) -> None:
         """U = A X, the rest and V; collective."""
         rest = self._diagonal - np.sum(U**2, axis=1).reshape(-1, 3)
-        self.rest = np.maximum(rest, self._least_rest * self._new_part * self._local)
+        self.rest = np.maximum(rest, _LEAST * self._new_part * self._local)
         V: FloatArray = np.empty((len(U), 0))
         if self._replaced > 0.0:
             DX = self.rest.reshape(-1, 1) * self._X

@@ -22,7 +22,7 @@ from .blas import Real
 from .distributed_front import Block, DistributedFront, Update, column_ranks
 from .frontal_factors import FrontalFactors, NotPositiveDefinite
 from .multifrontal import SINGLE_FROM, Work, predicted_work
-from .nested_dissection import Front, Nodes, Part, SharedDissection, dissect_part, dissect_shared
+from .nested_dissection import Front, Nodes, Part, dissect_part, dissect_shared
 from .refined_solver import RefinedSolver
 
 
@@ -80,25 +80,17 @@ class LocalPart:
 class DistributedFactors:
     """K = L L^T on all ranks; all calls are collective.
 
-    `owned` is the number of nodes of each rank in vectors.
-
     Raises:
         NotPositiveDefinite: On every rank, if a pivot is not positive in this precision.
     """
 
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        dissection: SharedDissection,
-        parts: list[LocalPart],
-        entries: Entries,
-        owned: Nodes,
-        dtype: npt.DTypeLike,
-    ):
-        self.comm, self._dissection, self._parts, self.dtype = comm, dissection, parts, np.dtype(dtype)
-        self._plan_solves(owned)
+    def __init__(self, symbolic: SharedSymbolic, dtype: npt.DTypeLike):
+        self.comm, self._dissection, self.dtype = symbolic.comm, symbolic.dissection, np.dtype(dtype)
+        entries, self._parts = symbolic.prepared
+        self._plan_solves(symbolic.owned)
         self._shared = [
-            DistributedFront(comm, front, dtype) if comm.rank in front.ranks else None for front in dissection.fronts
+            DistributedFront(self.comm, front, dtype) if self.comm.rank in front.ranks else None
+            for front in self._dissection.fronts
         ]
         self._factorise(entries)
 
@@ -317,9 +309,7 @@ class DistributedMultifrontalSolver(RefinedSolver):
         self._symbolic.forget()
 
     def _factorised_in(self, dtype: npt.DTypeLike) -> DistributedFactors:
-        entries, parts = self._symbolic.prepared
-        dissection, owned = self._symbolic.dissection, self._symbolic.owned
-        return DistributedFactors(self.comm, dissection, parts, entries, owned, dtype)
+        return DistributedFactors(self._symbolic, dtype)
 
     def contact_part(self, u: FloatArray) -> FloatArray:
         """Displacements of the nodes `last`, shape (3 last,), the same on all ranks, of this rank's, shape (n,)."""

@@ -130,13 +130,6 @@ class RowExchange:
         return exchanged(self._comm, rows, out, incoming(self._comm, out))
 
 
-def to_owners(comm: MPI.Comm, starts: _Array, numbers: _Array, *arrays: _Array) -> list[_Array]:
-    """Rows of arrays, one per number, at the ranks that have things of these numbers (ascending); collective."""
-    out = per_rank(comm, starts, numbers)
-    into = incoming(comm, out)
-    return [exchanged(comm, array, out, into) for array in arrays]
-
-
 _STRONG = 0.02  # part of the diagonals from which on nodes belong together, as GAMG's threshold
 _DAMPING = 1.7  # over the largest eigenvalue of D^-1 K, which is estimated a little too small
 _MOTIONS = 6
@@ -208,7 +201,9 @@ def _smoothed(
     needed: _Array = np.empty(0, np.int64)
     if K.others is not None:
         numbers = np.where(aggregates >= 0, aggregates + starts[K.comm.rank], -1)
-        ghosts = _fetched(K, np.column_stack([numbers, P0.reshape(n, size * _MOTIONS)]))
+        exchange = RowExchange(K.comm, K.starts, K.ghosts)
+        nodal = np.column_stack([numbers, P0.reshape(n, size * _MOTIONS)])[exchange.asked]
+        ghosts = exchange.fetched(nodal, np.ones(len(nodal), np.int64))
         of_ghosts = ghosts[:, 0].astype(np.int64)
         needed = np.unique(of_ghosts[of_ghosts >= 0])
         places = np.where(of_ghosts >= 0, own + np.searchsorted(needed, of_ghosts), -1)
@@ -235,12 +230,6 @@ def _chosen(blocks: Blocks, chosen: npt.NDArray[np.bool_], numbers: int) -> Bloc
     values = np.zeros(int(pointers[-1]) * numbers + PADDING, np.float32)
     values[:-PADDING] = blocks.values[:-PADDING].reshape(-1, numbers)[chosen].ravel()
     return Blocks(pointers, blocks.columns[chosen], values, None)
-
-
-def _fetched(K: WholeBlocks, rows: FloatArray) -> FloatArray:
-    """Rows (nodes, k) of the nodes of other ranks; collective."""
-    exchange = RowExchange(K.comm, K.starts, K.ghosts)
-    return exchange.fetched(rows[exchange.asked], np.ones(len(exchange.asked), np.int64))
 
 
 def galerkin(K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEntries:
@@ -311,7 +300,9 @@ def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: F
     row = np.repeat(np.concatenate([np.arange(first, end), P.columns]), np.diff(pointers))
     mine = int(pointers[own])
     arrays = row, columns, blocks
-    given = to_owners(comm, P.starts, row[mine:], *(array[mine:] for array in arrays))
+    out = per_rank(comm, P.starts, row[mine:])  # to the ranks that have the rows
+    into = incoming(comm, out)
+    given = [exchanged(comm, array[mine:], out, into) for array in arrays]
     rows, numbers, values = (np.concatenate([array[:mine], more]) for array, more in zip(arrays, given, strict=True))
     order = np.lexsort((numbers, rows))
     rows, numbers = rows[order] - first, numbers[order]
