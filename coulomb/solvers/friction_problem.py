@@ -382,7 +382,8 @@ class SolverSettings(Settings):
         """
         goal, products = Goal(self.tolerance if tolerance is None else tolerance, problem.accept), problem.A.products
         result = self._solved(problem, Task(goal, start, gradient, progress))
-        result = replace(result, products=result.products + problem.A.products - products, method=self.name)
+        products = result.products + problem.A.products - products
+        result = replace(result, products=products, method=result.method or self.name)
         if result.status is Status.CONVERGED:
             return result
         message = result.message or (
@@ -392,5 +393,6 @@ class SolverSettings(Settings):
         raise NotConverged(message, replace(result, message=message))
 
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
-        """The best answer, whether it has converged; with products that are not those of A, and an unusual message."""
+        """The best answer, whether it has converged, with products that are not those of A; with method and message
+        where they are not the usual ones."""
         raise NotImplementedError

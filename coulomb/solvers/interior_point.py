@@ -326,7 +326,7 @@ class _Path:
         self._history += [replace(step, iteration=first + step.iteration) for step in steps]
         self._finished = result.status is Status.CONVERGED
         ended = self._finished or result.status is Status.INTERRUPTED
-        return replace(result, products=0) if ended else None  # they are counted with the others
+        return replace(result, products=0, method="") if ended else None  # it is a part of this method
 
 
 def _smallest_force(problem: FrictionProblem, goal: Goal) -> SolverResult | None:

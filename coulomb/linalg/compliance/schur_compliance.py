@@ -137,6 +137,7 @@ class SchurCompliance(LimitedProducts):
 
     def dense(self) -> FloatArray:
         """See `Formed`; on one rank."""
+        assert isinstance(self._solver, MultifrontalSolver)
         self._solver.use_double()
         whole = np.zeros((self._rows.shape[0],) * 2)
         start = 0

@@ -334,8 +334,3 @@ class DistributedMultifrontalSolver(RefinedSolver):
         everywhere = scipy.sparse.hstack(self.comm.allgather(rows.T.tocsr()), format="csr")
         start = sum(self.comm.allgather(rows.shape[0])[: self.comm.rank])
         return self._factors.schur_squares(everywhere)[start : start + rows.shape[0]]
-
-    @property
-    def schur_factors(self) -> list[FloatArray]:
-        """ValueError: each rank has a part of them."""
-        raise ValueError("the factors of the Schur complement are not on one rank")

@@ -53,10 +53,11 @@ class CoarseSolver(Protocol):
         """The solution for r, padded, to be read before the next one; collective."""
         ...
 
-    def destroy(self) -> None: ...
+    def destroy(self) -> None:
+        return
 
 
-class DenseSolver:
+class DenseSolver(CoarseSolver):
     """On a small coarsest grid, on one rank; LinAlgError if K is not positive definite, to rounding."""
 
     def __init__(self, K: Entries):
@@ -70,9 +71,6 @@ class DenseSolver:
         self._solution[:] = dtrsv(self._factor, r, lower=1)
         self._solution[:] = dtrsv(self._factor, self._solution, lower=1, trans=1)
         return self._solution
-
-    def destroy(self) -> None:
-        """It has no PETSc objects."""
 
 
 class SparseSolver:
