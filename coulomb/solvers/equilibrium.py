@@ -218,13 +218,7 @@ _FAR = 5.0  # rigid motion over deformation of a body that slides away
 
 
 def equilibrium(problem: FrictionProblem) -> Equilibrium:
-    """Whether contact forces within the bounds of friction can balance the loads; collective.
-
-    Args:
-        problem: A problem with rigid motions.
-
-    Returns:
-        Forces in equilibrium, or a motion that shows that there are none.
+    """Forces in equilibrium within the bounds of friction, or a motion that shows that there are none; collective.
 
     Raises:
         ValueError: If the problem has no rigid motions.
@@ -271,12 +265,8 @@ def _closed(rigid: RigidMotions, pressure: FloatArray, over: Reductions) -> Floa
 def balanced_forces(problem: FrictionProblem, method: str) -> FloatArray | None:
     """Forces in equilibrium within the bounds of friction, newtons, shape (3 m,); None if supports hold all bodies.
 
-    Args:
-        problem: The problem.
-        method: Name of the solver.
-
     Raises:
-        NotConverged: If there are none, with the status NO_EQUILIBRIUM; collective.
+        NotConverged: If there are none, with the status NO_EQUILIBRIUM, named after the method; collective.
     """
     if problem.rigid is None:
         return None
@@ -311,14 +301,7 @@ def sliding(
     They do if alpha is far larger than the deformation, and the loads do more work on it than contact forces with the
     present pressures and all friction against the motion.  This is an observation, not a proof.  While the iteration
     may recover, alpha is compared with the deformation and the gap of all nodes, at its end with those where there is
-    pressure.
-
-    Args:
-        problem: The problem.
-        x: Contact forces in newtons, shape (3 m,).
-        gradient: w in metres, shape (3 m,).
-        alpha: Rigid motions, shape (q,).
-        ended: Whether the iteration has ended.
+    pressure.  Forces x (3 m,) in newtons, their w (3 m,) in metres, rigid motions alpha (q,).
     """
     rigid, over = problem.rigid, problem.reductions
     if rigid is None:

@@ -300,19 +300,6 @@ class FrictionProblem:
         return max(1.0 / share, 1.0) if share > 0.0 else math.inf
 
 
-def refuse_slope(problem: FrictionProblem, solver: str) -> None:
-    """Refuse a problem whose friction grows with pressure, for solvers of Tresca problems; collective.
-
-    Raises:
-        ValueError: On every rank, with the solver and an alternative.
-    """
-    if problem.sloped:
-        raise ValueError(
-            f"{solver} solves problems with given slip bounds; where friction grows with pressure use "
-            f"InteriorPoint() or SuccessiveTresca(qp_solver={solver}())"
-        )
-
-
 class Solver(Protocol):
     """Interface of the solvers.
 

@@ -59,11 +59,8 @@ _EVEN_THETA = 0.1
 def frictionless_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, accuracy: float) -> Iterate | None:
     """An iterate near the central path, its multipliers central; None if it is not finite; collective.
 
-    Args:
-        scaled: The problem.
-        newton: The Newton systems, to which the products are passed on.
-        most: Largest number of products on the problem without friction; four more are made.
-        accuracy: Accuracy of a product, if it is the solution of a system.
+    At most `most` products are made on the problem without friction, and four more, to an accuracy if each is the
+    solution of a system; they are passed on to the Newton systems.
     """
     normal = _Frictionless(scaled, accuracy)
     even = normal.even()

@@ -406,13 +406,7 @@ def correct_step(
 ) -> Step:
     """The step to nu_i z_i = target, with correctors as long as they lengthen it; collective.
 
-    Args:
-        settings: Those of `step_length`.
-        scaled: The problem.
-        newton: The Newton systems, the last of which gave the step; without an approximation of A nothing is changed.
-        step: The step.
-        target: nu_i z_i at its end.
-        beta: Bound of the gradient over theta.
+    The last of the Newton systems gave the step; without an approximation of A nothing is changed.
     """
     v, at = step.v, scaled.linearize(step.v)
     sigma = target / scaled.theta(v.nu, scaled.slack(v.x_n, v.y))

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from .friction_problem import FrictionProblem, SolverSettings, Task, refuse_slope
+from .friction_problem import FrictionProblem, SolverSettings, Task
 from .results import ActiveSetStep, Progress, SolverResult, Status, StepKind
 from .settings import within
 
@@ -57,7 +57,11 @@ class KPRGP(SolverSettings):
     name = "KPRGP"
 
     def _solved(self, qp: FrictionProblem, task: Task) -> SolverResult:
-        refuse_slope(qp, "KPRGP")
+        if qp.sloped:
+            raise ValueError(
+                "KPRGP solves problems with given slip bounds; where friction grows with pressure use "
+                "InteriorPoint() or SuccessiveTresca(qp_solver=KPRGP())"
+            )
         if qp.rigid is not None:
             raise ValueError(
                 "KPRGP solves problems whose bodies are all held by supports; for bodies that contact alone holds use "

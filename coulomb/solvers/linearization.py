@@ -94,11 +94,7 @@ class NodalInverse:
     """(diag(D) + C + J12 D22^-1 J21)^-1, node by node: the normal unknown first, then the pair that follows it.
 
     The pair's block is that of the disc; its coupling to the normal unknown, h F y + y k/D22_2, is kept separate to
-    avoid cancellation as D22 -> 0.
-
-    Args:
-        at: The linearisation.
-        D: Shape (m, 3), positive, or 0 where C is regular, as in a zero row of A along a tangent.
+    avoid cancellation as D22 -> 0.  D (m, 3) is positive, or 0 where C is regular, as in a zero row of A.
     """
 
     def __init__(self, at: Linearization, D: FloatArray):

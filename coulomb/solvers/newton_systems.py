@@ -130,11 +130,7 @@ class NewtonChoice(Protocol):
     """Choice of the Newton system, as a value."""
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
-        """The system for a problem.
-
-        Args:
-            A: The scaled compliance.
-            sloped: Whether friction grows with pressure anywhere.
+        """The system for a problem; `sloped` is whether friction grows with pressure anywhere.
 
         Raises:
             ValueError: On every rank, if it does not support the compliance or the law.

@@ -41,19 +41,14 @@ _LEAST_WEIGHT = 1e-3
 
 
 class ScaledCompliance:
-    """A~ = W A W / a for forces x = s W x~: the interface of A for Newton systems.  Arrays are (m, 3).
+    """A~ = W A W / a for forces x = s W x~: the interface of A for Newton systems.
 
-    Args:
-        A: The compliance.
-        W: Weights.
-        a: Its scale, metres per newton.
-        s: The scale of forces, newtons.
-        G: G~^T, the displacements of the nodes under rigid motions, shape (m, 3, r); None if there are none.
+    a is in metres per newton, s in newtons; arrays are (m, 3).
 
     Attributes:
         diagonal: diag(A~).
         rest: diag(A~), where products are inexact without the few large eigenvalues that the estimate of it has found.
-        G: G~^T, shape (m, 3, r), r = 0 without rigid motions.
+        G: G~^T, the displacements of the nodes under rigid motions, shape (m, 3, r), r = 0 without any.
         constraints: G~ x = e~.
         rigid: Columns F~ of a part F~ F~^T of A~ that is known exactly (`MatrixFreeCompliance.rigid`), shape (3 m, q).
         recalls: Whether Newton systems begin with the columns of A that earlier problems have found.
@@ -126,9 +121,6 @@ _SHARPEST = 1e-5
 class IterateProducts:
     """A x of the iterates, one product each, the next from the one before.
 
-    Args:
-        A: The scaled compliance.
-
     Attributes:
         sharper: Factor of the accuracy of inexact products, 1 at first.
     """
@@ -141,13 +133,9 @@ class IterateProducts:
         return self._scaled.mult_incremental(x, tolerance)
 
     def advance(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
-        """A x of the next iterate x (m, 3), alpha along the last step.
+        """A x of the next iterate x (m, 3), alpha along the last step, to a tolerance relative to the change.
 
-        Args:
-            x: Shape (m, 3).
-            predicted: A x + alpha A dx for a straight step: sufficient if products are exact.
-            alpha: Step length.
-            tolerance: Accuracy of a product relative to the change.
+        `predicted`, A x + alpha A dx for a straight step, suffices if products are exact.
         """
         if predicted is not None and self._scaled.A.exact:
             return predicted
@@ -205,9 +193,6 @@ class Step(NamedTuple):
 
 class ScaledProblem:
     """A problem with friction, scaled, and the norms of path following; all arrays of this rank.
-
-    Args:
-        problem: The problem in newtons and metres.
 
     Attributes:
         nodes: Contact nodes m of this rank.

@@ -62,12 +62,8 @@ _LARGE = 1e3
 class ContactPreconditioner:
     """M^-1 at one point after the other; collective, as every application.
 
-    Args:
-        comm: The ranks.
-        A: The approximation of A, not to be changed as long as this is used.
-
     Attributes:
-        A: The argument.
+        A: The approximation of A, not to be changed as long as this is used.
     """
 
     def __init__(self, comm: MPI.Comm, A: LowRankApproximation):

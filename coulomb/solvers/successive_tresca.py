@@ -26,9 +26,7 @@ class Anderson:
     """Anderson acceleration of a fixed point g <- G(g), type II: the combination of the last points whose residual is
     smallest, to first order (D. G. Anderson, J. ACM 12, 1965; H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49, 2011).
 
-    Args:
-        memory: Differences kept; 0 is the plain, damped iteration.
-        over: Reductions over the ranks that share g.
+    `memory` differences are kept; 0 is the plain, damped iteration.
     """
 
     def __init__(self, memory: int, over: Reductions):
@@ -40,13 +38,7 @@ class Anderson:
         self._points.clear()
 
     def next(self, g: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
-        """The next point; the given one is stored.
-
-        Args:
-            g: The point.
-            residual: G(g) - g.
-            damping: The fraction of the residual that is added, in (0, 1].
-        """
+        """The point after g, which is stored; `residual` is G(g) - g, of which a fraction is added, in (0, 1]."""
         self._points.append((g, residual))
         del self._points[: -self._memory - 1]
         new: FloatArray = g + damping * residual

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 import scipy.sparse
 from mpi4py import MPI
@@ -56,7 +54,7 @@ class SchurCompliance(LimitedProducts):
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
         self.products, self.learnt = 0, RecycledColumns()
-        self._solver, self._given_diagonal = solver, diagonal
+        self._solver, self._diagonal = solver, diagonal
         indptr, indices, values = B.getValuesCSR()
         last = (3 * solver.last[:, None] + np.arange(3)).ravel()
         shape = (len(indptr) - 1, B.getSize()[1])
@@ -127,13 +125,9 @@ class SchurCompliance(LimitedProducts):
             y[:] = self._rows @ known.renew(z, 0.5 * most)
 
     def diagonal(self) -> FloatArray:
+        if self._diagonal is None:
+            self._diagonal = self._solver.schur_diagonal(self._rows)
         return self._diagonal
-
-    @cached_property
-    def _diagonal(self) -> FloatArray:
-        if self._given_diagonal is not None:
-            return self._given_diagonal
-        return self._solver.schur_diagonal(self._rows)
 
     def dense(self) -> FloatArray:
         """See `Formed`; on one rank."""

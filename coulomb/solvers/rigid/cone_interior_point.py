@@ -54,11 +54,8 @@ def contradiction(problem: FrictionProblem, W: Any) -> str:
 
     A linear programme, max t with (A x - b)_n >= t: if t < 0, its multipliers are normal forces d >= 0 with A d = 0 and
     b.d > 0, which no displacements w = A x - b with w_n >= 0 allow: w.d = -b.d < 0.  They are checked before they are
-    believed.
-
-    Args:
-        problem: The problem, on one rank.
-        W: Its compliance, sparse, its columns in any scaling; 0 along the tangents of contacts without friction.
+    believed.  W is the compliance on one rank, sparse, its columns in any scaling; 0 along the tangents of contacts
+    without friction.
     """
     from scipy.optimize import linprog  # takes time to load, and few problems have no solution
 

@@ -217,12 +217,7 @@ class Scales(NamedTuple):
 
 
 class ConeProblem:
-    """A problem with Coulomb friction in these variables, on one rank.
-
-    Args:
-        problem: Coulomb's law without cohesion, lower bounds 0, no rigid motions.
-        A: Its compliance as a sparse matrix.
-        scales: Its units.
+    """A problem in these variables, on one rank: Coulomb's law without cohesion, lower bounds 0, no rigid motions.
 
     Attributes:
         contacts: m.

@@ -96,12 +96,8 @@ class MatrixAutomatic(SolverSettings):
     def swept(self, A: Any, b: Any, friction: Any) -> SolverResult | Sweeps | None:
         """The answer by sweeps, or what they reached; None where they are not tried, or an argument is not plain.
 
-        All that a valid problem has to satisfy is checked, but not said: None for whatever does not.
-
-        Args:
-            A: As for `solve_coulomb`.
-            b: Likewise.
-            friction: Likewise.
+        All that a valid problem has to satisfy is checked, but not said: None for whatever does not.  Arguments as of
+        `solve_coulomb`.
         """
         few = 3 * _FEW
         if type(A) is np.ndarray:

@@ -70,10 +70,7 @@ class NewtonMatrix:
 
     Sparse factors have a symmetric minimum degree order, found at the first factorisation, and prefer the diagonal as
     pivot.  Rows, then columns, are first scaled to a largest entry of 1: the blocks of open and of closed contacts
-    differ by many orders of magnitude.
-
-    Args:
-        W: Symmetric, sparse, shape (3 m, 3 m).
+    differ by many orders of magnitude.  W (3 m, 3 m) is symmetric and sparse.
 
     Attributes:
         factorisations: Their number so far.
