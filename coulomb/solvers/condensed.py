@@ -95,6 +95,8 @@ class _DisplacementProducts(IterateProducts):
         w: Change of y in a step of length 1.
     """
 
+    corrects = False  # R is the error
+
     def __init__(self, A: ScaledCompliance, compliance: MatrixFreeCompliance, first: float):
         super().__init__(A)
         self._compliance, self._first = compliance, first
@@ -115,10 +117,6 @@ class _DisplacementProducts(IterateProducts):
         """The most accurate A x, by a correction of y; y is unchanged."""
         self._compliance.guess(self.y)
         return super().exact(x)
-
-    def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
-        """B y: the next step removes its error, R."""
-        return A_x
 
     def _image(self, x: FloatArray) -> FloatArray:
         self._compliance.forces(self._scaled.forces(x), self._rhs)

@@ -245,8 +245,7 @@ class _Path:
                 exact = self._exact(v)
                 forces, force_gradient, multipliers = scaled.unscaled(exact)
                 if goal.refused:
-                    A_x = newton.products.corrected(v.A_x, exact.A_x)
-                    v = exact if A_x is exact.A_x else v._replace(A_x=A_x)
+                    v = exact if newton.products.corrects else v
                     gradient = scaled.infeasibility(v)
                     beta = max(beta, _WIDENING * gradient / theta)
                 residual = problem.residual(forces, force_gradient)

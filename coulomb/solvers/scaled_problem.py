@@ -123,7 +123,11 @@ class IterateProducts:
 
     Attributes:
         sharper: Factor of the accuracy of inexact products, 1 at first.
+        corrects: Whether to continue with the exact A x of an iterate, once it is known; else the next step removes
+            its error.
     """
+
+    corrects = True
 
     def __init__(self, A: ScaledCompliance):
         self._scaled, self.sharper = A, 1.0
@@ -144,10 +148,6 @@ class IterateProducts:
     def exact(self, x: FloatArray) -> FloatArray:
         """The most accurate A x, shape (m, 3), for the final residual."""
         return self._scaled.mult_incremental(x)
-
-    def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
-        """A x (m, 3) of the present iterate with which to continue, once the exact one is known."""
-        return exact
 
     def tighten(self) -> None:
         """Make inexact products ten times as accurate from now on."""

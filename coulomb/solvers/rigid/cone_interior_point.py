@@ -141,17 +141,12 @@ class _ConeRun:
                     status = Status.MAX_ITERATIONS
         except _Ended as end:
             status = end.status
-        if self._best[0] == math.inf:
-            status = self._last_chance(status)
+        if self._best[0] == math.inf:  # it ended before any point was judged
+            try:
+                self._judged(self._X)
+            except _Ended as end:
+                status = end.status
         return self._result(status, why)
-
-    def _last_chance(self, status: Status) -> Status:
-        """The status after the last point has been judged, of a run that ended before any was."""
-        try:
-            self._judged(self._X)
-        except _Ended as end:
-            return end.status
-        return status
 
     def _reported(self, sweeps: Sweeps) -> None:
         if self._progress is not None and self._progress(Progress(self._convex, len(self._history), sweeps.residual)):

@@ -68,9 +68,14 @@ class MatrixAutomatic(SolverSettings):
         tolerance = task.goal.tolerance
         cones, regularised = ConeInteriorPoint(tolerance, self.sweeps or True), RegularisedNewton(tolerance)
         ending = SuccessiveTresca(tolerance, newton_steps=_TRESCA)
-        by_cones = cones.suits(problem) and (self.sweeps is not None or _for_cones(problem.A))
+
+        def matrix() -> Any:
+            assert isinstance(problem.A, MatrixCompliance)
+            return problem.A.sparse()
+
+        by_cones = cones.suits(problem) and (self.sweeps is not None or _for_cones(matrix()))
         few = regularised.suits(problem) and problem.A.nodes <= (_FEWER if by_cones else _FEW)
-        singular = few and not _definite(_matrix(problem.A).toarray())
+        singular = few and not _definite(matrix().toarray())
         methods: list[Solver] = [regularised] if singular else []
         if by_cones:
             methods += [replace(cones, work=_WORK * problem.A.nodes) if singular else cones]
@@ -123,19 +128,10 @@ class MatrixAutomatic(SolverSettings):
         return sweeps.result(_BY_SWEEPS, Goal(self.tolerance, None))
 
 
-def _for_cones(A: Any) -> bool:
+def _for_cones(matrix: Any) -> bool:
     """Whether a matrix is small, sparse, or not clearly positive definite."""
-    if not isinstance(A, MatrixCompliance):
-        return False
-    if A.nodes <= _FEW:
-        return True
-    matrix = _matrix(A)
-    return bool(matrix.nnz <= _SPARSE * matrix.shape[0] ** 2 or not _definite(matrix.toarray()))
-
-
-def _matrix(A: Any) -> Any:
-    assert isinstance(A, MatrixCompliance)
-    return A.sparse()
+    n = matrix.shape[0]
+    return n <= 3 * _FEW or matrix.nnz <= _SPARSE * n**2 or not _definite(matrix.toarray())
 
 
 def _definite(matrix: FloatArray) -> bool:

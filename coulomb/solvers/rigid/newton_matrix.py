@@ -29,13 +29,10 @@ class BlockPattern:
         self._blocks: FloatArray = np.ascontiguousarray(W.data)
         self._row = np.repeat(np.arange(self._m), np.diff(self._first))
         self._diagonal = np.flatnonzero(self._row == self._column)
-        self._place(None)
+        self.reorder(None)
 
-    def reorder(self, order: npt.NDArray[np.intp]) -> None:
+    def reorder(self, order: npt.NDArray[np.int32] | None) -> None:
         """Number rows and columns anew, order (3 m,) from new numbers to old ones."""
-        self._place(order.astype(np.int32))
-
-    def _place(self, order: npt.NDArray[np.int32] | None) -> None:
         n = 3 * self._m
         self.order = order
         old = np.arange(n, dtype=np.int32) if order is None else order
@@ -137,7 +134,7 @@ class NewtonMatrix:
             self._work, self._entries = 2.0 * float(below @ right), self._lu.nnz
             self._counted = L is None  # L has many zeros, which take time but are left out of these factors
         if self._order is None:
-            pattern.reorder(np.argsort(self._lu.perm_c))
+            pattern.reorder(np.argsort(self._lu.perm_c).astype(np.int32))
         self.operations += self._work * (self._lu.nnz / self._entries) ** 2
         return True
 
