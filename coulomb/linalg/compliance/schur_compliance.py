@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..factors import DistributedMultifrontalSolver, MultifrontalSolver, inverse_factor
-from ..reductions import Reductions
+from ..reductions import Reductions, summed
 from .compliance import LimitedProducts, MatrixFreeCompliance
 from .low_rank import RecycledColumns
 
@@ -78,12 +78,7 @@ class SchurCompliance(LimitedProducts):
 
     def _forces(self, x: FloatArray) -> FloatArray:
         """B^T x on the contact nodes of all ranks, the same on each."""
-        part: FloatArray = self._columns @ x
-        if self.comm.size == 1:
-            return part
-        z = np.empty_like(part)
-        self.comm.Allreduce(part, z)
-        return z
+        return summed(self.comm, self._columns @ x)
 
     @property
     def exact(self) -> bool:
@@ -156,14 +151,11 @@ class SchurCompliance(LimitedProducts):
         """Products by the factors do not depend on the load."""
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
-        z, known = self._forces(x), self._reference
-        if self.exact:
-            if Reductions(self.comm).all(np.all(np.isfinite(free))):
-                # forces on contact nodes need no forward substitution
-                return free - self._solver.improved(self._solver.contact_forces(z), np.zeros_like(free), 0.0)[0]
-            return self._solver.improved(f.array_r - self._solver.contact_forces(z), np.zeros_like(free), 0.0)[0]
-        # u is near, or 0
-        return self._solver.improved(f.array_r - self._solver.contact_forces(z), free - known.u, 0.0)[0]
+        given, zero = self._solver.contact_forces(self._forces(x)), np.zeros_like(free)
+        if self.exact and Reductions(self.comm).all(np.all(np.isfinite(free))):
+            return free - self._solver.improved(given, zero, 0.0)[0]  # on contact nodes: no forward substitution
+        near = zero if self.exact else free - self._reference.u
+        return self._solver.improved(f.array_r - given, near, 0.0)[0]
 
 
 class _Reference:

@@ -183,9 +183,7 @@ class DistributedFactors:
     def schur_squares(self, columns: scipy.sparse.csr_matrix) -> FloatArray:
         """b^T S^-1 b for each column b of a matrix, the same on all ranks."""
         part = sum((front.squares(columns[here]) for front, here in self._roots()), np.zeros(columns.shape[1]))
-        total = np.empty_like(part)
-        self.comm.Allreduce(part, total)
-        return total
+        return summed(self.comm, part)
 
     def _roots(self) -> Iterator[tuple[DistributedFront, slice]]:
         """The last front of every body, and the place of its displacements among those of all last nodes."""
@@ -315,9 +313,7 @@ class DistributedMultifrontalSolver(RefinedSolver):
         """Displacements of the nodes `last`, shape (3 last,), the same on all ranks, of this rank's, shape (n,)."""
         part = np.zeros(3 * len(self.last))
         part[self._mine] = u[self._at]
-        whole = np.empty_like(part)
-        self.comm.Allreduce(part, whole)
-        return whole
+        return summed(self.comm, part)
 
     def contact_forces(self, z: FloatArray) -> FloatArray:
         """Forces on the nodes `last`, shape (3 last,), among those on this rank's nodes, shape (n,)."""
