@@ -205,7 +205,7 @@ class _Krylov(NewtonSystem):
         method = PETSc.KSP.Type.FGMRES if sloped else PETSc.KSP.Type.CG
         self._constraints = A.constraints
         self._krylov = CarryingKrylov(
-            A.comm, A.nodes, block, recorded, self._weighted_operator, self._precondition, method, self._constraints
+            self._constraints, block, recorded, self._weighted_operator, self._precondition, method
         )
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:

@@ -218,14 +218,12 @@ class _Iteration:
             x = starts[0].reshape(-1, 3)
             return self._result(x, self._scaled.mult(x), np.zeros(len(self._e)), [], Status.STAGNATED)
         self._krylov = CarryingKrylov(
-            self._scaled.comm,
-            self._scaled.nodes,
+            self._constraints,
             3,
             self._product,
             lambda p, A_p: self._at.apply(p, A_p),
             lambda r, r3: self._bordered(r, r3),
             PETSc.KSP.Type.FGMRES,
-            self._constraints,
         )
         try:
             return self._steps(*(self._best(starts) if gradient is None else self._from(starts[0], gradient)))
