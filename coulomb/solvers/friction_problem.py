@@ -319,20 +319,12 @@ class Solver(Protocol):
         tolerance: float | None = None,
         progress: ProgressCallback | None = None,
     ) -> SolverResult:
-        """Solve.
-
-        Args:
-            problem: The problem.
-            start: Forces in newtons, shape (3 m,), of a nearby problem.
-            gradient: w of the start in metres, shape (3 m,), if it is known.
-            tolerance: Replaces the solver's tolerance.
-            progress: Called after every step.
-        """
+        """See `SolverSettings.solve`."""
         ...
 
 
 class Task(NamedTuple):
-    """What a solver is asked for, besides the problem: the goal, and arguments of `Solver.solve`."""
+    """What a solver is asked for, besides the problem: the goal, and arguments of `solve`."""
 
     goal: Goal
     start: FloatArray | None
@@ -361,7 +353,14 @@ class SolverSettings(Settings):
         tolerance: float | None = None,
         progress: ProgressCallback | None = None,
     ) -> SolverResult:
-        """Solve a problem with friction; arguments as those of `Solver.solve`.
+        """Solve a problem with friction.
+
+        Args:
+            problem: The problem.
+            start: Forces in newtons, shape (3 m,), of a nearby problem.
+            gradient: w of the start in metres, shape (3 m,), if it is known.
+            tolerance: Replaces the solver's tolerance.
+            progress: Called after every step.
 
         Raises:
             NotConverged: With the best answer, if its residual stays above the tolerance or the certificate fails.

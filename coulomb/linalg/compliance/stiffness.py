@@ -107,6 +107,11 @@ class DirectSolver:
     def __init__(self, K: PETSc.Mat):
         self._ksp = configured_ksp(K, "preonly", CHOLESKY)
 
+    @property
+    def factor(self) -> PETSc.Mat:
+        """The factored matrix, for many right-hand sides at once (MatMatSolve)."""
+        return self._ksp.getPC().getFactorMatrix()
+
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
         self._ksp.solve(rhs, u)
 
