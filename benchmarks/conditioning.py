@@ -8,13 +8,11 @@ import numpy as np
 import scipy.linalg
 
 from coulomb.arrays import FloatArray
-from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.friction_problem import FrictionProblem
 from coulomb.solvers.interior_point import InteriorPoint
 from coulomb.solvers.linearization import Linearization
-from coulomb.solvers.newton_systems import AugmentedSystem, NewtonEquations, NewtonStep, NewtonSystem
-from coulomb.solvers.scaled_compliance import ScaledCompliance
-from coulomb.solvers.scaled_problem import ScaledProblem
+from coulomb.solvers.newton_systems import AugmentedSystem, NewtonEquations, NewtonStep, NewtonSystem, augmented_matrix
+from coulomb.solvers.scaled_problem import ScaledCompliance, ScaledProblem
 
 
 @dataclass(frozen=True)

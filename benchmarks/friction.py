@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from coulomb.linalg.compliance import DirectSolver
-from coulomb.solvers.dense_system import DenseSystem
 from coulomb.solvers.friction_problem import FrictionProblem, Solver
 from coulomb.solvers.interior_point import InteriorPoint
-from coulomb.solvers.newton_systems import AugmentedSystem
+from coulomb.solvers.newton_systems import AugmentedSystem, DenseSystem
 from coulomb.solvers.results import NotConverged
 from coulomb.solvers.successive_tresca import SuccessiveTresca
 

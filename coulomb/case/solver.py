@@ -40,9 +40,8 @@ class SolverTable(Table):
         """
         from ..solvers.automatic import Automatic
         from ..solvers.condensed import CondensedSystem
-        from ..solvers.dense_system import DenseSystem
         from ..solvers.interior_point import InteriorPoint
-        from ..solvers.newton_systems import AugmentedSystem, SchurComplementSystem
+        from ..solvers.newton_systems import AugmentedSystem, DenseSystem, SchurComplementSystem
         from ..solvers.successive_tresca import SuccessiveTresca
 
         systems: dict[str, NewtonChoice] = {

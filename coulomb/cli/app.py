@@ -167,8 +167,8 @@ def fclib(
         raise typer.Exit(BAD_INPUT)
 
     from ..io.fclib import read_fclib
-    from ..solvers.dense_system import DenseSystem
     from ..solvers.interior_point import InteriorPoint
+    from ..solvers.newton_systems import DenseSystem
     from ..solvers.results import NotConverged
     from ..solvers.rigid import MatrixAutomatic, solve_coulomb
     from ..solvers.successive_tresca import SuccessiveTresca

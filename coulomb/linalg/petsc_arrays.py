@@ -1,46 +1,28 @@
-"""The arrays of assembled matrices of PETSc's type AIJ, without copies, which petsc4py does not offer."""
+"""The arrays of assembled matrices of PETSc's type AIJ, without copies, which petsc4py does not offer; 3 x 3 blocks."""
 
 from __future__ import annotations
 
 import ctypes
 import functools
 import itertools
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
 _prefixes = (f"coulomb_{number}_" for number in itertools.count())
 
 
-@contextmanager
-def petsc_options(prefix: str, values: Mapping[str, object]) -> Iterator[None]:
-    """Set PETSc options under a prefix, and remove them afterwards."""
-    database = PETSc.Options(prefix)
-    for key, value in values.items():
-        database[key] = value
-    try:
-        yield
-    finally:
-        for key in values:
-            database.delValue(key)
-
-
 def configured_ksp(
-    K: PETSc.Mat,
-    ksp_type: str,
-    values: Mapping[str, object],
-    operator: PETSc.Mat | None = None,
-    prepare: Callable[[PETSc.PC], None] | None = None,
+    K: PETSc.Mat, ksp_type: str, values: Mapping[str, object], operator: PETSc.Mat | None = None
 ) -> PETSc.KSP:
     """A KSP set up with the given options only; they are removed from PETSc's database afterwards.
 
-    `operator` is the matrix of the system if it is not K, of which the preconditioner is made; `prepare` is called with
-    the preconditioner before the options (without prefix) are set.
+    `operator` is the matrix of the system if it is not K, of which the preconditioner is made.
     """
     prefix = next(_prefixes)
     ksp = PETSc.KSP().create(K.comm)
@@ -48,12 +30,26 @@ def configured_ksp(
     ksp.setType(ksp_type)
     ksp.setErrorIfNotConverged(True)
     ksp.setOptionsPrefix(prefix)
-    if prepare is not None:
-        prepare(ksp.getPC())
-    with petsc_options(prefix, values):
+    database = PETSc.Options(prefix)
+    for key, value in values.items():
+        database[key] = value
+    try:
         ksp.setFromOptions()
         ksp.setUp()
+    finally:
+        for key in values:
+            database.delValue(key)
     return ksp
+
+
+CHOLESKY: dict[str, str | float] = {
+    "pc_type": "cholesky",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 60,
+    "mat_mumps_icntl_7": 5,
+}
+"""MUMPS's factorisation.  ICNTL(14): per cent of memory beyond the estimate, for delayed pivots and parallel fronts.
+ICNTL(7): METIS; without it, as on Debian, MUMPS uses PORD.  Its own choice (7) took up to twice as long."""
 
 
 _Array = npt.NDArray[Any]
@@ -155,3 +151,53 @@ def _width(matrix: ctypes.c_void_p) -> int:
     rows, columns = _INTEGER(), _INTEGER()
     _check(_petsc().MatGetSize(matrix, ctypes.byref(rows), ctypes.byref(columns)))
     return int(columns.value)
+
+
+class NodalRows:
+    """Rows of K node by node: coupled nodes, and where their 3 x 3 blocks are among its values, which are not copied.
+
+    Attributes:
+        indptr, indices: Coupled nodes of every node, ascending, as all of 64 bits.
+        first, stride: Where the block of each pair begins among the values, and from one of its rows to the next.
+        values: The values of K, on one rank.
+    """
+
+    def __init__(self, K: PETSc.Mat | scipy.sparse.bsr_matrix):
+        if isinstance(K, PETSc.Mat):
+            stored = own_and_others(K)[0]
+            if _whole(stored.indptr, stored.indices):
+                self._take(*stored)
+                return
+            K = nodal_blocks(K)
+        K.sort_indices()
+        self.indptr: _Array = K.indptr.astype(np.int64)
+        self.indices: _Array = K.indices.astype(np.int64)
+        self.values: _Array = np.ascontiguousarray(K.data, dtype=np.float64).ravel()
+        self.first: _Array = 9 * np.arange(len(K.indices))
+        self.stride: _Array = np.full(len(K.indices), 3)
+
+    def _take(self, indptr: _Array, indices: _Array, values: _Array) -> None:
+        """Rows of which every block is stored wholly."""
+        length = np.diff(indptr)[::3]
+        coupled = length // 3
+        self.indptr = np.concatenate([[0], np.cumsum(coupled)])
+        inside = np.arange(self.indptr[-1]) - np.repeat(self.indptr[:-1], coupled)
+        self.values, self.first = values, np.repeat(indptr[:-1:3].astype(np.int64), coupled) + 3 * inside
+        self.stride = np.repeat(length.astype(np.int64), coupled)
+        self.indices = indices[self.first].astype(np.int64) // 3
+
+
+def _whole(indptr: _Array, indices: _Array) -> bool:
+    """Whether rows (n,) and columns of a matrix consist of 3 x 3 blocks of which every entry is stored."""
+    length = np.diff(indptr).reshape(-1, 3)
+    if len(indices) % 3 > 0 or np.any(length % 3 > 0) or np.any(length != length[:, :1]):
+        return False
+    triples = indices.reshape(-1, 3)
+    return bool(np.all(triples[:, 0] % 3 == 0) and np.all(triples[:, 2] == triples[:, 0] + 2))
+
+
+def nodal_blocks(K: PETSc.Mat) -> scipy.sparse.bsr_matrix:
+    """This rank's rows of K, 3 rows per node, all columns."""
+    indptr, indices, values = K.getValuesCSR()
+    shape = (len(indptr) - 1, K.getSize()[1])
+    return scipy.sparse.csr_matrix((values, indices, indptr), shape=shape).tobsr((3, 3))

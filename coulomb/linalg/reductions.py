@@ -115,6 +115,11 @@ class Reductions:
     def any(self, condition: bool | np.bool_) -> bool:
         return bool(condition) if self.comm.size == 1 else self.sum(float(condition)) > 0.0
 
+    def require(self, condition: bool | np.bool_, message: str) -> None:
+        """Raise a ValueError on every rank, unless the condition holds on all."""
+        if not self.all(condition):
+            raise ValueError(message)
+
     def _gathered(self, *values: float) -> FloatArray:
         """Numbers of all ranks, shape (ranks, numbers): MPI's extremes are undefined for NaN."""
         mine = np.array([values])

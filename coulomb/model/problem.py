@@ -32,9 +32,9 @@ from ..linalg.unsolved import TooSlow, Unsolved
 from ..native import threads
 from ..solvers.automatic import Automatic
 from ..solvers.condensed import CondensedSystem
-from ..solvers.dense_system import DenseSystem
 from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.interior_point import InteriorPoint
+from ..solvers.newton_systems import DenseSystem
 from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
 from . import notebook

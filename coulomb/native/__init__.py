@@ -31,7 +31,7 @@ _FUNCTION = re.compile(r"^(void|int|long|double) (?:NAME\()?(\w+)\)?\(([^)]*)\)"
 
 
 class Kernels(ctypes.CDLL):
-    """The compiled library; its functions have the types that the sources declare, pointers as `c_void_p`."""
+    """The compiled library; its functions have the types that the sources declare, and take arrays as pointers."""
 
     @functools.cached_property
     def _declared(self) -> dict[str, tuple[Any, list[Any]]]:
@@ -46,8 +46,16 @@ class Kernels(ctypes.CDLL):
         return function
 
 
+class _Pointer:
+    """Type of a parameter: a contiguous array, which the kernel does not keep alive; None is NULL."""
+
+    @staticmethod
+    def from_param(given: Any) -> Any:
+        return address(given) if hasattr(given, "ctypes") else ctypes.c_void_p.from_param(given)
+
+
 def _type(argument: str) -> Any:
-    return ctypes.c_void_p if "*" in argument else _TYPES.get(argument.split()[-2], ctypes.c_void_p)
+    return _Pointer if "*" in argument else _TYPES.get(argument.split()[-2], _Pointer)
 
 
 def kernels() -> Kernels:
@@ -129,7 +137,7 @@ def _processor() -> str:
 
 
 def address(array: npt.NDArray[Any] | None) -> ctypes.c_void_p:
-    """Where a contiguous array begins, for a kernel, which does not keep it alive; None is NULL."""
+    """Where a contiguous array begins, for a structure of a kernel; None is NULL."""
     return ctypes.c_void_p(None if array is None else array.ctypes.data)
 
 

@@ -1,5 +1,5 @@
 /* Matrices in blocks on several ranks (block_matrix.py, which has structures of the same layout), and the blocks of vectors
-that go between ranks with a product (ghost_blocks.py).  Which MPI there is, is not known here: its functions and its
+that go between ranks with a product.  Which MPI there is, is not known here: its functions and its
 requests, which are persistent, come from mpi4py. */
 
 #ifndef EXCHANGE_H

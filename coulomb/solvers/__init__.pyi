@@ -4,11 +4,11 @@ from ..linalg.compliance import DirectSolver as DirectSolver
 from ..linalg.compliance import IterativeSolver as IterativeSolver
 from .automatic import Automatic as Automatic
 from .condensed import CondensedSystem as CondensedSystem
-from .dense_system import DenseSystem as DenseSystem
 from .friction_problem import FrictionProblem as FrictionProblem
 from .kprgp import KPRGP as KPRGP
 from .laws import FrictionLaw as FrictionLaw
 from .newton_systems import AugmentedSystem as AugmentedSystem
+from .newton_systems import DenseSystem as DenseSystem
 from .newton_systems import SchurComplementSystem as SchurComplementSystem
 from .results import Progress as Progress
 from .results import SolverResult as SolverResult

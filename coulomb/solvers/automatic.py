@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..arrays import FloatArray
-from .friction_problem import FrictionProblem
+from .friction_problem import FrictionProblem, SolverSettings, Task
 from .interior_point import InteriorPoint
-from .results import NotConverged, ProgressCallback, SolverResult, Status
+from .results import NotConverged, SolverResult, Status
 from .semismooth_newton import SemismoothNewton
-from .settings import SolverSettings
 from .successive_tresca import SuccessiveTresca
 
 _FINISH = SemismoothNewton(patience=3, refused=1e-4, finer=1.0, sharpest=0.01)
@@ -37,6 +36,9 @@ class Automatic(SolverSettings):
     (`python -m benchmarks friction`).  Of random ill-conditioned problems, each solves some that the other does not.
     `SolverResult.method` records the choice.
 
+    The start may be several forces, shape (c, 3 m): semismooth Newton takes the best, the other methods the first.  If
+    no method converges, NotConverged has the better answer of the last two, and the messages of both.
+
     Attributes:
         tolerance: Residual at which to stop.
         interior_point: Replaces the settings of the interior-point method, except its tolerance.
@@ -51,63 +53,37 @@ class Automatic(SolverSettings):
 
     name = "auto"
 
-    def solve(
-        self,
-        problem: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """Solve a problem with friction; arguments and errors as those of `Solver.solve`, `start` for all methods.
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
+        goal, start, gradient, progress = task
+        first = replace(self.interior_point or InteriorPoint(finish=_FINISH), tolerance=goal.tolerance)
+        second = replace(self.successive_tresca or SuccessiveTresca(), tolerance=goal.tolerance)
+        steps = 0
 
-        `start` may be several forces, shape (c, 3 m): semismooth Newton takes the best, the other methods the first.
+        def called(result: SolverResult, method: str) -> SolverResult:
+            return replace(result, products=0, method=f"{self.name}: {method}")  # products by A are counted together
 
-        Raises:
-            NotConverged: With the better answer of the two, and the messages of both, if neither converges.
-        """
-        products, tolerance = problem.A.products, self.tolerance if tolerance is None else tolerance
-        first = replace(self.interior_point or InteriorPoint(finish=_FINISH), tolerance=tolerance)
-        second = replace(self.successive_tresca or SuccessiveTresca(), tolerance=tolerance)
-        tried: SolverResult | None = None
         if start is not None:
-            near = SemismoothNewton(tolerance)
-            try:
-                return named(near.solve(problem, start, progress=progress), near.name)
-            except NotConverged as failure:
-                tried = failure.result
-                if tried.status is Status.INTERRUPTED:
-                    raise NotConverged(str(failure), named(tried, near.name)) from None
-            start = np.atleast_2d(start)[0]
-        try:
-            result = first.solve(problem, start, gradient=gradient, progress=progress)
-            return named(_after(tried, result), first.name)
-        except NotConverged as failure:
-            one = _after(tried, failure.result)
-            if one.status in DECISIVE or one.residual <= tolerance or not problem.sloped:
-                raise NotConverged(str(failure), named(one, first.name)) from None
-        try:
-            other = second.solve(problem, start, progress=progress)
-        except NotConverged as failure:
-            better = min((one, failure.result), key=lambda result: result.residual)
-            message = f"{one.message}.  Then {failure.result.message}"
-            both = replace(better, products=problem.A.products - products, message=message)
-            raise NotConverged(message, named(both, f"{better.method}, the better of both")) from None
-        other = replace(_after(tried, other), products=problem.A.products - products)
-        return named(other, f"{second.name}, after the {first.name} method had {one.status.value}")
+            near = SemismoothNewton(goal.tolerance)
+            result = ended(lambda: near.solve(problem, start, progress=progress))
+            if result.status in (Status.CONVERGED, Status.INTERRUPTED):
+                return called(result, near.name)
+            steps, start = result.newton_steps, np.atleast_2d(start)[0]
+        one = ended(lambda: first.solve(problem, start, gradient=gradient, progress=progress))
+        one = replace(one, newton_steps=steps + one.newton_steps)
+        if one.status in (Status.CONVERGED, *DECISIVE) or one.residual <= goal.tolerance or not problem.sloped:
+            return called(one, first.name)
+        other = ended(lambda: second.solve(problem, start, progress=progress))
+        if other.status is Status.CONVERGED:
+            other = replace(other, newton_steps=steps + other.newton_steps)
+            return called(other, f"{second.name}, after the {first.name} method had {one.status.value}")
+        better = min((one, other), key=lambda result: result.residual)
+        message = f"{one.message}.  Then {other.message}"
+        return called(replace(better, message=message), f"{better.method}, the better of both")
 
 
-def _after(tried: SolverResult | None, result: SolverResult) -> SolverResult:
-    """A result with the steps and products of another method that was tried before."""
-    if tried is None:
-        return result
-    steps, products = tried.newton_steps + result.newton_steps, tried.products + result.products
-    return replace(result, newton_steps=steps, products=products)
-
-
-def named(result: SolverResult, choice: str = "", products: int = 0) -> SolverResult:
-    """A result as that of an automatic choice, after this many products in all; by default of the method it names."""
-    own = choice or result.method
-    method = own if own.startswith(f"{Automatic.name}: ") else f"{Automatic.name}: {own}"
-    return replace(result, method=method, products=max(products, result.products))
+def ended(solve: Callable[[], SolverResult]) -> SolverResult:
+    """The result of a method, whether it has converged or not."""
+    try:
+        return solve()
+    except NotConverged as failure:
+        return failure.result

@@ -34,7 +34,7 @@ grows with the square of the contact nodes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,30 +43,20 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..linalg.compliance import MatrixFreeCompliance
-from ..linalg.petsc_arrays import configured_ksp
+from ..linalg.petsc_arrays import CHOLESKY, configured_ksp
 from ..linalg.reductions import Reductions
 from .linearization import NodalInverse
 from .newton_systems import ROUNDING, NewtonEquations, NewtonStep, NewtonSystem
-from .scaled_compliance import IterateProducts, ScaledCompliance
+from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import Settings, within
 
-_FACTORS: dict[str, str | float] = {
+_MULTIGRID: dict[str, str | float] = {
     "ksp_norm_type": "unpreconditioned",
-    "pc_type": "cholesky",
-    "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_14": 60,
-    "mat_mumps_icntl_7": 5,
+    "pc_type": "gamg",
+    "pc_gamg_threshold": 0.02,
+    "mg_levels_ksp_type": "chebyshev",
+    "mg_levels_pc_type": "jacobi",
 }
-
-
-def _multigrid() -> dict[str, str | float]:
-    return {
-        "ksp_norm_type": "unpreconditioned",
-        "pc_type": "gamg",
-        "pc_gamg_threshold": 0.02,
-        "mg_levels_ksp_type": "chebyshev",
-        "mg_levels_pc_type": "jacobi",
-    }
 
 
 @dataclass(frozen=True)
@@ -89,7 +79,7 @@ class CondensedSystem(Settings):
     tight: float = within("(0, 1)", 1e-10)
     first: float = within("(0, 1)", 0.03)
     max_iterations: int = within("[1, inf)", 200)
-    multigrid: dict[str, str | float] = field(default_factory=_multigrid)
+    multigrid: dict[str, str | float] = field(default_factory=_MULTIGRID.copy)
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
         """See `NewtonChoice`; a ValueError on every rank if the compliance has no K and B."""
@@ -97,18 +87,15 @@ class CondensedSystem(Settings):
 
 
 class _DisplacementProducts(IterateProducts):
-    """A x of the iterates as B y.
-
-    Args:
-        A: The scaled compliance.
-        compliance: The same with access to K and B.
-        first: Accuracy of the first y, at best.
+    """A x of the iterates as B y, of a compliance with K and B; `first` is the accuracy of the first y, at best.
 
     Attributes:
         y: Near K^-1 B^T x.
         R: B^T x - K y.
         w: Change of y in a step of length 1.
     """
+
+    corrects = False  # R is the error
 
     def __init__(self, A: ScaledCompliance, compliance: MatrixFreeCompliance, first: float):
         super().__init__(A)
@@ -131,10 +118,6 @@ class _DisplacementProducts(IterateProducts):
         self._compliance.guess(self.y)
         return super().exact(x)
 
-    def corrected(self, A_x: FloatArray, exact: FloatArray) -> FloatArray:
-        """B y: the next step removes its error, R."""
-        return A_x
-
     def _image(self, x: FloatArray) -> FloatArray:
         self._compliance.forces(self._scaled.forces(x), self._rhs)
         self._compliance.K.mult(self.y, self.R)
@@ -146,7 +129,7 @@ class _DisplacementProducts(IterateProducts):
             vector.destroy()
 
 
-class _Condensed:
+class _Condensed(NewtonSystem):
     """The displacement y, the stiffened matrix, and a step with it."""
 
     def __init__(self, A: ScaledCompliance, sloped: bool, settings: CondensedSystem):
@@ -169,7 +152,7 @@ class _Condensed:
         self._stiffened.setNearNullSpace(self._K.getNearNullSpace())
         for option in (PETSc.Mat.Option.SYMMETRIC, PETSc.Mat.Option.SPD):
             self._stiffened.setOption(option, True)
-        self.products = _DisplacementProducts(A, compliance, settings.first)
+        self.products: _DisplacementProducts = _DisplacementProducts(A, compliance, settings.first)
         self._rhs = self.products.y.duplicate()
         self._x = self._B.createVecLeft()
         diagonal = self._K.getDiagonal()
@@ -204,7 +187,7 @@ class _Condensed:
         size, lacking = self._rhs.norm(), self.products.R.norm()
         settings = self._settings
         factorised = self._compliance.factorised
-        options = _FACTORS if factorised else settings.multigrid
+        options = {"ksp_norm_type": "unpreconditioned", **CHOLESKY} if factorised else settings.multigrid
         ksp = configured_ksp(self._stiffened, self._method, options, operator=self._operator)
         if not factorised:
             _sweep_by_nodes(ksp)
@@ -217,13 +200,7 @@ class _Condensed:
         ksp.destroy()
         A_dx = self._gathered(self.products.w)
         dx = self._spring(r - A_dx)
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations)
-
-    def correction(self, r2: FloatArray) -> NewtonStep | None:
-        return None
-
-    def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
-        """A step has no products by A."""
+        return NewtonStep(dx, at.multipliers(dx, r2), A_dx, iterations)
 
     def _stiffen(self) -> None:
         """K + B^T C_d^-1 B: K, and a block per contact node on its diagonal."""
@@ -235,9 +212,6 @@ class _Condensed:
         if A.nodes:  # petsc4py divides by the number of blocks
             self._stiffened.setValuesBlockedRCV(at, at, blocks.reshape(-1, 9), addv=PETSc.InsertMode.ADD_VALUES)
         self._stiffened.assemble()
-
-    def keep(self) -> None:
-        """It has nothing to keep: there is no model of A."""
 
     def destroy(self) -> None:
         operator = [] if self._operator is None else [self._operator]

@@ -46,13 +46,7 @@ class ContactDerivative:
 
     def apply(self, dx: FloatArray, dw: FloatArray) -> FloatArray:
         """P dx + Q dw, shapes (m, 3)."""
-        applied: FloatArray = np.einsum("iab,ib->ia", self.P, dx) + np.einsum("iab,ib->ia", self.Q, dw)
-        return applied
-
-    def inverse(self, rest: FloatArray) -> FloatArray:
-        """(P + Q diag(rest))^-1 of every node, shape (m, 3, 3), with rest > 0 of shape (m, 3)."""
-        inverses: FloatArray = np.linalg.inv(self.P + self.Q * rest[:, None, :])
-        return inverses
+        return np.einsum("iab,ib->ia", self.P, dx) + np.einsum("iab,ib->ia", self.Q, dw)
 
 
 @dataclass(frozen=True)

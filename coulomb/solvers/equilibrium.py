@@ -120,8 +120,7 @@ class LimitLoad:
         left = target
         if columns.size:
             left = target - columns @ lsq_linear(columns, target, (0.0, np.inf), method="bvls", tol=1e-14).x
-        motion: FloatArray = left / (np.max(np.abs(left)) or 1.0)
-        return motion
+        return left / (np.max(np.abs(left)) or 1.0)
 
     def held_part(self, changed: FloatArray) -> float | None:
         """The largest part s <= 1 of the loads `changed` (q,) which contact forces balance beside the others, e -
@@ -202,25 +201,15 @@ class LimitLoad:
 
 @dataclass(frozen=True)
 class _Found:
-    """Answer of the linear programme.
+    """Answer of the linear programme."""
 
-    Attributes:
-        left: What is left over, relative to the loads.
-        motion: Along which it is, largest component 1, shape (q,).
-        used: Largest known resultant of the bounded forces along the motion.
-        part: The part of the changed loads that is held.
-        bounded: Resultants of the bounded forces, relative to the loads, shape (q,).
-        rays: Weights of the known forces without bound, and
-        frictions: of the bounded ones.
-    """
-
-    left: float
-    motion: FloatArray
-    used: float
-    part: float
-    bounded: FloatArray
-    rays: FloatArray
-    frictions: FloatArray
+    left: float  # over, relative to the loads
+    motion: FloatArray  # along which it is, largest component 1, shape (q,)
+    used: float  # largest known resultant of the bounded forces along the motion
+    part: float  # of the changed loads that is held
+    bounded: FloatArray  # resultants of the bounded forces, relative to the loads, shape (q,)
+    rays: FloatArray  # weights of the known forces without bound, ...
+    frictions: FloatArray  # ... and of the bounded ones
 
 
 _BALANCED = 1e-8  # relative error of equilibrium along motions that nothing resists
@@ -229,13 +218,7 @@ _FAR = 5.0  # rigid motion over deformation of a body that slides away
 
 
 def equilibrium(problem: FrictionProblem) -> Equilibrium:
-    """Whether contact forces within the bounds of friction can balance the loads; collective.
-
-    Args:
-        problem: A problem with rigid motions.
-
-    Returns:
-        Forces in equilibrium, or a motion that shows that there are none.
+    """Forces in equilibrium within the bounds of friction, or a motion that shows that there are none; collective.
 
     Raises:
         ValueError: If the problem has no rigid motions.
@@ -254,7 +237,7 @@ def equilibrium(problem: FrictionProblem) -> Equilibrium:
     if size == 0.0:
         return Equilibrium(True, x.ravel())
     law = FrictionLaw(problem.law.radius(x[:, 0]), problem.law.friction).only(problem.frictional, 0.0)
-    limit = LimitLoad(RigidMotions(basis.T @ basis.G, resisted), law, over)
+    limit = LimitLoad(RigidMotions(basis.rows, resisted), law, over)
     resisting = limit.unbalanced()
     x += limit.forces()
     if resisting is None:
@@ -276,19 +259,14 @@ def _closed(rigid: RigidMotions, pressure: FloatArray, over: Reductions) -> Floa
     """Orthonormal motions (q, k) that do not open or close the contact where there is pressure (m,)."""
     rows = rigid.G[:, 0::3] * np.sqrt(np.maximum(pressure, 0.0))
     squares, V = np.linalg.eigh(over.total(rows @ rows.T))
-    kept: FloatArray = V[:, squares < _SHARP * squares[-1]] if squares[-1] > 0.0 else V
-    return kept
+    return V[:, squares < _SHARP * squares[-1]] if squares[-1] > 0.0 else V
 
 
 def balanced_forces(problem: FrictionProblem, method: str) -> FloatArray | None:
     """Forces in equilibrium within the bounds of friction, newtons, shape (3 m,); None if supports hold all bodies.
 
-    Args:
-        problem: The problem.
-        method: Name of the solver.
-
     Raises:
-        NotConverged: If there are none, with the status NO_EQUILIBRIUM; collective.
+        NotConverged: If there are none, with the status NO_EQUILIBRIUM, named after the method; collective.
     """
     if problem.rigid is None:
         return None
@@ -323,14 +301,7 @@ def sliding(
     They do if alpha is far larger than the deformation, and the loads do more work on it than contact forces with the
     present pressures and all friction against the motion.  This is an observation, not a proof.  While the iteration
     may recover, alpha is compared with the deformation and the gap of all nodes, at its end with those where there is
-    pressure.
-
-    Args:
-        problem: The problem.
-        x: Contact forces in newtons, shape (3 m,).
-        gradient: w in metres, shape (3 m,).
-        alpha: Rigid motions, shape (q,).
-        ended: Whether the iteration has ended.
+    pressure.  Forces x (3 m,) in newtons, their w (3 m,) in metres, rigid motions alpha (q,).
     """
     rigid, over = problem.rigid, problem.reductions
     if rigid is None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +15,9 @@ from ..arrays import FloatArray
 from ..linalg.compliance import Compliance
 from ..linalg.reductions import Reductions
 from .laws import FrictionLaw
-from .results import Accept, ProgressCallback, SolverResult
+from .results import Accept, Goal, NotConverged, ProgressCallback, SolverResult, Status
 from .rigid_motions import MotionBasis, RigidMotions
+from .settings import Settings, within
 
 _FAR_SHORTER = 1e-3
 """Length of the shortest rigid motion over that of an iterate's from which it is preferred."""
@@ -79,44 +80,34 @@ class FrictionProblem:
     ) -> FrictionProblem:
         """With given slip bounds g >= 0 in newtons, shape (m,)."""
         over = Reductions(A.comm)
-        if not over.all(slip_bound.shape == (A.nodes,)):
-            raise ValueError(
-                f"slip_bound must have shape ({A.nodes},), one per contact node, but has {slip_bound.shape}"
-            )
-        if not over.all(bool(np.all(np.isfinite(slip_bound)))):
-            raise ValueError("slip_bound has entries that are not finite")
-        if not over.all(bool(np.all(slip_bound >= 0.0))):
-            raise ValueError("slip_bound has negative entries; a friction disc has a radius >= 0")
+        shape, must = slip_bound.shape, f"slip_bound must have shape ({A.nodes},), one per contact node"
+        over.require(shape == (A.nodes,), f"{must}, but has {shape}")
+        over.require(np.all(np.isfinite(slip_bound)), "slip_bound has entries that are not finite")
+        over.require(np.all(slip_bound >= 0.0), "slip_bound has negative entries; a friction disc has a radius >= 0")
         return cls(A, b, FrictionLaw.tresca(slip_bound), lower, accept)
 
     @classmethod
     def coulomb(
-        cls,
-        A: Compliance,
-        b: FloatArray,
-        friction: FloatArray,
-        accept: Accept | None = None,
+        cls, A: Compliance, b: FloatArray, friction: FloatArray, accept: Accept | None = None
     ) -> FrictionProblem:
         """With coefficients of friction F >= 0, shape (m,), and no cohesion."""
         return cls(A, b, FrictionLaw.coulomb(friction), accept=accept)
 
     def __post_init__(self) -> None:
         m, over = self.A.nodes, self.reductions
-        if not over.all(self.b.shape == (3 * m,)):
-            raise ValueError(f"b must have shape ({3 * m},), three entries per contact node, but has {self.b.shape}")
+        shape, lower = self.b.shape, np.asarray(self.lower)
+        must = f"b must have shape ({3 * m},), three entries per contact node"
+        over.require(shape == (3 * m,), f"{must}, but has {shape}")
         self.law.validate(m, over)
-        if not over.all(np.shape(self.lower) in ((), (m,))):
-            raise ValueError(f"lower must be a number or have shape ({m},), but has {np.shape(self.lower)}")
-        for name, values in (("b", self.b), ("lower", np.asarray(self.lower))):
-            if not over.all(bool(np.all(np.isfinite(values)))):
-                raise ValueError(f"{name} has entries that are not finite")
-        if not over.all(bool(np.all(~self.law.sloped | (np.asarray(self.lower) >= 0.0)))):
-            raise ValueError("lower must be >= 0 where friction > 0: the bound of friction grows from pressure 0 on")
+        over.require(lower.shape in ((), (m,)), f"lower must be a number or have shape ({m},), but has {lower.shape}")
+        for name, values in (("b", self.b), ("lower", lower)):
+            over.require(np.all(np.isfinite(values)), f"{name} has entries that are not finite")
+        must = "lower must be >= 0 where friction > 0: the bound of friction grows from pressure 0 on"
+        over.require(np.all(~self.law.sloped | (lower >= 0.0)), must)
         if self.rigid is not None:
             self.rigid.validate(m, over)
-            moved = np.any(self.rigid.G != 0.0, axis=0)
-            if not over.all(not np.any(moved & (self.A.diagonal() == 0.0))):
-                raise ValueError("rigid: G must be zero where a row of A is zero: the slip there is known")
+            moved = np.any(self.rigid.G != 0.0, axis=0) & (self.A.diagonal() == 0.0)
+            over.require(not np.any(moved), "rigid: G must be zero where a row of A is zero: the slip there is known")
 
     @cached_property
     def reductions(self) -> Reductions:
@@ -131,13 +122,17 @@ class FrictionProblem:
     @cached_property
     def known_slip(self) -> npt.NDArray[np.bool_]:
         """Nodes whose slip no contact force changes, shape (m,): both tangential rows of A are zero."""
-        known: npt.NDArray[np.bool_] = np.all(self.A.diagonal().reshape(-1, 3)[:, 1:] == 0.0, axis=1)
-        return known
+        return np.all(self.A.diagonal().reshape(-1, 3)[:, 1:] == 0.0, axis=1)
 
     @cached_property
     def frictional(self) -> npt.NDArray[np.bool_]:
         """Nodes whose friction is to be found: not zero at every pressure, nor known from the slip; shape (m,)."""
         return self.law.frictional & ~self.known_slip
+
+    @cached_property
+    def unknown(self) -> npt.NDArray[np.bool_]:
+        """Forces that are to be found, shape (m, 3): pressures, and friction of `frictional` nodes."""
+        return np.column_stack([np.ones(self.A.nodes, dtype=bool), self.frictional, self.frictional])
 
     def completed(self, x: FloatArray) -> FloatArray:
         """Forces x (3 m,) in newtons with the friction of nodes of known slip: at its bound r(x_n), against the slip;
@@ -196,8 +191,7 @@ class FrictionProblem:
         G = np.einsum("iab,ibq->qia", roots, nodal).reshape(self.rigid.count, len(self.b))
         basis = MotionBasis(G, self.reductions)
         w = np.einsum("iab,ib->ia", roots, without.reshape(-1, 3)).ravel()
-        alpha: FloatArray = basis.T.T @ (basis.T @ self.reductions.total(G @ w))
-        return alpha
+        return basis.T.T @ (basis.T @ self.reductions.total(G @ w))
 
     def shortest_motion(self, x: FloatArray, without: FloatArray, alpha: FloatArray) -> FloatArray:
         """`rigid_motion`, if it is far shorter than alpha (q,) and the residual with it no larger; else alpha.
@@ -231,8 +225,7 @@ class FrictionProblem:
         """
         if self.rigid is None:
             raise ValueError("the problem has no rigid motions")
-        resisting = np.column_stack([np.ones(self.A.nodes, dtype=bool), self.frictional, self.frictional])
-        return MotionBasis(self.rigid.G * resisting.ravel(), self.reductions)
+        return MotionBasis(self.rigid.G * self.unknown.ravel(), self.reductions)
 
     def imbalance(self, x: FloatArray) -> float:
         """How far forces x (3 m,) are from equilibrium along the rigid motions, relative to |x|; 0 without motions.
@@ -271,9 +264,8 @@ class FrictionProblem:
         """Displacements or forces w (3 m,) less their part that is a rigid motion; w itself without any; collective."""
         if self.rigid is None:
             return w
-        G = self.motion_basis.T @ self.motion_basis.G
-        without: FloatArray = w - self.reductions.total(G @ w) @ G
-        return without
+        G = self.motion_basis.rows
+        return w - self.reductions.total(G @ w) @ G
 
     @cached_property
     def _loads(self) -> float:
@@ -308,19 +300,6 @@ class FrictionProblem:
         return max(1.0 / share, 1.0) if share > 0.0 else math.inf
 
 
-def refuse_slope(problem: FrictionProblem, solver: str) -> None:
-    """Refuse a problem whose friction grows with pressure, for solvers of Tresca problems; collective.
-
-    Raises:
-        ValueError: On every rank, with the solver and an alternative.
-    """
-    if problem.sloped:
-        raise ValueError(
-            f"{solver} solves problems with given slip bounds; where friction grows with pressure use "
-            f"InteriorPoint() or SuccessiveTresca(qp_solver={solver}())"
-        )
-
-
 class Solver(Protocol):
     """Interface of the solvers.
 
@@ -340,7 +319,41 @@ class Solver(Protocol):
         tolerance: float | None = None,
         progress: ProgressCallback | None = None,
     ) -> SolverResult:
-        """Solve.
+        """See `SolverSettings.solve`."""
+        ...
+
+
+class Task(NamedTuple):
+    """What a solver is asked for, besides the problem: the goal, and arguments of `solve`."""
+
+    goal: Goal
+    start: FloatArray | None
+    gradient: FloatArray | None
+    progress: ProgressCallback | None
+
+
+@dataclass(frozen=True)
+class SolverSettings(Settings):
+    """Base of the solvers.
+
+    Attributes:
+        tolerance: Residual at which to stop (`FrictionProblem.residual`).
+    """
+
+    tolerance: float = within("(0, inf)", 1e-8)
+
+    name: ClassVar[str]
+
+    def solve(
+        self,
+        problem: FrictionProblem,
+        start: FloatArray | None = None,
+        *,
+        gradient: FloatArray | None = None,
+        tolerance: float | None = None,
+        progress: ProgressCallback | None = None,
+    ) -> SolverResult:
+        """Solve a problem with friction.
 
         Args:
             problem: The problem.
@@ -348,5 +361,24 @@ class Solver(Protocol):
             gradient: w of the start in metres, shape (3 m,), if it is known.
             tolerance: Replaces the solver's tolerance.
             progress: Called after every step.
+
+        Raises:
+            NotConverged: With the best answer, if its residual stays above the tolerance or the certificate fails.
+            ValueError: If the method does not support the law or the compliance.
         """
-        ...
+        goal, products = Goal(self.tolerance if tolerance is None else tolerance, problem.accept), problem.A.products
+        result = self._solved(problem, Task(goal, start, gradient, progress))
+        products = result.products + problem.A.products - products
+        result = replace(result, products=products, method=result.method or self.name)
+        if result.status is Status.CONVERGED:
+            return result
+        message = result.message or (
+            f"the {self.name} method ended with a residual of {result.residual:.1e} after {result.newton_steps} "
+            f"Newton steps ({result.status.value}), {goal.missed(result.residual)}"
+        )
+        raise NotConverged(message, replace(result, message=message))
+
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
+        """The best answer, whether it has converged, with products that are not those of A; with method and message
+        where they are not the usual ones."""
+        raise NotImplementedError

@@ -59,11 +59,8 @@ _EVEN_THETA = 0.1
 def frictionless_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, accuracy: float) -> Iterate | None:
     """An iterate near the central path, its multipliers central; None if it is not finite; collective.
 
-    Args:
-        scaled: The problem.
-        newton: The Newton systems, to which the products are passed on.
-        most: Largest number of products on the problem without friction; four more are made.
-        accuracy: Accuracy of a product, if it is the solution of a system.
+    At most `most` products are made on the problem without friction, and four more, to an accuracy if each is the
+    solution of a system; they are passed on to the Newton systems.
     """
     normal = _Frictionless(scaled, accuracy)
     even = normal.even()
@@ -85,11 +82,7 @@ def frictionless_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, a
 
 
 class _Frictionless:
-    """The barrier function of the normal forces, with the best forces so far.
-
-    Args:
-        scaled: The problem.
-        accuracy: Accuracy of a product.
+    """The barrier function of the normal forces, with the best forces so far, by products of some accuracy.
 
     Attributes:
         x: Normal forces, shape (m,).
@@ -102,7 +95,9 @@ class _Frictionless:
         self._scaled, self._accuracy = scaled, accuracy
         self._model = LowRankApproximation(scaled.A.comm, scaled.A.diagonal, 1000, scaled.A.A.exact, REPLACED)
         self._G: FloatArray = scaled.A.G[:, 0]
-        self._nearest = -scaled.A.resultant(scaled.free)  # the motion that comes nearest to the free gaps and slips
+        self._nearest = -scaled.A.constraints.resultant(
+            scaled.free
+        )  # the motion that comes nearest to the free gaps and slips
         carried = self.over.dot(scaled.A_ones[:, 0], np.ones(scaled.nodes))
         self._penalty = _PENALTY * max(carried / self.over.sum(np.ones(scaled.nodes)), 1.0)
         self.pairs: list[tuple[FloatArray, FloatArray]] = []
@@ -231,7 +226,7 @@ class _Frictionless:
         y = scaled.smoothed_discs(self.x, scaled.projection_step(np.zeros_like(w), w)[:, 1:], self.theta)
         x = self._forces(np.zeros(len(self.x)))
         x[:, 1:] = scaled.law.radius(self.x)[:, None] * y
-        moved = scaled.A.resultant(x)
+        moved = scaled.A.constraints.resultant(x)
         energy = self.over.dot(x, self._product(x)) + self._penalty * float(moved @ moved)
         work = -self.over.dot(x, w)
         if not 0.0 < work < energy:

@@ -25,6 +25,13 @@ gradient.
 
 Proved: for F = 0 and exact products this is PF for a convex problem.  Not proved for F > 0: that the Newton system is
 regular, that a path leads to theta = 0, or which of several solutions it finds.
+
+A step ends where the first constraint is reached, often after a tenth of its length because of a few of thousands of
+nodes.  Correctors for products nu z that would be too small or too large at a longer step (J. Gondzio: Multiple
+centrality corrections in a primal-dual method for linear programming, Comput. Optim. Appl. 6, 1996) are computed with
+the approximation of A from the products so far, without a product by A.  The boundary is where it is for any direction,
+so that the length of a corrected step is known; only its gradient is estimated, and that of the next iterate is
+computed with a product in any case.  A corrector is used only if it lengthens the step.
 """
 
 from __future__ import annotations
@@ -36,23 +43,14 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .equilibrium import balanced_forces, no_equilibrium, sliding
-from .friction_problem import FrictionProblem, Solver
+from .friction_problem import FrictionProblem, Solver, SolverSettings, Task
 from .frictionless_start import frictionless_start
-from .newton_systems import NewtonChoice, SchurComplementSystem
-from .results import (
-    Goal,
-    InteriorPointStep,
-    NotConverged,
-    Progress,
-    ProgressCallback,
-    QPStep,
-    SolverResult,
-    Status,
-)
+from .linearization import Linearization
+from .newton_systems import NewtonChoice, NewtonEquations, NewtonStep, NewtonSystem, SchurComplementSystem
+from .results import Goal, InteriorPointStep, NotConverged, Progress, QPStep, SolverResult, Status
 from .rigid_motions import Equilibrium
-from .scaled_problem import Iterate, ScaledProblem
+from .scaled_problem import Iterate, ScaledProblem, Step
 from .settings import within
-from .steps import StepSettings, correct_step, newton_step, step_length
 
 _OFF = 1e-3  # residual above which an iteration has not found anything near a solution
 _WIDENING = 10.0  # beta is at least this times what the start needs
@@ -76,7 +74,7 @@ _FINISH_FROM = 3e-4
 
 
 @dataclass(frozen=True)
-class InteriorPoint(StepSettings):
+class InteriorPoint(SolverSettings):
     """The interior-point method as a value; the defaults suit all problems measured (docs/methods.md).
 
     Attributes:
@@ -99,10 +97,18 @@ class InteriorPoint(StepSettings):
         finish: A method that is tried once from an iterate near the answer; if it fails, the path is followed further
             from that iterate.
 
+    If steps from a given start block, the cold starts follow.  `history` has an InteriorPointStep per Newton step.
+    `solve` raises NotConverged with the status NO_EQUILIBRIUM before the first step, if no contact forces balance the
+    loads of a body that contact alone holds, or after some steps, if it slides away.
+
     Raises:
         ValueError: If a number is outside its bounds.
     """
 
+    gamma: float = within("(0, 1)", 1e-3)
+    omega: float = within("(0, 1)", 1e-2)
+    to_boundary: float = within("(0, 1)", 0.95)
+    backtrack: float = within("(0, 1)", 0.9)
     r_tol: float = within("(0, 1)", 0.3)
     c_fact: float = within("(0, 1)", 0.99)
     beta: float = within("(0, inf)", 1e4)
@@ -116,41 +122,18 @@ class InteriorPoint(StepSettings):
 
     name = "interior point"
 
-    def solve(
-        self,
-        problem: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """Solve a problem with friction; arguments and errors as those of `Solver.solve`.
-
-        If steps from `start` block, the cold starts follow.  `history` has an InteriorPointStep per Newton step.
-
-        Raises:
-            NotConverged: With the status NO_EQUILIBRIUM before the first step, if no contact forces balance the loads
-                of a body that contact alone holds, or after some steps, if it slides away.
-        """
-        products = problem.A.products
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         balanced_forces(problem, self.name)
-        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
-        result = _smallest_force(problem, goal, self.name) or _Path(self, problem, goal, progress).follow(
-            start, gradient
-        )
-        result = replace(result, products=problem.A.products - products)
+        result = _smallest_force(problem, task.goal) or _Path(self, problem, task).follow()
         if result.equilibrium is not None and problem.rigid is not None and result.status is Status.NO_EQUILIBRIUM:
             message = f"{no_equilibrium(problem.rigid, result.equilibrium)}, after {result.newton_steps} Newton steps"
-            raise NotConverged(message, replace(result, message=message))
-        if result.status is not Status.CONVERGED:
+        else:
             residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-3:])
             message = (
                 f"the interior-point method ended with a residual of {result.residual:.1e} after {result.newton_steps} "
-                f"Newton steps ({result.status.value}), {goal.missed(result.residual)}; last residuals {residuals}"
+                f"Newton steps ({result.status.value}), {task.goal.missed(result.residual)}; last residuals {residuals}"
             )
-            raise NotConverged(message, replace(result, message=message))
-        return result
+        return result if result.status is Status.CONVERGED else replace(result, message=message)
 
     def centring(self, alpha: float, used: float = 0.0) -> float:
         """sigma after a step of length alpha, with the gradient at a fraction `used` of its bound in N(gamma, beta)."""
@@ -160,18 +143,17 @@ class InteriorPoint(StepSettings):
 class _Path:
     """The solution of a problem from one start after another."""
 
-    def __init__(
-        self, settings: InteriorPoint, problem: FrictionProblem, goal: Goal, progress: ProgressCallback | None
-    ):
-        self._settings, self._problem, self._goal, self._progress = settings, problem, goal, progress
+    def __init__(self, settings: InteriorPoint, problem: FrictionProblem, task: Task):
+        self._settings, self._problem, self._task, self._goal = settings, problem, task, task.goal
         self._scaled = ScaledProblem(problem)
         self._newton = settings.newton.system(self._scaled.A, self._scaled.sloped)
         self._history: list[QPStep] = []
-        self._finish = _Finish(settings.finish, problem, goal, progress, self._history)
+        self._tried = self._finished = False
 
-    def follow(self, start: FloatArray | None, gradient: FloatArray | None) -> SolverResult:
+    def follow(self) -> SolverResult:
         """One start after another, each farther inside: near the boundary steps may block, far inside they are more."""
         results: list[SolverResult] = []
+        start, gradient = self._task.start, self._task.gradient
         starts, v = list(self._settings.starts), None if start is None else self._warm(start, gradient)
         products = self._settings.start_products
         try:
@@ -191,7 +173,7 @@ class _Path:
                 ):
                     break
         finally:
-            if not self._finish.converged:
+            if not self._finished:
                 self._newton.keep()
             self._newton.destroy()
         best = last if gone else min(results, key=lambda result: result.residual)
@@ -256,15 +238,14 @@ class _Path:
             v = new._replace(A_x=newton.products.advance(x, None if scaled.sloped else new.A_x, alpha, _ITERATE))
             theta, before, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), gradient, scaled.infeasibility(v)
             if gradient > (1.0 + _GROWTH * alpha) * before:
-                newton.products.tighten()
+                newton.tighten()
             # err is proportional to alpha, so a blocked step would look like convergence: the residual decides
             residual = problem.residual(*scaled.unscaled(v)[:2])
             if residual <= goal.residual or goal.refused:  # A x may be inexact: decide with the most accurate product
                 exact = self._exact(v)
                 forces, force_gradient, multipliers = scaled.unscaled(exact)
                 if goal.refused:
-                    A_x = newton.products.corrected(v.A_x, exact.A_x)
-                    v = exact if A_x is exact.A_x else v._replace(A_x=A_x)
+                    v = exact if newton.products.corrects else v
                     gradient = scaled.infeasibility(v)
                     beta = max(beta, _WIDENING * gradient / theta)
                 residual = problem.residual(forces, force_gradient)
@@ -273,15 +254,17 @@ class _Path:
             history.append(
                 InteriorPointStep(count, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
             )
-            stop = self._progress is not None and self._progress(Progress(0, count, residual))
+            stop = self._reported(Progress(0, count, residual))
             if reached:
                 break
             if stop:
                 status = Status.INTERRUPTED
                 break
-            if self._finish.due(residual):
+            # if the certificate has refused an answer, only path following has products of the accuracy that it needs
+            due = settings.finish is not None and not self._tried and not goal.refused
+            if due and goal.tolerance < residual <= _FINISH_FROM:
                 newton.keep()
-                finished = self._finish.tried(scaled.unscaled(v)[0], scaled.displaced(v), settings.name)
+                finished = self._by_another(scaled.unscaled(v)[0], scaled.displaced(v))
                 if finished is not None:
                     return finished
                 v = v._replace(A_x=newton.products.exact(x))
@@ -311,13 +294,41 @@ class _Path:
             multipliers=multipliers,
             status=goal.verdict(residual, forces, status, motion),
             residual=residual,
-            method=settings.name,
             rigid=motion,
             equilibrium=away,
         )
 
+    def _reported(self, at: Progress) -> bool:
+        return self._task.progress is not None and bool(self._task.progress(at))
 
-def _smallest_force(problem: FrictionProblem, goal: Goal, method: str) -> SolverResult | None:
+    def _by_another(self, x: FloatArray, gradient: FloatArray) -> SolverResult | None:
+        """The result of `InteriorPoint.finish` from an iterate near the answer, if it converges or is interrupted;
+        collective.
+
+        Path following converges slowly where a node is at the edge of its disc without slip: the residual falls like
+        the square root of theta.  The semismooth Newton method does not need theta.
+
+        x (3 m,) are its forces in newtons, `gradient` A x - b (3 m,) in metres, without rigid motions.
+        """
+        method, first, self._tried = self._settings.finish, len(self._history), True
+        assert method is not None
+
+        def reported(at: Progress) -> bool:
+            return self._reported(Progress(at.outer, first + at.path_following, at.residual))
+
+        tolerance = self._goal.tolerance
+        try:
+            result = method.solve(self._problem, x, gradient=gradient, tolerance=tolerance, progress=reported)
+        except NotConverged as failure:
+            result = failure.result
+        steps = (step for step in result.history if isinstance(step, QPStep))
+        self._history += [replace(step, iteration=first + step.iteration) for step in steps]
+        self._finished = result.status is Status.CONVERGED
+        ended = self._finished or result.status is Status.INTERRUPTED
+        return replace(result, products=0, method="") if ended else None  # it is a part of this method
+
+
+def _smallest_force(problem: FrictionProblem, goal: Goal) -> SolverResult | None:
     """The smallest feasible force, if it is the answer: then there is no path to follow."""
     x = problem.completed(problem.project(np.zeros_like(problem.b)))
     w = problem.without_motion(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b
@@ -327,71 +338,108 @@ def _smallest_force(problem: FrictionProblem, goal: Goal, method: str) -> Solver
     if residual != 0.0 and not goal.reached(residual, x, alpha):  # with 0 there is no other answer, accepted or not
         return None
     status, nothing = goal.verdict(residual, x, Status.MAX_ITERATIONS, alpha), np.zeros((problem.A.nodes, 2))
-    return SolverResult(x, gradient, problem.slip_bound(x), nothing, status, residual, method, rigid=alpha)
+    return SolverResult(x, gradient, problem.slip_bound(x), nothing, status, residual, rigid=alpha)
 
 
-class _Finish:
-    """Another method from an iterate near the answer.
+_GRADIENT_SHARE = 0.3
+"""With slope, the residual of a Newton system is at most this part of the gradient."""
 
-    Path following converges slowly where a node is at the edge of its disc without slip: the residual falls like the
-    square root of theta.  The semismooth Newton method does not need theta.
+_CORRECTORS = 3
 
-    Args:
-        method: The method; None: there is none.
-        problem: The problem.
-        goal: That of path following.
-        progress: Called after every step.
-        history: The steps so far; those of the method are appended.
+_LONG = 0.9
+"""Length of a step from which on there are no correctors."""
 
-    Attributes:
-        converged: Whether the method has found the answer.
+_AHEAD = (1.08, 0.3)
+"""The length at which products are looked at: this times that of the step, and this more; at most 1 (Gondzio)."""
+
+_WITHIN = (0.1, 10.0)
+"""Bounds of products at that length over their target (Gondzio)."""
+
+_GAIN = 0.1
+"""Part of the way to that length that a corrector has to gain (Gondzio)."""
+
+
+def newton_step(
+    scaled: ScaledProblem, newton: NewtonSystem, v: Iterate, target: float, tolerance: float, beta: float
+) -> Step:
+    """The Newton step to nu_i z_i = target: J dv = -F + (0, 0, target e), solved to a relative tolerance."""
+    at, r1 = scaled.linearize(v), -scaled.gradient(v)
+    r2 = scaled.on_constraints(scaled.slack(v.x_n, v.y) - scaled.over_constraints(np.full_like(v.nu, target), v.nu))
+    cap = beta * target
+    if scaled.sloped:
+        cap = min(cap, _GRADIENT_SHARE * scaled.infeasibility(v))
+    weight, r3 = scaled.weight(v.x_n), scaled.out_of_balance(v)
+    step = newton.solve(NewtonEquations(at, r1, r2, weight, tolerance, scaled.from_rms(cap), r3))
+    return along_curve(v, at, step)
+
+
+def along_curve(v: Iterate, at: Linearization, step: NewtonStep) -> Step:
+    """The step from v along its curve."""
+    dx = step.dx
+    return Step(v, dx[:, 0], at.dy(dx), step.dnu, step.A_dx, step.iterations, step.dalpha)
+
+
+def step_length(
+    settings: InteriorPoint, scaled: ScaledProblem, step: Step, beta: float, sigma: float
+) -> tuple[float, Iterate | None]:
+    """The largest step that stays in N(gamma, beta) and decreases theta; None if it is below 1e-10."""
+    v = step.v
+    theta = scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
+    alpha = min(1.0, settings.to_boundary * scaled.distance_to_boundary(v, step.dx_n, step.dy, step.dnu))
+    while alpha > 1e-10:
+        new = step.at(alpha)
+        z = scaled.slack(new.x_n, new.y)
+        theta_new = scaled.theta(new.nu, z)
+        if (
+            scaled.smallest_product(new.nu, z) >= settings.gamma * theta_new
+            and theta_new <= (1.0 - alpha * settings.omega * (1.0 - sigma)) * theta
+            and scaled.infeasibility(new) <= beta * theta_new
+        ):
+            return alpha, new
+        alpha *= settings.backtrack
+    return alpha, None
+
+
+def correct_step(
+    settings: InteriorPoint, scaled: ScaledProblem, newton: NewtonSystem, step: Step, target: float, beta: float
+) -> Step:
+    """The step to nu_i z_i = target, with correctors as long as they lengthen it; collective.
+
+    The last of the Newton systems gave the step; without an approximation of A nothing is changed.
     """
+    v, at = step.v, scaled.linearize(step.v)
+    sigma = target / scaled.theta(v.nu, scaled.slack(v.x_n, v.y))
 
-    def __init__(
-        self,
-        method: Solver | None,
-        problem: FrictionProblem,
-        goal: Goal,
-        progress: ProgressCallback | None,
-        history: list[QPStep],
-    ):
-        self._method, self._problem, self._goal = method, problem, goal
-        self._progress, self._history, self._tried, self.converged = progress, history, False, False
+    def length(step: Step) -> float:
+        alpha, new = step_length(settings, scaled, step, beta, sigma)
+        return 0.0 if new is None else alpha
 
-    def due(self, residual: float) -> bool:
-        """Whether to try it from an iterate with this residual, the same on all ranks.
+    alpha, (low, high) = length(step), (bound * target for bound in _WITHIN)
+    for _ in range(_CORRECTORS):
+        if alpha > _LONG:
+            break
+        ahead = min(1.0, _AHEAD[0] * alpha + _AHEAD[1])
+        new = step.at(ahead)
+        products = new.nu * scaled.slack(new.x_n, new.y)
+        change = scaled.on_constraints(np.maximum(np.clip(products, low, high) - products, -high))
+        correction = newton.correction(-scaled.over_constraints(change, v.nu))
+        if correction is None:
+            break
+        trial = along_curve(v, at, _sum(step, correction, at))
+        longer = length(trial)
+        if longer < alpha + _GAIN * (ahead - alpha):
+            break
+        step, alpha = trial, longer
+    return step
 
-        Not below the tolerance, and not if the certificate has refused an answer: only path following then has products
-        of the accuracy that the certificate needs.
-        """
-        if self._method is None or self._tried or self._goal.refused:
-            return False
-        return self._goal.tolerance < residual <= _FINISH_FROM
 
-    def tried(self, x: FloatArray, gradient: FloatArray, name: str) -> SolverResult | None:
-        """The result, if the method converges or is interrupted; collective.
-
-        Args:
-            x: Forces of the iterate in newtons, shape (3 m,).
-            gradient: A x - b in metres, shape (3 m,), without rigid motions.
-            name: Name of the solver, for the result.
-        """
-        assert self._method is not None
-        first = len(self._history)
-        self._tried = True
-
-        def reported(at: Progress) -> bool:
-            later = Progress(at.outer, first + at.path_following, at.residual)
-            return self._progress is not None and bool(self._progress(later))
-
-        tolerance = self._goal.tolerance
-        try:
-            result = self._method.solve(self._problem, x, gradient=gradient, tolerance=tolerance, progress=reported)
-        except NotConverged as failure:
-            result = failure.result
-        steps = (step for step in result.history if isinstance(step, QPStep))
-        self._history += [replace(step, iteration=first + step.iteration) for step in steps]
-        self.converged = result.status is Status.CONVERGED
-        if self.converged or result.status is Status.INTERRUPTED:
-            return replace(result, method=name)
-        return None
+def _sum(step: Step, correction: NewtonStep, at: Linearization) -> NewtonStep:
+    """A step with a change of its direction, A dx to the accuracy of the approximation of A."""
+    dx_t = at.r[:, None] * step.dy + (at.slope * step.dx_n)[:, None] * step.v.y
+    return NewtonStep(
+        np.column_stack([step.dx_n, dx_t]) + correction.dx,
+        step.dnu + correction.dnu,
+        step.A_dx + correction.A_dx,
+        step.iterations,
+        step.dalpha + correction.dalpha,
+    )

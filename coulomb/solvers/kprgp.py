@@ -7,24 +7,15 @@ constraints, SIAM J. Optim. 19 (2008); Z. Dostal and J. Schoberl for bounds.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from .friction_problem import FrictionProblem, refuse_slope
-from .results import (
-    ActiveSetStep,
-    Goal,
-    NotConverged,
-    Progress,
-    ProgressCallback,
-    SolverResult,
-    Status,
-    StepKind,
-)
-from .settings import SolverSettings, within
+from .friction_problem import FrictionProblem, SolverSettings, Task
+from .results import ActiveSetStep, Progress, SolverResult, Status, StepKind
+from .settings import within
 
 _PATIENCE = 1000  # steps without a better residual after the certificate has refused an answer
 _ON_CIRCLE = 1.0 - 1e-13  # a projected point lies on its circle up to rounding
@@ -47,7 +38,7 @@ class Split:
 
 @dataclass(frozen=True)
 class KPRGP(SolverSettings):
-    """Algorithm KPRGP as a value.
+    """Algorithm KPRGP as a value, for Tresca problems without rigid motions.
 
     Attributes:
         tolerance: Natural residual of the QP at which to stop (`FrictionProblem.residual`), as for InteriorPoint.
@@ -63,29 +54,25 @@ class KPRGP(SolverSettings):
     step: float = within("(0, 2)", 1.9)
     max_iterations: int = within("[1, inf)", 20_000)
 
-    def solve(
-        self,
-        qp: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """Solve a Tresca problem without rigid motions; arguments, result and errors as those of `Solver.solve`."""
-        refuse_slope(qp, "KPRGP")
+    name = "KPRGP"
+
+    def _solved(self, qp: FrictionProblem, task: Task) -> SolverResult:
+        if qp.sloped:
+            raise ValueError(
+                "KPRGP solves problems with given slip bounds; where friction grows with pressure use "
+                "InteriorPoint() or SuccessiveTresca(qp_solver=KPRGP())"
+            )
         if qp.rigid is not None:
             raise ValueError(
                 "KPRGP solves problems whose bodies are all held by supports; for bodies that contact alone holds use "
                 "InteriorPoint() or SuccessiveTresca()"
             )
-        tolerance = self.tolerance if tolerance is None else tolerance
-        over, products = qp.reductions, qp.A.products
+        over, (goal, start, _, progress) = qp.reductions, task
         a = self.step / norm_of(qp)
         x = qp.completed(qp.project(np.zeros_like(qp.b) if start is None else start))
         gradient = qp.gradient(x)
         residual = qp.residual(x, gradient)
-        goal, best, best_at = Goal(tolerance, qp.accept), residual, 0
+        best, best_at = residual, 0
         reached = goal.reached(residual, x)
         history: list[ActiveSetStep] = []
         split = _split(qp, x, gradient, a)
@@ -138,18 +125,11 @@ class KPRGP(SolverSettings):
             slip_bound=qp.slip_bound(x),
             multipliers=_multipliers(qp, x, gradient),
             status=goal.verdict(residual, x, status),
-            products=qp.A.products - products,
             residual=residual,
             history=tuple(history),
-            method="KPRGP",
         )
-        if result.status is not Status.CONVERGED:
-            raise NotConverged(
-                f"KPRGP ended with a residual of {residual:.1e} after {len(history)} steps ({result.status.value}), "
-                f"{goal.missed(residual)}",
-                result,
-            )
-        return result
+        message = f"KPRGP ended with a residual of {residual:.1e} after {len(history)} steps ({result.status.value}), "
+        return result if result.status is Status.CONVERGED else replace(result, message=message + goal.missed(residual))
 
     def _projected(self, qp: FrictionProblem, x: FloatArray, a: float) -> tuple[FloatArray, FloatArray, Split]:
         """P(x), the gradient there by a fresh product, and its split."""

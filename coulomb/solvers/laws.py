@@ -55,10 +55,10 @@ class FrictionLaw:
             ValueError: On every rank, if the law is not one of this many nodes, or has a number that is not permitted.
         """
         for name, values in (("cohesion", self.cohesion), ("friction", self.friction)):
-            if not over.all(values.shape == (nodes,)):
-                raise ValueError(f"{name} must have shape ({nodes},), one per contact node, but has {values.shape}")
-            if not over.all(bool(np.all(np.isfinite(values) & (values >= 0.0)))):
-                raise ValueError(f"{name} has entries that are negative or not finite")
+            must = f"{name} must have shape ({nodes},), one per contact node, but has {values.shape}"
+            over.require(values.shape == (nodes,), must)
+            permitted = np.all(np.isfinite(values) & (values >= 0.0))
+            over.require(permitted, f"{name} has entries that are negative or not finite")
 
     def name(self, over: Reductions) -> str:
         """Name of the law over all ranks, one of `LAWS`: Coulomb's without cohesion, Tresca's without friction."""
@@ -94,8 +94,7 @@ class FrictionLaw:
 
     def radius(self, x_n: FloatArray) -> FloatArray:
         """Bound of the friction force in newtons at normal forces x_n in newtons, both of shape (m,)."""
-        bound: FloatArray = self.cohesion + self.friction * np.maximum(x_n, 0.0)
-        return bound
+        return self.cohesion + self.friction * np.maximum(x_n, 0.0)
 
     def scaled(self, normal: FloatArray | float, friction: FloatArray | float | None = None) -> FrictionLaw:
         """The law for normal forces in units of `normal` and friction in units of `friction`, by default the same; one
@@ -139,16 +138,10 @@ class FrictionLaw:
             x_n: Normal forces in newtons, shape (m,).
         """
         way = np.hypot(slip[:, 0], slip[:, 1])
-        friction: FloatArray = slip * (self.radius(x_n) / np.where(way > 0.0, way, 1.0))[:, None]
-        return friction
+        return slip * (self.radius(x_n) / np.where(way > 0.0, way, 1.0))[:, None]
 
     def natural_residual(
-        self,
-        x: FloatArray,
-        gradient: FloatArray,
-        compliance: float,
-        over: Reductions,
-        lower: float | FloatArray = 0.0,
+        self, x: FloatArray, gradient: FloatArray, compliance: float, over: Reductions, lower: float | FloatArray = 0.0
     ) -> float:
         """|x - P(x - (A x - b)/a)| / |x|, P the projection with r(x_n) of x itself; 0 exactly at a solution.
 

@@ -44,20 +44,17 @@ class Linearization:
     @cached_property
     def k(self) -> FloatArray:
         """F (1 + |y|^2)/2, how fast the slack of the disc grows with x_n, shape (m,)."""
-        widening: FloatArray = 0.5 * self.slope * (1.0 + squares(self.y))
-        return widening
+        return 0.5 * self.slope * (1.0 + squares(self.y))
 
     @cached_property
     def _disc(self) -> FloatArray:
         """Derivative of -z2 along dx_n, dx_t1, dx_t2, shape (m, 3); 0 without friction."""
-        rows = side_by_side(-self.k, self.y[:, 0], self.y[:, 1]) * self.frictional[:, None]
-        return rows
+        return side_by_side(-self.k, self.y[:, 0], self.y[:, 1]) * self.frictional[:, None]
 
     @cached_property
     def _C(self) -> FloatArray:
         """The last two rows of the nodal part of J11 along dx_n, as that along dx_t is h, shape (m, 2)."""
-        columns: FloatArray = -(self.h * self.slope)[:, None] * self.y
-        return columns
+        return -(self.h * self.slope)[:, None] * self.y
 
     def C(self, dx: FloatArray) -> FloatArray:
         """The nodal part of J11 on dx (m, 3)."""
@@ -83,12 +80,9 @@ class Linearization:
         """(C + J12 D22^-1 J21) dx, what J_SC adds to A dx, shape (m, 3)."""
         return self.C(dx) + self.J12(self.J21(dx) / self.D22)
 
-    def blocks(self) -> FloatArray:
-        """`schur` as matrices, shape (m, 3, 3); the identity on the tangential pair of a node without friction."""
-        e = np.eye(3)
-        C = np.stack([self.schur(np.tile(e[k], (len(self.h), 1))) for k in range(3)], axis=2)
-        C[~self.frictional, 1:, 1:] = np.eye(2)
-        return C
+    def multipliers(self, dx: FloatArray, r2: FloatArray) -> FloatArray:
+        """dnu of dx (m, 3), eliminated from the second row of the system, shape (m, 2)."""
+        return (self.J21(dx) - r2) / self.D22
 
     def dy(self, dx: FloatArray) -> FloatArray:
         """Change of y to first order, (dx_t - F y dx_n)/r, shape (m, 2)."""
@@ -100,11 +94,7 @@ class NodalInverse:
     """(diag(D) + C + J12 D22^-1 J21)^-1, node by node: the normal unknown first, then the pair that follows it.
 
     The pair's block is that of the disc; its coupling to the normal unknown, h F y + y k/D22_2, is kept separate to
-    avoid cancellation as D22 -> 0.
-
-    Args:
-        at: The linearisation.
-        D: Shape (m, 3), positive, or 0 where C is regular, as in a zero row of A along a tangent.
+    avoid cancellation as D22 -> 0.  D (m, 3) is positive, or 0 where C is regular, as in a zero row of A.
     """
 
     def __init__(self, at: Linearization, D: FloatArray):
@@ -151,5 +141,4 @@ def disc_inverse(D: FloatArray, y: FloatArray, d22: FloatArray, S: FloatArray, r
     w = np.empty_like(y)
     w[:, 0], w[:, 1] = -y[:, 1], y[:, 0]
     along = (w[:, :1] * r[:, :1] + w[:, 1:] * r[:, 1:]) / (D[:, :1] * D[:, 1:])
-    inverse: FloatArray = (d22 * r / D + along * w) / S
-    return inverse
+    return (d22 * r / D + along * w) / S

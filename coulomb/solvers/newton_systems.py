@@ -18,16 +18,20 @@ With slope J_SC is unsymmetric and solved by FGMRES, preconditioned from the rig
 plus U U^T - V V^T: J_SC P^-1 - 1 = (A - rest + V V^T - U U^T) P^-1, so the quality of P is that of the approximation of
 A, independent of friction.
 
-Rigid motions border the system, [J, -G^T; G, 0]; a constraint preconditioner made of P eliminates them (border.py).
+Rigid motions border the system, [J, -G^T; G, 0]; a constraint preconditioner made of P eliminates them.
+
+For small problems on which these methods fail, `DenseSystem` factorises J_AM or J_SC.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
+import scipy.linalg
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
@@ -35,7 +39,6 @@ from ..linalg.compliance import (
     REPLACED,
     CarryingKrylov,
     ConstraintPreconditioner,
-    Constraints,
     LowRankApproximation,
     LowRankUpdate,
     NodalMap,
@@ -43,7 +46,7 @@ from ..linalg.compliance import (
 from ..linalg.reductions import Reductions
 from .linearization import Linearization, NodalInverse, disc_inverse, like
 from .rigid_motions import NO_MOTION
-from .scaled_compliance import IterateProducts, ScaledCompliance
+from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import Settings, within
 
 ROUNDING = 1e-15
@@ -95,8 +98,7 @@ class NewtonSystem(Protocol):
         products: A x of the iterates.
     """
 
-    @property
-    def products(self) -> IterateProducts: ...
+    products: IterateProducts
 
     def solve(self, equations: NewtonEquations) -> NewtonStep:
         """The step, as accurate as asked for."""
@@ -105,30 +107,30 @@ class NewtonSystem(Protocol):
     def correction(self, r2: FloatArray) -> NewtonStep | None:
         """The solution of the last system for r1 = 0, r2 (m, 2) with an approximation of A, without a product; None if
         there is none."""
-        ...
+        return None
+
+    def tighten(self) -> None:
+        """Make inexact products ten times as accurate from now on."""
+        self.products.tighten()
 
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         """Take note of products made elsewhere, pairs of x and A x, each (m, 3)."""
-        ...
+        return
 
     def keep(self) -> None:
         """Leave what was found of A with A, for other methods and problems to come."""
-        ...
+        return
 
     def destroy(self) -> None:
         """Free its PETSc objects."""
-        ...
+        return
 
 
 class NewtonChoice(Protocol):
     """Choice of the Newton system, as a value."""
 
     def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
-        """The system for a problem.
-
-        Args:
-            A: The scaled compliance.
-            sloped: Whether friction grows with pressure anywhere.
+        """The system for a problem; `sloped` is whether friction grows with pressure anywhere.
 
         Raises:
             ValueError: On every rank, if it does not support the compliance or the law.
@@ -176,23 +178,11 @@ class AugmentedSystem(Settings):
         return _Augmented(A, self.rank, self.product, 5, sloped)
 
 
-class _LearntProducts(IterateProducts):
-    """Products beside an approximation of A, on which less reliance is placed once they have to be more accurate."""
-
-    def __init__(self, A: ScaledCompliance, rely_less: Callable[[], None]):
-        super().__init__(A)
-        self._rely_less = rely_less
-
-    def tighten(self) -> None:
-        super().tighten()
-        self._rely_less()
-
-
-class _Krylov:
+class _Krylov(NewtonSystem):
     """The common part of J_AM/P_AM and J_SC/P_SC: products, and the low-rank approximation of A made from them."""
 
     def __init__(self, A: ScaledCompliance, rank: int, product: tuple[float, float], block: int, sloped: bool) -> None:
-        self.products = _LearntProducts(A, self._rely_less)
+        self.products = IterateProducts(A)
         self._scaled = A
         self._comm, self._product, self._accuracy = A.comm, product, 0.0
         known = A.known()
@@ -213,9 +203,9 @@ class _Krylov:
                 recorded(np.ascontiguousarray(G))
             self._A.update()
         method = PETSc.KSP.Type.FGMRES if sloped else PETSc.KSP.Type.CG
-        self._constraints = Constraints(A.comm, A.G)
+        self._constraints = A.constraints
         self._krylov = CarryingKrylov(
-            A.comm, A.nodes, block, recorded, self._weighted_operator, self._precondition, method, self._constraints
+            self._constraints, block, recorded, self._weighted_operator, self._precondition, method
         )
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
@@ -253,11 +243,9 @@ class _Krylov:
     def _norm(self, r: FloatArray) -> float:
         return float(np.sqrt(Reductions(self._comm).dot(r, r)))
 
-    def correction(self, r2: FloatArray) -> NewtonStep | None:
-        return None
-
-    def _rely_less(self) -> None:
-        self._A.replace_nothing()
+    def tighten(self) -> None:
+        super().tighten()
+        self._A.replace_nothing()  # once products have to be more accurate, less is made of what they show
 
     def learn(self, pairs: Sequence[tuple[FloatArray, FloatArray]]) -> None:
         for x, A_x in pairs:
@@ -284,14 +272,14 @@ class _SchurComplement(_Krylov):
         dx, A_dx, dalpha, iterations = self._solve(
             NodalInverse(at, self._A.rest), rhs, np.zeros_like(rhs), size, tolerance, cap, r3
         )
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, A_dx, iterations, dalpha)
+        return NewtonStep(dx, at.multipliers(dx, r2), A_dx, iterations, dalpha)
 
     def correction(self, r2: FloatArray) -> NewtonStep | None:
         if self._scaled.rigid.shape[1]:  # on soft springs A x and b nearly cancel: too much for an approximation of A
             return None
         at = self._at
         dx, dalpha = self._bordered(at.J12(r2 / at.D22), np.zeros(self._constraints.count))
-        return NewtonStep(dx, (at.J21(dx) - r2) / at.D22, self._A.mult(dx), 0, dalpha)
+        return NewtonStep(dx, at.multipliers(dx, r2), self._A.mult(dx), 0, dalpha)
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:
         return A_p + self._at.schur(p)
@@ -330,3 +318,91 @@ class _Augmented(_Krylov):
         z[:, 1:3] = disc_inverse(D[:, 1:], y, D22[:, 1:], S22[:, 1:], r1[:, 1:])
         z[:, 1:3] += y / D[:, 1:] * (r2[:, 1:] / S22[:, 1:])
         return z
+
+
+@dataclass(frozen=True)
+class DenseSystem:
+    """J_AM factorised (LU, scaled), with slope J_SC; on one rank, 3 m products to get A and (5 m)^3 or (3 m)^3 work per
+    step.
+
+    Slower than a Krylov method that converges, but independent of the condition of A: rank-deficient problems with
+    slip bounds over many orders of magnitude are solved only by this system.
+    """
+
+    def system(self, A: ScaledCompliance, sloped: bool) -> NewtonSystem:
+        """See `NewtonChoice`; a ValueError on more than one rank."""
+        return _Dense(A, sloped)
+
+
+class _Dense(NewtonSystem):
+    def __init__(self, A: ScaledCompliance, sloped: bool):
+        self._scaled, self._sloped, self.products = A, sloped, IterateProducts(A)
+        if A.comm.size > 1:
+            raise ValueError("dense Newton systems work on one rank; use a Krylov one: solver.newton of the case file")
+        self._A: FloatArray = A.dense()
+
+    def solve(self, equations: NewtonEquations) -> NewtonStep:
+        """The step to rounding accuracy; weight, tolerance and cap are not used."""
+        at, r1, r2, r3 = equations.at, equations.r1, equations.r2, equations.r3
+        if self._sloped:  # J_AM is as accurate, and takes three times as long (block, p = 10, F = 0.3)
+            rhs = r1 + at.J12(r2 / at.D22)
+            rhs[~at.frictional, 1:] = 0.0
+            J = self._bordered(schur_matrix(self._A, at))
+            rows = 1.0 / np.abs(J).max(axis=1)
+            columns = 1.0 / np.abs(rows[:, None] * J).max(axis=0)
+        else:
+            rhs = np.concatenate([r1.ravel(), r2.ravel()])
+            J = self._bordered(augmented_matrix(self._A, at))
+            rows, columns = (1.0 / np.sqrt(np.abs(np.diag(J)) + 1e-3 * np.abs(J).max(axis=axis)) for axis in (1, 0))
+        with warnings.catch_warnings():  # a singular matrix gives a step that is not finite, which ends the start
+            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
+            factors = scipy.linalg.lu_factor(rows[:, None] * J * columns, overwrite_a=True, check_finite=False)
+        solution = columns * scipy.linalg.lu_solve(factors, rows * np.concatenate([rhs.ravel(), r3]))
+        dx, dnu, dalpha = np.split(solution, [r1.size, rhs.size])
+        dx = dx.reshape(r1.shape)
+        dnu = at.multipliers(dx, r2) if self._sloped else dnu.reshape(r2.shape)
+        return NewtonStep(dx, dnu, (self._A @ dx.ravel()).reshape(dx.shape), 0, dalpha)
+
+    def _bordered(self, M: FloatArray) -> FloatArray:
+        """[M, -G^T; G, 0], G on the first unknowns; M without rigid motions."""
+        G = self._scaled.G.reshape(3 * self._scaled.nodes, -1)
+        n, r = len(M), G.shape[1]
+        if r == 0:
+            return M
+        bordered = np.zeros((n + r, n + r))
+        bordered[:n, :n] = M
+        bordered[: len(G), n:], bordered[n:, : len(G)] = -G, G.T
+        return bordered
+
+
+def schur_matrix(A: FloatArray, at: Linearization) -> FloatArray:
+    """J_SC = A + C + J12 D22^-1 J21 with this A, shape (3 m, 3 m); the identity for pairs without friction."""
+    M, n = A.copy(), 3 * np.arange(len(at.h))
+    dropped = (n[~at.frictional][:, None] + np.array([1, 2])).ravel()
+    M[dropped], M[:, dropped] = 0.0, 0.0
+    blocks = np.stack([at.schur(np.tile(e, (len(n), 1))) for e in np.eye(3)], axis=2)
+    blocks[~at.frictional, 1:, 1:] = np.eye(2)
+    M[n[:, None, None] + np.arange(3)[:, None], n[:, None, None] + np.arange(3)] += blocks
+    return M
+
+
+def augmented_matrix(A: FloatArray, at: Linearization) -> FloatArray:
+    """J_AM = [J11 J12; J21 -D22] with this A, shape (5 m, 5 m); with diag(A) in its place, P_AM.
+
+    The tangential pair of a node without friction is replaced by the identity.
+    """
+    m = len(at.h)
+    J = np.zeros((5 * m, 5 * m))
+    J[: 3 * m, : 3 * m] = A
+    n, bound = 3 * np.arange(m), 3 * m + 2 * np.arange(m)
+    t, disc = n[:, None] + np.array([1, 2]), bound + 1
+    J[t, t] += at.h[:, None]
+    J[t, n[:, None]] -= (at.h * at.slope)[:, None] * at.y
+    J[n, bound] = J[bound, n] = -1.0
+    J[t, disc[:, None]] = J[disc[:, None], t] = at.y
+    J[disc, n] = -at.k
+    dropped = np.concatenate([t[~at.frictional].ravel(), disc[~at.frictional]])
+    J[dropped], J[:, dropped] = 0.0, 0.0
+    J[dropped, dropped] = 1.0
+    J[bound, bound], J[disc, disc] = -at.D22[:, 0], -at.D22[:, 1]
+    return J

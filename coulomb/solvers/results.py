@@ -39,7 +39,6 @@ class Goal:
     the end.
 
     Args:
-        tolerance: Residual to reach.
         accept: The certificate; None if only the residual decides.
 
     Attributes:
@@ -217,7 +216,7 @@ class SolverResult:
     multipliers: FloatArray
     status: Status
     residual: float
-    method: str
+    method: str = ""
     outer_steps: int = 0
     newton_steps: int = 0
     products: int = 0

@@ -50,13 +50,11 @@ class RigidMotions:
 
     def displacement(self, alpha: FloatArray) -> FloatArray:
         """G^T alpha in metres, this rank's nodes, shape (3 m,)."""
-        moved: FloatArray = alpha @ self.G
-        return moved
+        return alpha @ self.G
 
     def out_of_balance(self, x: FloatArray, over: Reductions) -> FloatArray:
         """e - G x in newtons, shape (q,), of forces x (3 m,) in newtons; collective."""
-        left: FloatArray = self.e - over.total(self.G @ x)
-        return left
+        return self.e - over.total(self.G @ x)
 
     def described(self, alpha: FloatArray) -> str:
         """The motions of alpha (q,) by name, the largest first, without those below a hundredth of it."""
@@ -72,23 +70,16 @@ class RigidMotions:
             ValueError: On every rank, if they do not fit a problem with this many contact nodes on this rank.
         """
         q = np.shape(self.e)
-        if not over.all(len(q) == 1 and q[0] > 0):
-            raise ValueError(
-                f"rigid: e must have shape (q,) with q > 0 motions, but has {q}; without any use rigid=None"
-            )
-        if not over.all(np.shape(self.G) == (*q, 3 * nodes)):
-            raise ValueError(
-                f"rigid: G must have shape ({q[0]}, {3 * nodes}), one row per motion and three columns per contact "
-                f"node, but has {np.shape(self.G)}"
-            )
+        must = f"rigid: e must have shape (q,) with q > 0 motions, but has {q}; without any use rigid=None"
+        over.require(len(q) == 1 and q[0] > 0, must)
+        must = f"rigid: G must have shape ({q[0]}, {3 * nodes}), one row per motion and three columns per contact node"
+        over.require(np.shape(self.G) == (*q, 3 * nodes), f"{must}, but has {np.shape(self.G)}")
         for name, values in (("G", self.G), ("e", self.e)):
-            if not over.all(bool(np.all(np.isfinite(values)))):
-                raise ValueError(f"rigid: {name} has entries that are not finite")
-        first = over.comm.bcast(self.e, root=0)
-        if not over.all(np.array_equal(first, self.e)):
-            raise ValueError("rigid: e differs between the ranks; it is the resultant of the loads on all of them")
-        if not over.all(len(self.names) in (0, *q)):
-            raise ValueError(f"rigid: names must be one per motion ({q[0]}), or none, but are {len(self.names)}")
+            over.require(np.all(np.isfinite(values)), f"rigid: {name} has entries that are not finite")
+        same = np.array_equal(over.comm.bcast(self.e, root=0), self.e)
+        over.require(same, "rigid: e differs between the ranks; it is the resultant of the loads on all of them")
+        count = len(self.names)
+        over.require(count in (0, *q), f"rigid: names must be one per motion ({q[0]}), or none, but are {count}")
 
 
 @dataclass(frozen=True)
@@ -100,7 +91,8 @@ class MotionBasis:
         over: Reductions over the ranks.
 
     Attributes:
-        T: Shape (r, q), T G has orthonormal rows.
+        T: Shape (r, q).
+        rows: T G, orthonormal, this rank's columns, shape (r, 3 m).
         free: Orthonormal motions without resistance, shape (q, q - r).
         size: The largest singular value of G; 1 if G is zero.
     """
@@ -116,8 +108,11 @@ class MotionBasis:
     @cached_property
     def T(self) -> FloatArray:
         values, V, kept = self._spectrum
-        T: FloatArray = (V[:, kept] / values[kept]).T
-        return T
+        return (V[:, kept] / values[kept]).T
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        return self.T @ self.G
 
     @cached_property
     def free(self) -> FloatArray:

@@ -30,10 +30,129 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import FloatArray, side_by_side, squares
+from ..linalg.compliance import Compliance, Constraints, Formed, RecycledColumns
+from ..linalg.reductions import Reductions
 from .friction_problem import FrictionProblem
 from .linearization import Linearization
 from .rigid_motions import NO_MOTION, MotionBasis
-from .scaled_compliance import ScaledCompliance
+
+_LEAST_WEIGHT = 1e-3
+"""Weights below this make columns inaccurate that were found with others."""
+
+
+class ScaledCompliance:
+    """A~ = W A W / a for forces x = s W x~: the interface of A for Newton systems.
+
+    a is in metres per newton, s in newtons; arrays are (m, 3).
+
+    Attributes:
+        diagonal: diag(A~).
+        rest: diag(A~), where products are inexact without the few large eigenvalues that the estimate of it has found.
+        G: G~^T, the displacements of the nodes under rigid motions, shape (m, 3, r), r = 0 without any.
+        constraints: G~ x = e~.
+        rigid: Columns F~ of a part F~ F~^T of A~ that is known exactly (`MatrixFreeCompliance.rigid`), shape (3 m, q).
+        recalls: Whether Newton systems begin with the columns of A that earlier problems have found.
+    """
+
+    def __init__(self, A: Compliance, W: FloatArray, a: float, s: float, G: FloatArray | None = None):
+        self.A, self.W, self.a, self.s = A, W, a, s
+        self.comm, self.nodes = A.comm, A.nodes
+        self.diagonal: FloatArray = W**2 * A.diagonal().reshape(-1, 3) / a
+        free = A.matrix_free
+        rest = A.diagonal() if free is None or A.exact else free.rest_of_diagonal
+        self.rest: FloatArray = W**2 * rest.reshape(-1, 3) / a
+        self.G: FloatArray = np.empty((*W.shape, 0)) if G is None else G
+        self.constraints = Constraints(A.comm, self.G)
+        F = None if free is None else free.rigid
+        self.rigid: FloatArray = np.empty((W.size, 0)) if F is None else W.reshape(-1, 1) * F / np.sqrt(a)
+        self.recalls = False
+
+    def mult(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
+        """A~ x, to a relative accuracy; one product."""
+        y = np.empty(self.W.size)
+        self.A.mult((self.W * x).ravel(), y, tolerance)
+        return self.W * y.reshape(-1, 3) / self.a
+
+    def mult_incremental(self, x: FloatArray, tolerance: float = 0.0) -> FloatArray:
+        """A~ x of the next iterate, its change to a relative accuracy; one product."""
+        y = np.empty(self.W.size)
+        self.A.mult_incremental(self.forces(x), y, tolerance)
+        return self.image(y)
+
+    def dense(self) -> FloatArray:
+        """A~ as an array, shape (3 m, 3 m), on one rank: as A has it, or by 3 m products."""
+        A, W = self.A, self.W.ravel()
+        if isinstance(A, Formed):
+            return W[:, None] * A.dense() * W / self.a
+        return np.array([self.mult(e.reshape(-1, 3)).ravel() for e in np.eye(W.size)]).T
+
+    def forces(self, x: FloatArray) -> FloatArray:
+        """s W x in newtons, shape (3 m,)."""
+        return (self.s * self.W * x).ravel()
+
+    def known(self) -> RecycledColumns | None:
+        """The columns that earlier problems with this A have found, scaled; None if there are none, or if the weights
+        are too far apart; collective if there are any."""
+        learnt = self.A.learnt
+        if not self.recalls or learnt.X is None or learnt.U is None:
+            return None
+        if Reductions(self.comm).min(self.W) < _LEAST_WEIGHT:
+            return None
+        scaled, root, W = RecycledColumns(), np.sqrt(self.a), self.W.reshape(-1, 1)
+        scaled.keep(root * learnt.X / W, W * learnt.U / root, learnt.part)
+        return scaled
+
+    def keep(self, found: RecycledColumns, prepared: object | None = None) -> None:
+        """Keep the columns found by a Newton system, scaled, for problems to come; and what was `prepared` of them, in
+        the variables of this problem."""
+        if found.X is not None and found.U is not None:
+            root, W = np.sqrt(self.a), self.W.reshape(-1, 1)
+            self.A.learnt.keep(W * found.X / root, root * found.U / W, found.part, prepared)
+
+    def image(self, displacement: FloatArray) -> FloatArray:
+        """Displacements A x in metres (3 m,), as A~ x~."""
+        return self.W * displacement.reshape(-1, 3) / (self.a * self.s)
+
+
+_SHARPEST = 1e-5
+"""Smallest factor of the accuracy of products: below it the accuracy of the solves with K decides."""
+
+
+class IterateProducts:
+    """A x of the iterates, one product each, the next from the one before.
+
+    Attributes:
+        sharper: Factor of the accuracy of inexact products, 1 at first.
+        corrects: Whether to continue with the exact A x of an iterate, once it is known; else the next step removes
+            its error.
+    """
+
+    corrects = True
+
+    def __init__(self, A: ScaledCompliance):
+        self._scaled, self.sharper = A, 1.0
+
+    def first(self, x: FloatArray, tolerance: float) -> FloatArray:
+        """A x of the first iterate x (m, 3), to a relative accuracy."""
+        return self._scaled.mult_incremental(x, tolerance)
+
+    def advance(self, x: FloatArray, predicted: FloatArray | None, alpha: float, tolerance: float) -> FloatArray:
+        """A x of the next iterate x (m, 3), alpha along the last step, to a tolerance relative to the change.
+
+        `predicted`, A x + alpha A dx for a straight step, suffices if products are exact.
+        """
+        if predicted is not None and self._scaled.A.exact:
+            return predicted
+        return self._scaled.mult_incremental(x, self.sharper * tolerance)
+
+    def exact(self, x: FloatArray) -> FloatArray:
+        """The most accurate A x, shape (m, 3), for the final residual."""
+        return self._scaled.mult_incremental(x)
+
+    def tighten(self) -> None:
+        """Make inexact products ten times as accurate from now on."""
+        self.sharper = max(0.1 * self.sharper, _SHARPEST)
+
 
 _ROUGHLY = 1e-3
 """Relative residual of the product that gives a nominal force."""
@@ -75,9 +194,6 @@ class Step(NamedTuple):
 class ScaledProblem:
     """A problem with friction, scaled, and the norms of path following; all arrays of this rank.
 
-    Args:
-        problem: The problem in newtons and metres.
-
     Attributes:
         nodes: Contact nodes m of this rank.
         frictional: Nodes with friction to be found (`FrictionProblem.frictional`), shape (m,).
@@ -93,7 +209,7 @@ class ScaledProblem:
     def __init__(self, problem: FrictionProblem):
         self.problem, self._over, self.sloped = problem, problem.reductions, problem.sloped
         self.nodes, self.frictional = problem.A.nodes, problem.frictional
-        self._active = np.column_stack([np.ones(self.nodes, dtype=bool), self.frictional])
+        self._active = problem.unknown[:, :2]
         self._all_active, self._ones = bool(self.frictional.all()), np.ones(self.nodes)
         self._constraints = self._over.sum(self._active.astype(float))
         self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
@@ -107,7 +223,7 @@ class ScaledProblem:
         self.A_ones: FloatArray = self._W * self._A_e / self._a
         self.lower = np.broadcast_to(np.asarray(problem.lower) / self._s, (self.nodes,))
         self._b = self._W * problem.b.reshape(-1, 3) / (self._a * self._s)
-        self.free: FloatArray = np.where(np.column_stack([self._active, self.frictional]), self._b, 0.0)
+        self.free: FloatArray = np.where(problem.unknown, self._b, 0.0)
 
     def _nominal_force(self) -> float:
         """s > 0 in newtons; one product by A."""
@@ -128,10 +244,8 @@ class ScaledProblem:
         rigid = self.problem.rigid
         if rigid is None:
             return np.empty((0, 0)), np.empty((self.nodes, 3, 0)), NO_MOTION
-        unknown = np.column_stack([np.ones(self.nodes, dtype=bool), self.frictional, self.frictional])
-        basis = MotionBasis(rigid.G * (self._W * unknown).ravel(), self._over)
-        G: FloatArray = (basis.T @ basis.G).T.reshape(self.nodes, 3, len(basis.T))
-        return basis.T, G, basis.T @ rigid.e / self._s
+        basis = MotionBasis(rigid.G * (self._W * self.problem.unknown).ravel(), self._over)
+        return basis.T, basis.rows.T.reshape(self.nodes, 3, len(basis.T)), basis.T @ rigid.e / self._s
 
     # --- norms ----------------------------------------------------------------------------------------------------
 
@@ -202,7 +316,7 @@ class ScaledProblem:
         """e~ - G~ x~, shape (r,), what lacks for equilibrium; collective if there are rigid motions."""
         if not len(self.e):
             return NO_MOTION
-        return self.e - self.A.resultant(self.forces(v.x_n, v.y))
+        return self.e - self.A.constraints.resultant(self.forces(v.x_n, v.y))
 
     def closing(self, v: Iterate) -> Iterate:
         """The iterate with the alpha that makes its weighted gradient smallest."""
@@ -255,8 +369,7 @@ class ScaledProblem:
 
     def scaled_gradient(self, gradient: FloatArray) -> FloatArray:
         """A x - b (3 m,) in m as A~ x~ - b~, shape (m, 3)."""
-        scaled: FloatArray = self._W * gradient.reshape(-1, 3) / (self._a * self._s)
-        return scaled
+        return self._W * gradient.reshape(-1, 3) / (self._a * self._s)
 
     def unscaled(self, v: Iterate) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Forces in N (3 m,), with friction where the slip is known, w in m (3 m,), multipliers in m (m, 2)."""
@@ -271,20 +384,17 @@ class ScaledProblem:
 
     def displaced(self, v: Iterate) -> FloatArray:
         """A x - b in metres, shape (3 m,), without rigid motions."""
-        displaced: FloatArray = (self._a * self._s / self._W * self._w(v)).ravel()
-        return displaced
+        return (self._a * self._s / self._W * self._w(v)).ravel()
 
     def _w(self, v: Iterate) -> FloatArray:
         """A~ x~ - b~ without rigid motions, shape (m, 3)."""
-        w: FloatArray = v.A_x - self._b if v.w is None else v.w.copy()
-        return w
+        return v.A_x - self._b if v.w is None else v.w.copy()
 
     def rigid_motion(self, v: Iterate) -> FloatArray:
         """alpha (q,) in the user's units, the shortest; empty without rigid motions."""
         if self.problem.rigid is None:
             return NO_MOTION
-        alpha: FloatArray = self._a * self._s * (self._T.T @ v.alpha)
-        return alpha
+        return self._a * self._s * (self._T.T @ v.alpha)
 
     def with_gradient(self, v: Iterate, gradient: FloatArray) -> Iterate:
         """The iterate with A x - b in metres, shape (3 m,), without rigid motions, not from its A x."""

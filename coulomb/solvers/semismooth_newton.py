@@ -30,7 +30,7 @@ small beside what the approximation of A does.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -40,14 +40,14 @@ from petsc4py import PETSc
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from ..arrays import FloatArray
-from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, Constraints, LowRankApproximation
+from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, LowRankApproximation
 from ..linalg.reductions import Reductions, summed
 from .contact_equations import ContactDerivative, ContactEquations
-from .friction_problem import FrictionProblem
-from .results import Goal, NotConverged, Progress, ProgressCallback, SemismoothStep, SolverResult, Status
-from .rigid_motions import NO_MOTION, MotionBasis
-from .scaled_compliance import IterateProducts, ScaledCompliance
-from .settings import SolverSettings, within
+from .friction_problem import FrictionProblem, SolverSettings, Task
+from .results import Progress, SemismoothStep, SolverResult, Status
+from .rigid_motions import NO_MOTION
+from .scaled_problem import IterateProducts, ScaledCompliance
+from .settings import within
 
 _CHANGED = 0.03
 """Change of P, and of Q D, of a node from which on its part is replaced."""
@@ -62,12 +62,8 @@ _LARGE = 1e3
 class ContactPreconditioner:
     """M^-1 at one point after the other; collective, as every application.
 
-    Args:
-        comm: The ranks.
-        A: The approximation of A, not to be changed as long as this is used.
-
     Attributes:
-        A: The argument.
+        A: The approximation of A, not to be changed as long as this is used.
     """
 
     def __init__(self, comm: MPI.Comm, A: LowRankApproximation):
@@ -126,8 +122,7 @@ class ContactPreconditioner:
             seen = summed(self._comm, C.T @ z.reshape(len(C), count))
             known = dgetrs(self._factors, self._pivots, seen)[0]
             z -= self._R @ (C @ known).reshape(z.shape)
-        applied: FloatArray = z.reshape(r.shape)
-        return applied
+        return z.reshape(r.shape)
 
 
 @dataclass(frozen=True)
@@ -137,6 +132,10 @@ class SemismoothNewton(SolverSettings):
     It is not among the public names of `coulomb`: without a start near the answer it fails on most problems, and it
     has no safeguard.  `Automatic`, the default of `LoadHistory`, takes it where it is useful, from the second load step
     on, with the interior-point method as its safeguard.
+
+    The start may be several forces, shape (c, 3 m), of which it takes the best; without any it starts from 0.  The
+    gradient is A x - b of a single start, without rigid motions, from the last product of A.  `history` has a
+    SemismoothStep per step.  It fails if the residual does not fall fast, or a tangent of a node is partly prescribed.
 
     Attributes:
         tolerance: Natural residual at which to stop (`FrictionProblem.residual`).
@@ -171,52 +170,24 @@ class SemismoothNewton(SolverSettings):
 
     name = "semismooth Newton"
 
-    def solve(
-        self,
-        problem: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """Solve a problem; arguments and errors as those of `Solver.solve`, but `start` may be several forces, shape
-        (c, 3 m), of which it takes the best; without any it starts from 0.  `gradient` is A x - b of a single start,
-        without rigid motions, from the last product of A.  `history` has a SemismoothStep per step.
-
-        Raises:
-            NotConverged: If the residual does not fall fast, or a tangent of a node is partly prescribed.
-        """
-        products = problem.A.products
-        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
-        starts = np.atleast_2d(np.zeros_like(problem.b) if start is None else start)
-        result = _Iteration(self, problem, goal, progress).run(starts, gradient)
-        result = replace(result, products=problem.A.products - products)
-        if result.status is not Status.CONVERGED:
-            message = (
-                f"the semismooth Newton method ended with a residual of {result.residual:.1e} after "
-                f"{result.newton_steps} steps ({result.status.value}), {goal.missed(result.residual)}"
-            )
-            raise NotConverged(message, replace(result, message=message))
-        return result
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
+        starts = np.atleast_2d(np.zeros_like(problem.b) if task.start is None else task.start)
+        return _Iteration(self, problem, task).run(starts, task.gradient)
 
 
 class _Iteration:
     """The steps from one start.  Forces in newtons; A, b, w in units of the mean diagonal a of A, newtons as well."""
 
-    def __init__(
-        self, settings: SemismoothNewton, problem: FrictionProblem, goal: Goal, progress: ProgressCallback | None
-    ):
-        self._settings, self._problem, self._goal, self._progress = settings, problem, goal, progress
+    def __init__(self, settings: SemismoothNewton, problem: FrictionProblem, task: Task):
+        self._settings, self._problem, self._goal, self._progress = settings, problem, task.goal, task.progress
         self._over, self._a, m = problem.reductions, problem.mean_diagonal, problem.A.nodes
         self._T: FloatArray = np.empty((0, 0))
         self._e: FloatArray = NO_MOTION
         G: FloatArray = np.empty((m, 3, 0))
         if problem.rigid is not None:
-            unknown = np.column_stack([np.ones(m, dtype=bool), problem.frictional, problem.frictional])
-            basis = MotionBasis(problem.rigid.G * unknown.ravel(), self._over)
+            basis = problem.motion_basis
             self._T, self._e = basis.T, basis.T @ problem.rigid.e
-            G = (basis.T @ basis.G).T.reshape(m, 3, len(basis.T))
+            G = basis.rows.T.reshape(m, 3, len(basis.T))
         self._scaled = ScaledCompliance(problem.A, np.ones((m, 3)), self._a, 1.0, G)
         self._images = IterateProducts(self._scaled)
         self._scaled.recalls = True
@@ -228,7 +199,7 @@ class _Iteration:
         self._updated_from = settings.updated_from[costly]
         self._inverse = self._prepared(settings.rank[costly])
         self._A = self._inverse.A
-        self._constraints = Constraints(problem.A.comm, G)
+        self._constraints = self._scaled.constraints
         self._accuracy = settings.forcing
         self._finer = settings.finer if problem.A.exact else 1.0
 
@@ -247,14 +218,12 @@ class _Iteration:
             x = starts[0].reshape(-1, 3)
             return self._result(x, self._scaled.mult(x), np.zeros(len(self._e)), [], Status.STAGNATED)
         self._krylov = CarryingKrylov(
-            self._scaled.comm,
-            self._scaled.nodes,
+            self._constraints,
             3,
             self._product,
             lambda p, A_p: self._at.apply(p, A_p),
             lambda r, r3: self._bordered(r, r3),
             PETSc.KSP.Type.FGMRES,
-            self._constraints,
         )
         try:
             return self._steps(*(self._best(starts) if gradient is None else self._from(starts[0], gradient)))
@@ -288,8 +257,7 @@ class _Iteration:
         if not len(self._e):
             return NO_MOTION
         alpha = self._problem.rigid_motion(x.ravel(), self._a * (A_x - self._b).ravel())
-        scaled: FloatArray = np.linalg.lstsq(self._T.T, alpha / self._a, rcond=None)[0]
-        return scaled
+        return np.linalg.lstsq(self._T.T, alpha / self._a, rcond=None)[0]
 
     def _w(self, A_x: FloatArray, alpha: FloatArray) -> FloatArray:
         """A x - b - G^T alpha in newtons."""
@@ -353,7 +321,7 @@ class _Iteration:
         self._at = at
         self._inverse.move(at)
         self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, at.Q @ self._scaled.G)
-        r3 = NO_MOTION if not len(self._e) else self._e - self._scaled.resultant(x)
+        r3 = NO_MOTION if not len(self._e) else self._e - self._constraints.resultant(x)
         size = math.hypot(over.norm(at.value), float(np.linalg.norm(r3)))
         share = min(settings.forcing, max(residual, settings.sharpest))
         least = 0.1 * self._finer * min(self._goal.residual, residual)
@@ -369,8 +337,7 @@ class _Iteration:
         """alpha (q,) in the user's units."""
         if self._problem.rigid is None:
             return NO_MOTION
-        motion: FloatArray = self._a * (self._T.T @ alpha)
-        return motion
+        return self._a * (self._T.T @ alpha)
 
     def _result(
         self, x: FloatArray, A_x: FloatArray, alpha: FloatArray, history: list[SemismoothStep], status: Status
@@ -392,6 +359,5 @@ class _Iteration:
             newton_steps=len(history),
             residual=residual,
             history=tuple(history),
-            method=self._settings.name,
             rigid=motion,
         )

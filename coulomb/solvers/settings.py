@@ -44,17 +44,6 @@ class Settings:
         return getattr(self, end) if hasattr(self, end) else float(end)
 
 
-@dataclass(frozen=True)
-class SolverSettings(Settings):
-    """Base of the solvers.
-
-    Attributes:
-        tolerance: Residual at which to stop (`FrictionProblem.residual`).
-    """
-
-    tolerance: float = within("(0, inf)", 1e-8)
-
-
 def _in_words(interval: str) -> str:
     low, high = interval[1:-1].split(", ")
     if high == "inf":

@@ -12,13 +12,50 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
-from .anderson import Anderson
 from .equilibrium import balanced_forces
-from .friction_problem import FrictionProblem, Solver
+from .friction_problem import FrictionProblem, Solver, SolverSettings, Task
 from .interior_point import InteriorPoint
 from .newton_systems import AugmentedSystem
 from .results import Goal, NotConverged, OuterStep, Progress, ProgressCallback, SolverResult, Status
-from .settings import SolverSettings, within
+from .settings import within
+
+_RANK_DEFICIENT = 1e-12  # eigenvalues of the normal equations below this fraction of the largest are rounding errors
+
+
+class Anderson:
+    """Anderson acceleration of a fixed point g <- G(g), type II: the combination of the last points whose residual is
+    smallest, to first order (D. G. Anderson, J. ACM 12, 1965; H. F. Walker, P. Ni, SIAM J. Numer. Anal. 49, 2011).
+
+    `memory` differences are kept; 0 is the plain, damped iteration.
+    """
+
+    def __init__(self, memory: int, over: Reductions):
+        self._memory, self._over = memory, over
+        self._points: list[tuple[FloatArray, FloatArray]] = []
+
+    def restart(self) -> None:
+        """Discard the points so far."""
+        self._points.clear()
+
+    def next(self, g: FloatArray, residual: FloatArray, damping: float) -> FloatArray:
+        """The point after g, which is stored; `residual` is G(g) - g, of which a fraction is added, in (0, 1]."""
+        self._points.append((g, residual))
+        del self._points[: -self._memory - 1]
+        new: FloatArray = g + damping * residual
+        if len(self._points) == 1:
+            return new
+        dg = np.column_stack([b[0] - a[0] for a, b in zip(self._points, self._points[1:], strict=False)])
+        dr = np.column_stack([b[1] - a[1] for a, b in zip(self._points, self._points[1:], strict=False)])
+        size = np.array([self._over.norm(column) for column in dr.T])
+        kept = size > 0.0
+        dg, dr = dg[:, kept] / size[kept], dr[:, kept] / size[kept]
+        normal, right = self._over.totals(dr.T @ dr, dr.T @ residual)
+        values, V = np.linalg.eigh(normal)
+        solid = values > _RANK_DEFICIENT * max(values[-1:], default=0.0)
+        weights = V[:, solid] @ ((V[:, solid].T @ right) / values[solid])
+        new -= (dg + damping * dr) @ weights
+        return new
+
 
 _LEAST_DAMPING = 0.05  # by the measured slope
 _NEAR = 0.1  # change of g below which acceleration starts: before, the map is too far from linear
@@ -29,8 +66,11 @@ _GROWTH = (8, 1e2)  # successive increases of the slip bound, and multiple of th
 
 @dataclass(frozen=True)
 class SuccessiveTresca(SolverSettings):
-    """Fixed-point iteration g <- r(x_n(g)) (Panagiotopoulos), started with the cohesion; every Tresca problem starts
-    from the last answer.
+    """Fixed-point iteration g <- r(x_n(g)) (Panagiotopoulos); every Tresca problem starts from the last answer.
+
+    The first g is r(x_n) of the start, by default the cohesion; where rigid motions have no equilibrium with it, at
+    least that of forces in equilibrium.  `history` has an OuterStep per Tresca problem.  NotConverged has the status
+    STAGNATED, OSCILLATING, DIVERGED or MAX_ITERATIONS, with a diagnosis and advice.
 
     Attributes:
         tolerance: Residual at which to stop.
@@ -55,34 +95,9 @@ class SuccessiveTresca(SolverSettings):
 
     name = "successive Tresca"
 
-    def solve(
-        self,
-        problem: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """Solve a problem with friction.
-
-        Args:
-            problem: The problem.
-            start: Forces in newtons, shape (3 m,), whose r(x_n) is the first g; by default the cohesion; where
-                rigid motions have no equilibrium with it, at least that of forces in equilibrium.
-            gradient: Not needed.
-            tolerance: Replaces the field.
-            progress: Called after every step of the Tresca solver.
-
-        Returns:
-            The answer, its residual at most the tolerance; `history` has an OuterStep per Tresca problem.
-
-        Raises:
-            NotConverged: With the best answer, if the residual stays above the tolerance: STAGNATED,
-                OSCILLATING, DIVERGED or MAX_ITERATIONS, with a diagnosis and advice.
-        """
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         over, A = problem.reductions, problem.A
-        products = A.products
+        goal, start, _, progress = task
         anderson = Anderson(self.memory, over)
         balanced = balanced_forces(problem, self.name)
         g = problem.law.radius(np.zeros(problem.A.nodes)) if start is None else problem.slip_bound(start)
@@ -94,7 +109,6 @@ class SuccessiveTresca(SolverSettings):
         sizes: list[float] = []  # |r(x_n)|
         turns: list[float] = []  # cosines between successive r(x_n) - g
         misfit: FloatArray | None = None
-        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
         status, why = Status.MAX_ITERATIONS, ""
         for iteration in range(1, self.max_iterations + 1):
             began, before = time.perf_counter(), A.products
@@ -164,17 +178,12 @@ class SuccessiveTresca(SolverSettings):
             status=goal.verdict(residual, last.x, status, last.rigid),
             outer_steps=len(history),
             newton_steps=sum(step.path_following for step in history),
-            products=A.products - products,
             residual=residual,
             history=tuple(history),
-            method=self.name,
             contraction=_contraction(history),
             rigid=last.rigid,
         )
-        if result.status is not Status.CONVERGED:
-            message = _message(goal, result, why)
-            raise NotConverged(message, replace(result, message=message))
-        return result
+        return result if result.status is Status.CONVERGED else replace(result, message=_message(goal, result, why))
 
     def _tresca(
         self,

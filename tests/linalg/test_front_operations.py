@@ -7,7 +7,7 @@ import scipy.sparse
 from benchmarks.block import block
 from coulomb.linalg.factors.frontal_factors import FrontalFactors
 from coulomb.linalg.factors.nested_dissection import dissect, dissect_part
-from coulomb.linalg.nodal_blocks import NodalRows, nodal_blocks
+from coulomb.linalg.petsc_arrays import NodalRows, nodal_blocks
 
 
 def rows_and_fronts(what):

@@ -9,10 +9,9 @@ from benchmarks.table1 import PAPER, measure
 from coulomb import InteriorPoint
 from coulomb.linalg.compliance.low_rank import LowRankApproximation, LowRankUpdate
 from coulomb.solvers import AugmentedSystem
-from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import Linearization
-from coulomb.solvers.newton_systems import NewtonEquations
-from coulomb.solvers.scaled_compliance import ScaledCompliance
+from coulomb.solvers.newton_systems import NewtonEquations, augmented_matrix
+from coulomb.solvers.scaled_problem import ScaledCompliance
 
 NODES = 12
 

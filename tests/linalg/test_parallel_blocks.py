@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from benchmarks.block import block
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.multigrid import block_matrix as ghost_blocks
-from coulomb.linalg.multigrid import multigrid_grids
+from coulomb.linalg.multigrid import multigrid_cycle
 from coulomb.linalg.multigrid.block_matrix import BlockInterpolation, SymmetricBlocks, distributed_blocks, padded
 from coulomb.linalg.petsc_arrays import distributed_entries
 
@@ -127,7 +127,7 @@ def test_coarse_grids_that_every_rank_has(monkeypatch):
     f.array[:] = np.sin(np.arange(*K.getOwnershipRange()))
     iterations = []
     for most in (0, 200, 10**9):
-        monkeypatch.setattr(multigrid_grids, "REPLICATED_UP_TO", most)
+        monkeypatch.setattr(multigrid_cycle, "REPLICATED_UP_TO", most)
         solver = stiffness.IterativeSolver(K, tolerance=1e-10)
         u.set(0.0)
         solver.solve(f, u)
@@ -143,10 +143,10 @@ def test_small_distributed_grids_have_one_cycle(monkeypatch):
     f, u = K.createVecs()
     f.array[:] = np.sin(np.arange(*K.getOwnershipRange()))
     for name in ("REPLICATED_UP_TO", "DENSE_UP_TO"):
-        monkeypatch.setattr(multigrid_grids, name, 60)
+        monkeypatch.setattr(multigrid_cycle, name, 60)
     iterations, unknowns = [], 0
     for more, cycles in ((1, 2), (10**9, 2 if COMM.size == 1 else 1)):
-        monkeypatch.setattr(multigrid_grids, "TWICE_FROM", more * unknowns / COMM.size)
+        monkeypatch.setattr(multigrid_cycle, "TWICE_FROM", more * unknowns / COMM.size)
         solver = stiffness.IterativeSolver(K, tolerance=1e-10)
         first = solver._cycle._coarser
         second = first._coarser

@@ -9,10 +9,10 @@ from petsc4py import PETSc
 from coulomb import Clamp, Elasticity, Material, SymmetryPlane, box
 from coulomb.fem.bodies import Spring
 from coulomb.linalg.compliance import stiffness
-from coulomb.linalg.multigrid import coarsening, multigrid_grids
+from coulomb.linalg.multigrid import coarsening, multigrid_cycle
 from coulomb.linalg.multigrid.block_matrix import PADDING, padded
+from coulomb.linalg.multigrid.coarsening import WholeBlocks, whole
 from coulomb.linalg.multigrid.recycled_cg import RecycledCG
-from coulomb.linalg.multigrid.whole_blocks import WholeBlocks, whole
 from coulomb.linalg.petsc_arrays import distributed_entries
 from coulomb.linalg.reductions import concatenated
 
@@ -109,7 +109,7 @@ def test_ranks_without_nodes_or_without_aggregates(last):
     P = dense_interpolation(coarse.P, (3, 6))
     assert P.shape == (15, 6) and np.any(P[9:12]) and not np.any(P[12:])
     np.testing.assert_allclose(dense(coarse.matrix), P.T @ K @ P, atol=1e-12)
-    cycle = multigrid_grids._cycle(entries, 3, motions, finest=True)
+    cycle = multigrid_cycle._cycle(entries, 3, motions, finest=True)
     cg, u = RecycledCG(COMM, cycle.size, cycle.mult, cycle, rough=cycle), padded(end - first)
     for f in forces:
         cg.solve(f[first:end], u, 1e-9)

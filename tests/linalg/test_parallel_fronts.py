@@ -15,7 +15,7 @@ from benchmarks.block import block
 from coulomb import Clamp, Contact, ContactProblem, Material, Plane, Traction, box, join, moved
 from coulomb.linalg.compliance import predicted_cost as methods
 from coulomb.linalg.compliance.schur_compliance import SchurCompliance
-from coulomb.linalg.factors import blas, distributed_multifrontal, shared_dissection
+from coulomb.linalg.factors import blas, distributed_multifrontal, nested_dissection
 from coulomb.linalg.factors.distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
 from coulomb.model import contact_stiffness
 from coulomb.solvers import DirectSolver, IterativeSolver
@@ -26,7 +26,7 @@ comm = MPI.COMM_WORLD
 @pytest.fixture(autouse=True)
 def small_parts(monkeypatch):
     """Parts are cut on small meshes, too."""
-    monkeypatch.setattr(shared_dissection, "LEAF", 8)
+    monkeypatch.setattr(nested_dissection, "LEAF", 8)
 
 
 def dense(matrix):

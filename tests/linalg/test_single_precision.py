@@ -12,7 +12,7 @@ from coulomb.linalg.factors import multifrontal
 from coulomb.linalg.factors.frontal_factors import FrontalFactors
 from coulomb.linalg.factors.multifrontal import MultifrontalSolver, predicted_work, symbolic
 from coulomb.linalg.factors.nested_dissection import dissect_part
-from coulomb.linalg.nodal_blocks import NodalRows, nodal_blocks
+from coulomb.linalg.petsc_arrays import NodalRows, nodal_blocks
 
 
 def solver_of(problem, single=True):

@@ -18,8 +18,8 @@ from coulomb.solvers import (
     RigidMotions,
     SchurComplementSystem,
 )
+from coulomb.solvers.interior_point import newton_step
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
-from coulomb.solvers.steps import newton_step
 
 BLOCK = FloatingBlock()
 

@@ -10,9 +10,9 @@ from coulomb import InteriorPoint, SuccessiveTresca
 from coulomb.case.case import Case
 from coulomb.solvers import CondensedSystem, DenseSystem, DirectSolver, IterativeSolver
 from coulomb.solvers.friction_problem import FrictionProblem
+from coulomb.solvers.interior_point import newton_step
 from coulomb.solvers.newton_systems import NewtonEquations
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
-from coulomb.solvers.steps import newton_step
 
 MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
 

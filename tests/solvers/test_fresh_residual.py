@@ -8,7 +8,7 @@ import pytest
 from conftest import dense_compliance, make_block, random_spd, solved_block
 
 from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca
-from coulomb.linalg.compliance.recycling import RecycledColumns
+from coulomb.linalg.compliance.low_rank import RecycledColumns
 from coulomb.solvers import (
     KPRGP,
     AugmentedSystem,

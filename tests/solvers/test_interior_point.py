@@ -17,11 +17,10 @@ from coulomb.solvers import (
     FrictionProblem,
     SchurComplementSystem,
 )
-from coulomb.solvers.dense_system import augmented_matrix
+from coulomb.solvers.interior_point import newton_step
 from coulomb.solvers.linearization import NodalInverse
-from coulomb.solvers.newton_systems import NewtonEquations
+from coulomb.solvers.newton_systems import NewtonEquations, augmented_matrix
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
-from coulomb.solvers.steps import newton_step
 
 NODES = 7
 

@@ -7,10 +7,9 @@ import pytest
 from conftest import dense_compliance, random_spd
 
 from coulomb.solvers import AugmentedSystem, DenseSystem, SchurComplementSystem
-from coulomb.solvers.dense_system import augmented_matrix
 from coulomb.solvers.linearization import Linearization
-from coulomb.solvers.newton_systems import NewtonEquations
-from coulomb.solvers.scaled_compliance import ScaledCompliance
+from coulomb.solvers.newton_systems import NewtonEquations, augmented_matrix
+from coulomb.solvers.scaled_problem import ScaledCompliance
 
 NODES = 9
 ONE = np.ones((NODES, 3))

@@ -25,8 +25,8 @@ from coulomb.solvers import (
     SchurComplementSystem,
     interior_point,
 )
+from coulomb.solvers.interior_point import step_length
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
-from coulomb.solvers.steps import step_length
 
 
 @pytest.mark.parametrize(

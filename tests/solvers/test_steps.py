@@ -9,9 +9,9 @@ from conftest import dense_compliance, make_block, random_spd, random_tresca
 from coulomb import InteriorPoint, NotConverged
 from coulomb.linalg.compliance.compliance import MatrixCompliance
 from coulomb.solvers import DenseSystem, FrictionLaw, FrictionProblem, SchurComplementSystem, interior_point
-from coulomb.solvers.dense_system import augmented_matrix
+from coulomb.solvers.interior_point import correct_step, newton_step, step_length
+from coulomb.solvers.newton_systems import augmented_matrix
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem, Step
-from coulomb.solvers.steps import correct_step, newton_step, step_length
 
 NODES, BETA, SIGMA = 5, 10.0, 0.1
 SOLVER = InteriorPoint(gamma=0.2)

@@ -22,8 +22,12 @@ from coulomb import (
     box,
 )
 from coulomb.fem.contact.contact_points import KeptMatrix, contact_matrix, rows_of
-from coulomb.linalg.compliance.low_rank import LowRankApproximation
-from coulomb.linalg.compliance.recycling import LinearResponseCache, RecycledColumns, turned_diagonal
+from coulomb.linalg.compliance.low_rank import (
+    LinearResponseCache,
+    LowRankApproximation,
+    RecycledColumns,
+    turned_diagonal,
+)
 from coulomb.solvers import Automatic, FrictionProblem, IterativeSolver
 from coulomb.solvers.contact_equations import ContactEquations
 from coulomb.solvers.laws import FrictionLaw

@@ -4,7 +4,7 @@ low-rank corrections of systems with it.
 
 from .compliance import BodyCompliance, Compliance, Formed, MatrixCompliance, MatrixFreeCompliance, estimated_diagonal
 from .krylov import CarryingKrylov, ConstraintPreconditioner, Constraints, NodalMap
-from .low_rank import REPLACED, LowRankApproximation, LowRankUpdate
+from .low_rank import REPLACED, LinearResponseCache, LowRankApproximation, LowRankUpdate, RecycledColumns
 from .predicted_cost import (
     EXPLICIT_UP_TO,
     PREDICTED_UP_TO,
@@ -19,41 +19,5 @@ from .predicted_cost import (
     seconds_multigrid,
     undecided,
 )
-from .recycling import LinearResponseCache, RecycledColumns
 from .schur_compliance import SchurCompliance
 from .stiffness import DirectSolver, IterativeSolver, SoftMotions, StiffnessSolver
-
-__all__ = [
-    "EXPLICIT_UP_TO",
-    "PREDICTED_UP_TO",
-    "REPLACED",
-    "BodyCompliance",
-    "CarryingKrylov",
-    "Compliance",
-    "ConstraintPreconditioner",
-    "Constraints",
-    "DirectSolver",
-    "Formed",
-    "IterativeSolver",
-    "LinearResponseCache",
-    "LinearSolver",
-    "LowRankApproximation",
-    "LowRankUpdate",
-    "MatrixCompliance",
-    "MatrixFreeCompliance",
-    "Measures",
-    "NodalMap",
-    "Precision",
-    "RecycledColumns",
-    "SchurCompliance",
-    "SoftMotions",
-    "StiffnessSolver",
-    "chosen",
-    "estimated_diagonal",
-    "factorise",
-    "fits",
-    "patience",
-    "seconds_direct",
-    "seconds_multigrid",
-    "undecided",
-]

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ..reductions import Reductions
 from ..unsolved import TooSlow, Unsolved
-from .recycling import RecycledColumns, turned_diagonal
+from .low_rank import RecycledColumns, turned_diagonal
 from .stiffness import SoftMotions, StiffnessSolver
 
 _DISPLACED = 1e-8
@@ -144,8 +144,7 @@ class MatrixCompliance:
 
     def dense(self) -> FloatArray:
         """See `Formed`."""
-        rows: FloatArray = self.matrix.getDenseArray() if self._is_dense else self.sparse().toarray()
-        return rows
+        return self.matrix.getDenseArray() if self._is_dense else self.sparse().toarray()
 
     @property
     def _is_dense(self) -> bool:
@@ -287,8 +286,7 @@ class MatrixFreeCompliance(LimitedProducts):
         """B u."""
         self._u.array[:] = u
         self.B.mult(self._u, self._x)
-        moved: FloatArray = self._x.array.copy()
-        return moved
+        return self._x.array.copy()
 
     def mult(self, x: FloatArray, y: FloatArray, tolerance: float = 0.0) -> None:
         self._begin()
@@ -320,11 +318,8 @@ class MatrixFreeCompliance(LimitedProducts):
         self.products += 1
 
     def latest_product(self) -> FloatArray:
-        """A x of `latest`; to be read before the next product."""
-        self._u.array[:] = self._free - self._last.array_r
-        self.B.mult(self._u, self._x)
-        product: FloatArray = self._x.array_r
-        return product
+        """A x of `latest`."""
+        return self._moved(self._free - self._last.array_r)
 
     def _follow(self, x: FloatArray, change: float, whole: float) -> None:
         """The last displacement corrected for another x, to an accuracy relative to the change or to the whole of the
@@ -391,11 +386,8 @@ class MatrixFreeCompliance(LimitedProducts):
         self._accurate = self.latest = None
 
     def displaced(self, v: PETSc.Vec) -> FloatArray:
-        """A x = B (v + K^-1 f) of v = K^-1 (B^T x - f); to be read before the next product."""
-        self._u.array[:] = self._free + v.array_r
-        self.B.mult(self._u, self._x)
-        product: FloatArray = self._x.array_r
-        return product
+        """A x = B (v + K^-1 f) of v = K^-1 (B^T x - f)."""
+        return self._moved(self._free + v.array_r)
 
     def rotated(self, B: PETSc.Mat, turn: FloatArray) -> MatrixFreeCompliance:
         rest: FloatArray = np.einsum("iab,ib->ia", turn**2, self._elastic.rest.reshape(-1, 3)).ravel()
@@ -407,7 +399,7 @@ class MatrixFreeCompliance(LimitedProducts):
         last = self._accurate
         if not Reductions(self.comm).all(last is not None and np.array_equal(last, x)):
             return None
-        return self.latest_product().copy()
+        return self.latest_product()
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
         """By a correction of K^-1 B^T x of the last products; if that fails, with what it reached: the certificate

@@ -22,13 +22,13 @@ class Constraints:
     """A few dense rows G over all nodes, G^T (m, 3, count) on this rank, and multipliers, the same on all ranks."""
 
     def __init__(self, comm: MPI.Comm, G: FloatArray):
-        self._comm, self.G, self.count = comm, G, G.shape[2]
+        self.comm, self.G, self.count = comm, G, G.shape[2]
 
     def resultant(self, x: FloatArray) -> FloatArray:
         """G x of x (m, 3, ...), shape (r, ...); collective if there are any."""
         if not self.count:
             return np.empty((0, *x.shape[2:]))
-        return summed(self._comm, np.einsum("iaq,ia...->q...", self.G, x))
+        return summed(self.comm, np.einsum("iaq,ia...->q...", self.G, x))
 
     def without(self, w: FloatArray, multipliers: FloatArray) -> FloatArray:
         """w - G^T multipliers, shape (m, 3)."""
@@ -97,18 +97,16 @@ class CarryingKrylov:
 
     def __init__(
         self,
-        comm: MPI.Comm,
-        nodes: int,
+        constraints: Constraints,
         block: int,
         apply_A: NodalMap,
         operator: Callable[[FloatArray, FloatArray], FloatArray],
         preconditioner: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
-        method: str = PETSc.KSP.Type.CG,
-        constraints: Constraints | None = None,
+        method: str,
     ):
-        self._comm, self._block, self._apply_A = comm, block, apply_A
+        comm, nodes = constraints.comm, len(constraints.G)
+        self._comm, self._constraints, self._block, self._apply_A = comm, constraints, block, apply_A
         self._operator, self._preconditioner = operator, preconditioner
-        self._constraints = constraints or Constraints(comm, np.empty((nodes, 3, 0)))
         self._failure: Unsolved | TooSlow | None = None
         self._on_constraints = method == PETSc.KSP.Type.CG
         width = block + 3

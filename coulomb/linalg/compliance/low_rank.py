@@ -16,11 +16,15 @@ the same in every step, only the nodal part of J changes: products of one step s
 well suited: its few large eigenvalues, the smooth motions of the body, are found first by a Krylov method and are not
 in diag(A). (Z. Frangella, J. A. Tropp, M. Udell: Randomized Nyström preconditioning, SIAM J. Matrix Anal. Appl. 44,
 2023, for U U^T and its bounds, there with random X.)
+
+Kept for later solves with the same K are such pairs (`RecycledColumns`), and pairs of loads and displacements
+(`LinearResponseCache`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +33,103 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ..reductions import Reductions, summed
 from .krylov import NodalMap
-from .recycling import RecycledColumns
+
+MOST = 4
+"""Loads kept, each with its displacement: a load history seldom has more amplitudes that differ."""
+
+_SAME = 1e-14
+"""A load with less than this part of it outside the kept ones is their combination."""
+
+_NEW = 0.03
+"""A load with less than this part of it outside the kept ones is not kept: the part would have lost digits."""
+
+
+class LinearResponseCache:
+    """u(f) for a linear map of loads f to displacements u, solved once for each load that is no combination of others.
+
+    In a load history the loads are a few patterns times amplitudes: after as many solves as there are patterns, K^-1 f
+    is a sum of vectors.
+    """
+
+    def __init__(self, comm: MPI.Comm):
+        self._over = Reductions(comm)
+        self._loads: list[FloatArray] = []
+        self._responses: list[FloatArray] = []
+
+    def response(self, f: FloatArray, held: FloatArray, solve: Callable[[], FloatArray]) -> FloatArray:
+        """The displacement under a load, both this rank's part; collective.
+
+        `held` is what it contains besides, prescribed displacements that f determines, shape of u; `solve` computes it,
+        linear in (f, held).
+        """
+        over, rest, sums = self._over, f.ravel().copy(), np.zeros((2, *held.shape))
+        size = over.norm(rest)
+        for _ in range(2):  # twice is enough against rounding errors
+            for load, response in zip(self._loads, self._responses, strict=True):
+                part = over.dot(load, rest)
+                rest -= part * load
+                sums += part * response
+        left = over.norm(rest)
+        fits = over.max(np.abs(sums[1] - held)) <= _SAME * over.max(np.abs(held))
+        if self._loads and left <= _SAME * size and fits:
+            return sums[0]
+        u = solve()
+        if len(self._loads) < MOST and left > _NEW * size:
+            self._loads.append(rest / left)
+            self._responses.append((np.array([u, held]) - sums) / left)
+        return u
+
+
+class RecycledColumns:
+    """X and U = A X with X^T A X = 1, in the user's units: what `LowRankApproximation` has found of A.
+
+    In a load history A is the same in all steps, except that the frames of the contact nodes turn.
+
+    Attributes:
+        X, U: Forces in newtons and displacements in metres, shape (3 m, r), this rank's rows; None if nothing is known.
+        part: Size of A outside U over its diagonal, in (0, 1].
+        prepared: What was made of them, which a later problem with the same A takes as it is; else None.
+    """
+
+    def __init__(self) -> None:
+        self.X: FloatArray | None = None
+        self.U: FloatArray | None = None
+        self.part = 1.0
+        self.prepared: object | None = None
+
+    def keep(self, X: FloatArray, U: FloatArray, part: float, prepared: object | None = None) -> None:
+        self.X, self.U, self.part, self.prepared = X, U, part, prepared
+
+    def turned(self, turn: FloatArray) -> RecycledColumns:
+        """The same for A' = T A T^T with T node by node, shape (m, 3, 3): U' = T U, X' = T^-T X."""
+        after = RecycledColumns()
+        if self.X is not None and self.U is not None:
+            back = np.linalg.inv(turn).transpose(0, 2, 1) if len(turn) else turn
+            X, U = (
+                (by @ columns.reshape(len(turn), 3, columns.shape[1])).reshape(columns.shape)
+                for by, columns in ((back, self.X), (turn, self.U))
+            )
+            after.keep(X, U, self.part)
+        return after
+
+
+_LEAST_REST = 0.1  # of the diagonal: what is at least left of it beside the columns
+
+
+def turned_diagonal(diagonal: FloatArray, learnt: RecycledColumns, turn: FloatArray) -> FloatArray:
+    """diag(T A T^T) from diag(A) and what is known of A, both of shape (3 m,); T node by node, shape (m, 3, 3).
+
+    Of A ~ diag(rest) + U U^T; exact for T = 1.
+    """
+    before, turned = diagonal.reshape(-1, 3), learnt.turned(turn)
+    known, after = np.zeros_like(before), np.zeros_like(before)
+    if learnt.U is not None and turned.U is not None:
+        known, after = (np.sum(U**2, axis=1).reshape(-1, 3) for U in (learnt.U, turned.U))
+        share = np.min((1.0 - _LEAST_REST) * before / np.where(known > 0.0, known, 1.0), axis=1, initial=1.0)
+        known, after = share[:, None] * known, share[:, None] * after  # an estimate of the diagonal may be too small
+    moved: FloatArray = np.einsum("iab,ib->ia", turn**2, before - known) + after
+    return moved.ravel()
+
 
 REPLACED = 0.9
 """Part of D that is replaced on the span of inexact products in path following (docs/measurements.md)."""
@@ -38,6 +138,7 @@ _SEEN = 0.5
 """Least part of the bound of the rest that is left where inexact products show that little of A is new; with all of it,
 load steps of a half ring with eleven nodes in contact take twice the products (docs/measurements.md)."""
 
+_LEAST = 0.2  # of `local` that is left in the rest, as far as A is not yet in U
 _RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
 
 
@@ -52,13 +153,13 @@ class LowRankApproximation:
             and all of D replaced on the span of X: what inexact products show there of small A is their error, and
             without D a body on soft springs is not solved (tests/solvers/test_inexact_products.py).
         replaced: Part of D that is replaced there if products are not exact, at least 0 and below 1.
-        least_rest: The rest is at least this part of `local`, as far as A is not yet in U.
         known: Columns with which to begin; None if there are none; the same on all ranks, and then it is collective.
         rigid: Columns F of a part F F^T of A that is known exactly, shape (3 m, q), as of bodies on soft springs
             (`SoftMotions`): the rest is approximated, and F F^T added; None if there are none.
         local: An estimate of diag(A) without the few large eigenvalues of A, shape (m, 3); by default diag(A).
 
     Attributes:
+        exact: The argument.
         rest: Shape (m, 3), positive.
         U: Shape (3 m, r), r <= rank.
         columns: U, V and F side by side, shape (3 m, s).
@@ -72,17 +173,16 @@ class LowRankApproximation:
         rank: int,
         exact: bool,
         replaced: float = 0.0,
-        least_rest: float = 0.2,
         known: RecycledColumns | None = None,
         rigid: FloatArray | None = None,
         local: FloatArray | None = None,
     ):
-        self._comm, self._whole, self._rank, self._exact = comm, diagonal, rank, exact
+        self._comm, self._whole, self._rank, self.exact = comm, diagonal, rank, exact
         self._F: FloatArray = np.empty((diagonal.size, 0)) if rigid is None else rigid
         diagonal = diagonal - np.sum(self._F**2, axis=1).reshape(-1, 3) if self._F.shape[1] else diagonal
         self._diagonal: FloatArray = diagonal
         self._local = diagonal if local is None else local
-        self._replaced, self._least_rest = 1.0 if exact else replaced, least_rest
+        self._replaced = 1.0 if exact else replaced
         self._new: list[tuple[FloatArray, FloatArray]] = []
         self._X: FloatArray = np.empty((diagonal.size, 0))
         self._new_part = 1.0
@@ -104,7 +204,7 @@ class LowRankApproximation:
 
     def fits(self, diagonal: FloatArray, rank: int, exact: bool) -> bool:
         """Whether it was made with these arguments; collective."""
-        same = self._rank == rank and self._exact == exact and np.array_equal(self._whole, diagonal)
+        same = self._rank == rank and self.exact == exact and np.array_equal(self._whole, diagonal)
         return Reductions(self._comm).all(same)
 
     def forget_new(self) -> None:
@@ -113,18 +213,9 @@ class LowRankApproximation:
 
     def replace_nothing(self) -> None:
         """Keep all of D from now on, if products are not exact: their errors have shown; collective."""
-        if not self._exact and self._replaced > 0.0:
+        if not self.exact and self._replaced > 0.0:
             self._replaced = 0.0
             self._set(self.U)
-
-    @property
-    def exact(self) -> bool:
-        return self._exact
-
-    @property
-    def new(self) -> int:
-        """Number of products recorded since the last update."""
-        return len(self._new)
 
     def record(self, x: FloatArray, A_x: FloatArray) -> None:
         """Record a product, both (m, 3)."""
@@ -139,7 +230,7 @@ class LowRankApproximation:
         self._new.clear()
         if self._F.shape[1]:
             Y = Y - self._F @ summed(self._comm, self._F.T @ X)
-        self._new_part = min(max(self._unknown(X, Y), 0.0 if self._exact else _SEEN), 1.0)
+        self._new_part = min(max(self._unknown(X, Y), 0.0 if self.exact else _SEEN), 1.0)
         X, Y = np.column_stack([self._X, X]), np.column_stack([self.U, Y])
         G = self._gram(X, X)
         size = np.sqrt(np.maximum(G.diagonal(), 1e-300))
@@ -155,7 +246,7 @@ class LowRankApproximation:
     def _set(self, U: FloatArray) -> None:
         """U = A X, the rest and V; collective."""
         rest = self._diagonal - np.sum(U**2, axis=1).reshape(-1, 3)
-        self.rest = np.maximum(rest, self._least_rest * self._new_part * self._local)
+        self.rest = np.maximum(rest, _LEAST * self._new_part * self._local)
         V: FloatArray = np.empty((len(U), 0))
         if self._replaced > 0.0:
             DX = self.rest.reshape(-1, 1) * self._X
@@ -176,8 +267,7 @@ class LowRankApproximation:
     def weighted_columns(self) -> FloatArray:
         """D^-1 C, shape (3 m, s); 0 in rows of A that are 0 as all of their displacements are prescribed."""
         D = self.rest.reshape(-1, 1)
-        weighted: FloatArray = np.divide(self.columns, D, out=np.zeros_like(self.columns), where=D > 0.0)
-        return weighted
+        return np.divide(self.columns, D, out=np.zeros_like(self.columns), where=D > 0.0)
 
     def _unknown(self, X: FloatArray, Y: FloatArray) -> float:
         """Size of A on the new part of the pairs (X, Y) relative to diag(A); unchanged without a new part.
@@ -211,8 +301,7 @@ class LowRankApproximation:
     def _gram(self, X: FloatArray, Y: FloatArray) -> FloatArray:
         """X^T Y over all ranks, symmetrised."""
         G = summed(self._comm, X.T @ Y)
-        symmetric: FloatArray = 0.5 * (G + G.T)
-        return symmetric
+        return 0.5 * (G + G.T)
 
 
 class LowRankUpdate:
@@ -242,5 +331,4 @@ def _inverse_root(G: FloatArray) -> FloatArray:
     """T with T^T G T = I on the range of the positive semidefinite G."""
     size, V = np.linalg.eigh(G)
     kept = size > _RANK_DEFICIENT * size[-1]
-    root: FloatArray = V[:, kept] / np.sqrt(size[kept])
-    return root
+    return V[:, kept] / np.sqrt(size[kept])

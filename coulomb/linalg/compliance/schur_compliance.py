@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 import scipy.sparse
 from mpi4py import MPI
@@ -11,9 +9,9 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..factors import DistributedMultifrontalSolver, MultifrontalSolver, inverse_factor
-from ..reductions import Reductions
+from ..reductions import Reductions, summed
 from .compliance import LimitedProducts, MatrixFreeCompliance
-from .recycling import RecycledColumns
+from .low_rank import RecycledColumns
 
 SchurSolver = MultifrontalSolver | DistributedMultifrontalSolver
 
@@ -50,17 +48,13 @@ class SchurCompliance(LimitedProducts):
     matrix_free: MatrixFreeCompliance | None = None
 
     def __init__(
-        self,
-        B: PETSc.Mat,
-        solver: SchurSolver,
-        diagonal: FloatArray | None = None,
-        reference: _Reference | None = None,
+        self, B: PETSc.Mat, solver: SchurSolver, diagonal: FloatArray | None = None, reference: _Reference | None = None
     ):
         self.B = B  # kept, since the communicator lives as long as the matrix
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
         self.products, self.learnt = 0, RecycledColumns()
-        self._solver, self._given_diagonal = solver, diagonal
+        self._solver, self._diagonal = solver, diagonal
         indptr, indices, values = B.getValuesCSR()
         last = (3 * solver.last[:, None] + np.arange(3)).ravel()
         shape = (len(indptr) - 1, B.getSize()[1])
@@ -84,12 +78,7 @@ class SchurCompliance(LimitedProducts):
 
     def _forces(self, x: FloatArray) -> FloatArray:
         """B^T x on the contact nodes of all ranks, the same on each."""
-        part: FloatArray = self._columns @ x
-        if self.comm.size == 1:
-            return part
-        z = np.empty_like(part)
-        self.comm.Allreduce(part, z)
-        return z
+        return summed(self.comm, self._columns @ x)
 
     @property
     def exact(self) -> bool:
@@ -131,16 +120,13 @@ class SchurCompliance(LimitedProducts):
             y[:] = self._rows @ known.renew(z, 0.5 * most)
 
     def diagonal(self) -> FloatArray:
+        if self._diagonal is None:
+            self._diagonal = self._solver.schur_diagonal(self._rows)
         return self._diagonal
-
-    @cached_property
-    def _diagonal(self) -> FloatArray:
-        if self._given_diagonal is not None:
-            return self._given_diagonal
-        return self._solver.schur_diagonal(self._rows)
 
     def dense(self) -> FloatArray:
         """See `Formed`; on one rank."""
+        assert isinstance(self._solver, MultifrontalSolver)
         self._solver.use_double()
         whole = np.zeros((self._rows.shape[0],) * 2)
         start = 0
@@ -157,8 +143,7 @@ class SchurCompliance(LimitedProducts):
         """With factors in double precision always, else of the forces of the last accurate product."""
         z, known = self._forces(x), self._reference
         if self.exact:
-            product: FloatArray = self._rows @ self._solver.schur_solve(z)
-            return product
+            return self._rows @ self._solver.schur_solve(z)
         accurate = known.rest <= _REST * float(np.linalg.norm(z)) and np.array_equal(z, known.z)
         return self._rows @ known.contact_part if accurate else None
 
@@ -166,14 +151,11 @@ class SchurCompliance(LimitedProducts):
         """Products by the factors do not depend on the load."""
 
     def displacement(self, x: FloatArray, f: PETSc.Vec, free: FloatArray) -> FloatArray:
-        z, known = self._forces(x), self._reference
-        if self.exact:
-            if Reductions(self.comm).all(np.all(np.isfinite(free))):
-                # forces on contact nodes need no forward substitution
-                return free - self._solver.improved(self._solver.contact_forces(z), np.zeros_like(free), 0.0)[0]
-            return self._solver.improved(f.array_r - self._solver.contact_forces(z), np.zeros_like(free), 0.0)[0]
-        # u is near, or 0
-        return self._solver.improved(f.array_r - self._solver.contact_forces(z), free - known.u, 0.0)[0]
+        given, zero = self._solver.contact_forces(self._forces(x)), np.zeros_like(free)
+        if self.exact and Reductions(self.comm).all(np.all(np.isfinite(free))):
+            return free - self._solver.improved(given, zero, 0.0)[0]  # on contact nodes: no forward substitution
+        near = zero if self.exact else free - self._reference.u
+        return self._solver.improved(f.array_r - given, near, 0.0)[0]
 
 
 class _Reference:

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..multigrid import RecycledCG, multigrid, padded
-from ..petsc_arrays import configured_ksp
+from ..petsc_arrays import CHOLESKY, configured_ksp
 from ..reductions import summed
 from ..unsolved import TooSlow, Unsolved
 
@@ -105,18 +105,7 @@ class DirectSolver:
     iterations = 0
 
     def __init__(self, K: PETSc.Mat):
-        # ICNTL(14): per cent of memory beyond the estimate, for delayed pivots and parallel fronts.
-        # ICNTL(7): METIS; without it, as on Debian, MUMPS uses PORD.  Its own choice (7) took up to twice as long.
-        self._ksp = configured_ksp(
-            K,
-            "preonly",
-            {
-                "pc_type": "cholesky",
-                "pc_factor_mat_solver_type": "mumps",
-                "mat_mumps_icntl_14": 60,
-                "mat_mumps_icntl_7": 5,
-            },
-        )
+        self._ksp = configured_ksp(K, "preonly", CHOLESKY)
 
     @property
     def factor(self) -> PETSc.Mat:

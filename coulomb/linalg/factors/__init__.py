@@ -6,16 +6,3 @@ from .distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbo
 from .frontal_factors import NotPositiveDefinite
 from .multifrontal import SINGLE_FROM, MultifrontalSolver, Work, inverse_factor, predicted_work, symbolic
 from .nested_dissection import Front
-
-__all__ = [
-    "SINGLE_FROM",
-    "DistributedMultifrontalSolver",
-    "Front",
-    "MultifrontalSolver",
-    "NotPositiveDefinite",
-    "SharedSymbolic",
-    "Work",
-    "inverse_factor",
-    "predicted_work",
-    "symbolic",
-]

@@ -25,8 +25,7 @@ from scipy.linalg.blas import dtrsv, strsv
 from ...arrays import FloatArray
 from . import blas
 from .blas import Real
-from .nested_dissection import Nodes, runs_of
-from .shared_dissection import SharedFront
+from .nested_dissection import Nodes, SharedFront, runs_of
 
 _WIDTH = 192
 """Most columns of a block: the larger, the faster are its products, and the longer it takes to finish one."""
@@ -127,7 +126,7 @@ class DistributedFront:
             n: self._memory[self._offsets[n] : self._offsets[n + 1]].reshape((heights[n], -1), order="F")
             for n in self._mine
         }
-        self.failed = False
+        self.failed, self._trsv = False, strsv if self._dtype == np.float32 else dtrsv
 
     def add_entries(self, column: Nodes, row: Nodes, entries: FloatArray) -> None:
         """Add entries of K in columns of this rank.
@@ -314,10 +313,6 @@ class DistributedFront:
             known = self._summed(self._below.T @ x.reshape(-1)[self._rows])
             own = x[self.front.own].ravel() - known
             x[self.front.own] = self._trsv(self._head, own, lower=1, trans=1).reshape(-1, 3)
-
-    @property
-    def _trsv(self) -> Any:
-        return strsv if self._dtype == np.float32 else dtrsv
 
     def _summed(self, x: Real) -> Real:
         ranks, comm = self.front.ranks, self._comm

@@ -1,7 +1,7 @@
 """K = L L^T on several ranks by nested dissection, the contact nodes last: as `multifrontal` on one rank.
 
 Each rank factorises its parts of the bodies alone, with the fronts of one rank; the fronts above are shared (see
-`shared_dissection` and `distributed_front`).  The rows of K go to the ranks that eliminate their nodes first.
+`nested_dissection` and `distributed_front`).  The rows of K go to the ranks that eliminate their nodes first.
 """
 
 from __future__ import annotations
@@ -16,15 +16,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..nodal_blocks import NodalRows, nodal_blocks
+from ..petsc_arrays import NodalRows, nodal_blocks
 from ..reductions import Reductions, concatenated, exchanged, incoming, summed
 from .blas import Real
 from .distributed_front import Block, DistributedFront, Update, column_ranks
 from .frontal_factors import FrontalFactors, NotPositiveDefinite
 from .multifrontal import SINGLE_FROM, Work, predicted_work
-from .nested_dissection import Front, Nodes, dissect_part
+from .nested_dissection import Front, Nodes, Part, dissect_part, dissect_shared
 from .refined_solver import RefinedSolver
-from .shared_dissection import Part, SharedDissection, dissect_shared
 
 
 class Entries(NamedTuple):
@@ -81,25 +80,17 @@ class LocalPart:
 class DistributedFactors:
     """K = L L^T on all ranks; all calls are collective.
 
-    `owned` is the number of nodes of each rank in vectors.
-
     Raises:
         NotPositiveDefinite: On every rank, if a pivot is not positive in this precision.
     """
 
-    def __init__(
-        self,
-        comm: MPI.Comm,
-        dissection: SharedDissection,
-        parts: list[LocalPart],
-        entries: Entries,
-        owned: Nodes,
-        dtype: npt.DTypeLike,
-    ):
-        self.comm, self._dissection, self._parts, self.dtype = comm, dissection, parts, np.dtype(dtype)
-        self._plan_solves(owned)
+    def __init__(self, symbolic: SharedSymbolic, dtype: npt.DTypeLike):
+        self.comm, self._dissection, self.dtype = symbolic.comm, symbolic.dissection, np.dtype(dtype)
+        entries, self._parts = symbolic.prepared
+        self._plan_solves(symbolic.owned)
         self._shared = [
-            DistributedFront(comm, front, dtype) if comm.rank in front.ranks else None for front in dissection.fronts
+            DistributedFront(self.comm, front, dtype) if self.comm.rank in front.ranks else None
+            for front in self._dissection.fronts
         ]
         self._factorise(entries)
 
@@ -187,15 +178,12 @@ class DistributedFactors:
         for front, here in self._roots():
             part[here] = front.product(w[here])
         self.comm.Allreduce(part, w)
-        solution: FloatArray = w * np.float64(size)
-        return solution
+        return w * np.float64(size)
 
     def schur_squares(self, columns: scipy.sparse.csr_matrix) -> FloatArray:
         """b^T S^-1 b for each column b of a matrix, the same on all ranks."""
         part = sum((front.squares(columns[here]) for front, here in self._roots()), np.zeros(columns.shape[1]))
-        total = np.empty_like(part)
-        self.comm.Allreduce(part, total)
-        return total
+        return summed(self.comm, part)
 
     def _roots(self) -> Iterator[tuple[DistributedFront, slice]]:
         """The last front of every body, and the place of its displacements among those of all last nodes."""
@@ -319,17 +307,13 @@ class DistributedMultifrontalSolver(RefinedSolver):
         self._symbolic.forget()
 
     def _factorised_in(self, dtype: npt.DTypeLike) -> DistributedFactors:
-        entries, parts = self._symbolic.prepared
-        dissection, owned = self._symbolic.dissection, self._symbolic.owned
-        return DistributedFactors(self.comm, dissection, parts, entries, owned, dtype)
+        return DistributedFactors(self._symbolic, dtype)
 
     def contact_part(self, u: FloatArray) -> FloatArray:
         """Displacements of the nodes `last`, shape (3 last,), the same on all ranks, of this rank's, shape (n,)."""
         part = np.zeros(3 * len(self.last))
         part[self._mine] = u[self._at]
-        whole = np.empty_like(part)
-        self.comm.Allreduce(part, whole)
-        return whole
+        return summed(self.comm, part)
 
     def contact_forces(self, z: FloatArray) -> FloatArray:
         """Forces on the nodes `last`, shape (3 last,), among those on this rank's nodes, shape (n,)."""
@@ -346,8 +330,3 @@ class DistributedMultifrontalSolver(RefinedSolver):
         everywhere = scipy.sparse.hstack(self.comm.allgather(rows.T.tocsr()), format="csr")
         start = sum(self.comm.allgather(rows.shape[0])[: self.comm.rank])
         return self._factors.schur_squares(everywhere)[start : start + rows.shape[0]]
-
-    @property
-    def schur_factors(self) -> list[FloatArray]:
-        """ValueError: each rank has a part of them."""
-        raise ValueError("the factors of the Schur complement are not on one rank")

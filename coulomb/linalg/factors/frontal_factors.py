@@ -6,96 +6,18 @@ the update matrices, since the first access to new memory takes about as long as
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg.blas import dsyrk, dtrsm, ssyrk, strsm
 from scipy.linalg.lapack import dpotrf, spotrf
 
 from ...arrays import FloatArray
-from ...native import address, kernels
-from ..nodal_blocks import NodalRows
+from ...native import kernels
+from ..petsc_arrays import NodalRows
 from .blas import Real
 from .nested_dissection import Front, Nodes
 
-# What the multifrontal factorisation does beside LAPACK: entries of K, sums of update matrices, substitutions.
-#
-# In C: on the block of 11 000 unknowns numpy takes three times as long.
-
-
-class FrontOperations:
-    """Operations on fronts whose columns are one after another in `memory`: head (own, own), then below (border, own).
-
-    All matrices are in Fortran order; heads and update matrices are lower triangles; `order` has the nodes in the order
-    of elimination, those of the last border included.
-    """
-
-    def __init__(self, fronts: list[Front], order: Nodes, nodes: int, memory: Real):
-        self.memory, self.order = memory, order.astype(np.int64)
-        self.own = np.array([len(front.own) for front in fronts], dtype=np.int64)
-        self.border = np.array([len(front.border) for front in fronts], dtype=np.int64)
-        self.borders: Nodes = np.concatenate([front.border for front in fronts]).astype(np.int64)
-        self.position: Nodes = np.full(nodes, -1, dtype=np.int64)  # of nodes that no front has
-        self.position[order] = np.arange(len(order))
-        self.edges = self.position[self.borders]
-        names = ("assemble", "extend", "forward", "backward")
-        self._assemble, self._extend, self._forward, self._backward = (
-            kernels()[f"{name}_{memory.dtype.name}"] for name in names
-        )
-        self._work = np.empty(3 * int(self.border.max(initial=0)), dtype=memory.dtype)
-
-    def assemble(self, K: NodalRows) -> None:
-        """Set the entries of K on and below the diagonal, in the order of elimination, and zeros elsewhere."""
-        place = np.empty_like(self.position)
-        self._assemble(
-            len(self.own),
-            *map(address, (self.own, self.border, self.order, self.borders, self.position)),
-            *map(address, (K.indptr, K.indices, K.first, K.stride)),
-            *map(address, (K.values, place, self.memory)),
-        )
-
-    def add_to_columns(self, child: Real, front: Front, head: Real, below: Real) -> None:
-        """Add the update matrix of a child, the front given, to the parent's own columns."""
-        self._extended(0, child, front, len(head), len(below), head, below)
-
-    def add_to_update(self, child: Real, front: Front, own: int, update: Real) -> None:
-        """Add the rest of it to the update matrix of the parent, which has `own` columns."""
-        self._extended(1, child, front, own, len(update), update, update)
-
-    def _extended(self, rest: int, child: Real, front: Front, own: int, border: int, head: Real, below: Real) -> None:
-        width, count, e, b = (n for n in (len(child), len(front.runs), own, border))
-        self._extend(rest, address(child), width, count, address(front.runs), e, b, address(head), address(below))
-
-    def forward(self, x: Real) -> None:
-        """x <- L^-1 x in the order of elimination, shape (3 k,); on the last border, what remains of x."""
-        self._substituted(self._forward, x)
-
-    def backward(self, x: Real) -> None:
-        """x <- L^-T x in the order of elimination, shape (3 k,), with given x on the last border."""
-        self._substituted(self._backward, x)
-
-    def _substituted(self, kernel: Any, x: Real) -> None:
-        places = (self.own, self.border, self.edges)
-        kernel(len(self.own), *map(address, (*places, self.memory, x, self._work)))
-
-
-def split_columns(memory: Real, own: Nodes, border: Nodes) -> tuple[list[Real], list[Real]]:
-    """Head (3 own, 3 own) and what is below (3 border, 3 own) of every front, in Fortran order."""
-    heads: list[Real] = []
-    below: list[Real] = []
-    at = 0
-    for e, b in zip(3 * own, 3 * border, strict=True):
-        heads.append(memory[at : at + e * e].reshape((e, e), order="F"))
-        below.append(memory[at + e * e : at + e * (e + b)].reshape((b, e), order="F"))
-        at += e * (e + b)
-    return heads, below
-
-
-_ROUTINES = {
-    np.dtype(np.float32): (spotrf, strsm, ssyrk),
-    np.dtype(np.float64): (dpotrf, dtrsm, dsyrk),
-}
+_ROUTINES = {np.dtype(np.float32): (spotrf, strsm, ssyrk), np.dtype(np.float64): (dpotrf, dtrsm, dsyrk)}
 
 
 class NotPositiveDefinite(ValueError):
@@ -105,60 +27,85 @@ class NotPositiveDefinite(ValueError):
 class FrontalFactors:
     """L of K = L L^T, of every front its columns: head (own, own), a lower triangle, and below (border, own).
 
-    Of a part of a body (`dissect_part`) the last front has a border, whose nodes come last in `order`; `update` is what
-    remains there, a lower triangle whose entries above are undefined.
+    All matrices are in Fortran order.  Of a part of a body (`dissect_part`) the last front has a border, whose nodes
+    come last in `order`; `update` is what remains there, a lower triangle whose entries above are undefined.
+
+    Entries of K, sums of update matrices and substitutions are left to C: numpy takes three times as long on the block
+    of 11 000 unknowns.
 
     Raises:
         NotPositiveDefinite: If a pivot is not positive in this precision.
     """
 
     def __init__(self, K: NodalRows, fronts: list[Front], dtype: npt.DTypeLike):
-        self._fronts, self.dtype = fronts, np.dtype(dtype)
-        self.order: Nodes = np.concatenate([*(front.own for front in fronts), fronts[-1].border])
-        own, border = (np.array([len(getattr(front, side)) for front in fronts]) for side in ("own", "border"))
+        self.dtype = np.dtype(dtype)
+        self.order: Nodes = np.concatenate([*(front.own for front in fronts), fronts[-1].border]).astype(np.int64)
+        own, border = (
+            np.array([len(getattr(front, side)) for front in fronts], dtype=np.int64) for side in ("own", "border")
+        )
+        borders = np.concatenate([front.border for front in fronts]).astype(np.int64)
         memory = np.empty(9 * int(np.sum(own * (own + border))), dtype=self.dtype)
-        self._operations = FrontOperations(fronts, self.order, len(K.indptr) - 1, memory)
-        self._operations.assemble(K)
-        self.heads, self.below = split_columns(memory, own, border)
+        position: Nodes = np.full(len(K.indptr) - 1, -1, dtype=np.int64)  # of nodes that no front has
+        position[self.order] = np.arange(len(self.order))
+        assemble, self._extend, self._forward, self._backward = (
+            kernels()[f"{name}_{self.dtype.name}"] for name in ("assemble", "extend", "forward", "backward")
+        )
+        entries = (K.indptr, K.indices, K.first, K.stride, K.values)
+        assemble(len(own), own, border, self.order, borders, position, *entries, np.empty_like(position), memory)
+        self._columns = own, border, position[borders], memory
+        self._work = np.empty(3 * int(border.max(initial=0)), dtype=self.dtype)
+        self.heads: list[Real] = []
+        self.below: list[Real] = []
+        at = 0
+        for e, b in zip(3 * own, 3 * border, strict=True):
+            self.heads.append(memory[at : at + e * e].reshape((e, e), order="F"))
+            self.below.append(memory[at + e * e : at + e * (e + b)].reshape((b, e), order="F"))
+            at += e * (e + b)
         with np.errstate(all="ignore"):  # above the diagonal is anything
-            self._eliminate()
+            self.update = self._eliminated(fronts)
 
-    def _eliminate(self) -> None:
+    def _eliminated(self, fronts: list[Front]) -> Real:
+        """The update matrix of the last front, after the elimination of all."""
         potrf, trsm, syrk = _ROUTINES[self.dtype]
-        fronts, updates, operations = self._fronts, dict[int, Real](), self._operations
+        updates = dict[int, Real]()
         whole = {front.children[0]: number for number, front in enumerate(fronts) if _is_update_of_child(fronts, front)}
         stacks = Stacks(fronts, self.dtype)
         for number, (front, head, below) in enumerate(zip(fronts, self.heads, self.below, strict=True)):
             added = () if number in whole.values() else front.children
             for child in added:
-                operations.add_to_columns(updates[child], fronts[child], head, below)
+                self._add(updates[child], fronts[child], len(head), head, below)
             if len(head):
                 _, failed = potrf(head, lower=1, clean=0, overwrite_a=1)
                 if failed:
                     raise NotPositiveDefinite(f"pivot {failed} of front {number}")
             if number in whole:  # what remains is the whole of the last front, where K is already
                 update = self.heads[whole[number]]
-                if below.size:
-                    syrk(-1.0, trsm(1.0, head, below, 1, 1, 1, overwrite_b=1), 1.0, update, lower=1, overwrite_c=1)
             else:
                 update = stacks.push(number)
-                if below.size:
-                    syrk(-1.0, trsm(1.0, head, below, 1, 1, 1, overwrite_b=1), 0.0, update, lower=1, overwrite_c=1)
-                else:
-                    update.fill(0.0)
+            kept = 1.0 if number in whole else 0.0
+            if below.size:
+                syrk(-1.0, trsm(1.0, head, below, 1, 1, 1, overwrite_b=1), kept, update, lower=1, overwrite_c=1)
+            elif number not in whole:
+                update.fill(0.0)
             for child in added:
-                operations.add_to_update(updates.pop(child), fronts[child], len(head), update)
+                self._add(updates.pop(child), fronts[child], len(head), update)
                 stacks.pop(child)
             updates[number] = update
-        self.update = updates[len(fronts) - 1]
+        return updates[len(fronts) - 1]
+
+    def _add(self, child: Real, front: Front, own: int, into: Real, below: Real | None = None) -> None:
+        """Add a child's update matrix, its front given, to the parent's `own` columns, head and below, or the rest of
+        it to the parent's update matrix."""
+        rest, below = (1, into) if below is None else (0, below)
+        self._extend(rest, child, len(child), len(front.runs), front.runs, own, len(below), into, below)
 
     def forward(self, x: Real) -> None:
-        """See `FrontOperations`."""
-        self._operations.forward(x)
+        """x <- L^-1 x in the order of elimination, shape (3 k,); on the last border, what remains of x."""
+        self._forward(len(self.heads), *self._columns, x, self._work)
 
     def backward(self, x: Real) -> None:
-        """See `FrontOperations`."""
-        self._operations.backward(x)
+        """x <- L^-T x in the order of elimination, shape (3 k,), with given x on the last border."""
+        self._backward(len(self.heads), *self._columns, x, self._work)
 
     def solve(self, rhs: FloatArray) -> FloatArray:
         """K^-1 rhs, shapes (n, 3), in this precision."""

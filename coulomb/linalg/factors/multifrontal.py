@@ -25,7 +25,7 @@ from scipy.linalg.blas import dsymv, dtrsv, strsv
 from scipy.linalg.lapack import dlauum, dpotri, dtrtri, strtri
 
 from ...arrays import FloatArray
-from ..nodal_blocks import NodalRows
+from ..petsc_arrays import NodalRows
 from .blas import Real
 from .frontal_factors import FrontalFactors, stack_heights
 from .nested_dissection import Front, Nodes, dissect
@@ -54,8 +54,7 @@ class DenseInverse:
     def __matmul__(self, z: FloatArray) -> FloatArray:
         room = self._columns.shape[1]
         if np.count_nonzero(z) > room:
-            product: FloatArray = dsymv(1.0, self._lower, z, lower=1)
-            return product
+            return dsymv(1.0, self._lower, z, lower=1)
         needed = np.flatnonzero(z)
         new = needed[self._place[needed] < 0]
         if self._count + len(new) > room:  # forget those of earlier forces
@@ -64,8 +63,7 @@ class DenseInverse:
             self._gather(new)
         few = np.zeros(self._count)
         few[self._place[needed]] = z[needed]
-        product = self._columns[:, : self._count] @ few
-        return product
+        return self._columns[:, : self._count] @ few
 
     def _gather(self, new: npt.NDArray[np.integer[Any]]) -> None:
         here = slice(self._count, self._count + len(new))
@@ -167,8 +165,7 @@ class MultifrontalSolver(RefinedSolver):
 
     def contact_part(self, u: FloatArray) -> FloatArray:
         """Displacements of the nodes `last`, shape (3 last,), of those of all nodes, shape (n,)."""
-        part: FloatArray = u[self._last]
-        return part
+        return u[self._last]
 
     def contact_forces(self, z: FloatArray) -> FloatArray:
         """Forces on the nodes `last`, shape (3 last,), among those on all nodes, shape (n,)."""
@@ -196,8 +193,7 @@ class MultifrontalSolver(RefinedSolver):
             half = trsv(L, w[here], lower=1)
             w[here] = trsv(L, half, lower=1, trans=1, overwrite_x=1)
             start += len(L)
-        solution: FloatArray = w * np.float64(size)
-        return solution
+        return w * np.float64(size)
 
     def _by_inverse(self, z: FloatArray) -> FloatArray:
         if not self._inverses:

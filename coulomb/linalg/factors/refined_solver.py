@@ -158,8 +158,7 @@ class RefinedSolver:
         x, y = self._vectors
         x.array[:] = u
         self._K.mult(x, y)
-        product: FloatArray = y.array_r.copy()
-        return product
+        return y.array_r.copy()
 
     def _size(self, r: FloatArray) -> float:
         """|D^-1/2 r|, which does not depend on the units of single unknowns."""

@@ -1,14 +1,5 @@
 """Smoothed aggregation for block matrices, and conjugate gradients with recycled directions on top of it."""
 
 from .block_matrix import padded
-from .multigrid_cycle import MultigridCycle
-from .multigrid_grids import SECOND_ORDER_STEPS, multigrid
+from .multigrid_cycle import SECOND_ORDER_STEPS, MultigridCycle, multigrid
 from .recycled_cg import RecycledCG
-
-__all__ = [
-    "SECOND_ORDER_STEPS",
-    "MultigridCycle",
-    "RecycledCG",
-    "multigrid",
-    "padded",
-]

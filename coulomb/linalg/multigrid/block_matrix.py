@@ -3,7 +3,7 @@
 Values are stored in single precision, half the memory that a product reads; vectors and sums are in double precision.
 A symmetric matrix keeps what single precision rounds off as well, for products as accurate as in double precision.
 The entries in columns of other ranks are a matrix of their own, of which only the rows that have such entries are kept.
-While the blocks of a vector that they need come from other ranks (ghost_blocks.py), the product with this rank's own
+While the blocks of a vector that they need come from other ranks, the product with this rank's own
 columns is made.
 
 Vectors of this rank are arrays with room for a few numbers behind their end (`padded`).
@@ -153,8 +153,7 @@ def in_kernel_blocks(entries: Entries, shape: tuple[int, int], accurate: bool = 
     pointers = np.empty(rows + 1, dtype=np.int32)
 
     def convert(values: _Array, *out: _Array | None) -> int:
-        arrays = [indptr, indices, values, pointers, *out]
-        return int(kernels().to_blocks(rows, *shape, int(upper), *map(address, arrays)))
+        return int(kernels().to_blocks(rows, *shape, int(upper), indptr, indices, values, pointers, *out))
 
     values = entries.values
     count = convert(values, None, None, None)
@@ -173,10 +172,7 @@ DistributedBlocks = Distributed[Blocks]
 
 
 def distributed_blocks(
-    entries: DistributedEntries,
-    shape: tuple[int, int],
-    accurate: bool = False,
-    upper: bool = False,
+    entries: DistributedEntries, shape: tuple[int, int], accurate: bool = False, upper: bool = False
 ) -> DistributedBlocks:
     """Entries in blocks, the rows and columns of a block on one rank; `columns` are those of blocks.
 
@@ -289,16 +285,15 @@ class SymmetricBlocks:
         """In single precision, shape (size,)."""
         at = np.arange(self._width)
         blocks = self._blocks.values[:-PADDING].reshape(-1, self._width, self._width)
-        diagonal: FloatArray = blocks[self._blocks.pointers[:-1, None], at, at].astype(np.float64).ravel()
-        return diagonal
+        return blocks[self._blocks.pointers[:-1, None], at, at].astype(np.float64).ravel()
 
     def mult(self, x: FloatArray, y: FloatArray, accurate: bool = True) -> None:
         """y <- K x, in double precision if `accurate`, here and in the matrix; x padded; collective."""
-        _checked(self._product(self._matrix.reference, int(accurate), address(x), address(y)))
+        _checked(self._product(self._matrix.reference, int(accurate), x, y))
 
     def residual(self, b: FloatArray, x: FloatArray, r: FloatArray) -> None:
         """r <- b - K x, K in single precision; x padded; collective."""
-        _checked(self._residual(self._matrix.reference, *map(address, (b, x, r))))
+        _checked(self._residual(self._matrix.reference, b, x, r))
 
     def smooth(
         self, inverse: FloatArray, b: FloatArray, x: FloatArray, d: FloatArray, factors: FloatArray, zero: bool = False
@@ -307,8 +302,7 @@ class SymmetricBlocks:
 
         `factors` (steps, 2) has the two of each step; if `zero`, x and d are 0 before the first, whatever they hold.
         """
-        vectors = map(address, (inverse, b, x, d))
-        _checked(self._smooth(self._matrix.reference, *vectors, len(factors), address(factors), int(zero)))
+        _checked(self._smooth(self._matrix.reference, inverse, b, x, d, len(factors), factors, int(zero)))
 
     def destroy(self) -> None:
         self._matrix.destroy()
@@ -328,11 +322,11 @@ class BlockInterpolation:
 
     def prolong(self, e: FloatArray, x: FloatArray) -> None:
         """x <- x + P e; e padded; collective."""
-        _checked(self._prolong(self._matrix.reference, address(e), address(x)))
+        _checked(self._prolong(self._matrix.reference, e, x))
 
     def restrict(self, r: FloatArray, b: FloatArray) -> None:
         """b <- P^T r; collective."""
-        _checked(self._restrict(self._matrix.reference, address(r), address(b)))
+        _checked(self._restrict(self._matrix.reference, r, b))
 
     def destroy(self) -> None:
         self._matrix.destroy()

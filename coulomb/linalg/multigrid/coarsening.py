@@ -13,16 +13,101 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...native import address, kernels, threads
+from ...native import kernels, threads
 from ..petsc_arrays import DistributedEntries, Entries
 from ..reductions import concatenated, exchanged, incoming, per_rank
 from .block_matrix import PADDING, Blocks, DistributedBlocks, joined_rows
-from .whole_blocks import WholeBlocks, entries_of
 
 _Array = npt.NDArray[Any]
+
+
+class BlockRows(NamedTuple):
+    """Rows of blocks, columns ascending in each row; values by rows of entries."""
+
+    pointers: npt.NDArray[np.int32]
+    columns: npt.NDArray[np.int32]
+    values: _Array
+
+
+class WholeBlocks:
+    """Rows of this rank of a square matrix in blocks; its values are used where they are, if blocks are stored wholly.
+
+    Attributes:
+        starts: Number of the first block of each rank, and of all blocks, shape (ranks + 1,).
+        own: Blocks in this rank's columns.
+        others: Blocks in columns of other ranks, as places in `ghosts`; None on one rank.
+        ghosts: Numbers of blocks of other ranks, ascending.
+    """
+
+    def __init__(self, matrix: DistributedEntries, size: int):
+        self.comm, self.size, self.starts = matrix.comm, size, matrix.starts // size
+        self.ghosts, place = np.unique(matrix.columns // size, return_inverse=True)
+        self.own = _block_rows(matrix.own, size, len(matrix.own.indptr) - 1)
+        self.others: BlockRows | None = None
+        if matrix.others is not None:
+            at = size * place.reshape(-1) + matrix.columns % size
+            indptr, indices, values = matrix.others
+            numbers = at[indices] if len(indices) else indices
+            self.others = _block_rows(Entries(indptr, numbers, values), size, size * len(self.ghosts))
+
+    @property
+    def count(self) -> int:
+        return len(self.own.pointers) - 1
+
+    @property
+    def parts(self) -> tuple[_Array | None, ...]:
+        """For kernels: pointers, columns and values of both parts."""
+        return (*self.own, *(self.others or (None, None, None)))
+
+    @property
+    def pattern(self) -> tuple[_Array | None, ...]:
+        """For kernels: pointers and columns of both parts."""
+        return (*self.parts[:2], *self.parts[3:5])
+
+
+def _block_rows(entries: Entries, size: int, columns: int) -> BlockRows:
+    rows = (len(entries.indptr) - 1) // size
+    indptr, indices = (array.astype(np.int32, copy=False) for array in entries[:2])
+    pointers, found = np.empty(rows + 1, np.int32), np.empty(len(indices) // size, np.int32)
+    if kernels().block_pattern(rows, size, indptr, indices, pointers, found):
+        return BlockRows(pointers, found[: pointers[-1]], entries.values)
+    blocks = scipy.sparse.csr_matrix((entries.values, indices, indptr), shape=(size * rows, columns)).tobsr(
+        (size, size)
+    )
+    blocks.sort_indices()
+    pointers, found = (array.astype(np.int32, copy=False) for array in (blocks.indptr, blocks.indices))
+    return BlockRows(pointers, found, entries_of(pointers, found, blocks.data, 1).values)
+
+
+def entries_of(pointers: _Array, columns: _Array, blocks: FloatArray, threads: int) -> Entries:
+    """The entries of blocks (k, b, b) by rows."""
+    rows, size = len(pointers) - 1, blocks.shape[1]
+    indptr = np.empty(size * rows + 1, np.int32)
+    indices, values = np.empty(blocks.size, np.int32), np.empty(blocks.size)
+    blocks = np.ascontiguousarray(blocks, dtype=np.float64)
+    kernels().entries_of_blocks(rows, size, threads, pointers, columns, blocks, indptr, indices, values)
+    return Entries(indptr, indices, values)
+
+
+def whole(matrix: DistributedEntries) -> DistributedEntries:
+    """A distributed square matrix as one that each rank has for itself; collective."""
+    if matrix.others is None:
+        return matrix
+    shape = len(matrix.own.indptr) - 1, int(matrix.starts[-1])
+    own, others = matrix.own, matrix.others
+    numbers = matrix.columns[others.indices] if len(others.indices) else others.indices
+    mine = scipy.sparse.csr_matrix((own.values, own.indices + matrix.starts[matrix.comm.rank], own.indptr), shape=shape)
+    mine = mine + scipy.sparse.csr_matrix((others.values, numbers, others.indptr), shape=shape)
+    mine.sort_indices()
+    lengths = concatenated(matrix.comm, np.diff(mine.indptr).astype(np.int32))
+    indptr = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+    indices = concatenated(matrix.comm, mine.indices.astype(np.int32))
+    everything = Entries(indptr, indices, concatenated(matrix.comm, mine.data))
+    return DistributedEntries(MPI.COMM_SELF, everything, None, np.empty(0, np.int32), np.array([0, shape[1]]))
 
 
 class RowExchange:
@@ -45,13 +130,6 @@ class RowExchange:
         return exchanged(self._comm, rows, out, incoming(self._comm, out))
 
 
-def to_owners(comm: MPI.Comm, starts: _Array, numbers: _Array, *arrays: _Array) -> list[_Array]:
-    """Rows of arrays, one per number, at the ranks that have things of these numbers (ascending); collective."""
-    out = per_rank(comm, starts, numbers)
-    into = incoming(comm, out)
-    return [exchanged(comm, array, out, into) for array in arrays]
-
-
 _STRONG = 0.02  # part of the diagonals from which on nodes belong together, as GAMG's threshold
 _DAMPING = 1.7  # over the largest eigenvalue of D^-1 K, which is estimated a little too small
 _MOTIONS = 6
@@ -67,11 +145,7 @@ class Coarser(NamedTuple):
 
 
 def coarser(
-    matrix: DistributedEntries,
-    size: int,
-    motions: FloatArray,
-    inverse: FloatArray,
-    largest: float,
+    matrix: DistributedEntries, size: int, motions: FloatArray, inverse: FloatArray, largest: float
 ) -> Coarser | None:
     """The next grid; None if no two nodes belong together; collective.
 
@@ -96,14 +170,12 @@ def _aggregates(K: WholeBlocks, team: int) -> tuple[npt.NDArray[np.int32], int, 
     n, size = K.count, K.size
     norms, loose = np.zeros(n), np.zeros(size * n, np.uint8)
     examine = kernels()[f"examine_{size}_6"]
-    examine(n, team, *(address(array) for array in (*K.own, norms, loose)))
+    examine(n, team, *K.own, norms, loose)
     if K.others is not None:
-        examine(n, team, *(address(array) for array in (*K.others, None, loose)))
+        examine(n, team, *K.others, None, loose)
     strong, aggregates = np.empty(len(K.own.columns), np.uint8), np.empty(n, np.int32)
-    strength = kernels()[f"strength_{size}_6"]
-    strength(n, team, *(address(array) for array in (*K.own, norms)), _STRONG, address(strong))
-    graph: tuple[_Array, ...] = (K.own.pointers, K.own.columns, strong, aggregates)
-    count = kernels().aggregate(n, *map(address, graph))
+    kernels()[f"strength_{size}_6"](n, team, *K.own, norms, _STRONG, strong)
+    count = kernels().aggregate(n, K.own.pointers, K.own.columns, strong, aggregates)
     return aggregates, count, loose
 
 
@@ -117,25 +189,21 @@ def _orthonormal(
     P0[:] = motions
     P0.reshape(len(aggregates), size * _MOTIONS)[aggregates < 0] = 0.0
     R = np.zeros((count, _MOTIONS, _MOTIONS))
-    kernel = kernels()[f"orthonormal_{size}_6"]
-    kernel(count, team, *map(address, (begin, members, loose, P0, R)))
+    kernels()[f"orthonormal_{size}_6"](count, team, begin, members, loose, P0, R)
     return P0, R
 
 
 def _smoothed(
-    K: WholeBlocks,
-    aggregates: npt.NDArray[np.int32],
-    starts: _Array,
-    P0: FloatArray,
-    S: FloatArray,
-    team: int,
+    K: WholeBlocks, aggregates: npt.NDArray[np.int32], starts: _Array, P0: FloatArray, S: FloatArray, team: int
 ) -> DistributedBlocks:
     """(1 - S K) P0; collective."""
     n, size, own = K.count, K.size, int(np.diff(starts)[K.comm.rank])
     needed: _Array = np.empty(0, np.int64)
     if K.others is not None:
         numbers = np.where(aggregates >= 0, aggregates + starts[K.comm.rank], -1)
-        ghosts = _fetched(K, np.column_stack([numbers, P0.reshape(n, size * _MOTIONS)]))
+        exchange = RowExchange(K.comm, K.starts, K.ghosts)
+        nodal = np.column_stack([numbers, P0.reshape(n, size * _MOTIONS)])[exchange.asked]
+        ghosts = exchange.fetched(nodal, np.ones(len(nodal), np.int64))
         of_ghosts = ghosts[:, 0].astype(np.int64)
         needed = np.unique(of_ghosts[of_ghosts >= 0])
         places = np.where(of_ghosts >= 0, own + np.searchsorted(needed, of_ghosts), -1)
@@ -143,12 +211,11 @@ def _smoothed(
         P0 = np.concatenate([P0.ravel(), ghosts[:, 1:].ravel(), np.zeros(PADDING)])
     count = own + len(needed)
     pointers = np.zeros(n + 1, np.int32)
-    kernels().coupled_aggregates(n, team, *K.pattern, address(aggregates), count, address(pointers[1:]))
+    kernels().coupled_aggregates(n, team, *K.pattern, aggregates, count, pointers[1:])
     np.cumsum(pointers, out=pointers)
     columns = np.empty(pointers[-1], np.int32)
     values = np.zeros(len(columns) * size * _MOTIONS + PADDING, np.float32)
-    kernel = kernels()[f"smoothed_{size}_6"]
-    kernel(n, team, *K.parts, address(aggregates), count, *map(address, (P0, S, pointers, columns, values)))
+    kernels()[f"smoothed_{size}_6"](n, team, *K.parts, aggregates, count, P0, S, pointers, columns, values)
     whole = Blocks(pointers, columns, values, None)
     if K.others is None:
         return DistributedBlocks(K.comm, whole, None, needed, starts)
@@ -165,13 +232,6 @@ def _chosen(blocks: Blocks, chosen: npt.NDArray[np.bool_], numbers: int) -> Bloc
     return Blocks(pointers, blocks.columns[chosen], values, None)
 
 
-def _fetched(K: WholeBlocks, rows: FloatArray) -> FloatArray:
-    """Rows (nodes, k) of the nodes of other ranks; collective."""
-    exchange = RowExchange(K.comm, K.starts, K.ghosts)
-    fetched: FloatArray = exchange.fetched(rows[exchange.asked], np.ones(len(exchange.asked), np.int64))
-    return fetched
-
-
 def galerkin(K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEntries:
     """P^T K P, of P with blocks of so many columns; collective.
 
@@ -185,18 +245,17 @@ def galerkin(K: WholeBlocks, P: DistributedBlocks, width: int) -> DistributedEnt
     coarse = own + len(P.columns)
     begin = np.empty(coarse + 1, np.int32)
     of, places = np.empty((2, rows.pointers[n]), np.int32)
-    kernels().by_columns(n, coarse, *map(address, (*rows[:2], begin, of, places)))
+    kernels().by_columns(n, coarse, *rows[:2], begin, of, places)
     pointers = np.zeros(coarse + 1, np.int32)
-    pattern = (*map(address, (begin, of)), *K.pattern, *map(address, rows[:2]))
+    pattern = (begin, of, *K.pattern, *rows[:2])
     sizes = n, nodes, coarse, len(numbers), team
-    kernels().product_pattern(*sizes, *pattern, address(pointers[1:]), None)
+    kernels().product_pattern(*sizes, *pattern, pointers[1:], None)
     np.cumsum(pointers, out=pointers)
     columns = np.empty(pointers[-1], np.int32)
-    most = kernels().product_pattern(*sizes, *pattern, address(pointers), address(columns))
+    most = kernels().product_pattern(*sizes, *pattern, pointers, columns)
     blocks = np.empty((len(columns), width, width))
     kernel = kernels()[f"galerkin_{K.size}_{width}"]
-    out: tuple[_Array, ...] = (rows.pointers, rows.columns, rows.values, pointers, columns, blocks)
-    kernel(*sizes, most, *map(address, (begin, of, places)), *K.parts, *map(address, out))
+    kernel(*sizes, most, begin, of, places, *K.parts, *rows[:3], pointers, columns, blocks)
     if P.others is None:
         entries = entries_of(pointers, columns, blocks, team)
         return DistributedEntries(K.comm, entries, None, np.empty(0, np.int32), width * P.starts)
@@ -241,7 +300,9 @@ def _gathered(P: DistributedBlocks, pointers: _Array, columns: _Array, blocks: F
     row = np.repeat(np.concatenate([np.arange(first, end), P.columns]), np.diff(pointers))
     mine = int(pointers[own])
     arrays = row, columns, blocks
-    given = to_owners(comm, P.starts, row[mine:], *(array[mine:] for array in arrays))
+    out = per_rank(comm, P.starts, row[mine:])  # to the ranks that have the rows
+    into = incoming(comm, out)
+    given = [exchanged(comm, array[mine:], out, into) for array in arrays]
     rows, numbers, values = (np.concatenate([array[:mine], more]) for array, more in zip(arrays, given, strict=True))
     order = np.lexsort((numbers, rows))
     rows, numbers = rows[order] - first, numbers[order]

@@ -4,6 +4,11 @@ A cycle is limited by memory bandwidth.  Here its matrices are a quarter to a ha
 reads them once and does all else that it has to do on the way, and the first step of a cycle, from zero, does not read
 them at all.  Vectors stay in double precision: rounding then has the effect of a slightly different matrix of the
 smoother, of relative size 1e-7.
+
+Grids go from K, in second order by way of linear displacements, to one that is factorised.  On several ranks every rank
+has the small ones as a whole.  On a grid of a thousand unknowns a product takes a few microseconds, and the messages
+for it more: each rank restricts to the whole of the first such grid, all add up what they have, in one call per cycle,
+and each computes the rest of the cycle, from which it interpolates without messages.
 """
 
 from __future__ import annotations
@@ -18,16 +23,18 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg.blas import dtrsv
 
-from ...arrays import FloatArray
-from ..petsc_arrays import DistributedEntries, Entries, configured_ksp
-from ..reductions import Reductions
-from .block_matrix import BlockInterpolation, SymmetricBlocks, padded
-
-# The coarse grids of multigrid on several ranks: every rank has the small ones as a whole.
-#
-# On a grid of a thousand unknowns a product takes a few microseconds, and the messages for it more.  Each rank
-# restricts to the whole of the first such grid, all add up what they have, in one call per cycle, and each computes the
-# rest of the cycle, from which it interpolates without messages.
+from ...arrays import FloatArray, side_by_side
+from ..petsc_arrays import DistributedEntries, Entries, configured_ksp, distributed_entries
+from ..reductions import Reductions, concatenated
+from .block_matrix import (
+    BlockInterpolation,
+    DistributedBlocks,
+    SymmetricBlocks,
+    distributed_blocks,
+    on_every_rank,
+    padded,
+)
+from .coarsening import WholeBlocks, coarser, galerkin, whole, with_diagonal
 
 REPLICATED_UP_TO = 1500
 """Unknowns of all ranks up to which each rank has a grid as a whole."""
@@ -46,10 +53,11 @@ class CoarseSolver(Protocol):
         """The solution for r, padded, to be read before the next one; collective."""
         ...
 
-    def destroy(self) -> None: ...
+    def destroy(self) -> None:
+        return
 
 
-class DenseSolver:
+class DenseSolver(CoarseSolver):
     """On a small coarsest grid, on one rank; LinAlgError if K is not positive definite, to rounding."""
 
     def __init__(self, K: Entries):
@@ -63,9 +71,6 @@ class DenseSolver:
         self._solution[:] = dtrsv(self._factor, r, lower=1)
         self._solution[:] = dtrsv(self._factor, self._solution, lower=1, trans=1)
         return self._solution
-
-    def destroy(self) -> None:
-        """It has no PETSc objects."""
 
 
 class SparseSolver:
@@ -169,8 +174,7 @@ class Level:
                 break
             beside.append(math.sqrt(beta) / alpha)
             p[:] = z + beta * p
-        largest: float = scipy.linalg.eigvalsh_tridiagonal(diagonal, beside[: len(diagonal) - 1])[-1]
-        return largest
+        return scipy.linalg.eigvalsh_tridiagonal(diagonal, beside[: len(diagonal) - 1])[-1]
 
     def smooth_from_zero(self) -> None:
         self.blocks.smooth(self.inverse, self.b, self.x, self._d, self._factors, zero=True)
@@ -256,3 +260,75 @@ class MultigridCycle:
         self._level.destroy()
         if self._coarser is not None:
             self._coarser.destroy()
+
+
+SECOND_ORDER_STEPS = 1
+"""Steps of the smoother in second order; two take 0.9 of the iterations."""
+
+TWICE_FROM = 1000
+"""Unknowns per rank from which a visit of a distributed coarse grid after the first is two cycles (W-cycle): on smaller
+ones messages take longer than products, and parts take as many iterations without (docs/cluster.md)."""
+
+_STALLED = 0.7  # unknowns over those of the finer grid from which on ranks have a grid as a whole
+
+
+def multigrid(K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle:
+    """Multigrid for K, three rows per node, with a near-nullspace of six rigid motions; collective.
+
+    In second order P is the interpolation of linear displacements, with the motions of these.
+    """
+    matrix = distributed_entries(K)
+    if P is None:
+        cycle = _cycle(matrix, 3, _motions(K), finest=True)
+        return MultigridCycle(Level(matrix, 3, accurate=True)) if cycle is None else cycle
+    level = Level(matrix, 3, SECOND_ORDER_STEPS, accurate=True)
+    blocks = distributed_blocks(distributed_entries(P), (3, 3))
+    linear = with_diagonal(galerkin(WholeBlocks(matrix, 3), blocks, 3))
+    return _cycle_on(level, blocks, (3, 3), _solver(linear, 3, _motions(P)))
+
+
+def _motions(matrix: PETSc.Mat) -> FloatArray:
+    """Its near-nullspace, shape (rows of this rank, 6)."""
+    return side_by_side(*(vector.array_r for vector in matrix.getNearNullSpace().getVecs()))
+
+
+def _cycle(
+    matrix: DistributedEntries, size: int, motions: FloatArray, finest: bool = False, first: bool = False
+) -> MultigridCycle | None:
+    """On a grid with its coarser ones; None if there are none; `first` if it is the first of aggregates."""
+    level = Level(matrix, size, accurate=finest or size == 6)
+    found = coarser(matrix, size, motions, level.inverse, level.largest)
+    if found is None:
+        level.blocks.destroy()
+        return None
+    stalled = found.matrix.starts[-1] > _STALLED * matrix.starts[-1]
+    solver = _solver(found.matrix, 6, found.motions, stalled, first=size == 3)
+    large = first or matrix.others is None or matrix.starts[-1] >= TWICE_FROM * matrix.comm.size
+    return _cycle_on(level, found.P, (size, 6), solver, again=size == 6 and large)
+
+
+def _cycle_on(
+    level: Level, P: DistributedBlocks, shape: tuple[int, int], coarser: CoarseSolver, again: bool = False
+) -> MultigridCycle:
+    """With the solver on the coarser grid from which P, in blocks of this shape, interpolates."""
+    P = on_every_rank(P) if isinstance(coarser, Replicated) else P
+    level.interpolation = BlockInterpolation(P, shape)
+    return MultigridCycle(level, coarser, again)
+
+
+def _solver(
+    matrix: DistributedEntries, size: int, motions: FloatArray, stalled: bool = False, first: bool = False
+) -> CoarseSolver:
+    """For a coarse grid; `stalled` if aggregates, each of one rank, are hardly fewer; `first` as of `_cycle`."""
+    unknowns = int(matrix.starts[-1])
+    cycle = None
+    if matrix.others is None:
+        if unknowns > DENSE_UP_TO:
+            cycle = _cycle(matrix, size, motions)
+        return exact_solver(matrix.own) if cycle is None else cycle
+    if unknowns > REPLICATED_UP_TO and not stalled:
+        cycle = _cycle(matrix, size, motions, first=first)
+    if cycle is None:
+        solver = _solver(whole(matrix), size, concatenated(matrix.comm, motions))
+        return Replicated(matrix.comm, solver)
+    return cycle

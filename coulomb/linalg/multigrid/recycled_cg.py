@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...native import address, kernels, threads
+from ...native import kernels, threads
 from ..reductions import Reductions, summed
 from ..unsolved import Unsolved
 from .block_matrix import padded
@@ -80,11 +80,6 @@ class RecycledCG:
         self._count, self._next = 0, 0
         self._threads, self._length = threads() if size >= _ALONE else 1, size
 
-    @property
-    def residual(self) -> FloatArray:
-        """rhs - K u of the last solve; not to be changed."""
-        return self._r
-
     def solve(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> int:
         """u <- K^-1 rhs to |rhs - K u| <= tolerance |rhs|; the number of iterations; collective.
 
@@ -135,15 +130,12 @@ class RecycledCG:
         kept = sizes > _DEPENDENT * sizes[-1]
         c = V[:, kept] @ ((V[:, kept].T @ products) / sizes[kept])
         factors = np.ascontiguousarray(size * c)
-        kernels().combine(
-            *(self._length, self._threads, k, address(factors)),
-            *(address(self._directions), address(self._images), address(u), address(self._r)),
-        )
+        kernels().combine(self._length, self._threads, k, factors, self._directions, self._images, u, self._r)
 
     def _projected(self, r: FloatArray) -> FloatArray:
         """The inner products of r with the images of all ranks, shape (count,)."""
         products = np.empty(self._count)
-        kernels().project(*(self._length, self._threads, self._count), *map(address, (self._images, r, products)))
+        kernels().project(self._length, self._threads, self._count, self._images, r, products)
         return summed(self._comm, products)
 
     def _iterate(self, left: float, size: float, tolerance: float, rough: bool, u: FloatArray) -> int:
@@ -166,7 +158,7 @@ class RecycledCG:
             if iteration == 0:
                 p[:] = z
             else:
-                kernels().next_direction(self._length, self._threads, product / before, address(z), address(p))
+                kernels().next_direction(self._length, self._threads, product / before, z, p)
             mult(p, image)
             curvature = self._dot(p, image)
             if rough and not curvature > 0.0:  # rounding errors of a motion that is hardly held
@@ -176,7 +168,7 @@ class RecycledCG:
             if not (product > 0.0 and curvature > 0.0):  # or NaN
                 break
             step = product / curvature
-            square = kernels().advance(self._length, self._threads, step, *map(address, (p, image, self._moved, r)))
+            square = kernels().advance(self._length, self._threads, step, p, image, self._moved, r)
             left, before = math.sqrt(self._over.sum(square)), product
         if math.isfinite(self._norm(self._moved)):
             u += self._moved
@@ -186,8 +178,8 @@ class RecycledCG:
         """A solution and its image, which has this norm, in place of the oldest one."""
         scale = 1.0 / size
         k, most = self._next, len(self._directions)
-        into = address(self._directions[k]), address(self._images[k])
-        kernels().keep(self._length, self._threads, scale, address(u), address(self._image), *into)
+        into = self._directions[k], self._images[k]
+        kernels().keep(self._length, self._threads, scale, u, self._image, *into)
         self._count, self._next = max(self._count, k + 1), (k + 1) % most
         of_new = scale * self._projected(self._image)
         self._gram[k, : self._count] = self._gram[: self._count, k] = of_new

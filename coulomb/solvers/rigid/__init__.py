@@ -6,12 +6,3 @@ from .cone_interior_point import ConeInteriorPoint
 from .cones import cone_residual
 from .matrix_problems import MatrixAutomatic, solve_coulomb, solve_tresca
 from .regularised_newton import RegularisedNewton
-
-__all__ = [
-    "ConeInteriorPoint",
-    "MatrixAutomatic",
-    "RegularisedNewton",
-    "cone_residual",
-    "solve_coulomb",
-    "solve_tresca",
-]

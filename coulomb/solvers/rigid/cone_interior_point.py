@@ -36,12 +36,12 @@ import scipy.sparse
 
 from ...arrays import FloatArray
 from ...linalg.compliance import MatrixCompliance
-from ..anderson import Anderson
-from ..friction_problem import FrictionProblem
-from ..results import Goal, InteriorPointStep, NotConverged, Progress, ProgressCallback, SolverResult, Status
-from ..settings import SolverSettings, within
+from ..friction_problem import FrictionProblem, SolverSettings, Task
+from ..results import InteriorPointStep, Progress, SolverResult, Status
+from ..settings import within
+from ..successive_tresca import Anderson
 from .cone_paths import ConeCurve, ConePath, ConeStep
-from .cones import ConeProblem, Scales, answer, radius
+from .cones import ConeProblem, Scales, radius
 from .gauss_seidel import Sweeps, swept
 
 _CLEAR = 1e-7  # least penetration that is called a contradiction, over the largest |b|
@@ -54,11 +54,8 @@ def contradiction(problem: FrictionProblem, W: Any) -> str:
 
     A linear programme, max t with (A x - b)_n >= t: if t < 0, its multipliers are normal forces d >= 0 with A d = 0 and
     b.d > 0, which no displacements w = A x - b with w_n >= 0 allow: w.d = -b.d < 0.  They are checked before they are
-    believed.
-
-    Args:
-        problem: The problem, on one rank.
-        W: Its compliance, sparse, its columns in any scaling; 0 along the tangents of contacts without friction.
+    believed.  W is the compliance on one rank, sparse, its columns in any scaling; 0 along the tangents of contacts
+    without friction.
     """
     from scipy.optimize import linprog  # takes time to load, and few problems have no solution
 
@@ -111,22 +108,15 @@ class _Ended(Exception):
 class _ConeRun:
     """The solution of one problem."""
 
-    def __init__(
-        self,
-        settings: ConeInteriorPoint,
-        problem: FrictionProblem,
-        cones: ConeProblem,
-        scales: Scales,
-        goal: Goal,
-        progress: ProgressCallback | None,
-    ):
-        self._settings, self._problem, self._cones, self._scales = settings, problem, cones, scales
-        self._goal, self._sweeps = goal, 0
-        cones.matrix.limit = settings.work
-        self._progress, self._products = progress, problem.A.products
+    def __init__(self, settings: ConeInteriorPoint, problem: FrictionProblem, task: Task):
+        assert isinstance(problem.A, MatrixCompliance)
+        self._settings, self._problem, self._goal, self._progress = settings, problem, task.goal, task.progress
+        self._A, self._scales = problem.A.sparse(), Scales.of(problem)
+        self._cones = ConeProblem(problem, self._A, self._scales)
+        self._cones.matrix.limit = settings.work
         self._history: list[InteriorPointStep] = []
-        self._best: tuple[float, FloatArray] = (math.inf, np.zeros(3 * cones.contacts))
-        self._convex = 0
+        self._best: tuple[float, FloatArray] = (math.inf, np.zeros(3 * self._cones.contacts))
+        self._convex = self._sweeps = 0
 
     def follow(self, start: FloatArray | None, first: Sweeps | None) -> SolverResult:
         """The methods in turn, from the sweeps' end if there were any."""
@@ -151,17 +141,12 @@ class _ConeRun:
                     status = Status.MAX_ITERATIONS
         except _Ended as end:
             status = end.status
-        if self._best[0] == math.inf:
-            status = self._last_chance(status)
+        if self._best[0] == math.inf:  # it ended before any point was judged
+            try:
+                self._judged(self._X)
+            except _Ended as end:
+                status = end.status
         return self._result(status, why)
-
-    def _last_chance(self, status: Status) -> Status:
-        """The status after the last point has been judged, of a run that ended before any was."""
-        try:
-            self._judged(self._X)
-        except _Ended as end:
-            return end.status
-        return status
 
     def _reported(self, sweeps: Sweeps) -> None:
         if self._progress is not None and self._progress(Progress(self._convex, len(self._history), sweeps.residual)):
@@ -172,10 +157,9 @@ class _ConeRun:
         else comes to an end the contacts change their states for 100 000 sweeps.
         """
         problem, left = self._problem, self._settings.work - self._cones.matrix.operations
-        assert isinstance(problem.A, MatrixCompliance)
-        A, work, made = problem.A.sparse(), 0.5 * left / (_PER_MICROSECOND * _PARTS), 0
+        work, made = 0.5 * left / (_PER_MICROSECOND * _PARTS), 0
         while at is not None and work > 0.0 and made < _PARTS:
-            at, made = swept(A, problem.b, problem.law.friction, self._goal.residual, at.x, work), made + 1
+            at, made = swept(self._A, problem.b, problem.law.friction, self._goal.residual, at.x, work), made + 1
             if at is not None:
                 self._sweeps += at.made
                 self._judged(self._cones.scaled(at.x))
@@ -314,13 +298,19 @@ class _ConeRun:
         problem, x = self._problem, self._best[1]
         gradient = problem.gradient(x)
         residual = self._scales.residual(problem, x, gradient)
-        products = self._sweeps + problem.A.products - self._products + self._cones.products
-        result = answer(self._settings.name, problem, self._goal, x, gradient, residual, status, products)
-        result = replace(
-            result, outer_steps=self._convex, newton_steps=len(self._history), history=tuple(self._history)
+        w = gradient.reshape(-1, 3)
+        result = SolverResult(
+            x=x,
+            gradient=gradient,
+            slip_bound=problem.slip_bound(x),
+            multipliers=np.stack([np.maximum(w[:, 0], 0.0), radius(w)], axis=1),
+            status=self._goal.verdict(residual, x, status),
+            outer_steps=self._convex,
+            newton_steps=len(self._history),
+            products=self._sweeps + self._cones.products,
+            residual=residual,
+            history=tuple(self._history),
         )
-        if result.status is Status.CONVERGED:
-            return result
         matrix = self._cones.matrix
         message = why or (
             f"the {self._settings.name} method ended with a residual of {residual:.1e} after {len(self._history)} "
@@ -329,16 +319,18 @@ class _ConeRun:
             f"{matrix.factorisations} factorisations, {matrix.operations:.1e} of at most "
             f"{self._settings.work:.1e} operations"
         )
-        raise NotConverged(message, replace(result, message=message))
+        return result if result.status is Status.CONVERGED else replace(result, message=message)
 
 
 @dataclass(frozen=True)
 class ConeInteriorPoint(SolverSettings):
-    """The method as a value; for Coulomb's law without cohesion, A given as a matrix, and one rank.
+    """The method as a value; for Coulomb's law without cohesion, A given as a matrix, and one rank (`suits`).
+
+    `solve` raises NotConverged with the status NO_EQUILIBRIUM if no forces keep the contacts from penetrating.
 
     Attributes:
         tolerance: Residual at which to stop, the larger of `FrictionProblem.residual` and `cones.cone_residual`.
-        sweeps: Gauss-Seidel sweeps; whether they come first, and last.
+        sweeps: Gauss-Seidel sweeps; whether they come first, and last; or those that have been made for the problem.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
         curve: Steps along the curve of smoothed problems.
@@ -352,7 +344,7 @@ class ConeInteriorPoint(SolverSettings):
         ValueError: If a constant is outside its bounds.
     """
 
-    sweeps: bool = True
+    sweeps: bool | Sweeps = True
     newton: int = within("[1, inf)", 12)
     path: int = within("[1, inf)", 80)
     curve: int = within("[0, inf)", 250)
@@ -374,46 +366,16 @@ class ConeInteriorPoint(SolverSettings):
             and not np.any(lower)
         )
 
-    def solve(
-        self,
-        problem: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """Solve a problem with friction; arguments and errors as those of `Solver.solve`.
-
-        Raises:
-            ValueError: If the problem does not suit the method (`suits`).
-            NotConverged: With the best answer; with the status NO_EQUILIBRIUM if no forces keep the contacts from
-                penetrating.
-        """
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         if not (self.suits(problem) and isinstance(problem.A, MatrixCompliance)):
             raise ValueError(
                 f"the {self.name} method is for Coulomb's law without cohesion, lower bounds and rigid motions, with A "
                 "as a matrix on one rank; use Automatic()"
             )
-        tolerance = self.tolerance if tolerance is None else tolerance
-        first = None if start is None else np.ascontiguousarray(start, dtype=np.float64)
-        sweeps = swept(problem.A.sparse(), problem.b, problem.law.friction, tolerance, first) if self.sweeps else None
-        return self.after(problem, sweeps, start, tolerance=tolerance, progress=progress)
-
-    def after(
-        self,
-        problem: FrictionProblem,
-        sweeps: Sweeps | None,
-        start: FloatArray | None = None,
-        *,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """As `solve`, after some sweeps for a problem that suits the method, from `start` if there were none."""
-        assert isinstance(problem.A, MatrixCompliance)
-        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
-        if sweeps is not None and goal.reached(sweeps.residual, sweeps.x):
-            return sweeps.result(self.name, goal)
-        A, scales = problem.A.sparse(), Scales.of(problem)
-        run = _ConeRun(self, problem, ConeProblem(problem, A, scales), scales, goal, progress)
-        return run.follow(start, sweeps)
+        start, sweeps = task.start, self.sweeps if isinstance(self.sweeps, Sweeps) else None
+        if self.sweeps is True:
+            first = None if start is None else np.ascontiguousarray(start, dtype=np.float64)
+            sweeps = swept(problem.A.sparse(), problem.b, problem.law.friction, task.goal.tolerance, first)
+        if sweeps is not None and task.goal.reached(sweeps.residual, sweeps.x):
+            return sweeps.result(self.name, task.goal)
+        return _ConeRun(self, problem, task).follow(start, sweeps)

@@ -75,12 +75,7 @@ class ConeStep(NamedTuple):
 
 
 class ConePath:
-    """The path, step by step.
-
-    Args:
-        problem: The problem.
-        slip: |Z_t| of the convex problem with given slip, shape (m,); None to find it.
-    """
+    """The path, step by step; `slip` is |Z_t| of the convex problem with given slip, shape (m,), None to find it."""
 
     def __init__(self, problem: ConeProblem, slip: FloatArray | None = None):
         self._problem, self._slip, self._kept = problem, slip, 0
@@ -168,18 +163,9 @@ _WEIGHT = 0.1  # rho over that of the natural map; on 13 problems whose forces o
 
 
 class CurvePoint:
-    """A point (V, log tau), near the curve.
-
-    Args:
-        problem: The problem.
-        V: X - rho Z, shape (m, 3).
-        log: log tau.
-        rho: Forces over displacements, shape (m, 1).
+    """A point (V, log tau), near the curve, with V = X - rho Z of shape (m, 3), rho forces over displacements, (m, 1).
 
     Attributes:
-        V: X - rho Z, shape (m, 3).
-        log: log tau.
-        tau: tau.
         X: Forces, inside L, shape (m, 3).
         Z: Displacements, inside L, shape (m, 3).
         G: Z - W X - q - (eta |Z_t|_tau + tau) e, shape (m, 3), 0 on the curve.
@@ -227,8 +213,7 @@ class CurvePoint:
     def newton_blocks(self) -> FloatArray:
         """D of the matrix W + D for dX: -dZ/dX at constant tau, and with it the slip."""
         D = self._blocks(self._z / self._x, self._z.sum(axis=0) / self._x.sum(axis=0)) / self._rho[:, :, None]
-        blocks: FloatArray = self._E @ D
-        return blocks
+        return self._E @ D
 
     def unknowns(self, dX: FloatArray) -> FloatArray:
         """dV of a dX at constant tau."""
@@ -255,9 +240,6 @@ class _Directions(NamedTuple):
 
 class ConeCurve:
     """The curve, step by step.
-
-    Args:
-        problem: The problem.
 
     Attributes:
         rejected: Steps that were too long.

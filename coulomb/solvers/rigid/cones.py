@@ -21,27 +21,23 @@ import scipy.sparse
 
 from ...arrays import FloatArray
 from ..friction_problem import FrictionProblem
-from ..results import Goal, SolverResult, Status
 from .newton_matrix import NewtonMatrix
 
 
 def radius(x: FloatArray) -> FloatArray:
     """|(x_1, x_2)|, shape (m,)."""
-    size: FloatArray = np.sqrt(x[:, 1] ** 2 + x[:, 2] ** 2)
-    return size
+    return np.sqrt(x[:, 1] ** 2 + x[:, 2] ** 2)
 
 
 def determinant(x: FloatArray) -> FloatArray:
     """x_0^2 - x_1^2 - x_2^2 without cancellation, shape (m,): positive inside the cone, 0 on its surface."""
     t = radius(x)
-    product: FloatArray = (x[:, 0] - t) * (x[:, 0] + t)
-    return product
+    return (x[:, 0] - t) * (x[:, 0] + t)
 
 
 def times(matrices: FloatArray, x: FloatArray) -> FloatArray:
     """Matrices (m, 3, 3) times vectors (m, 3)."""
-    image: FloatArray = (matrices @ x[:, :, None])[:, :, 0]
-    return image
+    return (matrices @ x[:, :, None])[:, :, 0]
 
 
 def product(x: FloatArray, y: FloatArray) -> FloatArray:
@@ -160,8 +156,7 @@ def project_on_friction_cones(r: FloatArray, friction: FloatArray) -> FloatArray
     inside, polar = size <= friction * r[:, 0], friction * size <= -r[:, 0]
     normal = (r[:, 0] + friction * size) / (1.0 + friction**2)
     along = (friction * normal / np.where(size > 0.0, size, 1.0))[:, None] * r[:, 1:]
-    nearest: FloatArray = np.where(inside[:, None], r, np.where(polar[:, None], 0.0, np.column_stack([normal, along])))
-    return nearest
+    return np.where(inside[:, None], r, np.where(polar[:, None], 0.0, np.column_stack([normal, along])))
 
 
 def cone_residual(r: FloatArray, u: FloatArray, friction: FloatArray, loads: float) -> float:
@@ -221,48 +216,8 @@ class Scales(NamedTuple):
         return max(problem.residual(x, gradient), cone_residual(r, u, problem.law.friction, self.loads))
 
 
-def answer(
-    name: str,
-    problem: FrictionProblem,
-    goal: Goal,
-    x: FloatArray,
-    gradient: FloatArray,
-    residual: float,
-    otherwise: Status,
-    products: int,
-) -> SolverResult:
-    """The result with some forces.
-
-    Args:
-        name: The solver's.
-        problem: The problem.
-        goal: Decides on the status.
-        x: Forces in newtons, shape (3 m,).
-        gradient: A x - b in metres, shape (3 m,), computed afresh.
-        residual: Of both.
-        otherwise: The status if they do not pass.
-        products: Products by A so far.
-    """
-    w = gradient.reshape(-1, 3)
-    return SolverResult(
-        x=x,
-        gradient=gradient,
-        slip_bound=problem.slip_bound(x),
-        multipliers=np.stack([np.maximum(w[:, 0], 0.0), radius(w)], axis=1),
-        status=goal.verdict(residual, x, otherwise),
-        products=products,
-        residual=residual,
-        method=name,
-    )
-
-
 class ConeProblem:
-    """A problem with Coulomb friction in these variables, on one rank.
-
-    Args:
-        problem: Coulomb's law without cohesion, lower bounds 0, no rigid motions.
-        A: Its compliance as a sparse matrix.
-        scales: Its units.
+    """A problem in these variables, on one rank: Coulomb's law without cohesion, lower bounds 0, no rigid motions.
 
     Attributes:
         contacts: m.
@@ -297,8 +252,7 @@ class ConeProblem:
     def w(self, X: FloatArray) -> FloatArray:
         """W X + q, shape (m, 3)."""
         self.products += 1
-        image: FloatArray = (self.W @ X.ravel()).reshape(-1, 3) + self.q
-        return image
+        return (self.W @ X.ravel()).reshape(-1, 3) + self.q
 
     def natural_map(self, X: FloatArray) -> NaturalMap:
         """The natural map at X (m, 3)."""

@@ -86,7 +86,7 @@ def swept(
     if isinstance(A, np.ndarray):
         if A.dtype != _FLOAT or not A.flags.aligned or A.strides[0] % 8 or A.strides[1] % 8:
             return None
-        entries, indptr, indices, data = n * n, None, None, A.ctypes.data
+        entries, indptr, indices, data = n * n, None, None, A
         strides = A.strides[0] // 8, A.strides[1] // 8
     else:
         pointers, columns, values = A.indptr, A.indices, A.data
@@ -99,20 +99,18 @@ def swept(
         if not (values.flags.c_contiguous and columns.flags.c_contiguous and pointers.flags.c_contiguous):
             return None
         entries, strides = min(len(values), len(columns)), (0, 0)
-        indptr, indices, data = pointers.ctypes.data, columns.ctypes.data, values.ctypes.data
+        indptr, indices, data = pointers, columns, values
     number, coefficients = 0.0, None
     if isinstance(friction, np.ndarray):
         if friction.shape != (m,) or friction.dtype != _FLOAT or not friction.flags.c_contiguous:
             return None
-        coefficients = friction.ctypes.data
+        coefficients = friction
     else:
         number = friction
     out = np.empty(2 + 9 * m)
-    begin = None if start is None else start.ctypes.data
     made = kernels().gauss_seidel(
-        m, entries, indptr, indices, data, *strides, b.ctypes.data, coefficients, number, begin, tolerance, work,
-        out.ctypes.data,
-    )  # fmt: skip
+        m, entries, indptr, indices, data, *strides, b, coefficients, number, start, tolerance, work, out
+    )
     if made < 0:
         return None
     x, w, last = out[2 : 2 + n], out[2 + n : 2 + 2 * n], 2 + 2 * n + m

@@ -4,8 +4,8 @@ friction.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,14 +17,13 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ...linalg.compliance import Compliance, MatrixCompliance
 from ...linalg.reductions import Reductions
-from ..automatic import DECISIVE, Automatic, named
-from ..dense_system import DenseSystem
-from ..friction_problem import FrictionProblem, Solver
+from ..automatic import DECISIVE, Automatic, ended
+from ..friction_problem import FrictionProblem, Solver, SolverSettings, Task
 from ..interior_point import InteriorPoint
 from ..laws import FrictionLaw
-from ..results import Goal, NotConverged, ProgressCallback, SolverResult
+from ..newton_systems import DenseSystem
+from ..results import Goal, SolverResult, Status
 from ..rigid_motions import RigidMotions
-from ..settings import SolverSettings
 from ..successive_tresca import SuccessiveTresca
 from .cone_interior_point import ConeInteriorPoint
 from .gauss_seidel import Sweeps, swept
@@ -51,86 +50,59 @@ class MatrixAutomatic(SolverSettings):
     Where A is not clearly positive definite and contacts are few, `RegularisedNewton` comes first, with given slip
     bounds for the forces of least norm; it also comes after the others, if they fail on another A.
 
+    If no method converges, NotConverged has the best answer, and the messages of all.
+
     Attributes:
         tolerance: Residual at which to stop.
+        sweeps: Those that `swept` has made for the problem.
 
     Raises:
         ValueError: If the tolerance is not positive.
     """
 
+    sweeps: Sweeps | None = None
+
     name = "auto"
 
-    def solve(
-        self,
-        problem: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-        sweeps: Sweeps | None = None,
-    ) -> SolverResult:
-        """Solve a problem with friction; arguments and errors as those of `Solver.solve`.
-
-        Args:
-            sweeps: Those that `swept` has made for the problem.
-
-        Raises:
-            NotConverged: With the best answer of the methods, and the messages of all.
-        """
-        tolerance = self.tolerance if tolerance is None else tolerance
-        cones, regularised = ConeInteriorPoint(tolerance), RegularisedNewton(tolerance)
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
+        tolerance = task.goal.tolerance
+        cones, regularised = ConeInteriorPoint(tolerance, self.sweeps or True), RegularisedNewton(tolerance)
         ending = SuccessiveTresca(tolerance, newton_steps=_TRESCA)
-        by_cones = cones.suits(problem) and (sweeps is not None or _for_cones(problem.A))
+
+        def matrix() -> Any:
+            assert isinstance(problem.A, MatrixCompliance)
+            return problem.A.sparse()
+
+        by_cones = cones.suits(problem) and (self.sweeps is not None or _for_cones(matrix()))
         few = regularised.suits(problem) and problem.A.nodes <= (_FEWER if by_cones else _FEW)
-        singular = few and not _definite(_matrix(problem.A).toarray())
-        if by_cones and singular:
-            cones = replace(cones, work=_WORK * problem.A.nodes)
-
-        def regularise() -> SolverResult:
-            return regularised.solve(problem, progress=progress)
-
-        def by(krylov: Solver) -> Callable[[], SolverResult]:
-            return lambda: krylov.solve(problem, start, gradient=gradient, progress=progress)
-
-        def by_cone_method() -> SolverResult:
-            if sweeps is None:
-                return cones.solve(problem, start, progress=progress)
-            return cones.after(problem, sweeps, progress=progress)
-
+        singular = few and not _definite(matrix().toarray())
+        methods: list[Solver] = [regularised] if singular else []
         if by_cones:
-            methods = [regularise, by_cone_method] if singular else [by_cone_method]
+            methods += [replace(cones, work=_WORK * problem.A.nodes) if singular else cones]
         elif singular:
-            methods = [regularise, by(InteriorPoint(tolerance, newton=DenseSystem())), by(InteriorPoint(tolerance))]
-            methods += [by(ending)] if problem.sloped else []
+            methods += [InteriorPoint(tolerance, newton=DenseSystem()), InteriorPoint(tolerance)]
+            methods += [ending] if problem.sloped else []
         else:
             both = Automatic(tolerance, successive_tresca=ending if problem.A.nodes <= _FEWER else None)
-            methods = [by(both if problem.sloped else InteriorPoint(tolerance))]
-            methods += [regularise] if few else []
-        products, failed = problem.A.products, list[SolverResult]()
+            methods += [both if problem.sloped else InteriorPoint(tolerance), *([regularised] if few else [])]
+        products, tried = problem.A.products, list[SolverResult]()
         for method in methods:
-            try:
-                result = method()
-            except NotConverged as failure:
-                failed.append(failure.result)
-                if failure.result.status in DECISIVE:
-                    break
-            else:
-                return named(result, products=problem.A.products - products)
-        decisive = failed[-1].status in DECISIVE
-        best = failed[-1] if decisive else min(failed, key=lambda result: result.residual)
-        message = failed[-1].message if decisive else ".  Then ".join(result.message for result in failed)
-        raise NotConverged(message, replace(named(best, products=problem.A.products - products), message=message))
+            solve = partial(method.solve, problem, task.start, gradient=task.gradient, progress=task.progress)
+            best = ended(solve)
+            tried.append(best)
+            if best.status in (Status.CONVERGED, *DECISIVE):
+                break
+        else:
+            best = min(tried, key=lambda result: result.residual)
+            best = replace(best, message=".  Then ".join(result.message for result in tried))
+        others = max(best.products - (problem.A.products - products), 0)  # sweeps, and products by the scaled A
+        return replace(best, products=others, method=f"{self.name}: {best.method.removeprefix(f'{self.name}: ')}")
 
     def swept(self, A: Any, b: Any, friction: Any) -> SolverResult | Sweeps | None:
         """The answer by sweeps, or what they reached; None where they are not tried, or an argument is not plain.
 
-        All that a valid problem has to satisfy is checked, but not said: None for whatever does not.
-
-        Args:
-            A: As for `solve_coulomb`.
-            b: Likewise.
-            friction: Likewise.
+        All that a valid problem has to satisfy is checked, but not said: None for whatever does not.  Arguments as of
+        `solve_coulomb`.
         """
         few = 3 * _FEW
         if type(A) is np.ndarray:
@@ -156,19 +128,10 @@ class MatrixAutomatic(SolverSettings):
         return sweeps.result(_BY_SWEEPS, Goal(self.tolerance, None))
 
 
-def _for_cones(A: Any) -> bool:
+def _for_cones(matrix: Any) -> bool:
     """Whether a matrix is small, sparse, or not clearly positive definite."""
-    if not isinstance(A, MatrixCompliance):
-        return False
-    if A.nodes <= _FEW:
-        return True
-    matrix = _matrix(A)
-    return bool(matrix.nnz <= _SPARSE * matrix.shape[0] ** 2 or not _definite(matrix.toarray()))
-
-
-def _matrix(A: Any) -> Any:
-    assert isinstance(A, MatrixCompliance)
-    return A.sparse()
+    n = matrix.shape[0]
+    return n <= 3 * _FEW or matrix.nnz <= _SPARSE * n**2 or not _definite(matrix.toarray())
 
 
 def _definite(matrix: FloatArray) -> bool:
@@ -256,7 +219,7 @@ def solve_coulomb(
     coefficient = _for_each("friction", friction, compliance.nodes)
     law = FrictionLaw(_for_each("cohesion", cohesion, compliance.nodes), coefficient)
     problem = FrictionProblem(compliance, _numbers("b", b), law, rigid=_motions(rigid))
-    return MatrixAutomatic().solve(problem, sweeps=sweeps) if solver is None else solver.solve(problem)
+    return (solver or MatrixAutomatic(sweeps=sweeps)).solve(problem)
 
 
 def _motions(rigid: RigidMotions | None) -> RigidMotions | None:

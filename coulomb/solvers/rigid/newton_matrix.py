@@ -16,15 +16,11 @@ from ...native import kernels
 
 
 class BlockPattern:
-    """The entries of a block matrix and where they are in compressed columns.
-
-    Args:
-        W: Block matrix of scipy, blocks of 3 x 3, columns in order, with all blocks of the diagonal.
+    """The entries of a matrix W of 3 x 3 blocks, columns in order, with all blocks of the diagonal, and where they are
+    in compressed columns, `indptr` and `indices`.
 
     Attributes:
         order: New numbers to old ones of rows and columns alike; None for the old ones.
-        indptr: Of the compressed columns.
-        indices: Of the compressed columns.
     """
 
     def __init__(self, W: Any):
@@ -33,13 +29,10 @@ class BlockPattern:
         self._blocks: FloatArray = np.ascontiguousarray(W.data)
         self._row = np.repeat(np.arange(self._m), np.diff(self._first))
         self._diagonal = np.flatnonzero(self._row == self._column)
-        self._place(None)
+        self.reorder(None)
 
-    def reorder(self, order: npt.NDArray[np.intp]) -> None:
+    def reorder(self, order: npt.NDArray[np.int32] | None) -> None:
         """Number rows and columns anew, order (3 m,) from new numbers to old ones."""
-        self._place(order.astype(np.int32))
-
-    def _place(self, order: npt.NDArray[np.int32] | None) -> None:
         n = 3 * self._m
         self.order = order
         old = np.arange(n, dtype=np.int32) if order is None else order
@@ -49,20 +42,18 @@ class BlockPattern:
         self.indices = np.empty(9 * len(self._column), dtype=np.int32)
         self._at = np.empty(9 * len(self._column), dtype=np.int32)
         arrays = (self._first, self._column, old, new, self.indptr, self.indices, self._at)
-        kernels().positions(self._m, *(array.ctypes.data for array in arrays))
+        kernels().positions(self._m, *arrays)
 
     def entries(self, D: FloatArray, L: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Entries of r (L W + D) c in compressed columns, and r, c of shape (3 m,): largest entries of rows, then of
         columns, are 1.
 
-        Args:
-            D: Shape (m, 3, 3).
-            L: Shape (m, 3, 3); None for 1.
+        D and L have shape (m, 3, 3); None is L = 1.
         """
         data, r, c = np.empty(len(self._at)), np.empty(3 * self._m), np.empty(3 * self._m)
         D, left = np.ascontiguousarray(D), None if L is None else np.ascontiguousarray(L)
         arrays = (self._first, self._column, self._blocks, D, left, self._at, np.empty_like(self._blocks), r, c, data)
-        kernels().entries(self._m, *(None if array is None else array.ctypes.data for array in arrays))
+        kernels().entries(self._m, *arrays)
         return data, r, c
 
 
@@ -76,10 +67,7 @@ class NewtonMatrix:
 
     Sparse factors have a symmetric minimum degree order, found at the first factorisation, and prefer the diagonal as
     pivot.  Rows, then columns, are first scaled to a largest entry of 1: the blocks of open and of closed contacts
-    differ by many orders of magnitude.
-
-    Args:
-        W: Symmetric, sparse, shape (3 m, 3 m).
+    differ by many orders of magnitude.  W (3 m, 3 m) is symmetric and sparse.
 
     Attributes:
         factorisations: Their number so far.
@@ -105,12 +93,7 @@ class NewtonMatrix:
             self._pattern = BlockPattern(pattern)
 
     def factorise(self, D: FloatArray, L: FloatArray | None = None) -> bool:
-        """Factorise L W + D, both of shape (m, 3, 3); whether it is regular, and the limit of work is not exceeded.
-
-        Args:
-            D: Added blocks.
-            L: Factors of the rows of W; None for 1.
-        """
+        """Factorise L W + D, both (m, 3, 3), None is L = 1; whether it is regular, and within the limit of work."""
         if self.operations > self.limit:
             return False
         self.factorisations += 1
@@ -151,7 +134,7 @@ class NewtonMatrix:
             self._work, self._entries = 2.0 * float(below @ right), self._lu.nnz
             self._counted = L is None  # L has many zeros, which take time but are left out of these factors
         if self._order is None:
-            pattern.reorder(np.argsort(self._lu.perm_c))
+            pattern.reorder(np.argsort(self._lu.perm_c).astype(np.int32))
         self.operations += self._work * (self._lu.nnz / self._entries) ** 2
         return True
 
@@ -174,8 +157,7 @@ class NewtonMatrix:
         else:
             x = np.empty_like(r)
             x[self._order] = self._lu.solve(r[self._order])
-        solution: FloatArray = (self._c * x).reshape(right.shape)
-        return solution
+        return (self._c * x).reshape(right.shape)
 
 
 def _with_diagonal(blocks: Any) -> Any:

@@ -15,7 +15,7 @@ regularised problems have solutions that lead to eps = 0.  It is tried on small 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -24,10 +24,10 @@ from ...arrays import FloatArray
 from ...linalg.compliance import MatrixCompliance
 from ..contact_equations import ContactDerivative, ContactEquations
 from ..equilibrium import balanced_forces
-from ..friction_problem import FrictionProblem
-from ..results import Goal, NotConverged, Progress, ProgressCallback, QPStep, SolverResult, Status
+from ..friction_problem import FrictionProblem, SolverSettings, Task
+from ..results import Progress, QPStep, SolverResult, Status
 from ..rigid_motions import NO_MOTION
-from ..settings import SolverSettings, within
+from ..settings import within
 from .cone_interior_point import ConeInteriorPoint
 from .cones import Scales
 
@@ -48,6 +48,9 @@ class RegularisedNewton(SolverSettings):
     (tests/singular_problems.py), takes three times as long, and forces under given slip bounds are more than 1 % larger
     in 51 of 92 of them, 23,000 times in one.
 
+    A start is not used.  `solve` raises NotConverged with the status NO_EQUILIBRIUM, if no contact forces balance the
+    loads of a body that contact alone holds.
+
     Attributes:
         tolerance: Residual at which to stop (`FrictionProblem.residual`).
         systems: Newton systems, dense, until it gives up.
@@ -64,34 +67,11 @@ class RegularisedNewton(SolverSettings):
         """Whether A is a matrix on one rank."""
         return isinstance(problem.A, MatrixCompliance) and problem.A.comm.size == 1
 
-    def solve(
-        self,
-        problem: FrictionProblem,
-        start: FloatArray | None = None,
-        *,
-        gradient: FloatArray | None = None,
-        tolerance: float | None = None,
-        progress: ProgressCallback | None = None,
-    ) -> SolverResult:
-        """Solve a problem with friction; arguments and errors as those of `Solver.solve`; `start` is not used.
-
-        Raises:
-            ValueError: If A is not a matrix on one rank.
-            NotConverged: With the status NO_EQUILIBRIUM, if no contact forces balance the loads of a body that contact
-                alone holds.
-        """
+    def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         if not self.suits(problem):
             raise ValueError(f"the {self.name} method is for A as a matrix on one rank; use Automatic()")
         balanced_forces(problem, self.name)
-        goal = Goal(self.tolerance if tolerance is None else tolerance, problem.accept)
-        result = _Run(self, problem, goal, progress).follow()
-        if result.status is not Status.CONVERGED:
-            message = (
-                f"the {self.name} method ended with a residual of {result.residual:.1e} after {result.newton_steps} "
-                f"Newton steps ({result.status.value}), {goal.missed(result.residual)}"
-            )
-            raise NotConverged(message, replace(result, message=message))
-        return result
+        return _Run(self, problem, task).follow()
 
 
 class _Ended(Exception):
@@ -101,12 +81,10 @@ class _Ended(Exception):
 class _Run:
     """The solution of one problem; forces in units of s, displacements of a s."""
 
-    def __init__(
-        self, settings: RegularisedNewton, problem: FrictionProblem, goal: Goal, progress: ProgressCallback | None
-    ):
+    def __init__(self, settings: RegularisedNewton, problem: FrictionProblem, task: Task):
         assert isinstance(problem.A, MatrixCompliance)
-        self._settings, self._problem, self._goal, self._progress = settings, problem, goal, progress
-        self._products, self._history = problem.A.products, list[QPStep]()
+        self._settings, self._problem, self._goal, self._progress = settings, problem, task.goal, task.progress
+        self._history = list[QPStep]()
         a, m, rigid = problem.mean_diagonal, problem.A.nodes, problem.rigid
         self._a, self._s = a, float(np.abs(problem.b).max()) / a or float(np.max(np.abs(problem.lower))) or 1.0
         self._e = NO_MOTION
@@ -115,7 +93,7 @@ class _Run:
         if rigid is not None:
             basis = problem.motion_basis
             self._s = max(self._s, basis.distance(rigid.e))
-            self._T, self._G, self._e = basis.T, basis.T @ basis.G, basis.T @ rigid.e / self._s
+            self._T, self._G, self._e = basis.T, basis.rows, basis.T @ rigid.e / self._s
         s = self._s
         self._A: FloatArray = problem.A.sparse().toarray() / a
         self._b: FloatArray = problem.b / (a * s)
@@ -207,8 +185,7 @@ class _Run:
         if self._progress is not None and self._progress(Progress(0, number, self._best[0])):
             self._status = Status.INTERRUPTED
             raise _Ended
-        step: FloatArray = dv if singular == 0 else np.full(len(dv), np.nan)
-        return step
+        return dv if singular == 0 else np.full(len(dv), np.nan)
 
     def _judged(self, v: FloatArray) -> None:
         """Judge an answer afresh."""
@@ -239,9 +216,7 @@ class _Run:
             multipliers=np.column_stack([np.maximum(w[:, 0], 0.0), np.hypot(w[:, 1], w[:, 2])]),
             status=self._goal.verdict(residual, x, self._status, alpha),
             newton_steps=len(self._history),
-            products=problem.A.products - self._products,
             residual=residual,
             history=tuple(self._history),
-            method=self._settings.name,
             rigid=alpha,
         )

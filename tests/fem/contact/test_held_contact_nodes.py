@@ -11,8 +11,7 @@ from shared_problems import by_clarabel
 import coulomb
 from coulomb import InteriorPoint, SuccessiveTresca
 from coulomb.solvers import KPRGP, FrictionLaw, FrictionProblem
-from coulomb.solvers.dense_system import DenseSystem
-from coulomb.solvers.newton_systems import AugmentedSystem, SchurComplementSystem
+from coulomb.solvers.newton_systems import AugmentedSystem, DenseSystem, SchurComplementSystem
 
 FREE, T1, T2, TANGENT, PLANE, OBLIQUE, LINE = range(7)
 """Nothing held; t1; t2; a direction between t1 and t2; both; a direction between n and t1; all but one direction."""
