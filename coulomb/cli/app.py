@@ -89,7 +89,7 @@ def run(
             settings = read_case(case, [*(changes or ()), *(["output.report=true"] if page else ())])
 
         with drawing_soon(settings) as renderer:
-            from .running import compute
+            from .run_case import compute
 
             target = directory or Path(settings.output.directory)
             compute(session, settings, case, target, force, overwrite=overwrite, renderer=renderer)
@@ -103,7 +103,7 @@ def resume(
     force: Force = False,
 ) -> None:
     """Continue a load history that was interrupted, from its last step, on any number of ranks."""
-    from ..io.written_case import written_case
+    from ..io.case_record import written_case
     from .session import opened
 
     with opened(quiet, log_file) as session:
@@ -112,7 +112,7 @@ def resume(
             if settings.history is None:
                 raise ValueError(f"{directory} contains a single run, not a load history: there is nothing to resume")
 
-        from .running import compute
+        from .run_case import compute
 
         compute(session, settings, directory, directory, force, resume=True)
 

@@ -18,10 +18,10 @@ from ..model.nodal_answer import ACCUMULATED, Accumulated
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
 from . import output
-from .body_grids import collections, names_of_sides
+from .atomic_output import locked
 from .history_summary import Entries, added, whole
-from .replacing_results import locked
 from .restart import at_nodes, read_step, read_summary
+from .result_grids import collections, names_of_sides
 from .run_directory import FIELDS, HISTORY, RunDirectory, step_place
 
 

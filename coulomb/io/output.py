@@ -25,9 +25,9 @@ from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
 from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
-from .body_grids import body_grids, collections, contact_facets, contact_grids
+from .atomic_output import PARTIAL, commit, present
 from .grid_file import write_grids
-from .replacing_results import PARTIAL, commit, present
+from .result_grids import body_grids, collections, contact_facets, contact_grids
 from .run_directory import CONTACT, HISTORY, SOLUTION, SUMMARY
 from .summary import summary
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,8 @@ def _is_whole(step: RunDirectory) -> bool:
 
 
 def at_nodes(file: Path, name: str, parts: Sequence[tuple[str, FloatArray]], comm: MPI.Comm) -> FloatArray:
-    """A vector field of a result file at this rank's points of several grids, shape (k, 3); collective.
+    """A vector field of a result file at this rank's points of several grids, found by their coordinates, shape (k, 3);
+    collective.
 
     Args:
         file: XDMF file.
@@ -107,35 +109,10 @@ def at_nodes(file: Path, name: str, parts: Sequence[tuple[str, FloatArray]], com
             raise ValueError(f"has no grid {missing[0]!r}: belongs to another problem, or is incomplete")
         return found
 
-    with _offering_whole_steps(file.parent):
-        of = on_all_ranks(groups, str(file), comm)
-        return np.concatenate([nodal_vectors(data_of(file), name, x, comm, group=of[grid]) for grid, x in parts])
-
-
-def nodal_vectors(
-    path: Path, name: str, x: FloatArray, comm: MPI.Comm, elsewhere: float | None = None, group: str = ""
-) -> FloatArray:
-    """A vector field of a grid in an HDF5 file at this rank's points, found by their coordinates; collective.
-
-    Args:
-        path: HDF5 file.
-        name: Name of the field.
-        x: Points in metres, shape (k, 3).
-        comm: The ranks.
-        elsewhere: Value at points that are not in the file; by default such points are an error.
-        group: Of the grid; by default of the only one.
-
-    Raises:
-        ValueError: On every rank, if the file cannot be read or lacks a point.
-    """
-
-    ends = np.array([x.min(axis=0), -x.max(axis=0)]) if len(x) else np.full((2, 3), np.inf)
-    size = float(np.max(-np.min(comm.allgather(ends), axis=0).sum(axis=0)))
-
-    def read() -> FloatArray:
-        values = np.full((len(x), 3), np.nan if elsewhere is None else elsewhere)
-        tree, hits = tree_of(x) if len(x) else None, np.zeros(len(x))
-        for points, vectors in parts_of_field(path, name, group):
+    def read(group: str, x: FloatArray, size: float) -> FloatArray:
+        values, hits = np.full((len(x), 3), np.nan), np.zeros(len(x))
+        tree = tree_of(x) if len(x) else None
+        for points, vectors in parts_of_field(data_of(file), name, group):
             if tree is not None:
                 distance, number = tree.query(points, distance_upper_bound=1e-9 * size)
                 found = np.isfinite(distance)
@@ -147,4 +124,11 @@ def nodal_vectors(
             raise ValueError("belongs to another mesh, or is incomplete")
         return values
 
-    return on_all_ranks(read, str(path), comm)
+    with _offering_whole_steps(file.parent):
+        of, found = on_all_ranks(groups, str(file), comm), []
+        for grid, x in parts:
+            ends = np.array([x.min(axis=0), -x.max(axis=0)]) if len(x) else np.full((2, 3), np.inf)
+            size = float(np.max(-np.min(comm.allgather(ends), axis=0).sum(axis=0)))
+            one = partial(read, of[grid], x, size)
+            found.append(on_all_ranks(one, str(data_of(file)), comm))
+        return np.concatenate(found)

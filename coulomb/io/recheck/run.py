@@ -14,16 +14,14 @@ from ...contact_fields import ANSWER, names
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
 from ..field_files import data_of
-from ..nodal_grids import BETWEEN, OURS, middle
+from ..result_grids import BETWEEN, OURS, middle
 from ..run_directory import CASE, CONTACT, FIELDS, SOLUTION, SUMMARY
-from ..run_files import WrittenRun, read_run
-from ..written_faces import WrittenFace
+from ..run_files import WrittenFace, WrittenRun, read_run
 from .case_reference import CaseForces, CaseReference
 from .comparison import Comparison, Rounding, unjudged
-from .contact_nodes import ContactNodes, face_names
+from .contact_nodes import ContactNodes, Start, from_start, spins_of
 from .face_geometry import contact_nodes
-from .load_step import Start, from_start, spins_of
-from .recomputed import Recomputation, Variant, compare_materials, located_probes, written_fields
+from .recomputation import Recomputation, Variant, compare_materials, located_probes, written_fields
 
 SLIP_BOUND_LIMIT = 1e-6
 """Accepted relative difference between g of the last Tresca problem and the law at its forces, plus ten times the
@@ -165,7 +163,7 @@ def check_run(
             trusted.append(f"taken as written, since {absent} is not there: mesh, material, loads, supports, springs")
         else:
             part = case.compare_bodies(run, time, found)
-    count = len(face_names(run)) if case is None else len(case.contacts)
+    count = len(run.face_names) if case is None else len(case.contacts)
     faces = _facets_of_faces(run, _facet_parts(run, count) if part is None else part, count)
     alone = start is None and "step" in run.summary
     slip_rate = None if alone else np.zeros(len(run.node)) if start is None else start.slip_rate(run)

@@ -19,12 +19,11 @@ from ..contact_names import normal_forces
 from ..fem.compilation import announce
 from ..io import output
 from ..io.accuracy import accuracy
-from ..io.case_record import case_record, refuse_another_case
+from ..io.atomic_output import discard, locked, set_aside, settle
+from ..io.case_record import case_record, case_text, refuse_another_case, write_case
 from ..io.history_files import HistoryFiles, steps_on_disk, whole_history
-from ..io.replacing_results import discard, locked, set_aside, settle
 from ..io.run_directory import CASE, PICTURE, RunDirectory
 from ..io.summary import summary
-from ..io.written_case import case_text, write_case
 from ..linalg.factors import NotPositiveDefinite
 from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep

@@ -21,7 +21,7 @@ from ..fem.bodies import FIELDS, HELD_OBLIQUE, TEMPERATURE, VECTORS, CellMateria
 from ..fem.meshes import MeshFile, distributed, inspect
 from ..nearest import tree_of
 from .field_files import COINCIDENT, data_of, grids_of, read_fields
-from .nodal_grids import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING
+from .result_grids import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING
 from .run_directory import OLD, SOLUTION
 
 
