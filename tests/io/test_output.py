@@ -3,7 +3,6 @@
 import csv
 import json
 
-import h5py
 import numpy as np
 import pytest
 import pyvista
@@ -138,35 +137,12 @@ def test_tresca_counts_slip_on_open_nodes_too():
     assert nodes == {"contact": 126, "open": 20, "stick": 8, "slip": 118}
 
 
-def test_results_are_replaced_only_when_complete(tmp_path, monkeypatch):
-    solution = solved_block(4)
-    output.write(solution, tmp_path)
-    (tmp_path / "notes.txt").write_text("mine")
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-
-    def fail(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(output, "_write_history", fail)
-    with pytest.raises(OSError, match="No space"):
-        output.write(solution, tmp_path)
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
 def test_a_picture_that_cannot_be_drawn_loses_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(drawing_process.sys, "executable", "/nonexistent/python")
     contents = write_with_picture(solved_block(4), tmp_path)
     assert contents["picture"].startswith("could not be drawn")
     assert json.loads((tmp_path / "summary.json").read_text())["certificate"]["passed"]
     assert not (tmp_path / "picture.png").exists() and (tmp_path / "contact.h5").exists()
-
-
-def test_read_grid_reads_what_was_written(run):
-    _, directory = run
-    grid = read_grid(directory / "contact.xdmf")
-    assert grid.cell == "Quadrilateral" and grid.cells.shape == (108, 4) and grid.points.shape == (133, 3)
-    with h5py.File(directory / "contact.h5") as file:
-        assert np.array_equal(file["Function/pressure/0"][()].ravel(), grid.fields["pressure"])
 
 
 def test_a_body_of_one_cell_has_pictures(tmp_path):
