@@ -34,7 +34,7 @@ from ..pictures import drawing_process, picture_of_run
 from ..pictures.drawing_process import DrawingProcess
 from ..ranks import on_rank_0
 from ..solvers.results import NotConverged, Status
-from .console import FAILED, INTERRUPTED, bad_input, errors
+from .console import FAILED, INTERRUPTED, bad_input, errors, fail
 from .picture_commands import write_report
 from .preparation import prepared, refuse_unwritable, warn_of_locking
 from .session import Session
@@ -266,8 +266,7 @@ def _take_recorded_steps(
         _write_page(session, settings, target)
         report_history(console, history, taken, time.perf_counter() - began, target, settings.solver.tolerance)
     if not trouble and session.interruption.asked():
-        errors.print(f"error: {_cut_short(settings, target)}", markup=False)
-        raise typer.Exit(INTERRUPTED)
+        fail(_cut_short(settings, target), INTERRUPTED)
     if trouble:
         if code == INTERRUPTED:
             done = steps_on_disk(target, comm)

@@ -19,7 +19,7 @@ from ..case.error_messages import fault_of
 from ..case.files import LARGEST, KeyPath, named_files, read_text, rename_files
 from ..ranks import launched, on_rank_0
 from ..regular_file import refuse_irregular
-from .restart import read_step
+from .history_files import read_step
 from .run_directory import CASE, RunDirectory
 
 

@@ -14,7 +14,7 @@ from shared_problems import RUBBER, UP, rubbed
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, InteriorPoint, LoadHistory, Plane, Sphere, Spring, Traction
 from coulomb.io import output
-from coulomb.io.restart import at_nodes
+from coulomb.io.history_files import at_nodes
 
 
 @dataclass(frozen=True)

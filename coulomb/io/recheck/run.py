@@ -164,7 +164,7 @@ def check_run(
         else:
             part = case.compare_bodies(run, time, found)
     count = len(run.face_names) if case is None else len(case.contacts)
-    faces = _facets_of_faces(run, _facet_parts(run, count) if part is None else part, count)
+    faces = _facets_of_faces(run, part, count)
     alone = start is None and "step" in run.summary
     slip_rate = None if alone else np.zeros(len(run.node)) if start is None else start.slip_rate(run)
     nodes = contact_nodes(run, case, time, slip_rate, faces, found)
@@ -187,27 +187,32 @@ def check_run(
         found.tree(f"{SUMMARY}.small_strain", strain, {"accepted": data.accepted}, source=CASE)
     written = nodes.only(nodes.written)
     _compare(run, written, variants, found)
-    if data.supported is None:
-        _compare_sums(run, variants, found)
+    if data.supported is None:  # the parts of the sums of loads and of reactions are unknown
+        sums, *rounded = (variant.sums for variant in variants)
+        said = {
+            name: {k: np.sum([one[k] for one in run.summary[name]] or [np.zeros(3)], axis=0).tolist() for k in of}
+            for name, of in sums.items()
+        }
+        found.tree(f"{SUMMARY}: sum", said, sums, rounded, ANSWER)
     trusted += [*unknown, *([] if run.body.elastic else [_FORMS])]
     recorded = bool(run.summary["certificate"]["passed"])
     return Findings(variants[0].certificate, found, tuple(trusted), recorded, run, written, variants)
 
 
 def _facets_of_faces(
-    run: WrittenRun, facet_part: npt.NDArray[np.int64], count: int
+    run: WrittenRun, part: npt.NDArray[np.int64] | None, count: int
 ) -> list[tuple[WrittenFace, npt.NDArray[np.int32]]]:
-    """Of every contact face its grid, and its facets there."""
-    if len(run.faces) > 1:
+    """Of every contact face its grid, and its facets there: by the case, the number of the face of every facet `part`;
+    without one by the contact nodes."""
+    if run.faces[0].name:  # every face has a grid of its own
         return [(run.faces[number], run.faces[number].number) for number in range(count)]
-    return [(run.faces[0], run.faces[0].number[facet_part == number]) for number in range(count)]
+    part = _facet_parts(run, count) if part is None else part
+    return [(run.faces[0], run.faces[0].number[part == number]) for number in range(count)]
 
 
 def _facet_parts(run: WrittenRun, count: int) -> npt.NDArray[np.int64]:
-    """The face of every written facet: that of its contact nodes; if they are on two, the one to which the facet is
-    more parallel.  Where every face has a grid of its own, that of its grid."""
-    if len(run.faces) > 1 or run.faces[0].name:
-        return np.repeat(np.arange(len(run.faces)), [len(face.facets) for face in run.faces])
+    """The face of every facet of the only grid: that of its contact nodes; if they are on two, the one to which the
+    facet is more parallel."""
     (face,) = run.faces
     said = np.round(run.on_face["face"]).astype(np.int64)
     best = np.full(len(face.facets), -np.inf)
@@ -270,15 +275,3 @@ def _compare(run: WrittenRun, nodes: ContactNodes, variants: tuple[Variant, ...]
             found.field(f"{CONTACT}: {name} of held nodes", values[none], zero, x[none], "their status", floor=floor)
     compare_materials(run, found)
     found.tree(SUMMARY, run.summary, first.numbers, [other.numbers for other in others], ANSWER)
-
-
-def _compare_sums(run: WrittenRun, variants: tuple[Variant, ...], found: Comparison) -> None:
-    """Compare the sums of loads and of reactions in summary.json, of which without a case the parts are unknown."""
-    written = {
-        name: {
-            what: np.sum([part[what] for part in run.summary[name]] or [np.zeros(3)], axis=0).tolist() for what in sums
-        }
-        for name, sums in variants[0].sums.items()
-    }
-    first, *others = (variant.sums for variant in variants)
-    found.tree(f"{SUMMARY}: sum", written, first, others, ANSWER)

@@ -15,7 +15,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, Sphere
 from coulomb.fem.contact import contact_points, surface
 from coulomb.io import output
-from coulomb.io.restart import at_nodes
+from coulomb.io.history_files import at_nodes
 from coulomb.model import problem_evidence
 
 RUBBER = Material(1e7, 0.3)
