@@ -211,6 +211,13 @@ class Case(Table):
         return supports, loads, [t.spring() for t in self.spring]
 
     @property
+    def _on_faces(self) -> dict[str, SupportTable | SpringTable | LoadTable]:
+        """The tables of supports, loads and springs, by their key in the case."""
+        supports = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry")
+        kinds = (*supports, "traction", "pressure", "total_force", "spring")
+        return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
+
+    @property
     def contacts(self) -> dict[str, ContactTable]:
         """The contact faces, by their key in the case."""
         if isinstance(self.contact, ContactTable):
@@ -259,9 +266,7 @@ class Case(Table):
         heated = None if self.temperature is None else self.temperature.body
         if heated is not None and (fault := fault_of_body(heated, self.body)):
             raise ValueError(f"temperature.body = {heated!r}: {fault}")
-        loaded = ("traction", "pressure", "total_force", "spring")
-        kinds = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry", *loaded)
-        faces = {f"{kind}.{i}.face": entry.face for kind in kinds for i, entry in enumerate(getattr(self, kind))}
+        faces = {f"{key}.face": table.face for key, table in self._on_faces.items()}
         for key, table in self.contacts.items():
             faces[f"{key}.face"] = table.face
             if table.against is not None:
@@ -280,14 +285,11 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _time_needs_a_history(self) -> Case:
-        timed: dict[str, Any] = {f"{key}.motion": table.motion for key, table in self.contacts.items()}
-        timed |= {f"{key}.rotation": table.rotation for key, table in self.contacts.items()}
-        timed |= {f"{key}.gap_amplitude": table.gap_amplitude for key, table in self.contacts.items()}
+        of_contacts = ("motion", "rotation", "gap_amplitude")
+        timed = {f"{key}.{name}": getattr(table, name) for name in of_contacts for key, table in self.contacts.items()}
         timed |= {"body_force_amplitude": self.body_force_amplitude, "gravity_amplitude": self.gravity_amplitude}
         timed |= {"temperature.amplitude": None if self.temperature is None else self.temperature.amplitude}
-        moved = ("clamp", "prescribed_displacement", "prescribed_rotation")
-        for name in (*moved, "traction", "pressure", "total_force"):
-            timed |= {f"{name}.{k}.amplitude": table.amplitude for k, table in enumerate(getattr(self, name))}
+        timed |= {f"{key}.amplitude": getattr(table, "amplitude", None) for key, table in self._on_faces.items()}
         if self.history is None:
             for key, value in timed.items():
                 if value is not None:

@@ -20,9 +20,8 @@ from ..installation import unusable
 from ..ranks import launched
 from ..version import __version__
 from .case_commands import Changes, check_case, convert, new
-from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, refuse_ranks, showing_messages
+from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, fail, refuse_ranks, showing_messages
 from .console import console as _console
-from .console import errors as _errors
 from .picture_commands import drawing_soon, plot, report
 
 if TYPE_CHECKING:
@@ -89,7 +88,7 @@ def run(
             settings = read_case(case, [*(changes or ()), *(["output.report=true"] if page else ())])
 
         with drawing_soon(settings) as renderer:
-            from .running import compute
+            from .run_case import compute
 
             target = directory or Path(settings.output.directory)
             compute(session, settings, case, target, force, overwrite=overwrite, renderer=renderer)
@@ -103,7 +102,7 @@ def resume(
     force: Force = False,
 ) -> None:
     """Continue a load history that was interrupted, from its last step, on any number of ranks."""
-    from ..io.written_case import written_case
+    from ..io.case_record import written_case
     from .session import opened
 
     with opened(quiet, log_file) as session:
@@ -112,7 +111,7 @@ def resume(
             if settings.history is None:
                 raise ValueError(f"{directory} contains a single run, not a load history: there is nothing to resume")
 
-        from .running import compute
+        from .run_case import compute
 
         compute(session, settings, directory, directory, force, resume=True)
 
@@ -126,12 +125,10 @@ app.command("convert")(convert)
 @app.command("verification", hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
 def elsewhere() -> None:
     """Says where benchmarks and verification are; to be removed in the next version."""
-    _errors.print(
-        "error: benchmarks and verification are not in the package: from a checkout of the repository run "
-        "`python -m benchmarks NAME` or `python -m verification`",
-        markup=False,
+    fail(
+        "benchmarks and verification are not in the package: from a checkout of the repository run "
+        "`python -m benchmarks NAME` or `python -m verification`"
     )
-    raise typer.Exit(BAD_INPUT)
 
 
 @app.command()
@@ -163,8 +160,7 @@ def fclib(
     """
     refuse_ranks("coulomb fclib")
     if tolerance > 1.0:
-        _errors.print(f"error: --tolerance must be from 1e-12 to 1, but is {tolerance}", markup=False)
-        raise typer.Exit(BAD_INPUT)
+        fail(f"--tolerance must be from 1e-12 to 1, but is {tolerance}")
 
     from ..io.fclib import read_fclib
     from ..solvers.interior_point import InteriorPoint
@@ -177,14 +173,12 @@ def fclib(
     solver: Solver = MatrixAutomatic(tolerance)
     if dense:
         solver = SuccessiveTresca(tolerance, InteriorPoint(newton=DenseSystem()))
-    try:
+    with bad_input():
         problem = read_fclib(file)
-        result = solve_coulomb(problem.W, -problem.q, problem.mu, solver)
-    except ValueError as error:
-        _errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
-    except NotConverged as failure:
-        result, trouble = failure.result, str(failure)
+        try:
+            result = solve_coulomb(problem.W, -problem.q, problem.mu, solver)
+        except NotConverged as failure:
+            result, trouble = failure.result, str(failure)
     report = {
         "file": str(file),
         "title": problem.title.strip(),
@@ -204,8 +198,7 @@ def fclib(
             shown = f"{value:.2e}" if isinstance(value, float) else value
             _console.print(f"{name:<16}{shown}", markup=False, soft_wrap=True)
     if trouble:
-        _errors.print(f"error: {trouble}", markup=False)
-        raise typer.Exit(FAILED)
+        fail(trouble, FAILED)
 
 
 @app.command()
@@ -257,11 +250,9 @@ def export(
         W = scipy.sparse.csr_matrix(problem.A.dense())
         write_fclib(file, FCLIBProblem(W, -problem.b, mu, case.stem))
     except ValueError as error:
-        _errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
+        fail(str(error))
     except OSError as error:
-        _errors.print(f"error: {file}: cannot be written: {error.strerror or error}", markup=False)
-        raise typer.Exit(FAILED) from None
+        fail(f"{file}: cannot be written: {error.strerror or error}", FAILED)
     when = "" if time is None else f", in one step from rest to time {time:g}"
     _console.print(f"{len(mu)} contacts in {file}{when}", markup=False, soft_wrap=True)
 
@@ -292,11 +283,8 @@ def check(directory: Annotated[Path, typer.Argument(help="Directory of the resul
 
     from ..io.recheck import check as check_files
 
-    try:
+    with bad_input():
         found = check_files(directory, lambda line: _console.print(line, markup=False, soft_wrap=True))
-    except ValueError as error:
-        _errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
     _console.print(found.ending, markup=False, soft_wrap=True)
     if not found.passed:
         raise typer.Exit(FAILED)

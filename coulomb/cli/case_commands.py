@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ..ranks import launched, on_rank_0
-from .console import FAILED, bad_input, console, errors, refuse_ranks
+from .console import FAILED, bad_input, console, errors, fail, refuse_ranks
 
 Changes = Annotated[
     list[str] | None,
@@ -131,8 +131,7 @@ def convert(
     try:
         write(found, file)
     except OSError as error:
-        errors.print(f"error: {file}: cannot be written: {error.strerror or error}", markup=False)
-        raise typer.Exit(FAILED) from None
+        fail(f"{file}: cannot be written: {error.strerror or error}", FAILED)
     faces, groups = (", ".join(of) or "none" for of in (found.face_groups, found.cell_groups))
     console.print(
         f"{file} and {file.with_suffix('.h5').name} written: {len(found.cells)} cells; faces: {faces}; "

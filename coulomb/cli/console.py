@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NoReturn
 
 import typer
 from rich.console import Console
@@ -100,8 +101,13 @@ def bad_input(kind: type[ValueError] = ValueError) -> Iterator[None]:
     except kind as error:
         if not ranks.all_arrive(_TOGETHER):
             raise
-        errors.print(f"error: {error}", markup=False)
-        raise typer.Exit(BAD_INPUT) from None
+        fail(str(error))
+
+
+def fail(message: str, code: int = BAD_INPUT) -> NoReturn:
+    """Print an error, and end the command with this exit code."""
+    errors.print(f"error: {message}", markup=False)
+    raise typer.Exit(code) from None
 
 
 def refuse_ranks(what: str) -> None:
@@ -111,5 +117,4 @@ def refuse_ranks(what: str) -> None:
         what: The command, as "coulomb plot".
     """
     if ranks.several():
-        errors.print(f"error: {what} runs on one rank", markup=False)
-        raise typer.Exit(BAD_INPUT)
+        fail(f"{what} runs on one rank")

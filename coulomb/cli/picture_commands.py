@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,7 +17,7 @@ from ..io.run_directory import REPORT, RunDirectory
 from ..pictures import drawing_process
 from ..pictures.drawing_process import DrawingProcess
 from ..ranks import launched, on_rank_0
-from .console import BAD_INPUT, FAILED, console, errors, refuse_ranks
+from .console import BAD_INPUT, FAILED, console, fail, refuse_ranks
 
 if TYPE_CHECKING:
     from ..case.case import Case
@@ -51,7 +51,7 @@ def plot(
         save = Path("plot.png")
         console.print("there is no display: the picture is written to a file", markup=False)
     if scale is not None and not (math.isfinite(scale) and 0.0 <= scale <= 1e12):
-        _refuse(f"--scale must be from 0 to 1e12, but is {scale}")
+        fail(f"--scale must be from 0 to 1e12, but is {scale}")
     _refuse_nowhere(save)
     chosen = [str(directory), field, scale, view, save, step]
     _draw("plot", *("-" if choice is None else str(choice) for choice in chosen))
@@ -102,19 +102,14 @@ def write_report(directory: Path, stop: Callable[[], bool]) -> str:
     return on_rank_0(launched(), write)
 
 
-def _refuse(fault: str) -> NoReturn:
-    errors.print(f"error: {fault}", markup=False)
-    raise typer.Exit(BAD_INPUT)
-
-
 def _refuse_nowhere(save: Path | None) -> None:
     """Check that the folder of a file exists, before anything is drawn."""
     if save is None:
         return
     if not os.path.isdir(save.parent):
-        _refuse(f"--save {save}: there is no folder {save.parent}; create it first")
+        fail(f"--save {save}: there is no folder {save.parent}; create it first")
     if os.path.isdir(save):
-        _refuse(f"--save {save}: is a folder; name the file in it")
+        fail(f"--save {save}: is a folder; name the file in it")
 
 
 def _draw(*arguments: str) -> None:
@@ -123,8 +118,7 @@ def _draw(*arguments: str) -> None:
         if said:
             console.print(said, markup=False, soft_wrap=True)
         return
-    errors.print(f"error: {said}", markup=False)
-    raise typer.Exit(BAD_INPUT if code == BAD_INPUT else FAILED)
+    fail(said, BAD_INPUT if code == BAD_INPUT else FAILED)
 
 
 def _display() -> bool:

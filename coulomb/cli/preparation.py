@@ -10,12 +10,11 @@ from petsc4py import PETSc
 
 from ..case.case import Case
 from ..fem.bodies import LOCKING_ABOVE
-from ..io.case_record import case_record, differences
+from ..io.atomic_output import Present, present
+from ..io.case_record import case_in, case_record, differences
 from ..io.history_files import steps_left
 from ..io.output import refuse_full_disk, size_on_disk
-from ..io.replacing_results import Present, present
 from ..io.run_directory import CASE, RunDirectory
-from ..io.written_case import case_in
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
 from ..model.memory import least_memory, least_room, memory_needed, most_unknowns
 from ..model.problem import ContactProblem

@@ -22,6 +22,7 @@ from ..model.input_echo import contacts_of, loads_of, supports_of
 from ..model.nodal_answer import law_numbers
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
+from ..pictures.report.units import friction_in_words
 from ..process import animated
 from ..solvers.results import Progress
 from .console import bad_input, errors
@@ -43,18 +44,9 @@ def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
 
 def law_in_words(numbers: dict[str, Any]) -> str:
     """The law of friction with its coefficients, from `law_numbers`: Mohr-Coulomb friction 0.3, cohesion 2e+06 Pa."""
-
-    def shown(given: Any) -> str:
-        return f"{given['min']:g} to {given['max']:g}" if isinstance(given, dict) else f"{given:g}"
-
-    if numbers["law"] == "tresca":
-        return f"Tresca friction {shown(numbers['slip_stress'])} Pa"
-    friction = shown(numbers["friction"])
-    if numbers["friction_along"] is not None:
-        friction = f"{shown(numbers['friction_along'])} along and {shown(numbers['friction_across'])} across"
-    if numbers["law"] == "coulomb":
-        return f"Coulomb friction {friction}"
-    return f"Mohr-Coulomb friction {friction}, cohesion {shown(numbers['cohesion'])} Pa"
+    return friction_in_words(
+        numbers, lambda given, unit: f"{' to '.join(f'{value:g}' for value in given)} {unit}".strip()
+    )
 
 
 def body_in_words(problem: ContactProblem) -> str:

@@ -42,7 +42,13 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     energy = Energy(**{field.name: record["row"][f"energy_{field.name}"] for field in fields(Energy)})
     touching = before.get("steps_in_contact", 0) + (step["totals"]["contact_area"] > 0.0)
     outside = _outside(before.get("outside"), step)
-    overlap = max(before.get("overlap", 0.0), *map(_overlap, step["understood"]["contacts"]), 0.0)
+    # of faces with what they touch before deformation, metres; and the energy in joules of rounding errors: of a fixed
+    # node moved by the rounding error of its coordinates
+    overlaps = [one["given_gap"]["min"] - one["gap"]["min"] for one in step["understood"]["contacts"]]
+    overlap, compliance = float(max(before.get("overlap", 0.0), *overlaps, 0.0)), step["mean_compliance"]
+    rounding = 1e-12 * _number(largest["displacement"]["value"]) ** 2 / compliance if compliance else 0.0
+    remarks = energy.warning(rounding, overlap), "" if touching else f"nothing touches in any load step: {LOOK_AT_GAP}"
+    warnings = SmallStrain(**{name: _number(entry["value"]) for name, entry in largest_strain.items()}).warnings
     return {
         "steps": before.get("steps", 0) + 1,
         "certified_steps": before.get("certified_steps", 0) + bool(step["certificate"]["passed"]),
@@ -57,19 +63,14 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
         "residual": _larger(before.get("residual"), {"value": step["residual"], **where}),
         "certificate": _certificate(before.get("certificate", {}), step["certificate"], where),
         "small_strain": largest_strain,
-        "warnings": _warnings(largest_strain),
+        "warnings": list(warnings),
         "outside": outside,
         "violations": _violations(outside, before.get("steps", 0) + 1),
-        "remarks": _remarks(energy.warning(_rounding(largest, step["mean_compliance"]), overlap), touching),
+        "remarks": [text for text in remarks if text],
         "seconds": _sum(before.get("seconds", {}), step["seconds"]),
         "peak_memory_bytes": max(before.get("peak_memory_bytes", 0), step["peak_memory_bytes"]),
         "runs": _runs(before.get("runs", []), step.get("run"), record["number"]),
     }
-
-
-def _overlap(contact: Mapping[str, Any]) -> float:
-    """Largest overlap of a contact face with what it touches before deformation, without a given gap, metres."""
-    return float(max(0.0, contact["given_gap"]["min"] - contact["gap"]["min"]))
 
 
 def _sum(before: Mapping[str, float], step: Mapping[str, float]) -> Entries:
@@ -101,11 +102,6 @@ def _certificate(before: Mapping[str, Entries], now: Mapping[str, Any], where: E
     return {**worst, "passed": bool(now["passed"]) and before.get("passed", True)}
 
 
-def _warnings(largest: Mapping[str, Entries]) -> list[str]:
-    """The small-strain warnings with the largest figures of the history."""
-    return list(SmallStrain(**{name: _number(entry["value"]) for name, entry in largest.items()}).warnings)
-
-
 def _outside(before: Entries | None, step: Mapping[str, Any]) -> Entries | None:
     """Number of steps outside the theory of small strains, the first of them and its violations; null if none.
 
@@ -124,17 +120,6 @@ def _violations(outside: Entries | None, steps: int) -> list[str]:
         return []
     first, *others = outside["violations"]
     return [f"{outside['steps']} of {steps} load steps, the first is step {outside['first']}: {first}", *others]
-
-
-def _rounding(largest: Mapping[str, Entries], compliance: float | None) -> float:
-    """Energy of rounding errors in joules: of a fixed node moved by the rounding error of its coordinates."""
-    return 1e-12 * _number(largest["displacement"]["value"]) ** 2 / compliance if compliance else 0.0
-
-
-def _remarks(energies: str, touching: int) -> list[str]:
-    """Remarks on a history, besides its certificates and strains."""
-    remarks = [energies] if energies else []
-    return remarks if touching else [*remarks, f"nothing touches in any load step: {LOOK_AT_GAP}"]
 
 
 def _runs(before: list[Entries], run: Entries | None, number: int) -> list[Entries]:

@@ -25,9 +25,9 @@ from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
 from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
-from .body_grids import body_grids, collections, contact_facets, contact_grids
+from .atomic_output import PARTIAL, commit, present
 from .grid_file import write_grids
-from .replacing_results import PARTIAL, commit, present
+from .result_grids import body_grids, collections, contact_facets, contact_grids
 from .run_directory import CONTACT, HISTORY, SOLUTION, SUMMARY
 from .summary import summary
 
@@ -61,7 +61,12 @@ def write(
     target = Path(directory)
     if not overwrite and (found := comm.bcast(present(target).steps if comm.rank == 0 else 0)):
         raise ValueError(f"{target} holds a load history of {found} steps: choose another directory, or remove it")
-    folder = Path(on_rank_0(comm, lambda: _make_partial(target)))
+
+    def begin() -> str:
+        target.mkdir(parents=True, exist_ok=True)
+        return tempfile.mkdtemp(prefix=PARTIAL, dir=target)
+
+    folder = Path(on_rank_0(comm, begin))
     try:
         refuse_full_disk(problem, folder)
         _write_fields(solution, folder, fields or {})
@@ -85,11 +90,6 @@ def write(
             shutil.rmtree(folder, ignore_errors=True)
     problem.seconds.update(contents["seconds"])
     return contents
-
-
-def _make_partial(target: Path) -> str:
-    target.mkdir(parents=True, exist_ok=True)
-    return tempfile.mkdtemp(prefix=PARTIAL, dir=target)
 
 
 def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any]) -> None:

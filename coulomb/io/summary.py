@@ -6,7 +6,6 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.bodies import (
@@ -14,10 +13,8 @@ from ..fem.bodies import (
     AnyMaterial,
     Deformable,
     HeldDirections,
-    Loading,
     Materials,
     OrthotropicMaterial,
-    Temperature,
     by_group,
     range_of,
 )
@@ -43,7 +40,13 @@ def summary(solution: Solution) -> dict[str, Any]:
     elasticity, u = problem.elasticity, solution.displacement
     history: Any = result.history
     krylov = sum(step.krylov for step in history)
-    strain = solution.small_strain
+    strain, forms, temperature = solution.small_strain, elasticity.forms(), problem.loading.temperature
+    of_forms, of_temperature = dict[str, Any](), dict[str, Any]()
+    if forms is not None:  # what is recorded of the user's forms, and what follows from them alone
+        of_forms = {"forms": forms, "blocked_displacement": elasticity.blocked_displacement(problem.loading)}
+    if temperature is not None:
+        change = range_of(temperature.change, problem.comm)
+        of_temperature = {"reference_temperature": temperature.reference, TEMPERATURE: change}
     return {
         "coulomb": __version__,
         "status": result.status.value,
@@ -59,8 +62,8 @@ def summary(solution: Solution) -> dict[str, Any]:
         "probes": [value.entry() for value in solution.probes],
         "understood": {"supports": supports_of(problem), "contacts": contacts_of(problem)},
         "material": materials_of(elasticity),
-        **temperature_entries(problem.loading.temperature, problem.comm),
-        **forms_entries(elasticity, problem.loading),
+        **of_temperature,
+        **of_forms,
         "mean_compliance": problem.mean_compliance,
         "method": {
             "solver": result.method,
@@ -191,16 +194,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple | np.ndarray):
         return [_plain(one) for one in value]
     return float(value) if isinstance(value, np.floating) else value
-
-
-def forms_entries(body: Deformable, loading: Loading) -> dict[str, Any]:
-    """What is recorded of the user's forms, and what follows from them alone; empty for other bodies; collective."""
-    forms = body.forms()
-    return {} if forms is None else {"forms": forms, "blocked_displacement": body.blocked_displacement(loading)}
-
-
-def temperature_entries(temperature: Temperature | None, comm: MPI.Comm) -> dict[str, Any]:
-    """Reference temperature, and range of the difference from it; empty without a temperature; collective."""
-    if temperature is None:
-        return {}
-    return {"reference_temperature": temperature.reference, TEMPERATURE: range_of(temperature.change, comm)}

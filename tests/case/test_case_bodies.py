@@ -10,8 +10,7 @@ from mpi4py import MPI
 
 from coulomb.case.case import Case, read_case
 from coulomb.fem.meshes.named_mesh import volume
-from coulomb.io.case_record import case_record, differences
-from coulomb.io.written_case import case_text
+from coulomb.io.case_record import case_record, case_text, differences
 
 BLOCKS = """
 [[body]]

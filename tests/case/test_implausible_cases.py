@@ -170,7 +170,7 @@ def test_a_byte_order_mark_is_accepted():
 def test_a_byte_order_mark_in_case_json_is_accepted():
     from mpi4py import MPI
 
-    from coulomb.io.written_case import write_case, written_case
+    from coulomb.io.case_record import write_case, written_case
 
     Path("case.toml").write_text(BLOCK)
     write_case(read_case("case.toml"), Path("out"), MPI.COMM_WORLD)

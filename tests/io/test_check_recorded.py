@@ -16,9 +16,9 @@ from test_check_files import SQUEEZED
 import coulomb
 from coulomb.case.case import read_case
 from coulomb.io import output
+from coulomb.io.case_record import write_case
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
-from coulomb.io.written_case import write_case
 
 SECOND_ORDER = {
     cell: BLOCK.replace("cells = [6, 3, 2]", f'cells = [3, 2, 1]\ncell = "{cell}"\ndegree = 2')

@@ -11,10 +11,9 @@ from mpi4py import MPI
 from resumed_rows import rows_of, same_to_the_tolerance
 
 from coulomb.case.case import read_case
-from coulomb.io.case_record import case_record
+from coulomb.io.case_record import case_record, write_case
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck.history import check_history
-from coulomb.io.written_case import write_case
 
 comm = MPI.COMM_WORLD
 

@@ -14,7 +14,7 @@ from shared_problems import RUBBER, UP, rubbed
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, InteriorPoint, LoadHistory, Plane, Sphere, Spring, Traction
 from coulomb.io import output
-from coulomb.io.restart import nodal_vectors
+from coulomb.io.history_files import at_nodes
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def test_slip_is_written_as_that_of_the_step(tmp_path):
     before, step = LoadHistory([1.5, 2.0]).steps(problem)
     output.write(step.solution, tmp_path)
     elasticity, nodes = step.solution.problem.elasticity, step.solution.problem.surface.nodes
-    written = nodal_vectors(tmp_path / "contact.h5", "slip", elasticity.x, problem.comm, elsewhere=0.0)[nodes]
+    written = at_nodes(tmp_path / "contact.xdmf", "slip", [("", elasticity.x[nodes])], problem.comm)
     slip = (step.solution.displacement - before.solution.displacement)[nodes] - [1e-3, 0.0, 0.0]
     slip[:, 2] = 0.0
     assert np.allclose(written, slip, rtol=0.0, atol=1e-6 * np.abs(slip).max())

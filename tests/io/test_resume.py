@@ -9,9 +9,8 @@ from mesh_files import BoxFile
 from mpi4py import MPI
 
 from coulomb.case.case import read_case
-from coulomb.io.case_record import case_record, refuse_another_case
+from coulomb.io.case_record import case_record, refuse_another_case, write_case, written_case
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.written_case import write_case, written_case
 from coulomb.model.load_history import LoadHistory
 
 comm = MPI.COMM_WORLD

@@ -24,9 +24,8 @@ from coulomb import (
     VariableFriction,
 )
 from coulomb.case.case import read_case
-from coulomb.io.case_record import case_record
+from coulomb.io.case_record import case_record, write_case
 from coulomb.io.recheck import check
-from coulomb.io.written_case import write_case
 
 RUBBER = Material(1e7, 0.3)
 FLOOR = Plane((0, 0, 0), (0, 0, 1))

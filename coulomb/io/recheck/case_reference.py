@@ -29,16 +29,13 @@ from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR, corners_of
 from ...linalg.reductions import Reductions
 from ...model.resultants import ForceBalance, force_balance
-from ..case_record import lasting_part
-from ..nodal_grids import GROUND
+from ..case_record import lasting_part, written_case
+from ..result_grids import GROUND
+from ..run_bodies import WrittenBody, midpoints, places
 from ..run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
-from ..run_files import WrittenRun
+from ..run_files import WrittenRun, midpoints_of_facets
 from ..summary import material_entries
-from ..written_bodies import WrittenBody, midpoints, places
-from ..written_case import written_case
-from ..written_faces import midpoints_of_facets
 from .comparison import Comparison
-from .contact_nodes import face_names
 
 _SOURCE = "the case"
 
@@ -93,7 +90,7 @@ class CaseReference:
 
     def orient(self, run: WrittenRun) -> None:
         """Take the slave of every pair to be the face that has the contact points in the files."""
-        slave, master = dict(enumerate(face_names(run))), {one.contact: one.against for one in run.opposite}
+        slave, master = dict(enumerate(run.face_names)), {one.contact: one.against for one in run.opposite}
         for number, contact in enumerate(self.contacts):
             exchanged = (slave.get(number), master.get(number)) == (contact.against, contact.face)
             if contact.against is not None and exchanged:

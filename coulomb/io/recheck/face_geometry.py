@@ -40,8 +40,7 @@ from ...fem.contact import (
 from ...fem.geometry import HELD_BEYOND, LEAST_RATIO, held_length, supported_frames
 from ...nearest import tree_of
 from ..run_directory import CONTACT
-from ..run_files import WrittenRun
-from ..written_faces import WrittenFace, WrittenOpposite
+from ..run_files import WrittenFace, WrittenOpposite, WrittenRun
 from .case_reference import CaseReference
 from .comparison import Comparison
 from .contact_nodes import ContactNodes

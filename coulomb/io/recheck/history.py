@@ -21,13 +21,13 @@ from ...linalg.reductions import Reductions
 from ...model.load_step import Energy, Forces, Moment, coefficients_work, row
 from ..history_summary import whole
 from ..output import Series
+from ..run_bodies import places
 from ..run_directory import FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
 from ..run_files import WrittenRun
-from ..written_bodies import places
 from .case_reference import CaseReference
 from .comparison import Comparison, unjudged
-from .load_step import Start
-from .recomputed import Variant
+from .contact_nodes import Start
+from .recomputation import Variant
 from .run import Findings, as_recorded, check_run, step_of, unread, verdict
 
 _TIMES = ("pending", "halvings")  # of a step: `_check_times`

@@ -14,16 +14,14 @@ from ...contact_fields import ANSWER, names
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
 from ..field_files import data_of
-from ..nodal_grids import BETWEEN, OURS, middle
+from ..result_grids import BETWEEN, OURS, middle
 from ..run_directory import CASE, CONTACT, FIELDS, SOLUTION, SUMMARY
-from ..run_files import WrittenRun, read_run
-from ..written_faces import WrittenFace
+from ..run_files import WrittenFace, WrittenRun, read_run
 from .case_reference import CaseForces, CaseReference
 from .comparison import Comparison, Rounding, unjudged
-from .contact_nodes import ContactNodes, face_names
+from .contact_nodes import ContactNodes, Start, from_start, spins_of
 from .face_geometry import contact_nodes
-from .load_step import Start, from_start, spins_of
-from .recomputed import Recomputation, Variant, compare_materials, located_probes, written_fields
+from .recomputation import Recomputation, Variant, compare_materials, located_probes, written_fields
 
 SLIP_BOUND_LIMIT = 1e-6
 """Accepted relative difference between g of the last Tresca problem and the law at its forces, plus ten times the
@@ -165,8 +163,8 @@ def check_run(
             trusted.append(f"taken as written, since {absent} is not there: mesh, material, loads, supports, springs")
         else:
             part = case.compare_bodies(run, time, found)
-    count = len(face_names(run)) if case is None else len(case.contacts)
-    faces = _facets_of_faces(run, _facet_parts(run, count) if part is None else part, count)
+    count = len(run.face_names) if case is None else len(case.contacts)
+    faces = _facets_of_faces(run, part, count)
     alone = start is None and "step" in run.summary
     slip_rate = None if alone else np.zeros(len(run.node)) if start is None else start.slip_rate(run)
     nodes = contact_nodes(run, case, time, slip_rate, faces, found)
@@ -189,27 +187,32 @@ def check_run(
         found.tree(f"{SUMMARY}.small_strain", strain, {"accepted": data.accepted}, source=CASE)
     written = nodes.only(nodes.written)
     _compare(run, written, variants, found)
-    if data.supported is None:
-        _compare_sums(run, variants, found)
+    if data.supported is None:  # the parts of the sums of loads and of reactions are unknown
+        sums, *rounded = (variant.sums for variant in variants)
+        said = {
+            name: {k: np.sum([one[k] for one in run.summary[name]] or [np.zeros(3)], axis=0).tolist() for k in of}
+            for name, of in sums.items()
+        }
+        found.tree(f"{SUMMARY}: sum", said, sums, rounded, ANSWER)
     trusted += [*unknown, *([] if run.body.elastic else [_FORMS])]
     recorded = bool(run.summary["certificate"]["passed"])
     return Findings(variants[0].certificate, found, tuple(trusted), recorded, run, written, variants)
 
 
 def _facets_of_faces(
-    run: WrittenRun, facet_part: npt.NDArray[np.int64], count: int
+    run: WrittenRun, part: npt.NDArray[np.int64] | None, count: int
 ) -> list[tuple[WrittenFace, npt.NDArray[np.int32]]]:
-    """Of every contact face its grid, and its facets there."""
-    if len(run.faces) > 1:
+    """Of every contact face its grid, and its facets there: by the case, the number of the face of every facet `part`;
+    without one by the contact nodes."""
+    if run.faces[0].name:  # every face has a grid of its own
         return [(run.faces[number], run.faces[number].number) for number in range(count)]
-    return [(run.faces[0], run.faces[0].number[facet_part == number]) for number in range(count)]
+    part = _facet_parts(run, count) if part is None else part
+    return [(run.faces[0], run.faces[0].number[part == number]) for number in range(count)]
 
 
 def _facet_parts(run: WrittenRun, count: int) -> npt.NDArray[np.int64]:
-    """The face of every written facet: that of its contact nodes; if they are on two, the one to which the facet is
-    more parallel.  Where every face has a grid of its own, that of its grid."""
-    if len(run.faces) > 1 or run.faces[0].name:
-        return np.repeat(np.arange(len(run.faces)), [len(face.facets) for face in run.faces])
+    """The face of every facet of the only grid: that of its contact nodes; if they are on two, the one to which the
+    facet is more parallel."""
     (face,) = run.faces
     said = np.round(run.on_face["face"]).astype(np.int64)
     best = np.full(len(face.facets), -np.inf)
@@ -272,15 +275,3 @@ def _compare(run: WrittenRun, nodes: ContactNodes, variants: tuple[Variant, ...]
             found.field(f"{CONTACT}: {name} of held nodes", values[none], zero, x[none], "their status", floor=floor)
     compare_materials(run, found)
     found.tree(SUMMARY, run.summary, first.numbers, [other.numbers for other in others], ANSWER)
-
-
-def _compare_sums(run: WrittenRun, variants: tuple[Variant, ...], found: Comparison) -> None:
-    """Compare the sums of loads and of reactions in summary.json, of which without a case the parts are unknown."""
-    written = {
-        name: {
-            what: np.sum([part[what] for part in run.summary[name]] or [np.zeros(3)], axis=0).tolist() for what in sums
-        }
-        for name, sums in variants[0].sums.items()
-    }
-    first, *others = (variant.sums for variant in variants)
-    found.tree(f"{SUMMARY}: sum", written, first, others, ANSWER)

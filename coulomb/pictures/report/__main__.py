@@ -24,7 +24,7 @@ if __name__ == "__main__":
         if kind == "page":
             from .page import main
         elif kind == "overview":
-            from .overview import main
+            from .picture import overview as main
         else:
             from .picture import main
         sys.stdout.write(main(arguments))

@@ -95,21 +95,14 @@ def merged(grids: Mapping[str, Grid]) -> Grid:
     grids = _each_face_once(grids)
     parts = list(grids.values())
     width = max(part.cells.shape[1] for part in parts)
-    first_points = np.cumsum([0, *(len(part.points) for part in parts)])
-    first_cells = np.cumsum([0, *(len(part.cells) for part in parts)])
+    ends = np.cumsum([(0, 0), *((len(part.points), len(part.cells)) for part in parts)], axis=0).tolist()
     blocks = tuple(
-        Block(
-            name,
-            slice(int(first_points[k]), int(first_points[k + 1])),
-            slice(int(first_cells[k]), int(first_cells[k + 1])),
-            part.cut or part.cell,
-            part.pieces,
-        )
-        for k, (name, part) in enumerate(grids.items())
+        Block(name, slice(first, last), slice(first_cell, last_cell), part.cut or part.cell, part.pieces)
+        for (name, part), (first, first_cell), (last, last_cell) in zip(grids.items(), ends[:-1], ends[1:], strict=True)
     )
     cells = [
         np.pad(part.cells, ((0, 0), (0, width - part.cells.shape[1])), mode="edge") + first
-        for part, first in zip(parts, first_points, strict=False)
+        for part, (first, _) in zip(parts, ends, strict=False)
     ]
     names = dict.fromkeys(name for part in parts for name in part.fields)
     widest = max(parts, key=lambda part: part.cells.shape[1])
@@ -150,15 +143,9 @@ def _everywhere(name: str, parts: Sequence[Grid]) -> FloatArray:
     """A field on all grids."""
     here = next(part for part in parts if name in part.fields)
     on_cells = len(here.fields[name]) == len(here.cells) != len(here.points)
-    rows = [
-        part.fields.get(
-            name,
-            np.full(
-                (len(part.cells if on_cells else part.points), *here.fields[name].shape[1:]), _ELSEWHERE.get(name, 0.0)
-            ),
-        )
-        for part in parts
-    ]
+    nothing, shape = _ELSEWHERE.get(name, 0.0), here.fields[name].shape[1:]
+    sizes = [len(part.cells if on_cells else part.points) for part in parts]
+    rows = [part.fields.get(name, np.full((n, *shape), nothing)) for part, n in zip(parts, sizes, strict=True)]
     return np.concatenate([np.asarray(row, dtype=np.float64) for row in rows])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,7 @@ from ...contact_names import named_faces
 from ...load_curve import LoadCurve
 from .files import Run
 from .grids import blocks_of
-from .sheet import friction_in_words
-from .units import in_nodes, in_seconds, number, quantity, vector
+from .units import friction_in_words, in_nodes, in_seconds, number, quantity, vector
 
 Facts = list[tuple[str, str]]
 
@@ -105,26 +104,23 @@ def _bare(value: Sequence[float | str]) -> str:
 
 def in_time(amplitude: Any) -> str:
     """A factor in time: rows [time, factor], or a load curve; empty without one."""
-    rows, after = rows_and_after(amplitude)
-    if not rows:
-        return ""
-    shown = ", ".join(f"{number(factor)} at {in_seconds(time)}" for time, factor in rows[:_ROWS])
-    return f", factor {shown}{', …' if len(rows) > _ROWS else ''}{after}"
+    shown = _rows_in_time(amplitude, lambda values: number(values[0]))
+    return shown and f", factor {shown}"
+
+
+def _rows_in_time(given: Any, shown: Callable[[Sequence[float]], str]) -> str:
+    """Rows of a table in time of a case.json, and what follows the last if it is not its value; empty without rows."""
+    rows, after = (given["table"], given.get("after", "hold")) if isinstance(given, dict) else (given or [], "hold")
+    more = ", …" if len(rows) > _ROWS else ""
+    return ", ".join(f"{shown(row[1:])} at {in_seconds(row[0])}" for row in rows[:_ROWS]) + more + _AFTER.get(after, "")
 
 
 def values_in_time(given: Any, times: Sequence[float]) -> FloatArray:
     """Values of a table in time of a case.json at k times, shape (k, columns)."""
-    rows, _ = rows_and_after(given)
-    after: Any = given.get("after", "hold") if isinstance(given, dict) else "hold"
+    table: dict[str, Any] = given if isinstance(given, dict) else {"table": given}
+    rows, after = table["table"], table.get("after", "hold")
     curve = LoadCurve([row[0] for row in rows], [row[1:] for row in rows], after)
     return np.array([curve.at(time) for time in times])
-
-
-def rows_and_after(given: Any) -> tuple[list[list[float]], str]:
-    """Rows of a table in time of a case.json, and what follows the last in words, if it is not its value."""
-    if isinstance(given, dict):
-        return given["table"], _AFTER.get(given.get("after", "hold"), "")
-    return given or [], ""
 
 
 def geometry(run: Run) -> Facts:
@@ -223,7 +219,7 @@ def _changing_friction(contact: dict[str, Any], where: str) -> Facts:
 
 
 def _foundation(contact: dict[str, Any], where: str) -> Facts:
-    """Foundation of a contact face of the case, and its motion."""
+    """Foundation of a contact face of the case, and its motion; `where` is appended to the names."""
     facts: Facts = []
     foundation = contact.get("foundation")
     if contact.get("against"):
@@ -244,23 +240,10 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
         source = f"{given['field']} of {given['file']}" if isinstance(given, dict) else f"{number_at(given)} m"
         facts.append((f"given gap{where}", f"{source}{in_steps}"))
     if contact.get("motion"):
-        rows, after = rows_and_after(contact["motion"])
-        places = [f"{vector(row[1:], 'm')} at {in_seconds(row[0])}" for row in rows[:6]]
-        more_rows = ", …" if len(rows) > 6 else ""
-        facts.append((f"motion of the foundation{where}", ", ".join(places) + more_rows + after))
-    return facts + _rotation(contact, where)
-
-
-_SHOWN = 6  # rows of a table
-
-
-def _rotation(contact: dict[str, Any], where: str) -> list[tuple[str, str]]:
-    """The rotation of a contact face of the case, a row; none without one; `where` is appended to its name."""
-    rotation = contact.get("rotation")
-    if not rotation:
-        return []
-    rows, after = rows_and_after(rotation["angle"])
-    shown = ", ".join(f"{number(turned)} rad at {in_seconds(time)}" for time, turned in rows[:_SHOWN])
-    shown += (", …" if len(rows) > _SHOWN else "") + after
-    axis = f"about ({', '.join(map(number, rotation['axis']))}) through {vector(rotation['point'], 'm')}"
-    return [(f"rotation of the foundation{where}", f"{axis}: {shown}" if shown else axis)]
+        moved = _rows_in_time(contact["motion"], lambda values: vector(values, "m"))
+        facts.append((f"motion of the foundation{where}", moved))
+    if rotation := contact.get("rotation"):
+        axis = f"about ({', '.join(map(number, rotation['axis']))}) through {vector(rotation['point'], 'm')}"
+        turned = _rows_in_time(rotation["angle"], lambda values: f"{number(values[0])} rad")
+        facts.append((f"rotation of the foundation{where}", f"{axis}: {turned}" if turned else axis))
+    return facts

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .fields import ZONES, Bar, Field
 from .files import Run, Step
 from .scene import Shot
-from .units import in_nodes, in_seconds, number, scale_of
+from .units import friction_in_words, in_nodes, in_seconds, number, scale_of
 
 BAR = 0.72
 """Height of a colour bar with its numbers and title, inches: of 150 pixels, a whole and, for films, even number."""
@@ -133,21 +133,3 @@ def caption(run: Run, step: Step, scale: float) -> str:
     if step.time is not None:
         parts.append(f"time {in_seconds(step.time)}")
     return ", ".join([*parts, f"displacement × {number(scale)}"])
-
-
-def friction_in_words(summary: dict[str, Any]) -> str:
-    """The law with its coefficients: Mohr-Coulomb friction 0.3, cohesion 2 MPa."""
-
-    def shown(given: Any, unit: str = "") -> str:
-        values = [given["min"], given["max"]] if isinstance(given, dict) else [given]
-        factor, unit = scale_of(max(values), unit) if unit else (1.0, "")
-        return f"{' to '.join(number(value / factor) for value in values)} {unit}".strip()
-
-    if summary["law"] == "tresca":
-        return f"Tresca friction {shown(summary['slip_stress'], 'Pa')}"
-    friction = shown(summary["friction"])
-    if summary.get("friction_along") is not None:
-        friction = f"{shown(summary['friction_along'])} along and {shown(summary['friction_across'])} across"
-    if summary["law"] == "coulomb":
-        return f"Coulomb friction {friction}"
-    return f"Mohr-Coulomb friction {friction}, cohesion {shown(summary['cohesion'], 'Pa')}"

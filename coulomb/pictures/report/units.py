@@ -1,10 +1,11 @@
-"""Numbers with their units, in prefixes of the SI."""
+"""Numbers with their units, in prefixes of the SI, and the law of friction in words."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
+from typing import Any
 
 from ...io.accuracy import rounded
 
@@ -90,3 +91,30 @@ def vector(
     factor, prefixed = scale_of(largest, unit)
     shown = ", ".join(number(0.0 if abs(v) <= 1e-9 * largest else v / factor, digits) for v in values)
     return f"({shown}){NARROW}{prefixed}"
+
+
+def in_prefixed(values: Sequence[float], unit: str) -> str:
+    """A number, or the smallest and the largest, with one unit: 1 to 2 MPa."""
+    factor, prefixed = scale_of(max(values), unit) if unit else (1.0, "")
+    return f"{' to '.join(number(value / factor) for value in values)} {prefixed}".strip()
+
+
+def friction_in_words(law: Mapping[str, Any], shown: Callable[[Sequence[float], str], str] = in_prefixed) -> str:
+    """The law of friction with its coefficients: Mohr-Coulomb friction 0.3, cohesion 2 MPa.
+
+    Args:
+        law: Its numbers (`law_numbers`), as in summary.json.
+        shown: Gives the words for a number, or the smallest and the largest, and their unit.
+    """
+
+    def of(name: str, unit: str = "") -> str:
+        given = law[name]
+        return shown([given["min"], given["max"]] if isinstance(given, Mapping) else [given], unit)
+
+    if law["law"] == "tresca":
+        return f"Tresca friction {of('slip_stress', 'Pa')}"
+    directed = law.get("friction_along") is not None
+    friction = f"{of('friction_along')} along and {of('friction_across')} across" if directed else of("friction")
+    if law["law"] == "coulomb":
+        return f"Coulomb friction {friction}"
+    return f"Mohr-Coulomb friction {friction}, cohesion {of('cohesion', 'Pa')}"

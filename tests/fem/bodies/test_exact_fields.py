@@ -8,7 +8,7 @@ from conftest import ROOT, STEEL, make_block, run_coulomb, without_pictures
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Traction
 from coulomb.io.grid_file import GridFields, write_grids
-from coulomb.io.nodal_grids import body_grid
+from coulomb.io.result_grids import body_grid
 from coulomb.model.nodal_answer import HELD, OPEN, OPEN_BELOW
 from coulomb.model.stopping_criterion import zero_open_forces
 

@@ -15,7 +15,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, Sphere
 from coulomb.fem.contact import contact_points, surface
 from coulomb.io import output
-from coulomb.io.restart import nodal_vectors
+from coulomb.io.history_files import at_nodes
 from coulomb.model import problem_evidence
 
 RUBBER = Material(1e7, 0.3)
@@ -102,7 +102,8 @@ def test_every_step_is_certified_and_slips_by_the_weights(foundation, tmp_path):
         motion, before = here, solution.displacement
     assert np.abs(slip).max() > 1e-4  # it does slip
     output.write(solution, tmp_path)
-    written = nodal_vectors(tmp_path / "contact.h5", "slip", problem.elasticity.x[surface.nodes], problem.comm)
+    places = [("", problem.elasticity.x[surface.nodes])]
+    written = at_nodes(tmp_path / "contact.xdmf", "slip", places, problem.comm)
     assert written == pytest.approx(surface.vectors(slip), abs=1e-12)
 
 

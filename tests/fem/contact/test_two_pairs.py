@@ -16,10 +16,10 @@ from two_pairs_runs import LENS, write_lens
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, box, join, moved
 from coulomb.contact_names import side_names
 from coulomb.fem.contact.pair import lost_nodes
+from coulomb.io.case_record import written_case
 from coulomb.io.field_files import OPPOSITE, read_grids
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
-from coulomb.io.written_case import written_case
 from coulomb.model.master_fields import CARRIED, carried
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 

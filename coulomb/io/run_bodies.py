@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -21,7 +21,7 @@ from ..fem.bodies import FIELDS, HELD_OBLIQUE, TEMPERATURE, VECTORS, CellMateria
 from ..fem.meshes import MeshFile, distributed, inspect
 from ..nearest import tree_of
 from .field_files import COINCIDENT, data_of, grids_of, read_fields
-from .nodal_grids import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING
+from .result_grids import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING
 from .run_directory import OLD, SOLUTION
 
 
@@ -203,10 +203,7 @@ def read_bodies(file: Path, folder: Path, forms: Any, like: WrittenBodies | None
         of_forms = forms is not None and (not name or name in forms)
         read.append(_read_body(file, folder, name, group, of_forms, known.get(name)))
     ends = np.cumsum([0, *(len(body.points) for body, _ in read)])
-    parts = [
-        WrittenBody(body.name, body.points, body.cells, body.body, body.on_cells, slice(int(a), int(b)))
-        for (body, _), (a, b) in zip(read, pairwise(ends), strict=True)
-    ]
+    parts = [replace(body, nodes=slice(int(a), int(b))) for (body, _), (a, b) in zip(read, pairwise(ends), strict=True)]
     names = dict.fromkeys(name for _, fields in read for name in fields)
     return WrittenBodies(parts), {
         name: _together(name, [(len(b.points), fields) for b, fields in read]) for name in names

@@ -19,12 +19,11 @@ from ..contact_names import normal_forces
 from ..fem.compilation import announce
 from ..io import output
 from ..io.accuracy import accuracy
-from ..io.case_record import case_record, refuse_another_case
+from ..io.atomic_output import discard, locked, set_aside, settle
+from ..io.case_record import case_record, case_text, refuse_another_case, write_case
 from ..io.history_files import HistoryFiles, steps_on_disk, whole_history
-from ..io.replacing_results import discard, locked, set_aside, settle
 from ..io.run_directory import CASE, PICTURE, RunDirectory
 from ..io.summary import summary
-from ..io.written_case import case_text, write_case
 from ..linalg.factors import NotPositiveDefinite
 from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
@@ -35,7 +34,7 @@ from ..pictures import drawing_process, picture_of_run
 from ..pictures.drawing_process import DrawingProcess
 from ..ranks import on_rank_0
 from ..solvers.results import NotConverged, Status
-from .console import FAILED, INTERRUPTED, bad_input, errors
+from .console import FAILED, INTERRUPTED, bad_input, errors, fail
 from .picture_commands import write_report
 from .preparation import prepared, refuse_unwritable, warn_of_locking
 from .session import Session
@@ -268,8 +267,7 @@ def _take_recorded_steps(
         _write_page(session, settings, target)
         report_history(console, history, taken, time.perf_counter() - began, target, settings.solver.tolerance)
     if not trouble and session.interruption.asked():
-        errors.print(f"error: {_cut_short(settings, target)}", markup=False)
-        raise typer.Exit(INTERRUPTED)
+        fail(_cut_short(settings, target), INTERRUPTED)
     if trouble:
         if code == INTERRUPTED:
             done = steps_on_disk(target, comm)

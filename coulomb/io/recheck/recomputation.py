@@ -28,12 +28,11 @@ from ...model.probes import LocatedProbes, Part, Probe
 from ...model.resultants import resultant_of_ground
 from ...model.small_strain import SmallStrain, small_strain
 from ..field_files import OPPOSITE
-from ..nodal_grids import ON_CELLS, ROUNDING
+from ..result_grids import ON_CELLS, ROUNDING
+from ..run_bodies import WrittenBody, midpoints
 from ..run_directory import CONTACT, OLD, SOLUTION
-from ..run_files import WrittenRun
+from ..run_files import WrittenFace, WrittenRun
 from ..summary import derived
-from ..written_bodies import WrittenBody, midpoints
-from ..written_faces import WrittenFace
 from .case_reference import CaseForces, CaseReference, Perturbed
 from .comparison import Comparison, Rounding
 from .contact_nodes import ContactNodes, opposite_fields

@@ -19,10 +19,10 @@ from conftest import SMALL_CASE, run_coulomb, run_python, solved_block
 from mesh_files import BoxFile
 from mpi4py import MPI
 
-from coulomb.cli.running import in_place_of
+from coulomb.cli.run_case import in_place_of
 from coulomb.io import output
+from coulomb.io.atomic_output import InUseError, commit, finish, locked, set_aside, set_aside_in
 from coulomb.io.recheck import check
-from coulomb.io.replacing_results import InUseError, commit, finish, locked, set_aside, set_aside_in
 from coulomb.io.run_directory import LOCK, RunDirectory
 
 OTHER = ("--set", "contact.friction=0.4")
@@ -312,7 +312,7 @@ def test_results_set_aside_are_removed_only_on_request(made):
 HOLD = """\
 import sys, time
 from mpi4py import MPI
-from coulomb.io.replacing_results import locked
+from coulomb.io.atomic_output import locked
 with locked(sys.argv[1], MPI.COMM_WORLD):
     print("held", flush=True)
     time.sleep(60)
@@ -354,7 +354,7 @@ def test_a_wrong_case_leaves_no_directory():
 @pytest.mark.parametrize("elsewhere", [True, False])
 def test_the_lock_of_a_killed_run(elsewhere, monkeypatch):
     """Here the next run takes it; of another machine, or on a file system without locks, the user has to remove it."""
-    script = "from mpi4py import MPI; import os; from coulomb.io.replacing_results import locked\n"
+    script = "from mpi4py import MPI; import os; from coulomb.io.atomic_output import locked\n"
     run_python("-c", f"{script}hold = locked('out', MPI.COMM_WORLD); hold.__enter__(); os.kill(os.getpid(), 9)")
     names, colon, holder = Path("out/run.lock").read_text().partition(": ")
     assert names.split()[0] == socket.gethostname()
