@@ -95,7 +95,7 @@ def test_every_step_is_certified_and_slips_by_the_weights(foundation, tmp_path):
         slip[:, 0] = 0.0
         answer = solution.at_nodes
         assert answer.fields()["slip"] == pytest.approx(surface.vectors(slip), abs=1e-12)
-        assert answer.moved == pytest.approx(W @ solution.displacement, abs=1e-12)
+        assert answer.displacement_vectors == pytest.approx(W @ solution.displacement, abs=1e-12)
         gap = surface.gap - surface.components(W @ solution.displacement)[:, 0]
         assert answer.fields()["gap"] == pytest.approx(gap, abs=1e-12)
         assert solution.small_strain.slip_over_cell < 1.0
