@@ -51,7 +51,7 @@ if _why := why_mpi_does_not_fit(loaded_libraries(), MPI.COMM_WORLD.size, _mpi, o
 logging.getLogger().addFilter(lambda record: record.levelno > logging.INFO)  # 0.5's JIT logs the compiler's lines
 for _name in ("JIT_OPTIONS", "JIT_PARAMETERS"):  # wait a minute for another process that compiles the same form
     getattr(dolfinx.jit, f"DOLFINX_DEFAULT_{_name}", {})["timeout"] = (60, "")
-watch_compilation(dolfinx.jit)
+watch_compilation(dolfinx.jit, ufl.algorithms.check_arities.ArityMismatch)
 
 
 def functionspace(domain: Any, degree: int, shape: tuple[int, ...] = (), family: str = "Lagrange") -> Any:

@@ -10,9 +10,6 @@ import numpy as np
 from ..arrays import FloatArray
 from .compat import NUMBERS, basix, coordinate_element, cpp, fem, functionspace, mesh, ufl
 
-ARITY_MISMATCH: type[BaseException] = ufl.algorithms.check_arities.ArityMismatch
-"""Raised by UFL for forms as a - L; in recent versions no `Exception`."""
-
 
 class CellKernel(NamedTuple):
     """What FFCx has compiled for the integral of a form over a cell.

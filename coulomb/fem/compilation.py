@@ -7,7 +7,7 @@ import os
 import shlex
 import shutil
 import sysconfig
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +29,12 @@ class NoCompiler(ValueError):
     """A form is to be compiled, and there is no C compiler."""
 
 
-def watch_compilation(dolfinx_jit: Any) -> None:
+def watch_compilation(dolfinx_jit: Any, arity_mismatch: type[BaseException]) -> None:
     """Announce compilations, and raise `NoCompiler` before one that is impossible; called when DOLFINx is imported.
 
     Args:
         dolfinx_jit: The module `dolfinx.jit`.
+        arity_mismatch: UFL's error for forms as a - L; in recent versions no `Exception`.
     """
     from ffcx.codegeneration import jit
 
@@ -60,6 +61,20 @@ def watch_compilation(dolfinx_jit: Any) -> None:
             raise
 
     jit.get_cached_module, dolfinx_jit.ffcx_jit = looked_up, explained
+    jit._compile_objects = _with_arity_errors(jit._compile_objects, arity_mismatch)
+
+
+def _with_arity_errors(compile_objects: Callable[..., Any], mismatch: type[BaseException]) -> Callable[..., Any]:
+    """`mismatch` as a ValueError: after an `Exception` alone FFCx removes the file for which later compilations wait, and
+    DOLFINx tells the other ranks."""
+
+    def compiling(*arguments: Any, **options: Any) -> Any:
+        try:
+            return compile_objects(*arguments, **options)
+        except mismatch as error:
+            raise ValueError(str(error)) from None
+
+    return compiling
 
 
 def _refuse_without_compiler() -> None:

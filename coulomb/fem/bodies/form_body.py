@@ -44,15 +44,20 @@ def values_of(form: Any) -> FormValues:
     return FormValues(functions, compat_forms.packed_constants(form))
 
 
-def compiled(form: Any, what: str) -> Any:
-    """A form, compiled by DOLFINx unless it is already; ValueError, beginning with `what`, if it cannot be."""
+def compiled(form: Any, what: str, comm: MPI.Comm) -> Any:
+    """A form, compiled by DOLFINx unless it is already; ValueError on every rank, beginning with `what`, if it cannot
+    be; collective."""
     if compat_forms.is_compiled(form):
         return form
-    try:
-        return fem.form(form)
-    except (Exception, compat_forms.ARITY_MISMATCH) as error:
-        reason = str(error).strip().splitlines()
-        raise ValueError(f"{what} cannot be compiled: {reason[-1] if reason else type(error).__name__}") from None
+
+    def compile_it() -> Any:
+        try:
+            return fem.form(form)
+        except Exception as error:
+            reason = str(error).strip().splitlines()
+            raise ValueError(reason[-1] if reason else type(error).__name__) from None
+
+    return on_all_ranks(compile_it, f"{what} cannot be compiled", comm)
 
 
 class BilinearForm:
@@ -63,8 +68,8 @@ class BilinearForm:
     """
 
     def __init__(self, a: Any, V: Any):
-        self._form, self._u = compiled(a, "a"), fem.Function(V)
-        self._action = None if compat_forms.is_compiled(a) else compiled(ufl.action(a, self._u), "a")
+        self._form, self._u = compiled(a, "a", V.mesh.comm), fem.Function(V)
+        self._action = None if compat_forms.is_compiled(a) else compiled(ufl.action(a, self._u), "a", V.mesh.comm)
 
     @property
     def values(self) -> FormValues:
@@ -197,7 +202,7 @@ class Body(SingleBody):
         self._update, self._present = update, _SharedState()
         self._signatures = {name: _signature(form) for name, form in (("a", a), ("L", L))}
         self._degree = compat_forms.lagrange_vectors(V)[1]
-        self._a, self._L = BilinearForm(a, V), None if L is None else compiled(L, "L")
+        self._a, self._L = BilinearForm(a, V), None if L is None else compiled(L, "L", V.mesh.comm)
         dofs = self.V.dofmap.index_map
         self._conditions = DirichletConditions(
             refuse_bcs(bcs, V), self.x, 3 * (dofs.size_local + dofs.num_ghosts), self.mesh.comm
