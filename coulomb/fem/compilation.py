@@ -65,7 +65,7 @@ def watch_compilation(dolfinx_jit: Any, arity_mismatch: type[BaseException]) -> 
 
 
 def _with_arity_errors(compile_objects: Callable[..., Any], mismatch: type[BaseException]) -> Callable[..., Any]:
-    """`mismatch` as a ValueError: after an `Exception` alone FFCx removes the file for which later compilations wait, and
+    """`mismatch` as a ValueError: after an `Exception` alone FFCx removes the file that later compilations wait for, and
     DOLFINx tells the other ranks."""
 
     def compiling(*arguments: Any, **options: Any) -> Any:
