@@ -65,8 +65,10 @@ def watch_compilation(dolfinx_jit: Any, arity_mismatch: type[BaseException]) -> 
 
 
 def _with_arity_errors(compile_objects: Callable[..., Any], mismatch: type[BaseException]) -> Callable[..., Any]:
-    """Compilation with a mismatch as a ValueError: without an `Exception` FFCx leaves a file that later compilations wait
-    for, and DOLFINx does not tell the other ranks."""
+    """Compilation with a mismatch as a ValueError.
+
+    Without an `Exception` FFCx leaves a file that later compilations wait for, and DOLFINx does not tell other ranks.
+    """
 
     def compiling(*arguments: Any, **options: Any) -> Any:
         try:
