@@ -67,4 +67,4 @@ def test_a_form_that_cannot_be_compiled_ends_on_every_rank():
     L = ufl.inner(script.constant((0.0, 0.0, -1.0)), script.v) * ufl.dx
     for _ in range(2):
         text = same_error(lambda: coulomb.Body(script.elasticity(1e9, 0.3) - L, L, [], faces={}))
-        assert text.startswith("a cannot be compiled") and "non-matching form arguments" in text
+        assert text.startswith("a cannot be compiled: ")
