@@ -40,7 +40,7 @@ if _all is None:
     ranks.start_alone()
 _silent = _all is not None and _all.rank != 0
 console = Console(quiet=_silent, highlight=False)
-errors = Console(quiet=_silent, highlight=False, stderr=True, soft_wrap=True)
+errors = Console(quiet=_silent, highlight=False, stderr=True)
 
 
 REPORTED = ("coulomb.model.solution", "coulomb.model.load_history")
@@ -62,9 +62,9 @@ class LibraryMessages(logging.Handler):
         if record.name in REPORTED:
             return
         if record.levelno >= logging.WARNING:
-            errors.print(f"{record.levelname.lower()}: {record.getMessage()}", markup=False)
+            errors.out(f"{record.levelname.lower()}: {record.getMessage()}")
         else:
-            self._console.print(record.getMessage(), markup=False, soft_wrap=True)
+            self._console.out(record.getMessage())
 
 
 @contextmanager
@@ -106,7 +106,7 @@ def bad_input(kind: type[ValueError] = ValueError) -> Iterator[None]:
 
 def fail(message: str, code: int = BAD_INPUT) -> NoReturn:
     """Print an error, and end the command with this exit code."""
-    errors.print(f"error: {message}", markup=False)
+    errors.out(f"error: {message}")
     raise typer.Exit(code) from None
 
 

@@ -49,7 +49,7 @@ def plot(
     refuse_ranks("coulomb plot")
     if save is None and not _display():
         save = Path("plot.png")
-        console.print("there is no display: the picture is written to a file", markup=False)
+        console.out("there is no display: the picture is written to a file")
     if scale is not None and not (math.isfinite(scale) and 0.0 <= scale <= 1e12):
         fail(f"--scale must be from 0 to 1e12, but is {scale}")
     _refuse_nowhere(save)
@@ -116,7 +116,7 @@ def _draw(*arguments: str) -> None:
     code, said = DrawingProcess(*arguments).finish(seconds=None)
     if code == 0:
         if said:
-            console.print(said, markup=False, soft_wrap=True)
+            console.out(said)
         return
     fail(said, BAD_INPUT if code == BAD_INPUT else FAILED)
 

@@ -189,11 +189,10 @@ def warn_of_locking(settings: Case, problem: ContactProblem) -> None:
         highest = max((one.poisson for one in given[member.name] if not isinstance(one.poisson, tuple)), default=0.0)
         if highest > LOCKING_ABOVE and member.body.mesh.degree == 1:
             of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")
-            errors.print(
+            errors.out(
                 f"warning: material{of}: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements "
                 "lock and give an answer that is far too stiff, although the discrete problem is certified; "
-                f"second-order ones do not (degree = 2 in {table})",
-                markup=False,
+                f"second-order ones do not (degree = 2 in {table})"
             )
 
 

@@ -138,13 +138,13 @@ def _solve_once(
     if written:
         _write_page(session, settings, target)
     if not trouble and (said := left_open(solution.certificate, settings.solver.tolerance)):
-        errors.print(f"warning: {said}", markup=False)
+        errors.out(f"warning: {said}")
     if written and interrupted:
         trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked as interrupted"
     elif written and stopped.asked():
         interrupted, trouble = True, _cut_short(settings, target)
     if trouble:
-        errors.print(f"error: {trouble}", markup=False)
+        errors.out(f"error: {trouble}")
     if interrupted:
         raise typer.Exit(INTERRUPTED)
     if trouble or not solution.valid:
@@ -180,7 +180,7 @@ def in_place_of(target: Path, overwrite: bool, resume: bool, comm: MPI.Comm) -> 
         except OSError as error:
             remark = f"the results before are in {aside}: {error.strerror or error}"
         if remark:
-            errors.print(f"warning: {remark}", markup=False)
+            errors.out(f"warning: {remark}")
 
     try:
         yield
@@ -199,7 +199,7 @@ def _take_steps(
         done = steps_on_disk(target, problem.comm)
         changed = refuse_another_case(settings, target, done, problem.comm) if resume and done else []
     for change in changed:
-        errors.print(f"warning: from step {done + 1} on {change}", markup=False)
+        errors.out(f"warning: from step {done + 1} on {change}")
     with in_place_of(target, overwrite, resume, problem.comm):
         _take_recorded_steps(session, settings, problem, target, resume, record)
 
@@ -221,16 +221,14 @@ def _take_recorded_steps(
         least = accuracy(step.solution.force_balance.entries(), settings.solver.tolerance, forces=forces)
         halved = f", halved {step.halvings} times" if step.halvings else ""
         when = f"{row['time']:.4g} s"
-        console.print(
+        console.out(
             f"step {row['step']:3d}  time {when:<9} {forces_in_a_step(row, least['N'])}, open {row['open']}, stick "
             f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
             f"{'' if row['certified'] else ', certificate FAILED'}"
-            f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}",
-            markup=False,
-            soft_wrap=True,
+            f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}"
         )
         if said := left_open(step.solution.certificate, settings.solver.tolerance):
-            errors.print(f"warning: step {row['step']}: {said}", markup=False)
+            errors.out(f"warning: step {row['step']}: {said}")
         warnings = step.solution.small_strain.warnings
         if len(warnings) > len(warned):
             warn(*(f"step {row['step']}: {warning}" for warning in warnings))
@@ -272,7 +270,7 @@ def _take_recorded_steps(
         if code == INTERRUPTED:
             done = steps_on_disk(target, comm)
             trouble += f"; the {done} load steps before are in {target}{os.sep}; to continue: coulomb resume {target}"
-        errors.print(f"error: {trouble}", markup=False)
+        errors.out(f"error: {trouble}")
     if trouble or not all(row["valid"] for row in files.rows):
         raise typer.Exit(code)
 
@@ -284,7 +282,7 @@ def _write_page(session: Session, settings: Case, target: Path) -> None:
         return
     trouble = write_report(target, lambda: stopped.requested)
     if trouble and not stopped.asked():
-        errors.print(f"warning: {trouble}", markup=False)
+        errors.out(f"warning: {trouble}")
 
 
 def _draw_last(session: Session, target: Path, comm: MPI.Comm) -> None:
@@ -294,7 +292,7 @@ def _draw_last(session: Session, target: Path, comm: MPI.Comm) -> None:
         return
     trouble = on_rank_0(comm, lambda: picture_of_run.draw(target, lambda: stopped.requested))
     if trouble and not stopped.asked():
-        errors.print(f"warning: {PICTURE} {trouble}", markup=False)
+        errors.out(f"warning: {PICTURE} {trouble}")
 
 
 def _cut_short(settings: Case, target: Path) -> str:

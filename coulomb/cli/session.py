@@ -188,7 +188,7 @@ class Log(RenderHook):
         except OSError as error:  # a full disk: the run continues without its log
             self._file.close()
             self._file = None
-            errors.print(f"warning: the log {self._path} ends here: {error.strerror or error}", markup=False)
+            errors.out(f"warning: the log {self._path} ends here: {error.strerror or error}")
 
 
 def _opened(path: Path, comm: MPI.Comm) -> RawIOBase | None:

@@ -33,12 +33,10 @@ _UNITS = ((1e3, "km"), (1.0, "m"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"))
 def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
     unknowns = problem.unknowns
     law = law_in_words(law_numbers(problem.law, problem.surface.area, problem.surface.frames, Reductions(problem.comm)))
-    console.print(
+    console.out(
         f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
         f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}\n"
-        + "\n".join([body_in_words(problem), *problem.body.chosen]),
-        markup=False,
-        soft_wrap=True,
+        + "\n".join([body_in_words(problem), *problem.body.chosen])
     )
 
 
@@ -124,9 +122,9 @@ def _range(values: dict[str, float]) -> str:
 
 def _print(console: Console, what: str, lines: Sequence[str]) -> None:
     for line in lines[:_LINES]:
-        console.print(f"{what:<8} {line}", markup=False, soft_wrap=True)
+        console.out(f"{what:<8} {line}")
     if len(lines) > _LINES:
-        console.print(f"{what:<8} and {len(lines) - _LINES} more, in summary.json", markup=False, soft_wrap=True)
+        console.out(f"{what:<8} and {len(lines) - _LINES} more, in summary.json")
 
 
 def _vector(values: FloatArray) -> str:
@@ -172,7 +170,7 @@ class Display:
 
     def _line(self) -> None:
         if self._last is not None and self._status is None and not self._by_step:
-            self._console.print(str(self._last))
+            self._console.out(str(self._last))
 
 
 def report(
@@ -203,15 +201,15 @@ def report(
         f"seconds: {seconds}; {total:.2f} in all",
     )
     for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
+        console.out(line)
     strain = solution.small_strain
     warn(*contents["remarks"], *(strain.mere_warnings if solution.outside else strain.warnings))
     refuse(solution.outside)
     picture = contents.get("picture", "")
     if "could not" in picture:
-        errors.print(f"warning: {PICTURE} {picture}", markup=False)
+        errors.out(f"warning: {PICTURE} {picture}")
     if target is not None:
-        console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
+        console.out(f"results in {target}{os.sep}")
 
 
 def forces_in_a_step(row: dict[str, Any], least: float) -> str:
@@ -262,7 +260,7 @@ def report_history(
     warn(*history["remarks"])
     refuse(history["violations"])
     for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
+        console.out(line)
 
 
 def _steps_that_count(history: dict[str, Any]) -> str:
@@ -279,14 +277,13 @@ def _figure(value: float | None) -> str:
 
 def warn(*texts: str) -> None:
     for text in texts:
-        errors.print(f"warning: {text}", markup=False)
+        errors.out(f"warning: {text}")
 
 
 def refuse(outside: Sequence[str]) -> None:
     """Print why an answer does not count although its equations are solved."""
     if outside:
-        errors.print(
+        errors.out(
             f"error: outside the theory of small strains: {'; '.join(outside)}; the results are kept and marked; check "
-            'units, loads and foundation, or accept it by small_strain = "warn" in the case, or --force',
-            markup=False,
+            'units, loads and foundation, or accept it by small_strain = "warn" in the case, or --force'
         )
