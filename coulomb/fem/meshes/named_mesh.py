@@ -63,10 +63,8 @@ def _named(groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind:
     if not isinstance(name, str):
         raise ValueError(f"{what}: a {kind} is given by its name, text in quotation marks, but is {name!r}")
     if name not in groups:
-        close = difflib.get_close_matches(name, groups, n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
         listed = f"its {kind}s are {', '.join(groups)}" if groups else f"it has no {kind}s"
-        raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{hint}; {listed}")
+        raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{_hint(name, groups)}; {listed}")
     return groups[name]
 
 

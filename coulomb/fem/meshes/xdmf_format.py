@@ -118,7 +118,7 @@ class XdmfFile:
         return fetched(self.comm, theirs, mine, found)
 
     def _described(self) -> tuple[list[XdmfGrid], dict[str, dict[str, int]]]:
-        tree = _tree(self.path)
+        tree = xml_of(self.path)
         grids: list[XdmfGrid] = []
         geometry: XdmfArray | None = None
         for grid in tree.iter("Grid"):
@@ -172,7 +172,8 @@ def array_of(path: str, parent: ElementTree.Element) -> npt.NDArray[Any]:
     raise ValueError(f"{path}: has data in the format {_form(item)}; write HDF or XML")
 
 
-def _tree(path: str) -> ElementTree.Element:
+def xml_of(path: str) -> ElementTree.Element:
+    """The root of an XDMF file; ValueError if it is none."""
     try:
         tree = ElementTree.fromstring(read_bytes(path))
     except ElementTree.ParseError as error:
