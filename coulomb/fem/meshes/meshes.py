@@ -223,9 +223,7 @@ def read_mesh(
         return read_xdmf(path, names=names, cell_names=cell_names, scale=scale, comm=comm)
     check_scale(path, scale)
     sound = on_first_rank(
-        comm,
-        str(path),
-        lambda: inspect(read_file(str(path), names or {}, cell_names or {}), scale, MPI.COMM_SELF),
+        comm, str(path), lambda: inspect(read_file(str(path), names or {}, cell_names or {}), scale, MPI.COMM_SELF)
     )
     shape = None
     if sound is not None:
