@@ -28,11 +28,7 @@ if TYPE_CHECKING:
     from ..case.case import Case
     from ..solvers.friction_problem import Solver
 
-app = typer.Typer(
-    epilog=EXIT_CODES,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
+app = typer.Typer(epilog=EXIT_CODES, no_args_is_help=True, pretty_exceptions_enable=False)
 app.command()(plot)
 app.command()(report)
 

@@ -13,8 +13,7 @@ from ..ranks import launched, on_rank_0
 from .console import FAILED, bad_input, console, errors, fail, refuse_ranks
 
 Changes = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="Replace a setting, for example mesh.cells=[18,6,6]; may be repeated."),
+    list[str] | None, typer.Option("--set", help="Replace a setting, for example mesh.cells=[18,6,6]; may be repeated.")
 ]
 
 

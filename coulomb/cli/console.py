@@ -48,11 +48,7 @@ REPORTED = ("coulomb.model.solution", "coulomb.model.load_history")
 
 
 class LibraryMessages(logging.Handler):
-    """Shows what the library logs: information on standard output, warnings and errors on standard error.
-
-    Args:
-        console: Where information goes.
-    """
+    """Shows what the library logs: information on a console, warnings and errors on standard error."""
 
     def __init__(self, console: Console):
         super().__init__(logging.INFO)
@@ -69,11 +65,8 @@ class LibraryMessages(logging.Handler):
 
 @contextmanager
 def showing_messages(of_information: Console) -> Iterator[None]:
-    """Show the library's log messages; inside another such context, in place of it.
-
-    Args:
-        of_information: Where messages of level INFO go; a quiet console for none.
-    """
+    """Show the library's log messages, those of level INFO on this console; inside another such context, in place of
+    it."""
     library = logging.getLogger("coulomb")
     before = [handler for handler in library.handlers if isinstance(handler, LibraryMessages)]
     level, propagate = library.level, library.propagate
@@ -111,10 +104,6 @@ def fail(message: str, code: int = BAD_INPUT) -> NoReturn:
 
 
 def refuse_ranks(what: str) -> None:
-    """End a command that runs on one rank only if there are more.
-
-    Args:
-        what: The command, as "coulomb plot".
-    """
+    """End a command, `what`, that runs on one rank only if there are more."""
     if ranks.several():
         fail(f"{what} runs on one rank")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import sys
@@ -53,8 +54,7 @@ def plot(
     if scale is not None and not (math.isfinite(scale) and 0.0 <= scale <= 1e12):
         fail(f"--scale must be from 0 to 1e12, but is {scale}")
     _refuse_nowhere(save)
-    chosen = [str(directory), field, scale, view, save, step]
-    _draw("plot", *("-" if choice is None else str(choice) for choice in chosen))
+    _draw("plot", json.dumps([str(directory), field, scale, view, save and str(save), step]))
 
 
 def report(
@@ -85,15 +85,8 @@ def drawing_soon(settings: Case) -> Iterator[DrawingProcess | None]:
 
 
 def write_report(directory: Path, stop: Callable[[], bool]) -> str:
-    """Write the report of a run that has just been written; collective.
-
-    Args:
-        directory: Directory of the run.
-        stop: Called repeatedly; a true result stops the drawing.
-
-    Returns:
-        An error message, or nothing: a run does not fail because of its report.
-    """
+    """Write the report into the directory of a run, unless `stop`, called repeatedly, is true; collective.  Returns an
+    error message, or nothing: a run does not fail because of its report."""
 
     def write() -> str:
         code, said = DrawingProcess("page", str(directory), str(RunDirectory(directory).report)).finish(stop=stop)

@@ -26,14 +26,11 @@ from .console import errors
 def prepared(
     settings: Case, target: Path, force: bool, overwrite: bool | None = None, resume: bool = False
 ) -> ContactProblem:
-    """The problem of a case, after a check of directory, memory and disk; collective, with a ValueError on every rank.
+    """The problem of a case, after a check of directory and, unless forced, of memory and disk; collective, with a
+    ValueError on every rank.
 
-    Args:
-        settings: The case.
-        target: Directory of the results.
-        force: Skip the checks of memory and disk.
-        overwrite: Whether any results may be replaced, or only those of the same case; None if none are.
-        resume: Whether load steps are continued: of a few that are left multigrid may be faster.
+    `overwrite` is whether any results may be replaced, or only those of the same case; None if none are.  To `resume` a
+    few load steps multigrid may be faster.
     """
     comm = MPI.COMM_WORLD
     if overwrite is not None:

@@ -22,12 +22,10 @@ from ..model.input_echo import contacts_of, loads_of, supports_of
 from ..model.nodal_answer import law_numbers
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
-from ..pictures.report.units import friction_in_words
+from ..pictures.report.units import friction_in_words, scale_of
 from ..process import animated
 from ..solvers.results import Progress
 from .console import bad_input, errors
-
-_UNITS = ((1e3, "km"), (1.0, "m"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"))
 
 
 def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
@@ -66,10 +64,8 @@ def body_in_words(problem: ContactProblem) -> str:
 
 def metres(length: float) -> str:
     """A length in a suitable unit: 3 m, 40 mm, 2.5 km."""
-    if length == 0.0:
-        return "0 m"
-    factor, unit = next((pair for pair in _UNITS if abs(length) >= 0.9995 * pair[0]), _UNITS[-1])
-    return f"{length / factor:.4g} {unit}"
+    factor, unit = scale_of(length, "m")
+    return f"{length / factor:.4g} {unit.replace('µ', 'u')}"
 
 
 def about(seconds: float) -> str:
@@ -135,12 +131,8 @@ def _vector(values: FloatArray) -> str:
 
 
 class Display:
-    """Progress: one line that changes on a terminal, a line for each Tresca problem (or PF step) elsewhere.
-
-    Args:
-        console: The console.
-        by_step: Whether load steps are printed elsewhere: no lines then.
-    """
+    """Progress: one line that changes on a terminal, elsewhere a line for each Tresca problem (or path-following step),
+    unless load steps are printed (`by_step`)."""
 
     def __init__(self, console: Console, by_step: bool = False):
         self._console, self._by_step, self._expected = console, by_step, ""
@@ -232,13 +224,8 @@ def report_history(
 ) -> None:
     """Print the last lines of a load history: figures of all its steps, labelled as such.
 
-    Args:
-        console: The console.
-        history: The entry `history` of its summary (`history_summary`).
-        taken: Load steps of this run; the others existed before (`coulomb resume`).
-        seconds: Time of this run.
-        target: Directory of the results.
-        tolerance: Of the solver: smaller parts of slip and energies are printed as 0.
+    `history` is the entry of this name in its summary.  This run has `taken` steps in some seconds; the others existed
+    before (`coulomb resume`).  Slip and energies are printed as 0 up to the tolerance of the solver.
     """
     done, largest = history["iterations"], history["maximum"]
     least = tolerance * max(map(abs, history["energy"].values()))
