@@ -28,6 +28,12 @@ NAMES = "coulomb:names"
 """Name of the Information element with the names of numbers, as {"faces": {"sole": 3}, "cells": {"steel": 1}}: the XDMF
 format has elements for data of a program, but no names for numbers on cells."""
 
+SOLIDS = {4: "Tetrahedron", 8: "Hexahedron", 10: "Tetrahedron_10", 27: "Hexahedron_27"}
+"""XDMF's names of cells by the number of their nodes."""
+
+FACETS = {3: "Triangle", 4: "Quadrilateral", 6: "Triangle_6", 9: "Quadrilateral_9"}
+"""XDMF's names of facets by the number of their nodes."""
+
 _WHOLE = ("Int", "UInt", "Char", "UChar")
 
 
@@ -216,10 +222,7 @@ def _opened(path: str, item: ElementTree.Element) -> h5py.File:
     return file
 
 
-_WIDTH = {
-    **{"tetrahedron": 4, "hexahedron": 8, "tetrahedron_10": 10, "hexahedron_27": 27},
-    **{"triangle": 3, "quadrilateral": 4, "triangle_6": 6, "quadrilateral_9": 9},
-}
+_WIDTH = {name.lower(): nodes for names in (SOLIDS, FACETS) for nodes, name in names.items()}
 _CORNERS = {"tetrahedron": 4, "hexahedron": 8, "triangle": 3, "quadrilateral": 4}
 _FACE_OF = {
     **{"tetrahedron": ("triangle",), "hexahedron": ("quadrilateral",)},
