@@ -191,7 +191,8 @@ def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run
         if not known and needs and not any(files.fields(file).exists() for file in needs):
             names = " or ".join(files.fields(file).name for file in needs)
             raise ValueError(f"{folder}: holds no run: there is no {names}")
-    missing = [key for key in ("status", "law", "certificate", "totals", "method", "versions") if key not in last]
+    needed = ("status", "law", "certificate", "nodes", "maximum", "totals", "faces", "reactions", "method", "versions")
+    missing = [key for key in needed if key not in last]
     if is_history and "history" not in summary:
         missing.append("history")
     if known and (missing or not steps):
