@@ -80,11 +80,14 @@ def nodes_of_facets(width: int, facets: tuple[tuple[int, ...], ...]) -> tuple[tu
 
 def jacobians(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Determinant of the Jacobian, and the longest derivative, at all nodes of cells with nodes x (c, nodes, 3) in
-    DOLFINx's order, shape (nodes, c) each."""
-    kind, degree = _kind(x.shape[1]), 2 if is_second_order(x.shape[1]) else 1
-    found = np.empty((2, x.shape[1], len(x)))
-    for at, slopes in enumerate(lagrange_slopes(kind, degree, lagrange_points(kind, degree)).transpose(1, 0, 2)):
-        derivatives = slopes @ x
+    DOLFINx's order, shape (nodes, c) each; of 4-node tetrahedra, where it is constant, at one."""
+    width, count = x.shape[1], len(x)
+    kind, degree = _kind(width), 2 if is_second_order(width) else 1
+    nodes = lagrange_points(kind, degree)[: 1 if width == 4 else width]
+    edges = (x - x[:, :1]).swapaxes(0, 1).reshape(width, -1)  # so that cells shrunk to a point have exactly 0
+    found = np.empty((2, len(nodes), count))
+    for at, slopes in enumerate(lagrange_slopes(kind, degree, nodes).transpose(1, 0, 2)):
+        derivatives = (slopes @ edges).reshape(3, count, 3).swapaxes(0, 1)
         found[:, at] = np.linalg.det(derivatives), np.max(np.linalg.norm(derivatives, axis=2), axis=1, initial=0.0)
     return found[0], found[1]
 

@@ -7,6 +7,7 @@ from mesh_files import BoxFile
 
 import coulomb
 from coulomb import Clamp, Elasticity
+from coulomb.fem.meshes.lagrange import jacobians
 
 XDMF = """<Xdmf Version="3.0"><Domain><Grid Name="Grid">
 <Geometry GeometryType="XYZ"><DataItem Dimensions="{points} {dim}" Format="XML">{x}</DataItem></Geometry>
@@ -67,6 +68,12 @@ def hinge(file):
     file.points = np.vstack([file.points, turned])
     file.cells = np.vstack([file.cells, cells])
     file.cell_groups = {"all": np.arange(len(file.cells))}
+
+
+@pytest.mark.parametrize("width", [4, 8, 10, 27])
+def test_a_cell_shrunk_to_a_point_is_flat_wherever_it_is(width):
+    determinants, longest = jacobians(np.full((1, width, 3), 0.1234567))
+    assert not determinants.any() and not longest.any()
 
 
 def flattened(file):
