@@ -44,11 +44,11 @@ _MOVED = {
     "solvers": solvers.__all__,
     "model": model.__all__,
     "fem": fem.__all__,
-    "fem.meshes": ["read_gmsh", "read_xdmf"],
+    "fem.meshes": ["read_xdmf"],
 }
 """Names of the version before, by where they are now."""
 
-__all__, __getattr__ = stubbed(__name__, __file__, _MOVED, renamed={"raised": "second_order"})
+__all__, __getattr__ = stubbed(__name__, __file__, _MOVED, renamed={"raised": "second_order", "read_gmsh": "read_mesh"})
 
 
 def _later(module, name):

@@ -58,14 +58,8 @@ def loaded_libraries() -> set[str]:
 
 
 def why_mpi_does_not_fit(libraries: Iterable[str], size: int, library: str, environment: Mapping[str, str]) -> str:
-    """Two MPI libraries in one process, or a launcher of another MPI; empty if neither.
-
-    Args:
-        libraries: Files of the libraries of this process.
-        size: Ranks according to MPI.
-        library: Its name and version.
-        environment: Of the process.
-    """
+    """Two MPI libraries in one process, by the files of its libraries, or a launcher of another MPI, by its environment
+    and the size according to the MPI library of this name; empty if neither."""
     found = sorted(file for file in libraries if re.search(r"/libmpi(ch)?\.so[.\d]*$", file))
     if len(found) > 1:
         return (

@@ -20,13 +20,9 @@ def stubbed(
     moved: Mapping[str, Iterable[str]] | None = None,
     renamed: Mapping[str, str] | None = None,
 ) -> tuple[list[str], Callable[[str], object]]:
-    """The `__all__` and the `__getattr__` of a package.
+    """The `__all__` and the `__getattr__` of a package with this `__init__.py`.
 
-    Args:
-        package: Its name.
-        file: Its `__init__.py`.
-        moved: Names of the version before, by the package where they are now; they warn.
-        renamed: Names of the version before, with the present name; they warn.
+    Names of the version before warn: `moved` has them by the package where they are now, `renamed` with the new name.
     """
     lines = re.findall(r"^from (\.[\w.]+) import (\w+) as", Path(file).with_suffix(".pyi").read_text(), re.M)
     homes = {name: home for home, name in lines}

@@ -88,11 +88,8 @@ def leave(code: int, failed: int) -> NoReturn:
     """End the process in order, but without the time that Python takes to delete all modules, a sixth of `--help`.
 
     Functions registered for the end are called, and PETSc and MPI end as they would (PETSc prints what -log_view asks
-    for).  Under a profiler or debugger, which continue after the program, Python ends as usual.
-
-    Args:
-        code: Exit code of the command.
-        failed: Exit code in place of 0 if the output, the only result, could not be written.
+    for).  Under a profiler or debugger, which continue after the program, Python ends as usual.  Exit code 0 becomes
+    `failed` if the output, the only result, could not be written.
     """
     for stream in (sys.stdout, sys.stderr):
         stream.flush()

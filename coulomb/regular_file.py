@@ -27,12 +27,8 @@ def refuse_irregular(path: str | Path) -> None:
 def read_bytes(path: str | Path, most: int | None = None) -> bytes:
     """Contents of a file.
 
-    Args:
-        path: The file.
-        most: Maximum size in bytes.
-
     Raises:
-        OSError: If it cannot be read, is not a regular file, or is larger.
+        OSError: If it cannot be read, is not a regular file, or is larger than `most` bytes.
     """
     refuse_irregular(path)
     with Path(path).open("rb") as file:

@@ -203,6 +203,7 @@ def test_pictures_import_only_the_file_format():
         "coulomb.pictures.report",
         "coulomb.pictures.drawing_process",
         "coulomb.load_curve",
+        "coulomb.nearest",
         "coulomb.contact_fields",
         "coulomb.contact_names",
         *READERS,

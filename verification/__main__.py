@@ -43,10 +43,10 @@ def verification(
             _write(directory, found)
         except OSError as error:
             reason = f"{error.filename or directory}: cannot be written: {error.strerror or error}"
-            errors.print(f"error: {reason}", markup=False)
+            errors.out(f"error: {reason}")
             raise typer.Exit(FAILED) from None
     passed = [row.passed for verified in found.values() for row in verified.rows]
-    console.print(f"{sum(passed)} of {len(passed)} within their tolerance", markup=False)
+    console.out(f"{sum(passed)} of {len(passed)} within their tolerance")
     if not all(passed):
         raise typer.Exit(FAILED)
 
@@ -91,8 +91,8 @@ def _write(directory: Path, found: dict[str, Verified]) -> None:
     except ModuleNotFoundError as error:
         if not missing(error):
             raise
-        errors.print(f"warning: no figure: {missing(error)}", markup=False)
-    console.print(f"verification.csv{drawn} in {directory}{os.sep}", markup=False, soft_wrap=True)
+        errors.out(f"warning: no figure: {missing(error)}")
+    console.out(f"verification.csv{drawn} in {directory}{os.sep}")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ from __future__ import annotations
 import difflib
 import math
 import os
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
     from ..fem.bodies import AnyMaterial
     from ..fem.geometry import Rotation
-    from ..fem.meshes import JoinedMesh, NamedMesh
+    from ..fem.meshes import NamedMesh
 
 
 SMALL = 200_000
@@ -153,21 +152,6 @@ class BodyTable(MeshTable):
         if isinstance(self.material, MaterialTable):
             return {self.name: self.material.material()}
         return {f"{self.name}:{group}": given for group, given in materials_of(self.material).items()}
-
-
-def joined_mesh(bodies: Sequence[BodyTable], comm: MPI.Comm) -> JoinedMesh:
-    """The meshes of all bodies, each at its place."""
-    from ..fem.meshes import JoinedMesh
-
-    return JoinedMesh({body.name: body.mesh(comm) for body in bodies})
-
-
-def refuse_equal_names(bodies: Sequence[BodyTable]) -> None:
-    """Raises ValueError if two bodies have the same name."""
-    for name, count in Counter(body.name for body in bodies).items():
-        if count > 1:
-            numbers = [f"body.{k}" for k, body in enumerate(bodies) if body.name == name]
-            raise ValueError(f"{' and '.join(numbers)} have the name {name!r}; give each body its own")
 
 
 def fault_of_face(face: str, bodies: Sequence[BodyTable], box: bool) -> str:

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from ..model.times import HALVINGS, refuse_times
 from ..ranks import launched, on_rank_0
-from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face, joined_mesh, refuse_equal_names
+from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face
 from .contact import ContactTable, ContactTables
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .error_messages import fault_of, tables_of_several
@@ -177,7 +177,11 @@ class Case(Table):
         return {"": LoadedBody(mesh, self.materials(), clamps, loads, *given, self.gravity, factor, thermal)}
 
     def _mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:
-        return joined_mesh(self.body, comm) if self.mesh is None else self.mesh.mesh(comm)
+        from ..fem.meshes import JoinedMesh
+
+        if self.mesh is not None:
+            return self.mesh.mesh(comm)
+        return JoinedMesh({body.name: body.mesh(comm) for body in self.body})
 
     @property
     def meshes(self) -> dict[str, MeshTable]:
@@ -203,12 +207,9 @@ class Case(Table):
 
     @property
     def _acting(self) -> tuple[list[Support], list[Load], list[Spring]]:
-        tables: tuple[SupportTable, ...]
-        tables = (*self.clamp, *self.prescribed_displacement, *self.prescribed_rotation, *self.symmetry)
-        supports: list[Support] = [t.support() for t in tables]
-        forces: tuple[LoadTable, ...] = (*self.traction, *self.pressure, *self.total_force)
-        loads: list[Load] = [t.load() for t in forces]
-        return supports, loads, [t.spring() for t in self.spring]
+        tables = self._on_faces.values()
+        supports: list[Support] = [t.support() for t in tables if isinstance(t, SupportTable)]
+        return supports, [t.load() for t in tables if isinstance(t, LoadTable)], [t.spring() for t in self.spring]
 
     @property
     def _on_faces(self) -> dict[str, SupportTable | SpringTable | LoadTable]:
@@ -262,7 +263,10 @@ class Case(Table):
     @model_validator(mode="after")
     def _faces_of_bodies(self) -> Case:
         """Check faces of boxes, and that faces of several bodies name them; those of files when these are read."""
-        refuse_equal_names(self.body)
+        for name in dict.fromkeys(body.name for body in self.body):
+            numbers = [f"body.{k}" for k, body in enumerate(self.body) if body.name == name]
+            if len(numbers) > 1:
+                raise ValueError(f"{' and '.join(numbers)} have the name {name!r}; give each body its own")
         heated = None if self.temperature is None else self.temperature.body
         if heated is not None and (fault := fault_of_body(heated, self.body)):
             raise ValueError(f"temperature.body = {heated!r}: {fault}")

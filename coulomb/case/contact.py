@@ -246,7 +246,7 @@ class ContactTable(Table):
             self.face,
             self._friction(),
             self._coefficient("slip_stress"),
-            _surface(self.foundation),
+            surface_of(self.foundation),
             self.normals,
             motion_of(self.motion),
             self._coefficient("cohesion"),
@@ -258,8 +258,8 @@ class ContactTable(Table):
             self.against,
             self.adjust,
             self.smooth,
-            _surface(self.surface),
-            _surface(self.against_surface),
+            surface_of(self.surface),
+            surface_of(self.against_surface),
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:
@@ -309,7 +309,7 @@ class ContactTable(Table):
         return by_region
 
 
-def _surface(table: FoundationTable | None) -> RigidFoundation | None:
+def surface_of(table: FoundationTable | None) -> RigidFoundation | None:
     return None if table is None else table.foundation()
 
 

@@ -68,9 +68,7 @@ class Expression:
         return values
 
 
-@lru_cache(maxsize=1000)
-def expression(text: str) -> Expression:
-    return Expression(text)
+expression = lru_cache(maxsize=1000)(Expression)
 
 
 def _parsed(text: str) -> ast.expr:

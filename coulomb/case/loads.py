@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, model_validator
 
-from .contact import FoundationTable
+from .contact import FoundationTable, surface_of
 from .curves import AmplitudeTable, amplitude_of
 from .values import Direction, Name, Number, SpatialNumber, SpatialVector, Stiffness, Table, Vector, coefficient, field
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
         TotalForce,
         Traction,
     )
-    from ..fem.geometry import RigidFoundation
 
 Components = Literal["x", "y", "z", "xy", "xz", "yz", "xyz", "normal", "tangential"]
 
@@ -48,12 +47,8 @@ class PrescribedDisplacementTable(Table):
 
         return PrescribedDisplacement(
             *(self.face, field(self.value), self.components, amplitude_of(self.amplitude)),
-            *(self.direction, self._surface),
+            *(self.direction, surface_of(self.surface)),
         )
-
-    @property
-    def _surface(self) -> RigidFoundation | None:
-        return None if self.surface is None else self.surface.foundation()
 
 
 class ClampTable(PrescribedDisplacementTable):
@@ -66,7 +61,7 @@ class ClampTable(PrescribedDisplacementTable):
 
         if any(self.value) or self.amplitude:
             return super().support()
-        return Clamp(self.face, self.components, self.direction, self._surface)
+        return Clamp(self.face, self.components, self.direction, surface_of(self.surface))
 
 
 class PrescribedRotationTable(Table):

@@ -36,8 +36,7 @@ def _count(given: Any) -> str:
 PoissonRatio = Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
 
 YoungValue = Annotated[
-    Annotated[Young, Tag(ONE_NUMBER)] | Annotated[tuple[Young, Young, Young], Tag(THREE_NUMBERS)],
-    Discriminator(_count),
+    Annotated[Young, Tag(ONE_NUMBER)] | Annotated[tuple[Young, Young, Young], Tag(THREE_NUMBERS)], Discriminator(_count)
 ]
 PoissonValue = Annotated[
     Annotated[PoissonRatio, Tag(ONE_NUMBER)] | Annotated[tuple[Number, Number, Number], Tag(THREE_NUMBERS)],

@@ -3,7 +3,7 @@ place: a number, an expression as text, or a field of a file."""
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -117,24 +117,15 @@ class FieldTable(Table):
     scale: Length = 1.0
 
     def at(self) -> Coefficient:
-        """A function of place; the file is read when it is first called."""
-        return _LazyField(self)
+        """A function of place; the file is read when it is first called: a check reports a missing one, and goes on."""
 
+        @cache
+        def read() -> NodalField:
+            from ..fem.meshes import NodalField
 
-class _LazyField:
-    """Read when it is first evaluated: a check reports a missing file, and goes on."""
+            return NodalField.from_file(self.file, self.field, self.scale)
 
-    def __init__(self, table: FieldTable):
-        self._table = table
-
-    def __call__(self, x: FloatArray) -> FloatArray:
-        return self._field(x)
-
-    @cached_property
-    def _field(self) -> NodalField:
-        from ..fem.meshes import NodalField
-
-        return NodalField.from_file(self._table.file, self._table.field, self._table.scale)
+        return lambda x: read()(x)
 
 
 def _kind(given: Any) -> str:

@@ -28,18 +28,14 @@ if TYPE_CHECKING:
     from ..case.case import Case
     from ..solvers.friction_problem import Solver
 
-app = typer.Typer(
-    epilog=EXIT_CODES,
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-)
+app = typer.Typer(epilog=EXIT_CODES, no_args_is_help=True, pretty_exceptions_enable=False)
 app.command()(plot)
 app.command()(report)
 
 
 def _show_version(asked: bool) -> None:
     if asked:
-        _console.print(f"coulomb {__version__}", markup=False)
+        _console.out(f"coulomb {__version__}")
         raise typer.Exit
 
 
@@ -137,7 +133,7 @@ def info() -> None:
     from ..io.environment import details
 
     for name, value in details().items():
-        _console.print(f"{name:<18}{value}", markup=False, soft_wrap=True)
+        _console.out(f"{name:<18}{value}")
 
 
 @app.command()
@@ -192,11 +188,11 @@ def fclib(
         "products": result.products,
     }
     if as_json:
-        _console.print(json.dumps(report), markup=False, soft_wrap=True)
+        _console.out(json.dumps(report))
     else:
         for name, value in report.items():
             shown = f"{value:.2e}" if isinstance(value, float) else value
-            _console.print(f"{name:<16}{shown}", markup=False, soft_wrap=True)
+            _console.out(f"{name:<16}{shown}")
     if trouble:
         fail(trouble, FAILED)
 
@@ -254,7 +250,7 @@ def export(
     except OSError as error:
         fail(f"{file}: cannot be written: {error.strerror or error}", FAILED)
     when = "" if time is None else f", in one step from rest to time {time:g}"
-    _console.print(f"{len(mu)} contacts in {file}{when}", markup=False, soft_wrap=True)
+    _console.out(f"{len(mu)} contacts in {file}{when}")
 
 
 def _time_of(settings: Case, asked: float | None) -> float | None:
@@ -284,8 +280,8 @@ def check(directory: Annotated[Path, typer.Argument(help="Directory of the resul
     from ..io.recheck import check as check_files
 
     with bad_input():
-        found = check_files(directory, lambda line: _console.print(line, markup=False, soft_wrap=True))
-    _console.print(found.ending, markup=False, soft_wrap=True)
+        found = check_files(directory, _console.out)
+    _console.out(found.ending)
     if not found.passed:
         raise typer.Exit(FAILED)
 

@@ -13,8 +13,7 @@ from ..ranks import launched, on_rank_0
 from .console import FAILED, bad_input, console, errors, fail, refuse_ranks
 
 Changes = Annotated[
-    list[str] | None,
-    typer.Option("--set", help="Replace a setting, for example mesh.cells=[18,6,6]; may be repeated."),
+    list[str] | None, typer.Option("--set", help="Replace a setting, for example mesh.cells=[18,6,6]; may be repeated.")
 ]
 
 
@@ -58,7 +57,7 @@ def new(
         except OSError as error:
             raise ValueError(f"{target}: cannot be written: {error.strerror or error}") from None
     then = "python" if kind is Kind.forms else "coulomb check-case"
-    console.print(f"{target} written; next: {then} {target}", markup=False, soft_wrap=True)
+    console.out(f"{target} written; next: {then} {target}")
 
 
 def check_case(
@@ -91,7 +90,7 @@ def check_case(
     show_input(console, settings, problem)
     warn_of_locking(settings, problem)
     for line in expected(settings, problem):
-        console.print(line, markup=False, soft_wrap=True)
+        console.out(line)
 
 
 def convert(
@@ -127,15 +126,13 @@ def convert(
         except OSError as error:
             raise ValueError(f"{error.filename or mesh}: cannot be read: {error.strerror or error}") from None
     for reason in found.refused.values():
-        errors.print(f"warning: not converted: {reason}", markup=False, soft_wrap=True)
+        errors.out(f"warning: not converted: {reason}")
     try:
         write(found, file)
     except OSError as error:
         fail(f"{file}: cannot be written: {error.strerror or error}", FAILED)
     faces, groups = (", ".join(of) or "none" for of in (found.face_groups, found.cell_groups))
-    console.print(
+    console.out(
         f"{file} and {file.with_suffix('.h5').name} written: {len(found.cells)} cells; faces: {faces}; "
-        f"groups of cells: {groups}",
-        markup=False,
-        soft_wrap=True,
+        f"groups of cells: {groups}"
     )

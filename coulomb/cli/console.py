@@ -40,7 +40,7 @@ if _all is None:
     ranks.start_alone()
 _silent = _all is not None and _all.rank != 0
 console = Console(quiet=_silent, highlight=False)
-errors = Console(quiet=_silent, highlight=False, stderr=True, soft_wrap=True)
+errors = Console(quiet=_silent, highlight=False, stderr=True)
 
 
 REPORTED = ("coulomb.model.solution", "coulomb.model.load_history")
@@ -48,11 +48,7 @@ REPORTED = ("coulomb.model.solution", "coulomb.model.load_history")
 
 
 class LibraryMessages(logging.Handler):
-    """Shows what the library logs: information on standard output, warnings and errors on standard error.
-
-    Args:
-        console: Where information goes.
-    """
+    """Shows what the library logs: information on a console, warnings and errors on standard error."""
 
     def __init__(self, console: Console):
         super().__init__(logging.INFO)
@@ -62,18 +58,15 @@ class LibraryMessages(logging.Handler):
         if record.name in REPORTED:
             return
         if record.levelno >= logging.WARNING:
-            errors.print(f"{record.levelname.lower()}: {record.getMessage()}", markup=False)
+            errors.out(f"{record.levelname.lower()}: {record.getMessage()}")
         else:
-            self._console.print(record.getMessage(), markup=False, soft_wrap=True)
+            self._console.out(record.getMessage())
 
 
 @contextmanager
 def showing_messages(of_information: Console) -> Iterator[None]:
-    """Show the library's log messages; inside another such context, in place of it.
-
-    Args:
-        of_information: Where messages of level INFO go; a quiet console for none.
-    """
+    """Show the library's log messages, those of level INFO on this console; inside another such context, in place of
+    it."""
     library = logging.getLogger("coulomb")
     before = [handler for handler in library.handlers if isinstance(handler, LibraryMessages)]
     level, propagate = library.level, library.propagate
@@ -106,15 +99,11 @@ def bad_input(kind: type[ValueError] = ValueError) -> Iterator[None]:
 
 def fail(message: str, code: int = BAD_INPUT) -> NoReturn:
     """Print an error, and end the command with this exit code."""
-    errors.print(f"error: {message}", markup=False)
+    errors.out(f"error: {message}")
     raise typer.Exit(code) from None
 
 
 def refuse_ranks(what: str) -> None:
-    """End a command that runs on one rank only if there are more.
-
-    Args:
-        what: The command, as "coulomb plot".
-    """
+    """End a command, `what`, that runs on one rank only if there are more."""
     if ranks.several():
         fail(f"{what} runs on one rank")

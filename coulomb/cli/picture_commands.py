@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import sys
@@ -49,12 +50,11 @@ def plot(
     refuse_ranks("coulomb plot")
     if save is None and not _display():
         save = Path("plot.png")
-        console.print("there is no display: the picture is written to a file", markup=False)
+        console.out("there is no display: the picture is written to a file")
     if scale is not None and not (math.isfinite(scale) and 0.0 <= scale <= 1e12):
         fail(f"--scale must be from 0 to 1e12, but is {scale}")
     _refuse_nowhere(save)
-    chosen = [str(directory), field, scale, view, save, step]
-    _draw("plot", *("-" if choice is None else str(choice) for choice in chosen))
+    _draw("plot", json.dumps([str(directory), field, scale, view, save and str(save), step]))
 
 
 def report(
@@ -85,15 +85,8 @@ def drawing_soon(settings: Case) -> Iterator[DrawingProcess | None]:
 
 
 def write_report(directory: Path, stop: Callable[[], bool]) -> str:
-    """Write the report of a run that has just been written; collective.
-
-    Args:
-        directory: Directory of the run.
-        stop: Called repeatedly; a true result stops the drawing.
-
-    Returns:
-        An error message, or nothing: a run does not fail because of its report.
-    """
+    """Write the report into the directory of a run, unless `stop`, called repeatedly, is true; collective.  Returns an
+    error message, or nothing: a run does not fail because of its report."""
 
     def write() -> str:
         code, said = DrawingProcess("page", str(directory), str(RunDirectory(directory).report)).finish(stop=stop)
@@ -116,7 +109,7 @@ def _draw(*arguments: str) -> None:
     code, said = DrawingProcess(*arguments).finish(seconds=None)
     if code == 0:
         if said:
-            console.print(said, markup=False, soft_wrap=True)
+            console.out(said)
         return
     fail(said, BAD_INPUT if code == BAD_INPUT else FAILED)
 

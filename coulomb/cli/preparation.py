@@ -26,14 +26,11 @@ from .console import errors
 def prepared(
     settings: Case, target: Path, force: bool, overwrite: bool | None = None, resume: bool = False
 ) -> ContactProblem:
-    """The problem of a case, after a check of directory, memory and disk; collective, with a ValueError on every rank.
+    """The problem of a case, after a check of directory and, unless forced, of memory and disk; collective, with a
+    ValueError on every rank.
 
-    Args:
-        settings: The case.
-        target: Directory of the results.
-        force: Skip the checks of memory and disk.
-        overwrite: Whether any results may be replaced, or only those of the same case; None if none are.
-        resume: Whether load steps are continued: of a few that are left multigrid may be faster.
+    `overwrite` is whether any results may be replaced, or only those of the same case; None if none are.  To `resume` a
+    few load steps multigrid may be faster.
     """
     comm = MPI.COMM_WORLD
     if overwrite is not None:
@@ -189,11 +186,10 @@ def warn_of_locking(settings: Case, problem: ContactProblem) -> None:
         highest = max((one.poisson for one in given[member.name] if not isinstance(one.poisson, tuple)), default=0.0)
         if highest > LOCKING_ABOVE and member.body.mesh.degree == 1:
             of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")
-            errors.print(
+            errors.out(
                 f"warning: material{of}: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements "
                 "lock and give an answer that is far too stiff, although the discrete problem is certified; "
-                f"second-order ones do not (degree = 2 in {table})",
-                markup=False,
+                f"second-order ones do not (degree = 2 in {table})"
             )
 
 

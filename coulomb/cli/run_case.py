@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -55,17 +55,11 @@ def compute(
     overwrite: bool = False,
     renderer: DrawingProcess | None = None,
 ) -> None:
-    """Pose the problem of a case and solve it, or continue its load history; ends the command with its exit code.
+    """Pose the problem of a case and solve it, or continue its load history from the steps in the directory of the
+    results (`resume`); ends the command with its exit code.
 
-    Args:
-        session: Console, log and interruption of the run.
-        settings: The case.
-        source: Its file or directory as given by the user.
-        target: Directory of the results.
-        force: As --force; case.json then says that strains outside the theory are accepted.
-        resume: Continue from the load steps in `target`.
-        overwrite: As --overwrite.
-        renderer: The drawing process, if it has been started already.
+    `source` is the file or directory of the case as given by the user.  If forced, case.json says that strains outside
+    the theory are accepted.  `renderer` is the drawing process, if it has been started already.
     """
     if not gc.get_freeze_count():  # once in a process: what is garbage then stays for ever
         gc.freeze()  # the modules loaded so far, which are no garbage and take long to search
@@ -135,16 +129,16 @@ def _solve_once(
         trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
     took = time.perf_counter() - session.began
     report(session.console, solution, contents, target if written else None, took, settings.solver.tolerance)
-    if written:
-        _write_page(session, settings, target)
+    if written and settings.output.report:
+        _draw(session, lambda stop: write_report(target, stop))
     if not trouble and (said := left_open(solution.certificate, settings.solver.tolerance)):
-        errors.print(f"warning: {said}", markup=False)
+        errors.out(f"warning: {said}")
     if written and interrupted:
         trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked as interrupted"
     elif written and stopped.asked():
         interrupted, trouble = True, _cut_short(settings, target)
     if trouble:
-        errors.print(f"error: {trouble}", markup=False)
+        errors.out(f"error: {trouble}")
     if interrupted:
         raise typer.Exit(INTERRUPTED)
     if trouble or not solution.valid:
@@ -180,7 +174,7 @@ def in_place_of(target: Path, overwrite: bool, resume: bool, comm: MPI.Comm) -> 
         except OSError as error:
             remark = f"the results before are in {aside}: {error.strerror or error}"
         if remark:
-            errors.print(f"warning: {remark}", markup=False)
+            errors.out(f"warning: {remark}")
 
     try:
         yield
@@ -199,7 +193,7 @@ def _take_steps(
         done = steps_on_disk(target, problem.comm)
         changed = refuse_another_case(settings, target, done, problem.comm) if resume and done else []
     for change in changed:
-        errors.print(f"warning: from step {done + 1} on {change}", markup=False)
+        errors.out(f"warning: from step {done + 1} on {change}")
     with in_place_of(target, overwrite, resume, problem.comm):
         _take_recorded_steps(session, settings, problem, target, resume, record)
 
@@ -221,16 +215,14 @@ def _take_recorded_steps(
         least = accuracy(step.solution.force_balance.entries(), settings.solver.tolerance, forces=forces)
         halved = f", halved {step.halvings} times" if step.halvings else ""
         when = f"{row['time']:.4g} s"
-        console.print(
+        console.out(
             f"step {row['step']:3d}  time {when:<9} {forces_in_a_step(row, least['N'])}, open {row['open']}, stick "
             f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
             f"{'' if row['certified'] else ', certificate FAILED'}"
-            f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}",
-            markup=False,
-            soft_wrap=True,
+            f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}"
         )
         if said := left_open(step.solution.certificate, settings.solver.tolerance):
-            errors.print(f"warning: step {row['step']}: {said}", markup=False)
+            errors.out(f"warning: step {row['step']}: {said}")
         warnings = step.solution.small_strain.warnings
         if len(warnings) > len(warned):
             warn(*(f"step {row['step']}: {warning}" for warning in warnings))
@@ -263,8 +255,9 @@ def _take_recorded_steps(
     history = whole_history(target, comm)
     if history is not None:
         if settings.output.picture and code != INTERRUPTED:
-            _draw_last(session, target, comm)
-        _write_page(session, settings, target)
+            _draw(session, lambda stop: on_rank_0(comm, lambda: picture_of_run.draw(target, stop)), f"{PICTURE} ")
+        if settings.output.report:
+            _draw(session, lambda stop: write_report(target, stop))
         report_history(console, history, taken, time.perf_counter() - began, target, settings.solver.tolerance)
     if not trouble and session.interruption.asked():
         fail(_cut_short(settings, target), INTERRUPTED)
@@ -272,29 +265,16 @@ def _take_recorded_steps(
         if code == INTERRUPTED:
             done = steps_on_disk(target, comm)
             trouble += f"; the {done} load steps before are in {target}{os.sep}; to continue: coulomb resume {target}"
-        errors.print(f"error: {trouble}", markup=False)
+        errors.out(f"error: {trouble}")
     if trouble or not all(row["valid"] for row in files.rows):
         raise typer.Exit(code)
 
 
-def _write_page(session: Session, settings: Case, target: Path) -> None:
-    """Write report.html if the case requests it and the run is not to stop; collective."""
+def _draw(session: Session, draw: Callable[[Callable[[], bool]], str], what: str = "") -> None:
+    """Draw a picture or the report unless the run is to stop; its error, after `what`, is a warning; collective."""
     stopped = session.interruption
-    if not settings.output.report or stopped.asked():
-        return
-    trouble = write_report(target, lambda: stopped.requested)
-    if trouble and not stopped.asked():
-        errors.print(f"warning: {trouble}", markup=False)
-
-
-def _draw_last(session: Session, target: Path, comm: MPI.Comm) -> None:
-    """picture.png of the last load step; collective."""
-    stopped = session.interruption
-    if stopped.asked():
-        return
-    trouble = on_rank_0(comm, lambda: picture_of_run.draw(target, lambda: stopped.requested))
-    if trouble and not stopped.asked():
-        errors.print(f"warning: {PICTURE} {trouble}", markup=False)
+    if not stopped.asked() and (trouble := draw(lambda: stopped.requested)) and not stopped.asked():
+        errors.out(f"warning: {what}{trouble}")
 
 
 def _cut_short(settings: Case, target: Path) -> str:

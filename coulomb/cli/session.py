@@ -52,22 +52,13 @@ class Session:
 
 @contextmanager
 def opened(quiet: bool, log_file: Path | None) -> Iterator[Session]:
-    """A session, to the end of its run.
-
-    Args:
-        quiet: Whether to print only warnings and errors.
-        log_file: File to which all output is appended, with the time.
-    """
+    """A session, to the end of its run: `quiet` prints only warnings and errors; all output is appended to the log."""
     process.go_on_unheard()
     process.hear_signals_again()
     began, speaking = time.perf_counter(), Console(quiet=True) if quiet else console
     with bad_input():
         log = Log(log_file, MPI.COMM_WORLD)
-    with (
-        log.hearing(speaking, errors),
-        showing_messages(speaking),
-        Interruption(MPI.COMM_WORLD) as interruption,
-    ):
+    with log.hearing(speaking, errors), showing_messages(speaking), Interruption(MPI.COMM_WORLD) as interruption:
         log.line(" ".join(["coulomb", *sys.argv[1:]]))
         yield Session(speaking, log, interruption, began)
 
@@ -85,10 +76,8 @@ class Interruption:
     """Whether a signal has requested a stop after the current step; a context that restores the handlers at its end.
 
     Handlers are installed by the first call of `asked`.  Before, while K is assembled and factorised, there is nothing
-    to keep, and Python could not run a handler: signals end the process at once.  A second signal does so, too.
-
-    Args:
-        comm: The ranks, which all stop if one of them receives a signal.
+    to keep, and Python could not run a handler: signals end the process at once.  A second signal does so, too.  All
+    ranks stop if one of them receives a signal.
     """
 
     def __init__(self, comm: MPI.Comm):
@@ -137,11 +126,7 @@ class Interruption:
 
 
 class Log(RenderHook):
-    """A text file to which all output and every path-following step are appended, with the time; only rank 0 writes.
-
-    Args:
-        path: The file, appended to if it exists; None for no log.
-        comm: The ranks.
+    """A text file, if a path is given, to which rank 0 appends all output and every path-following step with the time.
 
     Raises:
         ValueError: On every rank, if it cannot be written.
@@ -188,7 +173,7 @@ class Log(RenderHook):
         except OSError as error:  # a full disk: the run continues without its log
             self._file.close()
             self._file = None
-            errors.print(f"warning: the log {self._path} ends here: {error.strerror or error}", markup=False)
+            errors.out(f"warning: the log {self._path} ends here: {error.strerror or error}")
 
 
 def _opened(path: Path, comm: MPI.Comm) -> RawIOBase | None:

@@ -22,23 +22,19 @@ from ..model.input_echo import contacts_of, loads_of, supports_of
 from ..model.nodal_answer import law_numbers
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
-from ..pictures.report.units import friction_in_words
+from ..pictures.report.units import friction_in_words, scale_of
 from ..process import animated
 from ..solvers.results import Progress
 from .console import bad_input, errors
-
-_UNITS = ((1e3, "km"), (1.0, "m"), (1e-3, "mm"), (1e-6, "um"), (1e-9, "nm"))
 
 
 def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
     unknowns = problem.unknowns
     law = law_in_words(law_numbers(problem.law, problem.surface.area, problem.surface.frames, Reductions(problem.comm)))
-    console.print(
+    console.out(
         f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
         f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}\n"
-        + "\n".join([body_in_words(problem), *problem.body.chosen]),
-        markup=False,
-        soft_wrap=True,
+        + "\n".join([body_in_words(problem), *problem.body.chosen])
     )
 
 
@@ -68,10 +64,8 @@ def body_in_words(problem: ContactProblem) -> str:
 
 def metres(length: float) -> str:
     """A length in a suitable unit: 3 m, 40 mm, 2.5 km."""
-    if length == 0.0:
-        return "0 m"
-    factor, unit = next((pair for pair in _UNITS if abs(length) >= 0.9995 * pair[0]), _UNITS[-1])
-    return f"{length / factor:.4g} {unit}"
+    factor, unit = scale_of(length, "m")
+    return f"{length / factor:.4g} {unit.replace('µ', 'u')}"
 
 
 def about(seconds: float) -> str:
@@ -124,9 +118,9 @@ def _range(values: dict[str, float]) -> str:
 
 def _print(console: Console, what: str, lines: Sequence[str]) -> None:
     for line in lines[:_LINES]:
-        console.print(f"{what:<8} {line}", markup=False, soft_wrap=True)
+        console.out(f"{what:<8} {line}")
     if len(lines) > _LINES:
-        console.print(f"{what:<8} and {len(lines) - _LINES} more, in summary.json", markup=False, soft_wrap=True)
+        console.out(f"{what:<8} and {len(lines) - _LINES} more, in summary.json")
 
 
 def _vector(values: FloatArray) -> str:
@@ -137,12 +131,8 @@ def _vector(values: FloatArray) -> str:
 
 
 class Display:
-    """Progress: one line that changes on a terminal, a line for each Tresca problem (or PF step) elsewhere.
-
-    Args:
-        console: The console.
-        by_step: Whether load steps are printed elsewhere: no lines then.
-    """
+    """Progress: one line that changes on a terminal, elsewhere a line for each Tresca problem (or path-following step),
+    unless load steps are printed (`by_step`)."""
 
     def __init__(self, console: Console, by_step: bool = False):
         self._console, self._by_step, self._expected = console, by_step, ""
@@ -172,7 +162,7 @@ class Display:
 
     def _line(self) -> None:
         if self._last is not None and self._status is None and not self._by_step:
-            self._console.print(str(self._last))
+            self._console.out(str(self._last))
 
 
 def report(
@@ -203,15 +193,15 @@ def report(
         f"seconds: {seconds}; {total:.2f} in all",
     )
     for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
+        console.out(line)
     strain = solution.small_strain
     warn(*contents["remarks"], *(strain.mere_warnings if solution.outside else strain.warnings))
     refuse(solution.outside)
     picture = contents.get("picture", "")
     if "could not" in picture:
-        errors.print(f"warning: {PICTURE} {picture}", markup=False)
+        errors.out(f"warning: {PICTURE} {picture}")
     if target is not None:
-        console.print(f"results in {target}{os.sep}", markup=False, soft_wrap=True)
+        console.out(f"results in {target}{os.sep}")
 
 
 def forces_in_a_step(row: dict[str, Any], least: float) -> str:
@@ -234,13 +224,8 @@ def report_history(
 ) -> None:
     """Print the last lines of a load history: figures of all its steps, labelled as such.
 
-    Args:
-        console: The console.
-        history: The entry `history` of its summary (`history_summary`).
-        taken: Load steps of this run; the others existed before (`coulomb resume`).
-        seconds: Time of this run.
-        target: Directory of the results.
-        tolerance: Of the solver: smaller parts of slip and energies are printed as 0.
+    `history` is the entry of this name in its summary.  This run has `taken` steps in some seconds; the others existed
+    before (`coulomb resume`).  Slip and energies are printed as 0 up to the tolerance of the solver.
     """
     done, largest = history["iterations"], history["maximum"]
     least = tolerance * max(map(abs, history["energy"].values()))
@@ -262,7 +247,7 @@ def report_history(
     warn(*history["remarks"])
     refuse(history["violations"])
     for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
+        console.out(line)
 
 
 def _steps_that_count(history: dict[str, Any]) -> str:
@@ -279,14 +264,13 @@ def _figure(value: float | None) -> str:
 
 def warn(*texts: str) -> None:
     for text in texts:
-        errors.print(f"warning: {text}", markup=False)
+        errors.out(f"warning: {text}")
 
 
 def refuse(outside: Sequence[str]) -> None:
     """Print why an answer does not count although its equations are solved."""
     if outside:
-        errors.print(
+        errors.out(
             f"error: outside the theory of small strains: {'; '.join(outside)}; the results are kept and marked; check "
-            'units, loads and foundation, or accept it by small_strain = "warn" in the case, or --force',
-            markup=False,
+            'units, loads and foundation, or accept it by small_strain = "warn" in the case, or --force'
         )

@@ -30,12 +30,8 @@ class NoCompiler(ValueError):
 
 
 def watch_compilation(dolfinx_jit: Any, arity_mismatch: type[BaseException]) -> None:
-    """Announce compilations, and raise `NoCompiler` before one that is impossible; called when DOLFINx is imported.
-
-    Args:
-        dolfinx_jit: The module `dolfinx.jit`.
-        arity_mismatch: UFL's error for forms as a - L; in recent versions no `Exception`.
-    """
+    """Announce compilations, and raise `NoCompiler` before one that is impossible; called when DOLFINx, whose module
+    `jit` is given, is imported.  UFL's error for forms as a - L is in recent versions no `Exception`."""
     from ffcx.codegeneration import jit
 
     if not hasattr(jit, "get_cached_module"):  # an FFCx of another structure

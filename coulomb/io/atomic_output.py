@@ -304,14 +304,11 @@ def set_aside_in(target: Path) -> list[Path]:
 
 
 def settle(target: Path, aside: Path | None, replaced: bool) -> str:
-    """At the end of a load history: what becomes of the results that were set aside, and a remark for the user.
+    """At the end of a load history: what becomes of the results that `set_aside` has set aside, and a remark for the
+    user.
 
-    They are removed once the history is complete, moved back if it has no step, and kept otherwise.
-
-    Args:
-        target: Directory of the history.
-        aside: What `set_aside` has returned.
-        replaced: Whether they may be removed.
+    They are removed once the history is complete, if they may be `replaced`, moved back if it has no step, and kept
+    otherwise.
 
     Raises:
         OSError: If they cannot be moved back.

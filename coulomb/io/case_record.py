@@ -136,16 +136,8 @@ def lasting_part(case: Case) -> tuple[dict[str, Any], dict[str, str]]:
 
 
 def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm) -> list[str]:
-    """Compare a case with the one that a load step was computed from; collective.
-
-    Args:
-        case: The case with which to continue.
-        directory: The directory of the history.
-        number: Number of the step.
-        comm: The ranks.
-
-    Returns:
-        Descriptions of the permitted changes.
+    """Descriptions of the permitted changes of a case since a load step was computed, by its number in the directory of
+    the history; collective.
 
     Raises:
         ValueError: On every rank, with the differences, if there are other changes.
@@ -176,14 +168,8 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
 
 
 def differences(before: Case, digests: Mapping[str, str], case: Case, now: Mapping[str, str]) -> list[str]:
-    """Descriptions of the differences of two cases, except those that do not change the answer: `_FREE`.
-
-    Args:
-        before: The earlier case.
-        digests: Digests of its files (`case_record`), empty if they are unknown.
-        case: The case.
-        now: Digests of its files.
-    """
+    """Descriptions of the differences of two cases with digests of their files (`case_record`), those of the earlier
+    one empty if they are unknown, except those that do not change the answer: `_FREE`."""
     changed = [f"the contents of {_key(key)}" for key in digests if now.get(key, digests[key]) != digests[key]]
     listed = _differences(before.model_dump(mode="json"), case.model_dump(mode="json"))
     then, here = (_files(one.model_dump(mode="json")) for one in (before, case))

@@ -77,17 +77,12 @@ class Described:
 
 
 def write_grids(comm: MPI.Comm, path: Path, grids: Sequence[GridFields], time: float, collection: str = "") -> None:
-    """Write meshes and fields on them; collective.
+    """Write meshes and fields on them, the same on every rank except for their parts, as an XDMF file and a .h5 file of
+    the same name with the data; collective.
 
     A grid without a name is the only one of its file, with the groups `Mesh/mesh` and `Function` in the HDF5 file.
-    Others have groups of their own, `Mesh/NAME` and `Function/NAME`, and are in a spatial collection.
-
-    Args:
-        comm: The ranks.
-        path: The XDMF file; the data are in a .h5 file of the same name beside it.
-        grids: The meshes, the same on every rank except for their parts.
-        time: Of the results; pyvista reads no file without (and meshio none with it).
-        collection: Name of the collection; empty for one grid without a collection.
+    Others have groups of their own, `Mesh/NAME` and `Function/NAME`, and are in a spatial collection of this name.
+    pyvista reads no file without a time (and meshio none with it).
 
     Raises:
         OSError: On every rank, if a file cannot be written.
@@ -155,12 +150,8 @@ def groups_of(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def described(path: Path, kinds: Mapping[int, str], collection: str) -> Described:
-    """What an XDMF file describes, if `write_grids` writes the same for the data in its HDF5 file.
-
-    Args:
-        path: The file.
-        kinds: XDMF's name of the cells by the number of their nodes.
-        collection: Name of the collection, if there are several grids.
+    """What an XDMF file describes, if `write_grids` writes the same for the data in its HDF5 file; `kinds` are XDMF's
+    names of the cells by the number of their nodes.
 
     Raises:
         ValueError: If it cannot be read, or is another one.
@@ -206,11 +197,7 @@ def _elements(root: ElementTree.Element) -> list[str]:
 
 
 def _description(
-    path: Path,
-    grids: Sequence[GridFields],
-    shapes: Mapping[str, tuple[int, int]],
-    time: float,
-    collection: str,
+    path: Path, grids: Sequence[GridFields], shapes: Mapping[str, tuple[int, int]], time: float, collection: str
 ) -> ElementTree.Element:
     """The contents of the XDMF file."""
     root = ElementTree.Element("Xdmf", Version="3.0")

@@ -296,14 +296,10 @@ def _is_whole(step: RunDirectory) -> bool:
 
 
 def at_nodes(file: Path, name: str, parts: Sequence[tuple[str, FloatArray]], comm: MPI.Comm) -> FloatArray:
-    """A vector field of a result file at this rank's points of several grids, found by their coordinates, shape (k, 3);
+    """A vector field of an XDMF file at this rank's points of several grids, found by their coordinates, shape (k, 3);
     collective.
 
-    Args:
-        file: XDMF file.
-        name: Name of the field.
-        parts: Name of each grid, "" for the only one of a file, and points on it in metres, shapes (p, 3).
-        comm: The ranks.
+    A part is the name of a grid, "" for the only one of a file, and points on it in metres, shape (p, 3).
 
     Raises:
         ValueError: On every rank, if a file cannot be read, or lacks a grid or a point.

@@ -27,12 +27,7 @@ def whole(steps: Iterable[Mapping[str, Any]]) -> Entries:
 
 
 def added(before: Entries, step: Mapping[str, Any]) -> Entries:
-    """The history extended by one step.
-
-    Args:
-        before: Summary of the steps before; empty before the first.
-        step: summary.json of the step.
-    """
+    """The history, empty before the first step, extended by the summary.json of one step."""
     record = step["step"]
     where = {"step": record["number"], "time": record["time"]}
     most = {**step["maximum"], "slip_in_a_step": step["totals"]["greatest_slip"]}
@@ -69,7 +64,7 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
         "remarks": [text for text in remarks if text],
         "seconds": _sum(before.get("seconds", {}), step["seconds"]),
         "peak_memory_bytes": max(before.get("peak_memory_bytes", 0), step["peak_memory_bytes"]),
-        "runs": _runs(before.get("runs", []), step.get("run"), record["number"]),
+        "runs": _runs(before.get("runs", []), step["run"], record["number"]),
     }
 
 
@@ -122,10 +117,8 @@ def _violations(outside: Entries | None, steps: int) -> list[str]:
     return [f"{outside['steps']} of {steps} load steps, the first is step {outside['first']}: {first}", *others]
 
 
-def _runs(before: list[Entries], run: Entries | None, number: int) -> list[Entries]:
+def _runs(before: list[Entries], run: Entries, number: int) -> list[Entries]:
     """The run and resumes of the history, each with its first and last step."""
-    if run is None:  # written by an older version
-        return before
     if before and all(before[-1][key] == run[key] for key in ("started", "hosts", "command")):
         return [*before[:-1], {**before[-1], "ended": run["ended"], "last_step": number}]
     return [*before, {**run, "first_step": number, "last_step": number}]

@@ -119,12 +119,8 @@ def _size_of(problem: DiscreteProblem, body: SingleBody) -> float:
 
 
 def refuse_full_disk(problem: DiscreteProblem, target: Path, times: int = 1) -> None:
-    """Check the free disk space beforehand; with a full disk HDF5 leaves damaged files and no clear message.
-
-    Args:
-        problem: The problem whose results will be written.
-        target: The directory, which may not exist yet.
-        times: How many such results.
+    """Check beforehand that there is disk space for the results of some steps in a directory, which may not exist yet:
+    with a full disk HDF5 leaves damaged files and no clear message.
 
     Raises:
         OSError: On every rank.
@@ -145,14 +141,10 @@ def refuse_full_disk(problem: DiscreteProblem, target: Path, times: int = 1) -> 
 
 
 class Series:
-    """The time series of the steps' files of one name, on one rank.
+    """The time series of the steps' XDMF files of one name in a folder, on one rank.
 
     The part of each step is read once: reading those of all steps again after each would take time that grows with
     their number, more than a second per step after some hundred.
-
-    Args:
-        folder: Where the series goes.
-        name: Name of the XDMF files.
     """
 
     def __init__(self, folder: Path, name: str):
@@ -160,11 +152,7 @@ class Series:
         self._parts: dict[str, str] = {}
 
     def write(self, steps: Sequence[str]) -> None:
-        """Write FOLDER/NAME, which refers to the files of the steps.
-
-        Args:
-            steps: Directory of each step relative to the folder.
-        """
+        """Write FOLDER/NAME, which refers to the files of the steps, by their directories relative to the folder."""
         partial = self._folder / f".{self._name}"
         partial.write_text(self.text(steps), encoding="utf-8")
         os.replace(partial, self._folder / self._name)

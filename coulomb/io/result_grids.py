@@ -79,11 +79,7 @@ def middle(one: FloatArray, other: FloatArray) -> FloatArray:
 
 
 class FaceGrid:
-    """The facets of contact faces with the nodes on them.
-
-    Args:
-        space: The displacements of the body.
-        facets: This rank's facets of all faces.
+    """This rank's facets of contact faces of a body, with the nodes on them.
 
     Attributes:
         grid: The mesh.
@@ -105,12 +101,8 @@ class FaceGrid:
         return values
 
     def values(self, field: FloatArray, between: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
-        """A field at this rank's nodes, shape (k,) or (k, 3), at those of the faces; collective.
-
-        Args:
-            field: The values; on 10-node tetrahedra those at vertices are used.
-            between: On 10-node tetrahedra, the value in the middle of an edge by those at its two ends.
-        """
+        """A field at this rank's nodes, shape (k,) or (k, 3), at those of the faces; collective.  On 10-node tetrahedra
+        those at vertices are used, and `between` gives the value in the middle of an edge by those at its ends."""
         if self._space.positive:
             return field[self._nodes]
         width = 1 if field.ndim == 1 else 3
@@ -135,16 +127,11 @@ Fields = dict[str, FloatArray]
 def interpolated(
     given: Mapping[str, Any], space: DisplacementSpace, taken: tuple[str, ...], comm: MPI.Comm
 ) -> tuple[Fields, Fields]:
-    """Values of functions at this rank's nodes, and in its own cells; collective.
+    """Values of functions of DOLFINx on the mesh of a body, of scalars, vectors or tensors, by name, at this rank's
+    nodes, and in its own cells; collective.  `taken` are the names of the fields that the package writes.
 
     A function of a continuous space is interpolated to the nodes of the displacements, another one to the midpoints of
     the cells.
-
-    Args:
-        given: Functions of DOLFINx on the mesh of the body, of scalars, vectors or tensors, by name.
-        space: The displacements of the body.
-        taken: Names of the fields that the package writes.
-        comm: The ranks.
 
     Returns:
         By name, rows per node, and rows per cell.
@@ -238,11 +225,7 @@ def collections(problem: DiscreteProblem) -> tuple[str, str]:
 
 
 def body_grids(solution: Solution, given: Mapping[str, Any]) -> list[GridFields]:
-    """The bodies with their fields; collective.
-
-    Args:
-        solution: The answer.
-        given: The user's functions to be written beside, by name, each on the mesh of one of the bodies.
+    """The bodies with their fields, and the user's functions by name, each on the mesh of one of them; collective.
 
     Raises:
         ValueError: On every rank, if a function cannot be written.

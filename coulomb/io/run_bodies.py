@@ -56,10 +56,8 @@ Fields = dict[str, FloatArray]
 
 
 class RecordedBody(DisplacementSpace):
-    """A body of the user's forms, of which only the internal forces are known.
-
-    Args:
-        domain: The mesh in the files, with the nodes of the displacements as points.
+    """A body of the user's forms, of which only the internal forces are known, on the mesh in the files, with the nodes
+    of the displacements as points.
 
     Attributes:
         internal: The internal forces as recorded, at its nodes, newtons, shape (k, 3).
@@ -104,11 +102,8 @@ class WrittenBody:
 class WrittenBodies:
     """All bodies together: the nodes of the first, then those of the second, ...
 
-    Args:
-        parts: The bodies.
-
     Attributes:
-        parts: The argument.
+        parts: The bodies.
         x: Coordinates of the nodes in metres, shape (k, 3).
         comm: The rank.
     """
@@ -146,14 +141,11 @@ class WrittenBodies:
         return len(self.parts) == len(other.parts) and all(a.body.domain is b.body.domain for a, b in pairs)
 
     def numbers_in(self, others: Sequence[FloatArray], unfit: str) -> npt.NDArray[np.int64]:
-        """The number of every node among those of the same bodies elsewhere, one body after the other, shape (k,).
-
-        Args:
-            others: The nodes of every body there, shapes (p, 3).
-            unfit: What to say if they are not the same.
+        """The number of every node among those, (p, 3) of every body, of the same bodies elsewhere, one body after the
+        other, shape (k,).
 
         Raises:
-            ValueError: If a node is not there.
+            ValueError: If a node is not there, with the text `unfit`.
         """
         if len(others) != len(self.parts):
             raise ValueError(unfit)
@@ -185,13 +177,10 @@ class WrittenBodies:
 
 
 def read_bodies(file: Path, folder: Path, forms: Any, like: WrittenBodies | None) -> tuple[WrittenBodies, Fields]:
-    """The bodies of solution.xdmf, and the fields at their nodes.
+    """The bodies of solution.xdmf, and the fields at their nodes; the folder is for messages.
 
-    Args:
-        file: The file.
-        folder: The directory of the run, for messages.
-        forms: The entry `forms` of summary.json; None if no body is of the user's forms.
-        like: Those of another run, whose meshes are reused if they are identical.
+    `forms` is the entry of this name of summary.json, None if no body is of the user's forms.  The meshes of another
+    run, `like`, are reused if they are identical.
 
     Raises:
         ValueError: If a file cannot be read or does not match the others.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -138,19 +139,34 @@ class RunDirectory:
                 raise ValueError(f"{self.summary}: has no {key!r}: {OLD}")
         return contents
 
-    def read_history(self) -> list[dict[str, str | None]]:
-        """The rows of history.csv, by column names.
+    def read_history(self) -> list[dict[str, Any]]:
+        """The rows of history.csv, by column names: numbers, booleans, and texts; None for nan, inf and nothing, as in
+        JSON.
 
         Raises:
             ValueError: If it cannot be read.
         """
         try:
             with self.history.open(newline="", encoding="utf-8") as file:
-                return list(csv.DictReader(file))
+                return [{name: _parsed(text) for name, text in row.items()} for row in csv.DictReader(file)]
         except OSError as error:
             raise ValueError(f"{self.history}: cannot be read: {error.strerror}") from None
         except (ValueError, csv.Error) as error:
             raise ValueError(f"{self.history}: cannot be read: it is not a text table: {error}") from None
+
+
+def _parsed(text: Any) -> Any:
+    if not text or not isinstance(text, str):  # a row that is too short or too long
+        return None
+    if text in ("True", "False"):
+        return text == "True"
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    if not math.isfinite(value):
+        return None
+    return int(value) if re.fullmatch(r"-?\d+", text) else value
 
 
 def step_place(number: int) -> str:

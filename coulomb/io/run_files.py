@@ -85,12 +85,7 @@ def read_faces(
     file: Path, folder: Path, bodies: WrittenBodies, pairs: Sequence[Any]
 ) -> tuple[tuple[WrittenFace, ...], Fields, tuple[WrittenOpposite, ...]]:
     """The contact faces of contact.xdmf, the fields at their nodes with the coordinates "x", and the faces opposite.
-
-    Args:
-        file: The file.
-        folder: The directory of the run, for messages.
-        bodies: The bodies.
-        pairs: The entry `faces` of summary.json, which names the sides of the contacts.
+    `pairs` is the entry `faces` of summary.json, which names the sides of the contacts; the folder is for messages.
 
     Raises:
         ValueError: If a file cannot be read or does not match the others.
@@ -180,17 +175,11 @@ def midpoints_of_facets(face: WrittenFace) -> FloatArray:
 def same_nodes(
     faces: Sequence[WrittenFace], x: FloatArray, others: Sequence[WrittenFace], there: FloatArray, unfit: str
 ) -> npt.NDArray[np.int64]:
-    """The number of every node of the faces among those of the same faces elsewhere, shape (q,).
-
-    Args:
-        faces: The faces.
-        x: Their q nodes, shape (q, 3).
-        others: The same faces elsewhere.
-        there: Their nodes, shape (p, 3).
-        unfit: What to say if they are not the same.
+    """The number of every node x (q, 3) of the faces among those, `there` (p, 3), of the same faces elsewhere, shape
+    (q,).
 
     Raises:
-        ValueError: If a node is not there.
+        ValueError: If a node is not there, with the text `unfit`.
     """
     if [face.name for face in faces] != [face.name for face in others]:
         raise ValueError(unfit)
@@ -322,11 +311,8 @@ class WrittenRun:
 
 
 def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:
-    """Read the files of a run, or of a load step.
-
-    Args:
-        folder: Directory with solution.xdmf, contact.xdmf, their .h5 files, and summary.json.
-        like: Another run, whose mesh is reused if it is identical.
+    """Read the files of a run, or of a load step: solution.xdmf, contact.xdmf, their .h5 files, and summary.json.  The
+    mesh of another run, `like`, is reused if it is identical.
 
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.

@@ -103,13 +103,8 @@ def derived(
 ) -> dict[str, Any]:
     """The entries of summary.json that follow from displacement and forces; collective, the same on every rank.
 
-    Args:
-        at_nodes: The answer at the contact nodes.
-        certificate: Its certificate.
-        displacement: Displacement of this rank's nodes in metres, shape (k, 3).
-        spring_force: Forces of the springs on the body in newtons, shape (k, 3).
-        held: The held directions of this rank's nodes.
-        acting: Resultants of loads and supports; None if they are unknown.
+    Displacement (metres) and forces of the springs on the body (newtons) are those of this rank's nodes, shape (k, 3);
+    `acting` are resultants of loads and supports, None if they are unknown.
     """
     over, numbers = Reductions(at_nodes.comm), at_nodes.numbers()
     return {

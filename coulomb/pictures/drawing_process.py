@@ -36,9 +36,6 @@ class DrawingProcess:
 
     In a separate session, so that only the caller receives Ctrl-C and can let the drawing finish; it ends with the
     caller.
-
-    Args:
-        arguments: Its command line.
     """
 
     def __init__(self, *arguments: str):
@@ -66,12 +63,8 @@ class DrawingProcess:
     def finish(
         self, line: str = "", seconds: float | None = 600.0, stop: Callable[[], bool] = lambda: False
     ) -> tuple[int, str]:
-        """Wait for it to end.
-
-        Args:
-            line: Text for its standard input.
-            seconds: Time limit; None to wait without limit, as for a window.
-            stop: Called repeatedly; a true result ends the process.
+        """Write a line to its standard input, and wait for it to end; a time limit, if there is one, or `stop`, called
+        repeatedly, ends it.
 
         Returns:
             Its exit code, and its standard output if the code is 0, else its last line of standard error.
@@ -121,13 +114,8 @@ _early: DrawingProcess | None = None
 
 
 def begin_early(arguments: Sequence[str]) -> None:
-    """Start the process before the command line is parsed, if a run may need it and there is a second processor.
-
-    `begin` takes it over; `stop_early` ends it if the case does not need it.
-
-    Args:
-        arguments: The command line, starting with the command.
-    """
+    """Start the process before the command line, from the command on, is parsed, if a run may need it and there is a
+    second processor.  `begin` takes it over; `stop_early` ends it if the case does not need it."""
     global _early
     runs = arguments[:1] == ["run"] and not {"--help", "output.picture=false"}.intersection(arguments)
     if runs and processors() > 1 and not any(name in os.environ for name in RANK_VARIABLES):

@@ -26,20 +26,7 @@ from .drawing_process import DrawingProcess
 def write_with_picture(
     solution: Solution, directory: str | Path, fields: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Write all results into a directory (`io.output.write`), and draw its picture; collective.
-
-    Args:
-        solution: The answer.
-        directory: Created if necessary.
-        fields: The user's functions to be written beside, by name.
-
-    Returns:
-        The summary.
-
-    Raises:
-        OSError: On every rank, if the directory cannot be written to.
-        ValueError: On every rank, if a function cannot be written.
-    """
+    """See `Solution.write`."""
     problem = solution.problem
     contents = add_picture(write(solution, directory, fields=fields), Path(directory), problem.comm)
     problem.seconds.update(contents["seconds"])
@@ -53,17 +40,10 @@ def add_picture(
     stop: Callable[[], bool] = lambda: False,
     renderer: DrawingProcess | None = None,
 ) -> dict[str, Any]:
-    """Draw picture.png of results on disk and record it in their summary; collective.
-
-    Args:
-        contents: The summary.
-        target: Their directory.
-        comm: The ranks.
-        stop: Called repeatedly; a true result stops the drawing.
-        renderer: The drawing process, if it has been started already.
+    """Draw picture.png of the results in a directory, as `draw`; collective.
 
     Returns:
-        The summary, with the picture and its seconds.
+        Their summary `contents`, with the picture and its seconds; it is written again.
 
     Raises:
         OSError: On every rank, if the summary cannot be written.
@@ -84,12 +64,8 @@ def add_picture(
 def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: DrawingProcess | None = None) -> str:
     """Draw picture.png of a run, or of the end of a load history; returns an error message, or nothing.
 
-    In a separate process, since a renderer may crash.
-
-    Args:
-        directory: Directory of the run.
-        stop: Called repeatedly; a true result stops the drawing.
-        renderer: The drawing process, if it has been started already (`drawing_process.begin`).
+    In a separate process, perhaps one that has been started already, since a renderer may crash.  `stop` is called
+    repeatedly; a true result stops the drawing.
     """
     code, said = (renderer or drawing_process.begin()).finish(str(directory.absolute()), stop=stop)
     if not code:

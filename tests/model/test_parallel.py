@@ -267,7 +267,7 @@ def test_mesh_from_a_file_with_two_materials_on_springs(cell, shared_directory):
     comm.barrier()
     forces = []
     for ranks in (comm, MPI.COMM_SELF):
-        mesh = coulomb.fem.meshes.read_gmsh(path, comm=ranks)
+        mesh = coulomb.read_mesh(path, comm=ranks)
         solution = ContactProblem(
             mesh,
             {"soft": coulomb.Material(1e11, 0.2), "stiff": coulomb.Material(2e11, 0.4)},
@@ -298,11 +298,11 @@ def test_wrong_mesh_files_are_errors_on_all_ranks(shared_directory):
         file.cells[0, [0, 1]] = file.cells[0, [1, 0]]
         file.write(folded)
     comm.barrier()
-    assert "cut short" in same_error(lambda: coulomb.fem.meshes.read_gmsh(cut))
-    assert "changes its sign" in same_error(lambda: coulomb.fem.meshes.read_gmsh(folded))
-    assert "cannot be read" in same_error(lambda: coulomb.fem.meshes.read_gmsh(shared_directory / "none.msh"))
+    assert "cut short" in same_error(lambda: coulomb.read_mesh(cut))
+    assert "changes its sign" in same_error(lambda: coulomb.read_mesh(folded))
+    assert "cannot be read" in same_error(lambda: coulomb.read_mesh(shared_directory / "none.msh"))
     assert "is not XDMF" in same_error(lambda: coulomb.fem.meshes.read_xdmf(whole))
-    mesh = coulomb.fem.meshes.read_gmsh(whole)
+    mesh = coulomb.read_mesh(whole)
     assert "lies inside the body" in same_error(lambda: coulomb.Elasticity(mesh, STEEL, [Clamp("inside")]))
     assert "without a material" in same_error(lambda: coulomb.Elasticity(mesh, {"soft": STEEL}, [Clamp("left")]))
     soft = coulomb.Spring("left", 1e-6)

@@ -17,7 +17,7 @@ from coulomb.pictures.report import picture, scene
 from coulomb.pictures.report.fields import ZONES, Bar, Limits, limits_of, named
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.grids import renderer
-from coulomb.pictures.report.picture import plot
+from coulomb.pictures.report.picture import colour_bar, legend, plot, sheet
 from coulomb.pictures.report.scene import (
     MARGIN,
     SHAPES,
@@ -31,7 +31,6 @@ from coulomb.pictures.report.scene import (
     plotter_for,
     shoot,
 )
-from coulomb.pictures.report.sheet import colour_bar, legend, sheet
 
 # --- colours ---------------------------------------------------------------------------------------------------------
 

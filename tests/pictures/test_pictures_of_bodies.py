@@ -23,9 +23,9 @@ from coulomb.pictures.report.grids import (
     skin_of,
     without,
 )
+from coulomb.pictures.report.picture import SIZE, sheet
 from coulomb.pictures.report.results import stresses
 from coulomb.pictures.report.scene import Look, Shot, camera_of, shoot
-from coulomb.pictures.report.sheet import SIZE, sheet
 from coulomb.pictures.report.surface_view import surface_view
 
 CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])

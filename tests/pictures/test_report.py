@@ -280,7 +280,7 @@ def test_report_of_no_run_exits_2(tmp_path):
 def test_drawing_does_not_start_mpi(block, tmp_path):
     """Neither DOLFINx nor MPI is imported."""
     command = [sys.executable, "-X", "importtime", "-m", "coulomb.pictures.report"]
-    command += ["plot", block, "pressure", "-", "-", tmp_path / "x.png", "-"]
+    command += ["plot", json.dumps([str(block), "pressure", None, None, str(tmp_path / "x.png"), None])]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=True)
     assert " coulomb.pictures.report.scene" in done.stderr and "pyvista" in done.stderr
     for name in ("dolfinx", "mpi4py", "petsc4py", "coulomb.model.problem"):

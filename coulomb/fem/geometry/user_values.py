@@ -37,16 +37,10 @@ _ROUNDING = 1e-12  # values of functions of time below this are rounding errors
 
 
 def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str = "amplitude") -> float:
-    """The factor at a time; tables are linear between rows and constant beyond.
+    """The factor at a time, in errors the `name` of `what`; tables are linear between rows and constant beyond.
 
     A value of a function below 1e-12 is a rounding error, as that of sin(pi t) at t = 1, and counts as 0: a step whose
     loads are rounding errors has contact forces that are rounding errors, and these never converge.
-
-    Args:
-        amplitude: Its definition.
-        time: The time.
-        what: What it belongs to, for errors.
-        name: What the factor is called in errors.
 
     Raises:
         ValueError: If a function fails or its value is not a finite number, the table's times do not increase, or a

@@ -15,7 +15,8 @@ from .lagrange import (
 )
 from .mesh_file import MeshFile
 from .mesh_parts import SAME_PLACE, corners_of, local_facets
-from .meshes import box, distributed, known_format, read_file, read_gmsh, read_mesh, read_xdmf, second_order
+from .meshes import box, distributed, known_format, read_file, read_mesh, read_xdmf, second_order
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume
 from .nodal_field import NodalField
-from .xdmf_writing import FACETS, SOLIDS, HDF5Target, write
+from .xdmf_format import FACETS, SOLIDS
+from .xdmf_writing import HDF5Target, write

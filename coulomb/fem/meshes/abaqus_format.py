@@ -63,8 +63,7 @@ class _Sets:
         self.all: dict[str, _Set] = {}
 
     def get(self, name: str, hidden: bool = False) -> _Set:
-        found = self.all.setdefault(name.upper(), _Set(name, hidden=hidden))
-        return found
+        return self.all.setdefault(name.upper(), _Set(name, hidden=hidden))
 
     def members(self, name: str, within: tuple[str, ...] = ()) -> IntArray:
         """The numbers of a set and of those it contains."""
@@ -75,14 +74,6 @@ class _Sets:
         found = self.all[key]
         parts = [*found.numbers, *(self.members(other, (*within, key)) for other in found.names)]
         return np.unique(np.concatenate(parts)) if parts else np.empty(0, dtype=np.int64)
-
-
-@dataclass
-class _Surface:
-    """Content of the lines below *SURFACE: an element or a set of elements, and the side, if any."""
-
-    name: str
-    rows: list[tuple[str, str]]
 
 
 def read(path: str) -> MeshFile:
@@ -106,7 +97,8 @@ class _Reader:
         self.solids: dict[int, list[IntArray]] = {}
         self.surface_elements: dict[int, list[IntArray]] = {}
         self.element_sets, self.node_sets = _Sets(path, "element"), _Sets(path, "node")
-        self.surfaces: dict[str, _Surface] = {}
+        # by the name in upper case: name, and of every line an element or a set of elements and the side, if any
+        self.surfaces: dict[str, tuple[str, list[tuple[str, str]]]] = {}
         self.parts: list[str] = []
         for block in _blocks(path, _lines(path)):
             self._take(block)
@@ -210,7 +202,7 @@ class _Reader:
                 elif word.upper() != name.upper():
                     into.names.append(word)
         elif kind == "ELEMENT":
-            self.surfaces[name.upper()] = _Surface(name, [(word, side.upper()) for word, side in rows])
+            self.surfaces[name.upper()] = name, [(word, side.upper()) for word, side in rows]
 
     # --- the mesh -----------------------------------------------------------------------------------------------------
 
@@ -248,10 +240,10 @@ class _Reader:
                 cell_groups[found.name] = np.flatnonzero(rows)
             if not found.hidden and np.any(on_surface):
                 face_groups[found.name] = facets[on_surface]
-        for surface in self.surfaces.values():
-            parts = [self._facets(surface.name, *row) for row in surface.rows]
+        for name, lines in self.surfaces.values():
+            parts = [self._facets(name, *line) for line in lines]
             empty = np.empty((0, side), dtype=np.int64)
-            face_groups[surface.name] = self._points_of(np.vstack([empty, *parts]))
+            face_groups[name] = self._points_of(np.vstack([empty, *parts]))
         node_groups = {
             found.name: self._points_of(self.node_sets.members(found.name))
             for found in self.node_sets.all.values()

@@ -154,14 +154,8 @@ def _titles(variables: _Variables, kind: str) -> list[tuple[str, int]]:
 
 
 def _side_set(path: str, name: str, cells: IntArray, rows: IntArray, sides: IntArray, shells: IntArray) -> IntArray:
-    """Points of the facets of a side set: sides of solid elements, or either face of shells.
-
-    Args:
-        cells: Points of all cells.
-        rows: The rows of the set's elements in `cells`, -1 where they are shells.
-        sides: The side of each, from 0.
-        shells: Points of the elements that are shells.
-    """
+    """Points of the facets of a side set: sides, from 0, of the cells in these rows; where a row is -1, either face of
+    shells, of which the points are given."""
     table = np.array(_SIDES[CORNERS[cells.shape[1]]])
     solid = rows >= 0
     limit = np.where(solid, len(table), np.where(shells[:, 0] >= 0, 2, 0))  # further sides of shells are edges

@@ -15,20 +15,11 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray
 from .exchange import Exchange, even_starts, fetched, owner_of, starts_of
-from .lagrange import CORNERS, is_second_order, jacobians, nodes_of_facets, torn
+from .lagrange import CORNERS, in_dolfinx_order, is_second_order, jacobians, nodes_of_facets, torn
 from .mesh_file import FACETS, MeshFile
 
-_EDGES_AT = {
-    4: ((0, 1, 2, 3),),
-    8: (
-        *((0, 1, 3, 4), (1, 2, 0, 5), (2, 3, 1, 6), (3, 0, 2, 7)),
-        *((4, 7, 5, 0), (5, 4, 6, 1), (6, 5, 7, 2), (7, 6, 4, 3)),
-    ),
-}
-"""A corner and its three neighbours, right-handed, for every corner where the Jacobian is evaluated."""
-
 FLAT = 1e-12
-"""Smallest admissible Jacobian of a cell, over the cube of its longest edge from a corner."""
+"""Smallest admissible Jacobian at a node of a cell, over the cube of the longest derivative there."""
 
 _CELLS = 50_000
 """Cells whose facets are treated at once, so that memory stays small."""
@@ -123,11 +114,8 @@ class _Cells:
 
 def _jacobians(points: FloatArray, cells: IntArray) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Which cells are flat, and which change the sign of their Jacobian from node to node."""
-    values = list(jacobians(points, cells)) if is_second_order(cells.shape[1]) else []
-    for corner, i, j, k in () if values else _EDGES_AT[cells.shape[1]]:
-        edges = points[cells[:, [i, j, k]]] - points[cells[:, [corner]]]
-        longest = np.max(np.linalg.norm(edges, axis=2), axis=1)
-        values.append(np.linalg.det(edges) / np.where(longest > 0.0, longest, 1.0) ** 3)
+    determinants, longest = jacobians(points[in_dolfinx_order(cells)])
+    values = determinants / np.where(longest > 0.0, longest, 1.0) ** 3
     least, largest = np.min(values, axis=0), np.max(values, axis=0)
     flat = np.min(np.abs(values), axis=0) < FLAT
     return flat, ~flat & (np.sign(least) != np.sign(largest))

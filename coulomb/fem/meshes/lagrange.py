@@ -78,16 +78,18 @@ def nodes_of_facets(width: int, facets: tuple[tuple[int, ...], ...]) -> tuple[tu
     return tuple((*facet, *(node for node, of in between if set(of) <= set(facet))) for facet in facets)
 
 
-def jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Determinants at all nodes of second-order cells over the cube of the longest derivative there, (nodes, c)."""
-    cells, kind = in_dolfinx_order(cells), _kind(cells.shape[1])
-    x, slopes = points[cells], lagrange_slopes(kind, 2, lagrange_points(kind, 2))
-    values = []
-    for at in range(cells.shape[1]):
-        edges = np.einsum("dn,cni->cdi", slopes[:, at], x)
-        longest = np.max(np.linalg.norm(edges, axis=2), axis=1)
-        values.append(np.linalg.det(edges) / np.where(longest > 0.0, longest, 1.0) ** 3)
-    return np.array(values)
+def jacobians(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Determinant of the Jacobian, and the longest derivative, at all nodes of cells with nodes x (c, nodes, 3) in
+    DOLFINx's order, shape (nodes, c) each; of 4-node tetrahedra, where it is constant, at one."""
+    width, count = x.shape[1], len(x)
+    kind, degree = _kind(width), 2 if is_second_order(width) else 1
+    nodes = lagrange_points(kind, degree)[: 1 if width == 4 else width]
+    edges = (x - x[:, :1]).swapaxes(0, 1).reshape(width, -1)  # so that cells shrunk to a point have exactly 0
+    found = np.empty((2, len(nodes), count))
+    for at, slopes in enumerate(lagrange_slopes(kind, degree, nodes).transpose(1, 0, 2)):
+        derivatives = (slopes @ edges).reshape(3, count, 3).swapaxes(0, 1)
+        found[:, at] = np.linalg.det(derivatives), np.max(np.linalg.norm(derivatives, axis=2), axis=1, initial=0.0)
+    return found[0], found[1]
 
 
 def torn(cells: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:

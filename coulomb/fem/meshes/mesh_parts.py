@@ -22,10 +22,8 @@ from .lagrange import corner_geometry
 def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
     """Numbers of this rank's boundary facets of every group; collective.
 
-    Args:
-        domain: The mesh.
-        groups: Facets by name, each a row of the sorted numbers of its points in the file, shape (k, corners); every
-            rank gives the same names, and any of the rows.
+    A group has a row for each facet, the sorted numbers of its points in the file, shape (k, corners); every rank gives
+    the same names, and any of the rows.
     """
     if not groups:
         return {}
@@ -50,10 +48,8 @@ def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.N
 def local_cells(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
     """This rank's own cells of every group; collective.
 
-    Args:
-        domain: The mesh.
-        starts: First cell of every rank, and the number of all, in the order in which the mesh was given.
-        groups: Numbers of cells in this order, by name; every rank gives the same names, and any of the numbers.
+    Groups have numbers of cells in the order in which the mesh was given, of which every rank had those between its
+    `starts`; every rank gives the same names, and any of the numbers.
     """
     comm = domain.comm
     first, last = starts[comm.rank], starts[comm.rank + 1]

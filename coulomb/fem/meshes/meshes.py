@@ -25,8 +25,8 @@ from .lagrange import (
     corner_geometry,
     in_dolfinx_order,
     is_second_order,
+    jacobians,
     lagrange_points,
-    lagrange_slopes,
     lagrange_values,
 )
 from .mesh_file import MeshFile
@@ -51,9 +51,11 @@ def second_order(mesh: NamedMesh) -> NamedMesh:
         raise ValueError("second_order: the mesh has second-order cells already; it takes a first-order mesh")
     own = old.topology.index_map(3).size_local
     V = compat.functionspace(old, 2)
-    dofs, number = compat.cell_dofs(V), _global_numbers(V.dofmap.index_map)
+    dofs, nodes = compat.cell_dofs(V), V.dofmap.index_map
+    local = np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32)
+    number = np.asarray(nodes.local_to_global(local), dtype=np.int64)
     kind = old.topology.cell_type
-    points = _points(old, dofs, V.dofmap.index_map.size_local)
+    points = _points(old, dofs, nodes.size_local)
     domain = compat.create_mesh(comm, kind.name, number[dofs[:own]], points, degree=2)
 
     corners = corner_geometry(old)
@@ -64,11 +66,6 @@ def second_order(mesh: NamedMesh) -> NamedMesh:
     cells = {name: first + np.asarray(mine, dtype=np.int64) for name, mine in mesh.cells.items()}
     starts = starts_of(comm, own)
     return replace(mesh, domain=domain, faces=local_facets(domain, rows), cells=local_cells(domain, starts, cells))
-
-
-def _global_numbers(index_map: Any) -> IntArray:
-    local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-    return np.asarray(index_map.local_to_global(local), dtype=np.int64)
 
 
 def _points(domain: Any, dofs: npt.NDArray[np.int32], owned: int) -> FloatArray:
@@ -138,40 +135,18 @@ not positive definite to rounding."""
 
 def _refuse_flat_cells(domain: Any, degree: int) -> None:
     """Raises ValueError on every rank if a cell is flat at one of its nodes, or cells are turned inside out."""
-    comm, kind = domain.comm, domain.topology.cell_type
-    cells = domain.geometry.x[compat.cell_geometry(domain)]
-    derivatives = np.einsum("dpn,cni->cpdi", lagrange_slopes(kind, degree, lagrange_points(kind, degree)), cells)
-    size = np.linalg.norm(derivatives, axis=3).max(axis=2)
-    jacobian = np.linalg.det(derivatives)
+    comm, cells = domain.comm, domain.geometry.x[compat.cell_geometry(domain)]
+    jacobian, size = jacobians(cells)
     jacobian *= -1.0 if comm.allreduce(float(np.sum(np.sign(jacobian)))) < 0.0 else 1.0  # mirrored
-    wrong = np.min(jacobian, axis=1, initial=np.inf) <= FLAT * np.max(size, axis=1, initial=0.0) ** 3
+    wrong = np.min(jacobian, axis=0, initial=np.inf) <= FLAT * np.max(size, axis=0, initial=0.0) ** 3
     if degree == 2:  # a node near the quarter of an edge: the slope is almost zero there
-        wrong |= np.min(jacobian, axis=1, initial=np.inf) < _UNEVEN * np.max(jacobian, axis=1, initial=0.0)
+        wrong |= np.min(jacobian, axis=0, initial=np.inf) < _UNEVEN * np.max(jacobian, axis=0, initial=0.0)
     places = comm.allgather(cells[np.argmax(wrong)].mean(axis=0) if np.any(wrong) else None)
     found = [place for place in places if place is not None]
     if found:
         at = ", ".join(f"{coordinate:.6g}" for coordinate in found[0])
         middles = "; the nodes between corners must stay near the middle" if degree == 2 else ""
         raise ValueError(f"box: place makes the cell at x = {at} flat, or turns it inside out{middles}")
-
-
-def read_gmsh(path: str | Path, scale: float = 1.0, comm: MPI.Comm = MPI.COMM_WORLD) -> NamedMesh:
-    """Mesh of a gmsh file, MSH 2.2 or 4.1, ASCII or binary, of hexahedra or tetrahedra of first or second order.
-
-    Second-order cells (10-node tetrahedra, 27-node hexahedra) keep the curved shape that they have in the file.
-
-    Physical surfaces become faces, physical volumes cell groups, by their names; one without a name by its number, as
-    in "3".  Gmsh itself is not needed.
-
-    Args:
-        path: The file; rank 0 reads it.
-        scale: Metres per unit of length of the file: 1e-3 for millimetres.
-        comm: The ranks that share the mesh.
-
-    Raises:
-        ValueError: On every rank, if the file cannot be read, or its mesh cannot be used, with the reason.
-    """
-    return _from_rank_0(comm, path, scale, lambda: read_file(str(path), {}, {}, ".msh"))
 
 
 def read_xdmf(
@@ -219,7 +194,9 @@ def read_mesh(
     Cells are of first order, or 10-node tetrahedra or 27-node hexahedra, which may be curved; 27-node hexahedra not in
     `.inp`, where programs number their nodes differently.
 
-    - `.msh` (gmsh), as `read_gmsh`; `.xdmf`, as `read_xdmf` with the numbers in the same file.
+    - `.msh` (gmsh, MSH 2.2 or 4.1, ASCII or binary): physical surfaces become faces, physical volumes groups of cells,
+      by their names; one without a name by its number, as in "3".  Gmsh itself is not needed.
+    - `.xdmf`, as `read_xdmf` with the numbers in the same file.
     - `.inp` (Abaqus, CalculiX): surfaces and sets of surface elements become faces, sets of solid elements groups.
     - `.med` (Salome): groups of faces and of volumes.
     - `.e`, `.exo`, `.exii`, `.g` (Exodus II): side sets and blocks of shells become faces, blocks of solids groups.
@@ -244,7 +221,20 @@ def read_mesh(
     end = known_format(path, bool(names or cell_names))
     if end == ".xdmf":
         return read_xdmf(path, names=names, cell_names=cell_names, scale=scale, comm=comm)
-    return _from_rank_0(comm, path, scale, lambda: read_file(str(path), names or {}, cell_names or {}))
+    check_scale(path, scale)
+    sound = on_first_rank(
+        comm, str(path), lambda: inspect(read_file(str(path), names or {}, cell_names or {}), scale, MPI.COMM_SELF)
+    )
+    shape = None
+    if sound is not None:
+        corners = {name: rows.shape[1] for name, rows in sound.face_groups.items()}
+        shape = (sound.cells.shape[1], corners, list(sound.cell_groups), sound.refused)
+    width, corners, groups, refused = comm.bcast(shape)
+    if sound is None:
+        none: IntArray = np.empty((0, width), dtype=np.int64)
+        faces = {name: none[:, :count] for name, count in corners.items()}
+        sound = InspectedMesh(np.empty((0, 3)), none, {name: none[:, 0] for name in groups}, faces, refused)
+    return _named(comm, path, sound)
 
 
 def known_format(path: str | Path, named: bool = False) -> str:
@@ -258,32 +248,13 @@ def known_format(path: str | Path, named: bool = False) -> str:
     return end
 
 
-def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int], end: str = "") -> MeshFile:
-    """What a mesh file holds, read on this rank alone, by the end of its name unless another one is given; arguments
-    and errors as of `read_mesh`, and OSError."""
-    end = end or Path(path).suffix.lower()
-    numbered = end in mesh_formats.NUMBERED
+def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
+    """What a mesh file holds, read on this rank alone; arguments and errors as of `read_mesh`, and OSError."""
+    end = Path(path).suffix.lower()
     module = import_module(f".{mesh_formats.FORMATS[end][1]}_format", __package__)  # a run needs at most one of them
     if end == ".xdmf":
-        found: MeshFile = module.read(path, None, None, names, cell_names, MPI.COMM_SELF)
-    else:
-        found = module.read(path, names, cell_names) if numbered else module.read(path)
-    return found
-
-
-def _from_rank_0(comm: MPI.Comm, path: str | Path, scale: float, read: Callable[[], MeshFile]) -> NamedMesh:
-    check_scale(path, scale)
-    sound = on_first_rank(comm, str(path), lambda: inspect(read(), scale, MPI.COMM_SELF))
-    names = None
-    if sound is not None:
-        corners = {name: rows.shape[1] for name, rows in sound.face_groups.items()}
-        names = (sound.cells.shape[1], corners, list(sound.cell_groups), sound.refused)
-    width, corners, groups, refused = comm.bcast(names)
-    if sound is None:
-        none: IntArray = np.empty((0, width), dtype=np.int64)
-        faces = {name: none[:, :count] for name, count in corners.items()}
-        sound = InspectedMesh(np.empty((0, 3)), none, {name: none[:, 0] for name in groups}, faces, refused)
-    return _named(comm, path, sound)
+        return module.read(path, None, None, names, cell_names, MPI.COMM_SELF)
+    return module.read(path, names, cell_names) if end in mesh_formats.NUMBERED else module.read(path)
 
 
 def _named(comm: MPI.Comm, path: str | Path, sound: InspectedMesh) -> NamedMesh:

@@ -63,10 +63,8 @@ def _named(groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind:
     if not isinstance(name, str):
         raise ValueError(f"{what}: a {kind} is given by its name, text in quotation marks, but is {name!r}")
     if name not in groups:
-        close = difflib.get_close_matches(name, groups, n=1)
-        hint = f" (did you mean {close[0]!r}?)" if close else ""
         listed = f"its {kind}s are {', '.join(groups)}" if groups else f"it has no {kind}s"
-        raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{hint}; {listed}")
+        raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{_hint(name, groups)}; {listed}")
     return groups[name]
 
 
@@ -244,7 +242,11 @@ def _check(bodies: Mapping[str, NamedMesh]) -> None:
     if not bodies:
         raise ValueError("join: give at least one body, as in join(lower=..., upper=...)")
     for name in bodies:
-        check_name(name, "join: the name of a body")
+        if not (isinstance(name, str) and name.isidentifier()):  # it can stand before the ":"
+            raise ValueError(
+                "join: the name of a body must be an identifier (letters, digits and _, no digit first), but is "
+                f"{name!r}"
+            )
     (first, one), *others = bodies.items()
     for name, other in others:
         if MPI.Comm.Compare(one.comm, other.comm) not in (MPI.IDENT, MPI.CONGRUENT):
@@ -260,12 +262,6 @@ def _check(bodies: Mapping[str, NamedMesh]) -> None:
                 f"join: {twin!r} and {name!r} are the same mesh at the same place; give one of them another place with "
                 "coulomb.moved(mesh, translate=...)"
             )
-
-
-def check_name(name: object, what: str) -> None:
-    """Raises ValueError unless a name of a body is an identifier, so that it can stand before the ":"."""
-    if not (isinstance(name, str) and name.isidentifier()):
-        raise ValueError(f"{what} must be an identifier (letters, digits and _, no digit first), but is {name!r}")
 
 
 def _joined(body: str, name: str) -> str:

@@ -7,7 +7,6 @@ hollows.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,14 +14,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
 from ...regular_file import read_bytes
 from ..geometry import first_place
 from .meshio_format import by_meshio
-from .xdmf_format import array_of
+from .xdmf_format import array_of, xml_of
 
 Parts = Sequence[tuple[str, IntArray]]
 """Cells by kind: rows of node numbers, the corners first."""
@@ -85,10 +83,7 @@ def _meshio(path: str, field: str, form: str) -> tuple[FloatArray, Parts, FloatA
 
 
 def _xdmf(path: str, field: str) -> tuple[FloatArray, Parts, FloatArray]:
-    try:
-        tree = ElementTree.fromstring(read_bytes(path))
-    except ElementTree.ParseError as error:
-        raise ValueError(f"{path}: is not XDMF, or cut short: {error}") from None
+    tree = xml_of(path)
     nodal = [one for one in tree.iter("Attribute") if (one.get("Center") or "Node").lower() == "node"]
     named = [one for one in nodal if one.get("Name") == field]
     if not named:
@@ -101,13 +96,9 @@ def _xdmf(path: str, field: str) -> tuple[FloatArray, Parts, FloatArray]:
         raise ValueError(f"{path}: has no mesh")
     kind = str(topologies[0].get("TopologyType") or topologies[0].get("Type")).lower()
     rows = array_of(path, topologies[0]).astype(np.int64)
-    return array_of(path, geometry), [(kind, _rows(path, kind, rows))], array_of(path, named[0])
-
-
-def _rows(path: str, kind: str, rows: npt.NDArray[Any]) -> IntArray:
     if rows.ndim != 2:
         raise ValueError(f"{path}: has cells of kind {kind}, which are not read here; write tetrahedra or hexahedra")
-    return rows
+    return array_of(path, geometry), [(kind, rows)], array_of(path, named[0])
 
 
 SNAP = 0.25
@@ -175,7 +166,7 @@ class NodalField:
         at = np.ascontiguousarray(x.T)
         distance, node = self._nodes.query(at)
         found: FloatArray = self.values[node]
-        missing = np.flatnonzero(distance > _SAME * self._extent)
+        missing = np.flatnonzero(distance > _SAME * np.max(np.ptp(self.points, axis=0)))
         for first in range(0, len(missing), _AT_ONCE):
             part = missing[first : first + _AT_ONCE]
             found[part] = self._interpolated(at[part])
@@ -184,10 +175,6 @@ class NodalField:
     @cached_property
     def _nodes(self) -> Any:
         return tree_of(self.points)
-
-    @cached_property
-    def _extent(self) -> float:
-        return float(np.max(np.ptp(self.points, axis=0)))
 
     @cached_property
     def _cells(self) -> _Cells:

@@ -28,6 +28,12 @@ NAMES = "coulomb:names"
 """Name of the Information element with the names of numbers, as {"faces": {"sole": 3}, "cells": {"steel": 1}}: the XDMF
 format has elements for data of a program, but no names for numbers on cells."""
 
+SOLIDS = {4: "Tetrahedron", 8: "Hexahedron", 10: "Tetrahedron_10", 27: "Hexahedron_27"}
+"""XDMF's names of cells by the number of their nodes."""
+
+FACETS = {3: "Triangle", 4: "Quadrilateral", 6: "Triangle_6", 9: "Quadrilateral_9"}
+"""XDMF's names of facets by the number of their nodes."""
+
 _WHOLE = ("Int", "UInt", "Char", "UChar")
 
 
@@ -118,7 +124,7 @@ class XdmfFile:
         return fetched(self.comm, theirs, mine, found)
 
     def _described(self) -> tuple[list[XdmfGrid], dict[str, dict[str, int]]]:
-        tree = _tree(self.path)
+        tree = xml_of(self.path)
         grids: list[XdmfGrid] = []
         geometry: XdmfArray | None = None
         for grid in tree.iter("Grid"):
@@ -172,7 +178,8 @@ def array_of(path: str, parent: ElementTree.Element) -> npt.NDArray[Any]:
     raise ValueError(f"{path}: has data in the format {_form(item)}; write HDF or XML")
 
 
-def _tree(path: str) -> ElementTree.Element:
+def xml_of(path: str) -> ElementTree.Element:
+    """The root of an XDMF file; ValueError if it is none."""
     try:
         tree = ElementTree.fromstring(read_bytes(path))
     except ElementTree.ParseError as error:
@@ -215,10 +222,7 @@ def _opened(path: str, item: ElementTree.Element) -> h5py.File:
     return file
 
 
-_WIDTH = {
-    **{"tetrahedron": 4, "hexahedron": 8, "tetrahedron_10": 10, "hexahedron_27": 27},
-    **{"triangle": 3, "quadrilateral": 4, "triangle_6": 6, "quadrilateral_9": 9},
-}
+_WIDTH = {name.lower(): nodes for names in (SOLIDS, FACETS) for nodes, name in names.items()}
 _CORNERS = {"tetrahedron": 4, "hexahedron": 8, "triangle": 3, "quadrilateral": 4}
 _FACE_OF = {
     **{"tetrahedron": ("triangle",), "hexahedron": ("quadrilateral",)},

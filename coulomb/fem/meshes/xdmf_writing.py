@@ -15,7 +15,7 @@ import numpy as np
 
 from ...arrays import FloatArray, IntArray
 from .inspection import InspectedMesh
-from .xdmf_format import NAMES
+from .xdmf_format import FACETS, NAMES, SOLIDS
 
 
 class HDF5Target:
@@ -62,13 +62,6 @@ class HDF5Target:
         except OSError as error:
             self._fault = self._fault or error.strerror or str(error)
             return None
-
-
-SOLIDS = {4: "Tetrahedron", 8: "Hexahedron", 10: "Tetrahedron_10", 27: "Hexahedron_27"}
-"""XDMF's names of cells by the number of their nodes."""
-
-FACETS = {3: "Triangle", 4: "Quadrilateral", 6: "Triangle_6", 9: "Quadrilateral_9"}
-"""XDMF's names of facets by the number of their nodes."""
 
 
 def write(mesh: InspectedMesh, path: Path) -> None:

@@ -65,8 +65,8 @@ class Comparison:
         source: str,
         others: Sequence[FloatArray] = (),
         floor: float = 0.0,
-    ) -> bool:
-        """Compare the values of a field, shape (k,) or (k, 3), at points x (k, 3); whether they agree.
+    ) -> None:
+        """Compare the values of a field, shape (k,) or (k, 3), at points x (k, 3).
 
         `expected` follows from `source`, `others` from perturbed data; `floor` is an additional accepted difference.
         """
@@ -84,7 +84,6 @@ class Comparison:
                 f"{what}: {_shown(written[k])} at x = {place}, but {_shown(expected[k])} follows from {source} "
                 f"({np.count_nonzero(wrong)} of {len(wrong)} values differ)"
             )
-        return not np.any(wrong)
 
     def tree(
         self, what: str, written: Any, expected: Any, others: Sequence[Any] = (), source: str = "the fields"

@@ -64,15 +64,10 @@ def contact_nodes(
     grids: Sequence[_Grid],
     found: Comparison,
 ) -> ContactNodes:
-    """The nodes to check.
+    """The nodes to check, of contact faces each with its grid and its facets, at the time of the run.
 
-    Args:
-        run: The files.
-        case: The case; without one, normals, gaps and law are those in the files, whose axes are checked.
-        time: The time of the run.
-        slip_rate: In the load step before at the nodes of the face, m/s, shape (q,); None if it is unknown.
-        grids: Of every contact face its grid and its facets.
-        found: Collects the differences.
+    Without a case, normals, gaps and law are those in the files, whose axes are checked.  `slip_rate` is that of the
+    load step before at the nodes of the faces, m/s, shape (q,); None if it is unknown.
 
     Raises:
         ValueError: If no node is left.

@@ -7,7 +7,6 @@ summary.json and the time series must follow from the steps.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -291,8 +290,7 @@ def _check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], foun
     if extra := {str(name) for line in lines for name in line} - {name for row_ in rows for name in row_}:
         found.fault(f"history.csv: has columns that no load step has: {', '.join(sorted(extra))}")
     for number, (line, row_) in enumerate(zip(lines, rows, strict=False), start=1):
-        read = {name: _parsed(value) for name, value in line.items()}
-        found.tree(f"history.csv: line {number}", read, row_, source=f"step {number}")
+        found.tree(f"history.csv: line {number}", line, row_, source=f"step {number}")
     summary = files.read_summary(("steps", "time", "certificate", "last"))
     expected = {
         "steps": len(summaries),
@@ -309,18 +307,3 @@ def _check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], foun
             found.fault(f"{name}: is not the time series of the {len(summaries)} load steps")
     repeated = [f"path_following and residual of {HISTORY}"]  # from iterations and residual of the steps
     return unjudged(SUMMARY, summary, found.judged) + repeated + unread(files.path, (SUMMARY, HISTORY, *FIELDS))
-
-
-def _parsed(text: str | None) -> Any:
-    """A number or boolean of a csv file; nan, inf and nothing are None, as in JSON."""
-    if not text:
-        return None
-    if text in ("True", "False"):
-        return text == "True"
-    try:
-        value = float(text)
-    except ValueError:
-        return text
-    if not np.isfinite(value):
-        return None
-    return int(value) if re.fullmatch(r"-?\d+", text) else value

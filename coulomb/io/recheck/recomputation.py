@@ -168,10 +168,7 @@ class Recomputation:
             numbers={**numbers, "probes": probed, "small_strain": strain, "valid": valid},
             certificate=certificate,
             outside=() if self.accepted else outside,
-            sums={
-                "loads": _sums(taken(load), body_x, None, u),
-                "reactions": _sums(reactions, body_x, run.ground, u),
-            },
+            sums={"loads": _sums(taken(load), body_x, None, u), "reactions": _sums(reactions, body_x, run.ground, u)},
         )
 
 

@@ -130,13 +130,10 @@ def unread(folder: Path, read: Sequence[str]) -> list[str]:
 def check_run(
     folder: Path, case: CaseReference | None, like: WrittenRun | None = None, start: Start | None = None
 ) -> Findings:
-    """Check the files of a single run, or of a load step.
+    """Check the files of a single run, or of a load step, by the case if there is one.
 
-    Args:
-        folder: Directory with solution.xdmf, contact.xdmf, their .h5 files, and summary.json.
-        case: The case, if there is one.
-        like: Another run, whose mesh is reused if it is identical.
-        start: Start of the load step; without it the slip origin is taken as written.
+    The mesh of another run, `like`, is reused if it is identical.  Without the start of a load step the slip origin is
+    taken as written.
 
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.

@@ -1,5 +1,5 @@
-"""`page DIRECTORY FILE`, `overview`, or `plot DIRECTORY FIELD SCALE VIEW SAVE STEP`: run in a separate process by the
-command line (`drawing_process`), with which it ends.
+"""`page DIRECTORY FILE`, `overview`, or `plot ARGUMENTS` in JSON: run in a separate process by the command line
+(`drawing_process`), with which it ends.
 
 On failure one line on standard error, and exit code 2 if the input is wrong, 1 if a package or the room for the file is
 missing.

@@ -25,6 +25,12 @@ and colours that the colour-blind can distinguish."""
 SEQUENTIAL, SHARE, SIGNED = "viridis", "cividis", "RdBu_r"
 """Colour maps of magnitudes, of fractions, and of signed values; all are suitable for the colour-blind."""
 
+AXES = ("#d55e00", "#009e73", "#0b84d8")
+"""Colours of x, y and z."""
+
+INK = "#202020"
+"""Colour of text and arrows."""
+
 _HELD = 3
 """The status of nodes that are no contact nodes."""
 

@@ -47,8 +47,16 @@ class Step:
             return _read_once(path, path.stat().st_mtime_ns)
         except (OSError, KeyError, SyntaxError) as error:
             if file not in self.needs:
-                return _face_alone(self.grid("contact")) if file == "solution" else _no_face(self.grid("solution"))
+                return self._placeholder(file)
             raise ValueError(f"{path}: cannot be read: {error}") from None
+
+    def _placeholder(self, file: str) -> Grid:
+        """For the body the undeformed contact face, for this a point of the body without facets."""
+        if file == "solution":
+            contact = self.grid("contact")
+            return Grid(contact.cell, contact.cells, contact.points, {"displacement": np.zeros_like(contact.points)})
+        fields = {"status": np.array([3.0]), "normal": np.array([[0.0, 0.0, -1.0]]), "area": np.zeros(1)}
+        return Grid("Triangle", np.empty((0, 3), dtype=np.int64), self.grid("solution").points[:1], fields)
 
     @property
     def lacks(self) -> str:
@@ -59,18 +67,6 @@ class Step:
             except ValueError:
                 return RunDirectory(self.directory).fields(file).name
         return ""
-
-
-def _face_alone(contact: Grid) -> Grid:
-    """Placeholder of the body: the undeformed contact face."""
-    return Grid(contact.cell, contact.cells, contact.points, {"displacement": np.zeros_like(contact.points)})
-
-
-def _no_face(body: Grid) -> Grid:
-    """Placeholder of the contact face: a point of the body without facets."""
-    normal = np.array([[0.0, 0.0, -1.0]])
-    fields = {"status": np.array([3.0]), "normal": normal, "area": np.zeros(1)}
-    return Grid("Triangle", np.empty((0, 3), dtype=np.int64), body.points[:1], fields)
 
 
 @functools.lru_cache(maxsize=4)
@@ -171,11 +167,8 @@ class Run:
 
 
 def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run:
-    """Read the files of a run.
-
-    Args:
-        directory: Directory of the run.
-        needs: Those of "contact" and "solution" that will be shown; other files may be missing.
+    """Read the files of a run; if it `needs` only those of "contact" and "solution" that will be shown, other files may
+    be missing.
 
     Raises:
         ValueError: If the directory holds no run, or a file cannot be read, with the reason.
@@ -198,7 +191,8 @@ def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run
         if not known and needs and not any(files.fields(file).exists() for file in needs):
             names = " or ".join(files.fields(file).name for file in needs)
             raise ValueError(f"{folder}: holds no run: there is no {names}")
-    missing = [key for key in ("status", "law", "certificate", "nodes", "maximum") if key not in last]
+    needed = ("status", "law", "certificate", "nodes", "maximum", "totals", "faces", "reactions", "method", "versions")
+    missing = [key for key in needed if key not in last]
     if is_history and "history" not in summary:
         missing.append("history")
     if known and (missing or not steps):
@@ -269,16 +263,10 @@ def _warnings(summary: dict[str, Any]) -> tuple[str, ...]:
 
 def _rows(files: RunDirectory) -> Rows:
     """A table of numbers; text and empty fields are nan, True and False are 1 and 0."""
-    return [{key: _number(value) for key, value in row.items()} for row in files.read_history()]
-
-
-def _number(text: str | None) -> float:
-    if not isinstance(text, str):  # a row that is too short or too long
-        return math.nan
-    try:
-        return {"True": 1.0, "False": 0.0}.get(text, math.nan) if text in ("True", "False") else float(text)
-    except ValueError:
-        return math.nan
+    return [
+        {key: float(value) if isinstance(value, float | int) else math.nan for key, value in row.items()}
+        for row in files.read_history()
+    ]
 
 
 def alarm(contents: dict[str, Any]) -> str:

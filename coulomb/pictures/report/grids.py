@@ -6,7 +6,7 @@ import ctypes.util
 import itertools
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from ...arrays import FloatArray
 from ...contact_names import AGAINST
 from ...io.field_files import OPPOSITE, WHOLE, Block, Grid
+from ...nearest import tree_of
 
 _LATTICE = {
     **{(0, 0, 0): 0, (2, 0, 0): 1, (2, 2, 0): 2, (0, 2, 0): 3, (0, 0, 2): 4, (2, 0, 2): 5, (2, 2, 2): 6, (0, 2, 2): 7},
@@ -184,32 +185,19 @@ def outward(contact: Grid) -> FloatArray:
 
 def nodes_in_body(contact: Grid, body: Grid) -> npt.NDArray[np.int64]:
     """The node of its own body at every point of the contact faces, shape (n,): bodies touch at coincident nodes."""
-    if not body.blocks or not contact.blocks:
-        return nearest_nodes(contact.points, body.points)
-    found = np.zeros(len(contact.points), dtype=np.int64)
-    bodies = {block.name: block for block in body.blocks}
-    for block in contact.blocks:
-        of = bodies.get(body_of(block.name))
-        nodes = slice(0, len(body.points)) if of is None else of.points
-        found[block.points] = nodes.start + nearest_nodes(contact.points[block.points], body.points[nodes])
-    return found
+    return same_nodes(contact.points, contact.blocks, body, body_of)
 
 
-def same_nodes(points: FloatArray, blocks: Sequence[Block], grid: Grid) -> npt.NDArray[np.int64]:
-    """The points of a grid that are at these points of another state, block by block: nodes may be in another order.
-
-    Args:
-        points: Of the other state, shape (k, 3).
-        blocks: Its blocks; empty for a single grid.
-        grid: The grid.
-    """
-    mine = {block.name: block for block in grid.blocks}
-    if not blocks or not mine:
-        return nearest_nodes(points, grid.points)
+def same_nodes(
+    points: FloatArray, blocks: Sequence[Block], grid: Grid, of: Callable[[str], str] = str
+) -> npt.NDArray[np.int64]:
+    """The points of a grid that are at these points (k, 3) of another state: nodes may be in another order.  Those of a
+    block, if there are any, are in the block of the grid with the name `of` it, or anywhere if there is none."""
+    mine, everywhere = {block.name: block.points for block in grid.blocks}, slice(0, len(grid.points))
     found = np.zeros(len(points), dtype=np.int64)
-    for block in blocks:
-        nodes = mine[block.name].points
-        found[block.points] = nodes.start + nearest_nodes(points[block.points], grid.points[nodes])
+    for block in blocks or [Block("", slice(0, len(points)), slice(0), "", 1)]:
+        nodes = mine.get(of(block.name), everywhere)
+        found[block.points] = nodes.start + tree_of(grid.points[nodes]).query(points[block.points])[1]
     return found
 
 
@@ -318,14 +306,6 @@ def skin_of(body: Grid, points: FloatArray) -> Any:
     solid = renderer().UnstructuredGrid(polygons(body.cells), types, points)
     solid.point_data["node"] = np.arange(len(points))
     return solid.extract_surface(algorithm=None)
-
-
-def nearest_nodes(points: FloatArray, nodes: FloatArray) -> npt.NDArray[np.int64]:
-    """The node of the body at every point of the contact face."""
-    from scipy.spatial import cKDTree
-
-    found: npt.NDArray[np.int64] = cKDTree(nodes).query(points)[1]
-    return found
 
 
 def without(skin: Any, facets: npt.NDArray[np.int64]) -> Any:

@@ -17,10 +17,9 @@ from PIL import Image
 
 from ...contact_names import normal_forces
 from . import charts, problem, results
-from .fields import ZONES, Bar, Field, limits_of, named, ramp, zone_counts
+from .fields import AXES, ZONES, Bar, Field, limits_of, named, ramp, zone_counts
 from .files import Run, read_run
 from .scene import Look, Shot, automatic_scale, cropped, shoot
-from .sheet import AXES
 from .surface_view import surface_view
 from .units import in_seconds, number, quantity, scale_of, vector
 
@@ -44,11 +43,7 @@ SCRIPTS = ("drawing.js", "controls.js")
 
 
 def write(directory: str | Path, save: str | Path) -> Path:
-    """Write the report of a run.
-
-    Args:
-        directory: Directory of the run, single or a load history; converged or not.
-        save: The page.
+    """Write the report of a run, single or a load history, converged or not, as one page.
 
     Raises:
         ValueError: If the directory contains no run, or a file cannot be read.
@@ -98,7 +93,7 @@ def render(run: Run) -> str:
             "made": results.made(run),
             "effort": results.effort(run),
             "seconds": results.seconds(run),
-            "versions": list(run.summary.get("versions", {"coulomb": run.summary.get("coulomb", "–")}).items()),
+            "versions": list(run.summary["versions"].items()),
         },
         tables={
             "forces": results.forces(run),
@@ -130,7 +125,6 @@ def _unfinished(run: Run) -> str:
 def _tiles(run: Run) -> list[tuple[str, str]]:
     """The key figures."""
     summary, nodes = run.summary, zone_counts(run.steps[-1].grid("contact"))
-    totals = summary.get("totals") or {}
     shown = partial(quantity, accuracy=run.accuracy)
     on_body = summary.get("force_on_body", {})
     at_end = " at the end" if run.is_history else ""
@@ -143,13 +137,12 @@ def _tiles(run: Run) -> list[tuple[str, str]]:
         ]
     zones = f"{nodes['open']} / {nodes['stick']} / {nodes['slip']}"
     if not run.is_history:
-        tiles = [
+        return [
             *forces,
             ("largest pressure", shown(summary["maximum"]["contact_pressure"], "Pa")),
+            ("largest slip", shown(summary["totals"]["greatest_slip"], "m")),
+            ("open / stick / slip", zones),
         ]
-        if totals:
-            tiles.append(("largest slip", shown(totals["greatest_slip"], "m")))
-        return [*tiles, ("open / stick / slip", zones)]
     pressure, slip = run.history["maximum"]["contact_pressure"], run.history["maximum"]["slip_in_a_step"]
     return [
         ("steps certified", f"{run.history['certified_steps']} of {run.history['steps']}"),
@@ -168,10 +161,17 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
     for name, view in (*PICTURES, *(OF_HISTORIES if run.is_history else ())):
         field = named(name)
         if field.name.startswith(("von_mises", "principal")) and field.name not in step.grid(field.file).fields:
-            continue  # the stress of the user's forms is not known, nor in old files all of it
+            continue  # the stress of the user's forms is not known
         limits = limits_of(run, field)
         shot = cropped([shoot(step, Look(field, limits, scale, view), (1050, 780))])[0]
-        entry: dict[str, Any] = {"name": name, "title": field.title[0].upper() + field.title[1:], "source": _png(shot)}
+        file = io.BytesIO()
+        Image.fromarray(shot.pixels).save(file, "png", compress_level=6)
+        png = base64.b64encode(file.getvalue()).decode("ascii")
+        entry: dict[str, Any] = {
+            "name": name,
+            "title": field.title[0].upper() + field.title[1:],
+            "source": f"data:image/png;base64,{png}",
+        }
         entry |= {"axes": _axes(shot), "zones": [], "ramp": ", ".join(ramp(field, 17)), "bars": []}
         if field.zones:
             counts = zone_counts(step.grid("contact"))
@@ -189,13 +189,6 @@ def _bar(field: Field, bar: Bar) -> dict[str, Any]:
     places = [(1.0 - part) * bar.low + part * bar.high for part in (0.0, 0.25, 0.5, 0.75, 1.0)]
     title = f"{bar.of}: {field.title}" if bar.of else field.title[0].upper() + field.title[1:]
     return {"ticks": [number(place / factor, 3) for place in places], "title": f"{title}, {unit}" if unit else title}
-
-
-def _png(shot: Shot) -> str:
-    """A picture inside the page."""
-    file = io.BytesIO()
-    Image.fromarray(shot.pixels).save(file, "png", compress_level=6)
-    return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode("ascii")
 
 
 def _axes(shot: Shot) -> list[dict[str, Any]]:
@@ -232,7 +225,7 @@ def _table(run: Run) -> list[list[str]]:
             shown(row["energy_dissipated"], "J"),
             f"{int(row['path_following'])}",
             number(row["residual"], 2),
-            "FAILED" if not row["certified"] else "passed" if row.get("valid", 1.0) else "outside the theory",
+            "FAILED" if not row["certified"] else "passed" if row["valid"] else "outside the theory",
         ]
         for row, step in zip(run.rows, run.steps, strict=False)  # a single run has no rows
     ]

@@ -185,8 +185,7 @@ def _of_fields(run: Run) -> Facts:
 def _contact(run: Run) -> Facts:
     given = (run.case or {}).get("contact", {})
     contacts = given if isinstance(given, list) else [given]
-    faces = [name for name, _ in named_faces(run.summary.get("faces") or ())]
-    faces = faces or [contact.get("face", "") for contact in contacts]
+    faces = [name for name, _ in named_faces(run.summary["faces"])]
     named = f"contact {'faces' if len(faces) > 1 else 'face'}"
     facts = [(named, f"{', '.join(faces)}; {in_nodes(run.summary['nodes']['contact'], 'contact')}")]
     changing = [contact for contact in contacts if _changing_friction(contact, "")]
@@ -196,14 +195,9 @@ def _contact(run: Run) -> Facts:
         facts += _changing_friction(contact, where) + _foundation(contact, where)
     if run.is_history:
         facts.append(("history", f"{len(run.rows)} load steps to time {in_seconds(run.rows[-1]['time'])}"))
-    method = run.summary.get("method", {})
-    facts.append(
-        (
-            "method",
-            f"{method.get('solver', '–')}; K⁻¹ by {method.get('stiffness', '–')}; A {method.get('compliance', '–')}",
-        )
-    )
-    return facts
+    method = run.summary["method"]
+    used = f"{method['solver']}; K⁻¹ by {method['stiffness']}; A {method['compliance']}"
+    return [*facts, ("method", used)]
 
 
 def _changing_friction(contact: dict[str, Any], where: str) -> Facts:
@@ -227,9 +221,7 @@ def _foundation(contact: dict[str, Any], where: str) -> Facts:
     elif foundation:
         shape = foundation.get("shape", "plane")
         more = [f"{key} {vector(value, 'm')}" for key in ("point", "centre") if (value := foundation.get(key))]
-        more += [
-            f"{key} ({', '.join(map(number, foundation[key]))})" for key in ("normal", "axis") if key in foundation
-        ]
+        more += [f"{key} {_bare(foundation[key])}" for key in ("normal", "axis") if key in foundation]
         more += [f"radius {quantity(foundation['radius'], 'm')}"] if "radius" in foundation else []
         hollow = ", hollow" if foundation.get("hollow") else ""
         facts.append((f"foundation{where}", f"{shape}{hollow}: {', '.join(more)}"))

@@ -23,12 +23,12 @@ def totals(run: Run) -> Facts:
     """Totals at the end of the run."""
     summary, nodes, largest = run.summary, zone_counts(run.steps[-1].grid("contact")), run.summary["maximum"]
     shown, vectorial = partial(quantity, accuracy=run.accuracy), partial(vector, accuracy=run.accuracy)
-    totals = summary.get("totals") or {}
+    totals, in_step = summary["totals"], " in the last step" if run.is_history else ""
     bodies = summary.get("bodies") or ()
     rows = [(f"contact force on {body['name']}", vectorial(body["contact_force"], "N", 5)) for body in bodies] or [
         ("contact force on the body", vectorial(summary["force_on_body"]["vector"], "N", 5))
     ]
-    faces = named_faces(summary.get("faces", ()))
+    faces = named_faces(summary["faces"])
     for name, face in faces:
         of = f" of {name}" if len(faces) > 1 else ""
         rows.append((f"normal force{of}", shown(face["normal_force"], "N", 6)))
@@ -36,19 +36,17 @@ def totals(run: Run) -> Facts:
         ("largest contact pressure", shown(largest["contact_pressure"], "Pa", 5)),
         ("largest displacement", shown(largest["displacement"], "m", 5)),
     ]
-    if totals:
-        rows[1:1] = [] if bodies else [("moment about the origin", vectorial(totals["moment"], "N m", 5))]
-        rows.append(("area in contact", quantity(totals["contact_area"], "m²")))
-        if "centre_of_pressure" in totals:
-            centre = totals["centre_of_pressure"]
-            rows.append(("centre of pressure", vector(centre, "m") if centre else "–"))
-        in_step = " in the last step" if run.is_history else ""
-        rows += [
-            (f"largest slip{in_step}", shown(totals["greatest_slip"], "m")),
-            (f"energy dissipated by friction{in_step}", shown(totals["dissipated_energy"], "J")),
-        ]
-    rows += _rotating_foundations(run)
-    springs = summary.get("spring_force_on_body") or []
+    rows[1:1] = [] if bodies else [("moment about the origin", vectorial(totals["moment"], "N m", 5))]
+    rows.append(("area in contact", quantity(totals["contact_area"], "m²")))
+    if "centre_of_pressure" in totals:
+        centre = totals["centre_of_pressure"]
+        rows.append(("centre of pressure", vector(centre, "m") if centre else "–"))
+    rows += [
+        (f"largest slip{in_step}", shown(totals["greatest_slip"], "m")),
+        (f"energy dissipated by friction{in_step}", shown(totals["dissipated_energy"], "J")),
+        *_rotating_foundations(run),
+    ]
+    springs = summary["spring_force_on_body"]
     if any(springs):
         rows.append(("force of springs on the body", vectorial(springs, "N", 5)))
     rows.append(("nodes", f"open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}"))
@@ -68,13 +66,10 @@ def history_totals(run: Run) -> Facts:
         ("largest displacement", at_step(largest["displacement"], "m")),
         ("largest slip in one step", at_step(largest["slip_in_a_step"], "m")),
         ("largest penetration", _at_step(largest["penetration"], "m", {})),
+        ("largest slip accumulated at a node", shown(run.history["accumulated"]["largest_slip"], "m")),
+        ("largest friction work per area", shown(run.history["accumulated"]["largest_friction_work"], "J/m²")),
         ("energy dissipated by friction", shown(energy["dissipated"], "J")),
     ]
-    if worn := run.history.get("accumulated"):
-        rows[-1:-1] = [
-            ("largest slip accumulated at a node", shown(worn["largest_slip"], "m")),
-            ("largest friction work per area", shown(worn["largest_friction_work"], "J/m²")),
-        ]
     for name, text in (
         ("loads", "loads"),
         ("prescribed", "prescribed displacements"),
@@ -107,10 +102,10 @@ def effort(run: Run) -> Facts:
         (f"path-following steps{every}", str(done["path_following"])),
         (f"products by A{every}", str(done["products"])),
         (f"CG iterations{every}", str(done["krylov"])),
-        ("ranks", str(run.summary.get("method", {}).get("ranks", "–"))),
+        ("ranks", str(run.summary["method"]["ranks"])),
     ]
-    memory = (run.history if run.is_history else run.summary).get("peak_memory_bytes")
-    return [*facts, ("peak memory, all ranks together", quantity(float(memory), "B", 3))] if memory else facts
+    memory = (run.history if run.is_history else run.summary)["peak_memory_bytes"]
+    return [*facts, ("peak memory, all ranks together", quantity(float(memory), "B", 3))]
 
 
 def seconds(run: Run) -> Facts:
@@ -221,9 +216,8 @@ def in_words(run: Run) -> str:
 def _rotating_foundations(run: Run) -> list[tuple[str, str]]:
     """Torque and power of every rotating foundation at the end of the run, or of its last step."""
     summary, accuracy = run.summary, run.accuracy
-    turning = [face for face in summary.get("faces") or [] if "torque" in face]
     rows = []
-    for face in turning:
+    for face in [face for face in summary["faces"] if "torque" in face]:
         where = f" of {face['faces'][0]}" if len(summary["faces"]) > 1 else ""
         at = f"{quantity(face['torque'], 'N m', 5, accuracy)} at {number(face['angle'], 5)} rad"
         rows.append((f"torque of the contact on the foundation{where}", at))
@@ -235,12 +229,10 @@ def _rotating_foundations(run: Run) -> list[tuple[str, str]]:
 
 
 def forces(run: Run) -> Table:
-    """Loads, reactions and contact forces on the body with their moments, and the balance; empty for older runs."""
+    """Loads, reactions and contact forces on the body with their moments, and the balance."""
     summary, accuracy, columns = run.summary, run.accuracy, ("", "force", "moment about the origin")
-    if "reactions" not in summary:
-        return columns, []
     rows = [_row(_named(part), part, accuracy) for part in (*summary["loads"], *summary["reactions"])]
-    faces = summary.get("faces", ())
+    faces = summary["faces"]
     for (name, against), face in zip(sides_of(faces), faces, strict=True):
         rows.append(_row(f"contact at {name}", face, accuracy))
         if against is not None:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...io.field_files import Grid
-from .fields import ZONES, Field, Limits, named, zone_counts
+from .fields import INK, ZONES, Field, Limits, named, zone_counts
 from .files import Run, Step
 from .grids import (
     corners_in,
@@ -167,7 +167,6 @@ _LINED = 15_000  # facets up to which their edges are drawn: on finer ones lines
 _THROUGH = 0.6  # strength of colours that are seen through a body
 _TIP = 0.07  # radius of an arrow's tip over its length
 _ARROWS = 22  # along the largest extent of the contact face
-_INK = "#202020"
 
 
 @dataclass(frozen=True)
@@ -346,14 +345,14 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
         if camera.parallel:
             plotter.enable_parallel_projection()
         plotter.view_vector(camera.position - camera.focal_point, viewup=camera.up)
-        plotter.add_text(look.caption, position=(0.02, 0.94), viewport=True, font_size=11, color=_INK)
-        plotter.add_axes(color=_INK)
+        plotter.add_text(look.caption, position=(0.02, 0.94), viewport=True, font_size=11, color=INK)
+        plotter.add_axes(color=INK)
     return bodies
 
 
 def _bar(field: Field, unit: str) -> dict[str, Any]:
     title = f"{field.title}, {unit}\n" if unit else f"{field.title}\n"
-    shape = {"title_font_size": 20, "label_font_size": 18, "color": _INK, "fmt": "%.3g", "n_labels": 5}
+    shape = {"title_font_size": 20, "label_font_size": 18, "color": INK, "fmt": "%.3g", "n_labels": 5}
     return shape | {"title": title, "position_x": 0.25, "position_y": 0.03, "width": 0.5, "height": 0.09}
 
 
@@ -378,7 +377,7 @@ def _arrows(plotter: Any, contact: Grid, body: Grid, look: Look) -> None:
     cloud = pyvista.PolyData(tails)
     cloud.point_data["along"] = along
     arrow = pyvista.Arrow(tip_length=0.3, tip_radius=_TIP, shaft_radius=0.022)
-    plotter.add_mesh(cloud.glyph(orient="along", scale="along", factor=1.0, geom=arrow), color=_INK, lighting=False)
+    plotter.add_mesh(cloud.glyph(orient="along", scale="along", factor=1.0, geom=arrow), color=INK, lighting=False)
 
 
 def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, FloatArray]:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ...arrays import FloatArray, IntArray
 from ...contact_fields import names
 from ...io.field_files import Grid
-from .fields import ZONES, Limits, limits_of, named, ramp
+from .fields import AXES, ZONES, limits_of, named, ramp
 from .files import Run, Step
 from .grids import blocks_of, nodes_in_body, outward, same_nodes, skin_of
 from .scene import looking_at
-from .sheet import AXES
 from .units import in_seconds, scale_of
 
 SHOWN, ACCUMULATED = names(shown="report"), names(shown="history")
@@ -61,7 +60,7 @@ def surface_view(run: Run, scale: float) -> tuple[dict[str, Any], str]:
         "up": up.tolist(),
         "arrow": {"every": every, "largest": largest or 1.0, "length": 1.5 * cell},
         "fields": [{key: value for key, value in entry.items() if key not in ("field", "limits")} for entry in fields],
-        "steps": [_step(run.steps[k], fields, _Shown(last, body, outline_nodes)) for k in numbers],
+        "steps": [_step(run.steps[k], fields, run.steps[-1], outline_nodes) for k in numbers],
     }
     return data, f"{len(numbers)} of {len(run.steps)} steps are shown" if len(numbers) < len(run.steps) else ""
 
@@ -74,36 +73,27 @@ def _field(run: Run, name: str) -> dict[str, Any]:
     factor, unit = scale_of(high, field.unit)
     entry: dict[str, Any] = {"name": name, "title": field.title, "unit": unit, "factor": factor, "field": field}
     entry |= {"low": low / factor, "high": high / factor, "colours": ramp(field), "limits": limits}
-    entry["of_faces"] = {} if limits.ends == () else _share_of_faces(run.steps[-1].grid("contact"), limits)
+    contact = run.steps[-1].grid("contact")
+    share = np.asarray(limits.end_at(contact)) / high
+    entry["of_faces"] = {block.name: float(np.max(share[block.points])) for block in contact.blocks if limits.ends}
     if field.zones:
         entry["zones"] = [{"name": zone, "colour": colour} for zone, colour in ZONES.values()]
     return entry
 
 
-def _share_of_faces(contact: Grid, limits: Limits) -> dict[str, float]:
-    """By name of a face its range over the largest."""
-    share = np.asarray(limits.end_at(contact)) / limits.high
-    return {block.name: float(np.max(share[block.points])) for block in contact.blocks}
-
-
-class _Shown(NamedTuple):
-    """The surface and the body of the last state, and the numbers of the nodes on the edges of the body."""
-
-    contact: Grid
-    body: Grid
-    outline: IntArray
-
-
-def _step(step: Step, fields: Sequence[dict[str, Any]], shown: _Shown) -> dict[str, Any]:
-    """Data of a step at these nodes: a history resumed on other ranks has its nodes in another order."""
+def _step(step: Step, fields: Sequence[dict[str, Any]], last: Step, outline_nodes: IntArray) -> dict[str, Any]:
+    """Data of a step at the nodes of the contact faces and, by their numbers, of the edges of the body in the last
+    step: a history resumed on other ranks has its nodes in another order."""
     contact, body = step.grid("contact"), step.grid("solution")
     displacement = body.fields["displacement"]
-    nodes = same_nodes(shown.contact.points, shown.contact.blocks, contact)
-    outline = same_nodes(shown.body.points, shown.body.blocks, body)[shown.outline]
+    nodes, outline = (
+        same_nodes(of_last.points, of_last.blocks, grid)
+        for of_last, grid in ((last.grid("contact"), contact), (last.grid("solution"), body))
+    )
     return {
         "label": "" if step.time is None else f"time {in_seconds(step.time)}",
         "surface": _packed(displacement[nodes_in_body(contact, body)[nodes]]),
-        "outline": _packed(displacement[outline]),
+        "outline": _packed(displacement[outline[outline_nodes]]),
         "arrows": _packed(contact.fields["friction_traction"][nodes]),
         "values": {
             entry["name"]: _packed(entry["limits"].exact(entry["field"].values(contact))[nodes] / entry["factor"])

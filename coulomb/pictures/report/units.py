@@ -17,15 +17,8 @@ _AREAS = ((1.0, "m²"), (1e-4, "cm²"), (1e-6, "mm²"), (1e-12, "µm²"))
 
 
 def scale_of(largest: float, unit: str) -> tuple[float, str]:
-    """The SI prefix suited for numbers up to `largest`.
-
-    Args:
-        largest: In the bare unit; the sign is ignored.
-        unit: "Pa", "m", "m²", ...; "" has no prefixes.
-
-    Returns:
-        The factor to divide by, and the unit with its prefix: (1e6, "MPa").
-    """
+    """The SI prefix suited for numbers up to `largest` in the bare unit, of either sign: the factor to divide by, and
+    the unit with its prefix, as (1e6, "MPa")."""
     size = abs(largest)
     if not unit or unit == "°" or size == 0.0 or not math.isfinite(size):
         return 1.0, unit
@@ -100,12 +93,8 @@ def in_prefixed(values: Sequence[float], unit: str) -> str:
 
 
 def friction_in_words(law: Mapping[str, Any], shown: Callable[[Sequence[float], str], str] = in_prefixed) -> str:
-    """The law of friction with its coefficients: Mohr-Coulomb friction 0.3, cohesion 2 MPa.
-
-    Args:
-        law: Its numbers (`law_numbers`), as in summary.json.
-        shown: Gives the words for a number, or the smallest and the largest, and their unit.
-    """
+    """The law of friction with its coefficients, from its numbers in summary.json: Mohr-Coulomb friction 0.3, cohesion
+    2 MPa; `shown` gives the words for a number, or the smallest and the largest, and their unit."""
 
     def of(name: str, unit: str = "") -> str:
         given = law[name]

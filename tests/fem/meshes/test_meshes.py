@@ -21,7 +21,7 @@ from coulomb.io.recheck import check
 def test_two_materials_in_tension_are_exact(cell, tmp_path):
     """nu/E alike, so that both contract alike across: u_x = s x/E_1 up to x = 1, then s/E_1 + s (x - 1)/E_2."""
     s, soft, stiff = 1e6, Material(1e11, 0.2), Material(2e11, 0.4)
-    domain = coulomb.fem.meshes.read_gmsh(BoxFile(cell=cell).write(tmp_path / "bar.msh"))
+    domain = coulomb.read_mesh(BoxFile(cell=cell).write(tmp_path / "bar.msh"))
     elasticity = Elasticity(
         domain,
         {"stiff": stiff, "soft": soft},
@@ -37,7 +37,7 @@ def test_two_materials_in_tension_are_exact(cell, tmp_path):
 
 def test_scale_and_groups_without_names(tmp_path):
     file = BoxFile((2000.0, 1000.0, 1000.0))
-    domain = coulomb.fem.meshes.read_gmsh(file.write(tmp_path / "mm.msh", named=False), scale=1e-3)
+    domain = coulomb.read_mesh(file.write(tmp_path / "mm.msh", named=False), scale=1e-3)
     assert set(domain.faces) == set("123456") and set(domain.cells) == {"1", "2"}
     assert np.allclose(np.max(domain.domain.geometry.x, axis=0), (2.0, 1.0, 1.0))
     elasticity = Elasticity(domain, STEEL, [Clamp("1")])
@@ -50,7 +50,7 @@ def test_points_of_no_cell_and_elements_in_two_groups(tmp_path):
     file.cells += 1
     file.faces = {name: rows + 1 for name, rows in file.faces.items()}
     file.faces["both"] = np.vstack([file.faces["left"], file.faces["right"]])
-    domain = coulomb.fem.meshes.read_gmsh(file.write(tmp_path / "box.msh"))
+    domain = coulomb.read_mesh(file.write(tmp_path / "box.msh"))
     assert domain.domain.geometry.x.max() == 2.0
     assert sorted([*domain.faces["left"], *domain.faces["right"]]) == sorted(domain.faces["both"])
 
@@ -191,7 +191,7 @@ def test_gmsh_itself(tmp_path):
             gmsh.option.setNumber("Mesh.MshFileVersion", version)
             gmsh.option.setNumber("Mesh.Binary", binary)
             gmsh.write(str(tmp_path / "box.msh"))
-            domain = coulomb.fem.meshes.read_gmsh(tmp_path / "box.msh")
+            domain = coulomb.read_mesh(tmp_path / "box.msh")
             assert set(domain.faces) == {"left", "right"} and set(domain.refused) == {"middle"}
             elasticity = Elasticity(domain, {"one": STEEL, "two": STEEL}, [Clamp("left")])
             assert elasticity.area_of(elasticity.mesh.facets("right", "test")).sum() == pytest.approx(1.0)

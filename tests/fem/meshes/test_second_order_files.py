@@ -38,7 +38,7 @@ def curved(cell, order=GMSH):
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize(("version", "binary"), [("2.2", False), ("4.1", True)])
 def test_gmsh(cell, version, binary, tmp_path):
-    looks_right(coulomb.fem.meshes.read_gmsh(curved(cell).write(tmp_path / "box.msh", version, binary)))
+    looks_right(coulomb.read_mesh(curved(cell).write(tmp_path / "box.msh", version, binary)))
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -145,7 +145,7 @@ def test_ball_and_ring_of_gmsh_converge_by_their_curved_cells(tmp_path):
                 gmsh.write(str(tmp_path / "part.msh"))
             finally:
                 gmsh.finalize()
-            read = coulomb.fem.meshes.read_gmsh(tmp_path / "part.msh")
+            read = coulomb.read_mesh(tmp_path / "part.msh")
             assert compat.geometry_degree(read.domain) == 2
             errors.setdefault((make, "volume"), []).append(abs(integral(read) / volume - 1.0))
             if area is not None:
@@ -195,14 +195,14 @@ def test_faults_of_second_order_cells(spoil, message, cell, tmp_path):
     file = BoxFile(cells=(2, 1, 1), cell=cell).second_order()
     spoil(file)
     with pytest.raises(ValueError, match=f"bad.msh: .*{message}"):
-        coulomb.fem.meshes.read_gmsh(file.write(tmp_path / "bad.msh"))
+        coulomb.read_mesh(file.write(tmp_path / "bad.msh"))
 
 
 def test_points_of_no_cell_and_a_face_inside(tmp_path):
     file = BoxFile(cells=(2, 1, 1)).second_order()
     file.points = np.vstack([file.points, [9.0, 9.0, 9.0]])
     file.faces["inside"] = file.interface
-    read = coulomb.fem.meshes.read_gmsh(file.write(tmp_path / "box.msh"))
+    read = coulomb.read_mesh(file.write(tmp_path / "box.msh"))
     assert read.domain.geometry.x.max() == 2.0
     with pytest.raises(ValueError, match=r"'inside' of .*box.msh lies inside the body with 1 of its 1 facets"):
         read.facets("inside", "clamp")
@@ -225,11 +225,11 @@ def test_cells_that_are_refused(kind, nodes, message, tmp_path):
     path = tmp_path / "bad.msh"
     path.write_text(text.format(nodes, points, 1, f"1 {kind} 2 1 1 {rows}\n"))
     with pytest.raises(ValueError, match=f"bad.msh: has {message}"):
-        coulomb.fem.meshes.read_gmsh(path)
+        coulomb.read_mesh(path)
     if nodes == 20:
         path.write_text(text.format(nodes, points, 2, f"1 {kind} 2 1 1 {rows}\n2 4 2 1 1 1 2 3 4\n"))
         with pytest.raises(ValueError, match=r"bad.msh: has tetrahedra and 20-node"):
-            coulomb.fem.meshes.read_gmsh(path)
+            coulomb.read_mesh(path)
 
 
 @pytest.mark.parametrize("width", [4, 8, 10, 27])
