@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import cast
+from typing import Self, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -133,8 +133,8 @@ class ContactProblem(DiscreteProblem):
         linear_solver: DirectSolver ("direct") or IterativeSolver ("iterative") for K^-1; by default ("auto")
             chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
-        small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce", or
-            causes a warning, "warn".
+        small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce",
+            causes a warning, "warn", or nothing, "ignore".
         probes: Points at which displacement, slip and pressure are reported: `Solution.probes`, summary.json and
             history.csv.
 
@@ -228,9 +228,9 @@ class ContactProblem(DiscreteProblem):
 
     def in_state(
         self, state: ContactState, seconds: dict[str, float] | None = None, before: Before | None = None
-    ) -> ContactProblem:
+    ) -> Self:
         """The problem of the same body in another state; `seconds` and `before` as of `DiscreteProblem`."""
-        problem = ContactProblem.__new__(ContactProblem)  # __init__ makes the body
+        problem = type(self).__new__(type(self))  # __init__ makes the body
         DiscreteProblem.__init__(
             problem, self.body, state, self.small_strain, self.started, {} if seconds is None else seconds, before
         )
@@ -322,7 +322,8 @@ class ContactProblem(DiscreteProblem):
                 except Unsolved as failure:
                     raise _linear_solve_failed(self, problem, failure, counted, type(chosen).__name__) from None
         answer = self.solution(result, criterion)
-        warn(answer)
+        if self.small_strain != "ignore":
+            warn(answer)
         return answer
 
     def _default(self, tolerance: float) -> Solver:

@@ -1,0 +1,354 @@
+"""Large motions: Newton's method around the contact problem of small displacements, by load steps.
+
+At a displacement u the tangent, the residual, and frames, gaps and weights at the deformed place pose a linear contact
+problem of du with Coulomb's law, which is solved as every other.  Its forces x are the next ones, and u + du the next
+displacement (a sequential quadratic method: contact and friction are exact in every linear problem, nothing is
+regularised).  Slip is measured from the start of the load step (`FaceMotion`).
+
+The answer is certified at the deformed place: residual assembled anew, gaps, frames and slip found anew from faces and
+foundations.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..fem.bodies import Deformable, HeldDirections, JoinedBodies, rigid_modes
+from ..linalg.reductions import Reductions
+from ..linalg.factors import NotPositiveDefinite
+from ..linalg.unsolved import Unsolved
+from ..model.certificate import Certificate, judge
+from ..model.contact import Contact
+from ..model.contact_body import Before
+from ..model.evidence import Evidence, rounding_forces
+from ..model.load_history import LoadHistory
+from ..model.nodal_answer import NodalAnswer
+from ..model.problem import ContactProblem
+from ..model.problem_evidence import gather_evidence
+from ..model.solution import Solution
+from ..solvers.results import NotConverged, SolverResult
+from .nonlinear_body import NonlinearBody
+from .slip import FaceMotion, at_start
+
+_log = logging.getLogger(__name__)
+
+_MOST = 25
+"""Largest number of linear problems in a load step."""
+
+_BACKTRACKS = 8
+"""Largest number of halvings of a change of the displacement."""
+
+_WORSE = 2.0
+"""A residual may grow by this factor from one linear problem to the next: the first ones of a load step do not know
+where contact is."""
+
+
+class StepCut(Exception):
+    """A load step has no answer: why, in words."""
+
+
+@dataclass(frozen=True)
+class LargeSolution:
+    """An equilibrium of large motions.
+
+    Attributes:
+        time: In seconds.
+        displacement: In metres, this rank's nodes, shape (k, 3).
+        contact_force: In newtons along the deformed frames, this rank's contact points, shape (3 m,).
+        certificate: Of the nonlinear problem at the deformed place.
+        residuals: Largest value of the certificate's checks before each linear problem, and at the end.
+        linear: The last linear problem and its answer.
+    """
+
+    time: float
+    displacement: FloatArray
+    contact_force: FloatArray
+    certificate: Certificate
+    residuals: tuple[float, ...]
+    linear: Solution
+
+    @property
+    def outer_iterations(self) -> int:
+        """Number of linear problems."""
+        return len(self.residuals) - 1
+
+    @property
+    def valid(self) -> bool:
+        return self.certificate.passed
+
+    @property
+    def at_nodes(self) -> NodalAnswer:
+        """Fields, totals and counts at this rank's contact points, at their deformed places: slip is that of the
+        step."""
+        return self.linear.at_nodes
+
+    @property
+    def force_on_body(self) -> FloatArray:
+        """Contact forces on the body at this rank's contact points, space vectors in newtons, shape (m, 3)."""
+        return self.linear.force_on_body
+
+    @property
+    def functions(self) -> dict[str, Any]:
+        """The displacement of each body by its name, as DOLFINx Functions; "" is the name of the only body."""
+        members = self.linear.problem.elasticity.members
+        return {one.name: one.body.function(self.displacement[one.nodes]) for one in members}
+
+
+@dataclass(frozen=True)
+class LargeState:
+    """The end of a load step, from which the next begins: time, displacement (k, 3), and at the contact nodes forces as
+    components and slip rates, both 0 at other nodes, shapes (k, 3) and (k,)."""
+
+    time: float
+    displacement: FloatArray
+    force: FloatArray
+    slip_rate: FloatArray
+
+
+@dataclass(frozen=True)
+class LargeStep:
+    """A completed load step: its answer, the state after it, and how often its interval was halved."""
+
+    solution: LargeSolution
+    state: LargeState
+    halvings: int
+
+
+class _Linearised(ContactProblem):
+    """The contact problem of changes du of a displacement u; judged by the scales of u + du."""
+
+    def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
+        return self.evidence_at(x, u, self.mean_compliance)
+
+    def evidence_at(self, x: FloatArray, du: FloatArray, compliance: float) -> Evidence:
+        """The evidence for forces x (3 m,) and a change du (k, 3), with the residual F(u) + dF(u) du: for du = 0 that of
+        the nonlinear problem.  `compliance` is the mean diagonal of A; collective."""
+        e, body = gather_evidence(self.body, self.state, x, du, compliance, None), self.elasticity
+        here = place_of(body)
+        residual = e.internal - e.load
+        load = balanced_load(body, residual, Reductions(self.comm))
+        return replace(
+            e,
+            displacement=here + du,
+            internal=residual + load,
+            load=load,
+            prescribed=body.held_part(here) + e.prescribed,
+            ground=None,
+            rounding=rounding_forces(body, here + du),
+        )
+
+
+def place_of(body: Deformable) -> FloatArray:
+    """The displacement from which bodies are linearised, metres, shape (k, 3)."""
+    return np.concatenate([nonlinear(one.body).place.u for one in body.members])
+
+
+class _Iterate:
+    """A displacement in a load step, with the linear contact problem of the changes from there.
+
+    Args:
+        motions: The problem.
+        u: Displacement in metres, shape (k, 3).
+        time: Of the end of the step.
+        state: The start of the step.
+        start: The faces then; None where this is the start.
+    """
+
+    def __init__(self, motions: LargeMotions, u: FloatArray, time: float, state: LargeState, start: FaceMotion | None):
+        self.u, self.time, self.state, self._start = u, time, state, start
+        self._pose(motions, linearised(motions.body, u, time))
+
+    def _pose(self, motions: LargeMotions, body: Deformable) -> None:
+        state, start = self.state, self._start
+        posed = _Linearised(
+            body, motions.contacts, time=self.time, small_strain="ignore", linear_solver=motions.linear_solver
+        )
+        there, foundations = posed.state, posed.body.foundations
+        then = replace(there, slip_rate=state.slip_rate[there.surface.nodes])
+        if start is not None:
+            slip = start.slip(body, there.surface, there.rigid_motions, foundations)
+            then = replace(then, slip_origin=-there.surface.components(slip))
+        self.body, self.problem, self.foundations = body, posed.in_state(then), foundations
+
+    def make_positive(self, motions: LargeMotions) -> None:
+        """Take the nearest positive tangent; collective."""
+        self._pose(motions, each(self.body, NonlinearBody.made_positive))
+
+    def start(self) -> FaceMotion:
+        state = self.problem.state
+        return at_start(self.body, state.surface, state.rigid_motions, self.foundations)
+
+    def components(self, force: FloatArray) -> FloatArray:
+        """Forces at the contact points (3 m,) from those of all nodes (k, 3)."""
+        return force[self.problem.surface.nodes].ravel()
+
+
+def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:
+    """Nodal forces with the resultants of the loads in a residual F(u; v), (k, 3), in newtons: internal forces have
+    none in any motion of a component as a whole; collective."""
+    load, component = np.zeros_like(residual), body.free.component
+    for number in range(1 + int(over.max(component.astype(np.float64)))):
+        here = component == number
+        modes = rigid_modes(body.x[here], body.comm).reshape(-1, 6)
+        gram = over.total((modes.T @ modes).ravel()).reshape(6, 6)
+        sums = over.total(modes.T @ residual[here].ravel())
+        load[here] = -(modes @ np.linalg.solve(gram, sums)).reshape(-1, 3)
+    return load
+
+
+def linearised(body: Deformable, u: FloatArray, time: float) -> Deformable:
+    """The bodies of small displacements from u (k, 3) at a time; collective."""
+    if isinstance(body, NonlinearBody):
+        return body.linearised(u, time)
+    return JoinedBodies({one.name: nonlinear(one.body).linearised(u[one.nodes], time) for one in body.members})
+
+
+def each(body: Deformable, change: Callable[[NonlinearBody], NonlinearBody]) -> Deformable:
+    """The same bodies, each changed."""
+    if isinstance(body, NonlinearBody):
+        return change(body)
+    return JoinedBodies({one.name: change(nonlinear(one.body)) for one in body.members})
+
+
+def nonlinear(body: Deformable) -> NonlinearBody:
+    """A body as one of large displacements; ValueError if it is none."""
+    if not isinstance(body, NonlinearBody):
+        raise ValueError(f"large motions need NonlinearBody, or several joined, but there is a {type(body).__name__}")
+    return body
+
+
+def size_of(certificate: Certificate) -> float:
+    """The largest value of the checks, but of the angle; inf if one is not finite."""
+    values = [check.value for check in certificate.checks if check.unit == ""]
+    return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
+
+
+class LargeMotions:
+    """Bodies of large displacements in frictional contact with each other and with rigid foundations.
+
+    Args:
+        body: A `NonlinearBody`, or several as `coulomb.join` makes them.
+        contacts: As of `ContactProblem`.
+        linear_solver: As of `ContactProblem`.
+
+    Raises:
+        ValueError: On every rank, if the input is invalid.
+    """
+
+    def __init__(self, body: Deformable, contacts: Contact | Sequence[Contact], *, linear_solver: Any = None):
+        for member in body.members:
+            nonlinear(member.body)
+        self.body, self.linear_solver = body, linear_solver
+        given = (contacts,) if isinstance(contacts, Contact) else tuple(contacts)
+        for one in given:
+            if callable(one.gap) or one.gap or one.adjust or one.smooth or one.surface or one.against_surface:
+                raise ValueError(
+                    f"contact face {one.face!r}: gap, adjust, smooth and surface describe the undeformed place; large "
+                    "motions measure gaps between the facets as they are"
+                )
+        posed = ContactProblem(body, given, small_strain="ignore", linear_solver=linear_solver)
+        self.contacts: tuple[Contact, ...] = tuple(
+            one if foundation is None else replace(one, foundation=foundation)
+            for one, foundation in zip(posed.body.contacts, posed.body.foundations, strict=True)
+        )
+
+    def beginning(self, time: float) -> LargeState:
+        """The undeformed state."""
+        still = np.zeros_like(self.body.x)
+        return LargeState(time, still, still.copy(), np.zeros(len(still)))
+
+    def steps(self, history: LoadHistory, state: LargeState | None = None) -> Iterator[LargeStep]:
+        """Compute the load steps of a history one by one; collective.
+
+        Raises:
+            NotConverged: If a step fails after all halvings.
+        """
+        state = state or self.beginning(history.start)
+        pending, halved = [time for time in reversed(history.times) if time > state.time], 0
+        while pending:
+            time = pending[-1]
+            try:
+                solution = self.solve(state, time, history.tolerance)
+            except (StepCut, NotConverged, Unsolved, ValueError) as failure:
+                halved += 1
+                if halved > history.halvings:
+                    raise StepCut(f"the load step from {state.time:g} s to {time:g} s, halved {halved - 1} times: {failure}") from failure
+                if self.body.comm.rank == 0:
+                    _log.warning("load step from %g s to %g s halved: %s", state.time, time, failure)
+                pending.append(0.5 * (state.time + time))
+                continue
+            state = self._after(state, solution)
+            pending.pop()
+            yield LargeStep(solution, state, halved)
+            halved = 0
+
+    def _after(self, before: LargeState, solution: LargeSolution) -> LargeState:
+        surface = solution.linear.problem.surface
+        force, rate = np.zeros_like(before.force), np.zeros_like(before.slip_rate)
+        force[surface.nodes] = solution.contact_force.reshape(-1, 3)
+        rate[surface.nodes] = np.linalg.norm(solution.at_nodes.slip, axis=1) / (solution.time - before.time)
+        return LargeState(solution.time, solution.displacement, force, rate)
+
+    def solve(self, state: LargeState, time: float, tolerance: float = 1e-8) -> LargeSolution:
+        """The equilibrium at a time, a load step after a state; collective.
+
+        Raises:
+            StepCut: If Newton's method does not find it.
+        """
+        first = _Iterate(self, state.displacement, state.time, state, None)
+        start = first.start()
+        here = _Iterate(self, state.displacement, time, state, start)
+        force, sizes, found = state.force, [np.inf], None
+        for _ in range(_MOST):
+            linear = self._solved(here, here.components(force), min(tolerance, 1e-8))
+            here.problem = linear.problem
+            du, surface = linear.displacement, here.problem.surface
+            solved = np.zeros_like(force)
+            solved[surface.nodes] = linear.contact_force.reshape(-1, 3)
+            compliance, part = here.problem.mean_compliance, 1.0
+            for _ in range(_BACKTRACKS):
+                there, forces = self._moved(here, part * du, state, start), (1.0 - part) * force + part * solved
+                if there is not None:
+                    x = there.components(forces)
+                    certificate = judge(there.problem.evidence_at(x, np.zeros_like(du), compliance))
+                    size = size_of(certificate)
+                    if part == 1.0 or size <= _WORSE * sizes[-1]:
+                        break
+                part *= 0.5
+            else:
+                raise StepCut("no part of the change of the displacement makes the residual smaller")
+            _log.info("outer iteration %d: residual %.2e, part %g", len(sizes), size, part)
+            here, force = there, forces
+            sizes.append(size)
+            if certificate.passed and (size <= tolerance or (found is not None and size > 0.5 * sizes[-2])):
+                break
+            found = certificate if certificate.passed else None
+        else:
+            raise StepCut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
+        bound = here.problem.slip_bound(x)
+        at = Solution(here.problem, x, np.zeros_like(here.u), bound, linear.result, certificate)
+        return LargeSolution(time, here.u, x, certificate, tuple(sizes), at)
+
+    def _solved(self, here: _Iterate, start: FloatArray, tolerance: float) -> Solution:
+        """The linear problem, with the nearest positive tangent if its own is not; collective."""
+        try:
+            return here.problem.solve(tolerance, start=start)
+        except NotPositiveDefinite as failure:
+            _log.info("%s: the nearest positive tangent is taken", failure)
+            here.make_positive(self)
+            return here.problem.solve(tolerance, start=start)
+
+    def _moved(self, here: _Iterate, du: FloatArray, state: LargeState, start: FaceMotion) -> _Iterate | None:
+        """The iterate after a change of the displacement; None if it turns an element inside out."""
+        u = here.u + du
+        ratios = [nonlinear(one.body).least_volume_ratio(u[one.nodes]) for one in self.body.members]
+        if not np.min(ratios) > 0.0:
+            return None
+        return _Iterate(self, u, here.time, state, start)
