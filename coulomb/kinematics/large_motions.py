@@ -50,6 +50,13 @@ _WORSE = 2.0
 where contact is."""
 
 
+_STIFFER = 10.0
+"""Stiffness of the springs of `supported` over the mean diagonal of K at their nodes."""
+
+_STICKS = 1.0 - 1e-6
+"""Friction over its bound below which a node sticks."""
+
+
 class StepCut(Exception):
     """A load step has no answer: why, in words."""
 
@@ -163,10 +170,12 @@ class _Iterate:
 
     def __init__(self, motions: LargeMotions, u: FloatArray, time: float, state: LargeState, start: FaceMotion | None):
         self.u, self.time, self.state, self._start = u, time, state, start
-        self._pose(motions, linearised(motions.body, u, time))
+        self._motions = motions
+        self.pose(linearised(motions.body, u, time))
 
-    def _pose(self, motions: LargeMotions, body: Deformable) -> None:
-        state, start = self.state, self._start
+    def pose(self, body: Deformable) -> None:
+        """The linear problem of these bodies; collective."""
+        state, start, motions = self.state, self._start, self._motions
         posed = _Linearised(
             body, motions.contacts, time=self.time, small_strain="ignore", linear_solver=motions.linear_solver
         )
@@ -177,9 +186,33 @@ class _Iterate:
             then = replace(then, slip_origin=-there.surface.components(slip))
         self.body, self.problem, self.foundations = body, posed.in_state(then), foundations
 
-    def make_positive(self, motions: LargeMotions) -> None:
-        """Take the nearest positive tangent; collective."""
-        self._pose(motions, each(self.body, NonlinearBody.made_positive))
+    def supported(self, body: Deformable, x: FloatArray) -> Deformable:
+        """The bodies on springs at the nodes that press on foundations with forces x (3 m,), along normals, and along
+        tangents where they stick, relaxed where the gap is closed and nothing has slipped.
+
+        What contact holds may be unstable without it.  Where the contact conditions hold as equations springs change
+        nothing, and with stiff ones K is positive definite if the body is stable on them (Finsler's lemma).
+        """
+        surface, state, problem = self.problem.surface, self.problem.state, self.problem
+        stiffness, force = np.zeros((len(body.x), 3, 3)), np.zeros_like(body.x)
+        if surface.points.nodal:
+            x = x.reshape(-1, 3)
+            on_foundation = np.array([one is not None for one in self.foundations])[surface.part]
+            pressing = on_foundation & (x[:, 0] > 0.0)
+            sticks = pressing & (np.linalg.norm(x[:, 1:], axis=1) < _STICKS * problem.slip_bound(x.ravel()))
+            which = np.column_stack([pressing, sticks, sticks]).astype(np.float64)
+            G = surface.frames / np.linalg.norm(surface.frames, axis=2)[:, :, None]
+            target = np.column_stack([surface.gap, state.slip_origin[:, 1:] / np.linalg.norm(surface.frames[:, 1:], axis=2)])
+            diagonal = body.K.getDiagonal()
+            size = _STIFFER * diagonal.array_r.reshape(-1, 3).mean(axis=1)[surface.nodes]
+            diagonal.destroy()
+            stiffness[surface.nodes] = np.einsum("k,kr,kri,krj->kij", size, which, G, G)
+            force[surface.nodes] = np.einsum("k,kr,kri->ki", size, which * target, G)
+        return each(body, lambda one, nodes: one.on_springs(stiffness[nodes], force[nodes]))
+
+    def made_positive(self, body: Deformable, x: FloatArray) -> Deformable:
+        """The bodies with the nearest tangent that is positive semidefinite in every cell."""
+        return each(body, lambda one, nodes: one.made_positive())
 
     def start(self) -> FaceMotion:
         state = self.problem.state
@@ -205,16 +238,13 @@ def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> F
 
 def linearised(body: Deformable, u: FloatArray, time: float) -> Deformable:
     """The bodies of small displacements from u (k, 3) at a time; collective."""
-    if isinstance(body, NonlinearBody):
-        return body.linearised(u, time)
-    return JoinedBodies({one.name: nonlinear(one.body).linearised(u[one.nodes], time) for one in body.members})
+    return each(body, lambda one, nodes: one.linearised(u[nodes], time))
 
 
-def each(body: Deformable, change: Callable[[NonlinearBody], NonlinearBody]) -> Deformable:
-    """The same bodies, each changed."""
-    if isinstance(body, NonlinearBody):
-        return change(body)
-    return JoinedBodies({one.name: change(nonlinear(one.body)) for one in body.members})
+def each(body: Deformable, change: Callable[[NonlinearBody, slice], NonlinearBody]) -> Deformable:
+    """The same bodies, each changed; the change is given its nodes."""
+    changed = {one.name: change(nonlinear(one.body), one.nodes) for one in body.members}
+    return JoinedBodies(changed) if isinstance(body, JoinedBodies) else next(iter(changed.values()))
 
 
 def nonlinear(body: Deformable) -> NonlinearBody:
@@ -307,8 +337,7 @@ class LargeMotions:
         here = _Iterate(self, state.displacement, time, state, start)
         force, sizes, found = state.force, [np.inf], None
         for _ in range(_MOST):
-            linear = self._solved(here, here.components(force), min(tolerance, 1e-8))
-            here.problem = linear.problem
+            linear = self._solved(here, force, min(tolerance, 1e-8))
             du, surface = linear.displacement, here.problem.surface
             solved = np.zeros_like(force)
             solved[surface.nodes] = linear.contact_force.reshape(-1, 3)
@@ -336,14 +365,17 @@ class LargeMotions:
         at = Solution(here.problem, x, np.zeros_like(here.u), bound, linear.result, certificate)
         return LargeSolution(time, here.u, x, certificate, tuple(sizes), at)
 
-    def _solved(self, here: _Iterate, start: FloatArray, tolerance: float) -> Solution:
-        """The linear problem, with the nearest positive tangent if its own is not; collective."""
-        try:
-            return here.problem.solve(tolerance, start=start)
-        except NotPositiveDefinite as failure:
-            _log.info("%s: the nearest positive tangent is taken", failure)
-            here.make_positive(self)
-            return here.problem.solve(tolerance, start=start)
+    def _solved(self, here: _Iterate, force: FloatArray, tolerance: float) -> Solution:
+        """The linear problem; with a positive definite matrix in place of a tangent that is none; collective."""
+        x, given = here.components(force), here.body
+        for remedy in (None, here.supported, here.made_positive):
+            if remedy is not None:
+                here.pose(remedy(given, x))
+            try:
+                return here.problem.solve(tolerance, start=x)
+            except NotPositiveDefinite as failure:
+                _log.info("%s", failure)
+        raise StepCut("the tangent is not positive definite even if that of every cell is")
 
     def _moved(self, here: _Iterate, du: FloatArray, state: LargeState, start: FaceMotion) -> _Iterate | None:
         """The iterate after a change of the displacement; None if it turns an element inside out."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -147,6 +147,14 @@ class NonlinearBody(Body):
 
     # --- deformed surface -------------------------------------------------------------------------------------------
 
+    def on_springs(self, stiffness: FloatArray, force: FloatArray) -> NonlinearBody:
+        """The same linearised body with springs at this rank's nodes, N/m, (k, 3, 3), and forces there, N, (k, 3)."""
+        there = copy.copy(self)
+        there._a, there._known = _OnSprings(self._a, stiffness), None
+        loading = self.place.loading
+        there._place = replace(self.place, loading=replace(loading, load=loading.load + force))
+        return there
+
     def made_positive(self) -> NonlinearBody:
         """The same linearised body with the nearest tangent that is positive semidefinite in every cell; collective."""
         there = copy.copy(self)
@@ -205,6 +213,27 @@ def _of_kind(form: Any, cells: bool) -> Any:
     """The integrals of a form over cells, or the others; None if there are none."""
     chosen = [one for one in form.integrals() if (one.integral_type() == "cell") == cells]
     return ufl.Form(chosen) if chosen else None
+
+
+class _OnSprings:
+    """A tangent with springs at the nodes, N/m, shape (k, 3, 3)."""
+
+    def __init__(self, tangent: BilinearForm, stiffness: FloatArray):
+        self._tangent, self._stiffness = tangent, stiffness
+        self.suspects = tangent.suspects
+
+    def matrix(self, values: FormValues) -> PETSc.Mat:
+        K = self._tangent.matrix(values)
+        first = K.getOwnershipRange()[0] // 3
+        for node in np.flatnonzero(np.any(self._stiffness, axis=(1, 2))):
+            at = np.array([first + node], dtype=PETSc.IntType)
+            K.setValuesBlocked(at, at, self._stiffness[node], addv=PETSc.InsertMode.ADD)
+        K.assemble()
+        return K
+
+    def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
+        forces: FloatArray = self._tangent.residual(values, u) + np.einsum("kij,kj->ki", self._stiffness, u)
+        return forces
 
 
 class _PositivePart(BilinearForm):
