@@ -158,10 +158,11 @@ class ContactBody:
             for text in touching if self.comm.rank == 0 else ():  # before these are refused as parts that nothing holds
                 _log.warning("%s", text)
             faces, still = ContactFaces(self.contacts, self.comm), (RigidMotion(np.zeros(3)),) * len(self.contacts)
-            self._reference: ContactSurface = faces.surface(self.elasticity, still, time)
-            self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given
-            self._latest = _Positioned(self._reference, still, faces.gap_factors(time))
-            self._reference = self.surface(self.rigid_motions(time), time)
+            if any(one.foundation is None and one.against is None for one in self.contacts):  # the plane of the face
+                faces = faces.against(faces.surface(self.elasticity, still, time).foundations)
+            motions = faces.rigid_motions(time)
+            self._faces, self._reference = faces, faces.surface(self.elasticity, motions, time)
+            self._latest = _Positioned(self._reference, motions, faces.gap_factors(time))
             refuse_untouched(self.elasticity, self._reference)
             self.probes = self.located(probes)
         for text in (*self.elasticity.contradictions, *self._reference.remarks):
