@@ -21,6 +21,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, HeldDirections, JoinedBodies, rigid_modes
+from ..fem.geometry import RigidFoundation, moved
 from ..linalg.reductions import Reductions
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.unsolved import Unsolved
@@ -55,6 +56,10 @@ _STIFFER = 10.0
 
 _STICKS = 1.0 - 1e-6
 """Friction over its bound below which a node sticks."""
+
+
+_DIFFERENCE = 1e-4
+"""Step of the differences of normals over the size of a face."""
 
 
 class StepCut(Exception):
@@ -152,6 +157,14 @@ class _Linearised(ContactProblem):
         )
 
 
+def curvature(foundation: RigidFoundation, x: FloatArray) -> FloatArray:
+    """Second derivatives of the signed distance at points x (k, 3), 1/m, shape (k, 3, 3), by central differences."""
+    h = _DIFFERENCE * float(np.max(np.ptp(x, axis=0), initial=0.0)) or _DIFFERENCE
+    columns = [(foundation.normal(x + h * e) - foundation.normal(x - h * e)) / (2.0 * h) for e in np.eye(3)]
+    bent = np.stack(columns, axis=2)
+    return 0.5 * (bent + bent.transpose(0, 2, 1))
+
+
 def place_of(body: Deformable) -> FloatArray:
     """The displacement from which bodies are linearised, metres, shape (k, 3)."""
     return np.concatenate([nonlinear(one.body).place.u for one in body.members])
@@ -186,6 +199,26 @@ class _Iterate:
             then = replace(then, slip_origin=-there.surface.components(slip))
         self.body, self.problem, self.foundations = body, posed.in_state(then), foundations
 
+    def tangent(self, body: Deformable, x: FloatArray) -> Deformable:
+        """The bodies with the change of the normal forces x (3 m,) as normals turn on curved foundations: -x_n times
+        the second derivative of the signed distance, which is symmetric; that of friction, which is not, is left out."""
+        stiffness = self._geometric(x)
+        none = np.zeros_like(body.x)
+        curved = Reductions(body.comm).all(not np.any(stiffness))
+        return body if curved else each(body, lambda one, nodes: one.on_springs(stiffness[nodes], none[nodes]))
+
+    def _geometric(self, x: FloatArray) -> FloatArray:
+        surface, state = self.problem.surface, self.problem.state
+        stiffness = np.zeros((len(self.u), 3, 3))
+        if not surface.points.nodal:
+            return stiffness
+        for part, (foundation, motion) in enumerate(zip(self.foundations, state.rigid_motions, strict=True)):
+            here = (surface.part == part) & (x[0::3] > 0.0)
+            if foundation is not None and np.any(here):
+                bent = curvature(moved(foundation, motion), surface.x[here])
+                stiffness[surface.nodes[here]] = -x[0::3][here, None, None] * bent
+        return stiffness
+
     def supported(self, body: Deformable, x: FloatArray) -> Deformable:
         """The bodies on springs at the nodes that press on foundations with forces x (3 m,), along normals, and along
         tangents where they stick, relaxed where the gap is closed and nothing has slipped.
@@ -194,19 +227,20 @@ class _Iterate:
         nothing, and with stiff ones K is positive definite if the body is stable on them (Finsler's lemma).
         """
         surface, state, problem = self.problem.surface, self.problem.state, self.problem
-        stiffness, force = np.zeros((len(body.x), 3, 3)), np.zeros_like(body.x)
+        stiffness, force = self._geometric(x), np.zeros_like(body.x)
         if surface.points.nodal:
             x = x.reshape(-1, 3)
             on_foundation = np.array([one is not None for one in self.foundations])[surface.part]
             pressing = on_foundation & (x[:, 0] > 0.0)
             sticks = pressing & (np.linalg.norm(x[:, 1:], axis=1) < _STICKS * problem.slip_bound(x.ravel()))
             which = np.column_stack([pressing, sticks, sticks]).astype(np.float64)
-            G = surface.frames / np.linalg.norm(surface.frames, axis=2)[:, :, None]
-            target = np.column_stack([surface.gap, state.slip_origin[:, 1:] / np.linalg.norm(surface.frames[:, 1:], axis=2)])
+            lengths = np.linalg.norm(surface.frames, axis=2)
+            G = surface.frames / lengths[:, :, None]
+            target = np.column_stack([surface.gap, state.slip_origin[:, 1:] / lengths[:, 1:]])
             diagonal = body.K.getDiagonal()
             size = _STIFFER * diagonal.array_r.reshape(-1, 3).mean(axis=1)[surface.nodes]
             diagonal.destroy()
-            stiffness[surface.nodes] = np.einsum("k,kr,kri,krj->kij", size, which, G, G)
+            stiffness[surface.nodes] += np.einsum("k,kr,kri,krj->kij", size, which, G, G)
             force[surface.nodes] = np.einsum("k,kr,kri->ki", size, which * target, G)
         return each(body, lambda one, nodes: one.on_springs(stiffness[nodes], force[nodes]))
 
@@ -368,9 +402,10 @@ class LargeMotions:
     def _solved(self, here: _Iterate, force: FloatArray, tolerance: float) -> Solution:
         """The linear problem; with a positive definite matrix in place of a tangent that is none; collective."""
         x, given = here.components(force), here.body
-        for remedy in (None, here.supported, here.made_positive):
-            if remedy is not None:
-                here.pose(remedy(given, x))
+        for remedy in (here.tangent, here.supported, here.made_positive):
+            body = remedy(given, x)
+            if body is not here.body:
+                here.pose(body)
             try:
                 return here.problem.solve(tolerance, start=x)
             except NotPositiveDefinite as failure:
