@@ -18,6 +18,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, HeldDirections, JoinedBodies, rigid_modes
@@ -143,15 +144,15 @@ class _Linearised(ContactProblem):
         """The evidence for forces x (3 m,) and a change du (k, 3), with the residual F(u) + dF(u) du: for du = 0 that of
         the nonlinear problem.  `compliance` is the mean diagonal of A; collective."""
         e, body = gather_evidence(self.body, self.state, x, du, compliance, None), self.elasticity
-        here = place_of(body)
+        here, over = place_of(body), Reductions(self.comm)
         residual = e.internal - e.load
-        load = balanced_load(body, residual, Reductions(self.comm))
+        load, rigid = balanced_load(body, residual, over), rigid_part(body, here, over)
         return replace(
             e,
-            displacement=here + du,
+            displacement=here + du - rigid,
             internal=residual + load,
             load=load,
-            prescribed=body.held_part(here) + e.prescribed,
+            prescribed=body.held_part(here - rigid) + e.prescribed,
             ground=None,
             rounding=rounding_forces(body, here + du),
         )
@@ -260,14 +261,35 @@ class _Iterate:
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:
     """Nodal forces with the resultants of the loads in a residual F(u; v), (k, 3), in newtons: internal forces have
     none in any motion of a component as a whole; collective."""
-    load, component = np.zeros_like(residual), body.free.component
-    for number in range(1 + int(over.max(component.astype(np.float64)))):
-        here = component == number
+    load = np.zeros_like(residual)
+    for here in components(body, over):
         modes = rigid_modes(body.x[here], body.comm).reshape(-1, 6)
         gram = over.total((modes.T @ modes).ravel()).reshape(6, 6)
         sums = over.total(modes.T @ residual[here].ravel())
         load[here] = -(modes @ np.linalg.solve(gram, sums)).reshape(-1, 3)
     return load
+
+
+def rigid_part(body: Deformable, u: FloatArray, over: Reductions) -> FloatArray:
+    """The displacement (k, 3) of the rigid motions, with finite rotations, that are nearest to a displacement u (k, 3)
+    of bodies at their deformed place (Kabsch 1976): without it the work of internal forces along a displacement does
+    not depend on how far a body has turned; collective."""
+    rigid = np.zeros_like(u)
+    for here in components(body, over):
+        x, y = body.x[here] - u[here], body.x[here]
+        count = over.sum(float(len(x)))
+        from_, to = over.total(x.sum(axis=0)) / count, over.total(y.sum(axis=0)) / count
+        left, _, right = np.linalg.svd(over.total(((x - from_).T @ (y - to)).ravel()).reshape(3, 3))
+        turn = right.T @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ left.T
+        rigid[here] = to + (x - from_) @ turn.T - x
+    return rigid
+
+
+def components(body: Deformable, over: Reductions) -> Iterator[npt.NDArray[np.bool_]]:
+    """The nodes of each component of the bodies, shapes (k,); collective."""
+    component = body.free.component
+    for number in range(1 + int(over.max(component.astype(np.float64)))):
+        yield component == number
 
 
 def linearised(body: Deformable, u: FloatArray, time: float) -> Deformable:
@@ -343,7 +365,9 @@ class LargeMotions:
             except (StepCut, NotConverged, Unsolved, ValueError) as failure:
                 halved += 1
                 if halved > history.halvings:
-                    raise StepCut(f"the load step from {state.time:g} s to {time:g} s, halved {halved - 1} times: {failure}") from failure
+                    raise StepCut(
+                        f"the load step from {state.time:g} s to {time:g} s, halved {halved - 1} times: {failure}"
+                    ) from failure
                 if self.body.comm.rank == 0:
                     _log.warning("load step from %g s to %g s halved: %s", state.time, time, failure)
                 pending.append(0.5 * (state.time + time))

@@ -199,7 +199,7 @@ class NonlinearBody(Body):
             space = self.vertices.space.V if vertices else self.V
             v, F = ufl.TestFunction(space), ufl.Identity(3) + ufl.grad(self._function)
             n = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(self.domain)
-            ds = self.measure(facets)
+            ds = self.measure(facets)(metadata={"quadrature_degree": 4 * self.degree})
             self._surface_forms[key] = (
                 fem.form(ufl.sqrt(ufl.inner(n, n)) * ufl.inner(ufl.as_vector([1.0, 1.0, 1.0]), v) * ds),
                 fem.form(ufl.inner(n, v) * ds),

@@ -135,6 +135,7 @@ class ContactBody:
         probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
         kept_matrix: The contact matrix of the evidence.
+        remarks: What a user should know of supports and contact faces.
         unknowns: Free displacement unknowns and contact unknowns, over all ranks.
         stiffness: K^-1 and A, and the method by which they are computed.
     """
@@ -165,9 +166,7 @@ class ContactBody:
             self._latest = _Positioned(self._reference, motions, faces.gap_factors(time))
             refuse_untouched(self.elasticity, self._reference)
             self.probes = self.located(probes)
-        for text in (*self.elasticity.contradictions, *self._reference.remarks):
-            if self.comm.rank == 0:
-                _log.warning("%s", text)
+        self.remarks = (*self.elasticity.contradictions, *self._reference.remarks)
         self.kept_matrix = KeptMatrix()
         free, points = 3 * len(self.elasticity.x) - self.elasticity.held.number, 3 * len(self._reference.nodes)
         self.unknowns = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
@@ -49,6 +50,9 @@ from .provenance import now, timed
 from .small_strain import known_mode
 from .solution import Solution, warn
 from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
+
+
+_log = logging.getLogger(__name__)
 
 
 class LinearSolveFailed(NotConverged):
@@ -205,6 +209,8 @@ class ContactProblem(DiscreteProblem):
             )
 
         body = ContactBody(make, mesh.comm, _contacts(given), time, _linear_solver(linear_solver), explicit, probes)
+        for text in body.remarks if mode != "ignore" and body.comm.rank == 0 else ():
+            _log.warning("%s", text)
         with timed(body.seconds, "assembly"):
             state = body.state(time)
         super().__init__(body, state, mode, started, body.seconds)
