@@ -370,11 +370,11 @@ def bulges_at_points(
         np.maximum.at(most, nodes, np.linalg.norm(face.bulges, axis=1)[:, None])
         np.add.at(bulge, nodes, face.bulges[:, None])
         bulge /= np.maximum(np.bincount(nodes.ravel(), minlength=face.patch.size), 1)[:, None]
-    most, point = largest[0][rows.node], np.repeat(np.arange(len(rows.node)), np.diff(rows.opposite.indptr))
-    np.maximum.at(most, point, largest[1][rows.opposite.indices])
+    at_points, point = largest[0][rows.node], np.repeat(np.arange(len(rows.node)), np.diff(rows.opposite.indptr))
+    np.maximum.at(at_points, point, largest[1][rows.opposite.indices])
     near = (gap != 0.0) & (np.abs(gap) < 2.0 * max(slave.largest_bulge, master.largest_bulge))
     between = mean[0][rows.node] - rows.opposite @ mean[1]
-    return np.where(near, most, 0.0), np.abs(np.einsum("mi,mi->m", between, rows.normal))
+    return np.where(near, at_points, 0.0), np.abs(np.einsum("mi,mi->m", between, rows.normal))
 
 
 def _remarks(
