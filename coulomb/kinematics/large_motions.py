@@ -14,17 +14,17 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, HeldDirections, JoinedBodies, rigid_modes
+from ..fem.bodies import Deformable, JoinedBodies, rigid_modes
+from ..fem.contact import ContactSurface
 from ..fem.geometry import RigidFoundation, moved
-from ..linalg.reductions import Reductions
 from ..linalg.factors import NotPositiveDefinite
+from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
 from ..model.certificate import Certificate, judge
 from ..model.contact import Contact
@@ -35,7 +35,7 @@ from ..model.nodal_answer import NodalAnswer
 from ..model.problem import ContactProblem
 from ..model.problem_evidence import gather_evidence
 from ..model.solution import Solution
-from ..solvers.results import NotConverged, SolverResult
+from ..solvers.results import NotConverged
 from .nonlinear_body import NonlinearBody
 from .slip import FaceMotion, at_start
 
@@ -61,6 +61,10 @@ _STICKS = 1.0 - 1e-6
 
 _DIFFERENCE = 1e-4
 """Step of the differences of normals over the size of a face."""
+
+
+_OPPOSITE = 1e-6
+"""One more than the cosine of the angle of two normals, at least: forces are not carried between opposite ones."""
 
 
 class StepCut(Exception):
@@ -115,13 +119,37 @@ class LargeSolution:
 
 
 @dataclass(frozen=True)
+class CarriedForces:
+    """Contact forces, space vectors in newtons, and the normals of their places, at this rank's nodes, shapes (k, 3); 0
+    at nodes without."""
+
+    vectors: FloatArray
+    normals: FloatArray
+
+    @classmethod
+    def of(cls, x: FloatArray, surface: ContactSurface, nodes: int) -> CarriedForces:
+        """Of forces x (3 m,) at the contact points of a surface, of so many nodes."""
+        vectors, normals = np.zeros((2, nodes, 3))
+        vectors[surface.nodes], normals[surface.nodes] = surface.vectors(x.reshape(-1, 3)), surface.frames[:, 0]
+        return cls(vectors, normals)
+
+    def at(self, surface: ContactSurface) -> FloatArray:
+        """Along the frames of a surface, turned as its normals have (parallel transport), shape (3 m,)."""
+        f, n, m = self.vectors[surface.nodes], self.normals[surface.nodes], surface.frames[:, 0]
+        axis, cosine = np.cross(n, m), np.einsum("ki,ki->k", n, m)[:, None]
+        along = np.einsum("ki,ki->k", axis, f)[:, None] / np.maximum(1.0 + cosine, _OPPOSITE)
+        x: FloatArray = surface.force_components(cosine * f + np.cross(axis, f) + along * axis).ravel()
+        return x
+
+
+@dataclass(frozen=True)
 class LargeState:
-    """The end of a load step, from which the next begins: time, displacement (k, 3), and at the contact nodes forces as
-    components and slip rates, both 0 at other nodes, shapes (k, 3) and (k,)."""
+    """The end of a load step, from which the next begins: time, displacement (k, 3), contact forces, and slip rates of
+    the contact nodes, 0 at others, in m/s, shape (k,)."""
 
     time: float
     displacement: FloatArray
-    force: FloatArray
+    force: CarriedForces
     slip_rate: FloatArray
 
 
@@ -141,8 +169,8 @@ class _Linearised(ContactProblem):
         return self.evidence_at(x, u, self.mean_compliance)
 
     def evidence_at(self, x: FloatArray, du: FloatArray, compliance: float) -> Evidence:
-        """The evidence for forces x (3 m,) and a change du (k, 3), with the residual F(u) + dF(u) du: for du = 0 that of
-        the nonlinear problem.  `compliance` is the mean diagonal of A; collective."""
+        """The evidence for forces x (3 m,) and a change du (k, 3), with the residual F(u) + dF(u) du: for du = 0 that
+        of the nonlinear problem.  `compliance` is the mean diagonal of A; collective."""
         e, body = gather_evidence(self.body, self.state, x, du, compliance, None), self.elasticity
         here, over = place_of(body), Reductions(self.comm)
         residual = e.internal - e.load
@@ -162,13 +190,14 @@ def curvature(foundation: RigidFoundation, x: FloatArray) -> FloatArray:
     """Second derivatives of the signed distance at points x (k, 3), 1/m, shape (k, 3, 3), by central differences."""
     h = _DIFFERENCE * float(np.max(np.ptp(x, axis=0), initial=0.0)) or _DIFFERENCE
     columns = [(foundation.normal(x + h * e) - foundation.normal(x - h * e)) / (2.0 * h) for e in np.eye(3)]
-    bent = np.stack(columns, axis=2)
+    bent: FloatArray = np.stack(columns, axis=2)
     return 0.5 * (bent + bent.transpose(0, 2, 1))
 
 
 def place_of(body: Deformable) -> FloatArray:
     """The displacement from which bodies are linearised, metres, shape (k, 3)."""
-    return np.concatenate([nonlinear(one.body).place.u for one in body.members])
+    u: FloatArray = np.concatenate([nonlinear(one.body).place.u for one in body.members])
+    return u
 
 
 class _Iterate:
@@ -201,8 +230,8 @@ class _Iterate:
         self.body, self.problem, self.foundations = body, posed.in_state(then), foundations
 
     def tangent(self, body: Deformable, x: FloatArray) -> Deformable:
-        """The bodies with the change of the normal forces x (3 m,) as normals turn on curved foundations: -x_n times
-        the second derivative of the signed distance, which is symmetric; that of friction, which is not, is left out."""
+        """The bodies with the change of normal forces x (3 m,) as normals turn on curved foundations: -x_n times the
+        second derivative of the signed distance, which is symmetric; that of friction, which is not, is left out."""
         stiffness = self._geometric(x)
         none = np.zeros_like(body.x)
         curved = Reductions(body.comm).all(not np.any(stiffness))
@@ -252,10 +281,6 @@ class _Iterate:
     def start(self) -> FaceMotion:
         state = self.problem.state
         return at_start(self.body, state.surface, state.rigid_motions, self.foundations)
-
-    def components(self, force: FloatArray) -> FloatArray:
-        """Forces at the contact points (3 m,) from those of all nodes (k, 3)."""
-        return force[self.problem.surface.nodes].ravel()
 
 
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:
@@ -348,7 +373,7 @@ class LargeMotions:
     def beginning(self, time: float) -> LargeState:
         """The undeformed state."""
         still = np.zeros_like(self.body.x)
-        return LargeState(time, still, still.copy(), np.zeros(len(still)))
+        return LargeState(time, still, CarriedForces(still, still), np.zeros(len(still)))
 
     def steps(self, history: LoadHistory, state: LargeState | None = None) -> Iterator[LargeStep]:
         """Compute the load steps of a history one by one; collective.
@@ -379,8 +404,8 @@ class LargeMotions:
 
     def _after(self, before: LargeState, solution: LargeSolution) -> LargeState:
         surface = solution.linear.problem.surface
-        force, rate = np.zeros_like(before.force), np.zeros_like(before.slip_rate)
-        force[surface.nodes] = solution.contact_force.reshape(-1, 3)
+        rate = np.zeros_like(before.slip_rate)
+        force = CarriedForces.of(solution.contact_force, surface, len(rate))
         rate[surface.nodes] = np.linalg.norm(solution.at_nodes.slip, axis=1) / (solution.time - before.time)
         return LargeState(solution.time, solution.displacement, force, rate)
 
@@ -393,17 +418,16 @@ class LargeMotions:
         first = _Iterate(self, state.displacement, state.time, state, None)
         start = first.start()
         here = _Iterate(self, state.displacement, time, state, start)
-        force, sizes, found = state.force, [np.inf], None
+        x, sizes, found = state.force.at(here.problem.surface), [np.inf], None
         for _ in range(_MOST):
-            linear = self._solved(here, force, min(tolerance, 1e-8))
-            du, surface = linear.displacement, here.problem.surface
-            solved = np.zeros_like(force)
-            solved[surface.nodes] = linear.contact_force.reshape(-1, 3)
+            linear = self._solved(here, x, min(tolerance, 1e-8))
+            du, before = linear.displacement, x
             compliance, part = here.problem.mean_compliance, 1.0
             for _ in range(_BACKTRACKS):
-                there, forces = self._moved(here, part * du, state, start), (1.0 - part) * force + part * solved
+                there = self._moved(here, part * du, state, start)
                 if there is not None:
-                    x = there.components(forces)
+                    between = (1.0 - part) * before + part * linear.contact_force
+                    x = CarriedForces.of(between, here.problem.surface, len(du)).at(there.problem.surface)
                     certificate = judge(there.problem.evidence_at(x, np.zeros_like(du), compliance))
                     size = size_of(certificate)
                     if part == 1.0 or size <= _WORSE * sizes[-1]:
@@ -412,7 +436,7 @@ class LargeMotions:
             else:
                 raise StepCut("no part of the change of the displacement makes the residual smaller")
             _log.info("outer iteration %d: residual %.2e, part %g", len(sizes), size, part)
-            here, force = there, forces
+            here = there
             sizes.append(size)
             if certificate.passed and (size <= tolerance or (found is not None and size > 0.5 * sizes[-2])):
                 break
@@ -423,9 +447,9 @@ class LargeMotions:
         at = Solution(here.problem, x, np.zeros_like(here.u), bound, linear.result, certificate)
         return LargeSolution(time, here.u, x, certificate, tuple(sizes), at)
 
-    def _solved(self, here: _Iterate, force: FloatArray, tolerance: float) -> Solution:
+    def _solved(self, here: _Iterate, x: FloatArray, tolerance: float) -> Solution:
         """The linear problem; with a positive definite matrix in place of a tangent that is none; collective."""
-        x, given = here.components(force), here.body
+        given = here.body
         for remedy in (here.tangent, here.supported, here.made_positive):
             body = remedy(given, x)
             if body is not here.body:

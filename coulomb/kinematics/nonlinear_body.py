@@ -150,7 +150,7 @@ class NonlinearBody(Body):
     def on_springs(self, stiffness: FloatArray, force: FloatArray) -> NonlinearBody:
         """The same linearised body with springs at this rank's nodes, N/m, (k, 3, 3), and forces there, N, (k, 3)."""
         there = copy.copy(self)
-        there._a, there._known = _OnSprings(self._a, stiffness), None
+        there._a, there._known = _OnSprings(self._a, stiffness, self.V), None
         loading = self.place.loading
         there._place = replace(self.place, loading=replace(loading, load=loading.load + force))
         return there
@@ -215,12 +215,12 @@ def _of_kind(form: Any, cells: bool) -> Any:
     return ufl.Form(chosen) if chosen else None
 
 
-class _OnSprings:
-    """A tangent with springs at the nodes, N/m, shape (k, 3, 3)."""
+class _OnSprings(BilinearForm):
+    """A tangent on V with springs at the nodes, N/m, shape (k, 3, 3)."""
 
-    def __init__(self, tangent: BilinearForm, stiffness: FloatArray):
+    def __init__(self, tangent: BilinearForm, stiffness: FloatArray, V: Any):
+        super().__init__(tangent.compiled, V)
         self._tangent, self._stiffness = tangent, stiffness
-        self.suspects = tangent.suspects
 
     def matrix(self, values: FormValues) -> PETSc.Mat:
         K = self._tangent.matrix(values)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from ..arrays import FloatArray
 from ..fem.bodies import Deformable
 from ..fem.contact import ContactSurface
 from ..fem.geometry import RigidFoundation, RigidMotion, on_all_ranks
+
+Foundations = Sequence[RigidFoundation | None]
+"""Of all contact faces; None of pairs."""
 
 _FOOT_STEPS = 3
 """Projections of a point on a foundation: one is exact for a distance, the others for other level-set functions."""
@@ -44,7 +48,11 @@ class FaceMotion:
     surface: ContactSurface
 
     def slip(
-        self, body: Deformable, surface: ContactSurface, motions: Sequence[RigidMotion], foundations: Sequence[object]
+        self,
+        body: Deformable,
+        surface: ContactSurface,
+        motions: Sequence[RigidMotion],
+        foundations: Foundations,
     ) -> FloatArray:
         """Slip since the start of the step at the contact points of a surface, space vectors in metres, shape (m, 3);
         0 at points that have been none at the start; collective."""
@@ -62,7 +70,7 @@ class FaceMotion:
             slip += self._between_faces(body, surface, foundations)
         return slip
 
-    def _between_faces(self, body: Deformable, surface: ContactSurface, foundations: Sequence[object]) -> FloatArray:
+    def _between_faces(self, body: Deformable, surface: ContactSurface, foundations: Foundations) -> FloatArray:
         then, now = (_separation(one, body.x) for one in (self.surface, surface))
         before: FloatArray = np.full((len(body.x), 3), np.nan)
         before[self.surface.nodes] = then
@@ -73,32 +81,35 @@ class FaceMotion:
 
 
 def at_start(
-    body: Deformable, surface: ContactSurface, motions: Sequence[RigidMotion], foundations: Sequence[object]
+    body: Deformable,
+    surface: ContactSurface,
+    motions: Sequence[RigidMotion],
+    foundations: Foundations,
 ) -> FaceMotion:
     """The start of a load step of a body at its present place; collective."""
     return FaceMotion(*foot_points(body, surface.faces, motions, foundations), surface)
 
 
 def foot_points(
-    body: Deformable, faces: Sequence[str], motions: Sequence[RigidMotion], foundations: Sequence[object]
+    body: Deformable,
+    faces: Sequence[str],
+    motions: Sequence[RigidMotion],
+    foundations: Foundations,
 ) -> tuple[FloatArray, FloatArray]:
     """Foot points and normals of `FaceMotion`, of the present places of the nodes; collective."""
     feet, normals = np.full((2, *body.x.shape), np.nan)
     for face, motion, foundation in zip(faces, motions, foundations, strict=True):
-        nodes = body.nodes(face, "contact") if foundation is not None else np.empty(0, dtype=np.int32)
-
-        def found(motion: RigidMotion = motion, foundation: object = foundation, nodes: object = nodes) -> None:
-            if len(nodes):  # type: ignore[arg-type]
-                feet[nodes], normals[nodes] = _foot(foundation, motion.undone(body.x[nodes]))  # type: ignore[arg-type]
-
-        on_all_ranks(found, f"contact face {face!r}: foundation", body.comm)
+        if foundation is not None:
+            nodes = body.nodes(face, "contact")
+            find = partial(_foot, foundation, motion.undone(body.x[nodes]))
+            feet[nodes], normals[nodes] = on_all_ranks(find, f"contact face {face!r}: foundation", body.comm)
     return feet, normals
 
 
 def _foot(foundation: RigidFoundation, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    for _ in range(_FOOT_STEPS):
+    for _ in range(_FOOT_STEPS if len(x) else 0):
         x = x - foundation.signed_distance(x)[:, None] * foundation.normal(x)
-    return x, foundation.normal(x)
+    return x, foundation.normal(x) if len(x) else x
 
 
 def _along_arc(chord: FloatArray, now: FloatArray, then: FloatArray) -> FloatArray:
@@ -107,7 +118,8 @@ def _along_arc(chord: FloatArray, now: FloatArray, then: FloatArray) -> FloatArr
     length, along = np.linalg.norm(chord, axis=1), np.linalg.norm(tangent, axis=1)
     half = 0.5 * np.arctan2(np.linalg.norm(np.cross(then, now), axis=1), np.einsum("ki,ki->k", then, now))
     arc = np.where(half > _PARALLEL, length * half / np.sin(np.maximum(half, _PARALLEL)), length)
-    return tangent * np.divide(arc, along, out=np.zeros_like(arc), where=along > 0.0)[:, None]
+    stretched: FloatArray = tangent * np.divide(arc, along, out=np.zeros_like(arc), where=along > 0.0)[:, None]
+    return stretched
 
 
 def _separation(surface: ContactSurface, x: FloatArray) -> FloatArray:

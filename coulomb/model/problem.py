@@ -51,7 +51,6 @@ from .small_strain import known_mode
 from .solution import Solution, warn
 from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
 
-
 _log = logging.getLogger(__name__)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rubber_blocks import LAME, MU, RubberBlock
 from scipy.optimize import brentq
 
 import coulomb
@@ -14,9 +15,9 @@ def down(depth, until=1.0):
 
 
 def drawn(depth, way):
-    """Down until time 1, then along x."""
+    """Down until time 1, then along x until time 2."""
     zero = down(depth)
-    return lambda time, x: zero(time, x) + np.array([[way * max(time - 1.0, 0.0)], [0.0], [0.0]])
+    return lambda time, x: zero(time, x) + np.array([[way * min(max(time - 1.0, 0.0), 1.0)], [0.0], [0.0]])
 
 
 def answers(body, contacts, times, **history):
@@ -44,17 +45,17 @@ def neo_hookean_stress(stretch, mu, lame):
         ("tetrahedron", 2, "energy", 20),  # contact points that are averages have no springs (`supported`)
     ],
 )
-def test_a_block_between_smooth_plates_has_the_stress_of_the_formula(block, moduli, cell, degree, given, most):
+def test_a_block_between_smooth_plates_has_the_stress_of_the_formula(cell, degree, given, most):
     cells = (1, 1, 1) if degree == 2 else (2, 2, 2)
-    one = block(down(0.4), cells, cell=cell, degree=degree, components=(2,), rollers=True, given=given)
+    one = RubberBlock(down(0.4), cells, cell=cell, degree=degree, components=(2,), rollers=True, given=given)
     (answer,) = answers(one.body, coulomb.Contact("bottom", friction=0.0), [1.0])
     assert answer.valid and answer.outer_iterations <= most
-    assert force(answer) == pytest.approx([0.0, 0.0, -neo_hookean_stress(0.6, *moduli)], rel=1e-7, abs=1.0)
+    assert force(answer) == pytest.approx([0.0, 0.0, -neo_hookean_stress(0.6, MU, LAME)], rel=1e-7, abs=1.0)
 
 
-def test_other_energies_have_the_stress_of_their_formulas(block):
+def test_other_energies_have_the_stress_of_their_formulas():
     def pressed(energy):
-        one = block(down(0.2), (1, 1, 1), components=(2,), rollers=True, energy=energy)
+        one = RubberBlock(down(0.2), (1, 1, 1), components=(2,), rollers=True, energy=energy)
         return -force(answers(one.body, coulomb.Contact("bottom", friction=0.0), [0.5, 1.0])[-1])[2]
 
     young, poisson, stretch = 1e6, 0.3, 0.8
@@ -66,7 +67,7 @@ def test_other_energies_have_the_stress_of_their_formulas(block):
     assert pressed(lambda u: mooney_rivlin(u, c1, c2, 1e4 * c1)) == pytest.approx(incompressible, rel=1e-3)
 
 
-def test_a_rotation_by_90_degrees_turns_the_forces_and_nothing_slips(block):
+def test_a_rotation_by_90_degrees_turns_the_forces_and_nothing_slips():
     def turned(angle):
         return np.array([[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]])
 
@@ -79,16 +80,16 @@ def test_a_rotation_by_90_degrees_turns_the_forces_and_nothing_slips(block):
     rotation = coulomb.Rotation((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), angle)
     plane = coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     contact = coulomb.Contact("bottom", friction=0.3, foundation=plane, rotation=rotation)
-    before, *_, after = answers(block(way).body, contact, [1.0, 1.25, 1.5, 1.75, 2.0])
+    before, *_, after = answers(RubberBlock(way).body, contact, [1.0, 1.25, 1.5, 1.75, 2.0])
     assert after.valid and after.certificate["natural residual"].value < 1e-9
     size = np.linalg.norm(force(before))
     assert np.abs(force(after) - turned(0.5 * np.pi) @ force(before)).max() < 1e-9 * size
     assert np.abs(after.at_nodes.slip).max() < 1e-9
 
 
-def test_a_load_inside_the_friction_cone_does_not_creep(block):
+def test_a_load_inside_the_friction_cone_does_not_creep():
     held = answers(
-        block(drawn(0.1, 0.02)).body, coulomb.Contact("bottom", friction=0.8), [0.5, 1.0, 1.5, 2.0, *range(3, 23)]
+        RubberBlock(drawn(0.1, 0.02)).body, coulomb.Contact("bottom", friction=0.8), [0.5, 1.0, 1.5, 2.0, *range(3, 23)]
     )[4:]
     assert all(one.valid for one in held)
 
@@ -99,19 +100,19 @@ def test_a_load_inside_the_friction_cone_does_not_creep(block):
     assert np.abs(force(held[-1])[0]) > 0.04 * force(held[-1])[2]  # there is something to hold
 
 
-def test_drawn_over_a_plane_friction_is_at_its_bound_everywhere(block):
+def test_drawn_over_a_plane_friction_is_at_its_bound_everywhere():
     """And the block has gone further than its length."""
     *_, last = answers(
-        block(drawn(0.1, 1.5)).body, coulomb.Contact("bottom", friction=0.3), [0.5, 1.0, 1.25, 1.5, 1.75, 2.0]
+        RubberBlock(drawn(0.1, 1.5)).body, coulomb.Contact("bottom", friction=0.3), [0.5, 1.0, 1.25, 1.5, 1.75, 2.0]
     )
     tangential, _, normal = force(last)
     assert last.valid and tangential == pytest.approx(-0.3 * normal, rel=1e-8)
 
 
-def test_drawn_over_waves_every_step_takes_few_iterations(block):
+def test_drawn_over_waves_every_step_takes_few_iterations():
     """The normals turn, and with them the tangent: without that term the sixth step takes more than twice as many."""
     waves = coulomb.SignedDistance(lambda x: x[2] + 0.1 - 0.1 * np.sin(np.pi * x[0]))
-    one = block(drawn(0.3, 1.5), (4, 1, 2))
+    one = RubberBlock(drawn(0.3, 1.5), (4, 1, 2))
     found = answers(
         one.body, coulomb.Contact("bottom", friction=0.3, foundation=waves), [0.25, 0.5, 0.75, 1.0, 1.05, 1.1, 1.15]
     )
@@ -123,10 +124,10 @@ def test_drawn_over_waves_every_step_takes_few_iterations(block):
     assert np.abs(y[closed, 2] - 0.1 * (np.sin(np.pi * y[closed, 0]) - 1.0)).max() < 1e-9
 
 
-def test_small_loads_have_the_small_displacements_to_second_order(block, moduli):
+def test_small_loads_have_the_small_displacements_to_second_order():
     sizes = []
     for size in (1.0, 0.5):
-        one = block(down(0.02 * size))
+        one = RubberBlock(down(0.02 * size))
         (large,) = answers(one.body, coulomb.Contact("bottom", friction=0.3), [1.0])
         small = coulomb.ContactProblem(
             coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)),
@@ -138,28 +139,24 @@ def test_small_loads_have_the_small_displacements_to_second_order(block, moduli)
     assert sizes[0] / sizes[1] == pytest.approx(4.0, rel=0.05)
 
 
-def test_two_bodies_slide_by_elements_and_one_drops_off_the_edge(block):
-    lower = block(cells=(4, 2, 1), size=(2.0, 1.0, 0.5), held="bottom")
-    upper = block(drawn(0.05, 1.6), cells=(3, 1, 1), size=(0.9, 0.8, 0.5), at=(0.6, 0.1, 0.5))
+def test_two_bodies_slide_past_each_other_by_elements():
+    """Friction is at its bound, but for the slope of the pressed face, and both bodies are in balance."""
+    lower = RubberBlock(cells=(6, 2, 1), size=(2.0, 1.0, 0.5), held="bottom")
+    upper = RubberBlock(drawn(0.05, 0.7), cells=(2, 1, 1), size=(0.8, 0.8, 0.5), at=(0.1, 0.1, 0.5))
     both = coulomb.join(lower=lower.body, upper=upper.body)
     contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.2)
-    found = answers(both, contact, [0.5, 1.0, *np.linspace(1.1, 2.0, 10)])
+    found = answers(both, contact, [1.0, 1.2, 1.4, 1.6, 1.8, 2.0])
     assert all(one.valid for one in found)
-    way = [one.at_nodes.totals() for one in found]
-    sliding = [np.array(one["force"]) for one in way[3:6]]
-    for one in sliding:
-        assert np.hypot(*one[:2]) <= 0.2 * one[2] * 1.05 + 0.1 * one[2]
-    assert way[-1]["normal_force"] < way[2]["normal_force"]
+    for one in found[2:]:
+        totals = one.at_nodes.totals()
+        along, _, across = totals["force"]
+        assert along == pytest.approx(-0.2 * across, rel=0.05)
+        assert totals["greatest_slip"] == pytest.approx(0.14, rel=0.15)
+        assert one.certificate["action and reaction"].value < 1e-12
 
 
-def test_a_step_that_turns_elements_inside_out_is_cut(block):
-    problem = LargeMotions(block(down(0.8)).body, coulomb.Contact("bottom", friction=0.3))
-    steps = list(problem.steps(coulomb.LoadHistory([1.0])))
-    assert steps[-1].solution.valid and len(steps) > 1
-
-
-def test_what_cannot_be_reached_ends_with_the_last_good_step(block):
-    problem = LargeMotions(block(down(1.1)).body, coulomb.Contact("bottom", friction=0.3))
+def test_what_cannot_be_reached_ends_with_the_last_good_step():
+    problem = LargeMotions(RubberBlock(down(1.1), (1, 1, 1)).body, coulomb.Contact("bottom", friction=0.3))
     done = []
     with pytest.raises(StepCut, match=r"halved 2 times"):
         for step in problem.steps(coulomb.LoadHistory([0.5, 1.0], halvings=2)):
@@ -167,8 +164,8 @@ def test_what_cannot_be_reached_ends_with_the_last_good_step(block):
     assert done and done[-1] < 1.0
 
 
-def test_wrong_input(block):
-    one = block()
+def test_wrong_input():
+    one = RubberBlock()
     with pytest.raises(ValueError, match="gap, adjust, smooth and surface describe the undeformed place"):
         LargeMotions(one.body, coulomb.Contact("bottom", friction=0.3, gap=0.1))
     with pytest.raises(ValueError, match="large motions need NonlinearBody"):

@@ -1,7 +1,6 @@
-"""Rubber blocks of large displacements."""
+"""Rubber blocks of large displacements, for the tests of large motions."""
 
 import numpy as np
-import pytest
 from mpi4py import MPI
 
 from coulomb.fem.compat import fem, functionspace, mesh, ufl
@@ -11,7 +10,7 @@ MU, LAME = 1e6 / 2.6, 0.3e6 / (1.3 * 0.4)
 """Of E = 1 MPa, nu = 0.3."""
 
 
-class Block:
+class RubberBlock:
     """A neo-Hookean box whose face `held` follows `way(time, x)`, a displacement (3, k), along `components`.
 
     `rollers` hold the component of the planes x = 0 and y = 0 that is normal to them.
@@ -55,14 +54,3 @@ class Block:
 
     def condition(self, facets, component):
         return fem.dirichletbc(self.g.sub(component), fem.locate_dofs_topological(self.V.sub(component), 2, facets))
-
-
-@pytest.fixture
-def block():
-    return Block
-
-
-@pytest.fixture
-def moduli():
-    """Lame's constants of `neo_hookean`, pascals."""
-    return MU, LAME
