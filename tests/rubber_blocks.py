@@ -29,9 +29,10 @@ class RubberBlock:
         rollers=False,
         energy=lambda u: neo_hookean(u, MU, LAME),
         given="energy",
+        comm=MPI.COMM_WORLD,
     ):
         low, high = np.array(at), np.array(at) + np.array(size)
-        self.domain = mesh.create_box(MPI.COMM_WORLD, [low, high], cells, getattr(mesh.CellType, cell))
+        self.domain = mesh.create_box(comm, [low, high], cells, getattr(mesh.CellType, cell))
         self.V = functionspace(self.domain, degree, (3,))
         self.u, self.g = fem.Function(self.V), fem.Function(self.V)
         faces = {"bottom": self.on(2, low[2]), "top": self.on(2, high[2])}

@@ -47,7 +47,7 @@ _MOST = 25
 _BACKTRACKS = 8
 """Largest number of halvings of a change of the displacement."""
 
-_WORSE = 2.0
+_WORSE = 10.0
 """A residual may grow by this factor from one linear problem to the next: the first ones of a load step do not know
 where contact is."""
 
@@ -62,6 +62,9 @@ _STICKS = 1.0 - 1e-6
 _DIFFERENCE = 1e-4
 """Step of the differences of normals over the size of a face."""
 
+
+_ALMOST = 1.001
+"""A step that ends this near to the end of one of the history ends there."""
 
 _OPPOSITE = 1e-6
 """One more than the cosine of the angle of two normals, at least: forces are not carried between opposite ones."""
@@ -366,7 +369,7 @@ class LargeMotions:
                 )
         posed = ContactProblem(body, given, small_strain="ignore", linear_solver=linear_solver)
         self.contacts: tuple[Contact, ...] = tuple(
-            one if foundation is None else replace(one, foundation=foundation)
+            one if foundation is None else replace(one, foundation=foundation, facing=False)
             for one, foundation in zip(posed.body.contacts, posed.body.foundations, strict=True)
         )
 
@@ -376,31 +379,31 @@ class LargeMotions:
         return LargeState(time, still, CarriedForces(still, still), np.zeros(len(still)))
 
     def steps(self, history: LoadHistory, state: LargeState | None = None) -> Iterator[LargeStep]:
-        """Compute the load steps of a history one by one; collective.
+        """Compute the load steps of a history one by one; a step that fails is halved, and later ones double again;
+        collective.
 
         Raises:
-            NotConverged: If a step fails after all halvings.
+            StepCut: If a step fails that is 2^-halvings of that of the history.
         """
         state = state or self.beginning(history.start)
-        pending, halved = [time for time in reversed(history.times) if time > state.time], 0
-        while pending:
-            time = pending[-1]
-            try:
-                solution = self.solve(state, time, history.tolerance)
-            except (StepCut, NotConverged, Unsolved, ValueError) as failure:
-                halved += 1
-                if halved > history.halvings:
-                    raise StepCut(
-                        f"the load step from {state.time:g} s to {time:g} s, halved {halved - 1} times: {failure}"
-                    ) from failure
-                if self.body.comm.rank == 0:
-                    _log.warning("load step from %g s to %g s halved: %s", state.time, time, failure)
-                pending.append(0.5 * (state.time + time))
-                continue
-            state = self._after(state, solution)
-            pending.pop()
-            yield LargeStep(solution, state, halved)
+        for goal in history.times:
+            step = whole = goal - state.time
             halved = 0
+            while state.time < goal:
+                time = goal if state.time + _ALMOST * step > goal else state.time + step
+                try:
+                    solution = self.solve(state, time, history.tolerance)
+                except (StepCut, NotConverged, Unsolved, ValueError) as failure:
+                    step, halved, why = 0.5 * (time - state.time), halved + 1, str(failure)
+                    interval = f"the load step from {state.time:g} s to {time:g} s"
+                    if step < whole * 0.5**history.halvings:
+                        raise StepCut(f"{interval} failed, at the smallest part allowed: {why}") from failure
+                    if self.body.comm.rank == 0:
+                        _log.warning("%s halved: %s", interval, why)
+                    continue
+                state = self._after(state, solution)
+                yield LargeStep(solution, state, halved)
+                step, halved = 2.0 * step, 0
 
     def _after(self, before: LargeState, solution: LargeSolution) -> LargeState:
         surface = solution.linear.problem.surface
@@ -430,7 +433,7 @@ class LargeMotions:
                     x = CarriedForces.of(between, here.problem.surface, len(du)).at(there.problem.surface)
                     certificate = judge(there.problem.evidence_at(x, np.zeros_like(du), compliance))
                     size = size_of(certificate)
-                    if part == 1.0 or size <= _WORSE * sizes[-1]:
+                    if np.isfinite(size) and size <= _WORSE * sizes[-1]:
                         break
                 part *= 0.5
             else:
