@@ -52,6 +52,7 @@ ROOMS = {
     "io": {"case", "model", "solvers", "linalg", "fem"},
     "case": {"model", "solvers", "linalg", "fem"},
     "pictures": {"io", "model"},
+    "kinematics": {"model", "solvers", "linalg", "fem"},
     "model": {"solvers", "linalg", "fem"},
     "solvers": {"linalg"},
     "linalg": set(),

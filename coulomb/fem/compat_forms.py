@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any, NamedTuple
 
 import cffi
 import numpy as np
 
 from ..arrays import FloatArray
-from .compat import NUMBERS, basix, coordinate_element, cpp, fem, functionspace, mesh, ufl
+from .compat import NUMBERS, basix, cell_dofs, cell_geometry, coordinate_element, cpp, fem, functionspace, mesh, ufl
 
 
 class CellKernel(NamedTuple):
@@ -44,6 +45,26 @@ def cell_kernel(form: Any) -> CellKernel | None:
     address = int(cffi.FFI().cast("uintptr_t", function))
     coefficients = next(iter(cpp.fem.pack_coefficients(compiled).values()))
     return CellKernel(address, packed_constants(form), coefficients)
+
+
+def cell_matrices(form: Any, V: Any) -> FloatArray:
+    """The matrices of this rank's own cells of a compiled bilinear form over all cells, shape (cells, n, n).
+
+    Raises:
+        ValueError: If the form has integrals over parts, or none of double precision.
+    """
+    kernel = cell_kernel(form)
+    if kernel is None:
+        raise ValueError("the matrices of cells are only known of one integral over all cells")
+    width = 3 * cell_dofs(V).shape[1]
+    tabulate = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)(kernel.address)
+    cells = int(V.mesh.topology.index_map(3).size_local)
+    matrices = np.zeros((cells, width, width))
+    points = np.ascontiguousarray(V.mesh.geometry.x[cell_geometry(V.mesh)[:cells]])
+    constants, coefficients = kernel.constants, np.ascontiguousarray(kernel.coefficients, dtype=np.float64)
+    for matrix, coefficient, corners in zip(matrices, coefficients, points, strict=False):
+        tabulate(matrix.ctypes.data, coefficient.ctypes.data, constants.ctypes.data, corners.ctypes.data, 0, 0, 0)
+    return matrices
 
 
 def is_compiled(form: Any) -> bool:

@@ -67,6 +67,8 @@ class Contact:
         surface: The surface for which the facets of the face stand when the gap of a pair is measured: a `Cylinder`, a
             `Sphere` or any signed distance that is 0 there.  Its nodes must be on it.
         against_surface: That of the face `against`.
+        facing: Whether nodes that face away from a rigid foundation are no contact points, as on the far side of a
+            ball; else all are, as in large motions, where a face may turn over an edge.
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -90,6 +92,7 @@ class Contact:
     smooth: bool = False
     surface: RigidFoundation | None = None
     against_surface: RigidFoundation | None = None
+    facing: bool = True
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):

@@ -135,6 +135,7 @@ class ContactBody:
         probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
         kept_matrix: The contact matrix of the evidence.
+        remarks: What a user should know of supports and contact faces.
         unknowns: Free displacement unknowns and contact unknowns, over all ranks.
         stiffness: K^-1 and A, and the method by which they are computed.
     """
@@ -158,15 +159,14 @@ class ContactBody:
             for text in touching if self.comm.rank == 0 else ():  # before these are refused as parts that nothing holds
                 _log.warning("%s", text)
             faces, still = ContactFaces(self.contacts, self.comm), (RigidMotion(np.zeros(3)),) * len(self.contacts)
-            self._reference: ContactSurface = faces.surface(self.elasticity, still, time)
-            self._faces = faces.against(self._reference.foundations)  # the plane of the face if none was given
-            self._latest = _Positioned(self._reference, still, faces.gap_factors(time))
-            self._reference = self.surface(self.rigid_motions(time), time)
+            if any(one.foundation is None and one.against is None for one in self.contacts):  # the plane of the face
+                faces = faces.against(faces.surface(self.elasticity, still, time).foundations)
+            motions = faces.rigid_motions(time)
+            self._faces, self._reference = faces, faces.surface(self.elasticity, motions, time)
+            self._latest = _Positioned(self._reference, motions, faces.gap_factors(time))
             refuse_untouched(self.elasticity, self._reference)
             self.probes = self.located(probes)
-        for text in (*self.elasticity.contradictions, *self._reference.remarks):
-            if self.comm.rank == 0:
-                _log.warning("%s", text)
+        self.remarks = (*self.elasticity.contradictions, *self._reference.remarks)
         self.kept_matrix = KeptMatrix()
         free, points = 3 * len(self.elasticity.x) - self.elasticity.held.number, 3 * len(self._reference.nodes)
         self.unknowns = {

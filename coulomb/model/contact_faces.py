@@ -107,7 +107,8 @@ class ContactFaces:
                 surface = pair_surface(elasticity, self.pair(number, elasticity), contact.axes, given, factor)
             else:
                 there = foundation and moved(foundation, motion)
-                surface = contact_surface(elasticity, contact.face, there, contact.normals, contact.axes, given, factor)
+                axes, facing = contact.axes, contact.facing
+                surface = contact_surface(elasticity, contact.face, there, contact.normals, axes, given, factor, facing)
             deepest = over.max(-factor * surface.gap_field)
             if deepest > size:
                 raise ValueError(

@@ -79,7 +79,7 @@ def explained(elasticity: Deformable) -> Iterator[None]:
     except (ValueError, PETSc.Error, Unsolved) as error:
         slow = isinstance(error, Unsolved) and not error.indefinite
         if elasticity.forms() is not None and not slow:
-            raise ValueError(
+            raise NotPositiveDefinite(
                 "Body: a is not positive definite where bcs hold nothing, to rounding: look at the signs of its terms "
                 "and coefficients, and whether bcs or Robin terms hold every part of the body"
                 + "".join(member.body.suspects() for member in elasticity.members)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import cast
+from typing import Self, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -49,6 +50,8 @@ from .provenance import now, timed
 from .small_strain import known_mode
 from .solution import Solution, warn
 from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
+
+_log = logging.getLogger(__name__)
 
 
 class LinearSolveFailed(NotConverged):
@@ -133,8 +136,8 @@ class ContactProblem(DiscreteProblem):
         linear_solver: DirectSolver ("direct") or IterativeSolver ("iterative") for K^-1; by default ("auto")
             chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
-        small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce", or
-            causes a warning, "warn".
+        small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce",
+            causes a warning, "warn", or nothing, "ignore".
         probes: Points at which displacement, slip and pressure are reported: `Solution.probes`, summary.json and
             history.csv.
 
@@ -205,6 +208,8 @@ class ContactProblem(DiscreteProblem):
             )
 
         body = ContactBody(make, mesh.comm, _contacts(given), time, _linear_solver(linear_solver), explicit, probes)
+        for text in body.remarks if mode != "ignore" and body.comm.rank == 0 else ():
+            _log.warning("%s", text)
         with timed(body.seconds, "assembly"):
             state = body.state(time)
         super().__init__(body, state, mode, started, body.seconds)
@@ -228,9 +233,9 @@ class ContactProblem(DiscreteProblem):
 
     def in_state(
         self, state: ContactState, seconds: dict[str, float] | None = None, before: Before | None = None
-    ) -> ContactProblem:
+    ) -> Self:
         """The problem of the same body in another state; `seconds` and `before` as of `DiscreteProblem`."""
-        problem = ContactProblem.__new__(ContactProblem)  # __init__ makes the body
+        problem = type(self).__new__(type(self))  # __init__ makes the body
         DiscreteProblem.__init__(
             problem, self.body, state, self.small_strain, self.started, {} if seconds is None else seconds, before
         )
@@ -322,7 +327,8 @@ class ContactProblem(DiscreteProblem):
                 except Unsolved as failure:
                     raise _linear_solve_failed(self, problem, failure, counted, type(chosen).__name__) from None
         answer = self.solution(result, criterion)
-        warn(answer)
+        if self.small_strain != "ignore":
+            warn(answer)
         return answer
 
     def _default(self, tolerance: float) -> Solver:

@@ -184,7 +184,7 @@ def _face(
     at_vertices = slope(elasticity.x[points.nodes])
     gaps = points.gap(gap) + points.average(given)
     H = elasticity.held.projector_at(points.nodes)
-    facing = ~faces_away(at_vertices, outward[points.nodes])
+    facing = ~(contact.facing & faces_away(at_vertices, outward[points.nodes]))
     free = facing & (held_length(n, points.held(elasticity.held)) <= HELD_BEYOND)
     points, n, x, H, gaps = points.only(free), n[free], x[free], H[free], gaps[free]
     law = contact.law(x, points.area, time, slip_rate[points.nodes], comm)

@@ -284,6 +284,15 @@ def coarse(demo, times, folder):
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
+def test_demo_rubber_block():
+    """The block sticks first, then friction over normal force is 0.3 but for the slope where it is."""
+    rows = table(said("rubber_block.py"), r"^#0* s: # linear problems, T # N, N # N$")
+    assert len(rows) == 12 and np.max(rows[:, 1]) <= 12
+    drawn = -rows[2:, 2] / rows[2:, 3]
+    assert np.all(np.diff(drawn[:4]) > 0.0) and drawn[0] < 0.15
+    assert np.all(np.abs(drawn[4:] - 0.3) < 0.05)
+
+
 def test_demo_lap_joint(tmp_path):
     """The joint slips at twice F times the normal force of each side, that of the bolt but for bent plates."""
     found = coarse("lap_joint.toml", [1.0, 1.2, 2.0], tmp_path / "joint")

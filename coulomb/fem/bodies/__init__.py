@@ -7,8 +7,9 @@ from .constraints import HELD_OBLIQUE, HeldDirections, HeldNodes, Nodes, distrib
 from .deformable import Deformable, Loading, Member, SingleBody
 from .displacement_space import DisplacementSpace
 from .elasticity import Elasticity, LoadedBody
-from .form_body import Body
+from .form_body import BilinearForm, Body, FormValues
 from .free_motions import FreeMotion, motions_in_words
+from .garbage import free_earlier_bodies
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .loads import (
     TEMPERATURE,

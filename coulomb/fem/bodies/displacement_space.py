@@ -97,6 +97,16 @@ class DisplacementSpace:
         number = np.argmax(of_cell.array.reshape(-1, len(columns))[cell] == own[:, None], axis=1)
         return cell, np.asarray(columns)[number]
 
+    def points_of_cells(self, cells: npt.NDArray[np.int32]) -> FloatArray:
+        """Coordinates of the nodes of cells (c,) of this rank, in metres, shape (c, n, 3)."""
+        domain, cell = self.domain, self.domain.topology.cell_type
+        x: FloatArray = domain.geometry.x[compat.cell_geometry(domain)[cells]]
+        degree = compat.geometry_degree(domain)
+        if degree == self.degree:
+            return x
+        values = lagrange_values(cell, degree, lagrange_points(cell, self.degree))
+        return np.einsum("ac,kci->kai", np.round(values, 12), x)
+
     def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
         """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,); collective."""
 
@@ -202,12 +212,8 @@ class DisplacementSpace:
     def _coordinates(self) -> FloatArray:
         """Of this rank's nodes, exactly those of the mesh: DOLFINx's tabulated ones have rounding errors, so that
         functions of place such as sqrt(x) have no value at x = 0."""
-        nodes, points = compat.cell_dofs(self.V), compat.cell_geometry(self.domain)
-        in_cells = self.domain.geometry.x[points]
-        if nodes.shape[1] != points.shape[1]:  # the orders of displacements and mesh differ
-            cell = self.domain.topology.cell_type
-            values = lagrange_values(cell, compat.geometry_degree(self.domain), lagrange_points(cell, self.degree))
-            in_cells = np.einsum("ac,kci->kai", np.round(values, 12), in_cells)
+        nodes = compat.cell_dofs(self.V)
+        in_cells = self.points_of_cells(np.arange(len(nodes), dtype=np.int32))
         x = np.empty((self._owned, 3))
         mine = nodes < self._owned
         x[nodes[mine]] = in_cells[mine]

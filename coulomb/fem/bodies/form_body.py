@@ -68,17 +68,17 @@ class BilinearForm:
     """
 
     def __init__(self, a: Any, V: Any):
-        self._form, self._u = compiled(a, "a", V.mesh.comm), fem.Function(V)
+        self.compiled, self._u = compiled(a, "a", V.mesh.comm), fem.Function(V)
         self._action = None if compat_forms.is_compiled(a) else compiled(ufl.action(a, self._u), "a", V.mesh.comm)
 
     @property
     def values(self) -> FormValues:
-        return values_of(self._form)
+        return values_of(self.compiled)
 
     def suspects(self, values: FormValues) -> str:
         """Which of these values make a vanish or are not finite, for the end of a message; collective."""
         comm = self._u.function_space.mesh.comm
-        names = [f"the function {function.name!r}" for function in compat_forms.functions_in(self._form)]
+        names = [f"the function {function.name!r}" for function in compat_forms.functions_in(self.compiled)]
         sizes = [float(np.max(np.abs(one), initial=0.0)) for one in values.functions]
         sizes = [float(np.max(comm.allgather(size))) for size in sizes]  # nan is the largest
         names += ["a constant"] * len(values.constants)
@@ -89,8 +89,8 @@ class BilinearForm:
 
     def matrix(self, values: FormValues) -> PETSc.Mat:
         """The matrix with these values of the coefficients; collective."""
-        with self._with_coefficients(values):
-            return compat.assemble_matrix(self._form, values.constants)
+        with self.with_coefficients(values):
+            return compat.assemble_matrix(self.compiled, values.constants)
 
     def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
         """a(u, v) of all hat functions v, for nodal vectors u; shapes (k, 3); collective."""
@@ -99,7 +99,7 @@ class BilinearForm:
         own = self._u.x.array[: u.size]
         own[:] = u.ravel()
         self._u.x.scatter_forward()
-        with self._with_coefficients(values):
+        with self.with_coefficients(values):
             return summed(fem.petsc.assemble_vector(self._action, values.constants))
 
     def _product(self, values: FormValues, u: FloatArray) -> FloatArray:
@@ -113,9 +113,9 @@ class BilinearForm:
         return forces
 
     @contextmanager
-    def _with_coefficients(self, values: FormValues) -> Iterator[None]:
+    def with_coefficients(self, values: FormValues) -> Iterator[None]:
         """With the user's functions at other values, which are reset afterwards."""
-        functions = compat_forms.functions_in(self._form)
+        functions = compat_forms.functions_in(self.compiled)
         present = [np.array(function.x.array) for function in functions]
         for function, taken in zip(functions, values.functions, strict=True):
             function.x.array[:] = taken

@@ -19,7 +19,6 @@ from .. import compat
 from ..bodies import DisplacementSpace
 from ..compat import basix
 from ..geometry import RigidFoundation
-from ..meshes import lagrange_points, lagrange_values
 
 _NEWTON_STEPS = 30
 
@@ -396,11 +395,7 @@ def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> Face
     cell, columns = space.in_cells(facets)
     dofs = compat.cell_dofs(space.V)[cell[:, None], columns]
     nodes = np.asarray(space.V.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32)), dtype=np.int64)
-    degree = compat.geometry_degree(space.domain)
-    in_cells = space.domain.geometry.x[compat.cell_geometry(space.domain)[cell]]
-    if degree != space.degree:
-        values = lagrange_values(topology.cell_type, degree, lagrange_points(topology.cell_type, space.degree))
-        in_cells = np.einsum("ac,kci->kai", np.round(values, 12), in_cells)
+    in_cells = space.points_of_cells(cell)
     x = np.take_along_axis(in_cells, columns[:, :, None], axis=1)
     patch = FacetPatch(kind, nodes.reshape(-1, kind.width), x, int(space.V.dofmap.index_map.size_global))
     outward = x[:, : kind.corners].mean(axis=1) - in_cells.mean(axis=1)

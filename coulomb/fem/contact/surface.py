@@ -159,6 +159,7 @@ def contact_surface(
     axes: FrictionAxes | None = None,
     gap_field: Callable[[FloatArray], FloatArray] | None = None,
     gap_factor: float = 1.0,
+    facing: bool = True,
 ) -> ContactSurface:
     """The contact nodes of a face against a rigid foundation, by default the plane of the face, which must then be
     plane.
@@ -183,6 +184,7 @@ def contact_surface(
         axes: Orthotropic friction, by which the tangents are rotated and scaled.
         gap_field: A gap in metres that is added to the distance, of nodes x (k, 3) of this rank; collective.
         gap_factor: Its amplitude.
+        facing: Whether nodes that face away from the foundation are no contact points; else all are.
 
     Raises:
         ValueError: On every rank, if the face is unknown, curved without a foundation given, turned away from a
@@ -205,7 +207,7 @@ def contact_surface(
     _refuse(area[on_face] <= 0.0, place, f"{what} has a node without area", comm)
     inwards = _evaluate(foundation.normal, place, 3, comm, face)
     away, gap = np.zeros(len(body.x), dtype=bool), np.zeros(len(body.x))
-    away[on_face] = faces_away(inwards, outward[on_face])
+    away[on_face] = facing & faces_away(inwards, outward[on_face])
     gap[on_face] = _evaluate(foundation.signed_distance, place, 1, comm, face)
     facing = comm.allreduce(int(np.sum(~away[points.nodes])), op=MPI.SUM)
     inside = away[on_face] & ((gap[on_face] <= 0.0) | (facing == 0))

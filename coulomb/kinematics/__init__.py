@@ -1,0 +1,7 @@
+"""Large motions: Newton's method around the contact problem of small displacements, which is solved as ever at each
+deformed place.  Bodies with a nonlinear residual, slip along curved surfaces, load steps; nothing below knows it.
+"""
+
+from ..lazy_names import stubbed
+
+__all__, __getattr__ = stubbed(__name__, __file__)

@@ -1,0 +1,278 @@
+"""A body of large displacements, from the user's energy or residual; and what it is at a displacement: a linear body.
+
+At a displacement u the body is that of the small displacements du from there: its stiffness is the tangent, its load
+minus the residual, its prescribed displacements are those that are left, and its nodes, areas and normals are those of
+the deformed place.  So everything that poses and solves a linear contact problem takes it as it is.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from ..fem import compat, compat_forms
+from ..fem.bodies import BilinearForm, Body, FormValues, Loading, free_earlier_bodies
+from ..fem.compat import fem, ufl
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a body is linearised.
+
+    Attributes:
+        u: Displacement of this rank's nodes, metres, shape (k, 3).
+        loading: Minus the residual without contact, newtons, and the prescribed displacements that are left.
+        prescribed: The whole prescribed displacements, 0 elsewhere, metres, shape (k, 3).
+        values: Of the coefficients of the tangent.
+    """
+
+    u: FloatArray
+    loading: Loading
+    prescribed: FloatArray
+    values: FormValues
+
+
+class NonlinearBody(Body):
+    """A body from the user's energy, or residual F(u; v), for `LargeMotions`: find u with F(u; v) = 0 for all v.
+
+    Displacements are Lagrange vectors of first or second order, as of `Body`; all coordinates in the forms are those
+    before deformation.  The tangent is UFL's derivative.  Where a surface load follows the surface the tangent is not
+    symmetric; its symmetric part is taken, and the residual stays as it is.
+
+    Args:
+        energy: Potential energy, a form without arguments: that of the strains less the work of the loads.
+        residual: In place of an energy, a linear form: the work of internal forces less that of loads.
+        displacement: The function u in it, which is set to the answer.
+        bcs, faces, update: As of `Body`.
+
+    Raises:
+        ValueError: On every rank, as `Body`; if u is not in the form.
+    """
+
+    _place: _Place | None = None
+
+    def __init__(
+        self,
+        energy: Any = None,
+        bcs: Sequence[Any] = (),
+        faces: Any = None,
+        *,
+        displacement: Any,
+        residual: Any = None,
+        update: Any = None,
+    ):
+        if (energy is None) == (residual is None):
+            raise ValueError("NonlinearBody: give either energy or residual, one of the two")
+        form = residual if energy is None else energy
+        if not isinstance(form, ufl.Form) or displacement not in form.coefficients():
+            raise ValueError(
+                f"NonlinearBody: {'residual' if energy is None else 'energy'} must be a form of UFL in which the "
+                "displacement is a coefficient"
+            )
+        V = displacement.function_space
+        F = ufl.derivative(energy, displacement, ufl.TestFunction(V)) if residual is None else residual
+        self._displacement = displacement
+        tangent = ufl.derivative(F, displacement, ufl.TrialFunction(V))
+        inside, surface = (_of_kind(tangent, cells) for cells in (True, False))
+        self._inside, self._on_facets = inside, None if surface is None else 0.5 * (surface + ufl.adjoint(surface))
+        whole = inside if self._on_facets is None else inside + self._on_facets
+        super().__init__(whole, -F, bcs, faces, update=update)
+        self.reference: FloatArray = self.x
+        self._function = fem.Function(self.V)
+        self._surface_forms: dict[tuple[bytes, bool], tuple[Any, Any]] = {}
+
+    # --- at a displacement ------------------------------------------------------------------------------------------
+
+    def linearised(self, u: FloatArray, time: float) -> NonlinearBody:
+        """The body of small displacements from u (k, 3) in metres at a time; the stiffness is made when it is first
+        asked for; collective."""
+        free_earlier_bodies(self.domain)
+        there = copy.copy(self)
+        there._place, there.x = None, self.reference + u
+        there._integrals, there.points_of_faces, there._known = {}, {}, None
+        self._set(time)
+        self._displacement.x.array[: u.size] = u.ravel()
+        self._displacement.x.scatter_forward()
+        loading = Body.at(there, time)
+        rest = loading.prescribed - self.held_part(u)
+        there._place = _Place(u.copy(), Loading(time, loading.load, rest), loading.prescribed, self._a.values)
+        return there
+
+    @property
+    def place(self) -> _Place:
+        assert self._place is not None
+        return self._place
+
+    @property
+    def _stiffness(self) -> Any:
+        if self._known is None:
+            self._known = self._stiff(self._a.values if self._place is None else self._place.values)
+        return self._known
+
+    def at_time(self, time: float) -> Body:
+        return self if self._place is not None else super().at_time(time)
+
+    def at(self, time: float) -> Loading:
+        return super().at(time) if self._place is None else self._place.loading
+
+    def outdated(self, loading: Loading) -> bool:
+        return self._place is None and super().outdated(loading)
+
+    def blocked_displacement(self, loading: Loading) -> float:
+        return super().blocked_displacement(loading) if self._place is None else 0.0
+
+    def least_volume_ratio(self, u: FloatArray) -> float:
+        """Smallest det(I + grad u) of all cells, at the nodes of each: negative where one is inside out; collective."""
+        self._function.x.array[: u.size] = u.ravel()
+        self._function.x.scatter_forward()
+        values, expression = self._volume_ratio
+        values.interpolate(expression)
+        least = self.comm.allgather(float(np.min(values.x.array, initial=np.inf)))
+        return float(np.min(least))  # nan if one is
+
+    @cached_property
+    def _volume_ratio(self) -> tuple[Any, Any]:
+        W = compat.functionspace(self.domain, self.degree, family="DG")
+        J = ufl.det(ufl.Identity(3) + ufl.grad(self._function))
+        return fem.Function(W), fem.Expression(J, compat.interpolation_points(W))
+
+    # --- deformed surface -------------------------------------------------------------------------------------------
+
+    def on_springs(self, stiffness: FloatArray, force: FloatArray) -> NonlinearBody:
+        """The same linearised body with springs at this rank's nodes, N/m, (k, 3, 3), and forces there, N, (k, 3)."""
+        there = copy.copy(self)
+        there._a, there._known = _OnSprings(self._a, stiffness, self.V), None
+        loading = self.place.loading
+        there._place = replace(self.place, loading=replace(loading, load=loading.load + force))
+        return there
+
+    def made_positive(self) -> NonlinearBody:
+        """The same linearised body with the nearest tangent that is positive semidefinite in every cell; collective."""
+        there = copy.copy(self)
+        there._a, there._known = _PositivePart(self._inside, self._on_facets, self.V), None
+        return there
+
+    def points_of_cells(self, cells: npt.NDArray[np.int32]) -> FloatArray:
+        x = super().points_of_cells(cells)
+        if self._place is None:
+            return x
+        self._at_place()
+        x += self._function.x.array.reshape(-1, 3)[compat.cell_dofs(self.V)[cells]]
+        return x
+
+    def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
+        if self._place is None:
+            return super().area_of(facets)
+        return self._integral("area", facets, lambda: self._on_surface(facets, False)[0])
+
+    def normal_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
+        if self._place is None:
+            return super().normal_of(facets)
+        return self._integral("normal", facets, lambda: self._on_surface(facets, False)[1])
+
+    def positive_weights(self, facets: npt.NDArray[np.int32]) -> tuple[FloatArray, FloatArray]:
+        if self._place is None or self.positive:
+            return super().positive_weights(facets)
+        area, normal = self.area_of(facets), self.normal_of(facets)
+        node = self.vertices.node
+        area[node], normal[node] = self._on_surface(facets, True)
+        return area, normal
+
+    def _at_place(self) -> None:
+        self._function.x.array[: self.place.u.size] = self.place.u.ravel()
+        self._function.x.scatter_forward()
+
+    def _on_surface(self, facets: npt.NDArray[np.int32], vertices: bool) -> tuple[FloatArray, FloatArray]:
+        """Integrals of the deformed area and of its normal against the hat functions, or the linear ones of the
+        vertices: n da = J F^-T N dA (Nanson)."""
+        key = facets.tobytes(), vertices
+        if not self.comm.allreduce(key in self._surface_forms, op=MPI.LAND):
+            space = self.vertices.space.V if vertices else self.V
+            v, F = ufl.TestFunction(space), ufl.Identity(3) + ufl.grad(self._function)
+            n = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(self.domain)
+            ds = self.measure(facets)(metadata={"quadrature_degree": 4 * self.degree})
+            self._surface_forms[key] = (
+                fem.form(ufl.sqrt(ufl.inner(n, n)) * ufl.inner(ufl.as_vector([1.0, 1.0, 1.0]), v) * ds),
+                fem.form(ufl.inner(n, v) * ds),
+            )
+        self._at_place()
+        area, normal = map(self._assemble, self._surface_forms[key])
+        return area[:, 0].copy(), normal
+
+
+def _of_kind(form: Any, cells: bool) -> Any:
+    """The integrals of a form over cells, or the others; None if there are none."""
+    chosen = [one for one in form.integrals() if (one.integral_type() == "cell") == cells]
+    return ufl.Form(chosen) if chosen else None
+
+
+class _OnSprings(BilinearForm):
+    """A tangent on V with springs at the nodes, N/m, shape (k, 3, 3)."""
+
+    def __init__(self, tangent: BilinearForm, stiffness: FloatArray, V: Any):
+        super().__init__(tangent.compiled, V)
+        self._tangent, self._stiffness = tangent, stiffness
+
+    def matrix(self, values: FormValues) -> PETSc.Mat:
+        K = self._tangent.matrix(values)
+        first = K.getOwnershipRange()[0] // 3
+        for node in np.flatnonzero(np.any(self._stiffness, axis=(1, 2))):
+            at = np.array([first + node], dtype=PETSc.IntType)
+            K.setValuesBlocked(at, at, self._stiffness[node], addv=PETSc.InsertMode.ADD)
+        K.assemble()
+        return K
+
+    def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
+        forces: FloatArray = self._tangent.residual(values, u) + np.einsum("kij,kj->ki", self._stiffness, u)
+        return forces
+
+
+class _PositivePart(BilinearForm):
+    """In place of a tangent the sum of the nearest positive semidefinite matrices of the cells (Higham 1988), and the
+    integrals over facets as they are."""
+
+    def __init__(self, inside: Any, on_facets: Any, V: Any):
+        super().__init__(inside if on_facets is None else inside + on_facets, V)
+        self._V, self._inside = V, BilinearForm(inside, V)
+        self._on_facets = None if on_facets is None else BilinearForm(on_facets, V)
+        self._kept: PETSc.Mat | None = None
+
+    def matrix(self, values: FormValues) -> PETSc.Mat:
+        if self._kept is None:
+            self._kept = self._assembled(values)
+        return self._kept.duplicate(copy=True)
+
+    def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
+        given, result = self.matrix(values).createVecs()
+        given.array[:] = u.ravel()
+        assert self._kept is not None
+        self._kept.mult(given, result)
+        forces: FloatArray = result.array_r.reshape(-1, 3).copy()
+        given.destroy()
+        result.destroy()
+        return forces
+
+    def _assembled(self, values: FormValues) -> PETSc.Mat:
+        K = self._inside.matrix(values)
+        with self._inside.with_coefficients(values):
+            matrices = compat_forms.cell_matrices(self._inside.compiled, self._V)
+        sizes, vectors = np.linalg.eigh(matrices)
+        matrices = np.einsum("cik,ck,cjk->cij", vectors, np.maximum(sizes, 0.0), vectors)
+        K.zeroEntries()
+        for nodes, matrix in zip(compat.cell_dofs(self._V), matrices, strict=False):
+            K.setValuesBlockedLocal(nodes, nodes, matrix, addv=PETSc.InsertMode.ADD)
+        K.assemble()
+        if self._on_facets is not None:
+            surface = self._on_facets.matrix(values)
+            K.axpy(1.0, surface)
+            surface.destroy()
+        return K

@@ -1,0 +1,129 @@
+"""Slip over a load step, measured on the surface that is slid on, whatever motion both have in common.
+
+On a rigid foundation a node has a foot point, fixed in the foundation's coordinates: slip is the way of the foot point
+since the start of the step, along the arc, in the direction of its chord in the present tangent plane.  It is exactly 0
+where the node has stayed on its place of the foundation, however far this has moved.
+
+Of two deformable faces, contact point j has the averages D x of the slave and M x of the master.  With the weights of
+the start of the step these are of the points that were opposite then, with the present ones of those that are now: slip
+is (D0 - M0) x - (D - M) x in the tangent plane (Puso and Laursen 2004), 0 in every rigid motion of both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..fem.bodies import Deformable
+from ..fem.contact import ContactSurface
+from ..fem.geometry import RigidFoundation, RigidMotion, on_all_ranks
+
+Foundations = Sequence[RigidFoundation | None]
+"""Of all contact faces; None of pairs."""
+
+_FOOT_STEPS = 3
+"""Projections of a point on a foundation: one is exact for a distance, the others for other level-set functions."""
+
+_PARALLEL = 1e-4
+"""Angle in radians of two normals below which chord and arc are equal to rounding: its square over 24 is 4e-10."""
+
+
+@dataclass(frozen=True)
+class FaceMotion:
+    """Where the nodes of the contact faces were on their foundations at the start of a load step.
+
+    Attributes:
+        feet: Foot points of this rank's nodes in the coordinates of the foundation of their face, shape (k, 3); nan
+            elsewhere.
+        normals: Unit normals of the foundation there, shape (k, 3).
+        surface: Contact points at the start of the step.
+    """
+
+    feet: FloatArray
+    normals: FloatArray
+    surface: ContactSurface
+
+    def slip(
+        self,
+        body: Deformable,
+        surface: ContactSurface,
+        motions: Sequence[RigidMotion],
+        foundations: Foundations,
+    ) -> FloatArray:
+        """Slip since the start of the step at the contact points of a surface, space vectors in metres, shape (m, 3);
+        0 at points that have been none at the start; collective."""
+        slip = np.zeros_like(surface.x)
+        present, normals = foot_points(body, surface.faces, motions, foundations)
+        way = _along_arc(present - self.feet, normals, self.normals)
+        for part, motion in enumerate(motions):
+            here = surface.part == part
+            if foundations[part] is not None:
+                # of points that are averages of nodes: of the feet of these
+                moved = surface.points.average(np.nan_to_num(way))[here]
+                slip[here] = motion.turned(moved)
+        paired = surface.points.opposite is not None
+        if body.comm.allreduce(paired):
+            slip += self._between_faces(body, surface, foundations)
+        return slip
+
+    def _between_faces(self, body: Deformable, surface: ContactSurface, foundations: Foundations) -> FloatArray:
+        then, now = (_separation(one, body.x) for one in (self.surface, surface))
+        before: FloatArray = np.full((len(body.x), 3), np.nan)
+        before[self.surface.nodes] = then
+        slip: FloatArray = np.nan_to_num(before[surface.nodes] - now)
+        on_foundation = np.array([foundation is not None for foundation in foundations])[surface.part]
+        slip[on_foundation] = 0.0
+        return slip
+
+
+def at_start(
+    body: Deformable,
+    surface: ContactSurface,
+    motions: Sequence[RigidMotion],
+    foundations: Foundations,
+) -> FaceMotion:
+    """The start of a load step of a body at its present place; collective."""
+    return FaceMotion(*foot_points(body, surface.faces, motions, foundations), surface)
+
+
+def foot_points(
+    body: Deformable,
+    faces: Sequence[str],
+    motions: Sequence[RigidMotion],
+    foundations: Foundations,
+) -> tuple[FloatArray, FloatArray]:
+    """Foot points and normals of `FaceMotion`, of the present places of the nodes; collective."""
+    feet, normals = np.full((2, *body.x.shape), np.nan)
+    for face, motion, foundation in zip(faces, motions, foundations, strict=True):
+        if foundation is not None:
+            nodes = body.nodes(face, "contact")
+            find = partial(_foot, foundation, motion.undone(body.x[nodes]))
+            feet[nodes], normals[nodes] = on_all_ranks(find, f"contact face {face!r}: foundation", body.comm)
+    return feet, normals
+
+
+def _foot(foundation: RigidFoundation, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    for _ in range(_FOOT_STEPS if len(x) else 0):
+        x = x - foundation.signed_distance(x)[:, None] * foundation.normal(x)
+    return x, foundation.normal(x) if len(x) else x
+
+
+def _along_arc(chord: FloatArray, now: FloatArray, then: FloatArray) -> FloatArray:
+    """Vectors in the present tangent plane along chords (k, 3), as long as the arcs between normals (k, 3)."""
+    tangent = chord - np.einsum("ki,ki->k", chord, now)[:, None] * now
+    length, along = np.linalg.norm(chord, axis=1), np.linalg.norm(tangent, axis=1)
+    half = 0.5 * np.arctan2(np.linalg.norm(np.cross(then, now), axis=1), np.einsum("ki,ki->k", then, now))
+    arc = np.where(half > _PARALLEL, length * half / np.sin(np.maximum(half, _PARALLEL)), length)
+    stretched: FloatArray = tangent * np.divide(arc, along, out=np.zeros_like(arc), where=along > 0.0)[:, None]
+    return stretched
+
+
+def _separation(surface: ContactSurface, x: FloatArray) -> FloatArray:
+    """(D - M) x at the contact points, without its part along the present normal; shape (m, 3); collective."""
+    apart: FloatArray = surface.points.average(x)
+    opposite = surface.points.opposite_average(x)
+    return apart if opposite is None else apart - opposite

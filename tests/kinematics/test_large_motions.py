@@ -1,0 +1,181 @@
+"""Large motions against formulas, in rotated frames, over long ways, and what is refused."""
+
+import numpy as np
+import pytest
+from rubber_blocks import LAME, MU, RubberBlock
+from scipy.optimize import brentq
+
+import coulomb
+from coulomb.kinematics import LargeMotions, mooney_rivlin, st_venant_kirchhoff
+from coulomb.kinematics.large_motions import StepCut
+
+
+def down(depth, until=1.0):
+    return lambda time, x: np.array([0.0 * x[0], 0.0 * x[0], 0.0 * x[0] - depth * min(time, until)])
+
+
+def drawn(depth, way):
+    """Down until time 1, then along x until time 2."""
+    zero = down(depth)
+    return lambda time, x: zero(time, x) + np.array([[way * min(max(time - 1.0, 0.0), 1.0)], [0.0], [0.0]])
+
+
+def answers(body, contacts, times, **history):
+    problem = LargeMotions(body, contacts)
+    return [step.solution for step in problem.steps(coulomb.LoadHistory(times, **history))]
+
+
+def force(solution):
+    return np.array(solution.at_nodes.totals()["force"])
+
+
+def neo_hookean_stress(stretch, mu, lame):
+    """First Piola stress of a bar, from the condition that its sides are free."""
+    side = brentq(lambda a: mu * (a - 1.0 / a) + lame * np.log(a * a * stretch) / a, 0.5, 2.0)
+    return mu * (stretch - 1.0 / stretch) + lame * np.log(side * side * stretch) / stretch
+
+
+@pytest.mark.parametrize(
+    "cell, degree, given, most",
+    [
+        ("hexahedron", 1, "energy", 6),
+        ("hexahedron", 1, "residual", 6),
+        ("hexahedron", 2, "energy", 6),
+        ("tetrahedron", 1, "energy", 6),
+        ("tetrahedron", 2, "energy", 20),  # contact points that are averages have no springs (`supported`)
+    ],
+)
+def test_a_block_between_smooth_plates_has_the_stress_of_the_formula(cell, degree, given, most):
+    cells = (1, 1, 1) if degree == 2 else (2, 2, 2)
+    one = RubberBlock(down(0.4), cells, cell=cell, degree=degree, components=(2,), rollers=True, given=given)
+    (answer,) = answers(one.body, coulomb.Contact("bottom", friction=0.0), [1.0])
+    assert answer.valid and answer.outer_iterations <= most
+    assert force(answer) == pytest.approx([0.0, 0.0, -neo_hookean_stress(0.6, MU, LAME)], rel=1e-7, abs=1.0)
+
+
+def test_other_energies_have_the_stress_of_their_formulas():
+    def pressed(energy):
+        one = RubberBlock(down(0.2), (1, 1, 1), components=(2,), rollers=True, energy=energy)
+        return -force(answers(one.body, coulomb.Contact("bottom", friction=0.0), [0.5, 1.0])[-1])[2]
+
+    young, poisson, stretch = 1e6, 0.3, 0.8
+    mu, lame = young / 2.6, young * poisson / (1.3 * 0.4)
+    expected = 0.5 * young * stretch * (stretch**2 - 1.0)
+    assert pressed(lambda u: st_venant_kirchhoff(u, mu, lame)) == pytest.approx(expected, rel=1e-7)
+    c1, c2 = 3e5, 1e5
+    incompressible = 2.0 * (stretch - stretch**-2) * (c1 + c2 / stretch)
+    assert pressed(lambda u: mooney_rivlin(u, c1, c2, 1e4 * c1)) == pytest.approx(incompressible, rel=1e-3)
+
+
+def test_a_rotation_by_90_degrees_turns_the_forces_and_nothing_slips():
+    def turned(angle):
+        return np.array([[np.cos(angle), 0.0, np.sin(angle)], [0.0, 1.0, 0.0], [-np.sin(angle), 0.0, np.cos(angle)]])
+
+    def angle(time):
+        return 0.5 * np.pi * max(time - 1.0, 0.0)
+
+    def way(time, x):
+        return turned(angle(time)) @ (x + down(0.2)(time, x)) - x
+
+    rotation = coulomb.Rotation((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), angle)
+    plane = coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    contact = coulomb.Contact("bottom", friction=0.3, foundation=plane, rotation=rotation)
+    before, *_, after = answers(RubberBlock(way).body, contact, [1.0, 1.25, 1.5, 1.75, 2.0])
+    assert after.valid and after.certificate["natural residual"].value < 1e-9
+    size = np.linalg.norm(force(before))
+    assert np.abs(force(after) - turned(0.5 * np.pi) @ force(before)).max() < 1e-9 * size
+    assert np.abs(after.at_nodes.slip).max() < 1e-9
+
+
+def test_a_load_inside_the_friction_cone_does_not_creep():
+    held = answers(
+        RubberBlock(drawn(0.1, 0.02)).body, coulomb.Contact("bottom", friction=0.8), [0.5, 1.0, 1.5, 2.0, *range(3, 23)]
+    )[4:]
+    assert all(one.valid for one in held)
+
+    def place(one):
+        return one.displacement[one.linear.problem.surface.nodes]
+
+    assert np.abs(place(held[-1]) - place(held[0])).max() < 1e-12
+    assert np.abs(force(held[-1])[0]) > 0.04 * force(held[-1])[2]  # there is something to hold
+
+
+def test_drawn_over_a_plane_friction_is_at_its_bound_everywhere():
+    """And the block has gone further than its length."""
+    *_, last = answers(
+        RubberBlock(drawn(0.1, 1.5)).body, coulomb.Contact("bottom", friction=0.3), [0.5, 1.0, 1.25, 1.5, 1.75, 2.0]
+    )
+    tangential, _, normal = force(last)
+    assert last.valid and tangential == pytest.approx(-0.3 * normal, rel=1e-8)
+
+
+def test_drawn_over_waves_every_step_takes_few_iterations():
+    """The normals turn, and with them the tangent: without that term the sixth step takes more than twice as many."""
+    waves = coulomb.SignedDistance(lambda x: x[2] + 0.1 - 0.1 * np.sin(np.pi * x[0]))
+    one = RubberBlock(drawn(0.3, 1.5), (4, 1, 2))
+    found = answers(
+        one.body, coulomb.Contact("bottom", friction=0.3, foundation=waves), [0.25, 0.5, 0.75, 1.0, 1.05, 1.1, 1.15]
+    )
+    assert all(one.valid for one in found)
+    assert max(one.outer_iterations for one in found) <= 8
+    y = (one.body.reference + found[-1].displacement)[found[-1].linear.problem.surface.nodes]
+    closed = found[-1].contact_force[0::3] > 0.0
+    assert np.any(closed)
+    assert np.abs(y[closed, 2] - 0.1 * (np.sin(np.pi * y[closed, 0]) - 1.0)).max() < 1e-9
+
+
+def test_small_loads_have_the_small_displacements_to_second_order():
+    sizes = []
+    for size in (1.0, 0.5):
+        one = RubberBlock(down(0.02 * size))
+        (large,) = answers(one.body, coulomb.Contact("bottom", friction=0.3), [1.0])
+        small = coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)),
+            coulomb.Material(1e6, 0.3),
+            [coulomb.PrescribedDisplacement("top", (0.0, 0.0, -0.02 * size))],
+            coulomb.Contact("bottom", friction=0.3),
+        ).solve()
+        sizes.append(abs(force(large)[2] - small.at_nodes.totals()["force"][2]))
+    assert sizes[0] / sizes[1] == pytest.approx(4.0, rel=0.05)
+
+
+def test_two_bodies_slide_past_each_other_by_elements():
+    """Friction is at its bound, but for the slope of the pressed face, and both bodies are in balance."""
+    lower = RubberBlock(cells=(6, 2, 1), size=(2.0, 1.0, 0.5), held="bottom")
+    upper = RubberBlock(drawn(0.05, 0.7), cells=(2, 1, 1), size=(0.8, 0.8, 0.5), at=(0.1, 0.1, 0.5))
+    both = coulomb.join(lower=lower.body, upper=upper.body)
+    contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.2)
+    found = answers(both, contact, [1.0, 1.2, 1.4, 1.6, 1.8, 2.0])
+    assert all(one.valid for one in found)
+    for one in found[2:]:
+        totals = one.at_nodes.totals()
+        along, _, across = totals["force"]
+        assert along == pytest.approx(-0.2 * across, rel=0.05)
+        assert totals["greatest_slip"] == pytest.approx(0.14, rel=0.15)
+        assert one.certificate["action and reaction"].value < 1e-12
+
+
+def test_elements_inside_out_are_seen():
+    one = RubberBlock(cells=(2, 1, 1))
+    u = np.zeros_like(one.body.reference)
+    assert one.body.least_volume_ratio(u) == pytest.approx(1.0)
+    u[:, 2] = -1.3 * one.body.reference[:, 2] * (one.body.reference[:, 0] > 0.9)
+    assert one.body.least_volume_ratio(u) == pytest.approx(-0.3)
+
+
+def test_what_cannot_be_reached_ends_with_the_last_good_step():
+    problem = LargeMotions(RubberBlock(down(1.1), (1, 1, 1)).body, coulomb.Contact("bottom", friction=0.3))
+    done = []
+    with pytest.raises(StepCut, match="at the smallest part allowed"):
+        for step in problem.steps(coulomb.LoadHistory([0.5, 1.0], halvings=2)):
+            done.append(step.state.time)
+    assert done and done[-1] < 1.0
+
+
+def test_wrong_input():
+    one = RubberBlock()
+    with pytest.raises(ValueError, match="gap, adjust, smooth and surface describe the undeformed place"):
+        LargeMotions(one.body, coulomb.Contact("bottom", friction=0.3, gap=0.1))
+    with pytest.raises(ValueError, match="large motions need NonlinearBody"):
+        mesh = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1))
+        LargeMotions(coulomb.Elasticity(mesh, coulomb.Material(1e6, 0.3), []), coulomb.Contact("bottom", friction=0.3))
