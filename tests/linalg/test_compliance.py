@@ -24,23 +24,6 @@ def dense(problem):
     return B @ np.linalg.solve(K, B.T), B @ np.linalg.solve(K, problem.f.array) - c
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{}, {"explicit": False, "linear_solver": DirectSolver}, {"linear_solver": IterativeSolver}],
-    ids=["explicit", "matrix-free", "iterative"],
-)
-def test_product_and_b(options):
-    problem = make_block(2, **options)
-    A, b = dense(problem)
-    x = np.random.default_rng(71).standard_normal(len(b))
-    y = np.empty_like(x)
-    before = problem.A.products
-    problem.A.mult(x, y)
-    assert problem.A.products == before + 1
-    assert np.linalg.norm(y - A @ x) <= 1e-9 * np.linalg.norm(y)
-    assert np.linalg.norm(problem.b - b) <= 1e-9 * np.linalg.norm(b)
-
-
 def test_schur_complement_is_that_of_dense_algebra():
     """On a tilted plane, so that rows of B mix components."""
     problem = make_block(2, foundation=Plane((0, 0, -1.0), (-0.3, 0.2, 1.0)))
@@ -130,16 +113,3 @@ def test_an_estimated_diagonal_is_positive():
         U = scale[:, None] * np.random.default_rng(seed).standard_normal((size, size))
         found = estimated_diagonal(Products(U @ U.T), B, K)
         assert found.rest.min() > 0.0 and np.all(found.whole > found.rest)
-
-
-def test_displacement_of_given_forces():
-    """u = K^-1 (f - B^T x): pressing up lifts the block."""
-    problem = make_block(2)
-    x = np.zeros(3 * len(problem.surface.nodes))
-    free = problem.displacement(x)
-    x[0::3] = 1e6
-    lifted = problem.displacement(x) - free
-    assert lifted[problem.surface.nodes, 2].min() > 0.0
-    gradient = problem.surface.components(-(free + lifted)[problem.surface.nodes])
-    A, b = dense(problem)
-    assert np.allclose(gradient.ravel(), A @ x - b, rtol=1e-8, atol=1e-10 * np.abs(b).max())
