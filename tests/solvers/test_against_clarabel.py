@@ -74,5 +74,8 @@ def test_zero_bounds_and_lower_bounds():
     g, lower = np.where(np.arange(200) % 5, g, 0.0), np.linspace(-1.0, 1.0, 200) * g.mean()
     qp = replace(FrictionProblem.tresca(dense_compliance(A), b, g), lower=lower)
     theirs = by_clarabel(A, b, g, lower)
-    for solver in (InteriorPoint(tolerance=1e-9), KPRGP(tolerance=1e-7)):
-        assert np.linalg.norm(solver.solve(qp).x - theirs) <= 1e-5 * np.linalg.norm(theirs)
+    ours, other = (solver.solve(qp) for solver in (InteriorPoint(tolerance=1e-9), KPRGP(tolerance=1e-7)))
+    for result in (ours, other):
+        assert np.linalg.norm(result.x - theirs) <= 1e-5 * np.linalg.norm(theirs)
+        assert not result.x.reshape(-1, 3)[::5, 1:].any()
+    assert np.allclose(ours.multipliers, other.multipliers, atol=1e-5 * np.abs(ours.multipliers).max())

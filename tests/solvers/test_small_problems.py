@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import scipy.sparse
 from conftest import random_spd
-from test_fuzz import coulomb_residual
+from shared_problems import residual_of
 
 from coulomb import NotConverged, Status, solve_coulomb
-from coulomb.solvers import ConeInteriorPoint, FrictionProblem
+from coulomb.solvers import ConeInteriorPoint, FrictionLaw, FrictionProblem
 from coulomb.solvers.rigid import gauss_seidel, matrix_problems
 from coulomb.solvers.rigid.cones import Scales
 
@@ -145,7 +145,8 @@ def test_residual_is_that_of_the_matrix_as_given(asymmetric):
         x, w = found.x, A @ found.x - b
         problem = FrictionProblem.coulomb(matrix_problems._compliance(A), b, friction)
         assert found.residual == pytest.approx(Scales.of(problem).residual(problem, x, w), rel=1e-6, abs=1e-15)
-        assert coulomb_residual(A, b, friction, x) <= found.residual * (1.0 + 1e-6) + 1e-15
+        own = residual_of(A, b, np.trace(A) / len(A), FrictionLaw.coulomb(friction).radius, x)
+        assert own <= found.residual * (1.0 + 1e-6) + 1e-15
         assert np.allclose(found.gradient, w, atol=1e-13)
         assert np.allclose(found.slip_bound, friction * np.maximum(x[0::3], 0.0))
         slips = np.hypot(*w.reshape(-1, 3)[:, 1:].T)

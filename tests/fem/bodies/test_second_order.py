@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse
-from conftest import STEEL, run_python
+from conftest import STEEL
 
 import coulomb
 from benchmarks.block import block
@@ -195,34 +195,6 @@ def test_multigrid_by_linear_elements(cell):
         iterations.append(solver.iterations)
         assert (K * u - f).norm() <= 1e-8 * f.norm()
     assert iterations[0] < iterations[1]
-
-
-ON_RANKS = """
-import sys
-import coulomb
-from mpi4py import MPI
-from coulomb import Clamp, Contact, ContactProblem, Material, Spring, Sphere, SymmetryPlane, Traction
-
-for cell in ("tetrahedron", "hexahedron"):
-    mesh = coulomb.box((3.0, 1.0, 1.0), (4, 2, 1), cell, degree=2)
-    supports = [Clamp("left"), SymmetryPlane("front")]
-    contact = Contact("bottom", 0.3, foundation=Sphere((1.5, 0.5, -100.0), 100.0))
-    loads = [Traction("top", (0.0, 1e7, -4e7)), Traction("right", (2e7, 0.0, 0.0))]
-    problem = ContactProblem(mesh, Material(2e11, 0.3), supports, contact, loads, springs=[Spring("back", (1e9,) * 3)])
-    answer = problem.solve(1e-11)
-    assert answer.certificate.passed and answer.force_balance.balance < 1e-10
-    totals = answer.at_nodes.totals()
-    if MPI.COMM_WORLD.rank == 0:
-        print(*totals["force"], *totals["moment"])
-"""
-
-
-def test_the_same_on_several_ranks():
-    alone, several = (run_python("-c", ON_RANKS, ranks=ranks) for ranks in (None, 3))
-    assert several.returncode == 0, several.stderr
-    for line, known in zip(several.stdout.splitlines(), alone.stdout.splitlines(), strict=True):
-        found, expected = ([float(number) for number in numbers.split()] for numbers in (line, known))
-        assert found == pytest.approx(expected, abs=1e-8 * max(map(abs, expected)))
 
 
 def test_a_ball_that_no_mean_touches_is_found():

@@ -69,7 +69,7 @@ def test_every_pair_has_its_own_fields_on_both_sides(run):
     assert np.allclose(both[0], -both[1], atol=1e-6 * np.linalg.norm(both[0]))  # nothing else holds the cushion
 
 
-@pytest.mark.parametrize(("cell", "degree"), [("tetrahedron", 2), ("hexahedron", 2), ("tetrahedron", 1)])
+@pytest.mark.parametrize(("cell", "degree"), [("tetrahedron", 2), ("hexahedron", 2)])
 def test_the_check_passes_with_every_cell(cell, degree, tmp_path):
     found = check(lens(tmp_path / "of", cell, degree, LENS.replace("[0.5, 1]", "[1]")))
     assert found.passed and not found.faults, str(found)
@@ -84,9 +84,9 @@ def test_the_check_has_both_pairs(run, tmp_path):
         "low_top/pressure": "pressure of low:top",
         "up_bottom/contact_force": "contact_force of up:bottom",
     }.items():
-        folder = shutil.copytree(run, tmp_path / place.replace("/", "-"))
-        change(folder / LAST / "contact.h5", place, lambda values: values * 1.001)
-        faults = [line for step in check(folder).steps for line in step.faults]
+        folder = shutil.copytree(run / LAST, tmp_path / place.replace("/", "-"))
+        change(folder / "contact.h5", place, lambda values: values * 1.001)
+        faults = check(folder).faults
         assert any(line.startswith(f"contact.xdmf: {fault}") for line in faults), (place, faults)
     folder = shutil.copytree(run / LAST, tmp_path / "without-a-case")
     assert check(folder).passed, str(check(folder))
@@ -105,7 +105,7 @@ def test_history_has_both_pairs_and_no_sum_of_them(run):
     assert summary["totals"]["contact_area"] == pytest.approx(area, rel=1e-12)
 
 
-def test_the_terminal_has_the_forces_of_each_pair(tmp_path):
+def test_the_terminal_has_the_forces_of_each_pair(run, tmp_path):
     write_lens(tmp_path)
     (tmp_path / "lens.toml").write_text(LENS)
     done = run_coulomb("run", "lens.toml", cwd=tmp_path, ranks=2)  # and two ranks write what one does
@@ -114,7 +114,7 @@ def test_the_terminal_has_the_forces_of_each_pair(tmp_path):
     shown = [f"{name} {face['normal_force']:.6g} N" for name, face in zip((BELOW, ABOVE), faces, strict=True)]
     assert f"normal {', '.join(shown)}, open" in done.stdout
     assert check(tmp_path / "run").passed
-    one, other = last_row(tmp_path / "run"), last_row(lens(tmp_path / "alone"))
+    one, other = last_row(tmp_path / "run"), last_row(run)
     assert list(one) == list(other)
     for name in [name for name in one if name.startswith((BELOW, ABOVE)) and name.endswith("_force_z")]:
         assert float(one[name]) == pytest.approx(float(other[name]), rel=1e-6)
