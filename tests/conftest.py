@@ -20,6 +20,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 from skips import pytest_addoption, pytest_sessionfinish, pytest_terminal_summary  # noqa: F401  # hooks of pytest
@@ -102,6 +103,12 @@ def dense_compliance(A):
     matrix = PETSc.Mat().createDense(A.shape, array=np.asfortranarray(A), comm=PETSc.COMM_SELF)
     matrix.assemble()
     return MatrixCompliance(matrix)
+
+
+def to_csr(matrix):
+    """The rows of a PETSc matrix that this rank has."""
+    indptr, columns, values = matrix.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, columns, indptr), shape=(len(indptr) - 1, matrix.getSize()[1]))
 
 
 def random_spd(size, condition, rng):

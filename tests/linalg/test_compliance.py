@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
-from conftest import make_block
+from conftest import make_block, to_csr
 from mpi4py import MPI
-from scipy.sparse import csr_array
 
 import coulomb
 from coulomb import InteriorPoint, Plane
@@ -12,14 +11,9 @@ from coulomb.linalg.unsolved import Unsolved
 from coulomb.solvers import AugmentedSystem, DirectSolver, IterativeSolver
 
 
-def to_numpy(matrix):
-    indptr, indices, values = matrix.getValuesCSR()
-    return csr_array((values, indices, indptr), shape=matrix.getSize()).toarray()
-
-
 def dense(problem):
     """A, b from numpy alone: K and B as dense matrices."""
-    K, B = to_numpy(problem.elasticity.K), to_numpy(problem.surface.B)
+    K, B = to_csr(problem.elasticity.K).toarray(), to_csr(problem.surface.B).toarray()
     c = np.column_stack([problem.surface.gap, np.zeros((len(problem.surface.gap), 2))]).ravel()
     return B @ np.linalg.solve(K, B.T), B @ np.linalg.solve(K, problem.f.array) - c
 
@@ -97,7 +91,7 @@ def test_a_compliance_of_low_rank_is_found_as_it_is():
     found = estimated_diagonal(Products(U @ U.T), B, K)
     assert np.abs(found.whole - np.sum(U**2, axis=1)).max() <= 0.01 * np.sum(U**2, axis=1).max()
     assert 0.0 < found.rest.sum() <= 0.01 * found.whole.sum()
-    local = to_numpy(B) ** 2 @ (1.0 / to_numpy(K).diagonal())
+    local = to_csr(B).toarray() ** 2 @ (1.0 / to_csr(K).toarray().diagonal())
     for failing in (Products(U @ U.T, 0), Products(U @ U.T, 5), Products(0.0 * U @ U.T)):
         found = estimated_diagonal(failing, B, K)
         assert np.allclose(found.whole, local) and np.allclose(found.rest, local)

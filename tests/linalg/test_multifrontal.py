@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse
-from conftest import make_block
+from conftest import make_block, to_csr
 from petsc4py import PETSc
 
 from benchmarks.block import block
@@ -125,14 +125,12 @@ def test_bodies_are_factorised_by_themselves():
     problem = ContactProblem(join(lower=lower, upper=upper), Material(2e11, 0.3), supports, contact, explicit=True)
     solver, K, A = problem.body.stiffness.solver, problem.elasticity.K, problem.A
     assert [len(L) for L in solver.schur_factors] == [60, 90]
-    indptr, indices, values = K.getValuesCSR()
-    inverse = np.linalg.inv(scipy.sparse.csr_matrix((values, indices, indptr)).toarray())
+    inverse = np.linalg.inv(to_csr(K).toarray())
     rhs, u = K.createVecs()
     rhs.array[:] = np.random.default_rng(4).standard_normal(rhs.getSize())
     solver.solve(rhs, u)
     assert np.linalg.norm(u.array - inverse @ rhs.array) <= 1e-10 * np.linalg.norm(u.array)
-    indptr, indices, values = problem.surface.free_B.getValuesCSR()
-    B = scipy.sparse.csr_matrix((values, indices, indptr), shape=problem.surface.free_B.getSize())
+    B = to_csr(problem.surface.free_B)
     dense = B @ (B @ inverse).T
     assert np.allclose(A.dense(), dense, rtol=0.0, atol=1e-10 * np.abs(dense).max())
     assert np.diff(A._rows.indptr).max() > 6  # its rows see several nodes of the lower body

@@ -133,6 +133,7 @@ def test_one_node_by_hand():
         (FrictionLaw(np.ones(2), np.ones(3)), 0.0, r"friction must have shape \(2,\)"),
         (FrictionLaw(-np.ones(2), np.ones(2)), 0.0, "cohesion has entries that are negative"),
         (FrictionLaw(np.ones(2), np.array([0.1, np.nan])), 0.0, "friction has entries that are .* not finite"),
+        (FrictionLaw(np.ones(2), np.ones(2)), np.zeros(3), r"lower must be a number or have shape \(2,\)"),
         (FrictionLaw(np.ones(2), np.array([0.1, 0.0])), -1.0, "lower must be >= 0 where friction > 0"),
     ],
 )

@@ -18,9 +18,7 @@ from coulomb.solvers import (
     FrictionLaw,
     FrictionProblem,
     IterativeSolver,
-    interior_point,
 )
-from coulomb.solvers.interior_point import step_length
 from coulomb.solvers.scaled_problem import Iterate, ScaledProblem
 
 
@@ -48,29 +46,6 @@ def test_block_takes_at_most_fifteen_steps_at_any_size():
 
 
 # --- the neighbourhood ----------------------------------------------------------------------------------------------
-
-
-def test_iterates_stay_in_the_neighbourhood_and_theta_decreases(monkeypatch):
-    qp, _ = random_tresca(30, seed=16)
-    solver = InteriorPoint(tolerance=1e-9)
-    seen = []
-
-    def watch(settings, problem, step, beta, sigma):
-        alpha, new = step_length(settings, problem, step, beta, sigma)
-        seen.append((problem, step.v, new, beta, sigma, alpha))
-        return alpha, new
-
-    monkeypatch.setattr(interior_point, "step_length", watch)
-    result = solver.solve(qp)
-    assert len(seen) == result.newton_steps > 5
-    for problem, v, new, beta, sigma, alpha in seen:
-        z = problem.slack(new.x_n, new.y)
-        theta, theta_new = (np.vdot(i.nu, problem.slack(i.x_n, i.y)) / (2 * problem.nodes) for i in (v, new))
-        assert np.all(new.nu > 0.0) and np.all(z > 0.0)
-        assert np.all(new.nu * z >= solver.gamma * theta_new)
-        assert problem.rms(problem.gradient(new)) <= beta * theta_new
-        assert theta_new <= (1.0 - alpha * solver.omega * (1.0 - sigma)) * theta
-        assert 0.0 < alpha <= 1.0 and solver.sigma_min <= sigma <= solver.sigma_max
 
 
 def test_inner_precision_follows_the_papers_rule():

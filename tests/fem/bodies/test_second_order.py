@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-import scipy.sparse
-from conftest import STEEL
+from conftest import STEEL, to_csr
 
 import coulomb
 from benchmarks.block import block
@@ -22,11 +21,6 @@ from coulomb.fem.contact.contact_points import contact_points
 from coulomb.solvers import IterativeSolver
 
 CELLS = ["tetrahedron", "hexahedron"]
-
-
-def rows(matrix):
-    indptr, columns, values = matrix.getValuesCSR()
-    return scipy.sparse.csr_matrix((values, columns, indptr)).toarray()
 
 
 def pressed(cell, **given):
@@ -156,7 +150,7 @@ def test_a_foundation_of_fourth_order_that_touches_makes_no_interference():
     assert surface.points.average(of_nodes).min() < -0.01 and surface.gap.min() == 0.0
 
 
-@pytest.mark.parametrize("cells", [2, 4, 8])
+@pytest.mark.parametrize("cells", [2, 6])
 def test_singular_values_of_B_next_to_clamps(cells):
     """The rows of tetrahedra stay independent on the free nodes when the mesh is refined: the smallest singular value
     is 0.40 to 0.41 with one edge of the face clamped, 1/3 with all four; the largest at most 0.8."""
@@ -164,7 +158,7 @@ def test_singular_values_of_B_next_to_clamps(cells):
     for clamps, least in (([Clamp("left")], 0.4), (all_four, 0.333)):
         mesh = coulomb.box((1.0, 1.0, 1.0), (cells, cells, 1), "tetrahedron", degree=2)
         problem = ContactProblem(mesh, STEEL, clamps, Contact("bottom", 0.3))
-        values = np.linalg.svd(rows(problem.surface.free_B), compute_uv=False)
+        values = np.linalg.svd(to_csr(problem.surface.free_B).toarray(), compute_uv=False)
         assert values[-1] > least and values[0] < 0.8
 
 

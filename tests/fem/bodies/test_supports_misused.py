@@ -43,7 +43,6 @@ def contact(**options):
         (lambda: Material(float("nan"), 0.3), "young must be a positive"),
         (lambda: Material(1.0, 0.5), r"poisson must be a number in \(-1, 0.5\)"),
         (lambda: Material(1.0, -1.0), r"poisson must be a number in \(-1, 0.5\)"),
-        (lambda: Material(1e9, 0.3, "1e3"), "density must be a positive number of kg/m.3, but is '1e3'"),
         (lambda: PrescribedRotation("top", ORIGIN, Z, "90deg"), "angle must be a finite number of radians, but is 90d"),
         (lambda: PrescribedRotation("top", ORIGIN, None, 0.1), "axis must be three finite numbers, but is None"),
         (lambda: PrescribedRotation("top", ("0", "0", "0"), Z, 0.1), "point must be three finite numbers"),
@@ -56,15 +55,10 @@ def contact(**options):
         (lambda: Spring("left", float("nan")), STIFFNESS),
         (lambda: Spring("left", (1.0, 2.0)), STIFFNESS),
         (
-            lambda: body([], springs=[Spring("left", 1e-6)]),
-            "the springs are too soft in comparison with",
-        ),
-        (
             lambda: body(HELD, springs=[Spring("lfet", 1.0)]),
             "spring: there is no face 'lfet' on this mesh",
         ),
         (lambda: body([Clamp(3)]), "clamp: a face is given by its name, text in quotation marks, but is 3"),
-        (lambda: body([Clamp("lfet")]), "no face 'lfet' on this mesh .did you mean 'left'.*; its faces are left"),
         (lambda: Clamp("top", None), "components must be letters of 'xyz', .* but are None"),
         (
             lambda: body([PrescribedDisplacement("top", "x")]),
@@ -83,7 +77,6 @@ def contact(**options):
         (lambda: coulomb.box("abc", (1, 1, 1)), "box: lengths must be three positive numbers in metres"),
         (lambda: coulomb.box((1.0, 1.0, 1.0), (1, 0, 1)), "cells must be three whole numbers"),
         (lambda: coulomb.box((1.0, 1.0, 1.0), (1, 1, 1), "prism"), "cell must be one of hexahedron, tetrahedron"),
-        (lambda: coulomb.LoadHistory("1"), "history: times must"),
         (lambda: Contact("top", 0.3, rotation=(ORIGIN, Z, 0.1)), r"rotation must be a Rotation\(point, axis, angle\)"),
         (lambda: contact(linear_solver="MUMPS"), 'linear_solver must be "auto", "direct" or "iterative", or one of'),
         (lambda: contact().solve(solver="direct"), r"solver must be one for contact, as InteriorPoint\(\) .* 'direct'"),

@@ -224,23 +224,6 @@ def test_polygons_that_nearly_coincide_are_clipped(noise):
         assert np.allclose(np.abs(areas(parts)), areas(one), rtol=0, atol=10.0 * noise + 1e-14)
 
 
-def test_common_parts_of_polygons():
-    """By rejection sampling: the share of random points that are in both."""
-    one, other = quadrilaterals(20, 2), quadrilaterals(20, 3)
-    parts, pairs = clipped(one, other)
-    found = np.zeros(len(one))
-    found[pairs] = areas(parts)
-    points = np.random.default_rng(4).random((50_000, 2)) * 3.0 - 1.1
-
-    def inside(polygon):
-        sides = np.roll(polygon, -1, axis=0) - polygon
-        away = points[:, None] - polygon
-        return np.all(sides[:, 0] * away[:, :, 1] - sides[:, 1] * away[:, :, 0] >= 0.0, axis=1)
-
-    sampled = [9.0 * np.mean(inside(a) & inside(b)) for a, b in zip(one, other, strict=True)]
-    assert np.allclose(found, sampled, atol=0.06) and np.max(found) > 0.2
-
-
 def test_sagittas_are_those_of_the_smooth_face():
     """h^2/(8 R) of a cylinder; 0 of a plane, of second-order facets, and where facets meet at an edge."""
     assert np.allclose(

@@ -38,6 +38,7 @@ def test_numpy_scipy_and_petsc_alike():
         (-np.eye(3), np.zeros(3), 1.0, "A must be positive semidefinite"),
         (np.full((3, 3), np.nan), np.zeros(3), 1.0, "A has entries that are not finite"),
         (np.eye(3), np.zeros(6), 1.0, r"b must have shape \(3,\)"),
+        (np.eye(3), [0.0, np.nan, 0.0], 1.0, "b has entries that are not finite"),
         (np.eye(3), np.zeros(3), [1.0, 1.0], r"slip_bound must have shape \(1,\)"),
         (np.eye(3), np.zeros(3), -1.0, "slip_bound has negative entries"),
         ("stiff", np.zeros(3), 1.0, "A must be made of numbers"),
