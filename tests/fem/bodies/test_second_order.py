@@ -5,7 +5,6 @@ import pytest
 from conftest import STEEL, to_csr
 
 import coulomb
-from benchmarks.block import block
 from coulomb import (
     Clamp,
     Contact,
@@ -18,7 +17,6 @@ from coulomb import (
     Traction,
 )
 from coulomb.fem.contact.contact_points import contact_points
-from coulomb.solvers import IterativeSolver
 
 CELLS = ["tetrahedron", "hexahedron"]
 
@@ -168,27 +166,6 @@ def test_the_certificate_names_means(cell):
     assert solution.valid and solution.force_balance.balance < 1e-12
     assert ("means around vertices" in str(solution.certificate)) == (cell == "tetrahedron")
     assert solution.at_nodes.totals()["normal_force"] == pytest.approx(solution.force_on_body.sum(axis=0)[2], rel=1e-12)
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_multigrid_by_linear_elements(cell):
-    """The same answer as by factors; a solve takes fewer iterations than with multigrid on the matrix alone."""
-    direct, by_multigrid = (
-        block(2, 0.3, cell, 2, **options) for options in ({}, {"linear_solver": IterativeSolver, "explicit": False})
-    )
-    forces = [problem.solve(1e-9).at_nodes.totals()["force"] for problem in (direct, by_multigrid)]
-    assert forces[1] == pytest.approx(forces[0], rel=1e-6)
-    finer = block(4, 0.3, cell, 2)
-    K, f = finer.elasticity.K, finer.f
-    alone = K.copy()
-    alone.setNearNullSpace(K.getNearNullSpace())
-    iterations = []
-    for matrix in (K, alone):
-        solver, u = IterativeSolver(matrix, 1e-8), K.createVecRight()
-        solver.solve(f, u)
-        iterations.append(solver.iterations)
-        assert (K * u - f).norm() <= 1e-8 * f.norm()
-    assert iterations[0] < iterations[1]
 
 
 def test_a_ball_that_no_mean_touches_is_found():

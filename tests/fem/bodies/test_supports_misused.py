@@ -54,16 +54,10 @@ def contact(**options):
         (lambda: Spring("left", 1e300), STIFFNESS),
         (lambda: Spring("left", float("nan")), STIFFNESS),
         (lambda: Spring("left", (1.0, 2.0)), STIFFNESS),
-        (
-            lambda: body(HELD, springs=[Spring("lfet", 1.0)]),
-            "spring: there is no face 'lfet' on this mesh",
-        ),
+        (lambda: body(HELD, springs=[Spring("lfet", 1.0)]), "spring: there is no face 'lfet' on this mesh"),
         (lambda: body([Clamp(3)]), "clamp: a face is given by its name, text in quotation marks, but is 3"),
         (lambda: Clamp("top", None), "components must be letters of 'xyz', .* but are None"),
-        (
-            lambda: body([PrescribedDisplacement("top", "x")]),
-            "must have three components, numbers, or be a",
-        ),
+        (lambda: body([PrescribedDisplacement("top", "x")]), "must have three components, numbers, or be a"),
         (lambda: body([PrescribedDisplacement("top", lambda x: x[0])]), r"'top': .* must return shape \(3, "),
         (lambda: body([Clamp("top", direction=(0, 1e200, 1e200))]), "direction: must have a length between 1e-100"),
         (lambda: body(HELD, tractions=[Traction("top", (0.0, np.nan, 0.0))]), "traction on 'top': .* not finite"),

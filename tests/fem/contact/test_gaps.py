@@ -9,7 +9,7 @@ from check_runs import change, copied, edit, field, run_case
 from mpi4py import MPI
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Cylinder, LoadHistory, Material, Plane
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane
 from coulomb.case.case import read_case
 from coulomb.cli.terminal import contact_in_words
 from coulomb.io.case_record import case_record
@@ -168,22 +168,3 @@ def test_what_was_understood_of_a_gap():
 def test_wrong_gaps(make, message):
     with pytest.raises(ValueError, match=message):
         make()
-
-
-def test_a_bore_is_wider_by_its_interference_at_every_node():
-    """A ring on a pin: the bore takes the pin's radius."""
-
-    def place(x):
-        r, angle = 0.1 + 0.1 * x[0], 0.5 * np.pi * x[1]
-        return np.stack([r * np.cos(angle), r * np.sin(angle), 0.1 * x[2]])
-
-    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 4, 1), "tetrahedron", place=place)
-    supports = [coulomb.SymmetryPlane(face) for face in ("front", "back", "bottom", "top")]
-    pin = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.1)
-    fit = Contact("left", 0.1, foundation=pin, gap=lambda x: -1e-4 * (1.0 + x[2]))
-    solution = ContactProblem(mesh, Material(2e11, 0.3), supports, fit).solve()
-    surface = solution.problem.surface
-    u = solution.displacement[surface.nodes]
-    radial = np.einsum("ki,ki->k", u[:, :2], surface.x[:, :2]) / 0.1
-    assert radial == pytest.approx(1e-4 * (1.0 + surface.x[:, 2]), rel=1e-6)
-    assert solution.small_strain.gap_error <= 1e-2 and solution.valid

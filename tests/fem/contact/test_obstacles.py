@@ -68,10 +68,7 @@ def test_a_function_need_not_be_a_distance():
         (lambda: surface(Sphere((1.5, 0.5, 0.0), 2.0)), "no normal at its centre|turned away"),
         (lambda: surface(SignedDistance(lambda x: x[:2])), r"foundation: the function must return \d+ numbers"),
         (lambda: surface(SignedDistance(lambda x: np.zeros(x.shape[1]))), "has no normal at x = "),
-        (
-            lambda: surface(SignedDistance(lambda x: x[5])),
-            "'bottom': foundation: index 5 is out of bounds",
-        ),
+        (lambda: surface(SignedDistance(lambda x: x[5])), "'bottom': foundation: index 5 is out of bounds"),
         (lambda: surface(Plane((0, 0, 0), (0, 0, 1)), "faces"), 'normals must be "foundation" or "body"'),
     ],
 )

@@ -39,6 +39,16 @@ def test_a_press_fit_that_is_pulled(linear_solver, degree):
         assert other.state.energy.foundation == pytest.approx(one.state.energy.foundation, rel=1e-8)
 
 
+def test_a_bore_is_wider_by_its_interference_at_every_node():
+    """A ring on a pin: the bore takes the pin's radius."""
+    solution = ring(comm, lambda x: -1e-4 * (1.0 + x[2]), time=1.0).solve()
+    surface = solution.problem.surface
+    u = solution.displacement[surface.nodes]
+    radial = np.einsum("ki,ki->k", u[:, :2], surface.x[:, :2]) / 0.1
+    assert radial == pytest.approx(1e-4 * (1.0 + surface.x[:, 2]), rel=1e-6)
+    assert solution.small_strain.gap_error <= 1e-2 and solution.valid
+
+
 def test_wrong_gaps_are_errors_on_all_ranks():
     assert "larger than the body" in same_error(lambda: ring(comm, -3.0, time=1.0))
     nan_at_one_end = lambda x: np.where(x[0] > 0.09, np.nan, 0.0)  # noqa: E731
