@@ -20,6 +20,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 from skips import pytest_addoption, pytest_sessionfinish, pytest_terminal_summary  # noqa: F401  # hooks of pytest
@@ -104,6 +105,12 @@ def dense_compliance(A):
     return MatrixCompliance(matrix)
 
 
+def to_csr(matrix):
+    """The rows of a PETSc matrix that this rank has."""
+    indptr, columns, values = matrix.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, columns, indptr), shape=(len(indptr) - 1, matrix.getSize()[1]))
+
+
 def random_spd(size, condition, rng):
     """Symmetric positive definite with a given condition number and random eigenvectors."""
     Q, _ = np.linalg.qr(rng.standard_normal((size, size)))
@@ -124,30 +131,6 @@ def objective(qp, x):
     A_x = np.empty_like(x)
     qp.A.mult(x, A_x)
     return 0.5 * x @ A_x - qp.b @ x
-
-
-def projected_gradient(qp, A, tolerance=1e-11, steps=200_000):
-    """Solve a Tresca problem by accelerated projected gradients with restart, independently of the package."""
-    step = 1.0 / np.linalg.eigvalsh(A)[-1]
-    x = y = qp.project(np.zeros_like(qp.b))
-    t = 1.0
-    for _ in range(steps):
-        new = qp.project(y - step * (A @ y - qp.b))
-        if (y - new) @ (new - x) > 0.0:
-            t = 1.0
-        t_new = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * t * t))
-        y = new + (t - 1.0) / t_new * (new - x)
-        done = np.linalg.norm(new - x) <= tolerance * np.linalg.norm(new)
-        x, t = new, t_new
-        if done and qp.residual(x) <= 1e-10:
-            break
-    return x
-
-
-def without_sweeps(monkeypatch):
-    """Methods for an explicit matrix begin without sweeps of Gauss and Seidel."""
-    for module in ("cone_interior_point", "cone_run", "general", "matrix_automatic"):
-        monkeypatch.setattr(f"coulomb.solvers.rigid.{module}.swept", lambda *_, **__: None, raising=False)
 
 
 def run_coulomb(*arguments, ranks=None, cwd=None, timeout=600, process=False):

@@ -126,3 +126,16 @@ def by_clarabel(A, b, slip_bound, lower):
     solution = clarabel.DefaultSolver(P, -b / (a * f), G, np.concatenate(right), cones, settings).solve()
     assert "Solved" in str(solution.status)
     return f * np.array(solution.x)
+
+
+def residual_of(A, b, a, bound, x):
+    """|x - P(x - (A x - b)/a)| / |x|, written out; `bound` of a node's normal force."""
+    v = (x - (A @ x - b) / a).reshape(-1, 3)
+    x = x.reshape(-1, 3)
+    g = bound(x[:, 0])
+    p = v.copy()
+    p[:, 0] = np.maximum(v[:, 0], 0.0)
+    size = np.hypot(v[:, 1], v[:, 2])
+    p[:, 1:] *= np.minimum(1.0, g / np.where(size > 0.0, size, 1.0))[:, None]
+    off = np.linalg.norm(x - p)
+    return off / np.linalg.norm(x) if off > 0.0 else 0.0

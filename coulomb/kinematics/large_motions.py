@@ -168,6 +168,8 @@ class LargeStep:
 class _Linearised(ContactProblem):
     """The contact problem of changes du of a displacement u; judged by the scales of u + du."""
 
+    silent = True
+
     def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
         return self.evidence_at(x, u, self.mean_compliance)
 
@@ -222,9 +224,7 @@ class _Iterate:
     def pose(self, body: Deformable) -> None:
         """The linear problem of these bodies; collective."""
         state, start, motions = self.state, self._start, self._motions
-        posed = _Linearised(
-            body, motions.contacts, time=self.time, small_strain="ignore", linear_solver=motions.linear_solver
-        )
+        posed = _Linearised(body, motions.contacts, time=self.time, linear_solver=motions.linear_solver)
         there, foundations = posed.state, posed.body.foundations
         then = replace(there, slip_rate=state.slip_rate[there.surface.nodes])
         if start is not None:
@@ -367,7 +367,7 @@ class LargeMotions:
                     f"contact face {one.face!r}: gap, adjust, smooth and surface describe the undeformed place; large "
                     "motions measure gaps between the facets as they are"
                 )
-        posed = ContactProblem(body, given, small_strain="ignore", linear_solver=linear_solver)
+        posed = ContactProblem(body, given, linear_solver=linear_solver)
         self.contacts: tuple[Contact, ...] = tuple(
             one if foundation is None else replace(one, foundation=foundation, facing=False)
             for one, foundation in zip(posed.body.contacts, posed.body.foundations, strict=True)

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import Self, cast
+from typing import ClassVar, Self, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -136,19 +136,22 @@ class ContactProblem(DiscreteProblem):
         linear_solver: DirectSolver ("direct") or IterativeSolver ("iterative") for K^-1; by default ("auto")
             chosen by size.
         explicit: Whether to form the matrix A; by default chosen by size.  Needs the direct solver.
-        small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce",
-            causes a warning, "warn", or nothing, "ignore".
+        small_strain: Whether an answer outside the theory (`SmallStrain.violations`) does not count, "enforce", or
+            causes a warning, "warn".
         probes: Points at which displacement, slip and pressure are reported: `Solution.probes`, summary.json and
             history.csv.
 
     Attributes:
         body: The time-independent part: K, K^-1, A, contact faces and foundations.
         state: The state at one time: loads, gaps, frames, law of friction, slip origin.
+        silent: Whether remarks and small-strain warnings are not logged.
         Others: As of `DiscreteProblem`.
 
     Raises:
         ValueError: On every rank, if the input is invalid, with a remedy.
     """
+
+    silent: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -208,7 +211,7 @@ class ContactProblem(DiscreteProblem):
             )
 
         body = ContactBody(make, mesh.comm, _contacts(given), time, _linear_solver(linear_solver), explicit, probes)
-        for text in body.remarks if mode != "ignore" and body.comm.rank == 0 else ():
+        for text in body.remarks if not self.silent and body.comm.rank == 0 else ():
             _log.warning("%s", text)
         with timed(body.seconds, "assembly"):
             state = body.state(time)
@@ -327,7 +330,7 @@ class ContactProblem(DiscreteProblem):
                 except Unsolved as failure:
                     raise _linear_solve_failed(self, problem, failure, counted, type(chosen).__name__) from None
         answer = self.solution(result, criterion)
-        if self.small_strain != "ignore":
+        if not self.silent:
             warn(answer)
         return answer
 

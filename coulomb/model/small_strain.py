@@ -69,8 +69,8 @@ BETWEEN = Bound(0.25, 1.0)
 """Measured with a cantilever on rollers: the force is 2 to 6 % wrong below 0.7, 12 % at 2, and a roller that is narrow
 beside the facets, and is not touched by any mean, gives 7 to 9."""
 
-MODES = ("enforce", "warn", "ignore")
-"""An answer above a `Bound.refuse` is invalid, or gets a warning; or nothing is measured, as within large motions."""
+MODES = ("enforce", "warn")
+"""An answer above a `Bound.refuse` is invalid, or gets a warning."""
 
 
 @dataclass(frozen=True)

@@ -58,30 +58,25 @@ def aggregates_of(edges, count):
     return number, out
 
 
-def both_ways(*edges):
-    return [*edges, *((b, a) for a, b in edges)]
+STARS = ((0, 1), (0, 2), (0, 3), (4, 5), (4, 6), (4, 7), (4, 8))
+"""Nodes 0 to 3, and 4 to 8."""
 
 
-def test_a_node_joins_the_aggregate_of_most_of_its_neighbours():
-    """Nodes 0 to 3 and 4 to 8 are stars, node 9 touches one node of the first and two of the second, node 10 none.
-    Node 2 stays in the first star, though it touches two nodes of the second."""
-    edges = both_ways((0, 1), (0, 2), (0, 3), (4, 5), (4, 6), (4, 7), (4, 8), (9, 1), (9, 5), (9, 6), (2, 7), (2, 8))
-    number, out = aggregates_of(edges, 11)
-    assert number == 2
-    assert out.tolist() == [0, 0, 0, 0, 1, 1, 1, 1, 1, 1, -1]
-
-
-def test_votes_of_one_node_are_not_those_of_the_next():
-    """Node 9 has two neighbours in the first star; node 10 has one there, then two in the second."""
-    edges = both_ways((0, 1), (0, 2), (0, 3), (4, 5), (4, 6), (4, 7), (4, 8), (9, 1), (9, 2), (10, 3), (10, 5), (10, 6))
-    number, out = aggregates_of(edges, 11)
-    assert number == 2 and out[9] == 0 and out[10] == 1
-
-
-def test_of_equal_votes_the_first_counts():
-    edges = both_ways((0, 1), (0, 2), (3, 4), (3, 5), (6, 1), (6, 4))
-    number, out = aggregates_of(edges, 7)
-    assert number == 2 and out[6] == 0
+@pytest.mark.parametrize(
+    ("edges", "expected"),
+    [
+        # node 9 touches one node of the first star and two of the second, node 10 none; node 2 stays in the first star,
+        # though it touches two nodes of the second
+        ((*STARS, (9, 1), (9, 5), (9, 6), (2, 7), (2, 8)), [0, 0, 0, 0, 1, 1, 1, 1, 1, 1, -1]),
+        # votes of one node are not those of the next: node 9 has two in the first, 10 one there, then two in the second
+        ((*STARS, (9, 1), (9, 2), (10, 3), (10, 5), (10, 6)), [0, 0, 0, 0, 1, 1, 1, 1, 1, 0, 1]),
+        # of equal votes the first counts
+        (((0, 1), (0, 2), (3, 4), (3, 5), (6, 1), (6, 4)), [0, 0, 0, 1, 1, 1, 0]),
+    ],
+)
+def test_a_node_joins_the_aggregate_of_most_of_its_neighbours(edges, expected):
+    number, out = aggregates_of([*edges, *((b, a) for a, b in edges)], len(expected))
+    assert number == 2 and out.tolist() == expected
 
 
 @pytest.mark.parametrize("team", [1, 3])

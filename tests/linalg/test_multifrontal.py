@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse
-from conftest import make_block
+from conftest import make_block, to_csr
 from petsc4py import PETSc
 
 from benchmarks.block import block
 from coulomb import Clamp, Contact, ContactProblem, Material, box, join, moved
 from coulomb.linalg.compliance.schur_compliance import SchurCompliance
 from coulomb.linalg.factors import frontal_factors, multifrontal
-from coulomb.linalg.factors.multifrontal import MultifrontalSolver
-from coulomb.linalg.factors.nested_dissection import dissect
+from coulomb.linalg.factors.frontal_factors import FrontalFactors
+from coulomb.linalg.factors.multifrontal import DenseInverse, MultifrontalSolver
+from coulomb.linalg.factors.nested_dissection import dissect, dissect_part
+from coulomb.linalg.petsc_arrays import NodalRows, nodal_blocks
 from coulomb.solvers import DirectSolver
 
 
@@ -63,9 +65,12 @@ def check(graph, fronts, last):
 
 @pytest.mark.parametrize("leaf", [1, 4, 80])
 def test_properties_of_the_fronts(leaf):
+    """Of a straight mesh, an oblique one, and one on which nodes coincide or are anywhere."""
     graph, points = grid(9, 4, 5)
-    last = np.flatnonzero(points[:, 2] == 0.0)
-    check(graph, dissect(graph, points, last, leaf), last)
+    last, rng = np.flatnonzero(points[:, 2] == 0.0), np.random.default_rng(5)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    for places in (points, (points + 0.1 * rng.random(points.shape)) @ turn, points // 2, rng.random(points.shape)):
+        check(graph, dissect(graph, places, last, leaf), last)
 
 
 def test_bodies_without_a_separating_plane():
@@ -111,26 +116,6 @@ def test_less_work_than_mumps_beside_a_schur_complement():
     assert 1.0 < operations(solver._fronts) / DirectSolver(problem.elasticity.K).factor.getMumpsRinfog(3) < 3.0
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_against_dense_algebra(cell):
-    """Also with random coordinates: they determine the work, not the result."""
-    problem = block(3, cell=cell, explicit=True)
-    K, nodes = problem.elasticity.K, np.sort(problem.surface.nodes)
-    indptr, indices, values = K.getValuesCSR()
-    inverse = np.linalg.inv(scipy.sparse.csr_matrix((values, indices, indptr)).toarray())
-    for points in (problem.elasticity.x, np.random.default_rng(3).random((len(problem.elasticity.x), 3))):
-        solver = MultifrontalSolver(K, points, nodes)
-        assert np.array_equal(np.sort(solver.last), nodes)
-        rows = (3 * solver.last[:, None] + np.arange(3)).ravel()
-        L = np.tril(scipy.linalg.block_diag(*solver.schur_factors))
-        assert np.allclose(L @ L.T @ inverse[np.ix_(rows, rows)], np.eye(len(rows)), atol=1e-9)
-        rhs, u = K.createVecs()
-        rhs.array[:] = np.random.default_rng(4).standard_normal(rhs.getSize())
-        solver.solve(rhs, u)
-        expected = inverse @ rhs.array
-        assert np.linalg.norm(u.array - expected) <= 1e-10 * np.linalg.norm(expected)
-
-
 def test_bodies_are_factorised_by_themselves():
     """Two bodies of different size, with nodes that are coupled with none: as by dense algebra, each with its front."""
     lower = box((1.0, 1.0, 0.5), (5, 4, 3))
@@ -140,14 +125,12 @@ def test_bodies_are_factorised_by_themselves():
     problem = ContactProblem(join(lower=lower, upper=upper), Material(2e11, 0.3), supports, contact, explicit=True)
     solver, K, A = problem.body.stiffness.solver, problem.elasticity.K, problem.A
     assert [len(L) for L in solver.schur_factors] == [60, 90]
-    indptr, indices, values = K.getValuesCSR()
-    inverse = np.linalg.inv(scipy.sparse.csr_matrix((values, indices, indptr)).toarray())
+    inverse = np.linalg.inv(to_csr(K).toarray())
     rhs, u = K.createVecs()
     rhs.array[:] = np.random.default_rng(4).standard_normal(rhs.getSize())
     solver.solve(rhs, u)
     assert np.linalg.norm(u.array - inverse @ rhs.array) <= 1e-10 * np.linalg.norm(u.array)
-    indptr, indices, values = problem.surface.free_B.getValuesCSR()
-    B = scipy.sparse.csr_matrix((values, indices, indptr), shape=problem.surface.free_B.getSize())
+    B = to_csr(problem.surface.free_B)
     dense = B @ (B @ inverse).T
     assert np.allclose(A.dense(), dense, rtol=0.0, atol=1e-10 * np.abs(dense).max())
     assert np.diff(A._rows.indptr).max() > 6  # its rows see several nodes of the lower body
@@ -226,3 +209,82 @@ def test_small_graphs(edges, last, single, monkeypatch):
     inverse = np.linalg.inv(K)[np.ix_(rows, rows)]
     assert np.allclose(L @ L.T @ inverse, np.eye(len(rows)), atol=1e-5 if single else 1e-12)
     assert solver.single == single
+
+
+def rows_and_fronts(what):
+    """K of a small block, and its fronts: to the end, or of the first nodes only, with a border."""
+    problem = block(3, cell="tetrahedron")
+    K, x = nodal_blocks(problem.elasticity.K), problem.elasticity.x
+    if what == "part":
+        K.data[K.indptr[60] :] = 0.0
+        K.eliminate_zeros()
+    graph = scipy.sparse.csr_matrix((np.ones(len(K.indices)), K.indices, K.indptr), shape=(len(x),) * 2)
+    fronts = dissect(graph, x, np.sort(problem.surface.nodes), 7) if what == "whole" else dissect_part(graph, x, 60, 7)
+    return NodalRows(K), fronts, K.toarray()
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("what", ["whole", "part"])
+def test_factors_substitutions_and_what_is_left(what, dtype):
+    """Against dense matrices: L L^T = K, the Schur complement on the border, substitutions with L."""
+    rows, fronts, K = rows_and_fronts(what)
+    assert len(fronts) > 5 and (len(fronts[-1].border) > 0) == (what == "part")
+    factors = FrontalFactors(rows, fronts, dtype)
+    unknowns = (3 * factors.order[:, None] + np.arange(3)).ravel()
+    count = 3 * sum(len(front.own) for front in fronts)
+    dense = K[np.ix_(unknowns, unknowns)].astype(np.float64)
+    limit = 200 * np.finfo(dtype).eps
+    L = np.linalg.cholesky(dense[:count, :count])
+    below = np.linalg.solve(L, dense[:count, count:]).T
+    if what == "part":
+        update = np.tril(factors.update)
+        assert np.abs(update - np.tril(-below @ below.T)).max() <= limit * np.abs(dense).max()
+    for alone in (False, True):  # forces everywhere, and on the nodes of the last front alone
+        x = np.random.default_rng(3).standard_normal(len(unknowns)).astype(dtype)
+        if alone:
+            x[: count - 3 * len(fronts[-1].own)] = 0.0
+        given = x.astype(np.float64)
+        factors.forward(x)
+        size = np.abs(L).max() * np.abs(x).max()
+        assert np.abs(L @ x[:count] - given[:count]).max() <= limit * size
+        if what == "part":
+            assert np.abs(x[count:] + below @ x[:count] - given[count:]).max() <= limit * size
+        given = x.astype(np.float64)
+        factors.backward(x)
+        size = np.abs(L).max() * np.abs(x).max()
+        assert np.abs(L.T @ x[:count] + below.T @ given[count:] - given[:count]).max() <= limit * size
+
+
+# --- products with the inverse of a front: by its lower triangle, and by the columns of what is not 0 ---
+
+
+def triangle(n, seed=1):
+    """A symmetric matrix, and its lower triangle with other numbers above the diagonal."""
+    rng = np.random.default_rng(seed)
+    half = rng.standard_normal((n, n))
+    whole = half + half.T
+    lower = np.asfortranarray(np.tril(whole) + np.triu(rng.standard_normal((n, n)), 1))
+    return whole, lower
+
+
+@pytest.mark.parametrize("n", [1, 3, 30, 61])
+def test_products(n):
+    """Whatever is not 0: of earlier products, new, few, many, nothing."""
+    whole, lower = triangle(n)
+    inverse, rng = DenseInverse(lower), np.random.default_rng(n)
+    for part in (0.1, 0.1, 0.2, 1.0, 0.05, 0.3, 0.3, 0.33, 0.33, 0.0, 0.1):
+        z = np.where(rng.random(n) < part, rng.standard_normal(n), 0.0)
+        assert inverse @ z == pytest.approx(whole @ z, rel=1e-12, abs=1e-12)
+
+
+def test_columns_are_gathered_once():
+    """What is gathered is not read again from the triangle, until there is no more room."""
+    whole, lower = triangle(30)
+    inverse, z = DenseInverse(lower), np.zeros(30)
+    z[[3, 17, 29]] = 1.0, -2.0, 0.5
+    expected = whole @ z
+    assert inverse @ z == pytest.approx(expected)
+    lower[:] = np.nan
+    assert inverse @ z == pytest.approx(expected)
+    z[4:14] = 1.0
+    assert np.isnan(inverse @ z).any()

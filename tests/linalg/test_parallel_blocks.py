@@ -11,10 +11,16 @@ from petsc4py import PETSc
 
 from benchmarks.block import block
 from coulomb.linalg.compliance import stiffness
-from coulomb.linalg.multigrid import block_matrix as ghost_blocks
-from coulomb.linalg.multigrid import multigrid_cycle
-from coulomb.linalg.multigrid.block_matrix import BlockInterpolation, SymmetricBlocks, distributed_blocks, padded
-from coulomb.linalg.petsc_arrays import distributed_entries
+from coulomb.linalg.multigrid import block_matrix, multigrid_cycle
+from coulomb.linalg.multigrid.block_matrix import (
+    SHAPES,
+    BlockInterpolation,
+    SymmetricBlocks,
+    distributed_blocks,
+    in_kernel_blocks,
+    padded,
+)
+from coulomb.linalg.petsc_arrays import Entries, distributed_entries
 
 COMM = MPI.COMM_WORLD
 
@@ -50,8 +56,16 @@ def part(values, edges):
     return v
 
 
+@pytest.fixture(params=[1, 2, 5])
+def team(monkeypatch, request):
+    """Threads of a kernel, however small the matrix."""
+    monkeypatch.setattr(block_matrix, "threads", lambda: request.param)
+    monkeypatch.setattr(block_matrix, "_ALONE", 0)
+    return request.param
+
+
 @pytest.mark.parametrize("size", [3, 6])
-def test_symmetric_blocks(size):
+def test_symmetric_blocks(size, team):
     rng = np.random.default_rng(size)
     half = in_blocks(40, 40, (size, size), 0.1, rng).tocsr()
     keep = np.repeat(np.arange(40) != 7, size)  # a row and a column without any entry
@@ -59,12 +73,16 @@ def test_symmetric_blocks(size):
     edges = shares(40, size)
     matrix = distributed(K, edges, edges)
     blocks = SymmetricBlocks(distributed_entries(matrix), size, accurate=True)
+    rough = SymmetricBlocks(distributed_entries(matrix), size)
     vectors = x, b, inverse, d = rng.standard_normal((4, 40 * size))
     mine = [part(v, edges) for v in vectors]
     y, scale = padded(blocks.size), np.abs(K).sum(axis=1).max()
     for _ in range(2):  # the second time with what the first left behind
         blocks.mult(mine[0], y)
         assert np.abs(y - part(K @ x, edges)).max(initial=0.0) <= 1e-13 * scale
+        rough.mult(mine[0], y)
+        assert np.abs(y - part(K @ x, edges)).max(initial=1e-9 * scale) <= 1e-6 * scale
+        assert COMM.allreduce(np.abs(y - part(K @ x, edges)).sum()) > 1e-10 * scale
     blocks.residual(mine[1], mine[0], y)
     assert np.abs(y - part(b - K @ x, edges)).max(initial=0.0) <= 1e-6 * scale
     direction = 0.3 * d + 0.7 * inverse * (b - K @ x)
@@ -79,6 +97,35 @@ def test_symmetric_blocks(size):
     assert np.abs(d_mine - part(direction, edges)).max(initial=0.0) <= 1e-5 * scale
     assert np.abs(x_mine - part(first + direction, edges)).max(initial=0.0) <= 1e-5 * scale
     blocks.destroy()
+    rough.destroy()
+
+
+def test_a_thread_that_adds_to_rows_of_all_later_ones(team):
+    """The first row couples with the last, all others with themselves only."""
+    size, count = 3, 30
+    pattern = scipy.sparse.eye(count).tolil()
+    pattern[0, count - 1] = pattern[count - 1, 0] = 0.5
+    K, edges = scipy.sparse.kron(pattern, np.eye(size) + 0.1).tocsr(), shares(count, size)
+    matrix = distributed(K, edges, edges)  # must outlive its arrays
+    blocks = SymmetricBlocks(distributed_entries(matrix), size, accurate=True)
+    x, y = np.arange(1.0, size * count + 1.0), padded(blocks.size)
+    for _ in range(2):
+        blocks.mult(part(x, edges), y)
+        assert np.abs(y - part(K @ x, edges)).max(initial=0.0) <= 1e-13 * np.abs(K @ x).max()
+    blocks.destroy()
+
+
+def test_entries_in_any_order():
+    """The blocks of a matrix whose columns do not ascend are those of the same matrix in order."""
+    csr = in_blocks(20, 15, (3, 6), 0.3, np.random.default_rng(1)).tocsr()
+    csr.sort_indices()
+    backwards = [np.concatenate([row[::-1] for row in np.split(a, csr.indptr[1:-1])]) for a in (csr.indices, csr.data)]
+    sorted_, unsorted = (
+        in_kernel_blocks(Entries(csr.indptr, *arrays), (3, 6), accurate=True)
+        for arrays in ((csr.indices, csr.data), backwards)
+    )
+    for a, b in zip(sorted_, unsorted, strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 @pytest.mark.parametrize("started", [True, False])
@@ -86,7 +133,7 @@ def test_an_error_of_mpi_is_raised(monkeypatch, started):
     """Where the kernels start messages, and where they wait for them."""
     edges, function = shares(40, 3), ctypes.CFUNCTYPE(ctypes.c_int)
     succeed, fail = function(lambda: 0), function(lambda: MPI.ERR_TRUNCATE)
-    monkeypatch.setattr(ghost_blocks, "_start_and_wait", lambda: (succeed, fail) if started else (fail, succeed))
+    monkeypatch.setattr(block_matrix, "_start_and_wait", lambda: (succeed, fail) if started else (fail, succeed))
     K = distributed(scipy.sparse.kron(np.ones((40, 40)), np.eye(3)), edges, edges)
     blocks = SymmetricBlocks(distributed_entries(K), 3)
     x, b, y = (part(np.ones(120), edges) for _ in range(3))
@@ -100,8 +147,8 @@ def test_an_error_of_mpi_is_raised(monkeypatch, started):
     blocks.destroy()
 
 
-@pytest.mark.parametrize("shape", [(3, 3), (3, 6), (6, 6)])
-def test_block_interpolation(shape):
+@pytest.mark.parametrize("shape", SHAPES)
+def test_block_interpolation(shape, team):
     rng = np.random.default_rng(shape)
     P = in_blocks(50, 12, shape, 0.3, rng).tocsr()
     rows, columns = shares(50, shape[0]), shares(12, shape[1])

@@ -5,9 +5,21 @@ import pytest
 import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
+from ranks import by_place, everywhere
 
-from coulomb import Clamp, Elasticity, Material, SymmetryPlane, box
-from coulomb.fem.bodies import Spring
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    Elasticity,
+    Material,
+    NamedMesh,
+    Spring,
+    SymmetryPlane,
+    Traction,
+    box,
+)
+from coulomb.fem.bodies.materials import midpoints
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.multigrid import coarsening, multigrid_cycle
 from coulomb.linalg.multigrid.block_matrix import PADDING, padded
@@ -130,3 +142,23 @@ def test_few_iterations(springs):
     assert (K * u - f).norm() <= 1.1e-8 * f.norm()
     assert solver.iterations <= 18
     solver.destroy()
+
+
+def test_materials_far_apart():
+    """Rubber under steel, held by friction alone: as if the stiffness were factorised."""
+
+    def solved(comm, solver):
+        whole = box((0.08, 0.06, 0.028), (6, 4, 7), comm=comm)
+        z = midpoints(whole.domain)[: whole.domain.topology.index_map(3).size_local, 2]
+        low, high = (np.flatnonzero(part).astype(np.int32) for part in (z < 0.02, z > 0.02))
+        materials = {"lower": Material(2e7, 0.45), "upper": Material(2.1e11, 0.3)}
+        loads = [Traction("top", (1.2e5, 0.0, -3e5))]
+        mesh = NamedMesh(whole.domain, whole.faces, {"lower": low, "upper": high})
+        return ContactProblem(mesh, materials, [], Contact("bottom", 0.6), loads, linear_solver=solver).solve(1e-10)
+
+    expected, found = solved(MPI.COMM_SELF, stiffness.DirectSolver), solved(COMM, stiffness.IterativeSolver)
+    assert found.certificate.passed
+    assert found.problem.stiffness.solver.name.startswith("iterative")
+    known = by_place(expected.problem.surface.x, expected.force_on_body)
+    off = by_place(everywhere(found.problem.surface.x), everywhere(found.force_on_body)) - known
+    assert np.linalg.norm(off) <= 1e-7 * np.linalg.norm(known)

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 import scipy.sparse
-from conftest import make_block
+from conftest import make_block, to_csr
 from mpi4py import MPI
 from petsc4py import PETSc
 from ranks import everywhere, same_error
@@ -31,9 +31,7 @@ def small_parts(monkeypatch):
 
 def dense(matrix):
     """All rows of a distributed matrix, on every rank."""
-    indptr, indices, values = matrix.getValuesCSR()
-    rows = scipy.sparse.csr_matrix((values, indices, indptr), shape=(len(indptr) - 1, matrix.getSize()[1]))
-    return np.concatenate(comm.allgather(rows.toarray()))
+    return np.concatenate(comm.allgather(to_csr(matrix).toarray()))
 
 
 def two_bodies():

@@ -2,31 +2,14 @@
 
 import numpy as np
 import pytest
-from conftest import make_block, solved_block
+from conftest import make_block
+from threadpoolctl import threadpool_info, threadpool_limits
 
-import coulomb
-from coulomb import InteriorPoint, SuccessiveTresca
-from coulomb.solvers import IterativeSolver
+from benchmarks.block import block
+from coulomb.model import problem as of_problems
+from coulomb.solvers import DirectSolver, IterativeSolver
 
 MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
-
-
-@pytest.mark.parametrize(
-    ("law", "solver"),
-    [
-        ("coulomb", InteriorPoint(1e-8)),
-        ("coulomb", SuccessiveTresca(1e-8)),
-        ("tresca", InteriorPoint(1e-8)),
-        ("tresca", InteriorPoint(1e-8, newton=coulomb.solvers.SchurComplementSystem(rank=0))),
-    ],
-    ids=["interior point", "successive Tresca", "path following", "path following, P_SC"],
-)
-def test_inexact_products_same_answer(law, solver):
-    exact = solved_block(6, law)
-    problem = make_block(6, slip_stress=1e7 if law == "tresca" else None, **MULTIGRID)
-    solution = problem.solve(solver=solver)
-    assert not problem.A.exact and solution.certificate.passed
-    assert np.linalg.norm(solution.contact_force - exact.contact_force) <= 1e-6 * np.linalg.norm(exact.contact_force)
 
 
 def test_multigrid_iterations_of_the_whole_problem():
@@ -55,14 +38,36 @@ def test_incremental_products_do_not_accumulate_errors():
     assert np.linalg.norm(y - exact) <= 1e-8 * np.linalg.norm(exact)
 
 
-def test_a_loose_product_costs_less():
-    problem = make_block(4, **MULTIGRID)
-    A, solver = problem.A, problem.body.stiffness.solver
-    rng, y = np.random.default_rng(92), np.empty(3 * len(problem.surface.nodes))
-    counts = []
-    for tolerance in (0.1, 1e-3, 0.0):  # of a new vector each time: a solve starts from the last ones
-        x = rng.standard_normal(len(y))
-        before = solver.iterations
-        A.mult(x, y, tolerance)
-        counts.append(solver.iterations - before)
-    assert counts[0] < counts[1] < counts[2] and counts[0] <= counts[2] / 3
+# --- threads of BLAS beside those of multigrid ---
+
+
+def _counts():
+    """Threads of every BLAS in use that can have several."""
+    found = [entry for entry in threadpool_info() if entry["user_api"] == "blas"]
+    return [entry["num_threads"] for entry in found if entry.get("threading_layer") != "disabled"]
+
+
+@pytest.mark.parametrize("solver", [DirectSolver, IterativeSolver])
+@pytest.mark.parametrize("team", [1, 2])
+def test_multigrid_with_threads_has_the_processors_for_itself(monkeypatch, solver, team):
+    monkeypatch.setattr(of_problems, "threads", lambda: team)
+    seen = []
+    options = {"explicit": False} if solver is IterativeSolver else {}
+    body = block(4, 0.3, linear_solver=solver, **options)
+    with threadpool_limits(limits=2, user_api="blas"):
+        before = _counts()
+        body.solve(progress=lambda _: seen.append(_counts()) and False)
+        after = _counts()
+    assert before and set(before) == {2}
+    assert after == before
+    alone = solver is IterativeSolver and team > 1
+    assert seen and all(set(counts) == ({1} if alone else {2}) for counts in seen)
+
+
+def test_as_many_afterwards_as_before_if_a_solve_fails(monkeypatch):
+    monkeypatch.setattr(of_problems, "threads", lambda: 2)
+    body = block(4, 0.3, linear_solver=IterativeSolver, explicit=False)
+    with threadpool_limits(limits=2, user_api="blas"):
+        with pytest.raises(ZeroDivisionError):
+            body.solve(progress=lambda _: bool(1 / 0))
+        assert set(_counts()) == {2}

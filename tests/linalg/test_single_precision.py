@@ -2,17 +2,13 @@
 
 import numpy as np
 import pytest
-import scipy.sparse
 from conftest import make_block
 
 from benchmarks.block import block
 from coulomb import Clamp, Contact, ContactProblem, Material, Spring, Traction, box
 from coulomb.linalg.compliance.schur_compliance import SchurCompliance
 from coulomb.linalg.factors import multifrontal
-from coulomb.linalg.factors.frontal_factors import FrontalFactors
 from coulomb.linalg.factors.multifrontal import MultifrontalSolver, predicted_work, symbolic
-from coulomb.linalg.factors.nested_dissection import dissect_part
-from coulomb.linalg.petsc_arrays import NodalRows, nodal_blocks
 
 
 def solver_of(problem, single=True):
@@ -139,34 +135,3 @@ def test_predicted_work():
     assert one.operations == pytest.approx(n**3 / 3) and one.bytes == 4.0 * n**2 and one.longest == one.operations
     several = predicted_work(symbolic(K, x, np.sort(problem.surface.nodes)))
     assert several.operations < one.operations and several.bytes < one.bytes
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_a_part_of_a_body(dtype):
-    """Factors and update matrix of the first nodes, and solves by parts, against dense algebra."""
-    problem = block(2)
-    count = len(problem.elasticity.x) - 20
-    blocks = nodal_blocks(problem.elasticity.K).tocsr()
-    K = blocks.toarray()
-    rows = scipy.sparse.vstack([blocks[: 3 * count], scipy.sparse.csr_matrix((60, len(K)))]).tobsr((3, 3))
-    graph = scipy.sparse.csr_matrix((np.ones(len(rows.indices)), rows.indices, rows.indptr))
-    fronts = dissect_part(graph, problem.elasticity.x, count, 12)
-    factors = FrontalFactors(NodalRows(rows), fronts, dtype)
-    update = np.tril(factors.update)
-    assert len(fronts) > 3 and update.dtype == dtype
-    border = (3 * fronts[-1].border[:, None] + np.arange(3)).ravel()
-    first = slice(3 * count)
-    expected = -np.tril(K[border, first] @ np.linalg.solve(K[first, first], K[first, border]))
-    tolerance = 1e-4 if dtype == np.float32 else 1e-12
-    assert np.abs(update - expected).max() <= tolerance * np.abs(expected).max()
-    rhs = np.random.default_rng(6).standard_normal(len(K)).astype(dtype)
-    assert np.array_equal(factors.order[count:], fronts[-1].border)
-    x = rhs.reshape(-1, 3)[factors.order].ravel()
-    factors.forward(x)
-    left = rhs[border] - K[border, first] @ np.linalg.solve(K[first, first], rhs[first])
-    assert np.abs(x[3 * count :] - left).max() <= tolerance * np.abs(left).max()
-    x[3 * count :] = 0.0
-    factors.backward(x)
-    solution = np.empty(3 * count)
-    solution.reshape(-1, 3)[factors.order[:count]] = x[: 3 * count].reshape(-1, 3)
-    assert np.allclose(K[first, first] @ solution, rhs[first], rtol=0.0, atol=10.0 * tolerance)

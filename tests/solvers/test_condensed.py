@@ -85,67 +85,29 @@ def test_cone_step_is_the_dense_step():
     system.destroy()
 
 
-def test_tresca_step_is_the_dense_step():
-    rng = np.random.default_rng(82)
-    problem = body()
-    bound = 10.0 ** rng.uniform(3, 6, len(problem.surface.nodes))  # some much smaller than the forces: W is not 1
-    bound[::5] = 0.0
-    scaled = ScaledProblem(problem.tresca(bound))
-    m, f = scaled.nodes, scaled.frictional
-    assert scaled.A.W.min() < 0.5
-    dense, system = (kind.system(scaled.A, scaled.sloped) for kind in (DenseSystem(), EXACT))
-    x_n, angle = rng.uniform(0.1, 2.0, m), rng.uniform(0.0, 6.28, m)
-    y = (f * rng.uniform(0.0, 0.99, m))[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    nu = scaled.on_constraints(10.0 ** rng.uniform(-2, 1, (m, 2)))
-    x = scaled.forces(x_n, y)
-    v = Iterate(x_n, y, nu, scaled.A.mult(x))
-    expected = newton_step(scaled, dense, v, 0.3, 1e-12, 1.0)
-    step = newton_step(scaled, system, v._replace(A_x=lagging(system, x)), 0.3, 1e-12, 1.0)
-    for name in ("dx_n", "dy", "dnu"):
-        assert close(getattr(step, name), getattr(expected, name))
-    end = scaled.forces(step.at(1.0).x_n, step.at(1.0).y)
-    advanced = system.products.advance(end, None, 1.0, 0.0)
-    assert close(advanced, scaled.A.mult(end)) and system.products.R.norm() < 1e-9 * scaled.A.s
-    system.destroy()
-
-
-@pytest.mark.parametrize("law", ["0.3", "1.5", "tresca"])
-@pytest.mark.parametrize("p", [4, 6])
+@pytest.mark.parametrize(("p", "law"), [(6, "0.3"), (4, "1.5"), (4, "tresca")])
 def test_whole_answers(p, law):
-    """Those of the method on the factorised body, in as many steps, and no product by A in any of them."""
+    """Those of the method on the factorised body, in as many steps, and no product by A in any of them.
+
+    The springs grow without bound as theta goes to 0; the iterations do not.  C^-1 by differences would lose dnu where
+    a node slips, D22 -> 0: the gradient would stay at 1e-6.
+    """
     tresca = law == "tresca"
     friction = None if tresca else float(law)
     known = make_block(p, friction, slip_stress=1e7 if tresca else None).solve(solver=InteriorPoint(1e-9))
-    solver = InteriorPoint(1e-8, newton=CondensedSystem())
+    solver = InteriorPoint(1e-9, newton=CondensedSystem())
     problem = make_block(p, friction, slip_stress=1e7 if tresca else None, **MULTIGRID)
     solution = problem.solve(solver=solver)
     assert solution.certificate.passed and solution.result.residual <= 1e-8
     assert np.linalg.norm(solution.contact_force - known.contact_force) <= 1e-7 * np.linalg.norm(known.contact_force)
     history = solution.result.history
     assert len(history) <= len(known.result.history) + 3
-    assert np.mean([step.krylov for step in history]) <= 15
+    assert max(step.krylov for step in history) <= 25 and np.mean([step.krylov for step in history]) <= 15
+    assert history[-1].theta < 1e-8 * history[0].theta and history[-1].gradient <= 1e-8 * history[0].gradient
     assert solution.result.products <= 8 + 9  # for diagonal and scale of A, exact ones near the end; those of the start
-    if p == 6 and law != "1.5":
-        totals, _ = reference(6, "tresca" if tresca else "coulomb")
+    if p == 6:
+        totals, _ = reference(6, "coulomb")
         assert solution.contact_force[0::3].sum() == pytest.approx(totals["total_normal_force_N"], rel=1e-6)
-
-
-def test_krylov_iterations_stay_bounded():
-    """The springs grow without bound as theta goes to 0; the iterations do not, nor with a finer mesh."""
-    for p, solver in (
-        (6, InteriorPoint(1e-9, newton=CondensedSystem())),
-        (4, InteriorPoint(1e-9, newton=CondensedSystem())),
-    ):
-        history = make_block(p, **MULTIGRID).solve(solver=solver).result.history
-        assert len(history) <= 24
-        assert history[-1].theta < 1e-9 * history[0].theta
-        assert max(step.krylov for step in history) <= 25 and np.mean([step.krylov for step in history]) <= 15
-
-
-def test_multipliers_keep_their_digits():
-    """C^-1 by differences loses dnu where a node slips, D22 -> 0: the gradient stays at 1e-6."""
-    history = make_block(6, **MULTIGRID).solve(solver=InteriorPoint(1e-9, newton=CondensedSystem())).result.history
-    assert history[-1].gradient <= 1e-8 * history[0].gradient
 
 
 def test_successive_tresca_without_friction_somewhere():

@@ -96,7 +96,7 @@ def test_stagnation_is_detected():
     assert failure.value.result.status is Status.STAGNATED
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.05, 0.2, 0.5, 1.0, 1.5, 2.0])
+@pytest.mark.parametrize("friction", [0.0, 0.5, 2.0])
 def test_friction_from_0_to_2(friction):
     problem = make_block(4).friction_problem
     problem = FrictionProblem.coulomb(problem.A, problem.b, np.full(problem.A.nodes, friction))
@@ -135,12 +135,10 @@ def test_stick_everywhere(solver):
 
 
 @every_method
-def test_opening_completely(solver):
-    A = np.eye(6) + 0.1
-    result = solver.solve(
-        FrictionProblem.coulomb(dense_compliance(A), np.array([-1.0, 2, 0, -0.1, 0, 1]), np.full(2, 0.5))
-    )
-    assert result.status is Status.CONVERGED and not result.x.any()
+def test_opening_completely_and_zero_load(solver):
+    for b in (np.array([-1.0, 2, 0, -0.1, 0, 1]), np.zeros(6)):
+        result = solver.solve(FrictionProblem.coulomb(dense_compliance(np.eye(6) + 0.1), b, np.full(2, 0.5)))
+        assert result.status is Status.CONVERGED and not result.x.any()
 
 
 @every_method
@@ -154,12 +152,6 @@ def test_grazing_contact(solver):
         assert result.residual <= 1e-8
 
 
-@every_method
-def test_zero_load(solver):
-    result = solver.solve(FrictionProblem.coulomb(dense_compliance(np.eye(3)), np.zeros(3), np.ones(1)))
-    assert result.status is Status.CONVERGED and not result.x.any()
-
-
 @pytest.mark.parametrize("friction", [0.0, 0.3, 1.0])
 @every_method
 def test_a_single_node(solver, friction):
@@ -171,28 +163,10 @@ def test_a_single_node(solver, friction):
 
 
 @every_method
-def test_two_solutions(solver):
-    """Friction may hold a node that no load presses: open, or wedged in.  Either is an answer; a mixture is not."""
-    A = np.array([[1.0, -0.9, 0.0], [-0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    b = np.array([-0.1, 0.5, 0.0])
-    problem = FrictionProblem.coulomb(dense_compliance(A), b, np.array([1.5]))
-    wedged = np.linalg.solve(A, b)
-    assert wedged[0] > 0 and abs(wedged[1]) < 1.5 * wedged[0]  # sticks
-    slides = b[0] / (1.0 - 0.9 * 1.5)
-    assert slides > 0.0  # the third, between the two
-    try:
-        result = solver.solve(problem)
-    except NotConverged as failure:
-        assert problem.residual(failure.result.x) > 1e-8
-        return
-    answers = (np.zeros(3), wedged, np.array([slides, 1.5 * slides, 0.0]))
-    assert min(np.abs(result.x - answer).max() for answer in answers) <= 1e-6
-
-
-@every_method
-def test_two_nearly_equal_solutions(solver):
-    """Open and wedged in, closer and closer together: a converged answer is one of them."""
-    for distance in (1e-2, 1e-4, 1e-6):
+def test_several_solutions(solver):
+    """Friction may hold a node that no load presses: open, wedged in, or sliding between the two.  A converged answer
+    is one of them, also where they are closer and closer together."""
+    for distance in (1.0, 1e-2, 1e-4, 1e-6):
         A = np.array([[1.0, -0.9, 0.0], [-0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
         b = np.array([-0.1 * distance, 0.5 * distance, 0.0])
         A, b = np.kron(np.eye(2), A), np.concatenate([b, [1.0, 0.2, 0.0]])
@@ -204,5 +178,6 @@ def test_two_nearly_equal_solutions(solver):
             continue
         wedged = np.linalg.solve(A[:3, :3], b[:3])
         slides = b[0] / (1.0 - 0.9 * 1.5)
+        assert slides > 0.0 and wedged[0] > 0.0 and abs(wedged[1]) < 1.5 * wedged[0]
         answers = (np.zeros(3), wedged, np.array([slides, 1.5 * slides, 0.0]))
         assert min(np.abs(x[:3] - answer).max() for answer in answers) <= 1e-6

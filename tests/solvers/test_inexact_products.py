@@ -1,5 +1,7 @@
 """Products that are solves with multigrid: accurate enough where small differences of large numbers decide."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -29,7 +31,7 @@ def test_steps_between_which_the_load_returns():
         assert "Tresca" not in result.method and result.products <= 1000
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("friction", [0.0, 0.1, 0.3])
 def test_soft_springs(friction):
     """A dragged block on springs that a millionth of its own stiffness would move: b and A x nearly cancel.  Without
     the rigid motions in what the methods know of A it takes 187 products and more, of A as a whole 400 to 880."""
@@ -48,48 +50,20 @@ def test_soft_springs(friction):
     assert np.hypot(x[:, 1].sum(), x[:, 2].sum()) / x[:, 0].sum() == pytest.approx(friction, rel=1e-6, abs=1e-12)
 
 
-def test_a_step_without_loads():
-    """Everything is 0 again: a part of the displacement before, however small, would be all there is."""
-    problem = ContactProblem(
-        coulomb.box((0.6, 0.3, 0.2), (4, 3, 2)),
-        Material(7e10, 0.33),
-        [coulomb.PrescribedDisplacement("top", (0.0, 0.0, -3e-4), amplitude=[(0.0, 0.0), (1.0, 1.0), (2.0, 0.0)])],
-        Contact("bottom", friction=0.3),
-        linear_solver=IterativeSolver,
-    )
-    pressed, free = LoadHistory([1.0, 2.0]).steps(problem)
-    assert pressed.solution.certificate.passed and np.any(pressed.solution.contact_force)
-    assert free.solution.certificate.passed and not np.any(free.solution.contact_force)
-
-
 @pytest.mark.parametrize("linear_solver", [coulomb.solvers.DirectSolver, IterativeSolver])
-def test_a_step_with_loads_of_rounding_errors(linear_solver):
-    """sin(pi t) at t = 1 is 1.2e-16."""
-    problem = ContactProblem(
-        coulomb.box((0.6, 0.3, 0.2), (4, 3, 2)),
-        Material(7e10, 0.33),
-        [coulomb.PrescribedDisplacement("top", (0.0, 0.0, -3e-4), amplitude=lambda time: np.sin(np.pi * time))],
-        Contact("bottom", friction=0.3),
-        linear_solver=linear_solver,
-    )
-    pressed, free = LoadHistory([0.5, 1.0]).steps(problem)
-    assert pressed.solution.certificate.passed and np.any(pressed.solution.contact_force)
-    assert free.halvings == 0 and free.solution.certificate.passed and not np.any(free.solution.contact_force)
-
-
-TURNED = {"rotate": coulomb.Rotation((0.1, 0.0, 0.0), (1.0, 2.0, 0.5), 0.4), "translate": (0.1, 0.7, 0.3)}
-
-
-@pytest.mark.parametrize("linear_solver", [coulomb.solvers.DirectSolver, IterativeSolver])
-def test_a_step_with_a_motion_of_rounding_errors(linear_solver):
-    """The foundation is back where it was but for 4e-20 m, and the block was moved: its gaps are rounding errors."""
-    problem = ContactProblem(
-        coulomb.moved(coulomb.box((0.6, 0.3, 0.2), (4, 3, 2)), **TURNED),
-        Material(7e10, 0.33),
-        [coulomb.Clamp("top")],
-        Contact("bottom", friction=0.3, motion=lambda time: (0.0, 0.0, 3e-4 * np.sin(np.pi * time))),
-        linear_solver=linear_solver,
-    )
+@pytest.mark.parametrize("what", ["nothing", "loads", "motion"])
+def test_a_step_with_nothing_but_rounding_errors(what, linear_solver):
+    """Everything is 0 again: exactly, where a part of the displacement before, however small, would be all there is;
+    but for a load of sin(pi) = 1.2e-16; but for 4e-20 m of the foundation, and for the gaps of a block that was moved.
+    """
+    block, floor, top = coulomb.box((0.6, 0.3, 0.2), (4, 3, 2)), Contact("bottom", friction=0.3), Clamp("top")
+    if what == "motion":
+        block = coulomb.moved(block, (0.1, 0.7, 0.3), coulomb.Rotation((0.1, 0.0, 0.0), (1.0, 2.0, 0.5), 0.4))
+        floor = replace(floor, motion=lambda time: (0.0, 0.0, 3e-4 * np.sin(np.pi * time)))
+    else:
+        wave = [(0.0, 0.0), (0.5, 1.0), (1.0, 0.0)] if what == "nothing" else lambda time: np.sin(np.pi * time)
+        top = coulomb.PrescribedDisplacement("top", (0.0, 0.0, -3e-4), amplitude=wave)
+    problem = ContactProblem(block, Material(7e10, 0.33), [top], floor, linear_solver=linear_solver)
     pressed, free = LoadHistory([0.5, 1.0]).steps(problem)
     assert pressed.solution.certificate.passed and np.any(pressed.solution.contact_force)
     assert free.halvings == 0 and free.solution.certificate.passed and not np.any(free.solution.contact_force)

@@ -38,34 +38,37 @@ def test_every_number_is_checked(solver, name):
 
 
 @pytest.mark.parametrize(
-    ("field", "must"),
+    ("solver", "field", "must"),
     [
-        ({"backtrack": 1.5}, r"in \(0, 1\)"),
-        ({"backtrack": 1.0}, r"in \(0, 1\)"),
-        ({"to_boundary": 5.0}, r"in \(0, 1\)"),
-        ({"tolerance": 0.0}, "> 0"),
-        ({"r_tol": 1.0}, r"in \(0, 1\)"),
-        ({"sigma_min": 0.0}, r"in \(0, sigma_max\]"),
-        ({"sigma_min": 0.6}, r"in \(0, sigma_max\]"),
-        ({"sigma_max": 0.51}, r"in \(0, 0.5\]"),
-        ({"start_products": -1}, "an integer at least 0"),
-        ({"max_iterations": 0}, "an integer at least 1"),
-        ({"max_iterations": 2.5}, "an integer at least 1"),
-        ({"max_iterations": True}, "an integer at least 1"),
-        ({"starts": ()}, "> 0"),
-        ({"starts": (1e3, 0.0)}, "> 0"),
+        (InteriorPoint, {"backtrack": 1.5}, r"in \(0, 1\)"),
+        (InteriorPoint, {"backtrack": 1.0}, r"in \(0, 1\)"),
+        (InteriorPoint, {"to_boundary": 5.0}, r"in \(0, 1\)"),
+        (InteriorPoint, {"tolerance": 0.0}, "> 0"),
+        (InteriorPoint, {"r_tol": 1.0}, r"in \(0, 1\)"),
+        (InteriorPoint, {"sigma_min": 0.0}, r"in \(0, sigma_max\]"),
+        (InteriorPoint, {"sigma_min": 0.6}, r"in \(0, sigma_max\]"),
+        (InteriorPoint, {"sigma_max": 0.51}, r"in \(0, 0.5\]"),
+        (InteriorPoint, {"start_products": -1}, "an integer at least 0"),
+        (InteriorPoint, {"max_iterations": 0}, "an integer at least 1"),
+        (InteriorPoint, {"max_iterations": 2.5}, "an integer at least 1"),
+        (InteriorPoint, {"max_iterations": True}, "an integer at least 1"),
+        (InteriorPoint, {"starts": ()}, "> 0"),
+        (InteriorPoint, {"starts": (1e3, 0.0)}, "> 0"),
+        (KPRGP, {"proportionality": 0.0}, "> 0"),
+        (KPRGP, {"step": 2.0}, ".*"),
+        (KPRGP, {"step": 0.0}, ".*"),
+        (SuccessiveTresca, {"inner_precision": 1.0}, ".*"),
+        (SuccessiveTresca, {"damping": 0}, r"in \(0, 1\], or None"),
     ],
 )
-def test_bounds_of_the_interior_point_method(field, must):
-    with pytest.raises(ValueError, match=rf"InteriorPoint: {next(iter(field))} must be {must}, but is"):
-        InteriorPoint(**field)
+def test_bounds(solver, field, must):
+    with pytest.raises(ValueError, match=rf"{solver.__name__}: {next(iter(field))} must be {must}, but is"):
+        solver(**field)
 
 
 def test_ends_of_intervals():
     assert InteriorPoint(sigma_min=0.5, sigma_max=0.5).sigma_min == 0.5
     assert SuccessiveTresca(damping=None).damping is None and SuccessiveTresca(damping=1).damping == 1
-    with pytest.raises(ValueError, match=r"SuccessiveTresca: damping must be in \(0, 1\], or None, but is 0"):
-        SuccessiveTresca(damping=0)
 
 
 def test_the_solver_for_the_stiffness_by_name():

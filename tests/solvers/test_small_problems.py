@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import scipy.sparse
 from conftest import random_spd
-from test_fuzz import coulomb_residual
+from petsc4py import PETSc
+from shared_problems import residual_of
 
-from coulomb import NotConverged, Status, solve_coulomb
-from coulomb.solvers import ConeInteriorPoint, FrictionProblem
+from coulomb import NotConverged, Status, solve_coulomb, solve_tresca
+from coulomb.solvers import KPRGP, ConeInteriorPoint, FrictionLaw, FrictionProblem
 from coulomb.solvers.rigid import gauss_seidel, matrix_problems
 from coulomb.solvers.rigid.cones import Scales
 
@@ -145,7 +146,8 @@ def test_residual_is_that_of_the_matrix_as_given(asymmetric):
         x, w = found.x, A @ found.x - b
         problem = FrictionProblem.coulomb(matrix_problems._compliance(A), b, friction)
         assert found.residual == pytest.approx(Scales.of(problem).residual(problem, x, w), rel=1e-6, abs=1e-15)
-        assert coulomb_residual(A, b, friction, x) <= found.residual * (1.0 + 1e-6) + 1e-15
+        own = residual_of(A, b, np.trace(A) / len(A), FrictionLaw.coulomb(friction).radius, x)
+        assert own <= found.residual * (1.0 + 1e-6) + 1e-15
         assert np.allclose(found.gradient, w, atol=1e-13)
         assert np.allclose(found.slip_bound, friction * np.maximum(x[0::3], 0.0))
         slips = np.hypot(*w.reshape(-1, 3)[:, 1:].T)
@@ -165,3 +167,42 @@ def test_units_far_from_one(factor):
         assert factor > 1e300
     else:
         assert np.allclose(x / factor, expected, rtol=1e-6)
+
+
+# --- `solve_tresca`, and matrices of PETSc ---
+
+
+def test_one_contact_by_hand():
+    assert np.allclose(solve_tresca(np.eye(3), [2.0, 3.0, 4.0], 1.0).x, [2.0, 0.6, 0.8], atol=1e-7)
+    assert np.allclose(solve_tresca(np.eye(3), [2.0, 3.0, 4.0], [1.0], lower=2.5).x, [2.5, 0.6, 0.8], atol=1e-7)
+    assert np.allclose(solve_coulomb(np.eye(3), [2.0, 3.0, 4.0], 0.5).x, [2.0, 0.6, 0.8], atol=1e-7)
+
+
+def test_numpy_scipy_and_petsc_alike():
+    rng = np.random.default_rng(81)
+    A = random_spd(30, 100.0, rng)
+    b, g = rng.standard_normal(30), rng.uniform(0.1, 1.0, 10)
+    petsc = PETSc.Mat().createDense(A.shape, array=np.asfortranarray(A), comm=PETSc.COMM_SELF)
+    petsc.assemble()
+    answers = [solve_tresca(kind, b, g).x for kind in (A, A.tolist(), scipy.sparse.csr_matrix(A), petsc)]
+    for x in answers[1:]:
+        assert np.allclose(x, answers[0], atol=1e-10)
+    assert np.allclose(solve_tresca(A, b, g, solver=KPRGP()).x, answers[0], atol=1e-6)
+    assert np.allclose(solve_coulomb(scipy.sparse.csc_matrix(A), b, 0.3).x, solve_coulomb(A, b, np.full(10, 0.3)).x)
+
+
+@pytest.mark.parametrize(
+    ("A", "b", "g", "message"),
+    [
+        (np.ones((3, 6)), np.zeros(3), 1.0, r"A must be square .* shape \(3, 6\)"),
+        (-np.eye(3), np.zeros(3), 1.0, "A must be positive semidefinite"),
+        (np.eye(3), np.zeros(6), 1.0, r"b must have shape \(3,\)"),
+        (np.eye(3), [0.0, np.nan, 0.0], 1.0, "b has entries that are not finite"),
+        (np.eye(3), np.zeros(3), [1.0, 1.0], r"slip_bound must have shape \(1,\)"),
+        (np.eye(3), np.zeros(3), -1.0, "slip_bound has negative entries"),
+        ("stiff", np.zeros(3), 1.0, "A must be made of numbers"),
+    ],
+)
+def test_wrong_input_of_trescas_problem(A, b, g, message):
+    with pytest.raises(ValueError, match=message):
+        solve_tresca(A, b, g)

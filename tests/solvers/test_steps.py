@@ -254,7 +254,7 @@ def test_a_system_without_an_approximation_of_A_leaves_the_step():
 
 
 def test_fewer_steps(monkeypatch):
-    problems = [make_block(p, friction).friction_problem for p in (4, 6) for friction in (0.1, 0.3, 1.0)]
+    problems = [make_block(p, friction).friction_problem for p, friction in ((4, 0.1), (4, 0.3), (6, 1.0))]
     corrected = [InteriorPoint(1e-8).solve(problem) for problem in problems]
     monkeypatch.setattr(interior_point, "correct_step", lambda settings, scaled, newton, step, target, beta: step)
     plain = [InteriorPoint(1e-8).solve(problem) for problem in problems]

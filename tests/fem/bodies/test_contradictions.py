@@ -1,4 +1,4 @@
-"""Supports that prescribe different displacements where they meet are reported before the solve."""
+"""Supports that meet: the later one counts, and different displacements are reported before the solve."""
 
 import logging
 import re
@@ -18,6 +18,7 @@ from coulomb import (
     PrescribedRotation,
     SymmetryPlane,
 )
+from coulomb.fem.bodies.constraints import prescribed_rows
 
 RAMP = [(0.0, 0.0), (1.0, 1.0)]
 CURVE = LoadCurve([0.0, 1.0], [0.0, 1.0])
@@ -100,3 +101,54 @@ def test_they_are_logged_before_the_solve(caplog):
     with caplog.at_level(logging.WARNING, "coulomb"):
         ContactProblem(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), SOFT, supports, Contact("bottom", 0.3))
     assert [record.message for record in caplog.records] == list(messages(*supports))
+
+
+# --- rows of supports that meet at a node ---
+
+Z = np.zeros(3)
+X, Y = np.eye(3)[:2]
+TILTED = np.array([0.6, 0.8, 0.0])
+
+
+def rows(*directions):
+    """Directions of one node."""
+    return np.array([[*directions, *[Z] * (3 - len(directions))]])
+
+
+def at_one_node(*supports):
+    return prescribed_rows(2, [(np.array([1]), given) for given in supports])
+
+
+def projector(*directions):
+    q, _ = np.linalg.qr(np.array(directions).T)
+    return q @ q.T
+
+
+@pytest.mark.parametrize(
+    ("supports", "owners", "span"),
+    [
+        ([rows(X)], [0], [X]),
+        ([rows(X, Y), rows(X)], [0, 1], [X, Y]),
+        ([rows(X), rows(X, Y)], [1, 1], [X, Y]),
+        ([rows(X), rows(TILTED)], [0, 1], [X, Y]),
+        ([rows(X, Y), rows(TILTED)], [0, 1], [X, Y]),
+        ([rows(*np.eye(3)), rows(TILTED)], [0, 0, 1], np.eye(3)),
+        ([rows(TILTED), rows(*np.eye(3))], [1, 1, 1], np.eye(3)),
+        ([rows(TILTED), rows(TILTED + 1e-7 * X)], [1], [TILTED]),
+        ([rows(X), rows(TILTED), rows(Y)], [1, 2], [X, Y]),
+    ],
+)
+def test_the_later_support_applies_where_directions_depend(supports, owners, span):
+    found = at_one_node(*supports)
+    assert sorted(found.support) == owners and np.all(found.node == 1)
+    assert np.allclose(found.held.projector[0], projector(*span), atol=1e-6)
+    assert found.held.number == len(span) and list(found.held.nodes) == [1]
+    assert np.allclose(np.linalg.norm(found.direction, axis=1), 1.0)
+
+
+def test_an_earlier_support_keeps_what_is_orthogonal_to_the_later():
+    """Held along x and y to go by (1, 2), then along a tilted direction by 0: what remains is the part across it."""
+    found = at_one_node(rows(X, Y), rows(TILTED))
+    values = np.where(found.support == 0, found.direction @ [1.0, 2.0, 0.0], 0.0)
+    across = np.array([-0.8, 0.6, 0.0])
+    assert np.allclose(found.displacement(values)[1], across * (across @ [1.0, 2.0, 0.0]))

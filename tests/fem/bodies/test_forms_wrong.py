@@ -71,7 +71,6 @@ def named(name, value):
 
 
 OTHER = Script(BOX, 1)
-COUNT = BOX.domain.topology.index_map(2).size_local
 WRONG = {
     "unsymmetric": (lambda: {"a": A + 1e8 * ufl.inner(S.u.dx(0), S.v) * ufl.dx}, "a is not symmetric.*differ by"),
     "negative": (lambda: {"a": -A}, "a is not positive definite: a\\(u, u\\) = -"),

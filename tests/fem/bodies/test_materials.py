@@ -114,11 +114,9 @@ def test_directions_are_made_perpendicular():
         ({"young": (1e9, 1e9, 1e9), "poisson": (0.6, 0.6, 0.6)}, r"1 - nu12 nu21 .* must be positive, but is -0\.5"),
         ({"young": (1e9, -1e9, 1e9)}, "young must be three positive Young's moduli"),
         ({"shear": (1e9, 1e9)}, "shear must be three finite shear moduli"),
-        ({"directions": ((1, 0, 0), (-2, 0, 0))}, "the two directions must not be parallel"),
         ({"directions": ((0, 0, 0), (1, 0, 0))}, "the two directions must not be zero"),
         ({"directions": (1, 0, 0)}, "directions must be two"),
         ({"expansion": (1e-5, 1e-5)}, "expansion must be a finite number in 1/K, or three"),
-        ({"density": 0.0}, "density must be a positive number"),
     ],
 )
 def test_wrong_constants(changes, message):
@@ -127,28 +125,18 @@ def test_wrong_constants(changes, message):
         OrthotropicMaterial(**given)
 
 
-def test_directions_that_are_zero_somewhere():
-    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2))
-    winding = OrthotropicMaterial(
-        PLY.young, PLY.poisson, PLY.shear, (lambda x: np.array([x[1] - 0.25, 0 * x[0], 0 * x[0]]), (0.0, 0.0, 1.0))
-    )
-    with pytest.raises(ValueError, match=r"directions must not be zero, but are at x = 0\.25, 0\.25, 0\.25"):
-        Elasticity(mesh, winding, [Clamp("top")])
-
-
-def test_a_direction_that_is_a_rounding_error():
-    """On the axis of a wound shaft."""
-    mesh = coulomb.box((1.0, 1.0, 1.0), (3, 3, 1))
-    wound = OrthotropicMaterial(
-        PLY.young, PLY.poisson, PLY.shear, (lambda x: np.array([0.5 - x[1], x[0] - 0.5, 0 * x[0]]), (0.0, 0.0, 1.0))
-    )
-    with pytest.raises(ValueError, match=r"must not be zero, but are at x = 0\.5, 0\.5, 0\.5"):
-        Elasticity(mesh, wound, [Clamp("top")])
-
-
-def test_no_material():
-    with pytest.raises(ValueError, match=r"material must be a Material, .* but is 'steel'"):
-        Elasticity(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), {"cells": "steel"}, [Clamp("top")])
+@pytest.mark.parametrize(
+    ("cells", "winding", "at"),
+    [
+        ((2, 2, 2), lambda x: np.array([x[1] - 0.25, 0 * x[0], 0 * x[0]]), r"0\.25, 0\.25, 0\.25"),
+        # on the axis of a wound shaft, where it is a rounding error
+        ((3, 3, 1), lambda x: np.array([0.5 - x[1], x[0] - 0.5, 0 * x[0]]), r"0\.5, 0\.5, 0\.5"),
+    ],
+)
+def test_directions_that_are_zero_somewhere(cells, winding, at):
+    wound = OrthotropicMaterial(PLY.young, PLY.poisson, PLY.shear, (winding, (0.0, 0.0, 1.0)))
+    with pytest.raises(ValueError, match=rf"directions must not be zero, but are at x = {at}"):
+        Elasticity(coulomb.box((1.0, 1.0, 1.0), cells), wound, [Clamp("top")])
 
 
 @pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])

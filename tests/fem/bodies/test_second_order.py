@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-import scipy.sparse
-from conftest import STEEL, run_python
+from conftest import STEEL, to_csr
 
 import coulomb
-from benchmarks.block import block
 from coulomb import (
     Clamp,
     Contact,
@@ -19,14 +17,8 @@ from coulomb import (
     Traction,
 )
 from coulomb.fem.contact.contact_points import contact_points
-from coulomb.solvers import IterativeSolver
 
 CELLS = ["tetrahedron", "hexahedron"]
-
-
-def rows(matrix):
-    indptr, columns, values = matrix.getValuesCSR()
-    return scipy.sparse.csr_matrix((values, columns, indptr)).toarray()
 
 
 def pressed(cell, **given):
@@ -156,7 +148,7 @@ def test_a_foundation_of_fourth_order_that_touches_makes_no_interference():
     assert surface.points.average(of_nodes).min() < -0.01 and surface.gap.min() == 0.0
 
 
-@pytest.mark.parametrize("cells", [2, 4, 8])
+@pytest.mark.parametrize("cells", [2, 6])
 def test_singular_values_of_B_next_to_clamps(cells):
     """The rows of tetrahedra stay independent on the free nodes when the mesh is refined: the smallest singular value
     is 0.40 to 0.41 with one edge of the face clamped, 1/3 with all four; the largest at most 0.8."""
@@ -164,7 +156,7 @@ def test_singular_values_of_B_next_to_clamps(cells):
     for clamps, least in (([Clamp("left")], 0.4), (all_four, 0.333)):
         mesh = coulomb.box((1.0, 1.0, 1.0), (cells, cells, 1), "tetrahedron", degree=2)
         problem = ContactProblem(mesh, STEEL, clamps, Contact("bottom", 0.3))
-        values = np.linalg.svd(rows(problem.surface.free_B), compute_uv=False)
+        values = np.linalg.svd(to_csr(problem.surface.free_B).toarray(), compute_uv=False)
         assert values[-1] > least and values[0] < 0.8
 
 
@@ -174,55 +166,6 @@ def test_the_certificate_names_means(cell):
     assert solution.valid and solution.force_balance.balance < 1e-12
     assert ("means around vertices" in str(solution.certificate)) == (cell == "tetrahedron")
     assert solution.at_nodes.totals()["normal_force"] == pytest.approx(solution.force_on_body.sum(axis=0)[2], rel=1e-12)
-
-
-@pytest.mark.parametrize("cell", CELLS)
-def test_multigrid_by_linear_elements(cell):
-    """The same answer as by factors; a solve takes fewer iterations than with multigrid on the matrix alone."""
-    direct, by_multigrid = (
-        block(2, 0.3, cell, 2, **options) for options in ({}, {"linear_solver": IterativeSolver, "explicit": False})
-    )
-    forces = [problem.solve(1e-9).at_nodes.totals()["force"] for problem in (direct, by_multigrid)]
-    assert forces[1] == pytest.approx(forces[0], rel=1e-6)
-    finer = block(4, 0.3, cell, 2)
-    K, f = finer.elasticity.K, finer.f
-    alone = K.copy()
-    alone.setNearNullSpace(K.getNearNullSpace())
-    iterations = []
-    for matrix in (K, alone):
-        solver, u = IterativeSolver(matrix, 1e-8), K.createVecRight()
-        solver.solve(f, u)
-        iterations.append(solver.iterations)
-        assert (K * u - f).norm() <= 1e-8 * f.norm()
-    assert iterations[0] < iterations[1]
-
-
-ON_RANKS = """
-import sys
-import coulomb
-from mpi4py import MPI
-from coulomb import Clamp, Contact, ContactProblem, Material, Spring, Sphere, SymmetryPlane, Traction
-
-for cell in ("tetrahedron", "hexahedron"):
-    mesh = coulomb.box((3.0, 1.0, 1.0), (4, 2, 1), cell, degree=2)
-    supports = [Clamp("left"), SymmetryPlane("front")]
-    contact = Contact("bottom", 0.3, foundation=Sphere((1.5, 0.5, -100.0), 100.0))
-    loads = [Traction("top", (0.0, 1e7, -4e7)), Traction("right", (2e7, 0.0, 0.0))]
-    problem = ContactProblem(mesh, Material(2e11, 0.3), supports, contact, loads, springs=[Spring("back", (1e9,) * 3)])
-    answer = problem.solve(1e-11)
-    assert answer.certificate.passed and answer.force_balance.balance < 1e-10
-    totals = answer.at_nodes.totals()
-    if MPI.COMM_WORLD.rank == 0:
-        print(*totals["force"], *totals["moment"])
-"""
-
-
-def test_the_same_on_several_ranks():
-    alone, several = (run_python("-c", ON_RANKS, ranks=ranks) for ranks in (None, 3))
-    assert several.returncode == 0, several.stderr
-    for line, known in zip(several.stdout.splitlines(), alone.stdout.splitlines(), strict=True):
-        found, expected = ([float(number) for number in numbers.split()] for numbers in (line, known))
-        assert found == pytest.approx(expected, abs=1e-8 * max(map(abs, expected)))
 
 
 def test_a_ball_that_no_mean_touches_is_found():

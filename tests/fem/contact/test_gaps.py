@@ -9,7 +9,7 @@ from check_runs import change, copied, edit, field, run_case
 from mpi4py import MPI
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Cylinder, LoadCurve, LoadHistory, Material, Plane
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane
 from coulomb.case.case import read_case
 from coulomb.cli.terminal import contact_in_words
 from coulomb.io.case_record import case_record
@@ -35,7 +35,7 @@ gap = "1e-3*(x - 1.2)"
 gap_amplitude = [[0, 0], [1, 1], [2, -0.5]]
 motion = [[0, 0, 0, 0], [1, 0, 0, 0], [2, 2e-3, 0, 1e-4]]
 [history]
-times = [0.5, 1.0, 1.5, 2.0]
+times = [0.5, 1.5]
 """
 
 
@@ -94,34 +94,28 @@ def test_work_of_a_growing_interference_is_stored():
 def test_a_run_with_gaps_agrees_with_its_case_and_changes_are_noticed(tmp_path):
     folder = copied(STEPS, tmp_path / "run")
     assert check(folder).passed
-    change(folder / "steps/0003/contact.h5", "given_gap", lambda gap: gap * (1.0 + 1e-8))
+    change(folder / "steps/0002/contact.h5", "given_gap", lambda gap: gap * (1.0 + 1e-4))
     found = check(folder)
-    assert [step.passed for step in found.steps][:2] == [True, True] and not found.steps[2].passed
-    assert any("given_gap" in fault and "the case" in fault for fault in found.steps[2].faults)
-
-    folder = copied(STEPS, tmp_path / "other")
+    assert found.steps[0].passed and not found.steps[1].passed
+    assert any("given_gap" in fault and "the case" in fault for fault in found.steps[1].faults)
+    (folder / "case.json").rename(tmp_path / "case.json")  # without it the gap follows from motion and given gap
+    assert any("initial_gap" in fault for fault in check(folder).steps[1].faults)
+    change(folder / "steps/0002/contact.h5", "given_gap", lambda gap: gap / (1.0 + 1e-4))
+    assert check(folder).passed
+    (tmp_path / "case.json").rename(folder / "case.json")
     edit(folder / "case.json", lambda case: case["contact"].update(gap="1.0001e-3*(x - 1.2)"))
     assert not any(step.passed for step in check(folder).steps)
 
 
-def test_without_a_case_the_gap_follows_from_motion_and_given_gap(tmp_path):
-    folder = copied(STEPS, tmp_path / "run")
-    (folder / "case.json").unlink()
-    assert check(folder).passed
-    change(folder / "steps/0003/contact.h5", "given_gap", lambda gap: gap * (1.0 + 1e-4))
-    assert any("initial_gap" in fault for fault in check(folder).steps[2].faults)
-
-
 def test_an_interrupted_press_fit_resumes(tmp_path):
     folder = run_case(STEPS, tmp_path / "run")
-    for number in (3, 4):
-        (folder / f"steps/000{number}/summary.json").unlink()
+    (folder / "steps/0002/summary.json").unlink()
     settings = read_case(tmp_path / "run.toml")
     ends = []
     settings.load_history().run(
         settings.problem(), HistoryFiles(folder, resume=True), on_step=lambda step: ends.append(step.state.energy)
     )
-    assert len(ends) == 2 and check(folder).passed
+    assert len(ends) == 1 and check(folder).passed
 
 
 def test_a_gap_from_a_file(tmp_path):
@@ -132,7 +126,7 @@ def test_a_gap_from_a_file(tmp_path):
     meshio.Mesh(corners, cells, point_data={"depth": depth}).write(tmp_path / "worn.vtu")
     given = STEPS.replace('"1e-3*(x - 1.2)"', '{ file = "worn.vtu", field = "depth", scale = 1e-3 }')
     folder, same = run_case(given, tmp_path / "run"), copied(STEPS, tmp_path / "same")
-    gaps = [field(path / "steps/0003/contact.h5", "given_gap") for path in (folder, same)]
+    gaps = [field(path / "steps/0002/contact.h5", "given_gap") for path in (folder, same)]
     assert np.abs(gaps[0] - gaps[1]).max() <= 1e-15 and check(folder).passed
 
     def digests():
@@ -160,10 +154,8 @@ def test_what_was_understood_of_a_gap():
     ("make", "message"),
     [
         (lambda: block("1e-3"), "gap must be a number of metres or a function of place, .* but is '1e-3'"),
-        (lambda: block(float("nan")), "gap must be a number of metres"),
         (lambda: block(np.zeros(3)), "gap must be a number of metres"),
         (lambda: block(0.0, [(0, 0), (1, 1)]), "gap_amplitude is a factor of gap, which is not given"),
-        (lambda: block(0.0, LoadCurve([0, 1], [0, 1])), "gap_amplitude is a factor of gap"),
         (
             lambda: block(lambda x: np.where(x[0] < 1.0, np.inf, 0.0)),
             "'bottom': gap: the value has entries that are not finite",
@@ -176,22 +168,3 @@ def test_what_was_understood_of_a_gap():
 def test_wrong_gaps(make, message):
     with pytest.raises(ValueError, match=message):
         make()
-
-
-def test_a_bore_is_wider_by_its_interference_at_every_node():
-    """A ring on a pin: the bore takes the pin's radius."""
-
-    def place(x):
-        r, angle = 0.1 + 0.1 * x[0], 0.5 * np.pi * x[1]
-        return np.stack([r * np.cos(angle), r * np.sin(angle), 0.1 * x[2]])
-
-    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 4, 1), "tetrahedron", place=place)
-    supports = [coulomb.SymmetryPlane(face) for face in ("front", "back", "bottom", "top")]
-    pin = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.1)
-    fit = Contact("left", 0.1, foundation=pin, gap=lambda x: -1e-4 * (1.0 + x[2]))
-    solution = ContactProblem(mesh, Material(2e11, 0.3), supports, fit).solve()
-    surface = solution.problem.surface
-    u = solution.displacement[surface.nodes]
-    radial = np.einsum("ki,ki->k", u[:, :2], surface.x[:, :2]) / 0.1
-    assert radial == pytest.approx(1e-4 * (1.0 + surface.x[:, 2]), rel=1e-6)
-    assert solution.small_strain.gap_error <= 1e-2 and solution.valid

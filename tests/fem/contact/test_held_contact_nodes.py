@@ -135,7 +135,7 @@ def test_coulomb_friction_agrees_with_tresca_problems_of_clarabel(solver, seed, 
 def test_tresca_problems_whose_steps_block_are_solved_from_another_start(cohesive):
     """The last Tresca problems start near their answers, where steps block for some rounding errors of the data."""
     p, friction, cohesion, theirs = coulomb_friction(4, cohesive)
-    for seed in range(12):
+    for seed in range(3):
         noise = 1e-15 * np.random.default_rng(seed).standard_normal((len(p.b) + 1, len(p.b)))
         A, b = p.A * (1.0 + noise[1:] + noise[1:].T), p.b * (1.0 + noise[0])
         problem = FrictionProblem(dense_compliance(A), b, FrictionLaw(cohesion, friction))

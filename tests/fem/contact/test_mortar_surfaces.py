@@ -61,20 +61,23 @@ def whole(slave, master, **options):
     return mortar_rows(slave, master, (0, slave.size), **options)
 
 
-@pytest.mark.parametrize("kinds", [(Q1, Q1), (P1, Q1), (Q2, Q2), (P2, P2), (Q1, P2)], ids=str)
-@pytest.mark.parametrize("gap", [0.01, -0.01])
-def test_gaps_of_concentric_faces_are_second_order(kinds, gap):
+@pytest.mark.parametrize(
+    ("slave", "master", "gap"),
+    [(Q1, Q1, 0.01), (P1, Q1, -0.01), (Q2, Q2, 0.01), (P2, P2, -0.01), (Q1, P2, 0.01)],
+    ids=str,
+)
+def test_gaps_of_concentric_faces_are_second_order(slave, master, gap):
     """A pin in a hole, a ball in a socket, with other facets: the sagitta of the facets is all that is wrong."""
     pins, balls = [], []
-    coarse = 8 if Q1 in kinds else 4
+    coarse = 8 if Q1 in (slave, master) else 4
     for n in (coarse, 2 * coarse):
         pin = whole(
-            surface((4 * n, 2), kinds[0], cylinder(1.0, 0.5, 0.1)),
-            surface((5 * n, 3), kinds[1], cylinder(1.0 + gap, 0.5), -1),
+            surface((4 * n, 2), slave, cylinder(1.0, 0.5, 0.1)),
+            surface((5 * n, 3), master, cylinder(1.0 + gap, 0.5), -1),
         )
         ball = whole(
-            surface((n, n), kinds[0], cap(1.0, 0.4), -1),
-            surface((3 * n // 2, 3 * n // 2), kinds[1], cap(1.0 + gap, 0.6, 0.3)),
+            surface((n, n), slave, cap(1.0, 0.4), -1),
+            surface((3 * n // 2, 3 * n // 2), master, cap(1.0 + gap, 0.6, 0.3)),
         )
         for rows, errors in ((pin, pins), (ball, balls)):
             assert len(rows.dropped) == 0 and rows.lost == 0.0 and rows.layered == 0
@@ -84,8 +87,7 @@ def test_gaps_of_concentric_faces_are_second_order(kinds, gap):
     assert balls[0] < 0.5 * (0.8 / coarse) ** 2 and balls[1] < balls[0] / 3.0
 
 
-@pytest.mark.parametrize("curved", [Q1, P1, Q2, P2], ids=str)
-@pytest.mark.parametrize("plane", [Q1, P1, Q2, P2], ids=str)
+@pytest.mark.parametrize(("curved", "plane"), [(Q1, P1), (P1, Q2), (Q2, P2), (P2, Q1), (P2, P2)], ids=str)
 @pytest.mark.parametrize(("slave", "shift"), [("roller", 0.0), ("plate", 0.3), ("roller", 0.5)])
 def test_a_gap_that_is_nowhere_negative_makes_no_interference(curved, plane, slave, shift):
     """A roller of any facets on a plate, with a vertex or the middle of a facet at the lowest place, partly over its
@@ -211,32 +213,15 @@ def quadrilaterals(number, seed):
     return np.einsum("ijk,knj->kni", turn, corners) + middle
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-16, 1e-15, 1e-13, 1e-12, 1e-10])
+@pytest.mark.parametrize("noise", [0.0, 1e-16, 1e-15, 1e-12])
 def test_polygons_that_nearly_coincide_are_clipped(noise):
     """Matching meshes: sides on sides up to rounding errors; each polygon is its own part, in either orientation."""
-    one = quadrilaterals(50_000, 0)
+    one = quadrilaterals(20_000, 0)
     other = one + noise * np.random.default_rng(1).normal(size=one.shape)
     for subject in (one, one[:, ::-1]):
         parts, pairs = clipped(subject, other)
         assert len(pairs) == len(one)
         assert np.allclose(np.abs(areas(parts)), areas(one), rtol=0, atol=10.0 * noise + 1e-14)
-
-
-def test_common_parts_of_polygons():
-    """By rejection sampling: the share of random points that are in both."""
-    one, other = quadrilaterals(20, 2), quadrilaterals(20, 3)
-    parts, pairs = clipped(one, other)
-    found = np.zeros(len(one))
-    found[pairs] = areas(parts)
-    points = np.random.default_rng(4).random((50_000, 2)) * 3.0 - 1.1
-
-    def inside(polygon):
-        sides = np.roll(polygon, -1, axis=0) - polygon
-        away = points[:, None] - polygon
-        return np.all(sides[:, 0] * away[:, :, 1] - sides[:, 1] * away[:, :, 0] >= 0.0, axis=1)
-
-    sampled = [9.0 * np.mean(inside(a) & inside(b)) for a, b in zip(one, other, strict=True)]
-    assert np.allclose(found, sampled, atol=0.06) and np.max(found) > 0.2
 
 
 def test_sagittas_are_those_of_the_smooth_face():

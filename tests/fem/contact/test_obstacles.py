@@ -65,14 +65,10 @@ def test_a_function_need_not_be_a_distance():
         (lambda: Sphere((0, 0, 0), 0.0), "sphere: radius must be a positive number of metres, but is 0.0"),
         (lambda: Sphere((0, 0, np.nan), 1.0), "sphere: centre must be three finite numbers"),
         (lambda: Cylinder((0, 0, 0), (0, 0, 0), 1.0), "cylinder: axis must not be zero"),
-        (lambda: Cylinder((0, 0, 0), (0, 0, 1), -1.0), "cylinder: radius must be a positive"),
         (lambda: surface(Sphere((1.5, 0.5, 0.0), 2.0)), "no normal at its centre|turned away"),
         (lambda: surface(SignedDistance(lambda x: x[:2])), r"foundation: the function must return \d+ numbers"),
         (lambda: surface(SignedDistance(lambda x: np.zeros(x.shape[1]))), "has no normal at x = "),
-        (
-            lambda: surface(SignedDistance(lambda x: x[5])),
-            "'bottom': foundation: index 5 is out of bounds",
-        ),
+        (lambda: surface(SignedDistance(lambda x: x[5])), "'bottom': foundation: index 5 is out of bounds"),
         (lambda: surface(Plane((0, 0, 0), (0, 0, 1)), "faces"), 'normals must be "foundation" or "body"'),
     ],
 )

@@ -132,15 +132,3 @@ def test_first_correction_is_of_second_order_in_the_step(monkeypatch):
         curve.h, curve._found = h, found
         curve.step(at)
     assert 0.0 < first[0] < 0.01 and 3.0 < first[0] / first[1] < 5.0
-
-
-def test_the_curve_starts_with_a_convex_problem_and_turns():
-    """The determinant is positive at tau = 1, log tau increases on a part of the curve, and it ends at tau = 0."""
-    curve = ConeCurve(cones(stack(10, 2.0, 1203)))
-    at, logs = curve.start(), [0.0]
-    assert at.tau == 1.0 and np.abs(at.G).max() < 0.1
-    while at is not None and len(logs) < 60:
-        at = curve.step(at)
-        if at is not None:
-            logs.append(at.log)
-    assert max(np.diff(logs)) > 0.0 and min(logs) < np.log(1e-5)

@@ -8,7 +8,9 @@ import coulomb
 from benchmarks.rigid_bodies import TouchPoint, arch, assembled, random_rank, scattered, stack, tower, walled
 from coulomb import NotConverged, Status, solve_coulomb
 from coulomb.solvers import Automatic
-from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
+from coulomb.solvers.rigid import cone_interior_point as cone_run
+from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint, _ConeRun
+from coulomb.solvers.rigid.cone_paths import ConeCurve
 from coulomb.solvers.rigid.matrix_problems import _compliance
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -158,3 +160,50 @@ def test_start_from_the_answer_takes_no_path():
     assert NO_SWEEPS.solve(friction, x).newton_steps <= 1
     again = ConeInteriorPoint().solve(friction, x)
     assert again.newton_steps == 0 and again.products == 1
+
+
+# --- the run: lengths of its steps, its best answer, and how much each part may do ---
+
+
+def refused(problem, **settings):
+    with pytest.raises(NotConverged) as failure:
+        solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, **settings))
+    return failure.value.result
+
+
+def test_newton_steps_are_shortened_until_the_natural_map_decreases():
+    problem = walled(20, 1.0, 2)
+    result = solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False))
+    sizes, lengths = (np.array([getattr(step, name) for step in result.history]) for name in ("residual", "alpha"))
+    assert set(lengths) == {1.0, 0.5} and np.all(np.diff(sizes) < 0.0) and sizes[-1] < 1e-8
+
+
+def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
+    """Of the path's last point, and of ten times its forces."""
+    seen = []
+    monkeypatch.setattr(
+        _ConeRun, "_successive_slips", lambda self, _: seen.extend(map(self._judged, (self._X, 10 * self._X)))
+    )
+    result = refused(stack(8, 1.0, 2), newton=1, path=4, curve=0)
+    assert result.status is Status.STAGNATED and seen[0] < seen[1]
+    assert result.residual <= seen[0] * (1.0 + 1e-9)
+
+
+def test_the_curve_has_at_most_the_steps_of_the_setting(monkeypatch):
+    steps, step = [], ConeCurve.step
+    monkeypatch.setattr(ConeCurve, "step", lambda self, at: steps.append(self) or step(self, at))
+    refused(stack(8, 1.0, 2), newton=1, path=1, curve=3, convex=0)
+    assert len(steps) == 3
+
+
+def test_slips_of_convex_problems_are_accelerated(monkeypatch):
+    """What follows each is that of Anderson's acceleration, not negative."""
+    seen, accelerated = [], cone_run.Anderson.next
+    monkeypatch.setattr(cone_run.Anderson, "next", lambda *given: seen.append(accelerated(*given)) or seen[-1])
+    slips, solved = [], _ConeRun._solved
+    monkeypatch.setattr(_ConeRun, "_solved", lambda self, slip, tol: slips.append(slip) or solved(self, slip, tol))
+    problem = random_rank(10, 20, 0.4, 1)
+    solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, newton=1, path=4))
+    assert len(seen) >= len(slips) - 1 > 1 and not slips[0].any() and min(slip.min() for slip in slips) >= 0.0
+    for slip, following in zip(slips[1:], seen, strict=False):
+        assert np.array_equal(slip, np.maximum(following, 0.0))

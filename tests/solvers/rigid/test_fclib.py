@@ -45,8 +45,8 @@ def test_tresca(name):
 METHODS = ("default", "successive Tresca", "interior point", "auto")
 
 
-SLOW = {("Capsules-i125-1213.npz", "successive Tresca")}
-"""A minute, as every Tresca problem takes dense systems."""
+SLOW = {("Capsules-i125-1213.npz", "successive Tresca"), ("Capsules-i125-1213.npz", "auto")}
+"""Up to a minute each."""
 
 
 @pytest.mark.parametrize(("name", "method"), [(n, m) for n in NAMES for m in METHODS if (n, m) not in SLOW])

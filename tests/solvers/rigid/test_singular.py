@@ -1,5 +1,7 @@
 """A without full rank: forces in its null space neither hide an error nor grow without need."""
 
+import functools
+import itertools
 import time
 from dataclasses import replace
 
@@ -23,7 +25,7 @@ OVER = Reductions(MPI.COMM_SELF)
 
 def tresca_seeds(count):
     problems = (singular_problem(seed) for seed in range(1000, 2000))
-    return [P for P in problems if not P.friction.any()][:count]
+    return list(itertools.islice((P for P in problems if not P.friction.any()), count))
 
 
 def by_clarabel(P, at=None):
@@ -56,6 +58,12 @@ def by_clarabel(P, at=None):
     solution = clarabel.DefaultSolver(P_.tocsc(), q, A, np.concatenate(right), cones, settings).solve()
     assert "Solved" in str(solution.status)
     return f * np.array(solution.x)[:n]
+
+
+@functools.cache
+def least_objective(number):
+    """Forces of one of the problems, by a conic solver."""
+    return by_clarabel(tresca_seeds(15)[number])
 
 
 # --- the measure -----------------------------------------------------------------------------------------------------
@@ -149,9 +157,9 @@ def test_sweeps_measure_likewise():
 )
 def test_the_objective_is_that_of_a_conic_solver(solver):
     """With a residual relative to |x| alone 5 of these were CONVERGED up to 4e-4 above the minimum."""
-    problems, found = tresca_seeds(30), 0
-    for P in problems:
-        least = P.objective(by_clarabel(P))
+    problems, found = tresca_seeds(15), 0
+    for k, P in enumerate(problems):
+        least = P.objective(least_objective(k))
         try:
             x = solve_tresca(P.A, P.b, P.cohesion, solver=solver).x
         except NotConverged:
@@ -165,7 +173,7 @@ def test_the_objective_is_that_of_a_conic_solver(solver):
 def test_forces_of_least_norm():
     """No larger than those of the conic solver, which looks for them among all solutions to 1e-9; this is a larger set
     where A has eigenvalues over six decades."""
-    for P in (P for P in tresca_seeds(60) if "half" not in P.title):
+    for P in (P for P in tresca_seeds(20) if "half" not in P.title):
         result = solve_tresca(P.A, P.b, P.cohesion)
         least = np.linalg.norm(by_clarabel(P, result.x))
         assert np.linalg.norm(result.x) <= (1.0 + 1e-3) * least, P.title
@@ -173,7 +181,7 @@ def test_forces_of_least_norm():
 
 def test_rigid_motions_without_full_rank():
     """From a solution; the displacements of Tresca problems are unique, up to rigid motions."""
-    for P in tresca_seeds(40):
+    for P in tresca_seeds(20):
         if "made" not in P.title or P.m < 3:
             continue
         rng = np.random.default_rng(P.m)
@@ -196,26 +204,21 @@ def test_a_definite_matrix_takes_the_interior_point_method():
     assert np.array_equal(ours.x, plain.x) and ours.newton_steps == plain.newton_steps
 
 
-@pytest.mark.parametrize("contacts", [10, 30])
-def test_a_refusal_takes_seconds(contacts):
+@pytest.mark.parametrize("cohesion", [0.0, 1.0])
+def test_a_refusal_takes_seconds(cohesion):
     """Of rank 4, and pressed so that no forces close the contacts: all methods are tried."""
-    for seed in range(2):
-        rng = np.random.default_rng(seed)
-        H, b = rng.standard_normal((4, 3 * contacts)), rng.standard_normal(3 * contacts)
-        b[0::3] += 1.0
-        for cohesion in (0.0, 1.0):
-            began = time.process_time()
-            with pytest.raises(NotConverged):
-                solve_coulomb(H.T @ H, b, np.full(contacts, 0.5), cohesion=cohesion)
-            assert time.process_time() - began < 5.0
+    rng, began = np.random.default_rng(0), time.process_time()
+    H, b = rng.standard_normal((4, 90)), rng.standard_normal(90)
+    b[0::3] += 1.0
+    with pytest.raises(NotConverged):
+        solve_coulomb(H.T @ H, b, np.full(30, 0.5), cohesion=cohesion)
+    assert time.process_time() - began < 5.0
 
 
-@pytest.mark.parametrize("definite", [False, True])
-def test_successive_tresca_ends_after_newton_steps(definite):
+def test_successive_tresca_ends_after_newton_steps():
     """The last of the methods, whose twenty problems took up to 100 Newton steps each: no problem begins after 300."""
     P, outer = singular_problem(53), []
-    A = P.A + 2e-8 * P.compliance * np.eye(3 * P.m) if definite else P.A
-    problem = FrictionProblem(dense_compliance(A), P.b, FrictionLaw(P.cohesion, P.friction))
+    problem = FrictionProblem(dense_compliance(P.A), P.b, FrictionLaw(P.cohesion, P.friction))
     with pytest.raises(NotConverged):
         MatrixAutomatic().solve(problem, progress=lambda at: outer.append(at.outer))
     steps = [number for number in outer if number > 0]
