@@ -60,12 +60,14 @@ def listed(text):
     return [line for line in text.splitlines() if line.startswith(("load ", "support ", "contact  "))]
 
 
-@pytest.mark.parametrize(("cell", "ranks"), [("hexahedron", None), ("tetrahedron", 3)])
-def test_resultants_supports_and_gaps(cell, ranks, tmp_path):
-    (tmp_path / "case.toml").write_text(CASE.replace("CELL", cell))
-    done = run_coulomb("check-case", tmp_path / "case.toml", ranks=ranks)
+def test_check_case_on_ranks(tmp_path):
+    """Resultants, supports and gaps, the method and the memory of all ranks."""
+    (tmp_path / "case.toml").write_text(CASE.replace("CELL", "tetrahedron"))
+    done = run_coulomb("check-case", tmp_path / "case.toml", ranks=2)
     assert done.returncode == 0, done.stderr
     assert listed(done.stdout) == EXPECTED
+    assert "K direct (nested dissection, shared fronts), A explicit" in done.stdout
+    assert "GB of memory on 2 ranks" in done.stdout
 
 
 def test_a_run_lists_and_keeps_it(tmp_path):
