@@ -68,14 +68,15 @@ amplitude = [[0, 0], [1, 1]]
 """A cube of cells CELL whose top is pressed down in the first second."""
 
 
-def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, **options):
+def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, cohesion=None, **options):
     """The block of the benchmarks with p cells per metre."""
+    law = {"slip_stress": slip_stress} if slip_stress else {"friction": friction, "cohesion": cohesion}
     return coulomb.ContactProblem(
         coulomb.box((3.0, 1.0, 1.0), cells or (3 * p, p, p)),
         STEEL,
         clamps=[coulomb.Clamp("left")],
         tractions=[coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
-        contact=coulomb.Contact("bottom", None if slip_stress else friction, slip_stress, foundation),
+        contact=coulomb.Contact("bottom", foundation=foundation, **law),
         **options,
     )
 
@@ -142,12 +143,6 @@ def projected_gradient(qp, A, tolerance=1e-11, steps=200_000):
         if done and qp.residual(x) <= 1e-10:
             break
     return x
-
-
-def without_sweeps(monkeypatch):
-    """Methods for an explicit matrix begin without sweeps of Gauss and Seidel."""
-    for module in ("cone_interior_point", "cone_run", "general", "matrix_automatic"):
-        monkeypatch.setattr(f"coulomb.solvers.rigid.{module}.swept", lambda *_, **__: None, raising=False)
 
 
 def run_coulomb(*arguments, ranks=None, cwd=None, timeout=600, process=False):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import make_block
+from synthetic_evidence import failed
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, PrescribedDisplacement, Sphere
@@ -15,10 +16,6 @@ from coulomb.model.contact_body import ContactBody
 from coulomb.model.load_history import StepFailed
 
 RUBBER = Material(1e7, 0.3)
-
-
-def failed(certificate):
-    return {check.name for check in certificate.checks if not check.passed}
 
 
 def answer(problem):
@@ -144,15 +141,6 @@ def without_origin(monkeypatch):
     monkeypatch.setattr(ContactProblem, "at", lambda self, time, before=None: at(self, time))
 
 
-def without_motion_of_origin(monkeypatch):
-    """The origin does not move with the foundation."""
-
-    def posed(self, problem, state, time):
-        return problem.at(time, replace(state, time=time))
-
-    monkeypatch.setattr(LoadHistory, "_posed", posed)
-
-
 def without_origin_in_b(monkeypatch):
     def closure(self, u):
         return self.surface.rows(u)
@@ -179,21 +167,22 @@ def test_a_missing_slip_origin_fails(monkeypatch, forget):
 
 
 def test_an_origin_that_does_not_move_with_the_foundation_fails(monkeypatch):
-    without_motion_of_origin(monkeypatch)
+    stays = lambda self, problem, state, time: problem.at(time, replace(state, time=time))  # noqa: E731
+    monkeypatch.setattr(LoadHistory, "_posed", stays)
     later = certificates(moving())[1:]
     assert later and not any(certificate.passed for certificate in later)
 
 
-def test_a_foundation_that_does_not_move_fails(monkeypatch):
+@pytest.mark.parametrize(
+    ("method", "wrong"),
+    [
+        ("surface", lambda self, motions, time: self._reference),
+        ("rigid_motions", lambda self, time: (RigidMotion(np.zeros(3)),)),
+    ],
+)
+def test_a_foundation_that_does_not_move_fails(monkeypatch, method, wrong):
     problem = moving()
-    monkeypatch.setattr(ContactBody, "surface", lambda self, motions, time: self._reference)
-    (pressed,) = certificates(problem, [1.0])
-    assert "penetration" in failed(pressed)
-
-
-def test_missing_motions_fail(monkeypatch):
-    problem = moving()
-    monkeypatch.setattr(ContactBody, "rigid_motions", lambda self, time: (RigidMotion(np.zeros(3)),))
+    monkeypatch.setattr(ContactBody, method, wrong)
     (pressed,) = certificates(problem, [1.0])
     assert "penetration" in failed(pressed)
 

@@ -15,7 +15,7 @@ from singular_problems import singular_problem
 from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca, solve_coulomb, solve_tresca
 from coulomb.solvers import Automatic, DenseSystem, FrictionProblem
 
-EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "90"))
+EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "50"))
 
 
 class ByArrays:

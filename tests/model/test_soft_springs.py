@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
+from synthetic_evidence import failed
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Spring, Traction, certify
-
-
-def failed(certificate):
-    return {check.name for check in certificate.checks if not check.passed}
 
 
 def block(stiffness, friction=0.0, clamps=()):
@@ -33,29 +30,19 @@ def drifted(problem, way, turn=0.0):
     return solution, certify(problem, solution.contact_force, u)
 
 
-@pytest.mark.parametrize("stiffness", [1e5, 1e6, 1e7])
+@pytest.mark.parametrize("stiffness", [1e5, 1e7])
 def test_right_answers_pass(stiffness):
     solution, certificate = drifted(block(stiffness), 0.0)
-    assert failed(solution.certificate) <= {
-        "complementarity",
-        "penetration",
-    }  # soft springs need a more accurate solver
+    assert failed(solution.certificate) <= {"complementarity", "penetration"}  # these need a more accurate solver
     assert certificate["rigid motion"].value <= 1e-7
 
 
-@pytest.mark.parametrize("stiffness", [1e5, 1e6, 1e7])
-@pytest.mark.parametrize(("way", "turn"), [(1e-5, 0.0), (-1e-5, 0.0), (0.1, 0.0), (0.0, 1e-5), (0.0, 0.1)])
-def test_a_drift_fails(stiffness, way, turn):
-    _, certificate = drifted(block(stiffness), way, turn)
-    assert certificate["rigid motion"].value > 1e-6
-    assert "rigid motion" in failed(certificate)
-
-
-def test_internal_forces_do_not_show_the_drift():
+@pytest.mark.parametrize(("way", "turn"), [(1e-5, 0.0), (0.1, 0.0), (0.0, 1e-5), (0.0, 0.1)])
+def test_a_drift_fails(way, turn):
     """Equilibrium and balance of all forces do not detect it."""
-    _, certificate = drifted(block(1e5), 0.1)
-    for name in ("equilibrium", "force balance"):
-        assert certificate[name].passed
+    _, certificate = drifted(block(1e5), way, turn)
+    assert certificate["rigid motion"].value > 1e-6 and "rigid motion" in failed(certificate)
+    assert certificate["equilibrium"].passed and certificate["force balance"].passed
 
 
 def test_only_free_rigid_motions_are_judged():
