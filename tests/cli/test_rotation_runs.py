@@ -8,6 +8,7 @@ import pytest
 from check_runs import change, copied, edit, made
 from conftest import run_coulomb
 from report_pages import page_without_pictures
+from resumed_rows import rows_of
 
 from coulomb.io.recheck import check
 
@@ -58,16 +59,11 @@ TURNTABLE = (
 RUNS = {"drum": SHOE, "turntable": TURNTABLE}
 
 
-def rows(folder):
-    with (folder / "history.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
 def test_the_files_agree(text, tmp_path):
     found = check(made(text))
     assert found.passed and found.recorded, found
-    row = rows(made(text))[-1]
+    row = rows_of(made(text))[-1]
     assert float(row["bottom_angle"]) == 0.4 and abs(float(row["bottom_torque"])) > 1.0
     assert float(row["bottom_power"]) == pytest.approx(float(row["bottom_torque"]) * 0.4 / 3.0, rel=1e-12)
     folder = copied(text, tmp_path / "run")
@@ -98,7 +94,7 @@ def test_changed_figures(with_case, tmp_path):
         assert [step.number for step in check(folder).steps if not step.passed] == [1, 2, 3, 4]
         return
     edit(folder / "steps/0003/summary.json", lambda s: SPOILT["angle"](s["faces"][0]))
-    table, columns = rows(folder), ("bottom_angle", "bottom_torque", "bottom_power")
+    table, columns = rows_of(folder), ("bottom_angle", "bottom_torque", "bottom_power")
     for column in columns:
         table[1][column] = repr(float(table[1][column]) * (1.0 + 1e-6))
     with (folder / "history.csv").open("w", newline="") as file:
@@ -137,9 +133,9 @@ def test_on_ranks(tmp_path):
     (tmp_path / "case.toml").write_text(TURNTABLE)
     done = run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "out", ranks=2)
     assert done.returncode == 0 and done.stdout.count("all 4 load steps certified") == 1, done.stderr
-    for ours, expected in zip(rows(tmp_path / "out"), rows(made(TURNTABLE)), strict=True):
+    for ours, expected in zip(rows_of(tmp_path / "out"), rows_of(made(TURNTABLE)), strict=True):
         for column in ("bottom_torque", "bottom_power", "energy_foundation", "energy_dissipated", "normal_force"):
-            scale = abs(float(rows(made(TURNTABLE))[-1][column]))
+            scale = abs(float(rows_of(made(TURNTABLE))[-1][column]))
             assert float(ours[column]) == pytest.approx(float(expected[column]), rel=1e-6, abs=1e-6 * scale), column
     assert check(tmp_path / "out").passed
 
@@ -153,7 +149,7 @@ def test_resumed(tmp_path):
         shutil.rmtree(out / f"steps/{number:04d}")
     done = run_coulomb("resume", out)
     assert done.returncode == 0, done.stderr
-    for ours, expected in zip(rows(out), rows(made(SHOE)), strict=True):
+    for ours, expected in zip(rows_of(out), rows_of(made(SHOE)), strict=True):
         for column, value in expected.items():
             if "bottom" in column or "energy" in column:
                 assert float(ours[column]) == pytest.approx(float(value), rel=1e-8, abs=1e-12), column

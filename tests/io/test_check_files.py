@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -26,10 +25,10 @@ from check_runs import (
     scaled,
     shown,
 )
+from shared_problems import lose
 
 from coulomb.contact_fields import CONTACT_FIELDS, names
 from coulomb.io.recheck import check
-from coulomb.model.contact_faces import contact_surface as real_surface
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 
 ON_CELLS = ("von_mises_stress", "stress_xz", "principal_stress_2", "young", "poisson")
@@ -256,27 +255,10 @@ def test_a_missing_mesh_file(tmp_path):
     assert not check(folder).passed
 
 
-@pytest.fixture
-def lost_nodes(monkeypatch):
-    """A faulty contact surface that omits the middle third of the face."""
-    from coulomb.fem.contact.contact_points import contact_matrix
-    from coulomb.model import contact_faces
-
-    def without_the_middle(elasticity, face, *arguments):
-        surface = real_surface(elasticity, face, *arguments)
-        keep = ~((surface.x[:, 0] > 0.39) & (surface.x[:, 0] < 0.81))
-        of_points = {
-            name: getattr(surface, name)[keep] for name in ("part", "x", "frames", "gap", "gap_field", "chord")
-        }
-        points = surface.points.only(keep)
-        B = contact_matrix(points, of_points["frames"])
-        return replace(surface, **of_points, points=points, B=B, free_B=B)
-
-    monkeypatch.setattr(contact_faces, "contact_surface", without_the_middle)
-
-
 @pytest.mark.parametrize("with_case", [True, False])
-def test_nodes_missing_from_the_surface(lost_nodes, with_case, tmp_path):
+def test_nodes_missing_from_the_surface(monkeypatch, with_case, tmp_path):
+    """A faulty contact surface omits the middle third of the face."""
+    lose(monkeypatch, lambda x: (x[:, 0] > 0.39) & (x[:, 0] < 0.81))
     folder = run_case(BLOCK.replace("[[contact.region]]", "").split("box = [[")[0] + UNASKED, tmp_path / "run")
     assert np.sum(np.round(field(folder / "contact.h5", "status")) == HELD) > 10
     if not with_case:

@@ -22,6 +22,7 @@ from coulomb.linalg.compliance.predicted_cost import (
     chosen,
     factorise,
     seconds_direct,
+    seconds_multigrid,
     undecided,
 )
 from coulomb.linalg.factors import multifrontal
@@ -66,6 +67,19 @@ def test_load_histories_want_factors(name):
     direct = "ring" not in name and "plate" not in name
     assert factorise(Work(*work, work[0]), measures, 8, precision=precision) is direct
     assert factorise(Work(*work, work[0]), measures, 48, precision=precision)
+
+
+def test_what_decides_the_iterations():
+    """More for tetrahedra, bodies that contact alone holds, slender ones, flat cells, strips, and materials that keep
+    their volume; fewer on faces that hardly touch."""
+    body = Measures(20_000, 1000, 1.7)
+    for name, value in (("aspect", 8.0), ("elongation", 20.0), ("poisson", 0.4999), ("second_order", True)):
+        assert body._replace(**{name: value}).iterations > 1.5 * body.iterations, name
+    held = body._replace(tetrahedra=True)
+    harder = (body, held, held._replace(unheld=True), held._replace(unheld=True, slenderness=44.0))
+    numbers = [measures.iterations for measures in harder]
+    assert numbers == sorted(numbers) and len(set(numbers)) == len(numbers)
+    assert body._replace(slenderness=0.5).iterations == body.iterations > body._replace(near=0.0).iterations
 
 
 def test_measures_of_a_problem():
@@ -121,6 +135,23 @@ def test_wide_contact_faces():
     assert factorise(work, thin, **given, room=8e8) and not factorise(work, thin, **given, room=7.9e8)
     assert factorise(work, thin, precision=TWICE, soft=True, room=4e8)  # A formed, there is one set of factors
     assert not factorise(Work(6e10, 6.5e8, 6e10), Measures(153_900, 17_100, 3.0), formed=False)
+
+
+def test_costs_of_load_steps_and_ranks():
+    work, body = Work(1e10, 1e8, 1e10), Measures(20_000, 1000, 1.7)
+    later = [seconds_direct(work, 1000, steps) for steps in (1, 2, 24)]
+    assert later[2] - later[0] == pytest.approx(23 * (later[1] - later[0]))
+    seconds = [seconds_direct(work, 1000, 1, precision) for precision in (ONCE, Precision.DOUBLE, TWICE)]
+    assert seconds == sorted(seconds) and seconds[0] < seconds[1] < seconds[2]
+    assert seconds_direct(work, 1000, 8, Precision.DOUBLE) < later[0] + 7 * (later[1] - later[0])
+    one, two, many = (seconds_multigrid(body, steps) for steps in (1, 2, 24))
+    assert many - one == pytest.approx(23 * (two - one)) and later[1] - later[0] < 0.5 * (two - one)
+    for costs in (
+        [seconds_direct(Work(0.0, 1e12, 0.0), 1, ranks=ranks) for ranks in (1, 2)],
+        [seconds_direct(Work(0.0, 0.0, 0.0), 10**6, 1, TWICE, ranks) for ranks in (1, 2)],
+        [seconds_multigrid(Measures(10**9, 1, 1.7), ranks=ranks) for ranks in (1, 2)],
+    ):
+        assert 1.0 < costs[0] / costs[1] <= 2.0 + 1e-3
 
 
 def test_where_the_size_leaves_it_open():

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import make_block
+from shared_problems import lose
 from synthetic_evidence import failed
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, PrescribedDisplacement, Sphere
-from coulomb.fem.contact import surface as surfaces
-from coulomb.fem.contact.contact_points import contact_matrix
 from coulomb.fem.geometry.obstacles import Moved, RigidMotion
 from coulomb.model.contact_body import ContactBody
 from coulomb.model.load_history import StepFailed
@@ -25,21 +24,6 @@ def answer(problem):
     except NotConverged as failure:
         assert "failing conditions" in str(failure)
         return problem.solution(failure.result)
-
-
-def lose(monkeypatch, lost):
-    """Contact nodes at which `lost(x)` is true are no longer found."""
-    whole = surfaces.contact_surface
-
-    def part(elasticity, face, *arguments):
-        found = whole(elasticity, face, *arguments)
-        keep = ~lost(found.x)
-        points = found.points.only(keep)
-        B = contact_matrix(points, found.frames[keep])
-        fields = ("part", "x", "frames", "gap", "gap_field")
-        return replace(found, points=points, B=B, free_B=B, **{name: getattr(found, name)[keep] for name in fields})
-
-    monkeypatch.setattr("coulomb.model.contact_faces.contact_surface", part)
 
 
 @pytest.mark.parametrize("slip_stress", [None, 1e7], ids=["coulomb", "tresca"])
