@@ -62,3 +62,12 @@ def test_another_mesh_is_refused():
     for mesh, supports in ((coulomb.box((0.4, 0.2, 0.2), (5, 3, 3)), held), (MESH, [Clamp("top")])):
         with pytest.raises(ValueError, match="same mesh"):
             problem.body.replace(Elasticity(mesh, STEEL, supports, loads))
+
+
+def test_posing_another_step_leaves_products_alone():
+    """A is shared by all load steps; only a solve tells it of its load."""
+    problem = posed(STEEL, IterativeSolver, False)
+    problem.solve()
+    latest = problem.A.matrix_free.latest
+    assert latest is not None and problem.at(1.0).friction_problem.A is problem.A
+    assert problem.A.matrix_free.latest is latest
