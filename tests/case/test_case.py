@@ -76,18 +76,10 @@ def test_a_clamp_with_a_value_is_a_prescribed_displacement():
 
 
 JAWS = """
-[mesh]
-box = [0.1, 0.1, 0.05]
-cells = [3, 3, 2]
-[material]
-young = 1e7
-poisson = 0.3
-[[spring]]
-face = "left"
-stiffness = 1e4
-[[spring]]
-face = "right"
-stiffness = 1e4
+mesh = { box = [0.1, 0.1, 0.05], cells = [3, 3, 2] }
+material = { young = 1e7, poisson = 0.3 }
+spring = [{ face = "left", stiffness = 1e4 }, { face = "right", stiffness = 1e4 }]
+history = { times = [1.0] }
 [[contact]]
 face = "bottom"
 friction = 0.4
@@ -95,14 +87,8 @@ friction = 0.4
 face = "top"
 friction = 0.2
 motion = [[0, 0, 0, 0], [1, 0, 0, -1e-3]]
-[contact.foundation]
-point = [0, 0, 0.05]
-normal = [0, 0, -1]
-[[contact.region]]
-box = [[0, 0, 0], [0.05, 0.1, 0.1]]
-friction = 0.1
-[history]
-times = [1.0]
+foundation = { point = [0, 0, 0.05], normal = [0, 0, -1] }
+region = [{ box = [[0, 0, 0], [0.05, 0.1, 0.1]], friction = 0.1 }]
 """
 
 

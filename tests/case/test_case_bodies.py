@@ -46,15 +46,9 @@ friction = 0.4
 
 
 ONE = """
-[mesh]
-box = [1.0, 1.0, 1.0]
-cells = [1, 1, 1]
-[material]
-young = 1e9
-poisson = 0.3
-[contact]
-face = "bottom"
-friction = 0.3
+mesh = { box = [1.0, 1.0, 1.0], cells = [1, 1, 1] }
+material = { young = 1e9, poisson = 0.3 }
+contact = { face = "bottom", friction = 0.3 }
 """
 
 

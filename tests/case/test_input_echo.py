@@ -11,39 +11,18 @@ from coulomb import Clamp, Contact, ContactProblem, Material, Plane, PrescribedD
 from coulomb.model.input_echo import contacts_of, loads_of, supports_of
 
 CASE = """
-[mesh]
-box = [2.0, 1.0, 0.5]
-cells = [4, 2, 2]
-cell = "CELL"
-
-[material]
-young = 2e11
-poisson = 0.3
-
-[[clamp]]
-face = "left"
-components = "xz"
-
-[[spring]]
-face = "right"
-stiffness = [0, 1e9, 0]
-
-[[traction]]
-face = "top"
-value = [1e5, 0, -2e6]
-amplitude = [[0, 0], [1, -0.5], [2, 1], [3, 0.2]]
-
+mesh = { box = [2.0, 1.0, 0.5], cells = [4, 2, 2], cell = "CELL" }
+material = { young = 2e11, poisson = 0.3 }
+clamp = [{ face = "left", components = "xz" }]
+spring = [{ face = "right", stiffness = [0, 1e9, 0] }]
+traction = [{ face = "top", value = [1e5, 0, -2e6], amplitude = [[0, 0], [1, -0.5], [2, 1], [3, 0.2]] }]
+history = { times = [1, 2, 3] }
+output = { picture = false }
 [contact]
 face = "bottom"
 friction = 0.3
 foundation = { point = [0, 0, -0.001], normal = [0.0, 0.0, 1.0] }
 motion = [[0, 0, 0, 0], [3, 0, 0, 1e-3]]
-
-[history]
-times = [1, 2, 3]
-
-[output]
-picture = false
 """
 EXPECTED = [
     "load     traction on 'top', largest at 2 s: force (200000, 0, -4e+06) N, "

@@ -13,21 +13,19 @@ from resumed_rows import rows_of
 from coulomb.io.recheck import check
 
 SHOE = """\
+material = { young = 1e7, poisson = 0.3 }
+clamp = [{ face = "top", components = "xy" }]
+history = { times = [1, 2, 3, 4] }
+output = { picture = false }
 [mesh]
 box = [0.1, 0.05, 0.04]
 cells = [6, 3, 3]
 cell = "hexahedron"
-[material]
-young = 1e7
-poisson = 0.3
 [[prescribed_displacement]]
 face = "top"
 value = [0, 0, -3e-3]
 components = "z"
 amplitude = [[0, 0], [1, 1]]
-[[clamp]]
-face = "top"
-components = "xy"
 [contact]
 face = "bottom"
 friction = 0.4
@@ -37,10 +35,6 @@ foundation = {shape = "cylinder", point = [0.06, 0, -0.5], axis = [0, 1, 0], rad
 point = [0.061, 0.02, -0.5]
 axis = [0, 2, 0]
 angle = [[0, 0], [1, 0], [4, 0.4]]
-[history]
-times = [1, 2, 3, 4]
-[output]
-picture = false
 """
 """A block of rubber on a drum that turns, a little off its axis, and rises meanwhile."""
 

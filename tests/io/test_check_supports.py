@@ -11,19 +11,11 @@ from check_runs import copied, made
 from coulomb.io.recheck.history import check_history
 
 CASE = """\
-[mesh]
-box = [1.0, 0.6, 0.5]
-cells = [3, 2, 2]
-cell = "tetrahedron"
-[material]
-young = 1e9
-poisson = 0.3
-[[clamp]]
-face = "left"
-direction = [1, 0, 0.4]
-[[clamp]]
-face = "back"
-components = "tangential"
+mesh = { box = [1.0, 0.6, 0.5], cells = [3, 2, 2], cell = "tetrahedron" }
+material = { young = 1e9, poisson = 0.3 }
+clamp = [{ face = "left", direction = [1, 0, 0.4] }, { face = "back", components = "tangential" }]
+symmetry = [{ face = "front" }]
+history = { times = [1.0, 2.0, 3.0] }
 [[prescribed_displacement]]
 face = "top"
 value = [0, 0, -1e-3]
@@ -41,19 +33,10 @@ axis = [0, 1, 0]
 angle = 1e-4
 axial = "free"
 amplitude = [[0, 0], [3, 1]]
-[[symmetry]]
-face = "front"
 [contact]
 face = "bottom"
 friction = 0.3
-[contact.foundation]
-shape = "plane"
-point = [0, 0, 0]
-normal = [0.1, 0.2, 1]
-[history]
-times = [1.0, 2.0, 3.0]
-[output]
-picture = false
+foundation = { shape = "plane", point = [0, 0, 0], normal = [0.1, 0.2, 1] }
 """
 """A block on an inclined floor, which four supports meet obliquely."""
 

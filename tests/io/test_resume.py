@@ -17,22 +17,12 @@ comm = MPI.COMM_WORLD
 
 CASE = """\
 body_force = [0.0, 0.0, 0.0]
-[mesh]
-file = "part.msh"
-[material]
-young = 2e11
-poisson = 0.3
-[[clamp]]
-face = "top"
-value = [0.0, 0.0, -1e-4]
-amplitude = [[0, 0], [1, 1]]
-[contact]
-face = "bottom"
-friction = 0.3
-[history]
-times = [0.5, 1.0]
-[output]
-picture = false
+mesh = { file = "part.msh" }
+material = { young = 2e11, poisson = 0.3 }
+clamp = [{ face = "top", value = [0.0, 0.0, -1e-4], amplitude = [[0, 0], [1, 1]] }]
+contact = { face = "bottom", friction = 0.3 }
+history = { times = [0.5, 1.0] }
+output = { picture = false }
 """
 
 

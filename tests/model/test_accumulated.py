@@ -104,36 +104,21 @@ def test_other_laws(contact):
 
 
 CASE = f"""
-[mesh]
-box = [0.1, 0.1, {HEIGHT}]
-cells = [4, 4, 3]
-cell = "tetrahedron"
-
-[material]
-young = 1e7
-poisson = 0.3
-
+mesh = {{ box = [0.1, 0.1, {HEIGHT}], cells = [4, 4, 3], cell = "tetrahedron" }}
+material = {{ young = 1e7, poisson = 0.3 }}
+clamp = [{{ face = "top", components = "xy" }}]
+history = {{ times = [0.5, 1, 2, 3, 4, 5, 6] }}
+output = {{ picture = false }}
 [[prescribed_displacement]]
 face = "top"
 components = "z"
 value = [0, 0, -1e-3]
 amplitude = [[0, 0], [1, 1], [6, 0.5]]
-
-[[clamp]]
-face = "top"
-components = "xy"
-
 [contact]
 face = "bottom"
 friction = 0.4
 foundation = {{ point = [0, 0, 0], normal = [0, 0, 1] }}
 motion = [[1, 0, 0, 0], [2, 2e-3, 0, 0], [4, -2e-3, 1e-3, 0], [6, 2e-3, 0, 0]]
-
-[history]
-times = [0.5, 1, 2, 3, 4, 5, 6]
-
-[output]
-picture = false
 """
 
 

@@ -73,17 +73,11 @@ IN_CASE = TIMES[: STEPS + 4]
 """The first speed, and the beginning of the second."""
 
 CASE = f"""
-[mesh]
-box = [0.1, 0.1, 0.05]
-cells = [3, 3, 2]
-
-[material]
-young = 1e7
-poisson = 0.3
-
-[[clamp]]
-face = "top"
-
+mesh = {{ box = [0.1, 0.1, 0.05], cells = [3, 3, 2] }}
+material = {{ young = 1e7, poisson = 0.3 }}
+clamp = [{{ face = "top" }}]
+solver = {{ tolerance = 1e-11 }}
+output = {{ picture = false }}
 [contact]
 face = "bottom"
 friction = {{ static = {STATIC}, kinetic = {KINETIC}, decay_speed = {DECAY} }}
@@ -92,12 +86,6 @@ motion = {[list(row) for row in way()]}
 
 [history]
 times = {IN_CASE}
-
-[solver]
-tolerance = 1e-11
-
-[output]
-picture = false
 """
 
 

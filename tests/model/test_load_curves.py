@@ -99,32 +99,14 @@ def test_an_ended_curve_is_refused_before_the_first_step():
 CASE = """\
 gravity = [0, 0, -9.81]
 gravity_amplitude = [[0, 0], [1, 1]]
-[mesh]
-box = [1.0, 1.0, 0.5]
-cells = [3, 2, 2]
-cell = "tetrahedron"
-[material]
-young = 2e11
-poisson = 0.3
-density = 7850.0
-[[clamp]]
-face = "left"
-[[pressure]]
-face = "top"
-value = "1e6*(1 + where(x > 0.5, y, 0))"
-amplitude = LOAD
-[[total_force]]
-face = "right"
-force = [1e4, 0, 0]
-[contact]
-face = "bottom"
-friction = "0.3 + 0.1*x"
-motion = WAY
-[history]
-times = [0.5, 1.0, 1.5, 2.5, 3.5]
-[output]
-picture = false
-directory = "out"
+mesh = { box = [1.0, 1.0, 0.5], cells = [3, 2, 2], cell = "tetrahedron" }
+material = { young = 2e11, poisson = 0.3, density = 7850.0 }
+clamp = [{ face = "left" }]
+pressure = [{ face = "top", value = "1e6*(1 + where(x > 0.5, y, 0))", amplitude = LOAD }]
+total_force = [{ face = "right", force = [1e4, 0, 0] }]
+contact = { face = "bottom", friction = "0.3 + 0.1*x", motion = WAY }
+history = { times = [0.5, 1.0, 1.5, 2.5, 3.5] }
+output = { picture = false, directory = "out" }
 """
 LOAD = ([[0, 0], [1, 1], [2, 0]], "time,factor\n0, 0\n1, 1\n2, 0\n")
 WAY = ([[0, 0, 0, 0], [1, 0, 0, 2e-6]], "# no header\n0 0 0 0\n1 0 0 2e-6\n\n")

@@ -144,26 +144,18 @@ def test_small_cohesion_of_open_nodes_is_not_set_to_zero():
     assert np.any(opened) and np.hypot(x[opened, 1], x[opened, 2]) == pytest.approx(10.0 * area[opened], rel=1e-2)
 
 
-CASE = (
-    PRESSED_CASE
-    + """\
+CASE = f"""\
+contact = {{ face = "bottom", friction = 0.3, cohesion = 4e6 }}
+history = {{ times = [1, 2, 3, 4, 5] }}
+solver = {{ tolerance = 1e-11 }}
+output = {{ picture = false }}
+{PRESSED_CASE}
 [[prescribed_displacement]]
 face = "top"
 components = "xy"
 value = [1.0, 0, 0]
 amplitude = [[1, 0], [2, 1e-3], [5, 16e-3]]
-[contact]
-face = "bottom"
-friction = 0.3
-cohesion = 4e6
-[history]
-times = [1, 2, 3, 4, 5]
-[solver]
-tolerance = 1e-11
-[output]
-picture = false
 """
-)
 
 
 def test_case_file(tmp_path):

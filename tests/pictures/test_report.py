@@ -28,18 +28,10 @@ from coulomb.pictures.report.units import number, quantity, scale_of, vector
 from coulomb.version import __version__
 
 APART = """
-[mesh]
-box = [1, 1, 1]
-cells = [2, 2, 2]
-[material]
-young = 1e9
-poisson = 0.3
-[[clamp]]
-face = "top"
-[contact]
-face = "bottom"
-friction = 0.3
-foundation = { point = [0, 0, -0.1], normal = [0, 0, 1] }
+mesh = { box = [1, 1, 1], cells = [2, 2, 2] }
+material = { young = 1e9, poisson = 0.3 }
+clamp = [{ face = "top" }]
+contact = { face = "bottom", friction = 0.3, foundation = { point = [0, 0, -0.1], normal = [0, 0, 1] } }
 [output]
 picture = false
 report = true
