@@ -326,33 +326,22 @@ RESOURCES = (
 )
 
 BODIES = """
+contact = { face = "upper:bottom", against = "lower:top", friction = 0.3 }
 [[body]]
 name = "lower"
 box = [1.0, 1.0, 1.0]
 cells = [1, 1, 1]
-[body.material]
-young = 2e11
-poisson = 0.3
-
+material = { young = 2e11, poisson = 0.3 }
 [[body]]
 name = "upper"
 box = [1.0, 1.0, 1.0]
 cells = [1, 1, 1]
 translate = [0.0, 0.0, 1.0]
-[body.material]
-young = 2e11
-poisson = 0.3
-
+material = { young = 2e11, poisson = 0.3 }
 [[clamp]]
 face = "lower:bottom"
-
 [[clamp]]
 face = "upper:top"
-
-[contact]
-face = "upper:bottom"
-against = "lower:top"
-friction = 0.3
 """
 
 THIRD = """[[body]]
@@ -361,7 +350,6 @@ box = [1.0, 1.0, 1.0]
 cells = [1, 1, 1]
 translate = [0.0, 0.0, 5.0]
 material = { young = 1e9, poisson = 0.3 }
-
 """
 
 two = case(BODIES)

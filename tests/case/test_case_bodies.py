@@ -13,14 +13,13 @@ from coulomb.fem.meshes.named_mesh import volume
 from coulomb.io.case_record import case_record, case_text, differences
 
 BLOCKS = """
+clamp = [{ face = "lower:bottom" }, { face = "upper:top" }]
+contact = { face = "upper:bottom", against = "lower:top", friction = 0.4 }
 [[body]]
 name = "lower"
 box = [1.2, 0.6, 0.4]
 cells = [2, 1, 1]
-[body.material]
-young = 2.1e11
-poisson = 0.3
-
+material = { young = 2.1e11, poisson = 0.3 }
 [[body]]
 name = "upper"
 box = [0.8, 0.4, 0.4]
@@ -28,20 +27,7 @@ cells = [1, 1, 1]
 cell = "tetrahedron"
 translate = [0.2, 0.1, 0.4]
 rotate = { axis = [0.0, 0.0, 2.0], angle = 1.5707963267948966, point = [0.4, 0.2, 0.0] }
-[body.material]
-young = 7.0e10
-poisson = 0.33
-
-[[clamp]]
-face = "lower:bottom"
-
-[[clamp]]
-face = "upper:top"
-
-[contact]
-face = "upper:bottom"
-against = "lower:top"
-friction = 0.4
+material = { young = 7.0e10, poisson = 0.33 }
 """
 
 

@@ -245,7 +245,7 @@ def test_a_full_disk_keeps_the_old_results(made, monkeypatch):
         assert everything() == before
 
 
-SLOW = ("--set", "mesh.cells=[6,3,3]", "--set", "history={end=1, steps=12}", *HISTORY[:2])
+SLOW = ("--set", "mesh.cells=[6,3,3]", "--set", "history={end=1, steps=7}", *HISTORY[:2])
 
 
 def test_a_killed_history_keeps_the_old_results(made):

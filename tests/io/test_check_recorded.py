@@ -214,17 +214,10 @@ OF_FILE = """\
 mesh = {file = "part.msh"}
 material = {young = 2e11, poisson = 0.3}
 contact = {face = "bottom", friction = 0.3}
-[[clamp]]
-face = "left"
-[[traction]]
-face = "top"
-value = [1e6, 0.0, -2e7]
-amplitude = [[0, 0], [2, 1]]
-[history]
-times = [1, 2]
-halvings = 3
-[solver]
-tolerance = 1e-9
+clamp = [{face = "left"}]
+traction = [{face = "top", value = [1e6, 0.0, -2e7], amplitude = [[0, 0], [2, 1]]}]
+history = {times = [1, 2], halvings = 3}
+solver = {tolerance = 1e-9}
 """
 
 

@@ -71,6 +71,7 @@ def test_answers_with_huge_strains_do_not_count(tmp_path, case, change):
     contents = summary_of(tmp_path)
     assert code == 1 and "certificate passed" in said
     assert re.search(r'error: outside the theory of small strains: .* small_strain = "warn" in the case', complaint)
+    assert complaint.count("outside the theory") == 1 and "small-strain theory" not in complaint  # the library's words
     assert contents["certificate"]["passed"] and not contents["valid"] and contents["small_strain"]["violations"]
     words, kind = words_of(tmp_path, drawn=change == ABSURD[0][1])
     assert kind == "failed" and re.search(r"OUTSIDE THE THEORY All \d+ conditions hold", words)
