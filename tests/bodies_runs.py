@@ -3,6 +3,9 @@
 from coulomb import Contact, ContactProblem, Material, SymmetryPlane, Traction, box, join, moved
 
 TWO = """\
+clamp = [{ face = "lower:bottom" }]
+temperature = { body = "upper", value = 25.0, reference = 20.0 }
+history = { times = [1, 2] }
 [[body]]
 name = "lower"
 box = [1.0, 1.0, 0.5]
@@ -15,8 +18,6 @@ cells = [2, 2, 1]
 cell = "tetrahedron"
 translate = [0.1, 0.15, 0.5]
 material = {young = 7e10, poisson = 0.33, expansion = 2e-7}
-[[clamp]]
-face = "lower:bottom"
 [[spring]]
 face = "upper:left"
 stiffness = [1e10, 1e9, 1e9]
@@ -34,10 +35,6 @@ face = "upper:bottom"
 against = "lower:top"
 friction = 0.3
 gap = 1e-6
-[temperature]
-body = "upper"
-value = 25.0
-reference = 20.0
 [[probe]]
 name = "heel"
 point = [0.5, 0.5, 0.5]
@@ -45,12 +42,14 @@ body = "upper"
 [[probe]]
 name = "deep"
 point = [0.5, 0.5, 0.2]
-[history]
-times = [1, 2]
 """
 """Two steps of a warm block of tetrahedra on one of hexahedra, held by a spring beside contact and a prescribed way."""
 
 UNLOADED = """\
+clamp = [{ face = "lower:bottom" }]
+prescribed_displacement = [{ face = "upper:top", value = [0, 0, -3e-4], amplitude = [[0, 0], [1, 1], [2, 0]] }]
+contact = { face = "upper:bottom", against = "lower:top", friction = 0.3 }
+history = { times = [1, 2] }
 [[body]]
 name = "lower"
 box = [1.2, 0.6, 0.4]
@@ -62,18 +61,6 @@ box = [0.6, 0.3, 0.2]
 cells = [4, 3, 2]
 translate = [0.3, 0.15, 0.4]
 material = {young = 7e10, poisson = 0.33}
-[[clamp]]
-face = "lower:bottom"
-[[prescribed_displacement]]
-face = "upper:top"
-value = [0, 0, -3e-4]
-amplitude = [[0, 0], [1, 1], [2, 0]]
-[contact]
-face = "upper:bottom"
-against = "lower:top"
-friction = 0.3
-[history]
-times = [1, 2]
 """
 """Two blocks, pressed together and released."""
 

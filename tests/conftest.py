@@ -69,14 +69,15 @@ amplitude = [[0, 0], [1, 1]]
 """A cube of cells CELL whose top is pressed down in the first second."""
 
 
-def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, **options):
+def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, cohesion=None, **options):
     """The block of the benchmarks with p cells per metre."""
+    law = {"slip_stress": slip_stress} if slip_stress else {"friction": friction, "cohesion": cohesion}
     return coulomb.ContactProblem(
         coulomb.box((3.0, 1.0, 1.0), cells or (3 * p, p, p)),
         STEEL,
         clamps=[coulomb.Clamp("left")],
         tractions=[coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
-        contact=coulomb.Contact("bottom", None if slip_stress else friction, slip_stress, foundation),
+        contact=coulomb.Contact("bottom", foundation=foundation, **law),
         **options,
     )
 

@@ -1,6 +1,6 @@
 """Problems and independent solutions that tests of several folders share."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import clarabel
 import numpy as np
@@ -19,6 +19,8 @@ from coulomb import (
     Spring,
     Traction,
 )
+from coulomb.fem.contact import surface as surfaces
+from coulomb.fem.contact.contact_points import contact_matrix
 from coulomb.solvers import DirectSolver, FrictionLaw
 from coulomb.solvers.contact_equations import ContactEquations
 
@@ -60,6 +62,21 @@ class FailsAt:
         if self.calls[-1] in self.failures:
             raise NotConverged("fussy", result)
         return result
+
+
+def lose(monkeypatch, lost):
+    """Contact nodes at which `lost(x)` is true are no longer found."""
+    whole = surfaces.contact_surface
+
+    def part(elasticity, face, *arguments):
+        found = whole(elasticity, face, *arguments)
+        keep = ~lost(found.x)
+        points = found.points.only(keep)
+        B = contact_matrix(points, found.frames[keep])
+        fields = ("part", "x", "frames", "gap", "gap_field", "chord")
+        return replace(found, points=points, B=B, free_B=B, **{name: getattr(found, name)[keep] for name in fields})
+
+    monkeypatch.setattr("coulomb.model.contact_faces.contact_surface", part)
 
 
 def jaws(friction=(0.4, 0.4), motion=CLOSING, **options):

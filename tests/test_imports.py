@@ -88,7 +88,3 @@ def test_lazy_names_are_those_of_the_stub(package):
     assert package.__all__ == sorted(seen) and seen
     with pytest.raises(AttributeError, match=f"module '{package.__name__}' has no attribute 'Block'"):
         package.Block  # noqa: B018
-
-
-def test_public_names_can_be_completed():
-    assert set(coulomb.__all__) <= set(dir(coulomb))

@@ -63,12 +63,8 @@ def test_a_command_says_it_and_ends_with_2(tmp_path, monkeypatch, module, code, 
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(places))
     monkeypatch.delenv("PETSC_DIR", raising=False)
     done = run_python("-m", "coulomb", "check-case", "case.toml", cwd=tmp_path)
-    assert (
-        done.returncode == 2
-        and done.stderr.startswith("error: ")
-        and said in done.stderr
-        and "Traceback" not in done.stderr
-    )
+    assert done.returncode == 2 and done.stderr.startswith("error: ")
+    assert said in done.stderr and "Traceback" not in done.stderr
 
 
 def test_complex_numbers(tmp_path, monkeypatch):

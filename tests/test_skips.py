@@ -26,18 +26,7 @@ def session(directory, *options, tests=TESTS):
     """A pytest session of its own with these tests."""
     (directory / "conftest.py").write_text(SKIPPING)
     (directory / "test_some.py").write_text(tests)
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "--rootdir",
-        directory,
-        *options,
-        directory,
-    ]
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", directory, *options]
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "tests")}
     return subprocess.run([*command, directory], capture_output=True, text=True, check=False, env=environment)
 

@@ -60,7 +60,7 @@ COARSE: dict[str, Callable[[], Verified]] = {
     "ring-pair": partial(ring_pair.verify, (2, 4), (2,)),
     "stack": partial(stack.verify, (4,)),
     "nafems-cb1": partial(nafems_cb1.verify, (10, 8)),
-    "curved-pairs": partial(curved_pairs.verify, (1,), (12, 16)),
+    "curved-pairs": partial(curved_pairs.verify, (1,), (12, 16), ("first-order hexahedra", "10-node tetrahedra")),
     "nafems-cb2": partial(nafems_cb2.verify, (4, 5)),
 }
 """Cases on coarser meshes than those of the table, for the tests."""

@@ -31,25 +31,16 @@ def test_npz_files_are_read(tmp_path):
     again = read_fclib(tmp_path / "stack.npz")
     assert abs(again.W - problem.W).max() == 0.0 and np.array_equal(again.q, problem.q) and again.title == "stack"
     save_npz(tmp_path / "without.npz", problem, mu=None)
-    save_npz(tmp_path / "short.npz", problem, q=problem.q[:-3])
     save_npz(tmp_path / "broken.npz", problem, W_indices=problem.W.indices + 1000)
-    save_npz(tmp_path / "nan.npz", problem, q=problem.q * np.nan)
     save_npz(tmp_path / "infinite.npz", problem, W_data=problem.W.tocsr().data * np.inf)
-    save_npz(tmp_path / "negative.npz", problem, mu=np.where(np.arange(12) == 5, -0.1, problem.mu))
     save_npz(tmp_path / "crooked.npz", problem, W_data=np.arange(1.0, 1.0 + problem.W.nnz))
     save_npz(tmp_path / "empty.npz", problem, W_data=[], W_indices=[], W_indptr=[0], q=[], mu=[])
-    (tmp_path / "text.npz").write_text("no")
     for name, message in (
         ("without.npz", "is not complete"),
-        ("short.npz", "incompatible shapes"),
         ("broken.npz", "cannot be read as numpy arrays"),
-        ("text.npz", "cannot be read as numpy arrays"),
-        ("nan.npz", "q has entries that are not finite"),
         ("infinite.npz", "W has entries that are not finite"),
-        ("negative.npz", "friction of contact 5 is -0.1; it must be >= 0"),
         ("crooked.npz", "W is not symmetric"),
         ("empty.npz", "has no contacts"),
-        ("none.npz", "cannot be read as numpy arrays"),
     ):
         with pytest.raises(ValueError, match=message):
             read_fclib(tmp_path / name)
@@ -93,13 +84,8 @@ def test_a_solver_is_ended_after_a_multiple_of_the_quickest(monkeypatch):
         return next(seconds), 1e-9 if len(limits) > 1 else 1.0, True, ""
 
     monkeypatch.setattr(fclib, "_in_process", run)
-    problems = [("p", lambda: stack(2, 0.5, 1))]
-    assert [row.solved for row in measure(problems, ["coulomb", "a", "b", "c"], 60.0, 10.0)] == [
-        False,
-        True,
-        True,
-        True,
-    ]
+    rows = measure([("p", lambda: stack(2, 0.5, 1))], ["coulomb", "a", "b", "c"], 60.0, 10.0)
+    assert [row.solved for row in rows] == [False, True, True, True]
     assert limits == [60.0, 60.0, 5.0, 1.0]
 
 

@@ -43,15 +43,6 @@ def test_load_steps(method):
     assert (one.multigrid_iterations < four.multigrid_iterations) == (method == "iterative")
 
 
-def test_load_steps_of_a_case(tmp_path):
-    """Its own, as many as it has."""
-    case = tmp_path / "pressed.toml"
-    case.write_text((PARTS / "block.toml").read_text() + "[history]\ntimes = [1.0, 2.0]\n")
-    assert run(case, ["mesh.cells=[6,2,2]"], "direct", 1e-8, 2).load_steps == 2
-    with pytest.raises(ValueError, match="has 2 load steps, fewer than 3"):
-        run(case, ["mesh.cells=[6,2,2]"], "direct", 1e-8, 3)
-
-
 def test_boxes_are_refined(monkeypatch):
     """Of one body or of several, without gmsh; at least one cell along each edge."""
     monkeypatch.setattr(shutil, "which", lambda _: None)
@@ -90,13 +81,6 @@ def test_command(tmp_path, fake_gmsh):
     (parts / "foot.toml").write_text((parts / "foot.toml").read_text().replace('"seat"', '"bolt"'))
     done = invoke(parts, "--clscale", 30, "--clscale", 0.9, "--method", "direct")
     assert done.exit_code == 1 and "no mesh was made" in done.output and "bolt" in done.output, done.output
-
-
-def test_every_part_has_a_case_and_a_geometry():
-    boxes = ["block", "block-of-tetrahedra", "block-second-order", "two-blocks"]
-    meshed = ["clip", "foot", "hook", "plate", "ring", "wedge"]
-    assert [path.stem for path in parts_in(None)] == sorted(boxes + meshed)
-    assert sorted(path.stem for path in PARTS.glob("*.geo")) == meshed and len(list(PARTS.iterdir())) == 16
 
 
 def test_wrong_inputs(tmp_path, monkeypatch):

@@ -11,12 +11,6 @@ from benchmarks.peers import OURS, PROBLEMS, Peer, Row, Skipped, force_error, me
 BLOCK = PROBLEMS["block"]
 
 
-def only(name, p):
-    rows = {row.peer: row for row in measure([p], [name])}
-    assert set(rows) == {OURS, name}
-    return rows[name]
-
-
 @pytest.fixture(scope="module")
 def measured():
     """The same problem by all that are installed."""
@@ -67,21 +61,17 @@ def test_the_shortest_time_counts(monkeypatch):
     assert row.seconds == 1.0
 
 
-def test_missing_peers_are_reported(monkeypatch):
+def test_missing_peers_and_limits_of_size_are_reported(monkeypatch):
     monkeypatch.setitem(BLOCK, "Absent", Peer("absent", "solve", "no_such_module", "Debian's no-such-package"))
-    skipped = only("Absent", 1)
-    assert isinstance(skipped, Skipped)
-    assert skipped.p == 1 and "not installed" in skipped.reason and "no-such-package" in skipped.reason
+    monkeypatch.setitem(BLOCK, "Slow", Peer("ours", "solve", "coulomb", up_to=1))
+    _, absent, slow = measure([2], ["Absent", "Slow"])
+    assert isinstance(absent, Skipped) and "not installed" in absent.reason and "no-such-package" in absent.reason
+    assert slow == Skipped("Slow", 2, "takes too long beyond p = 1")
 
 
 def test_failing_peers_are_reported():
     said = peers._run("block", "no such peer", 2, peers.Path("unused.npz"))
     assert isinstance(said, str) and "Traceback" not in said and "\n" not in said
-
-
-def test_limits_of_size_are_reported(monkeypatch):
-    monkeypatch.setitem(BLOCK, "Slow", Peer("ours", "solve", "coulomb", up_to=1))
-    assert only("Slow", 2) == Skipped("Slow", 2, "takes too long beyond p = 1")
 
 
 def test_unknown_names_are_refused():

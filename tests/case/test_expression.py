@@ -6,7 +6,6 @@ from conftest import SMALL_CASE
 
 from coulomb.case.case import read_case
 from coulomb.case.expression import Expression
-from coulomb.case.values import field
 
 X = np.random.default_rng(5).uniform(0.1, 2.0, (3, 40))
 x, y, z = X
@@ -84,13 +83,6 @@ def test_what_is_refused(text, message):
 def test_values_that_are_not_finite(text):
     with pytest.raises(ValueError, match=r"the expression '.*' is (nan|inf|-inf) at \("):
         Expression(text)(X)
-
-
-def test_vectors_of_numbers_and_expressions():
-    assert field((1.0, 2.0, 3.0)) == (1.0, 2.0, 3.0)
-    mixed = field((1.0, "x", "-2"))
-    assert callable(mixed)
-    assert mixed(X) == pytest.approx(np.array([1 + 0 * x, x, -2 + 0 * x]))
 
 
 PLACES = """\

@@ -11,39 +11,18 @@ from coulomb import Clamp, Contact, ContactProblem, Material, Plane, PrescribedD
 from coulomb.model.input_echo import contacts_of, loads_of, supports_of
 
 CASE = """
-[mesh]
-box = [2.0, 1.0, 0.5]
-cells = [4, 2, 2]
-cell = "CELL"
-
-[material]
-young = 2e11
-poisson = 0.3
-
-[[clamp]]
-face = "left"
-components = "xz"
-
-[[spring]]
-face = "right"
-stiffness = [0, 1e9, 0]
-
-[[traction]]
-face = "top"
-value = [1e5, 0, -2e6]
-amplitude = [[0, 0], [1, -0.5], [2, 1], [3, 0.2]]
-
+mesh = { box = [2.0, 1.0, 0.5], cells = [4, 2, 2], cell = "CELL" }
+material = { young = 2e11, poisson = 0.3 }
+clamp = [{ face = "left", components = "xz" }]
+spring = [{ face = "right", stiffness = [0, 1e9, 0] }]
+traction = [{ face = "top", value = [1e5, 0, -2e6], amplitude = [[0, 0], [1, -0.5], [2, 1], [3, 0.2]] }]
+history = { times = [1, 2, 3] }
+output = { picture = false }
 [contact]
 face = "bottom"
 friction = 0.3
 foundation = { point = [0, 0, -0.001], normal = [0.0, 0.0, 1.0] }
 motion = [[0, 0, 0, 0], [3, 0, 0, 1e-3]]
-
-[history]
-times = [1, 2, 3]
-
-[output]
-picture = false
 """
 EXPECTED = [
     "load     traction on 'top', largest at 2 s: force (200000, 0, -4e+06) N, "
@@ -60,12 +39,14 @@ def listed(text):
     return [line for line in text.splitlines() if line.startswith(("load ", "support ", "contact  "))]
 
 
-@pytest.mark.parametrize(("cell", "ranks"), [("hexahedron", None), ("tetrahedron", 3)])
-def test_resultants_supports_and_gaps(cell, ranks, tmp_path):
-    (tmp_path / "case.toml").write_text(CASE.replace("CELL", cell))
-    done = run_coulomb("check-case", tmp_path / "case.toml", ranks=ranks)
+def test_check_case_on_ranks(tmp_path):
+    """Resultants, supports and gaps, the method and the memory of all ranks."""
+    (tmp_path / "case.toml").write_text(CASE.replace("CELL", "tetrahedron"))
+    done = run_coulomb("check-case", tmp_path / "case.toml", ranks=2)
     assert done.returncode == 0, done.stderr
     assert listed(done.stdout) == EXPECTED
+    assert "K direct (nested dissection, shared fronts), A explicit" in done.stdout
+    assert "GB of memory on 2 ranks" in done.stdout
 
 
 def test_a_run_lists_and_keeps_it(tmp_path):

@@ -46,21 +46,6 @@ def test_run(tmp_path):
     assert any("open 18, stick 8, slip 100" in line for line in lines)
 
 
-def test_tresca_and_quiet(tmp_path):
-    done = run_coulomb(
-        "run", BLOCK, *SMALL, "--set", "contact={face='bottom', slip_stress=1e7}", "--output", tmp_path, "--quiet"
-    )
-    assert done.returncode == 0 and done.stdout == "" and done.stderr == ""
-    contents = json.loads((tmp_path / "summary.json").read_text())
-    assert contents["law"] == "tresca" and contents["iterations"]["outer"] == 0
-
-
-def test_directory_of_the_case(tmp_path):
-    (tmp_path / "case.toml").write_text(BLOCK.read_text())
-    done = run_coulomb("run", "case.toml", *SMALL, cwd=tmp_path)
-    assert done.returncode == 0 and (tmp_path / "results" / "block" / "summary.json").exists()
-
-
 def test_not_converged_exits_1_and_keeps_the_answer(tmp_path):
     done = run_coulomb(
         "run", BLOCK, *SMALL, "--set", "solver={method='successive-tresca', max_outer=2}", "--output", tmp_path
@@ -72,64 +57,11 @@ def test_not_converged_exits_1_and_keeps_the_answer(tmp_path):
     assert (tmp_path / "solution.h5").exists()
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ("contact.friction=-1", "error: .*block.toml: contact.friction = -1: should be greater than or equal to 0"),
-        ("clamp.0.face='lfet'", "error: .*clamp.0.face = 'lfet'"),
-        ("contact.face='left'", "error: contact face 'left' is fully clamped"),
-    ],
-)
-def test_bad_input_exits_2_and_touches_nothing(tmp_path, change, message):
-    done = run_coulomb("run", BLOCK, *SMALL, "--set", change, "--output", tmp_path / "out")
-    assert done.returncode == 2 and re.search(message, done.stderr)
-    assert "Traceback" not in done.stderr and not (tmp_path / "out").exists()
-
-
-def test_unwritable_output_is_refused_before_the_run(tmp_path):
-    (tmp_path / "file").write_text("")
-    done = run_coulomb("run", BLOCK, *SMALL, "--output", tmp_path / "file" / "out")
-    assert done.returncode == 2 and "out: cannot be written: " in done.stderr and "file is no directory" in done.stderr
-    assert done.stdout == ""
-
-
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_unwritable_output_after_the_run_is_reported(tmp_path, ranks):
-    script = tmp_path / "full.py"
-    script.write_text(
-        "import sys\nfrom coulomb.cli import app as cli\nfrom coulomb.io import output\n"
-        "def refuse(*_):\n    raise OSError(28, 'No space left on device')\n"
-        "output._write_fields = refuse\nsys.argv = ['coulomb', *sys.argv[1:]]\ncli.main()\n"
-    )
-    done = run_python(script, "run", BLOCK, *SMALL, "--output", tmp_path / "out", ranks=ranks, timeout=300)
-    assert done.returncode == 1 and "out: cannot be written: No space left on device" in done.stderr
-    assert "certificate passed" in done.stdout and "results in" not in done.stdout  # what was computed is not lost
-    assert not (tmp_path / "out").exists()  # no partial files
-
-
 def test_info():
     done = run_coulomb("info", process=True)
     assert done.returncode == 0
     for name in ("coulomb", "DOLFINx", "PETSc", "mumps", "numpy", "pyvista", "BLAS"):
         assert name in done.stdout
-
-
-def test_ranks_give_the_same_forces(tmp_path):
-    forces = []
-    for n in (None, 2, 3):
-        directory = tmp_path / str(n)
-        done = run_coulomb("run", BLOCK, *SMALL, "--set", "solver.tolerance=1e-10", "--output", directory, ranks=n)
-        assert done.returncode == 0, done.stderr
-        assert done.stdout.count("certificate passed") == 1  # only rank 0 prints
-        forces.append(json.loads((directory / "summary.json").read_text())["force_on_body"]["vector"])
-    for force in forces[1:]:
-        assert force == pytest.approx(forces[0], rel=1e-8)
-
-
-def test_bad_input_ends_all_ranks(tmp_path):
-    given = "--set", "contact.face='left'", "--output", tmp_path / "out"
-    done = run_coulomb("run", BLOCK, *given, ranks=3, timeout=300)
-    assert done.returncode == 2 and done.stderr.count("error: contact face 'left' is fully clamped") == 1
 
 
 @pytest.mark.parametrize("error", ["RuntimeError", "ValueError"])
@@ -152,12 +84,6 @@ def test_an_unforeseen_error_on_one_rank_ends_all(tmp_path, error):
     )
     done = run_python(script, ranks=2, timeout=120)
     assert done.returncode == 3 and f"{error}: unforeseen" in done.stderr
-
-
-def test_dense_systems_are_refused_on_two_ranks(tmp_path):
-    done = run_coulomb("run", BLOCK, *SMALL, "--set", "solver.newton=dense", "--output", tmp_path, ranks=2, timeout=240)
-    assert done.returncode == 2 and 'error: solver.newton = "dense" works on one rank' in done.stderr
-    assert "Traceback" not in done.stderr
 
 
 # --- options and exports ------------------------------------------------------------------------------------------

@@ -31,7 +31,7 @@ def disk(size):
         subprocess.run(["umount", "-l", "small"], check=True)
 
 
-@pytest.mark.parametrize(("size", "force"), [("64k", ""), ("72k", "--force"), ("100k", "")])
+@pytest.mark.parametrize(("size", "force"), [("72k", "--force"), ("100k", "")])
 def test_a_run_onto_a_small_disk(size, force):
     with disk(size):
         done = shell(f"coulomb run case.toml --output small/out {force}")

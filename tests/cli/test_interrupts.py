@@ -35,7 +35,7 @@ class Stop:
         return self.calls >= self.at
 
 
-@pytest.mark.parametrize("solver", [InteriorPoint(), Automatic(), SuccessiveTresca(), InteriorPoint(), KPRGP()])
+@pytest.mark.parametrize("solver", [InteriorPoint(), Automatic(), SuccessiveTresca(), KPRGP()])
 def test_an_interrupted_solver_returns_its_answer(solver):
     tresca = isinstance(solver, InteriorPoint | KPRGP)
     problem = make_block(3, slip_stress=1e7 if tresca else None)
@@ -122,31 +122,23 @@ RUN = (*COULOMB, "run", "case.toml")
 
 
 @pytest.mark.parametrize(
-    ("number", "library"),
-    [
-        (signal.SIGINT, "_pydantic_core"),
-        (signal.SIGTERM, "libmpi.so"),
-        (signal.SIGUSR1, "libpetsc"),
-        (signal.SIGHUP, "libdolfinx"),
-    ],
-    ids=str,
+    ("number", "library"), [(signal.SIGINT, "_pydantic_core"), (signal.SIGUSR1, "libpetsc")], ids=str
 )
 def test_a_signal_while_it_loads(number, library, small_case):
     found = Watched(*RUN).mapped(library).signalled(number)
     assert found == (128 + number, "", "")
 
 
-@pytest.mark.parametrize(("number", "command"), [(signal.SIGINT, "check-case"), (signal.SIGTERM, "run")])
-def test_a_signal_before_there_is_something_to_keep(number, command, small_case):
+def test_a_signal_before_there_is_something_to_keep(small_case):
     """Mesh, assembly, factorisation: immediate end without a message."""
-    watched = Watched(*COULOMB, command, "case.toml", "--set", "mesh.cells=[90,30,30]").mapped("libdolfinx")
+    watched = Watched(*RUN, "--set", "mesh.cells=[90,30,30]").mapped("libdolfinx")
     time.sleep(1.0)
-    code, _, errors = watched.signalled(number)
-    assert (code, errors) == (128 + number, "")
+    code, _, errors = watched.signalled(signal.SIGTERM)
+    assert (code, errors) == (128 + signal.SIGTERM, "")
     assert not Path("out/summary.json").exists()
 
 
-@pytest.mark.parametrize(("number", "ranks"), [(signal.SIGINT, 1), (signal.SIGHUP, 1), (signal.SIGUSR1, 2)])
+@pytest.mark.parametrize(("number", "ranks"), [(signal.SIGHUP, 1), (signal.SIGUSR1, 2)])
 def test_a_signal_stops_a_run_with_everything_kept(number, ranks, small_case):
     log, launcher = Path("log"), (MPIEXEC, "-n", ranks) if ranks > 1 else ()
     slow = ["--set", "mesh.cells=[30,10,10]", "--set", "solver={linear_solver='iterative', method='successive-tresca'}"]
@@ -254,9 +246,7 @@ def test_the_log_has_all_messages_and_steps(tmp_path):
     assert data[0].startswith("coulomb run ") and data[1:] == loud.stdout.splitlines()
     quiet = run_coulomb(*command, "--log", log, "--quiet")
     assert quiet.returncode == 0 and quiet.stdout == ""
-    assert len(log.read_text().splitlines()) == 2 * len(
-        lines
-    )  # appended to, and complete although standard output is quiet
+    assert len(log.read_text().splitlines()) == 2 * len(lines)  # appended to, and complete although output is quiet
     fixed = run_coulomb(*command, "--log", log, "--set", "solver.method='successive-tresca'")
     data = log.read_text().splitlines()[2 * len(lines) :]
     contents = json.loads((tmp_path / "summary.json").read_text())
@@ -266,10 +256,8 @@ def test_the_log_has_all_messages_and_steps(tmp_path):
 
 def test_errors_are_logged_and_a_full_disk_ends_only_the_log(tmp_path):
     log = tmp_path / "run.log"
-    assert (
-        run_coulomb("run", BLOCK, "--set", "contact.face='left'", "--output", tmp_path / "out", "--log", log).returncode
-        == 2
-    )
+    wrong = ("--set", "contact.face='left'", "--output", tmp_path / "out")
+    assert run_coulomb("run", BLOCK, *wrong, "--log", log).returncode == 2
     assert "error: contact face 'left' is fully clamped" in log.read_text()
     small = ("--set", "mesh.cells=[6,2,2]", "--set", "output.picture=false", "--output", tmp_path)
     done = run_coulomb("run", BLOCK, *small, "--log", "/dev/full")

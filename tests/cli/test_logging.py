@@ -66,10 +66,3 @@ def test_levels_on_the_command_line(capsys):
             assert log() == ("", expected)
         assert log() == ("information, as [bold]text[/bold]\n", expected)
     assert (list(library.handlers), library.level, library.propagate) == before
-
-
-def test_what_a_command_reports_is_not_shown_twice(tmp_path):
-    """Strains outside the theory: one error, no second message from the library."""
-    done = run_coulomb("run", BLOCK, *SMALL, "--set", "material.young=210.0", "--output", tmp_path)
-    assert done.returncode == 1 and "outside small-strain theory" not in done.stderr
-    assert done.stderr.count("outside the theory of small strains") == 1

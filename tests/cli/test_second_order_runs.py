@@ -11,6 +11,9 @@ from mesh_files import BoxFile
 from coulomb.io.recheck import check
 
 CASE = """
+prescribed_displacement = [{ face = "top", value = [4e-3, 0.0, -2e-3], amplitude = [[0, 0], [2, 1]] }]
+history = { times = [1.0, 2.0] }
+output = { picture = false }
 [mesh]
 file = "part.msh"
 [[material]]
@@ -21,23 +24,12 @@ poisson = 0.3
 cells = "stiff"
 young = 2e7
 poisson = 0.3
-[[prescribed_displacement]]
-face = "top"
-value = [4e-3, 0.0, -2e-3]
-amplitude = [[0, 0], [2, 1]]
 [contact]
 face = "bottom"
 friction = 0.4
 motion = [[0.0, 0.0, 0.0, 0.0], [2.0, 0.0, 1e-3, 0.0]]
 gap = "1e-4*x**2"
-[contact.foundation]
-shape = "plane"
-point = [0, 0, 0]
-normal = [0, 0, 1]
-[history]
-times = [1.0, 2.0]
-[output]
-picture = false
+foundation = { shape = "plane", point = [0, 0, 0], normal = [0, 0, 1] }
 """
 
 

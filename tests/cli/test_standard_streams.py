@@ -11,7 +11,7 @@ from pathlib import Path
 from unittest import mock
 
 import pytest
-from conftest import MPIEXEC, SMALL_CASE
+from conftest import SMALL_CASE
 
 from coulomb import process
 from coulomb.ranks import RANK_VARIABLES
@@ -194,9 +194,3 @@ def test_plain_text_unless_it_is_interactive(changes, terminal, dynamic, monkeyp
 def test_plain_text_in_a_log_with_forced_colours():
     done = shell("coulomb run case.toml > said; cat said", FORCE_COLOR="1", TERM="xterm")
     assert "\x1b" not in done.stdout and "certificate passed" in done.stdout
-
-
-def test_plain_text_under_mpirun():
-    command = [MPIEXEC, "-n", "1", *COULOMB, "--help"]
-    done = subprocess.run(command, env=environment(TERM="xterm"), capture_output=True, timeout=240)
-    assert b"\x1b" not in done.stdout and b"check-case" in done.stdout

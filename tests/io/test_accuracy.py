@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from check_runs import read_grid
-from conftest import ROOT, run_coulomb
+from conftest import ROOT, run_coulomb, with_report
 from report_pages import words_of
 
 from coulomb.cli.terminal import forces_in_a_step
@@ -25,9 +25,9 @@ def stuck(tmp_path_factory):
     """Directory and output of such a run."""
     directory = tmp_path_factory.mktemp("accuracy") / "stuck"
     changes = [word for change in ("traction.0.value=[0,0,-4e7]", *STUCK) for word in ("--set", change)]
-    done = run_coulomb("run", ROOT / "demos" / "block.toml", *changes, "--report", "--output", directory, process=True)
+    done = run_coulomb("run", ROOT / "demos" / "block.toml", *changes, "--output", directory)
     assert done.returncode == 0, done.stderr
-    return directory, done.stdout
+    return with_report(directory), done.stdout
 
 
 def test_natural_scales():
@@ -70,9 +70,8 @@ def test_steps_of_several_contacts():
 def test_small_numbers_are_0():
     assert rounded([-1e-6, 2.0, -0.0], 1e-5) == [0.0, 2.0, 0.0]
     least = {"N": 1e-5}
-    assert (
-        quantity(5.729e-14, "N", accuracy=least) == "0\u202fN" and quantity(2e-5, "N", accuracy=least) == "20\u202fµN"
-    )
+    assert quantity(5.729e-14, "N", accuracy=least) == "0\u202fN"
+    assert quantity(2e-5, "N", accuracy=least) == "20\u202fµN"
     assert quantity(5.729e-14, "N") != "0\u202fN"  # what is given in a case has no accuracy
     assert vector([1e-6, 2e-5, -3e-4], "N", accuracy=least) == "(0, 20, −300)\u202fµN"
 
@@ -84,12 +83,9 @@ def test_a_run_has_such_numbers(stuck):
     assert 0.0 < summary["totals"]["greatest_slip"] < 1e-7 * summary["maximum"]["displacement"]
 
 
-def test_on_the_terminal(stuck):
+def test_on_the_terminal_and_in_the_report(stuck):
     (line,) = [line for line in stuck[1].splitlines() if line.startswith("force on the body")]
     assert line.endswith(", 0) N") and "(-" in line
-
-
-def test_in_the_report(stuck):
     words = words_of(stuck[0])
     assert "largest slip 0 m" in words and "energy dissipated by friction 0 J" in words
 
@@ -106,7 +102,7 @@ def test_on_the_terminal_of_a_history(tmp_path):
     """The block is pressed, then pushed along x: nothing acts along y."""
     changes = ("mesh.cells=[4,4,2]", "history={end=2.0, steps=2}", "output.picture=false")
     given = [word for change in changes for word in ("--set", change)]
-    done = run_coulomb("run", ROOT / "demos" / "history.toml", *given, "--output", tmp_path / "h", process=True)
+    done = run_coulomb("run", ROOT / "demos" / "history.toml", *given, "--output", tmp_path / "h")
     shown = [re.search(r"force \((.*?), (.*?), (.*?)\) N", line) for line in done.stdout.splitlines() if "PF" in line]
     with (tmp_path / "h" / "history.csv").open() as file:
         written = [[float(row[f"force_{axis}"]) for axis in "xyz"] for row in csv.DictReader(file)]

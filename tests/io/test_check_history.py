@@ -1,11 +1,9 @@
 """`coulomb check` of a load history: every step against the written step before, and the summary of all steps."""
 
 import csv
-import json
 import shutil
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from check_runs import BALL, TRESCA_STEPS, UNASKED, change, copied, edit, field, made, run_case
 from conftest import indentation, run_coulomb
@@ -92,14 +90,14 @@ class WithFirstLoad(LoadHistory):
         return posed.in_state(replace(posed.state, loading=loading))
 
 
-@pytest.mark.parametrize("text", RUNS.values(), ids=RUNS)
 @pytest.mark.parametrize(
-    ("faulty", "steps"),
+    ("text", "faulty", "steps"),
     [
-        (WithoutSlipOrigin, [2, 3]),
-        (WithoutMotionOfOrigin, [1, 2, 3]),
-        (WithFirstFoundation, [2, 3]),
-        (WithFirstLoad, [2, 3]),
+        (BALL, WithoutSlipOrigin, [2, 3]),
+        (TRESCA_STEPS, WithoutSlipOrigin, [2, 3]),
+        (BALL, WithoutMotionOfOrigin, [1, 2, 3]),
+        (BALL, WithFirstFoundation, [2, 3]),
+        (TRESCA_STEPS, WithFirstLoad, [2, 3]),
     ],
 )
 def test_faults_in_the_history_are_detected(text, faulty, steps, monkeypatch, tmp_path):
@@ -180,16 +178,14 @@ def test_missing_steps(tmp_path):
 
 def test_an_unfinished_history_is_reported(tmp_path):
     """As after an interruption: the existing steps pass, and the missing ones are reported."""
-    folder = tmp_path / "run"
-    text = BALL.replace("times = [1, 2, 3]", "times = [1, 2, 3, 4]")
-    run_case(BALL, folder)
+    folder = copied(BALL, tmp_path / "run")
     for number, pending in ((1, [4.0, 3.0, 2.0]), (2, [4.0, 3.0]), (3, [4.0])):
         edit(folder / f"steps/{number:04d}/summary.json", lambda s, left=pending: s["step"].update(pending=left))
     edit(folder / "case.json", lambda c: c["history"].update(times=[1, 2, 3, 4]))
     edit(folder / "summary.json", lambda s: s["last"]["step"].update(pending=[4.0]))
     (folder / "steps" / "0004").mkdir()
     found = check(folder)
-    assert text != BALL and found.passed, found
+    assert found.passed, found
     assert "not finished: 1 load steps are still to be taken" in found.ending
     assert "0004: is incomplete and was not checked" in found.ending
 
@@ -299,10 +295,7 @@ DAMAGED = {
     "no record": (lambda d: edit(d / STEP, lambda s: s.pop("step")), "step has no number and time"),
     "no pending": (lambda d: edit(d / STEP, lambda s: s["step"].pop("pending")), "no list of pending times"),
     "text for a time": (lambda d: edit(d / STEP, lambda s: s["step"].update(time="x")), "step has no number and time"),
-    "no row": (
-        lambda d: edit(d / STEP, lambda s: s["step"].pop("row")),
-        "is incomplete, or written by another version",
-    ),
+    "no row": (lambda d: edit(d / STEP, lambda s: s["step"].pop("row")), "is incomplete, or written by another ver"),
 }
 
 
@@ -313,13 +306,3 @@ def test_incomplete_results_are_refused(spoil, message, tmp_path):
     with pytest.raises(ValueError) as caught:
         check(folder)
     assert message in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_numbers_are_read_as_written():
-    """The rows of the steps, through history.csv and back."""
-    folder = made(BALL)
-    rows = [json.loads((folder / f"steps/{k:04d}/summary.json").read_text())["step"]["row"] for k in (1, 2, 3)]
-    with (folder / "history.csv").open(newline="") as file:
-        lines = list(csv.DictReader(file))
-    assert [float(line["force_z"]) for line in lines] == [row["force_z"] for row in rows]
-    assert np.all(np.diff([row["time"] for row in rows]) > 0.0)

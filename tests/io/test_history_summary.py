@@ -5,6 +5,7 @@ import csv
 import json
 import platform
 import re
+import shutil
 from datetime import datetime
 
 import pytest
@@ -78,7 +79,7 @@ def test_terminal_labels_its_figures(done):
 
 def test_a_history_that_was_resumed_has_the_same_figures_and_both_runs(done, tmp_path):
     directory, _ = done
-    assert run_coulomb("run", HISTORY, *SMALL, "--output", tmp_path).returncode == 0
+    shutil.copytree(directory, tmp_path, dirs_exist_ok=True)
     for number in (3, 4):  # as after a kill in the third step
         for file in (tmp_path / "steps" / f"{number:04d}").iterdir():
             file.unlink()
@@ -107,10 +108,8 @@ def test_a_run_records_host_date_and_command(done):
     assert started.tzinfo is not None and 0.0 < (ended - started).total_seconds() < 600.0
     step = summaries(directory)[0]
     assert step["run"]["started"] == run["started"] and datetime.fromisoformat(step["run"]["ended"]) <= ended
-    assert (
-        sum(json.loads((directory / "summary.json").read_text())["history"]["seconds"].values())
-        <= (ended - started).total_seconds() + 0.01
-    )
+    seconds = json.loads((directory / "summary.json").read_text())["history"]["seconds"]
+    assert sum(seconds.values()) <= (ended - started).total_seconds() + 0.01
 
 
 @pytest.mark.parametrize(

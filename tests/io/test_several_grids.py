@@ -84,7 +84,7 @@ def test_what_a_file_describes(tmp_path):
         (
             "Function/upper_part/status",
             "Function/lower/status",
-            "but <DataItem .* solution.h5:/Function/upper_part/status",
+            "but <DataItem .* solution.h5:/Function/upper_part/sta",
         ),
         ("Mesh/lower/topology", "Mesh/upper_part/topology", "but <DataItem .* solution.h5:/Mesh/lower/topology"),
         ('"Tetrahedron"', '"Quadrilateral"', "but <Topology TopologyType='Tetrahedron'"),

@@ -24,66 +24,43 @@ def test_right_answer_passes(law):
     assert "certificate passed" in str(certificate)
 
 
-def test_wrong_displacement_is_out_of_equilibrium(answer):
-    problem, x, u = answer
-    u[np.argmax(~problem.elasticity.fixed.any(axis=1))] += 1e-6
-    assert "equilibrium" in failed(certify(problem, x, u))
+def turned(x):
+    t, angle = x.reshape(-1, 3)[:, 1:], np.radians(1.0)
+    t[:] = t @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
 
 
-def test_wrong_sign_of_friction(answer):
-    problem, x, _ = answer
-    x[1::3], x[2::3] = -x[1::3], -x[2::3]
-    certificate = certify(problem, x, problem.displacement(x))
-    assert certificate["equilibrium"].passed  # consistent with its own forces
-    assert not certificate["slip angle"].passed and not certificate["natural residual"].passed
-
-
-def test_turned_friction(answer):
-    problem, x, _ = answer
-    t = x.reshape(-1, 3)[:, 1:]
-    angle = np.radians(1.0)
-    x.reshape(-1, 3)[:, 1:] = t @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    assert not certify(problem, x, problem.displacement(x))["slip angle"].passed
-
-
-def test_no_contact_force_penetrates(answer):
-    problem, x, _ = answer
-    x[:] = 0.0
-    certificate = certify(problem, x, problem.displacement(x))
-    assert {"penetration", "natural residual"} <= failed(certificate)
-    assert certificate.penetration > 1e-4
-
-
-def test_adhesion(answer):
-    problem, x, _ = answer
+def pulling(x):
     x[3 * np.argmin(x[0::3])] = -1e-3 * x.max()
-    assert "adhesion" in failed(certify(problem, x, problem.displacement(x)))
 
 
-def test_force_across_a_gap(answer):
+WRONG_FORCES = {
+    "wrong sign of friction": (lambda x: x.__imul__(np.tile([1.0, -1.0, -1.0], len(x) // 3)), "slip angle"),
+    "turned friction": (turned, "slip angle"),
+    "no force": (lambda x: x.__imul__(0.0), "penetration"),
+    "adhesion": (pulling, "adhesion"),
+    "force across a gap": (lambda x: x.__iadd__(np.tile([1e-3 * x.max(), 0.0, 0.0], len(x) // 3)), "complementarity"),
+    "friction beyond the cone": (lambda x: x.__imul__(np.tile([1.0, 1.001, 1.001], len(x) // 3)), "friction cone"),
+    "slip inside the cone": (lambda x: x.__imul__(np.tile([1.0, 0.9, 0.9], len(x) // 3)), "slip inside the cone"),
+}
+
+
+@pytest.mark.parametrize(("wrong", "condition"), WRONG_FORCES.values(), ids=WRONG_FORCES)
+def test_wrong_forces(answer, wrong, condition):
+    """With their own displacement, so that they are in equilibrium."""
     problem, x, _ = answer
-    x[0::3] += 1e-3 * x.max()
-    assert "complementarity" in failed(certify(problem, x, problem.displacement(x)))
+    wrong(x)
+    certificate = certify(problem, x, problem.displacement(x))
+    assert certificate["equilibrium"].passed and condition in failed(certificate)
+    if not x.any():
+        assert "natural residual" in failed(certificate) and certificate.penetration > 1e-4
 
 
-def test_friction_beyond_the_cone(answer):
-    problem, x, _ = answer
-    x[1::3] *= 1.001
-    x[2::3] *= 1.001
-    assert "friction cone" in failed(certify(problem, x, problem.displacement(x)))
-
-
-def test_slip_inside_the_cone(answer):
-    problem, x, _ = answer
-    x[1::3] *= 0.9
-    x[2::3] *= 0.9
-    assert "slip inside the cone" in failed(certify(problem, x, problem.displacement(x)))
-
-
-def test_clamp_not_held(answer):
+def test_wrong_displacements(answer):
     problem, x, u = answer
     u[problem.elasticity.fixed] += 1e-8
     assert "clamps" in failed(certify(problem, x, u))
+    u[np.argmax(~problem.elasticity.fixed.any(axis=1))] += 1e-6
+    assert "equilibrium" in failed(certify(problem, x, u))
 
 
 @pytest.mark.parametrize("where", ["x", "u"])
@@ -182,3 +159,59 @@ def test_no_angle_for_rounding_errors_without_friction():
     force[:, 1:] *= -1e-16
     without = judge(replace(evidence, force=force, bound=0.0 * evidence.bound))
     assert without.passed, without
+
+
+# --- bodies that soft springs hold: a rigid drift is detected, however large the internal forces ----------------------
+
+
+def sprung(stiffness, friction=0.0, clamps=()):
+    """A block of steel pressed on a plane by a load off its middle, on springs all round."""
+    return coulomb.ContactProblem(
+        coulomb.box((3.0, 1.0, 1.0), (6, 3, 2)),
+        coulomb.Material(2e11, 0.3),
+        list(clamps),
+        coulomb.Contact("bottom", friction),
+        [coulomb.Traction("top", lambda x: np.array([0 * x[0], 0 * x[0], -1e6 * (1.0 + 0.2 * x[0])]))],
+        springs=[coulomb.Spring("left", stiffness), coulomb.Spring("right", stiffness)],
+    )
+
+
+def drifted(problem, way, turn=0.0):
+    """The certificate of the answer, moved along the plane by a part of its displacement there, and turned on it."""
+    solution = problem.solve(tolerance=1e-10)
+    u, x = solution.displacement.copy(), problem.elasticity.x
+    along = np.abs(u[:, :2]).max()
+    u[:, 0] += way * along - turn * along * (x[:, 1] - 0.5)
+    u[:, 1] += turn * along * (x[:, 0] - 1.5)
+    return solution, certify(problem, solution.contact_force, u)
+
+
+@pytest.mark.parametrize("stiffness", [1e5, 1e7])
+def test_right_answers_on_soft_springs_pass(stiffness):
+    solution, certificate = drifted(sprung(stiffness), 0.0)
+    assert failed(solution.certificate) <= {"complementarity", "penetration"}  # these need a more accurate solver
+    assert certificate["rigid motion"].value <= 1e-7
+
+
+@pytest.mark.parametrize(("way", "turn"), [(1e-5, 0.0), (0.1, 0.0), (0.0, 1e-5), (0.0, 0.1)])
+def test_a_drift_fails(way, turn):
+    """Equilibrium and balance of all forces do not detect it."""
+    _, certificate = drifted(sprung(1e5), way, turn)
+    assert certificate["rigid motion"].value > 1e-6 and "rigid motion" in failed(certificate)
+    assert certificate["equilibrium"].passed and certificate["force balance"].passed
+
+
+def test_only_free_rigid_motions_are_judged():
+    """A clamp along y and z leaves free only the motion along x: the other five move clamped components."""
+    problem = sprung(1e6, clamps=[coulomb.Clamp("back", "yz")])
+    solution, certificate = drifted(problem, 1e-3)
+    assert solution.certificate["rigid motion"].value <= 1e-9
+    assert "rigid motion" in failed(certificate)
+    held = sprung(1e6, clamps=[coulomb.Clamp("back")])
+    assert held.solve().certificate["rigid motion"].value == 0.0
+
+
+def test_a_drift_of_a_rubbing_block_fails():
+    """With friction as well: errors are relative to the spring forces, not to the contact forces."""
+    _, certificate = drifted(sprung(1e6, friction=0.3), 0.1)
+    assert "rigid motion" in failed(certificate)

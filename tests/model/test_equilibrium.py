@@ -1,7 +1,5 @@
 """Loads that contact cannot balance: found before the solve, or by a body that slides away."""
 
-import math
-
 import numpy as np
 import pytest
 from conftest import dense_compliance
@@ -52,14 +50,6 @@ def test_a_push_over_the_friction(ratio):
     assert np.allclose(found.direction, [0.8, 0.6, 0.0, 0.0, 0.0, 0.0], atol=1e-3)
     assert found.load == pytest.approx(ratio * FRICTION * WEIGHT, rel=1e-4)
     assert found.resistance == pytest.approx(FRICTION * WEIGHT, rel=3e-3) and found.resistance < found.load
-    assert found.motion @ problem.rigid.e > most_work(problem, found.motion)
-
-
-def test_a_push_that_tips_as_well():
-    problem = floating_problem(BLOCK, 20.0)
-    found = equilibrium(problem)
-    assert not found.exists and found.proven and found.direction[:2] @ [0.8, 0.6] > 0.9
-    assert found.resistance < 0.1 * found.load
     assert found.motion @ problem.rigid.e > most_work(problem, found.motion)
 
 
@@ -152,12 +142,3 @@ def test_a_problem_whose_bodies_are_held():
     problem = floating_problem(BLOCK, 0.5)
     with pytest.raises(ValueError, match="no rigid motions"):
         equilibrium(FrictionProblem(problem.A, problem.b, problem.law))
-
-
-def test_units_do_not_matter():
-    """In kN and mm."""
-    one = floating_problem(BLOCK, 1.05)
-    other = FrictionProblem(one.A, one.b, one.law, rigid=RigidMotions(one.rigid.G, 1e-3 * one.rigid.e, one.rigid.names))
-    found, scaled = equilibrium(one), equilibrium(other)
-    assert math.isclose(1e-3 * found.load, scaled.load, rel_tol=1e-9)
-    assert math.isclose(1e-3 * found.resistance, scaled.resistance, rel_tol=1e-6)

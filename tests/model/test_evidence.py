@@ -5,20 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import make_block
+from shared_problems import lose
+from synthetic_evidence import failed
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, PrescribedDisplacement, Sphere
-from coulomb.fem.contact import surface as surfaces
-from coulomb.fem.contact.contact_points import contact_matrix
 from coulomb.fem.geometry.obstacles import Moved, RigidMotion
 from coulomb.model.contact_body import ContactBody
 from coulomb.model.load_history import StepFailed
 
 RUBBER = Material(1e7, 0.3)
-
-
-def failed(certificate):
-    return {check.name for check in certificate.checks if not check.passed}
 
 
 def answer(problem):
@@ -28,21 +24,6 @@ def answer(problem):
     except NotConverged as failure:
         assert "failing conditions" in str(failure)
         return problem.solution(failure.result)
-
-
-def lose(monkeypatch, lost):
-    """Contact nodes at which `lost(x)` is true are no longer found."""
-    whole = surfaces.contact_surface
-
-    def part(elasticity, face, *arguments):
-        found = whole(elasticity, face, *arguments)
-        keep = ~lost(found.x)
-        points = found.points.only(keep)
-        B = contact_matrix(points, found.frames[keep])
-        fields = ("part", "x", "frames", "gap", "gap_field")
-        return replace(found, points=points, B=B, free_B=B, **{name: getattr(found, name)[keep] for name in fields})
-
-    monkeypatch.setattr("coulomb.model.contact_faces.contact_surface", part)
 
 
 @pytest.mark.parametrize("slip_stress", [None, 1e7], ids=["coulomb", "tresca"])
@@ -144,15 +125,6 @@ def without_origin(monkeypatch):
     monkeypatch.setattr(ContactProblem, "at", lambda self, time, before=None: at(self, time))
 
 
-def without_motion_of_origin(monkeypatch):
-    """The origin does not move with the foundation."""
-
-    def posed(self, problem, state, time):
-        return problem.at(time, replace(state, time=time))
-
-    monkeypatch.setattr(LoadHistory, "_posed", posed)
-
-
 def without_origin_in_b(monkeypatch):
     def closure(self, u):
         return self.surface.rows(u)
@@ -179,21 +151,22 @@ def test_a_missing_slip_origin_fails(monkeypatch, forget):
 
 
 def test_an_origin_that_does_not_move_with_the_foundation_fails(monkeypatch):
-    without_motion_of_origin(monkeypatch)
+    stays = lambda self, problem, state, time: problem.at(time, replace(state, time=time))  # noqa: E731
+    monkeypatch.setattr(LoadHistory, "_posed", stays)
     later = certificates(moving())[1:]
     assert later and not any(certificate.passed for certificate in later)
 
 
-def test_a_foundation_that_does_not_move_fails(monkeypatch):
+@pytest.mark.parametrize(
+    ("method", "wrong"),
+    [
+        ("surface", lambda self, motions, time: self._reference),
+        ("rigid_motions", lambda self, time: (RigidMotion(np.zeros(3)),)),
+    ],
+)
+def test_a_foundation_that_does_not_move_fails(monkeypatch, method, wrong):
     problem = moving()
-    monkeypatch.setattr(ContactBody, "surface", lambda self, motions, time: self._reference)
-    (pressed,) = certificates(problem, [1.0])
-    assert "penetration" in failed(pressed)
-
-
-def test_missing_motions_fail(monkeypatch):
-    problem = moving()
-    monkeypatch.setattr(ContactBody, "rigid_motions", lambda self, time: (RigidMotion(np.zeros(3)),))
+    monkeypatch.setattr(ContactBody, method, wrong)
     (pressed,) = certificates(problem, [1.0])
     assert "penetration" in failed(pressed)
 

@@ -7,7 +7,7 @@ import pytest
 from synthetic_evidence import BODY, CASES, failed, synthetic_evidence
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement, Traction, certify
+from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, Traction, certify
 from coulomb.model.certificate import SMALLEST, judge
 from coulomb.model.evidence import Evidence
 from coulomb.nearest import among
@@ -16,8 +16,8 @@ OTHERS = ("comm", "held", "compliance", "averaged", "ground", "component", "bodi
 ARRAYS = [field.name for field in fields(Evidence) if field.name not in OTHERS]
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("name", [*ARRAYS, "compliance"])
+@pytest.mark.parametrize("bad", [np.nan, -np.inf])
+@pytest.mark.parametrize("name", [*ARRAYS, "compliance", "ground"])
 def test_values_that_are_not_finite_fail_and_are_named(name, bad):
     evidence, _ = synthetic_evidence()
     array = np.array(getattr(evidence, name), dtype=float)
@@ -25,18 +25,14 @@ def test_values_that_are_not_finite_fail_and_are_named(name, bad):
     certificate = judge(replace(evidence, **{name: array if array.ndim else float(array)}))
     assert "finite" in failed(certificate)
     contents = {"x": "coordinates", "on_body": "contact forces on the body", "force": "contact forces", "load": "loads"}
-    contents |= {"spring": "springs", "internal": "internal forces", "gap": "gaps", "bound": "slip bounds"}
+    contents |= {
+        "ground": "forces of rigid motions",
+        "spring": "springs",
+        "internal": "internal forces",
+        "gap": "gaps",
+        "bound": "slip bounds",
+    }
     assert contents.get(name, name) in certificate["finite"].meaning
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_forces_of_rigid_motions_that_are_not_finite_fail(bad):
-    evidence, _ = synthetic_evidence()
-    ground = evidence.ground.copy()
-    assert judge(replace(evidence, ground=ground)).passed
-    ground[3, 1, 4] = bad
-    certificate = judge(replace(evidence, ground=ground))
-    assert "finite" in failed(certificate) and "forces of rigid motions" in certificate["finite"].meaning
 
 
 @pytest.mark.parametrize(
@@ -154,12 +150,6 @@ def test_a_run_whose_numbers_overflow_is_not_certified(young):
     assert "finite" in failed(solution.certificate)
 
 
-def test_ordinary_units_pass():
-    """Units far from overflow give the same block."""
-    for factor in (1e-100, 1e-20, 1e20, 1e100):
-        assert block(2e11 * factor, 1e7 * factor).solve().certificate.passed
-
-
 @pytest.mark.parametrize("way", [1e-6, 1e-3, 1.0])
 @pytest.mark.parametrize("along", [(0.0, 0.0, 1.0), (0.3, -0.7, 1.0)])
 def test_a_body_that_is_lifted_off_passes(way, along):
@@ -167,19 +157,6 @@ def test_a_body_that_is_lifted_off_passes(way, along):
     lift = PrescribedDisplacement("top", tuple(way * c for c in along))
     certificate = block(load=0.0, clamp=lift).solve().certificate
     assert certificate.passed, certificate
-
-
-def test_a_history_that_ends_lifted_off_passes():
-    down = PrescribedDisplacement("top", (0.0, 0.0, 1e-4), amplitude=[(0.0, 0.0), (1.0, -1.0), (2.0, -1.0), (4.0, 1.0)])
-    rub = [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (4.0, 2.0)]
-    drag = PrescribedDisplacement("top", (2e-4, 0.0, 0.0), "x", amplitude=rub)
-    problem = ContactProblem(
-        coulomb.box((1.0, 1.0, 1.0), (3, 3, 2)), Material(2e11, 0.3), [down, drag], Contact("bottom", 0.3)
-    )
-    steps = list(LoadHistory([1.0, 2.0, 3.5, 4.0]).steps(problem))
-    assert steps[-1].row["normal_force"] == 0.0 or steps[-1].row["contact_area"] == 0.0
-    for step in steps:
-        assert step.solution.certificate.passed, step.solution.certificate
 
 
 def test_a_lifted_body_that_is_wrong_fails():

@@ -69,21 +69,15 @@ def test_drag_falls_with_the_speed():
     assert found[0.02] > 1.5 * found[0.3]
 
 
-IN_CASE = TIMES[: 1 + 2 * STEPS]
-"""The first two speeds."""
+IN_CASE = TIMES[: STEPS + 4]
+"""The first speed, and the beginning of the second."""
 
 CASE = f"""
-[mesh]
-box = [0.1, 0.1, 0.05]
-cells = [3, 3, 2]
-
-[material]
-young = 1e7
-poisson = 0.3
-
-[[clamp]]
-face = "top"
-
+mesh = {{ box = [0.1, 0.1, 0.05], cells = [3, 3, 2] }}
+material = {{ young = 1e7, poisson = 0.3 }}
+clamp = [{{ face = "top" }}]
+solver = {{ tolerance = 1e-11 }}
+output = {{ picture = false }}
 [contact]
 face = "bottom"
 friction = {{ static = {STATIC}, kinetic = {KINETIC}, decay_speed = {DECAY} }}
@@ -92,12 +86,6 @@ motion = {[list(row) for row in way()]}
 
 [history]
 times = {IN_CASE}
-
-[solver]
-tolerance = 1e-11
-
-[output]
-picture = false
 """
 
 
@@ -111,12 +99,6 @@ def run(tmp_path_factory):
     return home / "out"
 
 
-def test_drag_from_a_case_file(run):
-    rows = {step["time"]: step for step in (summary(run, k)["step"]["row"] for k in range(1, len(IN_CASE) + 1))}
-    for time, speed in list(ENDS.items())[:2]:
-        assert rows[time]["force_x"] / rows[time]["force_z"] == pytest.approx(expected(speed), rel=1e-9)
-
-
 def summary(folder, number):
     return json.loads((folder / "steps" / f"{number:04d}" / "summary.json").read_text())
 
@@ -126,17 +108,15 @@ def test_check_uses_the_slip_rate_of_the_step_before(run, tmp_path):
     found = check(run)
     assert found.passed, found
     assert check(run / "steps" / "0012").passed
-    shutil.copytree(run, tmp_path / "run")
-    change(tmp_path / "run" / "steps" / "0012" / "contact.h5", "friction", lambda friction: 1.001 * friction)
-    faults = check(tmp_path / "run").steps[11].faults
-    assert any("contact.xdmf: friction" in fault for fault in faults), faults
-    shutil.rmtree(tmp_path / "run")
-    shutil.copytree(run, tmp_path / "run")
-    edit(tmp_path / "run" / "case.json", lambda case: case["contact"]["friction"].update(decay_speed=0.11))
-    steps = check(tmp_path / "run").steps
+    copy = shutil.copytree(run, tmp_path / "run")
+    edit(copy / "case.json", lambda case: case["contact"]["friction"].update(decay_speed=0.11))
+    steps = check(copy).steps
     assert not any(step.passed for step in steps)  # each has recorded its case
     bad = [step.number for step in steps if any(fault.startswith("contact.xdmf: friction") for fault in step.faults)]
     assert bad[0] == 3 and len(bad) == len(IN_CASE) - 2  # all that follow a step with slip along the floor
+    shutil.copy(run / "case.json", copy)
+    change(copy / "steps" / "0012" / "contact.h5", "friction", lambda friction: 1.001 * friction)
+    assert any("contact.xdmf: friction" in fault for fault in check(copy / "steps" / "0012").faults)
 
 
 def test_resume_uses_the_slip_rate_of_the_step_before(run, tmp_path):

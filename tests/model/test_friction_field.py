@@ -4,32 +4,21 @@ import json
 
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, make_block, run_coulomb
+from conftest import ROOT, make_block, run_coulomb
 
 import coulomb
 from coulomb.case.case import read_case
-from coulomb.pictures.picture_of_run import write_with_picture
 
 BLOCK = ROOT / "demos" / "block.toml"
 
 
-def block_with(friction=None, slip_stress=None, p=3):
-    return coulomb.ContactProblem(
-        coulomb.box((3.0, 1.0, 1.0), (3 * p, p, p)),
-        STEEL,
-        clamps=[coulomb.Clamp("left")],
-        tractions=[coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
-        contact=coulomb.Contact("bottom", friction, slip_stress),
-    )
-
-
 def test_a_constant_function_is_the_constant():
-    constant, function = block_with(0.3).solve(), block_with(lambda x: np.full(x.shape[1], 0.3)).solve()
+    constant, function = make_block(3, 0.3).solve(), make_block(3, lambda x: np.full(x.shape[1], 0.3)).solve()
     assert np.array_equal(constant.contact_force, function.contact_force)
 
 
 def test_every_node_has_its_own_coefficient():
-    problem = block_with(lambda x: 0.1 + 0.2 * x[0] * x[1])
+    problem = make_block(3, lambda x: 0.1 + 0.2 * x[0] * x[1])
     x = problem.surface.x
     assert problem.law.friction == pytest.approx(0.1 + 0.2 * x[:, 0] * x[:, 1])
     solution = problem.solve()
@@ -43,7 +32,7 @@ def test_every_node_has_its_own_coefficient():
     "solver", [coulomb.InteriorPoint(), coulomb.SuccessiveTresca()], ids=["interior point", "successive Tresca"]
 )
 def test_no_friction_on_a_part(solver):
-    problem = block_with(lambda x: np.where(x[0] > 1.5, 0.0, 0.4))
+    problem = make_block(3, lambda x: np.where(x[0] > 1.5, 0.0, 0.4))
     solution = problem.solve(solver=solver)
     force = solution.contact_force.reshape(-1, 3)
     smooth = problem.surface.x[:, 0] > 1.5
@@ -51,13 +40,8 @@ def test_no_friction_on_a_part(solver):
     assert np.hypot(*force[~smooth, 1:].T).max() > 0.0 and solution.certificate.passed
 
 
-def test_picture_of_a_friction_field(tmp_path):
-    solution = block_with(lambda x: np.where(x[0] > 1.5, 0.0, 0.4)).solve()
-    assert write_with_picture(solution, tmp_path)["picture"] == "picture.png"
-
-
 def test_slip_stress_as_a_function():
-    problem = block_with(slip_stress=lambda x: 1e7 * x[0])
+    problem = make_block(3, slip_stress=lambda x: 1e7 * x[0])
     assert problem.slip_bound(problem.b) == pytest.approx(1e7 * problem.surface.x[:, 0] * problem.surface.area)
     assert problem.solve().certificate.passed
 
@@ -73,7 +57,7 @@ def test_slip_stress_as_a_function():
 )
 def test_wrong_functions(function, message):
     with pytest.raises(ValueError, match=message):
-        block_with(function)
+        make_block(3, function)
 
 
 def test_regions_of_a_case(tmp_path):
@@ -91,15 +75,13 @@ def test_regions_of_a_case(tmp_path):
     assert "Coulomb friction 0 to 0.5" in done.stdout
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["friction"] == {"min": 0.0, "max": 0.5}
-    same = block_with(lambda x: np.where(x[1] <= 0.5, 0.5, np.where(x[0] <= 1.0 + 1e-9, 0.0, 0.3))).solve()
+    same = make_block(3, lambda x: np.where(x[1] <= 0.5, 0.5, np.where(x[0] <= 1.0 + 1e-9, 0.0, 0.3))).solve()
     assert summary["force_on_body"]["normal"] == pytest.approx(same.contact_force[0::3].sum(), rel=1e-7)
 
 
 @pytest.mark.parametrize(
     ("region", "message"),
     [
-        ("{box=[[0,0,1],[1,1,2]], friction=0.1}", r"contact.region.0: there is no contact node in its box"),
-        ("{box=[[1,0,0],[0,1,0]], friction=0.1}", r"box must be \[lower corner, upper corner\]"),
         ("{box=[[0,0,0],[1,1,0]], slip_stress=1.0}", r"region.0 must give friction, as the contact does"),
         ("{box=[[0,0,0],[1,1,0]]}", r"region.0 must give friction"),
         ("{box=[[0,0,0],[1,1,0]], friction=-1}", r"contact.region.0.friction = -1: should be greater"),
@@ -119,10 +101,7 @@ def test_wrong_regions(region, message):
             ["solver.method='interior-point'", "contact={face='bottom', slip_stress=1.0}"],
             r"solver.method is for Coulomb",
         ),
-        (
-            ["solver.method='newton'"],
-            r"solver.method = 'newton': should be 'auto', 'interior-point' or 'successive-tresca'",
-        ),
+        (["solver.method='newton'"], r"solver.method = 'newton': should be 'auto', 'interior-point' or 'succ"),
     ],
 )
 def test_incompatible_methods(changes, message):
@@ -132,14 +111,8 @@ def test_incompatible_methods(changes, message):
 
 def test_every_method_of_a_case_gives_the_same_forces():
     answer = make_block(3).solve().contact_force
-    for table in (
-        "method='interior-point'",
-        "newton='dense'",
-        "method='successive-tresca'",
-        "newton='augmented'",
-        "newton='schur'",
-        "method='successive-tresca', newton='dense'",
-    ):
+    one, other = "method='interior-point'", "method='successive-tresca'"
+    for table in (one, other, "newton='dense'", "newton='augmented'", "newton='schur'", f"{other}, newton='dense'"):
         case = read_case(BLOCK, ["mesh.cells=[9,3,3]", f"solver={{{table}}}"])
         solution = case.problem().solve(solver=case.contact_solver())
         assert np.linalg.norm(solution.contact_force - answer) <= 1e-6 * np.linalg.norm(answer), table

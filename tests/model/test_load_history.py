@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +23,7 @@ from coulomb import (
     Plane,
     PrescribedDisplacement,
     Sphere,
+    Spring,
     Traction,
 )
 from coulomb.io.recheck import check
@@ -45,16 +45,6 @@ def test_slip_is_kept_between_steps():
     assert abs(coulomb.io.summary.summary(at_once)["force_on_body"]["vector"][0]) <= 1e-6 * normal[2]
 
 
-def test_slip_is_measured_from_the_step_before():
-    """The certificate measures slip from the step before; without that origin it must fail."""
-    *_, before, step = LoadHistory([1, 2, 2.5]).steps(rubbed())
-    last = step.solution
-    assert last.certificate.passed
-    forgotten = last.problem.at(2.5, replace(before.state, displacement=np.zeros_like(last.displacement)))
-    certificate = coulomb.certify(forgotten, last.contact_force, last.displacement)
-    assert not certificate["slip inside the cone"].passed
-
-
 def test_energy():
     """Friction dissipates in every step; the imbalance is the time-stepping error, of first order at least."""
     imbalance = []
@@ -73,15 +63,18 @@ def test_without_friction_work_is_elastic_energy():
     assert last.prescribed == pytest.approx(last.elastic, rel=1e-7)
 
 
-def test_work_of_loads():
+@pytest.mark.parametrize("springs", [[], [Spring("left", 1e7)]], ids=["clamped", "on springs"])
+def test_work_of_loads(springs):
     """A load that grows from zero on a body without contact: half of force times displacement (Clapeyron)."""
     far = Contact("bottom", 0.4, foundation=Plane((0, 0, -1.0), (0, 0, 1)))
-    pull = [Traction("top", (3e3, 0.0, -1e4), UP)]
-    problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (3, 3, 3)), RUBBER, [Clamp("left")], far, pull)
+    pull, held = [Traction("top", (3e3, 0.0, -1e4), UP)], [] if springs else [Clamp("left")]
+    problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (3, 3, 3)), RUBBER, held, far, pull, springs=springs)
     *_, last = LoadHistory([0.25, 1.0]).steps(problem)
-    energy, solution = last.state.energy, last.solution
-    half = 0.5 * np.vdot(solution.problem.loading.load, solution.displacement)
+    energy, u = last.state.energy, last.solution.displacement
+    half = 0.5 * np.vdot(last.solution.problem.loading.load, u)
     assert energy.loads == pytest.approx(half, rel=1e-9) and energy.elastic == pytest.approx(half, rel=1e-9)
+    in_springs = -0.5 * np.vdot(last.solution.problem.elasticity.spring_force(u), u)
+    assert (in_springs > 0.1 * half) == bool(springs)
 
 
 @pytest.mark.parametrize("foundation", [None, Sphere((0.05, 0.05, -1.0), 1.0)])
@@ -103,17 +96,6 @@ def test_moving_the_foundation_is_moving_the_body(foundation):
         assert np.linalg.norm(x - y) <= tolerance * np.linalg.norm(x)
         assert one.state.energy.elastic == pytest.approx(other.state.energy.elastic, rel=tolerance)
         assert one.state.energy.foundation == pytest.approx(other.state.energy.prescribed, rel=tolerance)
-
-
-def test_a_turned_compliance_is_the_one_of_the_turned_frames():
-    sphere, motion = Sphere((0.05, 0.05, -0.5), 0.5), [(0.0, 0.0, 0.0, 0.0), (1.0, 0.02, 0.01, 0.001)]
-    mesh = coulomb.box((0.1, 0.1, 0.05), (3, 3, 3))
-    contact = Contact("bottom", 0.4, foundation=sphere, motion=motion)
-    later = ContactProblem(mesh, RUBBER, [Clamp("top")], contact).at(1.0)
-    anew = ContactProblem(mesh, RUBBER, [Clamp("top")], contact, time=1.0)
-    assert np.allclose(later.A.dense(), anew.A.dense(), rtol=1e-9, atol=1e-20)
-    assert np.array_equal(later.surface.frames, anew.surface.frames)
-    assert np.allclose(later.b, anew.b, atol=1e-12)
 
 
 def test_a_step_that_fails_is_halved(caplog):
@@ -138,9 +120,9 @@ def test_a_step_that_always_fails_keeps_those_before(tmp_path):
     assert [row["time"] for row in files.rows] == [1.0, 2.0]
 
 
-def cube(clamp=None, motion=None):
-    mesh = coulomb.box((1, 1, 1), (1, 1, 1))
-    return ContactProblem(mesh, STEEL, [clamp or Clamp("top")], Contact("bottom", 0.1, motion=motion))
+def cube(amplitude=1.0, motion=None):
+    top = PrescribedDisplacement("top", (0.0, 0.0, 0.0), amplitude=amplitude)
+    return ContactProblem(coulomb.box((1, 1, 1), (1, 1, 1)), STEEL, [top], Contact("bottom", 0.1, motion=motion))
 
 
 @pytest.mark.parametrize(
@@ -149,26 +131,11 @@ def cube(clamp=None, motion=None):
         (lambda: LoadHistory([]), "times has no load step"),
         (lambda: LoadHistory([1.0, 1.0]), "times must increase from start = 0"),
         (lambda: LoadHistory([1.0], halvings=-1), "halvings must be at least 0"),
-        (
-            lambda: cube(PrescribedDisplacement("top", (0.0, 0.0, 0.0), amplitude=[(1, 0), (0, 1)])),
-            r"prescribed displacement on 'top': amplitude: the times of the table must increase, but are \[1.0, 0.0\]",
-        ),
-        (
-            lambda: cube(PrescribedDisplacement("top", (0.0, 0.0, 0.0), amplitude=[(1, 0, 0)])),
-            r"prescribed displacement on 'top': amplitude must be a table of rows \[time, factor\]",
-        ),
-        (
-            lambda: cube(PrescribedDisplacement("top", (0.0, 0.0, 0.0), amplitude=lambda t: 1 / t)),
-            "prescribed displacement on 'top': the amplitude failed at time 0: (float )?division by zero",
-        ),
-        (
-            lambda: cube(PrescribedDisplacement("top", (0.0, 0.0, 0.0), amplitude=lambda t: np.nan)),
-            "the amplitude at time 0 is nan",
-        ),
-        (
-            lambda: cube(motion=lambda t: (t, 0)),
-            "contact: foundation: the motion at time 0 must be three finite numbers",
-        ),
+        (lambda: cube([(1, 0), (0, 1)]), r"on 'top': amplitude: the times of the table must incr.*are \[1.0, 0.0\]"),
+        (lambda: cube([(1, 0, 0)]), r"on 'top': amplitude must be a table of rows \[time, factor\]"),
+        (lambda: cube(lambda t: 1 / t), "on 'top': the amplitude failed at time 0: (float )?division by zero"),
+        (lambda: cube(lambda t: np.nan), "the amplitude at time 0 is nan"),
+        (lambda: cube(motion=lambda t: (t, 0)), "contact: foundation: the motion at time 0 must be three finite num"),
         (lambda: cube(motion=[(0, 0, 0)]), r"motion must be a table of rows \[time, x, y, z\]"),
     ],
 )
@@ -178,7 +145,7 @@ def test_bad_input(make, message):
 
 
 CASE = ROOT / "demos" / "history.toml"
-STEPS = 12
+STEPS = 8
 SMALL = (
     *("--set", "mesh.cells=[5,5,3]", "--set", f"history={{end=6.0, steps={STEPS}}}"),
     *("--set", "output.picture=false", "--set", "solver.tolerance=1e-11"),
@@ -191,12 +158,6 @@ def numbers(directory):
         rows = list(csv.DictReader(file))
     skip = {"path_following", "residual", "certified", "valid", "gap_error", "energy_imbalance"}
     return np.array([[float(row[key]) for key in row if key not in skip] for row in rows]), rows
-
-
-def close(one, other, tolerance):
-    scale = np.abs(one).max(axis=0)
-    scale[1:4] = scale[1:4].max()  # force components, moments: of the largest
-    return np.all(np.abs(one - other) <= tolerance * np.maximum(scale, scale.max() * 1e-300))
 
 
 @pytest.fixture(scope="module")
@@ -221,10 +182,9 @@ def killed(directory, after):
     return left
 
 
-@pytest.mark.parametrize("ranks", [None, 2])
-def test_a_killed_run_resumes_with_the_same_numbers(whole, tmp_path, ranks):
-    left = killed(tmp_path, after=3)
-    done = run_coulomb("resume", tmp_path, ranks=ranks, process=True)
+def test_a_killed_run_resumes_with_the_same_numbers(whole, tmp_path):
+    left = killed(tmp_path, after=2)
+    done = run_coulomb("resume", tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"step {left + 1:3d}" in done.stdout and f"step {left:3d}" not in done.stdout
     (ours, rows), (expected, _) = numbers(tmp_path), numbers(whole)
@@ -237,26 +197,14 @@ def test_a_killed_run_resumes_with_the_same_numbers(whole, tmp_path, ranks):
     assert check(tmp_path / "steps" / f"{STEPS:04d}").passed
 
 
-def test_a_second_run_does_not_overwrite(whole):
-    done = run_coulomb("run", CASE, *SMALL, "--output", whole)
-    assert done.returncode == 2 and f"already holds {STEPS} load steps" in done.stderr
-    again = run_coulomb("resume", whole)
-    assert again.returncode == 0 and len(numbers(whole)[1]) == STEPS
-
-
 def test_the_time_series(whole):
     pyvista = pytest.importorskip("pyvista")
     reader = pyvista.get_reader(str(whole / "contact.xdmf"))
     assert np.allclose(reader.time_values, 6.0 / STEPS * np.arange(1, STEPS + 1))
     _, rows = numbers(whole)
-    for index in (2, 4, 11):
+    for index in (2, 4, 7):
         reader.set_active_time_point(index)
         grid = reader.read()
         total = np.asarray(grid["contact_force"]).sum(axis=0)
         expected = [float(rows[index][f"force_{axis}"]) for axis in "xyz"]
         assert np.allclose(total, expected, rtol=1e-5, atol=1e-5 * abs(expected[2]))
-
-
-def test_nothing_to_resume(tmp_path):
-    done = run_coulomb("resume", tmp_path)
-    assert done.returncode == 2 and "no case to resume" in done.stderr

@@ -5,10 +5,10 @@ import json
 
 import numpy as np
 import pytest
-from conftest import PRESSED_CASE, STEEL, run_coulomb
+from conftest import PRESSED_CASE, make_block, run_coulomb
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane, PrescribedDisplacement, Spring
+from coulomb import Contact, ContactProblem, LoadHistory, Material, Plane, PrescribedDisplacement, Spring
 from coulomb.case.case import read_case
 from coulomb.io.output import write
 from coulomb.io.recheck import check
@@ -35,11 +35,14 @@ def sliding(problem, times=TIMES):
 
 
 @pytest.mark.parametrize(
-    "law",
-    [{"friction": FRICTION}, {"slip_stress": COHESION}, {"friction": FRICTION, "cohesion": COHESION}],
+    ("cell", "law"),
+    [
+        ("hexahedron", {"friction": FRICTION}),
+        ("tetrahedron", {"slip_stress": COHESION}),
+        ("tetrahedron", {"friction": FRICTION, "cohesion": COHESION}),
+    ],
     ids=["coulomb", "tresca", "mohr-coulomb"],
 )
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_force_and_energy_of_steady_sliding(cell, law):
     """T = c A + F N, A = 1 m^2; sliding by s dissipates T s, and the clamp does that work."""
     *_, before, last = sliding(drawn(Contact("bottom", **law), cell))
@@ -60,13 +63,12 @@ CLOSING = [(0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, -1e-3), (3.0, 0.02, 0.0, -1e-3)
 RUBBING = [(1.0, 0.0, 0.0, 0.0), (3.0, 0.02, 0.0, 0.0)]
 
 
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @pytest.mark.parametrize(
-    "laws",
+    ("cell", "laws"),
     [
-        ({"slip_stress": 2e4}, {"friction": 0.2}),
-        ({"friction": 0.1}, {"slip_stress": 3e4}),
-        ({"friction": 0.1, "cohesion": 1e4}, {"friction": 0.2}),
+        ("hexahedron", ({"slip_stress": 2e4}, {"friction": 0.2})),
+        ("tetrahedron", ({"friction": 0.1}, {"slip_stress": 3e4})),
+        ("tetrahedron", ({"friction": 0.1, "cohesion": 1e4}, {"friction": 0.2})),
     ],
     ids=["tresca and coulomb", "coulomb and tresca", "mohr-coulomb and coulomb"],
 )
@@ -97,17 +99,6 @@ def test_two_faces_with_different_laws(laws, cell, tmp_path):
         assert face["slip_stress"] == law.get("slip_stress")
 
 
-def block(**law):
-    """The block of the benchmarks."""
-    return ContactProblem(
-        coulomb.box((3.0, 1.0, 1.0), (9, 3, 3)),
-        STEEL,
-        [Clamp("left")],
-        Contact("bottom", **law),
-        [coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
-    )
-
-
 def test_both_limits():
     """No cohesion is Coulomb's law; no friction is Tresca's with the cohesion for slip stress, by the same solver."""
 
@@ -115,28 +106,22 @@ def test_both_limits():
         ({"friction": 0.3, "cohesion": 0.0}, {"friction": 0.3}),
         ({"friction": 0.0, "cohesion": 1e7}, {"slip_stress": 1e7}),
     ):
-        a, b = block(**one).solve(1e-10), block(**other).solve(1e-10)
+        a, b = make_block(3, **one).solve(1e-10), make_block(3, **other).solve(1e-10)
         assert np.array_equal(a.contact_force, b.contact_force) and type(a.result) is type(b.result)
         assert summary(a)["law"] == summary(b)["law"]
 
 
-@pytest.mark.parametrize("name", ["friction", "cohesion"])
-def test_functions_of_place(name):
-    """Each node has its own law; forces differ from those of the mean values."""
-    given = {"friction": 0.2, "cohesion": 5e6, name: lambda x: (0.1 if name == "friction" else 3e6) * (1.0 + x[0])}
-    problem = block(**given)
+def test_cohesion_as_a_function():
+    """Each node has its own law."""
+    problem = make_block(3, friction=0.2, cohesion=lambda x: 3e6 * (1.0 + x[0]))
     solution = problem.solve(1e-10)
     assert solution.certificate.passed
     x, surface = solution.contact_force.reshape(-1, 3), problem.surface
-    F, c = ((value(surface.x.T) if callable(value) else value) for value in (given["friction"], given["cohesion"]))
-    bound, friction = c * surface.area + F * x[:, 0], np.hypot(x[:, 1], x[:, 2])
+    bound, friction = 3e6 * (1.0 + surface.x[:, 0]) * surface.area + 0.2 * x[:, 0], np.hypot(x[:, 1], x[:, 2])
     assert np.all(friction <= bound + 1e-7 * np.max(bound))
     slips = solution.at_nodes.status == 2
     assert np.any(slips) and friction[slips] == pytest.approx(bound[slips], rel=2e-3)
-    numbers = summary(solution)
-    assert (
-        set(numbers[name]) == {"min", "max"} and np.ndim(numbers["friction" if name == "cohesion" else "cohesion"]) == 0
-    )
+    assert set(summary(solution)["cohesion"]) == {"min", "max"} and summary(solution)["friction"] == 0.2
 
 
 def test_cohesion_acts_on_open_nodes():
@@ -153,32 +138,24 @@ def test_cohesion_acts_on_open_nodes():
 
 def test_small_cohesion_of_open_nodes_is_not_set_to_zero():
     """c a on every open node, however small beside the forces of the others."""
-    solution = block(friction=0.3, cohesion=10.0).solve(1e-12)
+    solution = make_block(3, friction=0.3, cohesion=10.0).solve(1e-12)
     x, area = solution.contact_force.reshape(-1, 3), solution.problem.surface.area
     opened = x[:, 0] == 0.0
     assert np.any(opened) and np.hypot(x[opened, 1], x[opened, 2]) == pytest.approx(10.0 * area[opened], rel=1e-2)
 
 
-CASE = (
-    PRESSED_CASE
-    + """\
+CASE = f"""\
+contact = {{ face = "bottom", friction = 0.3, cohesion = 4e6 }}
+history = {{ times = [1, 2, 3, 4, 5] }}
+solver = {{ tolerance = 1e-11 }}
+output = {{ picture = false }}
+{PRESSED_CASE}
 [[prescribed_displacement]]
 face = "top"
 components = "xy"
 value = [1.0, 0, 0]
 amplitude = [[1, 0], [2, 1e-3], [5, 16e-3]]
-[contact]
-face = "bottom"
-friction = 0.3
-cohesion = 4e6
-[history]
-times = [1, 2, 3, 4, 5]
-[solver]
-tolerance = 1e-11
-[output]
-picture = false
 """
-)
 
 
 def test_case_file(tmp_path):

@@ -60,12 +60,7 @@ def words_of(directory, drawn=False):
 ABSURD = [
     (BLOCK, "material.young=210.0"),  # GPa, given as Pa
     (BLOCK, INSIDE),
-    (BLOCK, "clamp.0.value=[0,0,-1.0]"),
-    (HERTZ, "prescribed_displacement.0.value=[0,0,-1.0]"),
-    (
-        HERTZ,
-        "prescribed_displacement.0.value=[1.0,0,-0.0001]",
-    ),  # along the ball, away from where gaps and normals were evaluated
+    (HERTZ, "prescribed_displacement.0.value=[1.0,0,-0.0001]"),  # away from where gaps and normals were evaluated
     (HERTZ, "contact.foundation.centre=[0.02,0.02,-0.15]"),
 ]
 
@@ -76,6 +71,7 @@ def test_answers_with_huge_strains_do_not_count(tmp_path, case, change):
     contents = summary_of(tmp_path)
     assert code == 1 and "certificate passed" in said
     assert re.search(r'error: outside the theory of small strains: .* small_strain = "warn" in the case', complaint)
+    assert complaint.count("outside the theory") == 1 and "small-strain theory" not in complaint  # the library's words
     assert contents["certificate"]["passed"] and not contents["valid"] and contents["small_strain"]["violations"]
     words, kind = words_of(tmp_path, drawn=change == ABSURD[0][1])
     assert kind == "failed" and re.search(r"OUTSIDE THE THEORY All \d+ conditions hold", words)
@@ -124,17 +120,10 @@ def test_every_step_of_a_history_counts(tmp_path):
     assert said.splitlines()[-1] == "all 3 load steps certified, 1 outside the theory of small strains"
     with (tmp_path / "history.csv").open() as file:
         assert [row["valid"] for row in csv.DictReader(file)] == ["True", "False", "True"]
-    words, kind = words_of(tmp_path, drawn=True)
+    words, kind = words_of(tmp_path)
     assert kind == "failed" and "OUTSIDE THE THEORY" in words and "first is step 2" in words
     assert invoke("resume", tmp_path).exit_code == 1  # no steps remain, and the result is the same
     assert invoke("resume", tmp_path, "--force").exit_code == 1  # the written steps were not accepted
-
-
-def test_force_accepts_a_history(tmp_path):
-    changes = ("prescribed_displacement.0.value=[0,0,-0.02]", "history={times=[1.0]}")
-    assert run(tmp_path / "a", HISTORY, *changes)[0] == 1
-    code, said, _ = run(tmp_path / "b", HISTORY, *changes, more=("--force",))
-    assert code == 0 and said.splitlines()[-1] == "all 1 load steps certified"
 
 
 def with_failing_certificates(monkeypatch):
@@ -159,6 +148,7 @@ def test_a_converged_run_without_its_certificate_exits_1(tmp_path, monkeypatch):
     code, said, complaint = run(tmp_path, BLOCK, LOOSE)
     contents = summary_of(tmp_path)
     assert code == 1 and "converged" in said and "certificate FAILED" in said and "error" not in complaint
+    assert "warning: the tolerance 1e-07 is reached, but these conditions fail: " in complaint
     assert contents["status"] == "converged" and not contents["certificate"]["passed"] and not contents["valid"]
     words, kind = words_of(tmp_path)
     assert kind == "failed" and "NOT CERTIFIED 1 of" in words
@@ -267,13 +257,10 @@ def test_nothing_touches(tmp_path, case, changes):
 
 
 def test_the_smallest_gap_is_reported(tmp_path):
-    closed = tmp_path / "closed"
-    closed.mkdir()
-    code, _, complaint = run(
-        tmp_path, BLOCK, "traction=[]", "contact.foundation={shape='plane', point=[0,0,-0.25], normal=[0,0,1]}"
-    )
+    below = "contact.foundation={shape='plane', point=[0,0,-0.25], normal=[0,0,1]}"
+    code, _, complaint = run(tmp_path / "open", BLOCK, "traction=[]", below)
     assert code == 0 and "the smallest gap is 0.25 m" in complaint
-    assert run(closed, BLOCK)[2] == "" and summary_of(closed)["remarks"] == []
+    assert run(tmp_path / "closed", BLOCK)[2] == "" and summary_of(tmp_path / "closed")["remarks"] == []
 
 
 def test_a_large_energy_imbalance_is_a_warning(tmp_path):
@@ -298,10 +285,3 @@ def test_imbalance_just_inside_and_just_outside():
     stuck = Energy(prescribed=10.0, elastic=10.0, dissipated=0.0)
     assert not replace(stuck, elastic=10.009).warning() and replace(stuck, elastic=10.02).warning()
     assert replace(stuck, elastic=np.nan).warning()
-
-
-def test_size_of_the_body_and_mesh_are_reported(tmp_path):
-    _, said, _ = run(tmp_path, HISTORY, "history={times=[1.0]}")
-    assert said.splitlines()[1] == "body 100 mm x 100 mm x 50 mm; 32 hexahedra, 75 nodes"
-    done = invoke("check-case", ROOT / "demos" / "foot.toml", "--set", "mesh.scale=1.0")
-    assert "\nbody 80 m x 60 m x 28 m; 3240 tetrahedra, 780 nodes\n" in done.stdout

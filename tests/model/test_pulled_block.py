@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from conftest import ROOT, STEEL, run_coulomb
+from conftest import STEEL
 
 import coulomb
 from coulomb import (
@@ -63,9 +63,9 @@ def balanced(solution):
     return contact, dict(zip((r.kind for r in solution.reactions), [r.force for r in solution.reactions], strict=True))
 
 
-@pytest.mark.parametrize("cell", CELLS)
-@pytest.mark.parametrize("components", ["x", "xy", "xyz"])
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("law", "components", "cell"), [(law, *held) for law in LAWS for held in (("x", CELLS[1]), ("xyz", CELLS[0]))]
+)
 def test_pulled_by_its_end_face(cell, components, law):
     """Every node slips along what its displacement says, at its bound; the grip pulls with what friction takes."""
     solution = pulled(components, cell, law).solve(1e-11)
@@ -244,21 +244,3 @@ def test_held_along_one_direction(angle):
         along = slip / np.linalg.norm(slip, axis=1)[:, None]
         assert np.allclose(friction, 0.3 * N[:, None] * along, rtol=0.0, atol=1e-9 * N.max())
         assert np.linalg.norm(solution.contact_force - solutions[0].contact_force) <= 1e-8 * np.linalg.norm(force)
-
-
-def test_the_demo_its_totals_and_its_check(tmp_path):
-    """The case file: run, checked, changed and caught, exported and solved again."""
-    small = ["--set", "mesh.cells=[8,4,2]", "--set", "output.picture=false", "--output", tmp_path / "run"]
-    done = run_coulomb("run", ROOT / "demos" / "pulled_block.toml", *small)
-    assert done.returncode == 0, done.stderr
-    table = np.genfromtxt(tmp_path / "run" / "history.csv", delimiter=",", names=True, dtype=float)
-    grip = table["prescribed_displacement_right_force_x"]
-    assert np.allclose(grip, -table["force_x"], rtol=1e-9)
-    assert grip[-1] == pytest.approx(0.3 * table["normal_force"][-1], rel=1e-6)
-    assert run_coulomb("check", tmp_path / "run").returncode == 0
-    text = (tmp_path / "run" / "history.csv").read_text()
-    changed = f"{grip[-1]:.17g}"
-    assert changed in text or repr(float(grip[-1])) in text
-    (tmp_path / "run" / "history.csv").write_text(text.replace(repr(float(grip[-1])), repr(float(1.01 * grip[-1]))))
-    done = run_coulomb("check", tmp_path / "run")
-    assert done.returncode == 1 and "prescribed_displacement_right_force_x" in done.stdout

@@ -1,7 +1,6 @@
 """Foundations that rotate: torque, power, slip and energy against formulas."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from coulomb import (
     Plane,
     PrescribedDisplacement,
     Rotation,
-    SignedDistance,
     Sphere,
     Spring,
     box,
@@ -61,17 +59,16 @@ def test_steady_sliding_dissipates_torque_times_angle():
         assert done == pytest.approx(lost, rel=1e-4)
 
 
-@pytest.mark.parametrize("cell", CELLS)
-def test_energies_balance_to_first_order(cell):
+def test_energies_balance_to_first_order():
     """A puck that is pressed while it slides, both in proportion to time: in n steps the friction at their ends does
     1 + 1/n times the work, and 1/n is the imbalance; it is halved with the steps."""
     found = []
-    for count in (4, 8, 16):
-        problem = puck(cell=cell, n=4, angle=[(0, 0), (1, 0.5)])
+    for count in (4, 8):
+        problem = puck(n=4, angle=[(0, 0), (1, 0.5)])
         energy = steps(problem, np.linspace(0, 1, count + 1)[1:])[-1].state.energy
         assert energy.imbalance == pytest.approx(-energy.dissipated / (count + 1), rel=1e-6)
         found.append(energy.imbalance)
-    assert all(coarse / fine == pytest.approx(2.0, rel=1e-6) for coarse, fine in pairwise(found))
+    assert found[0] / found[1] == pytest.approx(2.0, rel=1e-6)
 
 
 DRUM = Cylinder((0.3, 5.0, -1.0), (0, 1, 0), 0.8)
@@ -135,24 +132,6 @@ def test_material_passes_a_point_along_the_arc():
         velocity = 9.0 * np.cross(np.array([1, -2, 2]) / 3.0, POINTS - centre) + now.translation - before.translation
         expected += weight * velocity
     assert now.since(before, POINTS) == pytest.approx(expected, abs=1e-12)
-
-
-def test_a_drum_by_a_function_is_the_same():
-    """Rotated coordinates in place of the formula for a surface of revolution."""
-    rotation = Rotation((0.05, 0.0, -0.5), (0, 1, 0), lambda time: max(time - 1.0, 0.0))
-    drum = SignedDistance(
-        lambda x: np.hypot(x[0] - 0.05, x[2] + 0.5) - 0.5,
-        lambda x: np.array([x[0] - 0.05, 0 * x[0], x[2] + 0.5]) / np.hypot(x[0] - 0.05, x[2] + 0.5),
-    )
-    press = PrescribedDisplacement("top", (0, 0, -3e-3), "z", [(0, 0), (1, 1)])
-    rows = []
-    for foundation in (drum, Cylinder((0.05, 0.0, -0.5), (0, 1, 0), 0.5)):
-        contact = Contact("bottom", 0.3, foundation=foundation, rotation=rotation)
-        mesh = box((0.1, 0.05, 0.05), (4, 2, 2), "tetrahedron")
-        problem = ContactProblem(mesh, RUBBER, [press, Clamp("top", "xy")], contact)
-        rows.append(steps(problem, [0.5, 1.0, 2.0])[-1].row)
-    for name in ("bottom_torque", "normal_force", "energy_foundation", "energy_dissipated"):
-        assert rows[0][name] == pytest.approx(rows[1][name], rel=1e-6)
 
 
 def test_a_rotation_far_away_is_a_translation():

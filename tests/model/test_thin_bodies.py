@@ -38,19 +38,13 @@ def sheet(cells=(10, 3, 1), gap=1e-3, amplitude=1.0, **given):
 
 @pytest.mark.parametrize(
     ("cell", "cells", "aspect"),
-    [
-        ("hexahedron", (6, 2, 4), 4.0),
-        ("hexahedron", (6, 2, 1), 1.0),
-        ("hexahedron", (3, 2, 1), 2.0),
-        ("tetrahedron", (6, 2, 1), 1.0),
-    ],
+    [("hexahedron", (6, 2, 4), 4.0), ("hexahedron", (3, 2, 1), 2.0), ("tetrahedron", (6, 2, 1), 1.0)],
 )
 def test_shape_of_cells_and_face(cell, cells, aspect):
     """Of a strip of 6 by 2 by 1, with the aspect of its cells by hand."""
     strip = coulomb.box((6.0, 2.0, 1.0), cells, cell)
-    measures = ContactProblem(
-        strip, Material(1e9, 0.45), [Clamp("top")], Contact("bottom", 0.3)
-    ).body.stiffness.measures
+    problem = ContactProblem(strip, Material(1e9, 0.45), [Clamp("top")], Contact("bottom", 0.3))
+    measures = problem.body.stiffness.measures
     assert measures.aspect == pytest.approx(aspect)
     assert measures.elongation == pytest.approx(40.0 / 12.0) and measures.poisson == 0.45
     assert not measures.second_order and measures.tetrahedra is (cell == "tetrahedron")
@@ -112,11 +106,8 @@ def wide(monkeypatch):
 def test_wide_sheets_want_factors(wide):
     """Sheets of any number of contact unknowns were left to multigrid, which did not solve them; blocks still are."""
     problem = sheet()
-    assert (
-        problem.body.stiffness.linear_solver is DirectSolver
-        and problem.body.stiffness.condensed
-        and not problem.body.stiffness.changed
-    )
+    stiffness = problem.body.stiffness
+    assert stiffness.linear_solver is DirectSolver and stiffness.condensed and not stiffness.changed
     assert problem.solve().valid
     assert block().body.stiffness.linear_solver is IterativeSolver
 
@@ -130,11 +121,8 @@ def test_wide_sheets_change_to_factors(monkeypatch, caplog, wide):
     with caplog.at_level(logging.WARNING, "coulomb"):
         solution = problem.solve()
     assert solution.valid and [record.message for record in caplog.records] == [problem.body.stiffness.changed]
-    assert (
-        "after 20 factors" in problem.body.stiffness.changed
-        and problem.body.stiffness.condensed
-        and not problem.body.stiffness.explicit
-    )
+    stiffness = problem.body.stiffness
+    assert "after 20 factors" in stiffness.changed and stiffness.condensed and not stiffness.explicit
 
 
 @pytest.mark.parametrize("slow", [False, True])
@@ -275,14 +263,6 @@ def test_a_thin_body_of_forms(monkeypatch, linear_solver):
             problem.solve()
 
 
-def test_a_sheet_that_solves_with_factors_do_not_solve(monkeypatch):
-    """As sheets of more than 10 000 contact unknowns."""
-    monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
-    problem = sheet(CELLS)
-    assert not problem.body.stiffness.explicit
-    assert problem.solve().valid
-
-
 @pytest.mark.parametrize("stop", [True, False])
 def test_an_interrupted_run_does_not_change(monkeypatch, by_multigrid, stop):
     """Nor does one that converges."""
@@ -351,30 +331,6 @@ def test_a_pressed_sheet():
     assert solution.valid
     lifted = solution.displacement[:, 2].min() / (-48.0 * 0.0005 / 2.1e11)
     assert 0.5 < lifted < 2.0
-
-
-def test_condensed_systems_in_place_of_many_products(monkeypatch, caplog):
-    """Where Newton systems with A take too many iterations; the same answer."""
-    exact = sheet((16, 5, 1)).solve()
-    monkeypatch.setattr(contact_stiffness, "_PRODUCTS", 3)
-    problem = sheet((16, 5, 1))
-    with caplog.at_level(logging.WARNING, "coulomb"):
-        solution = problem.solve()
-    assert (
-        solution.valid
-        and problem.body.stiffness.condensed
-        and "too many Krylov iterations" in problem.body.stiffness.changed
-    )
-    assert [record.message for record in caplog.records] == [problem.body.stiffness.changed]
-    assert np.allclose(solution.displacement, exact.displacement, rtol=0.0, atol=1e-9)
-
-
-def test_a_sheet_of_many_contact_unknowns_is_condensed(monkeypatch):
-    """At once, without a change of the method; a block is not."""
-    monkeypatch.setattr(methods, "EXPLICIT_UP_TO", 0)
-    problem = sheet(CELLS)
-    assert problem.solve().result.method == "interior point" and not problem.body.stiffness.changed
-    assert not block().body.stiffness.condensed
 
 
 def test_dense_systems_in_place_of_condensed_ones(monkeypatch):

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from conftest import SMALL_CASE
 from mpi4py import MPI
 from typer.testing import CliRunner
 
@@ -87,38 +88,15 @@ def test_what_a_solve_has_reached_is_kept():
     assert failure.indefinite and "not positive definite" in str(failure) and not np.any(u)
 
 
-CASE = """
-[mesh]
-box = [2.0, 1.0, 1.0]
-cells = [10, 5, 5]
-[material]
-young = 2e11
-poisson = 0.3
-[[clamp]]
-face = "left"
-[contact]
-face = "bottom"
-friction = 0.3
-[[traction]]
-face = "top"
-value = [0.0, 0.0, -1e7]
-[solver]
-linear_solver = "iterative"
-compliance = "matrix-free"
-[output]
-directory = "results"
-picture = false
-"""
-
-
 @pytest.mark.parametrize("history", [False, True])
 def test_on_the_command_line(monkeypatch, tmp_path, history):
     """Exit code, message and the results so far; a history does not halve its step."""
     monkeypatch.setattr(stiffness, "_ITERATIONS", 1)
-    case = tmp_path / "case.toml"
-    steps = "[history]\nend = 2.0\nsteps = 2\n" if history else ""
-    case.write_text(CASE.replace("results", str(tmp_path / "results")) + steps)
-    run = CliRunner().invoke(app, ["run", str(case)])
+    (tmp_path / "case.toml").write_text(SMALL_CASE)
+    solver = "solver={linear_solver='iterative', compliance='matrix-free'}"
+    given = ["mesh.cells=[12,4,4]", solver, *(["history={end=2.0, steps=2}"] if history else [])]
+    sets = [word for change in given for word in ("--set", change)]
+    run = CliRunner().invoke(app, ["run", str(tmp_path / "case.toml"), *sets, "--output", str(tmp_path / "results")])
     assert run.exit_code == 1, run.output
     said = " ".join(run.output.split())
     assert "error: " in said and "K u = f by conjugate gradients" in said and 'linear_solver = "direct"' in said

@@ -1,16 +1,19 @@
-"""The process that draws picture.png starts early if it may be needed, and ends with the run."""
+"""The process that draws picture.png starts early if needed and ends with the run; what is said of missing packages."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
 from conftest import ROOT, SMALL_CASE, run_coulomb
 
 from coulomb.pictures import drawing_process
+from coulomb.pictures.drawing_process import PACKAGES
 from coulomb.ranks import RANK_VARIABLES
 
 MARK = "COULOMB_TEST_OF_THE_OVERVIEW"
@@ -53,19 +56,10 @@ def test_a_case_without_a_picture_ends_the_drawing_process(two_processors):
     assert begun.stopped and drawing_process._early is None
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        [],
-        ["--help"],
-        ["check-case", "case.toml"],
-        ["run", "--help"],
-        ["run", "c.toml", "--set", "output.picture=false"],
-    ],
-)
-def test_commands_without_pictures_start_no_process(two_processors, arguments):
-    drawing_process.begin_early(arguments)
-    assert drawing_process._early is None
+def test_commands_without_pictures_start_no_process(two_processors):
+    for line in ("", "--help", "check-case case.toml", "run --help", "run c.toml --set output.picture=false"):
+        drawing_process.begin_early(line.split())
+        assert drawing_process._early is None, line
 
 
 def test_under_mpi_or_on_one_processor_no_process_is_started_early(two_processors):
@@ -118,11 +112,10 @@ def test_a_wrong_case_leaves_no_process(tmp_path):
 
 @needs_proc
 @several
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_a_signal_while_it_loads_leaves_no_process(tmp_path, number):
+def test_a_kill_while_it_loads_leaves_no_process(tmp_path):
     run = started(str(tmp_path), "run", str(ROOT / "demos" / "block.toml"), "--output", str(tmp_path / "results"))
     assert waits_for(lambda: len(marked(tmp_path)) > 1)  # the run, and the process begun early
-    run.send_signal(number)
+    run.send_signal(signal.SIGKILL)
     run.communicate()
     assert run.returncode != 0
     assert waits_for(lambda: not marked(tmp_path))
@@ -139,3 +132,58 @@ def test_a_report_is_not_written_after_its_caller_is_killed(tmp_path):
     run.kill()
     run.communicate()
     assert waits_for(lambda: not marked(tmp_path)) and not (tmp_path / "out" / "report.html").exists()
+
+
+# --- without the packages for pictures -------------------------------------------------------------------------------
+
+SMALL = ("run", ROOT / "demos" / "block.toml", "--set", "mesh.cells=[3,1,1]")
+EVERY = " ".join(dict.fromkeys(PACKAGES.values()))
+
+
+@pytest.fixture
+def without(monkeypatch, tmp_path):
+    """Makes modules unavailable in the processes that a test starts."""
+
+    def take(*modules):
+        place = tmp_path / "missing"
+        place.mkdir()
+        for name in modules:
+            error = f"ModuleNotFoundError(\"No module named '{name}'\", name={name!r})"
+            (place / f"{name}.py").write_text(f"raise {error}\n")
+        monkeypatch.setenv("PYTHONPATH", f"{place}:{ROOT}")
+
+    return take
+
+
+def test_the_extra_lists_the_packages():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    assert {re.match(r"[\w-]+", entry)[0] for entry in extras["pictures"]} == set(PACKAGES.values())
+    needed = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    assert not {re.match(r"[\w-]+", entry)[0] for entry in needed} & set(PACKAGES.values())
+
+
+def test_a_run_continues_without_picture_and_report(tmp_path, without):
+    without(*PACKAGES)
+    done = run_coulomb(*SMALL, "--report", "--output", tmp_path / "out", process=True)
+    assert done.returncode == 0, done.stderr
+    said = [line for line in done.stderr.splitlines() if line]
+    assert len(said) == 2
+    for line, name in zip(said, ("picture.png", "report.html"), strict=True):
+        assert re.fullmatch(
+            rf"warning: {name} could not be (drawn|written): \w+ is not installed, and pictures need it: "
+            rf"\./install\.sh, or pip install {EVERY}",
+            line,
+        )
+        assert not (tmp_path / "out" / name).exists()
+    assert "certificate passed" in done.stdout
+
+
+@pytest.mark.parametrize(("command", "module"), [("plot", "pyvista"), ("report", "PIL")])
+def test_drawing_commands_say_what_to_install(tmp_path, without, block, command, module):
+    without(module)
+    save = tmp_path / ("x.png" if command == "plot" else "x.html")
+    done = run_coulomb(command, block, "--save", save, process=True)
+    assert done.returncode == 1 and not save.exists()
+    assert done.stderr == (
+        f"error: {PACKAGES[module]} is not installed, and pictures need it: ./install.sh, or pip install {EVERY}\n"
+    )

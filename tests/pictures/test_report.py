@@ -28,18 +28,10 @@ from coulomb.pictures.report.units import number, quantity, scale_of, vector
 from coulomb.version import __version__
 
 APART = """
-[mesh]
-box = [1, 1, 1]
-cells = [2, 2, 2]
-[material]
-young = 1e9
-poisson = 0.3
-[[clamp]]
-face = "top"
-[contact]
-face = "bottom"
-friction = 0.3
-foundation = { point = [0, 0, -0.1], normal = [0, 0, 1] }
+mesh = { box = [1, 1, 1], cells = [2, 2, 2] }
+material = { young = 1e9, poisson = 0.3 }
+clamp = [{ face = "top" }]
+contact = { face = "bottom", friction = 0.3, foundation = { point = [0, 0, -0.1], normal = [0, 0, 1] } }
 [output]
 picture = false
 report = true
@@ -100,10 +92,8 @@ def test_page_of_a_history(history):
     assert text.count('<svg role="img"') == 6  # force, hysteresis, surface, reactions, effort, convergence
     summary = json.loads((history / "summary.json").read_text())["last"]
     for part in summary["reactions"]:
-        assert (
-            f"{part['kind'].replace('_', ' ')} on {part['face']} {vector(part['force'], 'N', 5)}".replace("\u202f", " ")
-            in words
-        )
+        said = f"{part['kind'].replace('_', ' ')} on {part['face']} {vector(part['force'], 'N', 5)}"
+        assert said.replace("\u202f", " ") in words
     assert f"left over, relative to the largest {number(summary['balance'], 2)}" in words
     assert words.count("passed") == 6
     data = data_of(history)
@@ -151,12 +141,11 @@ def test_figures_of_a_history_are_labelled(history):
     ):
         assert part.replace("\u202f", " ") in in_all, part
     at_end = between(words, "At the end, time 6 s", "How it was made")
-    assert (
-        f"largest slip in the last step {quantity(last['totals']['greatest_slip'], 'm')}".replace("\u202f", " ")
-        in at_end
-    )
-    friction = f"energy dissipated by friction in the last step {quantity(last['totals']['dissipated_energy'], 'J')}"
-    assert friction.replace("\u202f", " ") in at_end
+    for name, entry, unit in (
+        ("largest slip in the last step", "greatest_slip", "m"),
+        ("energy dissipated by friction in the last step", "dissipated_energy", "J"),
+    ):
+        assert f"{name} {quantity(last['totals'][entry], unit)}".replace("\u202f", " ") in at_end
     products = sum(step["iterations"]["products"] for step in steps)
     assert f"products by A in all 6 steps {products} " in words
 

@@ -1,4 +1,4 @@
-"""`python -m verification`: table, files, exit codes; and the formulas themselves."""
+"""`python -m verification`: every row of its table, files, exit codes; and the formulas themselves."""
 
 import csv
 import math
@@ -9,11 +9,21 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import verification
+from verification import CASES, COARSE
 from verification.__main__ import app
 from verification.cattaneo_mindlin import FRICTION, LOADED, Moment, PartialSlip, known
 from verification.hertz import RADIUS, STEEL, Hertz, grading
+from verification.hertz_pairs import CYLINDERS, SPHERES, A, Ellipse
 from verification.table import order
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_rows(name):
+    """The rows say what is compared, and why the tolerance is what it is."""
+    verified = COARSE.get(name, CASES[name])()
+    failed = [f"{row.quantity}: {row.ours:g} for {row.formula:g}, {row.why}" for row in verified.rows if not row.passed]
+    assert not failed
+    assert all(row.why and 0.0 <= row.tolerance <= 0.5 for row in verified.rows)
 
 
 def run(*arguments):
@@ -22,11 +32,11 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def ssnv128():
-    return verification.CASES["ssnv128"]()
+    return CASES["ssnv128"]()
 
 
 def test_table_pictures_and_csv(ssnv128, monkeypatch, tmp_path):
-    monkeypatch.setitem(verification.CASES, "ssnv128", lambda: ssnv128)
+    monkeypatch.setitem(CASES, "ssnv128", lambda: ssnv128)
     done = run("--case", "ssnv128", "--output", tmp_path)
     assert done.exit_code == 0, done.output
     with (tmp_path / "verification.csv").open() as file:
@@ -37,7 +47,7 @@ def test_table_pictures_and_csv(ssnv128, monkeypatch, tmp_path):
 
 
 def test_a_case_without_a_picture(ssnv128, monkeypatch, tmp_path):
-    monkeypatch.setitem(verification.CASES, "ssnv128", lambda: replace(ssnv128, panels=()))
+    monkeypatch.setitem(CASES, "ssnv128", lambda: replace(ssnv128, panels=()))
     done = run("--case", "ssnv128", "--output", tmp_path)
     assert done.exit_code == 0, done.output
     assert [path.name for path in tmp_path.iterdir()] == ["verification.csv"]
@@ -45,7 +55,7 @@ def test_a_case_without_a_picture(ssnv128, monkeypatch, tmp_path):
 
 def test_a_row_beyond_its_tolerance_is_a_failure(ssnv128, monkeypatch):
     wrong = replace(ssnv128.rows[0], error=0.051)
-    monkeypatch.setitem(verification.CASES, "ssnv128", lambda: replace(ssnv128, rows=(wrong, *ssnv128.rows[1:])))
+    monkeypatch.setitem(CASES, "ssnv128", lambda: replace(ssnv128, rows=(wrong, *ssnv128.rows[1:])))
     done = run("--case", "ssnv128")
     assert done.exit_code == 1
     assert "FAILED" in done.output and "17 of 18 within their tolerance" in done.output
@@ -61,7 +71,7 @@ def test_wrong_input_is_refused_before_anything_is_computed(tmp_path):
 
 def test_a_table_without_pictures(ssnv128, monkeypatch, tmp_path):
     """Where matplotlib is not installed."""
-    monkeypatch.setitem(verification.CASES, "ssnv128", lambda: ssnv128)
+    monkeypatch.setitem(CASES, "ssnv128", lambda: ssnv128)
     monkeypatch.delitem(sys.modules, "verification.figures", raising=False)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     done = run("--case", "ssnv128", "--output", tmp_path)
@@ -119,3 +129,35 @@ def test_grading_keeps_its_cells_and_fills_the_body():
     assert np.diff(place(np.arange(7.0))) == pytest.approx(4e-3 / 3.0 / 6.0)
     assert place(np.array([-12.0, 0.0, 12.0])) == pytest.approx([-0.016, 0.0, 0.016])
     assert np.all(np.diff(place(np.arange(-12.0, 13.0))) > 0.0)
+
+
+# --- elliptic contact: the pressure on a half space closes the gap of the two bodies ---------------------------------
+
+
+def sunk(ellipse, x, y):
+    """Sum of the normal displacements of both half spaces at a point inside: by Boussinesq, in polar coordinates
+    around the point, where the singularity cancels."""
+    phi = (np.arange(200) + 0.5) / 200 * 2.0 * np.pi
+    s = (np.arange(100) + 0.5) / 100 * np.pi
+    c, d = np.cos(phi), np.sin(phi)
+    one = (c / ellipse.half_x) ** 2 + (d / ellipse.half_y) ** 2
+    two = x * c / ellipse.half_x**2 + y * d / ellipse.half_y**2
+    far = (np.sqrt(two**2 + one * (1.0 - (x / ellipse.half_x) ** 2 - (y / ellipse.half_y) ** 2)) - two) / one
+    t, weight = np.outer(far, 0.5 - 0.5 * np.cos(s)), np.outer(far, 0.5 * np.sin(s) * np.pi / 100)
+    pressure = ellipse.pressure(x + t * c[:, None], y + t * d[:, None])
+    return np.sum(pressure * weight) * 2.0 * np.pi / 200 / (np.pi * ellipse.pair.E_star)
+
+
+@pytest.mark.parametrize("pair", [SPHERES, CYLINDERS], ids=lambda pair: pair.name)
+def test_the_pressure_closes_the_gap(pair):
+    ellipse, (Rx, Ry) = Ellipse(pair, A), pair.radii
+    for x, y in ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.3, -0.6)):
+        place = (x * ellipse.half_x, y * ellipse.half_y)
+        gap = place[0] ** 2 / (2.0 * Rx) + place[1] ** 2 / (2.0 * Ry)
+        assert sunk(ellipse, *place) == pytest.approx(ellipse.approach - gap, rel=1e-4)
+
+
+def test_a_circle_is_hertz():
+    ellipse = Ellipse(SPHERES, A)
+    circle = Hertz(ellipse.P, SPHERES.radii[0], *SPHERES.materials)
+    assert [circle.a, circle.p0, circle.approach] == pytest.approx([A, ellipse.p0, ellipse.approach])
