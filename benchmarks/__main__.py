@@ -305,6 +305,18 @@ def peers(
 
 
 @app.command()
+def rubber_cylinder(
+    size: Annotated[float, typer.Option("--size", min=0.2, max=5.0, help="Of the tetrahedra, millimetres.")] = 1.0,
+    repeats: Repeats = 1,
+    directory: Output = None,
+) -> None:
+    """A rubber cylinder pressed to 60 % of its height, by coulomb's large motions and by CalculiX."""
+    from .rubber_cylinder import measure
+
+    table("rubber-cylinder", (row._asdict() for row in measure(size, repeats)), directory)
+
+
+@app.command()
 def histories(sizes: Sizes = None, names: Names = None, repeats: Repeats = 1, directory: Output = None) -> None:
     """The block pressed and dragged to and fro in 24 load steps, by coulomb and by other packages, on one thread.
 

@@ -51,17 +51,14 @@ _WORSE = 10.0
 """A residual may grow by this factor from one linear problem to the next: the first ones of a load step do not know
 where contact is."""
 
-
 _STIFFER = 10.0
 """Stiffness of the springs of `supported` over the mean diagonal of K at their nodes."""
 
 _STICKS = 1.0 - 1e-6
 """Friction over its bound below which a node sticks."""
 
-
 _DIFFERENCE = 1e-4
 """Step of the differences of normals over the size of a face."""
-
 
 _ALMOST = 1.001
 """A step that ends this near to the end of one of the history ends there."""
@@ -383,7 +380,8 @@ class LargeMotions:
         collective.
 
         Raises:
-            StepCut: If a step fails that is 2^-halvings of that of the history.
+            StepCut: If a step fails that is 2^-halvings of that of the history; the displacement is that of the last
+                good step.
         """
         state = state or self.beginning(history.start)
         for goal in history.times:
@@ -397,6 +395,7 @@ class LargeMotions:
                     step, halved, why = 0.5 * (time - state.time), halved + 1, str(failure)
                     interval = f"the load step from {state.time:g} s to {time:g} s"
                     if step < whole * 0.5**history.halvings:
+                        linearised(self.body, state.displacement, state.time)  # the user's functions are of this state
                         raise StepCut(f"{interval} failed, at the smallest part allowed: {why}") from failure
                     if self.body.comm.rank == 0:
                         _log.warning("%s halved: %s", interval, why)
