@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, JoinedBodies, rigid_modes
-from ..fem.contact import ContactSurface
+from ..fem.contact import ContactSurface, face_samples
 from ..fem.geometry import RigidFoundation, moved
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
@@ -34,6 +35,7 @@ from ..model.load_history import LoadHistory
 from ..model.nodal_answer import NodalAnswer
 from ..model.problem import ContactProblem
 from ..model.problem_evidence import gather_evidence
+from ..model.small_strain import SmallStrain, small_strain
 from ..model.solution import Solution
 from ..solvers.results import NotConverged
 from .nonlinear_body import NonlinearBody
@@ -82,6 +84,8 @@ class LargeSolution:
         certificate: Of the nonlinear problem at the deformed place.
         residuals: Largest value of the certificate's checks before each linear problem, and at the end.
         linear: The last linear problem and its answer.
+        facets: Whether the facets in contact are fine enough: `between` and `chord`; the other measures are of small
+            strains, and 0.
     """
 
     time: float
@@ -90,6 +94,7 @@ class LargeSolution:
     certificate: Certificate
     residuals: tuple[float, ...]
     linear: Solution
+    facets: SmallStrain
 
     @property
     def outer_iterations(self) -> int:
@@ -97,8 +102,14 @@ class LargeSolution:
         return len(self.residuals) - 1
 
     @property
+    def outside(self) -> tuple[str, ...]:
+        """Why facets are too coarse for an answer, as messages; empty if they are not."""
+        return self.facets.violations
+
+    @property
     def valid(self) -> bool:
-        return self.certificate.passed
+        """Whether the certificate passed, and the facets in contact are fine enough."""
+        return self.certificate.passed and not self.outside
 
     @property
     def at_nodes(self) -> NodalAnswer:
@@ -283,6 +294,30 @@ class _Iterate:
         return at_start(self.body, state.surface, state.rigid_motions, self.foundations)
 
 
+@dataclass
+class _Deformed:
+    """A body at its deformed place x (k, 3), with its internal forces there (k, 3), as of `small_strain`."""
+
+    comm: MPI.Comm
+    x: FloatArray
+    internal: FloatArray
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        return self.internal
+
+    def largest_gradient(self, u: FloatArray) -> float:
+        return 0.0
+
+
+def fineness(answer: Solution, e: Evidence) -> SmallStrain:
+    """`LargeSolution.facets` of an answer without further displacement, by its evidence; collective."""
+    surface, body = answer.problem.surface, answer.problem.elasticity
+    members = [body.face(face, "contact") for face in surface.faces]
+    faces = [face_samples(one.body, facets, answer.displacement[one.nodes]) for one, facets in members]
+    deformed = _Deformed(e.comm, e.x, e.internal)
+    return small_strain(answer.at_nodes, surface.foundations, deformed, e.displacement, faces)
+
+
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:
     """Nodal forces with the resultants of the loads in a residual F(u; v), (k, 3), in newtons: internal forces have
     none in any motion of a component as a whole; collective."""
@@ -430,7 +465,8 @@ class LargeMotions:
                 if there is not None:
                     between = (1.0 - part) * before + part * linear.contact_force
                     x = CarriedForces.of(between, here.problem.surface, len(du)).at(there.problem.surface)
-                    certificate = judge(there.problem.evidence_at(x, np.zeros_like(du), compliance))
+                    evidence = there.problem.evidence_at(x, np.zeros_like(du), compliance)
+                    certificate = judge(evidence)
                     size = size_of(certificate)
                     if np.isfinite(size) and size <= _WORSE * sizes[-1]:
                         break
@@ -447,7 +483,10 @@ class LargeMotions:
             raise StepCut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
         bound = here.problem.slip_bound(x)
         at = Solution(here.problem, x, np.zeros_like(here.u), bound, linear.result, certificate)
-        return LargeSolution(time, here.u, x, certificate, tuple(sizes), at)
+        facets = fineness(at, evidence)
+        for text in facets.warnings if self.body.comm.rank == 0 else ():
+            _log.warning("at %g s: %s", time, text)
+        return LargeSolution(time, here.u, x, certificate, tuple(sizes), at, facets)
 
     def _solved(self, here: _Iterate, x: FloatArray, tolerance: float) -> Solution:
         """The linear problem; with a positive definite matrix in place of a tangent that is none; collective."""

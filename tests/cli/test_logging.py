@@ -27,7 +27,7 @@ def test_a_library_user_sees_the_messages(tmp_path):
     )
     seen = run_python(script, "INFO")
     assert seen.returncode == 0, seen.stderr
-    assert f"WARNING:coulomb.model.contact_body:{MESSAGE}" in seen.stderr
+    assert f"WARNING:coulomb.model.problem:{MESSAGE}" in seen.stderr
     assert "WARNING:coulomb.model.solution:outside small-strain theory: " in seen.stderr
     assert "INFO:coulomb.model:information" in seen.stderr and not seen.stdout
     plain = run_python(script)

@@ -154,6 +154,21 @@ def test_two_bodies_slide_past_each_other_by_elements():
         assert one.certificate["action and reaction"].value < 1e-12
 
 
+def test_facets_that_are_coarse_beside_the_contact_make_an_answer_invalid():
+    """A narrow ridge between the nodes is inside the face; a smooth hill is not, but for the chord of the facets."""
+
+    def facets(radius):
+        ridge = coulomb.Cylinder((0.5, 0.0, -radius), (0.0, 1.0, 0.0), radius)
+        one = RubberBlock(down(0.05), (3, 1, 2))
+        (answer,) = answers(one.body, coulomb.Contact("bottom", friction=0.3, foundation=ridge), [1.0])
+        assert answer.certificate.passed
+        return answer
+
+    narrow, wide = facets(0.3), facets(3.0)
+    assert not narrow.valid and any("inside the foundation" in text for text in narrow.outside)
+    assert wide.valid and wide.facets.chord == pytest.approx((1.0 / 3.0) ** 2 / (8.0 * 3.0) / 0.05, rel=1.0)
+
+
 def test_elements_inside_out_are_seen():
     one = RubberBlock(cells=(2, 1, 1))
     u = np.zeros_like(one.body.reference)
