@@ -13,6 +13,7 @@ import coulomb
 import coulomb.fem
 import coulomb.model
 import coulomb.solvers
+from coulomb import kinematics
 from coulomb.case.case import Case
 from coulomb.contact_fields import CONTACT_FIELDS
 
@@ -30,6 +31,7 @@ def test_every_public_name_is_in_the_api_page():
     page = (ROOT / "docs" / "api.md").read_text()
     named = {line.split(".")[-1] for line in page.splitlines() if line.startswith("::: ")}
     public = {*coulomb.__all__, *coulomb.solvers.__all__, *coulomb.model.__all__, *coulomb.fem.__all__}
+    public |= {*kinematics.__all__}
     assert named == public.union(coulomb._MOVED["fem.meshes"]) - {"__version__"}
 
 

@@ -1,0 +1,243 @@
+"""A displacement of large motions with its linear contact problem, and what judges it there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ..arrays import FloatArray
+from ..fem.bodies import Deformable, JoinedBodies, rigid_modes
+from ..fem.contact import face_samples
+from ..fem.geometry import RigidFoundation, moved
+from ..linalg.reductions import Reductions
+from ..model.contact import Contact
+from ..model.contact_body import Before
+from ..model.evidence import Evidence, rounding_forces
+from ..model.problem import ContactProblem
+from ..model.problem_evidence import gather_evidence
+from ..model.small_strain import SmallStrain, small_strain
+from ..model.solution import Solution
+from .nonlinear_body import NonlinearBody
+from .slip import FaceMotion, at_start
+
+_STIFFER = 10.0
+"""Stiffness of the springs of `supported` over the mean diagonal of K at their nodes."""
+
+_STICKS = 1.0 - 1e-6
+"""Friction over its bound below which a node sticks."""
+
+_DIFFERENCE = 1e-4
+"""Step of the differences of normals over the size of a face."""
+
+
+class Linearised(ContactProblem):
+    """The contact problem of changes du of a displacement u; judged by the scales of u + du."""
+
+    silent = True
+
+    def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
+        return self.evidence_at(x, u, self.mean_compliance)
+
+    def evidence_at(self, x: FloatArray, du: FloatArray, compliance: float) -> Evidence:
+        """The evidence for forces x (3 m,) and a change du (k, 3), with the residual F(u) + dF(u) du: for du = 0 that
+        of the nonlinear problem.  `compliance` is the mean diagonal of A; collective."""
+        e, body = gather_evidence(self.body, self.state, x, du, compliance, None), self.elasticity
+        here, over = place_of(body), Reductions(self.comm)
+        residual = e.internal - e.load
+        load, rigid = balanced_load(body, residual, over), rigid_part(body, here, over)
+        return replace(
+            e,
+            displacement=here + du - rigid,
+            internal=residual + load,
+            load=load,
+            prescribed=body.held_part(here - rigid) + e.prescribed,
+            ground=None,
+            rounding=rounding_forces(body, here + du),
+        )
+
+
+def curvature(foundation: RigidFoundation, x: FloatArray) -> FloatArray:
+    """Second derivatives of the signed distance at points x (k, 3), 1/m, shape (k, 3, 3), by central differences."""
+    h = _DIFFERENCE * float(np.max(np.ptp(x, axis=0), initial=0.0)) or _DIFFERENCE
+    columns = [(foundation.normal(x + h * e) - foundation.normal(x - h * e)) / (2.0 * h) for e in np.eye(3)]
+    bent: FloatArray = np.stack(columns, axis=2)
+    return 0.5 * (bent + bent.transpose(0, 2, 1))
+
+
+def place_of(body: Deformable) -> FloatArray:
+    """The displacement from which bodies are linearised, metres, shape (k, 3)."""
+    u: FloatArray = np.concatenate([nonlinear(one.body).place.u for one in body.members])
+    return u
+
+
+class Iterate:
+    """A displacement in a load step, with the linear contact problem of the changes from there.
+
+    Args:
+        body: The bodies.
+        contacts: Their contacts.
+        linear_solver: As of `ContactProblem`.
+        u: Displacement in metres, shape (k, 3).
+        time: Of the end of the step.
+        slip_rate: Of the step before at contact nodes, 0 at others, m/s, shape (k,).
+        start: The faces at the start of the step; None where this is the start.
+    """
+
+    def __init__(
+        self,
+        body: Deformable,
+        contacts: Sequence[Contact],
+        linear_solver: Any,
+        u: FloatArray,
+        time: float,
+        slip_rate: FloatArray,
+        start: FaceMotion | None,
+    ):
+        self.u, self.time = u, time
+        self._contacts, self._linear_solver = contacts, linear_solver
+        self._slip_rate, self._start = slip_rate, start
+        self.pose(linearised(body, u, time))
+
+    def pose(self, body: Deformable) -> None:
+        """The linear problem of these bodies; collective."""
+        posed = Linearised(body, self._contacts, time=self.time, linear_solver=self._linear_solver)
+        there, foundations = posed.state, posed.body.foundations
+        then = replace(there, slip_rate=self._slip_rate[there.surface.nodes])
+        if self._start is not None:
+            slip = self._start.slip(body, there.surface, there.rigid_motions, foundations)
+            then = replace(then, slip_origin=-there.surface.components(slip))
+        self.body, self.problem, self.foundations = body, posed.in_state(then), foundations
+
+    def tangent(self, body: Deformable, x: FloatArray) -> Deformable:
+        """The bodies with the change of normal forces x (3 m,) as normals turn on curved foundations: -x_n times the
+        second derivative of the signed distance, which is symmetric; that of friction, which is not, is left out."""
+        stiffness = self._geometric(x)
+        none = np.zeros_like(body.x)
+        curved = Reductions(body.comm).all(not np.any(stiffness))
+        return body if curved else each(body, lambda one, nodes: one.on_springs(stiffness[nodes], none[nodes]))
+
+    def _geometric(self, x: FloatArray) -> FloatArray:
+        surface, state = self.problem.surface, self.problem.state
+        stiffness = np.zeros((len(self.u), 3, 3))
+        if not surface.points.nodal:
+            return stiffness
+        for part, (foundation, motion) in enumerate(zip(self.foundations, state.rigid_motions, strict=True)):
+            here = (surface.part == part) & (x[0::3] > 0.0)
+            if foundation is not None and np.any(here):
+                bent = curvature(moved(foundation, motion), surface.x[here])
+                stiffness[surface.nodes[here]] = -x[0::3][here, None, None] * bent
+        return stiffness
+
+    def supported(self, body: Deformable, x: FloatArray) -> Deformable:
+        """The bodies on springs at the nodes that press on foundations with forces x (3 m,), along normals, and along
+        tangents where they stick, relaxed where the gap is closed and nothing has slipped.
+
+        What contact holds may be unstable without it.  Where the contact conditions hold as equations springs change
+        nothing, and with stiff ones K is positive definite if the body is stable on them (Finsler's lemma).
+        """
+        surface, state, problem = self.problem.surface, self.problem.state, self.problem
+        stiffness, force = self._geometric(x), np.zeros_like(body.x)
+        if surface.points.nodal:
+            x = x.reshape(-1, 3)
+            on_foundation = np.array([one is not None for one in self.foundations])[surface.part]
+            pressing = on_foundation & (x[:, 0] > 0.0)
+            sticks = pressing & (np.linalg.norm(x[:, 1:], axis=1) < _STICKS * problem.slip_bound(x.ravel()))
+            which = np.column_stack([pressing, sticks, sticks]).astype(np.float64)
+            lengths = np.linalg.norm(surface.frames, axis=2)
+            G = surface.frames / lengths[:, :, None]
+            target = np.column_stack([surface.gap, state.slip_origin[:, 1:] / lengths[:, 1:]])
+            diagonal = body.K.getDiagonal()
+            size = _STIFFER * diagonal.array_r.reshape(-1, 3).mean(axis=1)[surface.nodes]
+            diagonal.destroy()
+            stiffness[surface.nodes] += np.einsum("k,kr,kri,krj->kij", size, which, G, G)
+            force[surface.nodes] = np.einsum("k,kr,kri->ki", size, which * target, G)
+        return each(body, lambda one, nodes: one.on_springs(stiffness[nodes], force[nodes]))
+
+    def made_positive(self, body: Deformable, x: FloatArray) -> Deformable:
+        """The bodies with the nearest tangent that is positive semidefinite in every cell."""
+        return each(body, lambda one, nodes: one.made_positive())
+
+    def start(self) -> FaceMotion:
+        state = self.problem.state
+        return at_start(self.body, state.surface, state.rigid_motions, self.foundations)
+
+
+@dataclass
+class _Deformed:
+    """A body at its deformed place x (k, 3), with its internal forces there (k, 3), as of `small_strain`."""
+
+    comm: MPI.Comm
+    x: FloatArray
+    internal: FloatArray
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        return self.internal
+
+    def largest_gradient(self, u: FloatArray) -> float:
+        return 0.0
+
+
+def fineness(answer: Solution, e: Evidence) -> SmallStrain:
+    """`LargeSolution.facets` of an answer without further displacement, by its evidence; collective."""
+    surface, body = answer.problem.surface, answer.problem.elasticity
+    members = [body.face(face, "contact") for face in surface.faces]
+    faces = [face_samples(one.body, facets, answer.displacement[one.nodes]) for one, facets in members]
+    deformed = _Deformed(e.comm, e.x, e.internal)
+    return small_strain(answer.at_nodes, surface.foundations, deformed, e.displacement, faces)
+
+
+def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:
+    """Nodal forces with the resultants of the loads in a residual F(u; v), (k, 3), in newtons: internal forces have
+    none in any motion of a component as a whole; collective."""
+    load = np.zeros_like(residual)
+    for here in components(body, over):
+        modes = rigid_modes(body.x[here], body.comm).reshape(-1, 6)
+        gram = over.total((modes.T @ modes).ravel()).reshape(6, 6)
+        sums = over.total(modes.T @ residual[here].ravel())
+        load[here] = -(modes @ np.linalg.solve(gram, sums)).reshape(-1, 3)
+    return load
+
+
+def rigid_part(body: Deformable, u: FloatArray, over: Reductions) -> FloatArray:
+    """The displacement (k, 3) of the rigid motions, with finite rotations, that are nearest to a displacement u (k, 3)
+    of bodies at their deformed place (Kabsch 1976): without it the work of internal forces along a displacement does
+    not depend on how far a body has turned; collective."""
+    rigid = np.zeros_like(u)
+    for here in components(body, over):
+        x, y = body.x[here] - u[here], body.x[here]
+        count = over.sum(float(len(x)))
+        from_, to = over.total(x.sum(axis=0)) / count, over.total(y.sum(axis=0)) / count
+        left, _, right = np.linalg.svd(over.total(((x - from_).T @ (y - to)).ravel()).reshape(3, 3))
+        turn = right.T @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ left.T
+        rigid[here] = to + (x - from_) @ turn.T - x
+    return rigid
+
+
+def components(body: Deformable, over: Reductions) -> Iterator[npt.NDArray[np.bool_]]:
+    """The nodes of each component of the bodies, shapes (k,); collective."""
+    component = body.free.component
+    for number in range(1 + int(over.max(component.astype(np.float64)))):
+        yield component == number
+
+
+def linearised(body: Deformable, u: FloatArray, time: float) -> Deformable:
+    """The bodies of small displacements from u (k, 3) at a time; collective."""
+    return each(body, lambda one, nodes: one.linearised(u[nodes], time))
+
+
+def each(body: Deformable, change: Callable[[NonlinearBody, slice], NonlinearBody]) -> Deformable:
+    """The same bodies, each changed; the change is given its nodes."""
+    changed = {one.name: change(nonlinear(one.body), one.nodes) for one in body.members}
+    return JoinedBodies(changed) if isinstance(body, JoinedBodies) else next(iter(changed.values()))
+
+
+def nonlinear(body: Deformable) -> NonlinearBody:
+    """A body as one of large displacements; ValueError if it is none."""
+    if not isinstance(body, NonlinearBody):
+        raise ValueError(f"large motions need NonlinearBody, or several joined, but there is a {type(body).__name__}")
+    return body
