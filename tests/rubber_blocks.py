@@ -36,14 +36,14 @@ class RubberBlock:
         self.V = functionspace(self.domain, degree, (3,))
         self.u, self.g = fem.Function(self.V), fem.Function(self.V)
         faces = {"bottom": self.on(2, low[2]), "top": self.on(2, high[2])}
-        bcs = [self.condition(faces[held], component) for component in components]
+        self.conditions = [self.condition(faces[held], component) for component in components]
         if rollers:
-            bcs += [self.condition(self.on(axis, low[axis]), axis) for axis in (0, 1)]
+            self.conditions += [self.condition(self.on(axis, low[axis]), axis) for axis in (0, 1)]
         form = energy(self.u) * ufl.dx(metadata={"quadrature_degree": 3 if degree == 1 else 5})
         if given == "residual":
             form = ufl.derivative(form, self.u, ufl.TestFunction(self.V))
         self.body = NonlinearBody(
-            bcs=bcs,
+            bcs=self.conditions,
             faces=faces,
             displacement=self.u,
             update=lambda time: self.g.interpolate(lambda x: way(time, x)),

@@ -28,6 +28,9 @@ from .slip import FaceMotion, at_start
 _STIFFER = 10.0
 """Stiffness of the springs of `supported` over the mean diagonal of K at their nodes."""
 
+_TOUCHES = 1e-10
+"""Gap over the largest coordinate below which a node touches."""
+
 _STICKS = 1.0 - 1e-6
 """Friction over its bound below which a node sticks."""
 
@@ -146,6 +149,9 @@ class Iterate:
             x = x.reshape(-1, 3)
             on_foundation = np.array([one is not None for one in self.foundations])[surface.part]
             pressing = on_foundation & (x[:, 0] > 0.0)
+            over = Reductions(body.comm)
+            if over.all(not np.any(pressing)):  # at the first touch: what touches
+                pressing = on_foundation & (np.abs(surface.gap) <= _TOUCHES * over.max(np.abs(body.x).ravel()))
             sticks = pressing & (np.linalg.norm(x[:, 1:], axis=1) < _STICKS * problem.slip_bound(x.ravel()))
             which = np.column_stack([pressing, sticks, sticks]).astype(np.float64)
             lengths = np.linalg.norm(surface.frames, axis=2)

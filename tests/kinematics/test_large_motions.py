@@ -6,7 +6,8 @@ from rubber_blocks import LAME, MU, RubberBlock
 from scipy.optimize import brentq
 
 import coulomb
-from coulomb.kinematics import LargeMotions, StepCut, mooney_rivlin, st_venant_kirchhoff
+from coulomb.fem.compat import fem, mesh, ufl
+from coulomb.kinematics import LargeMotions, NonlinearBody, StepCut, mooney_rivlin, neo_hookean, st_venant_kirchhoff
 
 
 def down(depth, until=1.0):
@@ -64,6 +65,34 @@ def test_other_energies_have_the_stress_of_their_formulas():
     c1, c2 = 3e5, 1e5
     incompressible = 2.0 * (stretch - stretch**-2) * (c1 + c2 / stretch)
     assert pressed(lambda u: mooney_rivlin(u, c1, c2, 1e4 * c1)) == pytest.approx(incompressible, rel=1e-3)
+
+
+def test_a_pressure_follows_its_surface_and_contact_holds_the_block_against_it():
+    """A residual with a surface term; the stress is that of the pressure on the area as it has become.  Beside contact
+    a spring of a billionth of its stiffness holds the block along z."""
+    one, pressure = RubberBlock(components=(), rollers=True), 1e5
+    u, v, p = one.u, ufl.TestFunction(one.V), fem.Constant(one.domain, 0.0)
+    top = np.sort(one.on(2, 1.0))
+    tags = mesh.meshtags(one.domain, 2, top, np.ones(len(top), dtype=np.int32))
+    ds = ufl.Measure("ds", domain=one.domain, subdomain_data=tags, metadata={"quadrature_degree": 4})
+    F = ufl.Identity(3) + ufl.grad(u)
+    n = ufl.det(F) * ufl.inv(F).T * ufl.FacetNormal(one.domain)
+    energy = (neo_hookean(u, MU, LAME) + 0.5e-3 * ufl.inner(u, u)) * ufl.dx(metadata={"quadrature_degree": 3})
+
+    def update(time):
+        p.value = pressure * time
+
+    residual = ufl.derivative(energy, u, v) + p * ufl.inner(n, v) * ds(1)
+    faces = {"bottom": one.on(2, 0.0)}
+    body = NonlinearBody(residual=residual, bcs=one.conditions, faces=faces, displacement=u, update=update)
+    *_, last = answers(body, coulomb.Contact("bottom", friction=0.0), [0.2, 1.0])
+
+    def side(stretch):
+        return brentq(lambda a: MU * (a - 1.0 / a) + LAME * np.log(a * a * stretch) / a, 0.5, 2.0)
+
+    stretch = brentq(lambda s: neo_hookean_stress(s, MU, LAME) + pressure * side(s) ** 2, 0.5, 1.0)
+    assert last.valid
+    assert force(last)[2] == pytest.approx(-neo_hookean_stress(stretch, MU, LAME), rel=1e-6)
 
 
 def test_a_rotation_by_90_degrees_turns_the_forces_and_nothing_slips():
