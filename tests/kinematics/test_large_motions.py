@@ -1,5 +1,7 @@
 """Large motions against formulas, in rotated frames, over long ways, and what is refused."""
 
+import pickle
+
 import numpy as np
 import pytest
 from rubber_blocks import LAME, MU, RubberBlock
@@ -126,6 +128,16 @@ def test_a_load_inside_the_friction_cone_does_not_creep():
 
     assert np.abs(place(held[-1]) - place(held[0])).max() < 1e-12
     assert np.abs(force(held[-1])[0]) > 0.04 * force(held[-1])[2]  # there is something to hold
+
+
+def test_a_kept_state_goes_on_with_the_same_numbers():
+    history, contact = coulomb.LoadHistory([0.5, 1.0, 1.5, 2.0]), coulomb.Contact("bottom", friction=0.3)
+    steps = list(LargeMotions(RubberBlock(drawn(0.1, 0.4)).body, contact).steps(history))
+    kept = pickle.loads(pickle.dumps(steps[1].state))
+    again = list(LargeMotions(RubberBlock(drawn(0.1, 0.4)).body, contact).steps(history, kept))
+    assert [one.state.time for one in again] == [1.5, 2.0]
+    for one, other in zip(again, steps[2:], strict=True):
+        assert np.abs(one.state.displacement - other.state.displacement).max() < 1e-12
 
 
 def test_drawn_over_a_plane_friction_is_at_its_bound_everywhere():
