@@ -38,14 +38,14 @@ def solve(elasticity):
     return u.array.reshape(-1, 3)
 
 
-def rubbed(cells=4, sway=2e-3, friction=0.4, material=RUBBER):
+def rubbed(cells=4, sway=2e-3, friction=0.4, material=RUBBER, held=()):
     """A block of rubber, its top pressed down by 1 mm until time 1, and moved to and fro along x until time 5."""
     top = [
         PrescribedDisplacement("top", (0.0, 0.0, -1e-3), amplitude=UP),
         PrescribedDisplacement("top", (sway, 0.0, 0.0), "x", amplitude=TO_AND_FRO),
     ]
     mesh = coulomb.box((0.1, 0.1, 0.05), (cells, cells, cells))
-    return ContactProblem(mesh, material, top, Contact("bottom", friction))
+    return ContactProblem(mesh, material, [*top, *held], Contact("bottom", friction))
 
 
 @dataclass(frozen=True)

@@ -192,7 +192,7 @@ class _Iteration:
         self._images = IterateProducts(self._scaled)
         self._scaled.recalls = True
         self._b = problem.b.reshape(-1, 3) / self._a
-        d = self._scaled.diagonal
+        self._scaled.diagonal = d = _without_zeros(self._scaled.diagonal)
         lower = np.broadcast_to(np.asarray(problem.lower, dtype=np.float64), (m,))
         self._equations = ContactEquations(problem.law, lower, problem.frictional, d[:, 0], 0.5 * (d[:, 1] + d[:, 2]))
         costly = 0 if problem.A.exact else 1
@@ -361,3 +361,10 @@ class _Iteration:
             history=tuple(history),
             rigid=motion,
         )
+
+
+def _without_zeros(diagonal: FloatArray) -> FloatArray:
+    """A nodal diagonal (m, 3) with the other tangent's entry where a tangent has 0: where a point is held along it, as
+    in a plane of symmetry, a tangential force there moves nothing, and any positive number preconditions its row."""
+    tangents = diagonal[:, 1:]
+    return np.column_stack([diagonal[:, 0], np.where(tangents > 0.0, tangents, tangents[:, ::-1])])

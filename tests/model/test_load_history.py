@@ -18,12 +18,14 @@ from coulomb import (
     Clamp,
     Contact,
     ContactProblem,
+    InteriorPoint,
     LoadHistory,
     Material,
     Plane,
     PrescribedDisplacement,
     Sphere,
     Spring,
+    SymmetryPlane,
     Traction,
 )
 from coulomb.io.recheck import check
@@ -43,6 +45,19 @@ def test_slip_is_kept_between_steps():
     assert abs(force[2]) < 0.4 * normal[2]  # on the return, with the plate at x = 0, most nodes stick
     at_once = rubbed(material=cork).at(3.0).solve()  # without history, this would be the symmetric answer
     assert abs(coulomb.io.summary.summary(at_once)["force_on_body"]["vector"][0]) <= 1e-6 * normal[2]
+
+
+def test_few_steps_where_a_tangent_is_held():
+    """Contact points in planes of symmetry are held along a tangent: a step from the one before takes as few Newton
+    steps as without, and the forces are those of the interior-point method."""
+    slice_ = rubbed(held=[SymmetryPlane("front"), SymmetryPlane("back")])
+    times = np.linspace(0.5, 3.0, 6)
+    found = list(LoadHistory(times).steps(slice_))
+    path = list(LoadHistory(times, solver=InteriorPoint(1e-8)).steps(slice_))
+    for step, other in zip(found, path, strict=True):
+        assert step.solution.certificate.passed
+        assert step.row["force_x"] == pytest.approx(other.row["force_x"], rel=1e-6, abs=1e-6 * step.row["normal_force"])
+    assert max(step.row["path_following"] for step in found[1:]) <= 5
 
 
 def test_energy():
