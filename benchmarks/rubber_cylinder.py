@@ -20,7 +20,7 @@ import coulomb
 from coulomb.arrays import FloatArray
 from coulomb.fem import compat
 from coulomb.fem.compat import fem, ufl
-from coulomb.kinematics import LargeMotions, NonlinearBody
+from coulomb.kinematics import LargeMotions, LargeSolution, NonlinearBody
 
 from .peers.answer import Unsolved
 from .peers.calculix import numbered, row, run
@@ -130,7 +130,8 @@ def ours(mesh: coulomb.NamedMesh) -> tuple[list[float], list[int], float]:
     plate = coulomb.Plane((0.0, 0.0, -RADIUS), (0.0, 0.0, 1.0))
     contact = coulomb.Contact("skin", friction=FRICTION, foundation=plate, motion=lambda time: (0.0, 0.0, DEPTH * time))
     forces, steps = [], []
-    for step in LargeMotions(body, contact).steps(coulomb.LoadHistory(STEPS)):
+    for step in coulomb.LoadHistory(STEPS).steps(LargeMotions(body, contact)):
+        assert isinstance(step.solution, LargeSolution)
         if not step.solution.valid:
             raise RuntimeError(f"the certificate fails at {step.state.time:g}")
         steps.append(step.solution.outer_iterations)

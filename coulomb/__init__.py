@@ -11,7 +11,7 @@ from importlib import import_module
 from . import fem, model, solvers
 from .installation import Unusable
 from .lazy_names import stubbed
-from .model.supplied import supplied
+from .supplied import supplied
 
 # Read when the library of OpenMP is loaded.  Threads that wait in busy loops, its default, make products of multigrid
 # ten times as slow where other programs need the processors too.  With GNU's library they look a thousand times, for
@@ -62,6 +62,8 @@ supplied.update(
     plot=_later(".pictures.picture_of_run", "plot_solution"),
     picture=_later(".pictures.picture_of_run", "picture"),
     plot_history=_later(".pictures.picture_of_run", "plot_history"),
+    large=lambda: import_module(".kinematics.large_motions", __name__).LargeMotions,
+    nonlinear_body=lambda: import_module(".kinematics.nonlinear_body", __name__).NonlinearBody,
 )
 
 

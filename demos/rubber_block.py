@@ -38,7 +38,7 @@ history = coulomb.LoadHistory([0.5, 1.0, *np.linspace(1.05, 1.5, 10)])
 
 film = io.XDMFFile(domain.comm, "rubber_block.xdmf", "w")  # for ParaView: Warp By Vector
 film.write_mesh(domain)
-for step in problem.steps(history):
+for step in history.steps(problem):
     solution, totals = step.solution, step.solution.at_nodes.totals()
     film.write_function(u, step.state.time)
     along, _, across = totals["force"]

@@ -49,8 +49,8 @@ def uses(path, *names):
 
 ROOMS = {
     "cli": {"case", "io", "pictures", "model", "solvers", "linalg", "fem"},
-    "io": {"case", "model", "solvers", "linalg", "fem"},
-    "case": {"model", "solvers", "linalg", "fem"},
+    "io": {"case", "kinematics", "model", "solvers", "linalg", "fem"},
+    "case": {"kinematics", "model", "solvers", "linalg", "fem"},
     "pictures": {"io", "model"},
     "kinematics": {"model", "solvers", "linalg", "fem"},
     "model": {"solvers", "linalg", "fem"},

@@ -29,7 +29,7 @@ from .loads import (
     TotalForceTable,
     TractionTable,
 )
-from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups
+from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
 from .solver import OutputTable, SolverTable
 from .values import ROWS, TABLES, Duration, Name, Number, SpatialVector, Steps, Table, Vector, field
 
@@ -144,6 +144,7 @@ class Case(Table):
             ],
             small_strain=self.small_strain,
             probes=[table.probe() for table in self.probe],
+            kinematics=self.solver.kinematics,
         )
         if self.history is not None:
             problem.body.stiffness.expect_load_steps(len(self.history.ends))
@@ -279,6 +280,23 @@ class Case(Table):
             fault = fault_of_face(face, self.body, self.mesh is not None and self.mesh.box is not None)
             if fault:
                 raise ValueError(f"{key} = {face!r}: {fault}")
+        return self
+
+    @model_validator(mode="after")
+    def _kinematics(self) -> Case:
+        """Laws of materials are for large motions, which go by load steps."""
+        given = [self.material, *(body.material for body in self.body)]
+        laws = [one.law for materials in given for one in tables_of(materials) if one.law is not None]
+        if self.solver.kinematics == "small":
+            if laws:
+                raise ValueError(
+                    f'law = {laws[0]!r} of a material is for large motions: set solver.kinematics = "large"'
+                )
+            return self
+        if self.history is None:
+            raise ValueError('solver.kinematics = "large" needs a [history]: large motions are computed in load steps')
+        if self.temperature is not None:
+            raise ValueError('temperature: not with solver.kinematics = "large", which has no thermal strains')
         return self
 
     @model_validator(mode="after")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
@@ -33,6 +33,7 @@ def _count(given: Any) -> str:
     return THREE_NUMBERS if isinstance(given, list | tuple) else ONE_NUMBER
 
 
+NotNegative = Annotated[float, Field(ge=0.0, le=1e24, strict=True)]
 PoissonRatio = Annotated[float, Field(gt=-1.0, lt=0.5, strict=True)]
 
 YoungValue = Annotated[
@@ -52,14 +53,39 @@ class MaterialTable(Table):
     """Young's modulus in pascals, Poisson's ratio, density in kg/m^3, thermal expansion in 1/K.
 
     With three of Young's moduli, Poisson's ratios and shear moduli: orthotropic, with the first and second direction.
+    With a law: hyperelastic, for large motions; the Mooney-Rivlin law has c1, c2 and bulk in pascals in their place.
     """
 
-    young: YoungValue
-    poisson: PoissonValue
+    law: Literal["neo-hookean", "st-venant-kirchhoff", "mooney-rivlin"] | None = None
+    young: YoungValue | None = None
+    poisson: PoissonValue | None = None
+    c1: NotNegative | None = None
+    c2: NotNegative | None = None
+    bulk: Young | None = None
     shear: tuple[Young, Young, Young] | None = None
     directions: tuple[SpatialVector, SpatialVector] | None = None
     density: Density | None = None
     expansion: ExpansionValue | None = None
+
+    @model_validator(mode="after")
+    def _constants_of_its_law(self) -> MaterialTable:
+        needed = ("c1", "c2", "bulk") if self.law == "mooney-rivlin" else ("young", "poisson")
+        for name in needed:
+            if getattr(self, name) is None:
+                raise ValueError(f"{name} is missing" + (f"; law = {self.law!r} needs it" if self.law else ""))
+        linear = ("shear", "directions", "expansion") if self.law else ()
+        for name in {"young", "poisson", "c1", "c2", "bulk"} - {*needed} | {*linear}:
+            if getattr(self, name) is not None:
+                law = "an elastic material" if self.law is None else f"law = {self.law!r}"
+                raise ValueError(f"{name} does not belong to {law}, which has {', '.join(needed)} and density")
+        if self.law and isinstance(self.young, tuple) | isinstance(self.poisson, tuple):
+            raise ValueError(f"law = {self.law!r} has one number each in young and poisson")
+        if self.law:
+            try:
+                self.material()
+            except ValueError as error:
+                raise ValueError(str(error).removeprefix("material: ")) from None
+        return self
 
     @model_validator(mode="after")
     def _of_one_kind(self) -> MaterialTable:
@@ -97,7 +123,16 @@ class MaterialTable(Table):
             return OrthotropicMaterial(self.young, self.poisson, self.shear, directions, self.density, self.expansion)
         from ..fem.bodies import Material
 
-        assert not isinstance(self.young, tuple) and not isinstance(self.poisson, tuple)
+        if self.c1 is not None and self.c2 is not None and self.bulk is not None:
+            from ..kinematics import MooneyRivlin
+
+            return MooneyRivlin(self.c1, self.c2, self.bulk, self.density)
+        assert isinstance(self.young, float) and isinstance(self.poisson, float)
+        if self.law is not None:
+            from ..kinematics import NeoHookean, StVenantKirchhoff
+
+            kind = NeoHookean if self.law == "neo-hookean" else StVenantKirchhoff
+            return kind(self.young, self.poisson, self.density)
         assert not isinstance(self.expansion, tuple)
         return Material(self.young, self.poisson, self.density, self.expansion)
 
@@ -114,6 +149,11 @@ MaterialTables = Annotated[
     | Annotated[tuple[GroupMaterialTable, ...], Field(max_length=TABLES), Tag(SEVERAL)],
     Discriminator(lambda given: SEVERAL if isinstance(given, list | tuple) else ONE),
 ]
+
+
+def tables_of(given: MaterialTable | tuple[GroupMaterialTable, ...] | None) -> tuple[MaterialTable, ...]:
+    """One material, or those of all groups, as a tuple."""
+    return () if given is None else (given,) if isinstance(given, MaterialTable) else given
 
 
 def materials_of(groups: tuple[GroupMaterialTable, ...]) -> dict[str, AnyMaterial]:

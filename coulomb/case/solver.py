@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 
 class SolverTable(Table):
-    """Accuracy, and methods in place of the choice by size; newton = "condensed" is matrix-free."""
+    """Accuracy, and methods in place of the choice by size; newton = "condensed" is matrix-free.  kinematics = "large"
+    is for large motions."""
+
+    kinematics: Literal["small", "large"] = "small"
 
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"

@@ -183,7 +183,7 @@ def warn_of_locking(settings: Case, problem: ContactProblem) -> None:
     """Warn about first-order elements of a material near incompressibility, which are allowed but far too stiff."""
     given = settings.material_tables
     for member in problem.elasticity.members:
-        highest = max((one.poisson for one in given[member.name] if not isinstance(one.poisson, tuple)), default=0.0)
+        highest = max((one.poisson for one in given[member.name] if isinstance(one.poisson, float)), default=0.0)
         if highest > LOCKING_ABOVE and member.body.mesh.degree == 1:
             of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")
             errors.out(

@@ -214,10 +214,12 @@ def _take_recorded_steps(
         forces.extend(normal_forces(row).values())
         least = accuracy(step.solution.force_balance.entries(), settings.solver.tolerance, forces=forces)
         halved = f", halved {step.halvings} times" if step.halvings else ""
-        when = f"{row['time']:.4g} s"
+        when, problems = f"{row['time']:.4g} s", step.solution.methods.get("linear_problems")
+        linear = "" if problems is None else f"{problems} linear problems, "
         console.out(
             f"step {row['step']:3d}  time {when:<9} {forces_in_a_step(row, least['N'])}, open {row['open']}, stick "
-            f"{row['stick']}, slip {row['slip']}, {row['path_following']} PF steps, residual {row['residual']:.1e}"
+            f"{row['stick']}, slip {row['slip']}, {linear}{row['path_following']} PF steps, "
+            f"residual {row['residual']:.1e}"
             f"{'' if row['certified'] else ', certificate FAILED'}"
             f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}"
         )

@@ -72,7 +72,7 @@ class HistoryFiles:
             self.rows, self._history = [summary["step"]["row"] for summary in summaries], whole(summaries)
             self._start, self._seconds = beginning.time, problem.seconds
             self._series = [output.Series(self.directory.path, name) for name in FIELDS]
-            yield self._restored(problem, found[-1]) if found else beginning
+            yield self.state_after(problem, found[-1]) if found else beginning
 
     def record(self, step: LoadStep) -> None:
         """Write a step and the files of all steps so far; collective."""
@@ -105,8 +105,8 @@ class HistoryFiles:
             "row": row,
         }
 
-    def _restored(self, problem: ContactProblem, number: int) -> State:
-        """The state after a step, from its files; collective.
+    def state_after(self, problem: ContactProblem, number: int) -> State:
+        """The state after a step in the directory, from its files; collective.
 
         Raises:
             ValueError: On every rank, if the files cannot be read or belong to another mesh.
@@ -116,8 +116,8 @@ class HistoryFiles:
         record = read_step(step.path, problem.comm)
         comm, members = problem.comm, problem.elasticity.members
         bodies = [(member.name, member.body.x) for member in members]
-        points = problem.elasticity.x[problem.surface.nodes]
-        part = problem.surface.part
+        nodes, part = problem.points_of_states
+        points = problem.elasticity.x[nodes]
         faces = [(name, points[part == number]) for number, (name, _) in enumerate(names_of_sides(problem))]
         faces = faces if collections(problem)[1] else [("", points)]
         force = at_nodes(step.contact, "contact_force", faces, comm)

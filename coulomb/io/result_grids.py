@@ -20,7 +20,6 @@ from ..fem.compat import fem
 from ..fem.geometry import on_all_ranks
 from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, starts_of
 from ..model.discrete_problem import DiscreteProblem
-from ..model.evidence import rounding_forces
 from ..model.master_fields import CARRIED, carried, carrying, spreading
 from ..model.nodal_answer import HELD
 from ..model.solution import FaceAnswer, Solution
@@ -58,7 +57,7 @@ def body_grid(space: DisplacementSpace) -> GridPart:
     """The cells of a body, whose order is that of the displacements."""
     own = space.domain.topology.index_map(3).size_local
     cells = in_vtk_order(_global(space, compat.cell_dofs(space.V)[:own]), "dolfinx")
-    return GridPart(SOLIDS[cells.shape[1]], cells, space.x)
+    return GridPart(SOLIDS[cells.shape[1]], cells, space.reference)
 
 
 def cell_values(functions: Sequence[Any]) -> dict[str, FloatArray]:
@@ -93,7 +92,7 @@ class FaceGrid:
         position = np.full(len(space.x), -1, dtype=np.int64)  # of this rank's nodes among those of the faces
         position[self._nodes] = starts_of(comm, len(self._nodes))[comm.rank] + np.arange(len(self._nodes))
         cells = fetched(comm, starts_of(comm, len(space.x)), _global(space, nodes), position)
-        self.grid = GridPart(FACETS[columns.shape[1]], cells, space.x[self._nodes])
+        self.grid = GridPart(FACETS[columns.shape[1]], cells, space.reference[self._nodes])
 
     def at(self, field: FloatArray) -> FloatArray:
         """A field at this rank's nodes, shape (k,) or (k, 3), at those of the faces."""
@@ -232,13 +231,13 @@ def body_grids(solution: Solution, given: Mapping[str, Any]) -> list[GridFields]
     """
     problem, u = solution.problem, solution.displacement
     elasticity, loading, comm = problem.elasticity, problem.loading, problem.comm
-    acting = {"load": loading.load, **elasticity.held.fields}
-    acting |= {"prescribed": loading.prescribed, "spring_force": elasticity.spring_force(u)}
+    acting, of_forms = solution.forces_at_nodes, dict[str, FloatArray]()
+    for name in (INTERNAL, ROUNDING):
+        if name in acting:
+            of_forms[name] = acting.pop(name)
+    acting |= elasticity.held.fields
     if not comm.allreduce(bool(np.any(elasticity.held.oblique)), op=MPI.LOR):
         del acting[HELD_OBLIQUE]
-    of_forms: dict[str, FloatArray] = {}
-    if elasticity.forms() is not None:
-        of_forms = {INTERNAL: elasticity.internal_force(u), ROUNDING: rounding_forces(elasticity, u)}
     ground = elasticity.ground
     of_ground = {} if ground is None else {name: ground[:, :, k] for k, name in enumerate(GROUND)}
     parts = loading.parts or (loading,)

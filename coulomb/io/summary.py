@@ -64,14 +64,8 @@ def summary(solution: Solution) -> dict[str, Any]:
         "material": materials_of(elasticity),
         **of_temperature,
         **of_forms,
-        "mean_compliance": problem.mean_compliance,
-        "method": {
-            "solver": result.method,
-            "stiffness": problem.stiffness.solver.name,
-            "compliance": problem.A.name,
-            **({"changed": problem.body.stiffness.changed} if problem.body.stiffness.changed else {}),
-            "ranks": problem.comm.size,
-        },
+        "mean_compliance": solution.mean_compliance,
+        "method": solution.methods,
         "residual": result.residual,
         "contraction": result.contraction if result.outer_steps else None,
         "iterations": {
@@ -150,7 +144,7 @@ def remarks(solution: Solution) -> list[str]:
         return [unique] * bool(motions)
     if solution.result.status is Status.NO_EQUILIBRIUM:  # nothing was solved
         return []
-    least = over.min(problem.surface.gap - problem.closure(solution.displacement)[:, 0])
+    least = over.min(problem.surface.gap - problem.closure(solution.change)[:, 0])
     if any(check.name == "penetration" and not check.passed for check in solution.certificate.checks):
         return [
             f"no contact forces were found, although contact nodes penetrate by up to {-least:.3g} m: not the answer"

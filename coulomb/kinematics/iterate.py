@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import repeat
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +13,11 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, JoinedBodies, rigid_modes
 from ..fem.contact import face_samples
-from ..fem.geometry import RigidFoundation, moved
+from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.reductions import Reductions
-from ..model.contact import Contact
 from ..model.contact_body import Before
 from ..model.evidence import Evidence, rounding_forces
+from ..model.load_step import State
 from ..model.problem import ContactProblem
 from ..model.problem_evidence import gather_evidence
 from ..model.small_strain import SmallStrain, small_strain
@@ -44,11 +44,25 @@ class Linearised(ContactProblem):
     silent = True
 
     def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
-        return self.evidence_at(x, u, self.mean_compliance)
+        return self._evidence(x, u, self.mean_compliance)
 
-    def evidence_at(self, x: FloatArray, du: FloatArray, compliance: float) -> Evidence:
-        """The evidence for forces x (3 m,) and a change du (k, 3), with the residual F(u) + dF(u) du: for du = 0 that
-        of the nonlinear problem.  `compliance` is the mean diagonal of A; collective."""
+    def evidence_here(self, x: FloatArray, compliance: float) -> Evidence:
+        """The evidence of the nonlinear problem for forces x (3 m,) at the displacement from which it is linearised;
+        `compliance` is the mean diagonal of A; collective."""
+        body = self.elasticity
+        e, places = (
+            self._evidence(x, np.zeros_like(body.x), compliance),
+            [nonlinear(m.body).place for m in body.members],
+        )
+        spring = np.concatenate([place.spring for place in places])
+        given = [
+            e.load[m.nodes] if place.load is None else place.load for m, place in zip(body.members, places, strict=True)
+        ]
+        load = np.concatenate(given)
+        return replace(e, internal=e.internal - e.load + load + spring, load=load, spring=spring)
+
+    def _evidence(self, x: FloatArray, du: FloatArray, compliance: float) -> Evidence:
+        """With the residual F(u) + dF(u) du, and loads with the resultants of it (`balanced_load`); collective."""
         e, body = gather_evidence(self.body, self.state, x, du, compliance, None), self.elasticity
         here, over = place_of(body), Reductions(self.comm)
         residual = e.internal - e.load
@@ -83,38 +97,46 @@ class Iterate:
 
     Args:
         body: The bodies.
-        contacts: Their contacts.
-        linear_solver: As of `ContactProblem`.
+        pose: Poses the linear contact problem of bodies at their deformed place.
         u: Displacement in metres, shape (k, 3).
         time: Of the end of the step.
-        slip_rate: Of the step before at contact nodes, 0 at others, m/s, shape (k,).
+        before: The state at the start of the step.
+        number: Of every node among the contact points of states, shape (k,).
         start: The faces at the start of the step; None where this is the start.
     """
+
+    problem: Linearised
 
     def __init__(
         self,
         body: Deformable,
-        contacts: Sequence[Contact],
-        linear_solver: Any,
+        pose: Callable[[Deformable], Linearised],
         u: FloatArray,
         time: float,
-        slip_rate: FloatArray,
+        before: State,
+        number: npt.NDArray[np.int64],
         start: FaceMotion | None,
     ):
         self.u, self.time = u, time
-        self._contacts, self._linear_solver = contacts, linear_solver
-        self._slip_rate, self._start = slip_rate, start
-        self.pose(linearised(body, u, time))
+        self._before, self._number, self._start = before, number, start
+        self._pose_first(linearised(body, u, time), pose)
 
     def pose(self, body: Deformable) -> None:
-        """The linear problem of these bodies; collective."""
-        posed = Linearised(body, self._contacts, time=self.time, linear_solver=self._linear_solver)
+        """The linear problem of these bodies, which are those before with another tangent and load; collective."""
+        self.problem.body.replace(body)
+        state = replace(self.problem.state, elasticity=body, loading=body.at(self.time))
+        self.body, self.problem = body, self.problem.in_state(state, self.problem.seconds, self._before)
+
+    def _pose_first(self, body: Deformable, pose: Callable[[Deformable], Linearised]) -> None:
+        posed = pose(body)
         there, foundations = posed.state, posed.body.foundations
-        then = replace(there, slip_rate=self._slip_rate[there.surface.nodes])
+        at, before = self._number[there.surface.nodes], self._before
+        then = replace(there, slip_rate=before.slip_rate[at], accumulated=before.accumulated.at(at))
         if self._start is not None:
             slip = self._start.slip(body, there.surface, there.rigid_motions, foundations)
-            then = replace(then, slip_origin=-there.surface.components(slip))
-        self.body, self.problem, self.foundations = body, posed.in_state(then), foundations
+            spins = map(spin, there.rigid_motions, self._start.motions, repeat(self.time - before.time))
+            then = replace(then, slip_origin=-there.surface.components(slip), spins=tuple(spins))
+        self.body, self.problem, self.foundations = body, posed.in_state(then, posed.body.seconds, before), foundations
 
     def tangent(self, body: Deformable, x: FloatArray) -> Deformable:
         """The bodies with the change of normal forces x (3 m,) as normals turn on curved foundations: -x_n times the
@@ -189,10 +211,10 @@ class _Deformed:
 
 
 def fineness(answer: Solution, e: Evidence) -> SmallStrain:
-    """`LargeSolution.facets` of an answer without further displacement, by its evidence; collective."""
+    """`LargeSolution.small_strain` of an answer, by its evidence; collective."""
     surface, body = answer.problem.surface, answer.problem.elasticity
     members = [body.face(face, "contact") for face in surface.faces]
-    faces = [face_samples(one.body, facets, answer.displacement[one.nodes]) for one, facets in members]
+    faces = [face_samples(one.body, facets, answer.change[one.nodes]) for one, facets in members]
     deformed = _Deformed(e.comm, e.x, e.internal)
     return small_strain(answer.at_nodes, surface.foundations, deformed, e.displacement, faces)
 

@@ -11,9 +11,12 @@ foundations.
 
 from __future__ import annotations
 
+import copy
 import logging
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -22,16 +25,25 @@ from ..arrays import FloatArray
 from ..fem.bodies import Deformable
 from ..fem.contact import ContactSurface
 from ..linalg.factors import NotPositiveDefinite
+from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
 from ..model.certificate import Certificate, judge
 from ..model.contact import Contact
-from ..model.load_history import LoadHistory
-from ..model.nodal_answer import NodalAnswer
+from ..model.contact_body import Before
+from ..model.discrete_problem import StatePoints
+from ..model.evidence import Evidence
+from ..model.load_step import Earlier, Energy, Forces, State
+from ..model.nodal_answer import Accumulated
+from ..model.probes import LocatedProbes, ProbeValue
 from ..model.problem import ContactProblem
+from ..model.resultants import ForceBalance, force_balance
 from ..model.small_strain import SmallStrain
 from ..model.solution import Solution
-from ..solvers.results import NotConverged
-from .iterate import Iterate, fineness, linearised, nonlinear
+from ..model.stopping_criterion import StoppingCriterion
+from ..solvers.friction_problem import Solver
+from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
+from .hyperelastic_body import HyperelasticBody
+from .iterate import Iterate, Linearised, fineness, linearised, nonlinear
 from .slip import FaceMotion
 
 _log = logging.getLogger(__name__)
@@ -46,39 +58,44 @@ _WORSE = 10.0
 """A residual may grow by this factor from one linear problem to the next: the first ones of a load step do not know
 where contact is."""
 
-_ALMOST = 1.001
-"""A step that ends this near to the end of one of the history ends there."""
-
 _OPPOSITE = 1e-6
 """One more than the cosine of the angle of two normals, at least: forces are not carried between opposite ones."""
 
 
-class StepCut(Exception):
+class StepCut(NotConverged):
     """A load step has no answer: why, in words."""
 
 
 @dataclass(frozen=True)
-class LargeSolution:
-    """An equilibrium of large motions.
+class LargeSolution(Solution):
+    """An equilibrium of large motions.  `problem` is the last linear problem, of the bodies at their deformed place, in
+    whose frames the contact forces are; slip is that of the load step, `result` that of all linear problems together,
+    and the certificate of the nonlinear problem.
 
     Attributes:
-        time: In seconds.
-        displacement: In metres, this rank's nodes, shape (k, 3).
-        contact_force: In newtons along the deformed frames, this rank's contact points, shape (3 m,).
-        certificate: Of the nonlinear problem at the deformed place.
         residuals: Largest value of the certificate's checks before each linear problem, and at the end.
-        linear: The last linear problem and its answer.
-        facets: Whether the facets in contact are fine enough: `between` and `chord`; the other measures are of small
-            strains, and 0.
+        evidence: What the certificate was judged by.
+        origin: The problem whose answer this is.
+        by: Methods of the last linear problem, and their number.
     """
 
-    time: float
-    displacement: FloatArray
-    contact_force: FloatArray
-    certificate: Certificate
     residuals: tuple[float, ...]
-    linear: Solution
-    facets: SmallStrain
+    evidence: Evidence
+    origin: LargeMotions
+    by: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def methods(self) -> dict[str, Any]:
+        return self.by
+
+    @property
+    def mean_compliance(self) -> float:
+        return self.evidence.compliance
+
+    @property
+    def time(self) -> float:
+        """In seconds."""
+        return self.problem.time
 
     @property
     def outer_iterations(self) -> int:
@@ -86,31 +103,43 @@ class LargeSolution:
         return len(self.residuals) - 1
 
     @property
-    def outside(self) -> tuple[str, ...]:
-        """Why facets are too coarse for an answer, as messages; empty if they are not."""
-        return self.facets.violations
+    def change(self) -> FloatArray:
+        return np.zeros_like(self.displacement)
+
+    @cached_property
+    def small_strain(self) -> SmallStrain:
+        """Whether the facets in contact are fine enough: `between` and `chord`; the other measures are of small
+        strains, and 0."""
+        return fineness(self, self.evidence)
 
     @property
-    def valid(self) -> bool:
-        """Whether the certificate passed, and the facets in contact are fine enough."""
-        return self.certificate.passed and not self.outside
+    def forces_at_nodes(self) -> dict[str, FloatArray]:
+        e = self.evidence
+        prescribed = [nonlinear(one.body).place.prescribed for one in self.problem.elasticity.members]
+        return {
+            "load": e.load,
+            "prescribed": np.concatenate(prescribed),
+            "spring_force": e.spring,
+            "internal_force": e.internal,
+            "rounding_force": e.rounding,
+        }
 
-    @property
-    def at_nodes(self) -> NodalAnswer:
-        """Fields, totals and counts at this rank's contact points, at their deformed places: slip is that of the
-        step."""
-        return self.linear.at_nodes
+    @cached_property
+    def force_balance(self) -> ForceBalance:
+        """Resultants of all loads and supports at the deformed place, and the balance of all forces; collective."""
+        e, body = self.evidence, self.problem.elasticity
+        held = body.held_part(e.internal - e.load - e.spring - e.on_body)
+        given = body.loads_in(self.problem.loading)
+        supports = chain(body.shares(held), body.spring_forces(self.displacement))
+        each = {member.name: member.nodes for member in body.members} if len(body.members) > 1 else {}
+        return force_balance(given, supports, e.on_body, body.x, Reductions(self.problem.comm), (), each)
 
-    @property
-    def force_on_body(self) -> FloatArray:
-        """Contact forces on the body at this rank's contact points, space vectors in newtons, shape (m, 3)."""
-        return self.linear.force_on_body
+    def _at(self, probes: LocatedProbes) -> tuple[ProbeValue, ...]:
+        return probes.values(self.displacement, self.at_nodes, self.problem.surface.nodes)
 
-    @property
-    def functions(self) -> dict[str, Any]:
-        """The displacement of each body by its name, as DOLFINx Functions; "" is the name of the only body."""
-        members = self.linear.problem.elasticity.members
-        return {one.name: one.body.function(self.displacement[one.nodes]) for one in members}
+    @cached_property
+    def probes(self) -> tuple[ProbeValue, ...]:
+        return self._at(self.origin.body.probes)
 
 
 @dataclass(frozen=True)
@@ -137,113 +166,109 @@ class CarriedForces:
         return x
 
 
-@dataclass(frozen=True)
-class LargeState:
-    """The end of a load step, from which the next begins: time, displacement (k, 3), contact forces, and slip rates of
-    the contact nodes, 0 at others, in m/s, shape (k,)."""
-
-    time: float
-    displacement: FloatArray
-    force: CarriedForces
-    slip_rate: FloatArray
-
-
-@dataclass(frozen=True)
-class LargeStep:
-    """A completed load step: its answer, the state after it, and how often its interval was halved."""
-
-    solution: LargeSolution
-    state: LargeState
-    halvings: int
-
-
 def size_of(certificate: Certificate) -> float:
     """The largest value of the checks, but of the angle; inf if one is not finite."""
     values = [check.value for check in certificate.checks if check.unit == ""]
     return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
 
 
-class LargeMotions:
-    """Bodies of large displacements in frictional contact with each other and with rigid foundations.
+class LargeMotions(ContactProblem):
+    """Bodies of large displacements in frictional contact with each other and with rigid foundations:
+    `ContactProblem(..., kinematics="large")`.
 
     Args:
-        body: A `NonlinearBody`, or several as `coulomb.join` makes them.
-        contacts: As of `ContactProblem`.
-        linear_solver: As of `ContactProblem`.
+        As of `ContactProblem`: a `NonlinearBody`, or several as `coulomb.join` makes them, and their contacts; or a
+            mesh with material (`NeoHookean`, ...), supports and loads.
 
     Raises:
         ValueError: On every rank, if the input is invalid.
     """
 
-    def __init__(self, body: Deformable, contacts: Contact | Sequence[Contact], *, linear_solver: Any = None):
-        for member in body.members:
-            nonlinear(member.body)
-        self.body, self.linear_solver = body, linear_solver
-        given = (contacts,) if isinstance(contacts, Contact) else tuple(contacts)
-        for one in given:
+    _of_meshes = HyperelasticBody
+
+    def __init__(self, *arguments: Any, linear_solver: Any = None, explicit: bool | None = None, **others: Any):
+        if arguments and isinstance(arguments[0], Deformable):
+            for member in arguments[0].members:
+                nonlinear(member.body)
+        super().__init__(*arguments, linear_solver=linear_solver, explicit=explicit, **others)
+        for one in self.contacts:
             if callable(one.gap) or one.gap or one.adjust or one.smooth or one.surface or one.against_surface:
                 raise ValueError(
                     f"contact face {one.face!r}: gap, adjust, smooth and surface describe the undeformed place; large "
                     "motions measure gaps between the facets as they are"
                 )
-        posed = ContactProblem(body, given, linear_solver=linear_solver)
+            if any(callable(value) for value in (one.friction, one.slip_stress, one.cohesion)):
+                raise ValueError(
+                    f"contact face {one.face!r}: friction that is a function of place is not possible with large "
+                    "motions yet; give a number, or several contact faces"
+                )
+        self._remedy = [0]  # the first that is tried, of this problem at all times
+        self._methods = {"linear_solver": linear_solver, "explicit": explicit}
         self.contacts: tuple[Contact, ...] = tuple(
             one if foundation is None else replace(one, foundation=foundation, facing=False)
-            for one, foundation in zip(posed.body.contacts, posed.body.foundations, strict=True)
+            for one, foundation in zip(self.body.contacts, self.body.foundations, strict=True)
         )
+        faces = [self.elasticity.nodes(one.face, "contact") for one in self.contacts]
+        part = np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces])
+        self._points, self._number = StatePoints(np.concatenate(faces), part), np.full(len(self.elasticity.x), -1)
+        self._number[self._points.nodes] = np.arange(len(part))
 
-    def beginning(self, time: float) -> LargeState:
-        """The undeformed state."""
-        still = np.zeros_like(self.body.x)
-        return LargeState(time, still, CarriedForces(still, still), np.zeros(len(still)))
+    @property
+    def points_of_states(self) -> StatePoints:
+        """All nodes of the contact faces: which of them are contact points depends on the displacement."""
+        return self._points
 
-    def steps(self, history: LoadHistory, state: LargeState | None = None) -> Iterator[LargeStep]:
-        """Compute the load steps of a history one by one; a step that fails is halved, and later ones double again;
-        collective.
+    def at(self, time: float, before: Before | None = None) -> LargeMotions:
+        """The load step from a state to a time."""
+        there = copy.copy(self)
+        there.time, there.before, there.seconds = time, before, {}
+        return there
 
-        Raises:
-            StepCut: If a step fails that is 2^-halvings of that of the history; the displacement is that of the last
-                good step.
-        """
-        state = state or self.beginning(history.start)
-        for goal in history.times:
-            step = whole = goal - state.time
-            halved = 0
-            while state.time < goal:
-                time = goal if state.time + _ALMOST * step > goal else state.time + step
-                try:
-                    solution = self.solve(state, time, history.tolerance)
-                except (StepCut, NotConverged, Unsolved, ValueError) as failure:
-                    step, halved, why = 0.5 * (time - state.time), halved + 1, str(failure)
-                    interval = f"the load step from {state.time:g} s to {time:g} s"
-                    if step < whole * 0.5**history.halvings:
-                        linearised(self.body, state.displacement, state.time)  # the user's functions are of this state
-                        raise StepCut(f"{interval} failed, at the smallest part allowed: {why}") from failure
-                    if self.body.comm.rank == 0:
-                        _log.warning("%s halved: %s", interval, why)
-                    continue
-                state = self._after(state, solution)
-                yield LargeStep(solution, state, halved)
-                step, halved = 2.0 * step, 0
+    def starts(self, before: State) -> FloatArray | None:
+        return None
 
-    def _after(self, before: LargeState, solution: LargeSolution) -> LargeState:
-        surface = solution.linear.problem.surface
-        rate = np.zeros_like(before.slip_rate)
-        force = CarriedForces.of(solution.contact_force, surface, len(rate))
-        rate[surface.nodes] = np.linalg.norm(solution.at_nodes.slip, axis=1) / (solution.time - before.time)
-        return LargeState(solution.time, solution.displacement, force, rate)
-
-    def solve(self, state: LargeState, time: float, tolerance: float = 1e-8) -> LargeSolution:
-        """The equilibrium at a time, a load step after a state; collective.
+    def solve(
+        self,
+        tolerance: float = 1e-8,
+        solver: Solver | None = None,
+        progress: ProgressCallback | None = None,
+        start: FloatArray | None = None,
+    ) -> LargeSolution:
+        """The equilibrium at the end of the load step, or in one step from the undeformed place; arguments as of
+        `ContactProblem`, for every linear problem; collective.
 
         Raises:
             StepCut: If Newton's method does not find it.
+            NotConverged: If it was interrupted.
         """
-        start = self._iterate(state.displacement, state.time, state, None).start()
-        here = self._iterate(state.displacement, time, state, start)
-        x, sizes, found = state.force.at(here.problem.surface), [np.inf], None
+        state = self._state
+        try:
+            return self._solved_from(state, tolerance, partial(Linearised.solve, solver=solver, progress=progress))
+        except (Unsolved, ValueError, NotConverged) as failure:
+            linearised(self.elasticity, state.displacement, state.time)  # the user's functions are of that state
+            result = failure.result if isinstance(failure, NotConverged) else _without_answer(len(self._points.nodes))
+            if result.status is Status.INTERRUPTED or isinstance(failure, StepCut):
+                raise
+            raise StepCut(str(failure), result) from failure
+
+    @property
+    def _state(self) -> State:
+        """The state from which the step begins."""
+        if self.before is not None:
+            assert isinstance(self.before, State)
+            return self.before
+        still, count = np.zeros_like(self.elasticity.x), len(self._points.nodes)
+        none = Accumulated.none(count)
+        return State(0, self.time, Energy(), still, np.zeros((count, 3)), np.zeros(count), none, ())
+
+    def _solved_from(self, state: State, tolerance: float, solve: Any) -> LargeSolution:
+        begin = self._iterate(state, state.displacement, state.time, None)
+        start, here = begin.start(), self._iterate(state, state.displacement, self.time, begin.start())
+        x, sizes, found = self._carried(state, begin).at(here.problem.surface), [np.inf], False
+        results: list[SolverResult] = []
         for _ in range(_MOST):
-            linear = self._solved(here, x, min(tolerance, 1e-8))
+            linear = self._linear(here, x, min(tolerance, 1e-8), solve)
+            results.append(linear.result)
             du, before = linear.displacement, x
             compliance, part = here.problem.mean_compliance, 1.0
             for _ in range(_BACKTRACKS):
@@ -251,49 +276,185 @@ class LargeMotions:
                 if there is not None:
                     between = (1.0 - part) * before + part * linear.contact_force
                     x = CarriedForces.of(between, here.problem.surface, len(du)).at(there.problem.surface)
-                    evidence = there.problem.evidence_at(x, np.zeros_like(du), compliance)
+                    evidence = there.problem.evidence_here(x, compliance)
                     certificate = judge(evidence)
                     size = size_of(certificate)
                     if np.isfinite(size) and size <= _WORSE * sizes[-1]:
                         break
                 part *= 0.5
             else:
-                raise StepCut("no part of the change of the displacement makes the residual smaller")
-            _log.info("outer iteration %d: residual %.2e, part %g", len(sizes), size, part)
+                raise self._cut("no part of the change of the displacement makes the residual smaller")
+            _log.debug("outer iteration %d: residual %.2e, part %g", len(sizes), size, part)
+            self._count(here)
             here = there
             sizes.append(size)
-            if certificate.passed and (size <= tolerance or (found is not None and size > 0.5 * sizes[-2])):
+            if certificate.passed and (size <= tolerance or (found and size > 0.5 * sizes[-2])):
                 break
-            found = certificate if certificate.passed else None
+            found = certificate.passed
         else:
-            raise StepCut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
-        bound = here.problem.slip_bound(x)
-        at = Solution(here.problem, x, np.zeros_like(here.u), bound, linear.result, certificate)
-        facets = fineness(at, evidence)
-        for text in facets.warnings if self.body.comm.rank == 0 else ():
-            _log.warning("at %g s: %s", time, text)
-        return LargeSolution(time, here.u, x, certificate, tuple(sizes), at, facets)
+            raise self._cut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
+        whole = _together(results, x, certificate)
+        answer = replace(
+            self._answer(here, x, whole, evidence, certificate, tuple(sizes)),
+            by={**linear.methods, "kinematics": "large", "linear_problems": len(results)},
+        )
+        for text in answer.small_strain.warnings if self.comm.rank == 0 else ():
+            _log.warning("at %g s: %s", self.time, text)
+        return answer
 
-    def _solved(self, here: Iterate, x: FloatArray, tolerance: float) -> Solution:
+    def solution(self, result: SolverResult, criterion: StoppingCriterion | None = None) -> LargeSolution:
+        """The state before a step that has failed, judged with the loads of its end; collective."""
+        state = self._state
+        begin = self._iterate(state, state.displacement, state.time, None)
+        here = self._iterate(state, state.displacement, self.time, begin.start())
+        x, diagonal = self._carried(state, begin).at(here.problem.surface), here.body.K.getDiagonal()
+        compliance = diagonal.getSize() / abs(diagonal.sum())  # of the order of that of A, which may not exist
+        diagonal.destroy()
+        return self.judged(here, x, replace(result, x=x), compliance)
+
+    def recomputed(
+        self, displacement: FloatArray, force_on_body: FloatArray, compliance: float, result: SolverResult | None = None
+    ) -> LargeSolution:
+        """What a displacement (k, 3) and contact forces at the points of states are as an answer of the load step,
+        judged with this mean diagonal of A; collective."""
+        state = self._state
+        start = self._iterate(state, state.displacement, state.time, None).start()
+        here = self._iterate(state, displacement, self.time, start)
+        surface = here.problem.surface
+        x = -surface.force_components(force_on_body[self._number[surface.nodes]]).ravel()
+        return self.judged(here, x, result or _without_answer(len(surface.nodes)), compliance)
+
+    def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: float) -> LargeSolution:
+        """The answer of forces x (3 m,) at an iterate, judged with this mean diagonal of A; collective."""
+        evidence = here.problem.evidence_here(x, compliance)
+        return self._answer(here, x, result, evidence, judge(evidence), ())
+
+    def _answer(
+        self,
+        here: Iterate,
+        x: FloatArray,
+        result: SolverResult,
+        evidence: Evidence,
+        certificate: Certificate,
+        sizes: tuple[float, ...],
+    ) -> LargeSolution:
+        problem, bound = here.problem, here.problem.slip_bound(x)
+        self._count(here)
+        problem.seconds, problem.started, problem.small_strain = self.seconds, self.started, self.small_strain
+        return LargeSolution(problem, x, here.u, bound, result, certificate, sizes, evidence, self)
+
+    def _count(self, here: Iterate) -> None:
+        for name, seconds in here.problem.seconds.items():
+            self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+
+    def _linear(self, here: Iterate, x: FloatArray, tolerance: float, solve: Any) -> Solution:
         """The linear problem; with a positive definite matrix in place of a tangent that is none; collective."""
-        given = here.body
-        for remedy in (here.tangent, here.supported, here.made_positive):
-            body = remedy(given, x)
+        given, remedies = here.body, (here.tangent, here.supported, here.made_positive)
+        for number in range(self._remedy[0], len(remedies)):
+            body = remedies[number](given, x)
             if body is not here.body:
                 here.pose(body)
             try:
-                return here.problem.solve(tolerance, start=x)
+                answer: Solution = solve(here.problem, tolerance, start=x)
             except NotPositiveDefinite as failure:
-                _log.info("%s", failure)
-        raise StepCut("the tangent is not positive definite even if that of every cell is")
+                _log.debug("%s", failure)
+                continue
+            self._remedy[0] = min(number, 1)  # springs do no harm where they are not needed; the last remedy does
+            return answer
+        raise self._cut("the tangent is not positive definite even if that of every cell is")
 
-    def _moved(self, here: Iterate, du: FloatArray, state: LargeState, start: FaceMotion) -> Iterate | None:
+    def _cut(self, why: str) -> StepCut:
+        return StepCut(why, _without_answer(len(self._points.nodes)))
+
+    def _moved(self, here: Iterate, du: FloatArray, state: State, start: FaceMotion) -> Iterate | None:
         """The iterate after a change of the displacement; None if it turns an element inside out."""
         u = here.u + du
-        ratios = [nonlinear(one.body).least_volume_ratio(u[one.nodes]) for one in self.body.members]
+        ratios = [nonlinear(one.body).least_volume_ratio(u[one.nodes]) for one in self.elasticity.members]
         if not np.min(ratios) > 0.0:
             return None
-        return self._iterate(u, here.time, state, start)
+        return self._iterate(state, u, here.time, start)
 
-    def _iterate(self, u: FloatArray, time: float, state: LargeState, start: FaceMotion | None) -> Iterate:
-        return Iterate(self.body, self.contacts, self.linear_solver, u, time, state.slip_rate, start)
+    def _iterate(self, state: State, u: FloatArray, time: float, start: FaceMotion | None) -> Iterate:
+        def pose(body: Deformable) -> Linearised:
+            return Linearised(body, self.contacts, time=time, **self._methods)
+
+        return Iterate(self.elasticity, pose, u, time, state, self._number, start)
+
+    def _carried(self, state: State, begin: Iterate) -> CarriedForces:
+        """The contact forces of a state, with the normals of its place."""
+        vectors, normals = np.zeros((2, *state.displacement.shape))
+        surface = begin.problem.surface
+        vectors[self._points.nodes], normals[surface.nodes] = -state.force_on_body, surface.frames[:, 0]
+        return CarriedForces(vectors, normals)
+
+    def after(self, before: State, solution: Solution) -> State:
+        assert isinstance(solution, LargeSolution)
+        answer, e, at = solution.at_nodes, solution.evidence, self._number[solution.problem.surface.nodes]
+        force, rate = np.zeros_like(before.force_on_body), np.zeros_like(before.slip_rate)
+        force[at] = solution.force_on_body
+        rate[at] = np.linalg.norm(answer.slip, axis=1) / (solution.time - before.time)
+        worn = {name: values.copy() for name, values in vars(before.accumulated).items()}
+        for name, values in vars(answer.accumulated).items():
+            worn[name][at] = values
+        now = Forces(solution.displacement, e.load, e.internal - e.spring, e.on_body)
+        return State(
+            number=before.number + 1,
+            time=solution.time,
+            energy=self._energy(before, solution, now),
+            displacement=solution.displacement,
+            force_on_body=force,
+            slip_rate=rate,
+            accumulated=Accumulated(**worn),
+            pending=before.pending[:-1],
+            forces=now,
+            before=Earlier(before.time, before.force_on_body),
+        )
+
+    def _energy(self, before: State, solution: LargeSolution, now: Forces) -> Energy:
+        """Work by the trapezoidal rule; the elastic energy is that of the bodies, or if one has a residual alone, the
+        work of the internal forces; collective."""
+        over, problem, surface, then = Reductions(self.comm), solution.problem, solution.problem.surface, before.forces
+        if then is None:
+            begin = self._iterate(before, before.displacement, before.time, None)
+            x = self._carried(before, begin).at(begin.problem.surface)
+            e = begin.problem.evidence_here(x, 1.0)
+            then = Forces(before.displacement, e.load, e.internal - e.spring, e.on_body)
+        at = self._number[surface.nodes]
+        moved = problem.body.foundation_displacement(surface, before.time, solution.time)
+        foundation = 0.5 * over.dot(before.force_on_body[at] + solution.force_on_body, moved)
+        dissipated = solution.at_nodes.dissipated_energy
+        energy = before.energy.after(then, now, problem.elasticity.held, foundation, dissipated, over)
+        own = [nonlinear(one.body).strain_energy(now.displacement[one.nodes]) for one in self.elasticity.members]
+        known = [one for one in own if one is not None]
+        if len(known) == len(own):
+            return replace(energy, elastic=sum(known))
+        change = 0.5 * over.dot(then.kept + now.kept, now.displacement - then.displacement)
+        return replace(energy, elastic=before.energy.elastic + change)
+
+
+def _solve(
+    problem: ContactProblem,
+    tolerance: float,
+    start: FloatArray,
+    solver: Solver | None,
+    progress: ProgressCallback | None,
+) -> Solution:
+    return problem.solve(tolerance, solver, progress, start)
+
+
+def _together(results: Sequence[SolverResult], x: FloatArray, certificate: Certificate) -> SolverResult:
+    """The result of all linear problems of a step: sums, with the last status."""
+    return replace(
+        results[-1],
+        x=x,
+        newton_steps=sum(one.newton_steps for one in results),
+        products=sum(one.products for one in results),
+        residual=certificate["natural residual"].value,
+        history=tuple(chain.from_iterable(one.history for one in results)),  # type: ignore[arg-type]
+    )
+
+
+def _without_answer(count: int) -> SolverResult:
+    """The result of a step without an answer, of so many contact points on this rank."""
+    none = np.zeros(3 * count)
+    return SolverResult(none, none, np.zeros(count), np.zeros((count, 2)), Status.STAGNATED, np.inf)

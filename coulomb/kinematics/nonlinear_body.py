@@ -20,7 +20,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem import compat, compat_forms
-from ..fem.bodies import BilinearForm, Body, FormValues, Loading, free_earlier_bodies
+from ..fem.bodies import BilinearForm, Body, FormValues, FreeMotions, Loading, free_earlier_bodies
 from ..fem.compat import fem, ufl
 
 
@@ -33,12 +33,16 @@ class _Place:
         loading: Minus the residual without contact, newtons, and the prescribed displacements that are left.
         prescribed: The whole prescribed displacements, 0 elsewhere, metres, shape (k, 3).
         values: Of the coefficients of the tangent.
+        load: Loads in newtons, shape (k, 3); None if they are in the form, with the internal forces.
+        spring: Forces of springs in newtons, shape (k, 3), if they are known.
     """
 
     u: FloatArray
     loading: Loading
     prescribed: FloatArray
     values: FormValues
+    load: FloatArray | None
+    spring: FloatArray
 
 
 class NonlinearBody(Body):
@@ -86,7 +90,7 @@ class NonlinearBody(Body):
         self._inside, self._on_facets = inside, None if surface is None else 0.5 * (surface + ufl.adjoint(surface))
         whole = inside if self._on_facets is None else inside + self._on_facets
         super().__init__(whole, -F, bcs, faces, update=update)
-        self.reference: FloatArray = self.x
+        self._undeformed: FloatArray = self.x
         self._function = fem.Function(self.V)
         self._surface_forms: dict[tuple[bytes, bool], tuple[Any, Any]] = {}
 
@@ -96,16 +100,31 @@ class NonlinearBody(Body):
         """The body of small displacements from u (k, 3) in metres at a time; the stiffness is made when it is first
         asked for; collective."""
         free_earlier_bodies(self.domain)
+        _ = self._not_held  # once, for all places
         there = copy.copy(self)
         there._place, there.x = None, self.reference + u
         there._integrals, there.points_of_faces, there._known = {}, {}, None
         self._set(time)
         self._displacement.x.array[: u.size] = u.ravel()
         self._displacement.x.scatter_forward()
-        loading = Body.at(there, time)
+        loading, load, spring = there._acting(u, time)
         rest = loading.prescribed - self.held_part(u)
-        there._place = _Place(u.copy(), Loading(time, loading.load, rest), loading.prescribed, self._a.values)
+        values = self._a.values
+        there._place = _Place(u.copy(), Loading(time, loading.load, rest), loading.prescribed, values, load, spring)
         return there
+
+    def _acting(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
+        """Minus the residual and the prescribed displacements at the present displacement u; loads and forces of
+        springs in it, as of `_Place`; collective."""
+        return super().at(time), None, np.zeros_like(u)
+
+    def strain_energy(self, u: FloatArray) -> float | None:
+        """Of the displacement u (k, 3), in joules; None if it is not known beside that of loads; collective."""
+        return None
+
+    @property
+    def reference(self) -> FloatArray:
+        return self._undeformed
 
     @property
     def place(self) -> _Place:
@@ -119,10 +138,28 @@ class NonlinearBody(Body):
         return self._known
 
     def at_time(self, time: float) -> Body:
-        return self if self._place is not None else super().at_time(time)
+        if self._place is None:
+            self._set(time)
+        return self
 
     def at(self, time: float) -> Loading:
         return super().at(time) if self._place is None else self._place.loading
+
+    @cached_property
+    def _not_held(self) -> FreeMotions:
+        """The rigid motions that conditions allow, at the undeformed place; collective."""
+        return self._free_against(np.zeros((*self.x.shape, 6)))
+
+    @property
+    def free(self) -> FreeMotions:
+        return super().free if len(self._not_held) else self._not_held
+
+    def _resistance(self, values: FormValues, stiff: float, noise: float) -> tuple[FloatArray | None, FreeMotions]:
+        return super()._resistance(values, stiff, noise) if len(self._not_held) else (None, self._not_held)
+
+    @property
+    def ground(self) -> FloatArray | None:
+        return None  # nodal forces of rigid motions are those of the stress, too
 
     def outdated(self, loading: Loading) -> bool:
         return self._place is None and super().outdated(loading)
@@ -132,8 +169,7 @@ class NonlinearBody(Body):
 
     def least_volume_ratio(self, u: FloatArray) -> float:
         """Smallest det(I + grad u) of all cells, at the nodes of each: negative where one is inside out; collective."""
-        self._function.x.array[: u.size] = u.ravel()
-        self._function.x.scatter_forward()
+        self._evaluate_at(u)
         values, expression = self._volume_ratio
         values.interpolate(expression)
         least = self.comm.allgather(float(np.min(values.x.array, initial=np.inf)))
@@ -165,7 +201,7 @@ class NonlinearBody(Body):
         x = super().points_of_cells(cells)
         if self._place is None:
             return x
-        self._at_place()
+        self._evaluate_at(self.place.u)
         x += self._function.x.array.reshape(-1, 3)[compat.cell_dofs(self.V)[cells]]
         return x
 
@@ -187,8 +223,9 @@ class NonlinearBody(Body):
         area[node], normal[node] = self._on_surface(facets, True)
         return area, normal
 
-    def _at_place(self) -> None:
-        self._function.x.array[: self.place.u.size] = self.place.u.ravel()
+    def _evaluate_at(self, u: FloatArray) -> None:
+        """Set the displacement of the forms that are evaluated; collective."""
+        self._function.x.array[: u.size] = u.ravel()
         self._function.x.scatter_forward()
 
     def _on_surface(self, facets: npt.NDArray[np.int32], vertices: bool) -> tuple[FloatArray, FloatArray]:
@@ -204,7 +241,7 @@ class NonlinearBody(Body):
                 fem.form(ufl.sqrt(ufl.inner(n, n)) * ufl.inner(ufl.as_vector([1.0, 1.0, 1.0]), v) * ds),
                 fem.form(ufl.inner(n, v) * ds),
             )
-        self._at_place()
+        self._evaluate_at(self.place.u)
         area, normal = map(self._assemble, self._surface_forms[key])
         return area[:, 0].copy(), normal
 

@@ -41,11 +41,13 @@ class FaceMotion:
             elsewhere.
         normals: Unit normals of the foundation there, shape (k, 3).
         surface: Contact points at the start of the step.
+        motions: Of the foundations at the start of the step.
     """
 
     feet: FloatArray
     normals: FloatArray
     surface: ContactSurface
+    motions: Sequence[RigidMotion]
 
     def slip(
         self,
@@ -87,7 +89,7 @@ def at_start(
     foundations: Foundations,
 ) -> FaceMotion:
     """The start of a load step of a body at its present place; collective."""
-    return FaceMotion(*foot_points(body, surface.faces, motions, foundations), surface)
+    return FaceMotion(*foot_points(body, surface.faces, motions, foundations), surface, motions)
 
 
 def foot_points(

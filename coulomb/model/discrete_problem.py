@@ -8,9 +8,10 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 from functools import cached_property
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
@@ -117,6 +118,13 @@ _BEFORE_REFINEMENT = 1e-8
 """Residual of a solve with K that is refined: products by K have rounding errors of 1e-11 of the resultant forces."""
 
 
+class StatePoints(NamedTuple):
+    """This rank's nodes of contact points, and the numbers of their contact faces, shapes (m,)."""
+
+    nodes: npt.NDArray[np.int32]
+    part: npt.NDArray[np.int64]
+
+
 class _OfStiffness(Generic[_T]):
     """A property of a `DiscreteProblem` that is computed once, and anew when K has changed (`ContactStiffness`)."""
 
@@ -179,6 +187,11 @@ class DiscreteProblem:
         self.surface, self.law = state.surface, state.law
         self.computed: dict[object, Any] = {}
         self.computed_for = -1
+
+    @property
+    def points_of_states(self) -> StatePoints:
+        """The contact points of the states of a load history."""
+        return StatePoints(self.surface.nodes, self.surface.part)
 
     @property
     def mesh(self) -> NamedMesh:

@@ -73,9 +73,8 @@ class LoadHistory:
 
     def beginning(self, problem: ContactProblem) -> State:
         """The state at `start`."""
-        still, none = np.zeros_like(problem.elasticity.x), np.zeros_like(problem.surface.x)
-        pending = tuple(reversed([float(t) for t in self.times]))
-        count = len(none)
+        still, count = np.zeros_like(problem.elasticity.x), len(problem.points_of_states.nodes)
+        pending, none = tuple(reversed([float(t) for t in self.times])), np.zeros((count, 3))
         return State(0, self.start, Energy(), still, none, np.zeros(count), Accumulated.none(count), pending)
 
     def steps(
@@ -111,7 +110,8 @@ class LoadHistory:
                     raise StepFailed(text, failure.result, posed) from None
                 middle = 0.5 * (state.time + time)
                 halved += 1
-                if halved > self.halvings or time - state.time < 2.0 * SMALLEST * (self.times[-1] - self.start):
+                least = max(self._whole(time) * 0.5**self.halvings, SMALLEST * (self.times[-1] - self.start))
+                if middle - state.time < (1.0 - SMALLEST) * least:
                     interval = f"from {state.time:g} s to {time:g} s"
                     text = f"the load step {interval} failed, halved {halved - 1} times: {failure}"
                     raise StepFailed(text, failure.result, posed) from None
@@ -123,7 +123,7 @@ class LoadHistory:
             if solution.problem.before is not state:
                 judged = judge(solution.problem.evidence(solution.contact_force, solution.displacement, state))
                 solution = replace(solution, certificate=judged)
-            state = state.after(solution)
+            state = problem.after(state, solution)
             if problem.comm.rank == 0:
                 passed = "passed" if solution.certificate.passed else "FAILED"
                 _log.info("load step %d to %g s: certificate %s", state.number, state.time, passed)
@@ -131,6 +131,12 @@ class LoadHistory:
                 bar.show(1.0, f"{state.number} load steps")
             yield LoadStep(solution, state, halved)
             halved = 0
+
+    def _whole(self, time: float) -> float:
+        """Length of the load step in `times` that contains a time."""
+        ends = [self.start, *self.times]
+        number = min(int(np.searchsorted(ends, time)), len(self.times))
+        return float(ends[number] - ends[number - 1])
 
     def _repr_html_(self) -> str:
         rows = [(len(self.times), self.start, self.times[-1], self.tolerance, self.halvings)]
@@ -146,16 +152,10 @@ class LoadHistory:
         self, problem: ContactProblem, state: State, time: float, progress: ProgressCallback | None
     ) -> Solution:
         posed = self._posed(problem, state, time)
-        start = None
-        if state.number > 0:  # the forces before, in the present frames, and these extrapolated in time
-            forces = [state.force_on_body]
-            if state.before is not None:
-                ahead = (time - state.time) / (state.time - state.before.time)
-                forces.append(state.force_on_body + ahead * (state.force_on_body - state.before.force_on_body))
-            start = np.array([-posed.surface.force_components(one).ravel() for one in forces])
-            if self.solver is not None and not isinstance(self.solver, Automatic | SemismoothNewton):
-                start = start[0]
-        return posed.solve(self.tolerance, self.solver, progress, start)
+        starts = posed.starts(state)
+        if starts is not None and self.solver is not None and not isinstance(self.solver, Automatic | SemismoothNewton):
+            starts = starts[0]
+        return posed.solve(self.tolerance, self.solver, progress, starts)
 
     def run(
         self,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import ClassVar, Self, cast
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -18,6 +18,7 @@ from ..fem.bodies import (
     JoinedBodies,
     Load,
     Materials,
+    SingleBody,
     Spring,
     Support,
     ThermalLoad,
@@ -38,12 +39,14 @@ from ..solvers.interior_point import InteriorPoint
 from ..solvers.newton_systems import DenseSystem
 from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
+from ..supplied import supplied
 from . import notebook
 from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState
 from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
 from .input_echo import contacts_of, loads_of, supports_of
+from .load_step import State
 from .notebook import residuals_shown
 from .probes import Probe
 from .provenance import now, timed
@@ -52,6 +55,10 @@ from .solution import Solution, warn
 from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
 
 _log = logging.getLogger(__name__)
+
+
+KINEMATICS = ("small", "large")
+"""Theories of a problem."""
 
 
 class LinearSolveFailed(NotConverged):
@@ -140,6 +147,7 @@ class ContactProblem(DiscreteProblem):
             causes a warning, "warn".
         probes: Points at which displacement, slip and pressure are reported: `Solution.probes`, summary.json and
             history.csv.
+        kinematics: "small" for small strains, or "large" for large motions (`coulomb.kinematics.LargeMotions`).
 
     Attributes:
         body: The time-independent part: K, K^-1, A, contact faces and foundations.
@@ -152,6 +160,13 @@ class ContactProblem(DiscreteProblem):
     """
 
     silent: ClassVar[bool] = False
+    _of_meshes: ClassVar[Callable[..., SingleBody]] = Elasticity
+
+    def __new__(cls, *arguments: Any, kinematics: str = "small", **others: Any) -> Self:
+        if kinematics not in KINEMATICS:
+            raise ValueError(f'kinematics must be "small" or "large", but is {kinematics!r}')
+        kind = supplied["large"]() if kinematics == "large" and cls is ContactProblem else cls
+        return cast(Self, object.__new__(kind))
 
     def __init__(
         self,
@@ -174,6 +189,7 @@ class ContactProblem(DiscreteProblem):
         explicit: bool | None = None,
         small_strain: str = "enforce",
         probes: Sequence[Probe] = (),
+        kinematics: str = "small",
     ):
         mode, started = known_mode(small_strain), now()
         given: object = contact
@@ -200,13 +216,13 @@ class ContactProblem(DiscreteProblem):
                     *(mesh, *arguments, body_force, springs, body_force_amplitude, gravity, gravity_amplitude),
                     *(temperature, reference_temperature, temperature_amplitude),
                 )
-                return JoinedBodies(build_bodies(Elasticity, bodies))
+                return JoinedBodies(build_bodies(self._of_meshes, bodies))
             if isinstance(body_force, Mapping) or isinstance(gravity, Mapping) or isinstance(temperature, Mapping):
                 raise ValueError("body_force, gravity, temperature: by body only for the bodies of coulomb.join")
             thermal = None
             if temperature is not None:
                 thermal = ThermalLoad(temperature, reference_temperature, temperature_amplitude)
-            return Elasticity(
+            return self._of_meshes(
                 *(mesh, *arguments, body_force, springs, body_force_amplitude, gravity, gravity_amplitude, thermal)
             )
 
@@ -243,6 +259,21 @@ class ContactProblem(DiscreteProblem):
             problem, self.body, state, self.small_strain, self.started, {} if seconds is None else seconds, before
         )
         return problem
+
+    def starts(self, before: State) -> FloatArray | None:
+        """Forces in newtons to start a load step from: those of the state before in the present frames, and these
+        extrapolated in time, shapes (3 m,); None in the first one."""
+        if before.number == 0:
+            return None
+        forces = [before.force_on_body]
+        if before.before is not None:
+            ahead = (self.time - before.time) / (before.time - before.before.time)
+            forces.append(before.force_on_body + ahead * (before.force_on_body - before.before.force_on_body))
+        return np.array([-self.surface.force_components(one).ravel() for one in forces])
+
+    def after(self, before: State, solution: Solution) -> State:
+        """The state after a load step; collective."""
+        return before.after(solution)
 
     def solve(
         self,

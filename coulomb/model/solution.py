@@ -18,14 +18,15 @@ from ..arrays import FloatArray
 from ..fem.contact import face_samples
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
+from ..supplied import supplied
 from . import notebook
 from .certificate import Certificate
 from .discrete_problem import DiscreteProblem
+from .evidence import rounding_forces
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import ForceBalance, Resultant, force_balance, resultant_of_ground
 from .small_strain import SmallStrain, small_strain
-from .supplied import supplied
 
 _log = logging.getLogger(__name__)
 
@@ -77,6 +78,29 @@ class Solution:
     certificate: Certificate
 
     @property
+    def mean_compliance(self) -> float:
+        """Mean of diag(A) in metres per newton: the scale of the certificate."""
+        return self.problem.mean_compliance
+
+    @property
+    def methods(self) -> dict[str, Any]:
+        """By which the answer was found: the entry `method` of summary.json."""
+        problem = self.problem
+        changed = problem.body.stiffness.changed
+        return {
+            "solver": self.result.method,
+            "stiffness": problem.stiffness.solver.name,
+            "compliance": problem.A.name,
+            **({"changed": changed} if changed else {}),
+            "ranks": problem.comm.size,
+        }
+
+    @property
+    def change(self) -> FloatArray:
+        """The displacement in metres from the place at which gaps are measured, shape (k, 3)."""
+        return self.displacement
+
+    @property
     def function(self) -> Any:
         """The displacement in metres as a DOLFINx Function, of the only body; of a `Body` in the user's own space."""
         return self.problem.elasticity.alone.function(self.displacement)
@@ -108,7 +132,7 @@ class Solution:
             chord=surface.chord,
             area=surface.area,
             slip_origin=problem.state.slip_origin,
-            displacement=surface.rows(self.displacement),
+            displacement=surface.rows(self.change),
             force=self.contact_force.reshape(-1, 3),
             slip_bound=self.slip_bound,
             spins=problem.state.spins,
@@ -117,6 +141,16 @@ class Solution:
             opposite_x=surface.points.opposite_average(problem.elasticity.x),
             several=len(problem.elasticity.members) > 1,
         )
+
+    @property
+    def forces_at_nodes(self) -> dict[str, FloatArray]:
+        """The fields of solution.xdmf of loads and supports, and of bodies of the user's forms their internal forces,
+        shapes (k, 3); collective."""
+        u, body, loading = self.displacement, self.problem.elasticity, self.problem.loading
+        found = {"load": loading.load, "prescribed": loading.prescribed, "spring_force": body.spring_force(u)}
+        if body.forms() is not None:
+            found |= {"internal_force": body.internal_force(u), "rounding_force": rounding_forces(body, u)}
+        return found
 
     @cached_property
     def force_balance(self) -> ForceBalance:

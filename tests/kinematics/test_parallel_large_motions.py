@@ -14,7 +14,7 @@ def test_a_pressed_block_has_the_stress_of_the_formula():
     one = RubberBlock(
         lambda time, x: np.array([[0.0], [0.0], [-0.4 * time]]) + 0.0 * x, (4, 2, 2), components=(2,), rollers=True
     )
-    (step,) = LargeMotions(one.body, coulomb.Contact("bottom", friction=0.0)).steps(coulomb.LoadHistory([1.0]))
+    (step,) = coulomb.LoadHistory([1.0]).steps(LargeMotions(one.body, coulomb.Contact("bottom", friction=0.0)))
     side = brentq(lambda a: MU * (a - 1.0 / a) + LAME * np.log(a * a * 0.6) / a, 0.5, 2.0)
     stress = MU * (0.6 - 1.0 / 0.6) + LAME * np.log(side * side * 0.6) / 0.6
     assert step.solution.valid
@@ -30,7 +30,7 @@ def test_two_bodies_slide_past_each_other_as_on_one_rank():
         upper = RubberBlock(way, cells=(2, 1, 1), size=(0.8, 0.8, 0.5), at=(0.1, 0.1, 0.5), comm=comm)
         both = coulomb.join(lower=lower.body, upper=upper.body)
         contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.2)
-        *_, last = LargeMotions(both, contact).steps(coulomb.LoadHistory([1.0, 1.5]))
+        *_, last = coulomb.LoadHistory([1.0, 1.5]).steps(LargeMotions(both, contact))
         assert last.solution.valid
         return np.array(last.solution.at_nodes.totals()["force"])
 

@@ -2,13 +2,13 @@
 matrix K, the load f, and the nodal forces of a displacement.  Several bodies are joined into one.
 """
 
-from .body import LOCKING_ABOVE, STRESSES, ElasticBody
+from .body import LOCKING_ABOVE, STRESSES, ElasticBody, cell_measure
 from .constraints import HELD_OBLIQUE, HeldDirections, HeldNodes, Nodes, distributed_rows
 from .deformable import Deformable, Loading, Member, SingleBody
 from .displacement_space import DisplacementSpace
 from .elasticity import Elasticity, LoadedBody
 from .form_body import BilinearForm, Body, FormValues
-from .free_motions import FreeMotion, motions_in_words
+from .free_motions import FreeMotion, FreeMotions, motions_in_words
 from .garbage import free_earlier_bodies
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .loads import (

@@ -128,6 +128,10 @@ class ElasticBody(DisplacementSpace):
         s = self._stress(u)
         if change is not None:
             s = s - self._thermal_stress(change)
+        return self.stress_fields(s)
+
+    def stress_fields(self, s: Any) -> list[Any]:
+        """The `STRESSES` at the cells' midpoints, DG0 Functions, of a stress s of UFL."""
         W, W6 = (compat.functionspace(self.domain, 0, shape, family="DG") for shape in ((), (6,)))
         six = fem.Function(W6)
         six.interpolate(fem.Expression(ufl.as_vector([s[pair] for pair in PAIRS]), compat.interpolation_points(W6)))

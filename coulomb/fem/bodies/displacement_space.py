@@ -56,6 +56,11 @@ class DisplacementSpace:
         return self.domain.comm
 
     @property
+    def reference(self) -> FloatArray:
+        """Coordinates of this rank's nodes before deformation, in metres, shape (k, 3)."""
+        return self.x
+
+    @property
     def numbering(self) -> Numbering:
         index_map = self.V.dofmap.index_map
         return Numbering(index_map.local_range[0], index_map.size_local, index_map.size_global)

@@ -34,7 +34,7 @@ from .loads import (
     shown_range,
     vanishes,
 )
-from .materials import VECTORS, Materials, material_of_cells
+from .materials import VECTORS, Materials, by_group, material_of_cells
 from .mesh_components import mesh_components
 from .rigid_modes import component_modes, of_components, rigid_modes
 from .supports import Spring, Support, SupportedFace
@@ -98,9 +98,14 @@ class LoadedBody(ElasticBody, HeldSpace):
         load = np.zeros((self._owned, 3))
         for part in self.loads_at(time):
             load += part.forces
-        factors = [self._factor(support.amplitude, time, support.what) for support in self.supports]
-        prescribed = self._rows.displacement(np.array([0.0, *factors])[1 + self._rows.support] * self._values)
+        prescribed = self._rows.displacement(self.prescribed_values(time))
         return Loading(time, load, prescribed, self._temperature_at(time))
+
+    def prescribed_values(self, time: float) -> FloatArray:
+        """The prescribed displacements along the held directions at a time, metres; collective."""
+        factors = [self._factor(support.amplitude, time, support.what) for support in self.supports]
+        values: FloatArray = np.array([0.0, *factors])[1 + self._rows.support] * self._values
+        return values
 
     def blocked_displacement(self, loading: Loading) -> float:
         return 0.0 if loading.temperature is None else loading.temperature.displacement
@@ -294,6 +299,11 @@ class Elasticity(LoadedBody, SingleBody):
     """
 
     def _assemble_stiffness(self) -> None:
+        for _, material in by_group(self.materials or {}):
+            if hasattr(material, "law"):
+                raise ValueError(
+                    f'material: {material!r} is for large motions: ContactProblem(..., kinematics="large")'
+                )
         trial = ufl.TrialFunction(self.V)
         form = fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx)
         self._K = assembled_matrix(form, self.V)

@@ -6,13 +6,14 @@ import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self, cast
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
+from ...supplied import supplied
 from .. import compat, compat_forms
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
@@ -180,11 +181,16 @@ class Body(SingleBody):
         update: Called with the time before anything is evaluated at that time, also for earlier times again; it sets
             coefficients, constants and boundary values, which must depend on the time alone.
         space: The function space of compiled forms, for results in the user's own space.
+        energy, residual, displacement: In place of a and L for large motions: `coulomb.kinematics.NonlinearBody`.
 
     Raises:
         ValueError: On every rank, if a form, a space, a boundary condition or a face is none that can be used, if a is
             not symmetric.
     """
+
+    def __new__(cls, *arguments: Any, **named: Any) -> Self:
+        large = cls is Body and not {"energy", "residual", "displacement"}.isdisjoint(named)
+        return cast(Self, object.__new__(supplied["nonlinear_body"]() if large else cls))
 
     def __init__(
         self,
@@ -309,7 +315,7 @@ class Body(SingleBody):
         """None: which stress belongs to a is not known; see `Solution.write`."""
         return []
 
-    def forms(self) -> Mapping[str, Any]:
+    def forms(self) -> Mapping[str, Any] | None:
         """What can be recorded of the forms: signatures of those of UFL, degree of the space, constants, conditions."""
         return {
             **self._signatures,
@@ -329,24 +335,35 @@ class Body(SingleBody):
             self._present.time = time
 
     def _stiff(self, values: FormValues) -> _Stiffness:
-        comm, modes = self.mesh.comm, rigid_modes(self.x, self.mesh.comm)
         K = self._a.matrix(values)
         refuse_unsymmetric(K, self.x, self._a.suspects(values))
         diagonal = K.getDiagonal()
-        stiff, noise = float(diagonal.max()[1]), 1e-12 * float(diagonal.norm())
         alone = diagonal.array.reshape(-1, 3).copy()
-        ground = np.stack([self._a.residual(values, modes[:, :, j]) for j in range(6)], axis=2)
-        sizes = np.sqrt(comm.allreduce(np.einsum("kcj,kcj->j", ground, ground), op=MPI.SUM))
-        limit = _FREE * comm.allreduce(len(self.x), op=MPI.SUM)
-        own, parts = component_modes(self.x, self._component, comm)
-        forces = self.held_part(own) + of_components(ground / stiff, self.x, self._component, parts, comm)
-        free = free_motions(self.x, self._component, forces, limit, self.anchor_places, comm)
+        ground, free = self._resistance(values, float(diagonal.max()[1]), 1e-12 * float(diagonal.norm()))
         anchoring = free.anchored(self.x.shape) * alone
         diagonal.array[:] += anchoring.ravel()
         K.setDiagonal(diagonal)
         diagonal.destroy()
         K, held = self.eliminated(K)
-        return _Stiffness(values, K, held, ground if np.max(sizes) > noise else None, alone, free, anchoring)
+        return _Stiffness(values, K, held, ground, alone, free, anchoring)
+
+    def _resistance(self, values: FormValues, stiff: float, noise: float) -> tuple[FloatArray | None, FreeMotions]:
+        """Nodal forces of the rigid modes, None if they are rounding errors, below `noise`, and the motions that
+        neither they nor held directions resist; `stiff` is the largest entry of the diagonal, N/m; collective."""
+        comm, modes = self.mesh.comm, rigid_modes(self.x, self.mesh.comm)
+        ground = np.stack([self._a.residual(values, modes[:, :, j]) for j in range(6)], axis=2)
+        sizes = np.sqrt(comm.allreduce(np.einsum("kcj,kcj->j", ground, ground), op=MPI.SUM))
+        free = self._free_against(ground / stiff)
+        return ground if np.max(sizes) > noise else None, free
+
+    def _free_against(self, ground: FloatArray) -> FreeMotions:
+        """The rigid motions that neither nodal forces of the rigid modes, (k, 3, 6), nor held directions resist;
+        collective."""
+        comm = self.mesh.comm
+        limit = _FREE * comm.allreduce(len(self.x), op=MPI.SUM)
+        own, parts = component_modes(self.x, self._component, comm)
+        forces = self.held_part(own) + of_components(ground, self.x, self._component, parts, comm)
+        return free_motions(self.x, self._component, forces, limit, self.anchor_places, comm)
 
 
 def _signature(form: Any) -> str | None:

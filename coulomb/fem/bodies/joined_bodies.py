@@ -20,8 +20,8 @@ from ..geometry import Amplitude, Coefficient, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh
 from .constraints import HeldDirections, Numbering, distributed_rows
 from .deformable import Deformable, Loading, Member, SingleBody
-from .displacement_space import INTERPOLATION, attach_interpolation, attach_rigid_body_modes
-from .elasticity import LoadedBody, refuse_others
+from .displacement_space import INTERPOLATION, HeldSpace, attach_interpolation, attach_rigid_body_modes
+from .elasticity import refuse_others
 from .free_motions import FreeMotions, joined_motions
 from .loads import AppliedLoad, Load, NodalForces, ThermalLoad, joined_temperatures
 from .materials import AnyMaterial, Materials, by_group
@@ -30,7 +30,7 @@ from .supports import Spring, Support
 
 Acting = TypeVar("Acting")
 Value = TypeVar("Value")
-Kind = TypeVar("Kind", bound=LoadedBody)
+Kind = TypeVar("Kind", bound=HeldSpace)
 
 NOTHING = (0.0, 0.0, 0.0)
 
@@ -99,8 +99,8 @@ def distributed_bodies(
     return bodies
 
 
-def build_bodies(kind: type[Kind], bodies: Mapping[str, BodyArguments]) -> dict[str, Kind]:
-    """Every body as a `LoadedBody` or an `Elasticity`; errors with the name of the body; collective."""
+def build_bodies(kind: Callable[..., Kind], bodies: Mapping[str, BodyArguments]) -> dict[str, Kind]:
+    """Every body as an object of a kind, as `Elasticity`; errors with the name of the body; collective."""
     found = {}
     for name, given in bodies.items():
         try:

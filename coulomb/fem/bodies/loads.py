@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
@@ -112,10 +113,15 @@ class Pressure:
     kind = "pressure"
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
-        facets, values = mesh.facets(self.face, self.kind), np.zeros(len(body.x))
-        nodes = body.nodes_of(facets)
-        values[nodes] = evaluate_signed_numbers(self.value, body.x[nodes], load_title(self), mesh.comm)
-        return body.pressure_load(values, facets)
+        facets = mesh.facets(self.face, self.kind)
+        return body.pressure_load(self.nodal_values(body, facets), facets)
+
+    def nodal_values(self, body: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FloatArray:
+        """The pressure at this rank's nodes of the facets, 0 at others, pascals, shape (k,); errors as of
+        `nodal_force`; collective."""
+        values, nodes = np.zeros(len(body.x)), body.nodes_of(facets)
+        values[nodes] = evaluate_signed_numbers(self.value, body.x[nodes], load_title(self), body.comm)
+        return values
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from ...case.case import Case
 from ...linalg.reductions import Reductions
 from ...model.load_step import Energy, Forces, Moment, coefficients_work, row
 from ..history_summary import whole
@@ -29,7 +30,7 @@ from .contact_nodes import Start
 from .recomputation import Variant
 from .run import Findings, as_recorded, check_run, step_of, unread, verdict
 
-_TIMES = ("pending", "halvings")  # of a step: `_check_times`
+_TIMES = ("pending", "halvings")  # of a step: `check_times`
 
 
 @dataclass(frozen=True)
@@ -80,31 +81,6 @@ class StepFindings:
         return f"{line} certificate passed, files agree" if self.passed else f"{line} FAILED\n{self.details}"
 
 
-def check(directory: str | Path, say: Callable[[str], None] = lambda line: None) -> Findings | HistoryFindings:
-    """Check what a run, a load history or one of its steps has written, on one rank.
-
-    Mesh, displacement and contact forces are read, and the certificate is computed from them.  All written data that
-    follow from these are recomputed and compared: the fields of solution.xdmf and contact.xdmf and the numbers of
-    summary.json; for a load history each step relative to the step before, and the files of the whole history.  If
-    there is a case.json, the input data are compared with the case: law and coefficients, materials, supports, springs,
-    loads, the nodes of the contact face, their normals and gaps.  Data that could not be compared are listed.
-
-    Args:
-        directory: Its directory.
-        say: Called with the result of each step of a history.
-
-    Raises:
-        ValueError: If a file is missing, cannot be read, or does not match the others.
-    """
-    folder, files = Path(directory), RunDirectory(Path(directory))
-    try:
-        if files.is_history:
-            return check_history(folder, say)
-        return check_step(folder) if files.step_number is not None else check_run(folder, CaseReference.of(folder))
-    except (KeyError, TypeError, IndexError, AttributeError) as error:  # entries of wrong type or structure
-        raise ValueError(f"{folder}: is incomplete, or written by another version of coulomb: {error!r}") from None
-
-
 def check_step(folder: Path) -> Findings:
     """Check one load step in its history, relative to the step before, which must be there."""
     files = RunDirectory(folder)
@@ -121,7 +97,7 @@ def check_step(folder: Path) -> Findings:
 def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) -> HistoryFindings:
     """Check a load history, step by step (`check`)."""
     case, files = CaseReference.of(folder), RunDirectory(folder)
-    complete, trusted = _complete(files)
+    complete, trusted = complete_steps(files)
     found, summaries, steps, named = Comparison(), [], [], list[str]()
     chain = _Chain(case)
     for number in range(1, complete + 1):
@@ -136,15 +112,15 @@ def check_history(folder: Path, say: Callable[[str], None] = lambda line: None) 
         steps.append(StepFindings(number, time, findings.passed, findings.recorded, findings.faults, details))
         say(str(steps[-1]))
         summaries.append(findings.run.summary)
-    named += _check_series(files, summaries, found)
-    trusted += _check_times(case, summaries, found)
+    named += check_series(files, summaries, found)
+    trusted += check_times(None if case is None else case.settings, summaries, found)
     if case is None or case.absent:
         trusted.append("taken as written, without the load at the start: the energies of the first step")
     trusted.append(as_recorded(list(dict.fromkeys(named))))
     return HistoryFindings(tuple(steps), tuple(found.faults), tuple(trusted))
 
 
-def _complete(files: RunDirectory) -> tuple[int, list[str]]:
+def complete_steps(files: RunDirectory) -> tuple[int, list[str]]:
     """Number of complete steps, and messages on an incomplete last one; ValueError if one before is missing."""
     begun = files.begun_steps
     complete = [number for number in begun if files.step(number).summary.is_file()]
@@ -257,10 +233,10 @@ def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
         found.field("contact.xdmf: initial_gap", now.nodes.gap[here], expected, x, source, floor=floor)
 
 
-def _check_times(case: CaseReference | None, summaries: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
+def check_times(settings: Case | None, summaries: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
     """Check the last time; returns messages on steps still to be taken."""
-    history = case.settings.history if case is not None else None
-    if case is not None and history is None:
+    history = settings.history if settings is not None else None
+    if settings is not None and history is None:
         found.fault("case.json: has no [history], but there are load steps")
     left = None if history is None else set(history.ends)
     for summary in summaries:
@@ -281,7 +257,7 @@ def _check_times(case: CaseReference | None, summaries: Sequence[dict[str, Any]]
     return [f"not finished: {len(left)} load steps are still to be taken"] if left else []
 
 
-def _check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
+def check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
     """Compare history.csv, summary.json and the time series with the steps; names what could not be compared."""
     rows = [summary["step"]["row"] for summary in summaries]
     lines = files.read_history()

@@ -192,8 +192,10 @@ def automatic_scale(run: Run) -> float:
     """A round factor that shows the largest displacement of a run as a twentieth of the body's size.
 
     It is smaller for thin bodies, which would be turned inside out: strains shown are at most one half, except in the
-    hundredth of the cells with the largest strains.
+    hundredth of the cells with the largest strains.  Large motions are shown as they are.
     """
+    if run.summary.get("method", {}).get("kinematics") == "large":
+        return 1.0
     largest, stretch, size = 0.0, 0.0, 1.0
     for step in run.steps:
         body = step.grid("solution")

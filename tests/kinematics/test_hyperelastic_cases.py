@@ -1,0 +1,257 @@
+"""Large motions from meshes and case files: materials, loads, run directory, resumed runs, `coulomb check`."""
+
+import csv
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+from conftest import run_coulomb
+from rubber_blocks import LAME, MU
+from scipy.optimize import brentq
+
+import coulomb
+from coulomb import Contact, ContactProblem, LoadHistory, PrescribedDisplacement, SymmetryPlane
+from coulomb.case.case import read_case
+from coulomb.io.recheck import check
+from coulomb.kinematics import MooneyRivlin, NeoHookean, StVenantKirchhoff
+
+UP = [(0.0, 0.0), (1.0, 1.0)]
+RUBBER = NeoHookean(1e6, 0.3)
+SMOOTH = Contact("bottom", friction=0.0)
+ROLLERS = [SymmetryPlane("left"), SymmetryPlane("front")]
+DRAWN = """\
+[mesh]
+box = [1.0, 0.5, 0.5]
+cells = [4, 1, 2]
+[material]
+law = "neo-hookean"
+young = 1e6
+poisson = 0.3
+[[prescribed_displacement]]
+face = "top"
+value = [0.0, 0.0, -0.1]
+components = "yz"
+amplitude = [[0.0, 0.0], [1.0, 1.0]]
+[[prescribed_displacement]]
+face = "top"
+value = [0.4, 0.0, 0.0]
+components = "x"
+amplitude = [[1.0, 0.0], [2.0, 1.0]]
+[contact]
+face = "bottom"
+friction = 0.3
+[contact.foundation]
+shape = "cylinder"
+point = [0.5, 0.0, -2.0]
+axis = [0.0, 1.0, 0.0]
+radius = 2.0
+[solver]
+kinematics = "large"
+[history]
+times = [0.5, 1.0, 1.5, 2.0]
+[output]
+picture = false
+"""
+
+
+def block(material, supports, loads=(), cells=(1, 1, 1), contact=SMOOTH, **others):
+    mesh = coulomb.box((1.0, 1.0, 1.0), cells)
+    return ContactProblem(mesh, material, supports, contact, loads, kinematics="large", **others)
+
+
+def pressed(depth):
+    return [*ROLLERS, PrescribedDisplacement("top", (0.0, 0.0, -depth), "z", amplitude=UP)]
+
+
+def last(problem, times=(0.5, 1.0)):
+    *_, step = LoadHistory(times).steps(problem)
+    assert step.solution.certificate.passed
+    return step
+
+
+def side(stretch):
+    """Of a neo-Hookean bar with free sides."""
+    return brentq(lambda a: MU * (a - 1.0 / a) + LAME * np.log(a * a * stretch) / a, 0.5, 2.0)
+
+
+def stress(stretch):
+    return MU * (stretch - 1.0 / stretch) + LAME * np.log(side(stretch) ** 2 * stretch) / stretch
+
+
+def test_materials_have_the_stresses_of_their_formulas():
+    """Nominal stress from the contact force, and Cauchy stress in the cells."""
+    step = last(block(RUBBER, pressed(0.4)))
+    assert step.row["force_z"] == pytest.approx(-stress(0.6), rel=1e-7)
+    body = step.solution.problem.elasticity.alone
+    fields = {one.name: one.x.array for one in body.cell_fields(step.solution.function, step.solution.problem.loading)}
+    assert fields["stress_zz"] == pytest.approx(stress(0.6) / side(0.6) ** 2, rel=1e-7)
+    hooke, expected = coulomb.Material(1e6, 0.3), 0.5e6 * 0.8 * (0.8**2 - 1.0)
+    for material in (hooke, StVenantKirchhoff(1e6, 0.3)):
+        assert last(block(material, pressed(0.2))).row["force_z"] == pytest.approx(-expected, rel=1e-7)
+    soft = MooneyRivlin(3e5, 1e5, 3e9)
+    incompressible = 2.0 * (0.8 - 0.8**-2) * (3e5 + 1e5 / 0.8)
+    assert last(block(soft, pressed(0.2))).row["force_z"] == pytest.approx(-incompressible, rel=1e-3)
+    assert soft.young == pytest.approx(3.0 * 2.0 * 4e5, rel=1e-3) and soft.poisson == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_pressure_follows_the_surface_beside_a_dead_load_and_a_spring():
+    """Stress times undeformed area is traction, plus pressure times the area as it has become, plus the spring's."""
+    loads = [coulomb.Pressure("top", 6e4, UP), coulomb.Traction("top", (0.0, 0.0, -3e4), UP)]
+    step = last(block(RUBBER, ROLLERS, loads, springs=[coulomb.Spring("top", (0.0, 0.0, 1e5))]))
+    stretch = brentq(lambda s: stress(s) + 6e4 * side(s) ** 2 + 3e4 - 1e5 * (1.0 - s), 0.5, 1.0)
+    assert step.row["force_z"] == pytest.approx(-stress(stretch), rel=1e-7)
+    balance = step.solution.force_balance
+    pressure, traction = (next(one for one in balance.loads if one.kind == kind) for kind in ("pressure", "traction"))
+    (spring,) = (one for one in balance.reactions if one.kind == "spring")
+    assert pressure.force[2] == pytest.approx(-6e4 * side(stretch) ** 2, rel=1e-7)
+    assert traction.force[2] == pytest.approx(-3e4) and spring.force[2] == pytest.approx(
+        1e5 * (1.0 - stretch), rel=1e-6
+    )
+    assert balance.balance < 1e-7
+    energy = step.state.energy
+    assert energy.elastic == pytest.approx(energy.loads, rel=0.05)  # by the trapezoidal rule in two steps
+
+
+def test_a_prescribed_rotation_is_a_rotation():
+    turn = coulomb.PrescribedRotation("top", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.5 * np.pi, UP)
+    far = Contact("bottom", 0.3, foundation=coulomb.Plane((0.0, 0.0, -9.0), (0.0, 0.0, 1.0)))
+    step = last(block(RUBBER, [turn], contact=far, cells=(2, 1, 1)), [0.5, 1.0])
+    x = step.solution.problem.elasticity.alone.reference
+    assert step.solution.displacement == pytest.approx(np.column_stack([x[:, 2], x[:, 1], -x[:, 0]]) - x, abs=1e-9)
+    assert step.state.energy.elastic < 1e-9
+
+
+def test_groups_of_cells_have_their_own_laws():
+    """A soft and a stiff half in a row carry the same force."""
+    mesh = coulomb.box((1.0, 1.0, 1.0), (1, 1, 2))
+    halves = (
+        mesh.domain.geometry.x[mesh.domain.geometry.dofmap.links(0)]
+        if hasattr(mesh.domain.geometry.dofmap, "links")
+        else None
+    )
+    if halves is None:
+        halves = mesh.domain.geometry.x[mesh.domain.geometry.dofmap[0]]
+    low = 0 if halves[:, 2].mean() < 0.5 else 1
+    mesh = coulomb.NamedMesh(
+        mesh.domain, mesh.faces, {"low": np.array([low], np.int32), "high": np.array([1 - low], np.int32)}
+    )
+    problem = ContactProblem(
+        mesh, {"low": RUBBER, "high": StVenantKirchhoff(1e6, 0.3)}, pressed(0.2), SMOOTH, kinematics="large"
+    )
+    step = last(problem)
+    (force,) = -np.array([step.row["force_z"]])
+    low_stretch = brentq(lambda s: stress(s) - force, 0.5, 1.0)
+    high_stretch = brentq(lambda s: 0.5e6 * s * (s * s - 1.0) - force, 0.7, 1.0)
+    assert 0.5 * (low_stretch + high_stretch) == pytest.approx(0.8, abs=1e-2)  # the sides are not free of each other
+
+
+def test_energies_add_up_to_first_order_in_the_step(tmp_path):
+    (tmp_path / "case.toml").write_text(DRAWN)
+    case = read_case(tmp_path / "case.toml")
+    left = []
+    for count in (16, 32):
+        states = [step.state.energy for step in LoadHistory(np.linspace(0.0, 2.0, count + 1)[1:]).steps(case.problem())]
+        assert np.all(np.diff([0.0, *(one.dissipated for one in states)]) >= -1e-6 * states[-1].dissipated)
+        left.append(states[-1].imbalance / states[-1].dissipated)
+    assert abs(left[0]) < 0.05 and left[1] == pytest.approx(0.5 * left[0], rel=0.2)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A directory with the case, and the whole run in results."""
+    folder = tmp_path_factory.mktemp("large")
+    (folder / "case.toml").write_text(DRAWN)
+    done = run_coulomb("run", "case.toml", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "linear problems" in done.stdout and "all 4 load steps certified" in done.stdout
+    return folder
+
+
+def rows(folder):
+    with (folder / "history.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_run_that_is_cut_short_resumes_with_the_same_numbers(run, tmp_path):
+    shutil.copytree(run / "results", tmp_path / "results")
+    for number in (3, 4):
+        shutil.rmtree(tmp_path / "results" / "steps" / f"000{number}")
+    done = run_coulomb("resume", tmp_path / "results")
+    assert done.returncode == 0, done.stderr
+    for here, there in zip(rows(run / "results"), rows(tmp_path / "results"), strict=True):
+        for name, value in there.items():
+            if name.startswith(("force", "normal_force", "energy", "prescribed")):
+                assert float(here[name]) == pytest.approx(float(value), rel=1e-7, abs=1e-3)
+
+
+def test_check_finds_what_was_changed(run, tmp_path):
+    found = check(run / "results")
+    assert found.passed and [step.passed for step in found.steps] == [True] * 4
+    for step, file, field, fault in (
+        (1, "contact", "slip", "slip"),
+        (2, "solution", "von_mises_stress", "von_mises_stress"),
+        (3, "contact", "contact_force", "equilibrium"),
+        (4, "solution", "displacement", "equilibrium"),
+    ):
+        folder = tmp_path / f"{step}"
+        shutil.copytree(run / "results", folder)
+        with h5py.File(folder / "steps" / f"000{step}" / f"{file}.h5", "r+") as data:
+            group = data["Function"][field]
+            values = group[next(iter(group))]
+            changed = values[()]
+            largest = np.unravel_index(np.argmax(np.abs(changed)), changed.shape)
+            changed[largest] *= 1.0 + 1e-4
+            values[...] = changed
+        found = check(folder)
+        assert not found.passed and [one.passed for one in found.steps][: step - 1] == [True] * (step - 1)
+        assert fault in found.steps[step - 1].details
+
+
+def test_a_body_of_an_energy_and_problem_and_history_by_their_usual_names():
+    from coulomb.fem.compat import fem, ufl
+    from coulomb.kinematics import LargeMotions, NonlinearBody, neo_hookean
+
+    mesh = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1))
+    V = coulomb.Elasticity(mesh, coulomb.Material(1e6, 0.3), []).V
+    u, g = fem.Function(V, name="displacement"), fem.Function(V)
+    g.interpolate(lambda x: np.array([0.0 * x[0], 0.0 * x[0], -0.1 + 0.0 * x[0]]))
+    bc = fem.dirichletbc(g, fem.locate_dofs_topological(V, 2, mesh.facets("top", "test")))
+    body = coulomb.Body(energy=neo_hookean(u, MU, LAME) * ufl.dx, displacement=u, bcs=[bc], faces=mesh)
+    problem = ContactProblem(body, Contact("bottom", 0.3), kinematics="large")
+    assert isinstance(body, NonlinearBody) and isinstance(problem, LargeMotions)
+    assert problem.solve().valid and np.abs(u.x.array).max() == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ("solver.kinematics='small'", "is for large motions"),
+        ("history.times=[]", "history"),
+        ("material.poisson=[0.3, 0.3, 0.3]", "one number each"),
+        ("material.law='mooney-rivlin'", "c1 is missing"),
+        ("material.c1=1e5", "c1 does not belong to"),
+        ("material.law='ogden'", "neo-hookean"),
+        ("contact.gap=1e-3", "describe the undeformed place"),
+        ("contact.region=[{box=[[0,0,0],[1,1,1]], friction=0.1}]", "function of place"),
+        ("temperature={value=20.0}", "temperature"),
+    ],
+)
+def test_wrong_cases(change, message, tmp_path):
+    (tmp_path / "case.toml").write_text(DRAWN)
+    done = run_coulomb("check-case", "case.toml", "--set", change, cwd=tmp_path)
+    assert done.returncode == 2 and message in " ".join(done.stderr.split()), done.stderr
+
+
+def test_wrong_input():
+    mesh = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1))
+    with pytest.raises(ValueError, match="is for large motions"):
+        ContactProblem(mesh, RUBBER, ROLLERS, SMOOTH)
+    with pytest.raises(ValueError, match='kinematics must be "small" or "large"'):
+        ContactProblem(mesh, RUBBER, ROLLERS, SMOOTH, kinematics="finite")
+    with pytest.raises(ValueError, match="c1 \\+ c2 must be > 0"):
+        MooneyRivlin(0.0, 0.0, 1e9)
+    with pytest.raises(ValueError, match="bulk must be a number of pascals, not negative"):
+        MooneyRivlin(1e5, 0.0, -1e9)
+    with pytest.raises(ValueError, match="material of large motions must be"):
+        block(coulomb.OrthotropicMaterial((1e6,) * 3, (0.3,) * 3, (4e5,) * 3), ROLLERS)
