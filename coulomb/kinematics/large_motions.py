@@ -298,7 +298,8 @@ class LargeMotions(ContactProblem):
             self._answer(here, x, whole, evidence, certificate, tuple(sizes)),
             by={**linear.methods, "kinematics": "large", "linear_problems": len(results)},
         )
-        for text in answer.small_strain.warnings if self.comm.rank == 0 else ():
+        warnings = answer.small_strain.warnings
+        for text in warnings if self.comm.rank == 0 else ():
             _log.warning("at %g s: %s", self.time, text)
         return answer
 
