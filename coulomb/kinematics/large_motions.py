@@ -275,17 +275,19 @@ class LargeMotions:
         return LargeSolution(time, here.u, x, certificate, tuple(sizes), at, facets)
 
     def _solved(self, here: Iterate, x: FloatArray, tolerance: float) -> Solution:
-        """The linear problem; with a positive definite matrix in place of a tangent that is none; collective."""
-        given = here.body
+        """The linear problem; with a positive definite matrix in place of a tangent that is none, or is so nearly
+        singular that the answer is inaccurate, as that of a thin strip that only contact holds; collective."""
+        given, why = here.body, ""
         for remedy in (here.tangent, here.supported, here.made_positive):
             body = remedy(given, x)
             if body is not here.body:
                 here.pose(body)
             try:
                 return here.problem.solve(tolerance, start=x)
-            except NotPositiveDefinite as failure:
-                _log.info("%s", failure)
-        raise StepCut("the tangent is not positive definite even if that of every cell is")
+            except (NotPositiveDefinite, NotConverged) as failure:
+                why = str(failure)
+                _log.info("%s", why)
+        raise StepCut(f"no answer, even with a tangent that is positive in every cell: {why}")
 
     def _moved(self, here: Iterate, du: FloatArray, state: LargeState, start: FaceMotion) -> Iterate | None:
         """The iterate after a change of the displacement; None if it turns an element inside out."""
