@@ -19,7 +19,8 @@ class RubberBlock:
 
     `rollers` hold the component of the planes x = 0 and y = 0 that is normal to them.  `shape` maps the points (k, 3)
     of the box to those of the body, whose faces keep their names.  `loads` are dead ones: of a face the force in
-    newtons (3,) at a time, uniform over the face.
+    newtons (3,) at a time, uniform over the face.  `energy` is that per volume of the displacement, `skin` one per area
+    of the bottom, of the displacement and the normals.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class RubberBlock:
         shape=lambda x: x,
         loads=None,
         energy=lambda u: neo_hookean(u, MU, LAME),
+        skin=None,
         given="energy",
         comm=MPI.COMM_WORLD,
     ):
@@ -51,9 +53,15 @@ class RubberBlock:
             self.conditions += [self.condition(self.on(axis, self.low[axis]), axis) for axis in (0, 1)]
         self.domain.geometry.x[:] = shape(self.domain.geometry.x)
         form = energy(self.u) * ufl.dx(metadata={"quadrature_degree": 3 if degree == 1 else 5})
-        self.loads = [self.load(faces[face], force) for face, force in (loads or {}).items()]
-        for traction, ds, _ in self.loads:
-            form -= ufl.dot(traction, self.u) * ds
+        ds, self.loads = self.measure(faces), []
+        for face, force in (loads or {}).items():
+            traction = fem.Constant(self.domain, np.zeros(3))
+            self.loads.append((traction, force, self.area(ds(list(FACES).index(face)))))
+            form -= ufl.dot(traction, self.u) * ds(list(FACES).index(face))
+        if skin is not None:
+            form += skin(self.u, ufl.FacetNormal(self.domain)) * ds(
+                list(FACES).index("bottom"), {"quadrature_degree": 3}
+            )
         if given == "residual":
             form = ufl.derivative(form, self.u, ufl.TestFunction(self.V))
         self.body = NonlinearBody(
@@ -66,8 +74,8 @@ class RubberBlock:
 
     def update(self, way, time):
         self.g.interpolate(lambda x: way(time, x))
-        for traction, _, pressure in self.loads:
-            traction.value[:] = pressure(time)
+        for traction, force, area in self.loads:
+            traction.value[:] = np.asarray(force(time)) / area
 
     def on(self, axis, place):
         return mesh.locate_entities_boundary(self.domain, 2, lambda x: np.isclose(x[axis], place))
@@ -75,10 +83,13 @@ class RubberBlock:
     def condition(self, facets, component):
         return fem.dirichletbc(self.g.sub(component), fem.locate_dofs_topological(self.V.sub(component), 2, facets))
 
-    def load(self, facets, force):
-        """The traction on a face, its measure, and the values of a time."""
-        tags = mesh.meshtags(self.domain, 2, np.sort(facets), np.ones(len(facets), dtype=np.int32))
-        ds = ufl.Measure("ds", domain=self.domain, subdomain_data=tags)(1)
-        local = fem.assemble_scalar(fem.form(fem.Constant(self.domain, 1.0) * ds))
-        area = self.domain.comm.allreduce(local)
-        return fem.Constant(self.domain, np.zeros(3)), ds, lambda time: np.asarray(force(time)) / area
+    def measure(self, faces):
+        facets = np.concatenate(list(faces.values()))
+        number = np.repeat(np.arange(len(faces), dtype=np.int32), [len(one) for one in faces.values()])
+        order = np.argsort(facets)
+        tags = mesh.meshtags(self.domain, 2, facets[order], number[order])
+        return ufl.Measure("ds", domain=self.domain, subdomain_data=tags)
+
+    def area(self, ds):
+        here = fem.assemble_scalar(fem.form(fem.Constant(self.domain, 1.0) * ds))
+        return self.domain.comm.allreduce(here)

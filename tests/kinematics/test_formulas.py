@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from rubber_blocks import RubberBlock
+from rubber_blocks import LAME, MU, RubberBlock
 from scipy.optimize import brentq
 
 import coulomb
-from coulomb.fem.compat import ufl
-from coulomb.kinematics import LargeMotions, neo_hookean
+from coulomb.fem.compat import fem, ufl
+from coulomb.kinematics import LargeMotions, neo_hookean, st_venant_kirchhoff
 
 DRUM = coulomb.Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0)
 """Of the belts: of radius 1, along y."""
@@ -18,17 +18,33 @@ def answers(body, contacts, times, **history):
     return [step.solution for step in problem.steps(coulomb.LoadHistory(times, **history))]
 
 
+def turning(angle):
+    """About the y axis, by an angle in degrees."""
+    return coulomb.Rotation((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), lambda time: np.radians(angle(time)))
+
+
 def bent(x):
     """A box on the drum: the first coordinate is the angle from its top, the third the height above it."""
     angle, radius = x[:, 0], 1.0 + x[:, 2]
     return np.column_stack([radius * np.sin(angle), x[:, 1], radius * np.cos(angle)])
 
 
-def belt(friction, angle, cells, thickness=0.01, width=0.1, strain=1e-3):
-    """T2/T1 of a rubber belt on a drum that turns under it, and its last answer: the end on the top is held along the
-    belt, at the other end there is a load, and soft springs hold what contact would have to hold first."""
-    young = 1e6
-    load = young * thickness * width * strain * np.array([np.cos(angle), 0.0, -np.sin(angle)])
+def slid(one, friction):
+    """The answer of a belt on a drum that turns under it until all of it slides."""
+    rotation = turning(lambda time: max(time - 1.0, 0.0))
+    contact = coulomb.Contact("bottom", friction=friction, foundation=DRUM, rotation=rotation)
+    *_, last = answers(one.body, contact, [1.0, 2.0])
+    force = last.contact_force.reshape(-1, 3)
+    assert last.valid
+    assert np.linalg.norm(force[:, 1:], axis=1) == pytest.approx(friction * force[:, 0], rel=1e-6)
+    return last
+
+
+def belt(friction, angle, cells, thickness=0.01):
+    """T2/T1 of a belt of rubber: its end on the top of the drum is held along the belt, on the other there is a load.
+    Soft springs hold what contact would have to hold first."""
+    young, width = 1e6, 0.1
+    load = 1e-3 * young * thickness * width * np.array([np.cos(angle), 0.0, -np.sin(angle)])
     one = RubberBlock(
         cells=(cells, 1, 1),
         size=(angle, width, thickness),
@@ -39,14 +55,16 @@ def belt(friction, angle, cells, thickness=0.01, width=0.1, strain=1e-3):
         loads={"right": lambda time: min(time, 1.0) * load},
         energy=lambda u: neo_hookean(u, 0.5 * young, 0.0) + 0.5e-5 * young * ufl.inner(u, u),
     )
-    turning = coulomb.Rotation((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), lambda time: 0.02 * max(time - 1.0, 0.0))
-    contact = coulomb.Contact("bottom", friction=friction, foundation=DRUM, rotation=turning)
-    *_, last = answers(one.body, contact, [1.0, 2.0])
-    force = last.contact_force.reshape(-1, 3)
-    assert last.valid
-    assert np.linalg.norm(force[:, 1:], axis=1) == pytest.approx(friction * force[:, 0], rel=1e-6)  # all of it slides
-    held = -(last.force_on_body.sum(axis=0) + load)
-    return np.linalg.norm(held) / np.linalg.norm(load), last
+    held = -(slid(one, friction).force_on_body.sum(axis=0) + load)
+    return np.linalg.norm(held) / np.linalg.norm(load)
+
+
+def membrane(u, n):
+    """Half of the square of Green's strain in the plane with normals n."""
+    P = ufl.Identity(3) - ufl.outer(n, n)
+    F = (ufl.Identity(3) + ufl.grad(u)) * P
+    strain = 0.5 * (F.T * F - P)
+    return 0.5 * ufl.inner(strain, strain)
 
 
 def of_thin(friction, thickness):
@@ -60,10 +78,101 @@ def of_thin(friction, thickness):
 def test_a_belt_on_a_drum_has_the_forces_of_the_formula(friction):
     """T2 = T1 exp(F angle), but for the thickness; with it the error of the mesh is of second order."""
     angle = 0.5 * np.pi
-    ratios = np.array([belt(friction, angle, cells)[0] for cells in (8, 16)])
+    ratios = np.array([belt(friction, angle, cells) for cells in (8, 16)])
     assert ratios == pytest.approx(np.exp(friction * angle), rel=0.01)
     errors = ratios / np.exp(of_thin(friction, 0.01) * angle) - 1.0
     assert errors[1] < 2e-3 and errors[0] / errors[1] == pytest.approx(4.0, rel=0.15)
+
+
+def test_a_string_on_a_drum_has_the_forces_of_the_formula():
+    """A belt whose stiffness is in its lower face, over 90 degrees, with ends that are held along it: at each node two
+    tensions along chords, a normal force and friction.  exp(F angle) follows to second order in a chord."""
+    friction, errors = 0.5, []
+    for cells in (6, 12):
+        one = RubberBlock(
+            way=lambda time, x: np.array([[0.0], [0.0], [-2e-3 * min(time, 1.0)]]) * (x[0] > 0.5),
+            cells=(cells, 1, 1),
+            size=(0.5 * np.pi, 0.1, 0.001),
+            shape=bent,
+            held="left",
+            components=(0,),
+            also=[("right", 2), ("front", 1)],
+            energy=lambda u: neo_hookean(u, 20.0, 0.0) + 1e-3 * ufl.inner(u, u),
+            skin=lambda u, n: 1e4 * membrane(u, n),
+        )
+        last = slid(one, friction)
+        along, _, across = last.force_on_body.sum(axis=0)
+        x = (one.body.reference + last.displacement)[last.linear.problem.surface.nodes]
+        place = np.unique(np.round(np.arctan2(x[:, 0], x[:, 2]), 9))
+        half, beyond = 0.5 * np.diff(place), place[-1] - 0.5 * np.pi
+        turn = friction * np.tan(half)
+        formula = np.prod((1.0 + turn) / (1.0 - turn)) * (np.cos(beyond) - friction * np.sin(beyond))
+        assert along / across == pytest.approx(formula, rel=1e-6)
+        errors.append(along / across / np.exp(0.5 * np.pi * friction) - 1.0)
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.02)
+
+
+def in_a_bore(size, weight, moving, friction, times):
+    """The steps of a cube with a weight in a bore of radius 1 that moves, with its nodes in contact as they are then.
+
+    The weight is in the contact face, a pressure along the bore gives the strains a scale, and a dashpot holds the cube
+    while nothing else does.
+    """
+    before = []
+
+    def energy(u):
+        before.append(fem.Function(u.function_space))
+        slow = 0.5e-3 * weight / size**3 * ufl.inner(u - before[0], u - before[0])
+        return neo_hookean(u, 0.5e6, 0.0) + slow
+
+    one = RubberBlock(
+        cells=(1, 1, 1),
+        size=(size, size, size),
+        at=(-0.5 * size, 0.0, -np.sqrt(1.0 - 0.25 * size**2)),
+        held="front",
+        components=(1,),
+        loads={"bottom": lambda time: [0.0, 0.0, -weight], "back": lambda time: [0.0, -0.2 * weight, 0.0]},
+        energy=energy,
+    )
+    bore = coulomb.Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, hollow=True)
+    problem = LargeMotions(one.body, coulomb.Contact("bottom", friction=friction, foundation=bore, **moving))
+    for step in problem.steps(coulomb.LoadHistory(times, tolerance=1e-10)):
+        before[0].x.array[:] = one.u.x.array
+        solution = step.solution
+        assert solution.certificate.passed
+        y = one.body.reference + solution.displacement
+        yield solution, y[solution.linear.problem.surface.nodes]
+
+
+def test_a_small_body_in_a_turning_bore_rests_at_the_angle_of_friction():
+    """The bore carries it up until it slides back: the formula of an incline, but for the square of the half angle of
+    the face, which follows from the two lines on which it stands."""
+    friction, size = 0.5, 1e-3
+    moving = {"rotation": turning(lambda time: -20.0 * max(time - 1.0, 0.0))}
+    found = [x.mean(axis=0) for _, x in in_a_bore(size, 0.1, moving, friction, [1.0, 2.0, 3.0, 4.0, 5.0])]
+    tangent = [-x / z for x, _, z in found]
+    assert tangent[1] == pytest.approx(np.tan(np.radians(20.0)), rel=1e-4)  # carried
+    assert tangent[-1] == pytest.approx(friction, rel=1e-6)
+    assert tangent[-1] / friction - 1.0 == pytest.approx(0.25 * size**2 * (1.0 + friction**2), abs=1e-8)
+
+
+@pytest.mark.slow
+def test_in_a_bore_that_moves_a_load_inside_the_friction_cone_does_not_creep():
+    """The bore rocks by half the angle of friction, four times, and moves: all nodes stay where they are in it."""
+
+    def angle(time):
+        return 13.0 * np.sin(0.08 * np.pi * (time - 1.0))
+
+    def way(time):
+        return np.array([0.01 * (time - 1.0), 0.0, 0.005 * (time - 1.0)])
+
+    moving, places = {"rotation": turning(angle), "motion": way}, []
+    for time, (solution, x) in enumerate(in_a_bore(0.2, 4e3, moving, 0.5, np.arange(1.0, 102.0)), start=1):
+        s, c = np.sin(np.radians(angle(time))), np.cos(np.radians(angle(time)))
+        places.append((x - way(time)) @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]))
+        friction = np.linalg.norm(solution.at_nodes.force[:, 1:], axis=1)
+        assert np.all(friction < solution.at_nodes.bound)
+    assert np.abs(np.array(places) - places[0]).max() < 1e-10
 
 
 def test_a_dead_load_in_an_energy_presses_with_its_force():
@@ -72,3 +181,33 @@ def test_a_dead_load_in_an_energy_presses_with_its_force():
     (answer,) = answers(one.body, coulomb.Contact("bottom", friction=0.0), [1.0])
     assert answer.valid
     assert answer.at_nodes.totals()["force"] == pytest.approx([0.0, 0.0, 2e5], abs=1e-3)
+
+
+def test_small_loads_have_the_answer_of_small_strains_to_second_order():
+    """St. Venant-Kirchhoff under dead loads; some of the nodes stick, some slip."""
+
+    def difference(size):
+        load = size * np.array([0.7e5, 0.2e5, -2e5])
+        one = RubberBlock(
+            held="left",
+            loads={"top": lambda time: load},
+            energy=lambda u: st_venant_kirchhoff(u, MU, LAME),
+        )
+        (large,) = answers(one.body, coulomb.Contact("bottom", friction=0.3), [1.0], tolerance=1e-11)
+        small = coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)),
+            coulomb.Material(1e6, 0.3),
+            [coulomb.Clamp("left")],
+            coulomb.Contact("bottom", friction=0.3),
+            tractions=[coulomb.Traction("top", load)],
+        ).solve(1e-11)
+        assert large.valid
+        part = large.at_nodes.slip_bound - np.linalg.norm(large.at_nodes.force[:, 1:], axis=1)
+        assert np.any(part > 0.1 * part.max()) and np.any(part < 1e-6 * part.max())
+        apart = large.at_nodes.force - small.at_nodes.force
+        return np.linalg.norm(apart), np.linalg.norm(large.displacement - small.displacement)
+
+    sizes = 0.04 * np.array([1.0, 0.5, 0.25])
+    forces, displacements = np.array([difference(size) for size in sizes]).T
+    for values in (forces, displacements):
+        assert values[:-1] / values[1:] == pytest.approx([4.0, 4.0], rel=0.02)
