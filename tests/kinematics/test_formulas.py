@@ -211,3 +211,31 @@ def test_small_loads_have_the_answer_of_small_strains_to_second_order():
     forces, displacements = np.array([difference(size) for size in sizes]).T
     for values in (forces, displacements):
         assert values[:-1] / values[1:] == pytest.approx([4.0, 4.0], rel=0.02)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+def test_a_block_stretched_along_both_sides_between_plates_has_the_stress_of_the_formula(friction):
+    """Smooth and rough plates alike: the strain is the same everywhere, and nothing slips once the sides are held.  Soft
+    springs hold the block until both plates do, and vanish in the middle."""
+    stretch, thickness = 1.2, 0.6
+
+    def way(time, x):
+        return (stretch - 1.0) * min(time, 1.0) * x * [[1.0], [1.0], [0.0]]
+
+    def plate(face, side):
+        way = lambda time: (0.0, 0.0, side * 0.5 * (1.0 - thickness) * max(time - 1.0, 0.0))  # noqa: E731
+        return coulomb.Contact(face, friction=friction, motion=way)
+
+    one = RubberBlock(
+        way,
+        held="left",
+        components=(0,),
+        also=[("right", 0), ("front", 1), ("back", 1)],
+        energy=lambda u: neo_hookean(u, MU, LAME) + 0.5 * u[2] ** 2,
+    )
+    *_, last = answers(one.body, [plate("bottom", 1.0), plate("top", -1.0)], [1.0, 1.5, 2.0])
+    stress = MU * (thickness - 1.0 / thickness) + LAME * np.log(stretch**2 * thickness) / thickness
+    assert last.valid
+    for part, sign in enumerate((-1.0, 1.0)):
+        force = last.force_on_body[last.at_nodes.part == part].sum(axis=0)
+        assert force == pytest.approx([0.0, 0.0, sign * stress], rel=1e-7, abs=1e-3)
