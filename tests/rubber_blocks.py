@@ -62,6 +62,7 @@ class RubberBlock:
             form += skin(self.u, ufl.FacetNormal(self.domain)) * ds(
                 list(FACES).index("bottom"), {"quadrature_degree": 3}
             )
+        self.form = form
         if given == "residual":
             form = ufl.derivative(form, self.u, ufl.TestFunction(self.V))
         self.body = NonlinearBody(
@@ -76,6 +77,14 @@ class RubberBlock:
         self.g.interpolate(lambda x: way(time, x))
         for traction, force, area in self.loads:
             traction.value[:] = np.asarray(force(time)) / area
+
+    def free_forces(self):
+        """Internal forces at the nodes that no condition holds, and the places of these nodes, both (k, 3)."""
+        inside = fem.form(ufl.derivative(self.form, self.u, ufl.TestFunction(self.V)))
+        force = fem.petsc.assemble_vector(inside).array.reshape(-1, 3)
+        held = [one.dof_indices()[0] // 3 for one in self.conditions]
+        free = np.setdiff1d(np.arange(len(force)), np.concatenate(held))
+        return force[free], (self.body.reference + self.u.x.array.reshape(-1, 3)[: len(force)])[free]
 
     def on(self, axis, place):
         return mesh.locate_entities_boundary(self.domain, 2, lambda x: np.isclose(x[axis], place))

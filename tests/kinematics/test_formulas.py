@@ -215,8 +215,8 @@ def test_small_loads_have_the_answer_of_small_strains_to_second_order():
 
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 def test_a_block_stretched_along_both_sides_between_plates_has_the_stress_of_the_formula(friction):
-    """Smooth and rough plates alike: the strain is the same everywhere, and nothing slips once the sides are held.  Soft
-    springs hold the block until both plates do, and vanish in the middle."""
+    """Smooth and rough plates alike: the strain is the same everywhere, and nothing slips once the sides are held.
+    Soft springs hold the block until both plates do, and vanish in the middle."""
     stretch, thickness = 1.2, 0.6
 
     def way(time, x):
@@ -239,3 +239,51 @@ def test_a_block_stretched_along_both_sides_between_plates_has_the_stress_of_the
     for part, sign in enumerate((-1.0, 1.0)):
         force = last.force_on_body[last.at_nodes.part == part].sum(axis=0)
         assert force == pytest.approx([0.0, 0.0, sign * stress], rel=1e-7, abs=1e-3)
+
+
+def test_a_block_slides_over_the_edge_of_another_and_both_are_in_balance():
+    """By three quarters of its length, with nodes that are dropped on the way.  Internal forces at the nodes that no
+    condition holds are those of contact: without resultants, taken of both bodies."""
+
+    def way(time, x):
+        return np.array([[0.7 * max(time - 1.0, 0.0)], [0.0], [-0.05 * min(time, 1.0)]]) + 0.0 * x
+
+    lower = RubberBlock(cells=(4, 2, 1), size=(1.2, 1.0, 0.5), held="bottom")
+    upper = RubberBlock(way, cells=(2, 1, 1), size=(0.8, 0.8, 0.5), at=(0.3, 0.1, 0.5))
+    both = coulomb.join(lower=lower.body, upper=upper.body)
+    contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.2)
+    points = []
+    for step in LargeMotions(both, contact).steps(coulomb.LoadHistory([1.0, 1.2, 1.4, 1.6, 1.8, 2.0])):
+        assert step.solution.certificate.passed and step.halvings == 0
+        points.append(len(step.solution.contact_force) // 3)
+        (below, at_lower), (above, at_upper) = lower.free_forces(), upper.free_forces()
+        size = np.linalg.norm(above.sum(axis=0))
+        assert step.solution.force_on_body.sum(axis=0) == pytest.approx(above.sum(axis=0), abs=1e-7 * size)
+        assert np.abs(below.sum(axis=0) + above.sum(axis=0)).max() < 1e-7 * size
+        moment = np.cross(at_lower, below).sum(axis=0) + np.cross(at_upper, above).sum(axis=0)
+        assert np.abs(moment).max() < 1e-5 * size  # of a mortar method: exact where gaps are closed everywhere
+    assert points[-1] < points[0] and above[:, 2].sum() > 0.0
+
+
+def test_a_problem_that_is_turned_as_a_whole_has_the_forces_turned():
+    """A block with a dead load, drawn over a cylinder."""
+    axis, angle = np.array([1.0, 2.0, -2.0]) / 3.0, 2.0
+    cross = np.cross(np.eye(3), -axis)
+    Q = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    shift = np.array([0.3, -0.2, 0.5])
+
+    def drawn(Q, shift):
+        def way(time, x):
+            return (Q @ [0.4 * max(time - 1.0, 0.0), 0.1 * max(time - 1.0, 0.0), -0.2 * min(time, 1.0)])[
+                :, None
+            ] + 0.0 * x
+
+        one = RubberBlock(way, shape=lambda x: x @ Q.T + shift, loads={"left": lambda time: Q @ [2e4, 1e4, 0.0]})
+        hill = coulomb.Cylinder(Q @ [0.5, 0.0, -2.0] + shift, Q @ [0.0, 1.0, 0.0], 2.0)
+        contact = coulomb.Contact("bottom", friction=0.3, foundation=hill)
+        *_, last = answers(one.body, contact, [0.5, 1.0, 1.5, 2.0], tolerance=1e-11)
+        assert last.certificate.passed and np.linalg.norm(last.at_nodes.slip, axis=1).max() > 0.1
+        return last.force_on_body, last.displacement
+
+    for before, after in zip(drawn(np.eye(3), np.zeros(3)), drawn(Q, shift), strict=True):
+        assert np.abs(after - before @ Q.T).max() < 1e-9 * np.abs(before).max()
