@@ -30,8 +30,8 @@ def bent(x):
 
 
 def slid(one, friction):
-    """The answer of a belt on a drum that turns under it until all of it slides."""
-    rotation = turning(lambda time: max(time - 1.0, 0.0))
+    """The answer of a belt on a drum that turns under it until all of it slides, from where it has turned already."""
+    rotation = turning(lambda time: 150.0 + max(time - 1.0, 0.0))
     contact = coulomb.Contact("bottom", friction=friction, foundation=DRUM, rotation=rotation)
     *_, last = answers(one.body, contact, [1.0, 2.0])
     force = last.contact_force.reshape(-1, 3)
