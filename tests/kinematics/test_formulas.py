@@ -156,6 +156,44 @@ def test_a_small_body_in_a_turning_bore_rests_at_the_angle_of_friction():
     assert tangent[-1] / friction - 1.0 == pytest.approx(0.25 * size**2 * (1.0 + friction**2), abs=1e-8)
 
 
+def test_a_small_body_drawn_over_waves_has_the_force_of_the_incline_everywhere():
+    """From a valley over the crest: the force of the foundation is at the angle of friction to the normal where its
+    centre is, but for the square of the angle that the body spans, about 1e-7."""
+    size, friction, weight = 1e-3, 0.3, 0.1
+
+    def height(x):
+        return 0.2 - 0.2 * np.cos(2.0 * x)
+
+    def slope(x):
+        return 0.4 * np.sin(2.0 * x)
+
+    def way(time, x):
+        return np.array([[0.2 * max(time - 1.0, 0.0)], [0.0], [0.0]]) + 0.0 * x
+
+    one = RubberBlock(
+        way,
+        cells=(1, 1, 1),
+        size=(size, size, 0.25 * size),
+        at=(-0.5 * size, 0.0, height(0.5 * size)),
+        components=(0,),
+        also=[("front", 1)],
+        loads={"top": lambda time: [0.0, 0.0, -weight]},
+        energy=lambda u: neo_hookean(u, 0.5e6, 0.0),
+    )
+    waves = coulomb.SignedDistance(
+        lambda x: x[2] - height(x[0]), lambda x: np.array([-slope(x[0]), 0.0 * x[0], 1.0 + 0.0 * x[0]])
+    )
+    contact = coulomb.Contact("bottom", friction=friction, foundation=waves)
+    places = []
+    for last in answers(one.body, contact, [1.0, 1.05, 3.0, 5.0, 7.0, 9.0, 11.0], tolerance=1e-10)[1:]:
+        along, _, upward = last.force_on_body.sum(axis=0)
+        y = (one.body.reference + last.displacement)[last.linear.problem.surface.nodes]
+        places.append(np.average(y[:, 0], weights=last.contact_force[0::3]))
+        angle = np.arctan(slope(places[-1])) + np.arctan(friction)
+        assert last.valid and np.arctan2(-along, upward) == pytest.approx(angle, abs=1e-6)
+    assert slope(places[-1]) < -0.2 < 0.2 < max(map(slope, places))
+
+
 @pytest.mark.slow
 def test_in_a_bore_that_moves_a_load_inside_the_friction_cone_does_not_creep():
     """The bore rocks by half the angle of friction, four times, and moves: all nodes stay where they are in it."""
