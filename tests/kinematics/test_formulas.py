@@ -112,7 +112,7 @@ def test_a_string_on_a_drum_has_the_forces_of_the_formula():
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.02)
 
 
-def in_a_bore(size, weight, moving, friction, times):
+def in_a_bore(size, weight, moving, friction, history):
     """The steps of a cube with a weight in a bore of radius 1 that moves, with its nodes in contact as they are then.
 
     The weight is in the contact face, a pressure along the bore gives the strains a scale, and a dashpot holds the cube
@@ -136,7 +136,7 @@ def in_a_bore(size, weight, moving, friction, times):
     )
     bore = coulomb.Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.0, hollow=True)
     problem = LargeMotions(one.body, coulomb.Contact("bottom", friction=friction, foundation=bore, **moving))
-    for step in problem.steps(coulomb.LoadHistory(times, tolerance=1e-10)):
+    for step in problem.steps(history):
         before[0].x.array[:] = one.u.x.array
         solution = step.solution
         assert solution.certificate.passed
@@ -149,7 +149,8 @@ def test_a_small_body_in_a_turning_bore_rests_at_the_angle_of_friction():
     the face, which follows from the two lines on which it stands."""
     friction, size = 0.5, 1e-3
     moving = {"rotation": turning(lambda time: -20.0 * max(time - 1.0, 0.0))}
-    found = [x.mean(axis=0) for _, x in in_a_bore(size, 0.1, moving, friction, [1.0, 2.0, 3.0, 4.0, 5.0])]
+    history = coulomb.LoadHistory([1.0, 2.0, 3.0, 4.0, 5.0], tolerance=1e-10)
+    found = [x.mean(axis=0) for _, x in in_a_bore(size, 0.1, moving, friction, history)]
     tangent = [-x / z for x, _, z in found]
     assert tangent[1] == pytest.approx(np.tan(np.radians(20.0)), rel=1e-4)  # carried
     assert tangent[-1] == pytest.approx(friction, rel=1e-6)
@@ -205,7 +206,8 @@ def test_in_a_bore_that_moves_a_load_inside_the_friction_cone_does_not_creep():
         return np.array([0.01 * (time - 1.0), 0.0, 0.005 * (time - 1.0)])
 
     moving, places = {"rotation": turning(angle), "motion": way}, []
-    for time, (solution, x) in enumerate(in_a_bore(0.2, 4e3, moving, 0.5, np.arange(1.0, 102.0)), start=1):
+    history = coulomb.LoadHistory(np.arange(1.0, 102.0))
+    for time, (solution, x) in enumerate(in_a_bore(0.2, 4e3, moving, 0.5, history), start=1):
         y = x - way(time)
         places.append(np.column_stack([np.arctan2(y[:, 0], -y[:, 2]) + np.radians(angle(time)), y[:, 1]]))
         friction = np.linalg.norm(solution.at_nodes.force[:, 1:], axis=1)
