@@ -9,11 +9,18 @@ from coulomb.kinematics import NonlinearBody, neo_hookean
 MU, LAME = 1e6 / 2.6, 0.3e6 / (1.3 * 0.4)
 """Of E = 1 MPa, nu = 0.3."""
 
+FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bottom": (2, 0), "top": (2, 1)}
+"""The axis of each face of a box, and its end there."""
+
 
 class RubberBlock:
-    """A neo-Hookean box whose face `held` follows `way(time, x)`, a displacement (3, k), along `components`.
+    """A neo-Hookean box whose face `held` follows `way(time, x)`, a displacement (3, k), along `components`; so do the
+    faces `also`, each with the component that is held.
 
-    `rollers` hold the component of the planes x = 0 and y = 0 that is normal to them.
+    `rollers` hold the component of the planes x = 0 and y = 0 that is normal to them.  `shape` maps the points (k, 3)
+    of the box to those of the body, whose faces keep their names.  `loads` are dead ones: of a face the force in
+    newtons (3,) at a time, uniform over the face.  `energy` is that per volume of the displacement, `skin` one per area
+    of the bottom, of the displacement and the normals.
     """
 
     def __init__(
@@ -26,32 +33,72 @@ class RubberBlock:
         degree=1,
         held="top",
         components=(0, 1, 2),
+        also=(),
         rollers=False,
+        shape=lambda x: x,
+        loads=None,
         energy=lambda u: neo_hookean(u, MU, LAME),
+        skin=None,
         given="energy",
         comm=MPI.COMM_WORLD,
     ):
-        low, high = np.array(at), np.array(at) + np.array(size)
-        self.domain = mesh.create_box(comm, [low, high], cells, getattr(mesh.CellType, cell))
+        self.low, self.high = np.array(at), np.array(at) + np.array(size)
+        self.domain = mesh.create_box(comm, [self.low, self.high], cells, getattr(mesh.CellType, cell))
         self.V = functionspace(self.domain, degree, (3,))
         self.u, self.g = fem.Function(self.V), fem.Function(self.V)
-        faces = {"bottom": self.on(2, low[2]), "top": self.on(2, high[2])}
+        faces = {name: self.on(axis, (self.low, self.high)[end][axis]) for name, (axis, end) in FACES.items()}
         self.conditions = [self.condition(faces[held], component) for component in components]
+        self.conditions += [self.condition(faces[face], component) for face, component in also]
         if rollers:
-            self.conditions += [self.condition(self.on(axis, low[axis]), axis) for axis in (0, 1)]
+            self.conditions += [self.condition(self.on(axis, self.low[axis]), axis) for axis in (0, 1)]
+        self.domain.geometry.x[:] = shape(self.domain.geometry.x)
         form = energy(self.u) * ufl.dx(metadata={"quadrature_degree": 3 if degree == 1 else 5})
+        ds, self.loads = self.measure(faces), []
+        for face, force in (loads or {}).items():
+            traction = fem.Constant(self.domain, np.zeros(3))
+            self.loads.append((traction, force, self.area(ds(list(FACES).index(face)))))
+            form -= ufl.dot(traction, self.u) * ds(list(FACES).index(face))
+        if skin is not None:
+            form += skin(self.u, ufl.FacetNormal(self.domain)) * ds(
+                list(FACES).index("bottom"), {"quadrature_degree": 3}
+            )
+        self.form = form
         if given == "residual":
             form = ufl.derivative(form, self.u, ufl.TestFunction(self.V))
         self.body = NonlinearBody(
             bcs=self.conditions,
             faces=faces,
             displacement=self.u,
-            update=lambda time: self.g.interpolate(lambda x: way(time, x)),
+            update=lambda time: self.update(way, time),
             **{given: form},
         )
+
+    def update(self, way, time):
+        self.g.interpolate(lambda x: way(time, x))
+        for traction, force, area in self.loads:
+            traction.value[:] = np.asarray(force(time)) / area
+
+    def free_forces(self):
+        """Internal forces at the nodes that no condition holds, and the places of these nodes, both (k, 3)."""
+        inside = fem.form(ufl.derivative(self.form, self.u, ufl.TestFunction(self.V)))
+        force = fem.petsc.assemble_vector(inside).array.reshape(-1, 3)
+        held = [one.dof_indices()[0] // 3 for one in self.conditions]
+        free = np.setdiff1d(np.arange(len(force)), np.concatenate(held))
+        return force[free], (self.body.reference + self.u.x.array.reshape(-1, 3)[: len(force)])[free]
 
     def on(self, axis, place):
         return mesh.locate_entities_boundary(self.domain, 2, lambda x: np.isclose(x[axis], place))
 
     def condition(self, facets, component):
         return fem.dirichletbc(self.g.sub(component), fem.locate_dofs_topological(self.V.sub(component), 2, facets))
+
+    def measure(self, faces):
+        facets = np.concatenate(list(faces.values()))
+        number = np.repeat(np.arange(len(faces), dtype=np.int32), [len(one) for one in faces.values()])
+        order = np.argsort(facets)
+        tags = mesh.meshtags(self.domain, 2, facets[order], number[order])
+        return ufl.Measure("ds", domain=self.domain, subdomain_data=tags)
+
+    def area(self, ds):
+        here = fem.assemble_scalar(fem.form(fem.Constant(self.domain, 1.0) * ds))
+        return self.domain.comm.allreduce(here)

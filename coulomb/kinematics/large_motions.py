@@ -349,20 +349,24 @@ class LargeMotions(ContactProblem):
             self.seconds[name] = self.seconds.get(name, 0.0) + seconds
 
     def _linear(self, here: Iterate, x: FloatArray, tolerance: float, solve: Any) -> Solution:
-        """The linear problem; with a positive definite matrix in place of a tangent that is none; collective."""
-        given, remedies = here.body, (here.tangent, here.supported, here.made_positive)
+        """The linear problem; with a positive definite matrix in place of a tangent that is none, or is so nearly
+        singular that the answer is inaccurate, as that of a thin strip that only contact holds; collective."""
+        given, remedies, why = here.body, (here.tangent, here.supported, here.made_positive), ""
         for number in range(self._remedy[0], len(remedies)):
             body = remedies[number](given, x)
             if body is not here.body:
                 here.pose(body)
             try:
                 answer: Solution = solve(here.problem, tolerance, start=x)
-            except NotPositiveDefinite as failure:
-                _log.debug("%s", failure)
+            except (NotPositiveDefinite, NotConverged) as failure:
+                if isinstance(failure, NotConverged) and failure.result.status is Status.INTERRUPTED:
+                    raise
+                why = str(failure)
+                _log.debug("%s", why)
                 continue
             self._remedy[0] = min(number, 1)  # springs do no harm where they are not needed; the last remedy does
             return answer
-        raise self._cut("the tangent is not positive definite even if that of every cell is")
+        raise self._cut(f"no answer, even with a tangent that is positive in every cell: {why}")
 
     def _cut(self, why: str) -> StepCut:
         return StepCut(why, _without_answer(len(self._points.nodes)))
@@ -420,6 +424,7 @@ class LargeMotions(ContactProblem):
             x = self._carried(before, begin).at(begin.problem.surface)
             e = begin.problem.evidence_here(x, 1.0)
             then = Forces(before.displacement, e.load, e.internal - e.spring, e.on_body)
+            linearised(self.elasticity, solution.displacement, solution.time)  # the user's functions are of the answer
         at = self._number[surface.nodes]
         moved = problem.body.foundation_displacement(surface, before.time, solution.time)
         foundation = 0.5 * over.dot(before.force_on_body[at] + solution.force_on_body, moved)

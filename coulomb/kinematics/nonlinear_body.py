@@ -85,7 +85,8 @@ class NonlinearBody(Body):
         V = displacement.function_space
         F = ufl.derivative(energy, displacement, ufl.TestFunction(V)) if residual is None else residual
         self._displacement = displacement
-        tangent = ufl.derivative(F, displacement, ufl.TrialFunction(V))
+        # without the integrals that vanish, such as those of dead loads
+        tangent = ufl.algorithms.expand_derivatives(ufl.derivative(F, displacement, ufl.TrialFunction(V)))
         inside, surface = (_of_kind(tangent, cells) for cells in (True, False))
         self._inside, self._on_facets = inside, None if surface is None else 0.5 * (surface + ufl.adjoint(surface))
         whole = inside if self._on_facets is None else inside + self._on_facets

@@ -282,6 +282,15 @@ def test_demo_rubber_block():
     assert np.all(np.abs(drawn[4:] - 0.3) < 0.05)
 
 
+def test_demo_belt():
+    """T2/T1 grows until the belt slides, to exp(friction angle) but for its thickness."""
+    rows = table(said("belt.py"), r"^#0* s: # linear problems, T2/T1 #$")
+    (known,) = line(said("belt.py"), r"^exp\(friction angle\) #$")
+    assert known == pytest.approx(np.exp(0.3 * np.pi), abs=1e-4) and np.max(rows[:, 1]) <= 8
+    assert np.all(np.diff(rows[:, 2]) > -1e-4) and rows[0, 2] < 1.0
+    assert rows[-1, 2] == pytest.approx(known, rel=0.01)
+
+
 def test_demo_lap_joint(tmp_path):
     """The joint slips at twice F times the normal force of each side, that of the bolt but for bent plates."""
     found = coarse("lap_joint.toml", [1.0, 1.2, 2.0], tmp_path / "joint")
