@@ -13,6 +13,42 @@ FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bott
 """The axis of each face of a box, and its end there."""
 
 
+DRAWN = """\
+[mesh]
+box = [1.0, 0.5, 0.5]
+cells = [4, 1, 2]
+[material]
+law = "neo-hookean"
+young = 1e6
+poisson = 0.3
+[[prescribed_displacement]]
+face = "top"
+value = [0.0, 0.0, -0.1]
+components = "yz"
+amplitude = [[0.0, 0.0], [1.0, 1.0]]
+[[prescribed_displacement]]
+face = "top"
+value = [0.4, 0.0, 0.0]
+components = "x"
+amplitude = [[1.0, 0.0], [2.0, 1.0]]
+[contact]
+face = "bottom"
+friction = 0.3
+[contact.foundation]
+shape = "cylinder"
+point = [0.5, 0.0, -2.0]
+axis = [0.0, 1.0, 0.0]
+radius = 2.0
+[solver]
+kinematics = "large"
+[history]
+times = [0.5, 1.0, 1.5, 2.0]
+[output]
+picture = false
+"""
+"""A case: a block pressed onto a drum, and drawn over it."""
+
+
 class RubberBlock:
     """A neo-Hookean box whose face `held` follows `way(time, x)`, a displacement (3, k), along `components`; so do the
     faces `also`, each with the component that is held.

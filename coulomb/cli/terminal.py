@@ -253,7 +253,7 @@ def report_history(
 def _steps_that_count(history: dict[str, Any]) -> str:
     certified, outside = history["certified_steps"], history["outside"]
     many = f"all {certified}" if certified == history["steps"] else f"{certified} of {history['steps']}"
-    beyond = f", {outside['steps']} outside the theory of small strains" if outside is not None else ""
+    beyond = f", {outside['steps']} outside the theory" if outside is not None else ""
     return f"{many} load steps certified{beyond}"
 
 
@@ -271,6 +271,6 @@ def refuse(outside: Sequence[str]) -> None:
     """Print why an answer does not count although its equations are solved."""
     if outside:
         errors.out(
-            f"error: outside the theory of small strains: {'; '.join(outside)}; the results are kept and marked; check "
+            f"error: outside the theory: {'; '.join(outside)}; the results are kept and marked; check "
             'units, loads and foundation, or accept it by small_strain = "warn" in the case, or --force'
         )

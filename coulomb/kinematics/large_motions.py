@@ -37,13 +37,12 @@ from ..model.nodal_answer import Accumulated
 from ..model.probes import LocatedProbes, ProbeValue
 from ..model.problem import ContactProblem
 from ..model.resultants import ForceBalance, force_balance
-from ..model.small_strain import SmallStrain
 from ..model.solution import Solution
 from ..model.stopping_criterion import StoppingCriterion
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from .hyperelastic_body import HyperelasticBody
-from .iterate import Iterate, Linearised, fineness, linearised, nonlinear
+from .iterate import Iterate, LargeStrain, Linearised, fineness, linearised, nonlinear
 from .slip import FaceMotion
 
 _log = logging.getLogger(__name__)
@@ -107,9 +106,8 @@ class LargeSolution(Solution):
         return np.zeros_like(self.displacement)
 
     @cached_property
-    def small_strain(self) -> SmallStrain:
-        """Whether the facets in contact are fine enough: `between` and `chord`; the other measures are of small
-        strains, and 0."""
+    def small_strain(self) -> LargeStrain:
+        """Whether the facets in contact are fine enough, and the surface beside them is outside of foundations."""
         return fineness(self, self.evidence)
 
     @property
@@ -205,13 +203,17 @@ class LargeMotions(ContactProblem):
         self._remedy = [0]  # the first that is tried, of this problem at all times
         self._methods = {"linear_solver": linear_solver, "explicit": explicit}
         self.contacts: tuple[Contact, ...] = tuple(
-            one if foundation is None else replace(one, foundation=foundation, facing=False)
+            one if foundation is None else replace(one, foundation=foundation)
             for one, foundation in zip(self.body.contacts, self.body.foundations, strict=True)
         )
         faces = [self.elasticity.nodes(one.face, "contact") for one in self.contacts]
         part = np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces])
         self._points, self._number = StatePoints(np.concatenate(faces), part), np.full(len(self.elasticity.x), -1)
         self._number[self._points.nodes] = np.arange(len(part))
+
+    def _contacts_of(self, given: object) -> tuple[Contact, ...]:
+        """Facets that face away from a foundation may turn towards it."""
+        return tuple(replace(one, facing=False) for one in super()._contacts_of(given))
 
     @property
     def points_of_states(self) -> StatePoints:

@@ -101,7 +101,7 @@ class NonlinearBody(Body):
         """The body of small displacements from u (k, 3) in metres at a time; the stiffness is made when it is first
         asked for; collective."""
         free_earlier_bodies(self.domain)
-        _ = self._not_held  # once, for all places
+        _ = self._not_held, self.boundary  # once, for all places
         there = copy.copy(self)
         there._place, there.x = None, self.reference + u
         there._integrals, there.points_of_faces, there._known = {}, {}, None
@@ -167,6 +167,12 @@ class NonlinearBody(Body):
 
     def blocked_displacement(self, loading: Loading) -> float:
         return super().blocked_displacement(loading) if self._place is None else 0.0
+
+    @cached_property
+    def boundary(self) -> npt.NDArray[np.int32]:
+        """This rank's nodes on the boundary, sorted; collective."""
+        self.domain.topology.create_connectivity(2, 3)
+        return self.nodes_of(compat.mesh.exterior_facet_indices(self.domain.topology))
 
     def least_volume_ratio(self, u: FloatArray) -> float:
         """Smallest det(I + grad u) of all cells, at the nodes of each: negative where one is inside out; collective."""

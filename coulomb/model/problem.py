@@ -226,12 +226,18 @@ class ContactProblem(DiscreteProblem):
                 *(mesh, *arguments, body_force, springs, body_force_amplitude, gravity, gravity_amplitude, thermal)
             )
 
-        body = ContactBody(make, mesh.comm, _contacts(given), time, _linear_solver(linear_solver), explicit, probes)
+        body = ContactBody(
+            make, mesh.comm, self._contacts_of(given), time, _linear_solver(linear_solver), explicit, probes
+        )
         for text in body.remarks if not self.silent and body.comm.rank == 0 else ():
             _log.warning("%s", text)
         with timed(body.seconds, "assembly"):
             state = body.state(time)
         super().__init__(body, state, mode, started, body.seconds)
+
+    def _contacts_of(self, given: object) -> tuple[Contact, ...]:
+        """One contact or several, as a tuple."""
+        return _contacts(given)
 
     def at(self, time: float, before: Before | None = None) -> ContactProblem:
         """The problem at another time with the same body, K^-1 and A; collective.

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from conftest import run_coulomb
-from rubber_blocks import LAME, MU
+from rubber_blocks import DRAWN, LAME, MU
 from scipy.optimize import brentq
 
 import coulomb
@@ -20,39 +20,6 @@ UP = [(0.0, 0.0), (1.0, 1.0)]
 RUBBER = NeoHookean(1e6, 0.3)
 SMOOTH = Contact("bottom", friction=0.0)
 ROLLERS = [SymmetryPlane("left"), SymmetryPlane("front")]
-DRAWN = """\
-[mesh]
-box = [1.0, 0.5, 0.5]
-cells = [4, 1, 2]
-[material]
-law = "neo-hookean"
-young = 1e6
-poisson = 0.3
-[[prescribed_displacement]]
-face = "top"
-value = [0.0, 0.0, -0.1]
-components = "yz"
-amplitude = [[0.0, 0.0], [1.0, 1.0]]
-[[prescribed_displacement]]
-face = "top"
-value = [0.4, 0.0, 0.0]
-components = "x"
-amplitude = [[1.0, 0.0], [2.0, 1.0]]
-[contact]
-face = "bottom"
-friction = 0.3
-[contact.foundation]
-shape = "cylinder"
-point = [0.5, 0.0, -2.0]
-axis = [0.0, 1.0, 0.0]
-radius = 2.0
-[solver]
-kinematics = "large"
-[history]
-times = [0.5, 1.0, 1.5, 2.0]
-[output]
-picture = false
-"""
 
 
 def block(material, supports, loads=(), cells=(1, 1, 1), contact=SMOOTH, **others):

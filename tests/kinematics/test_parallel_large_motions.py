@@ -1,12 +1,15 @@
 """Large motions on several ranks, against formulas; run by mpirun, and on one rank with the others."""
 
+import tomllib
+
 import numpy as np
 import pytest
 from mpi4py import MPI
-from rubber_blocks import LAME, MU, RubberBlock
+from rubber_blocks import DRAWN, LAME, MU, RubberBlock
 from scipy.optimize import brentq
 
 import coulomb
+from coulomb.case.case import Case
 from coulomb.kinematics import LargeMotions
 
 
@@ -37,3 +40,17 @@ def test_two_bodies_slide_past_each_other_as_on_one_rank():
     along, _, across = force(MPI.COMM_WORLD)
     assert along == pytest.approx(-0.2 * across, rel=0.1)
     assert force(MPI.COMM_SELF) == pytest.approx([along, 0.0, across], rel=1e-7, abs=1e-3)
+
+
+def test_a_case_has_the_rows_of_one_rank():
+    """On a curved foundation, with facets so coarse that a warning is logged on one rank."""
+    case = Case.model_validate(tomllib.loads(DRAWN))
+    one, all_ranks = (
+        [step.row for step in coulomb.LoadHistory([0.5, 1.0, 1.5]).steps(case.problem(comm))]
+        for comm in (MPI.COMM_SELF, MPI.COMM_WORLD)
+    )
+    for here, there in zip(one, all_ranks, strict=True):
+        size = here["normal_force"]
+        for name in here:
+            if name.startswith(("force", "normal_force", "prescribed", "energy", "greatest_slip")):
+                assert there[name] == pytest.approx(here[name], rel=1e-7, abs=1e-7 * size)
