@@ -188,7 +188,7 @@ class LargeMotions:
                 )
         posed = ContactProblem(body, given, linear_solver=linear_solver)
         self.contacts: tuple[Contact, ...] = tuple(
-            one if foundation is None else replace(one, foundation=foundation, facing=False)
+            replace(one, slave=True) if foundation is None else replace(one, foundation=foundation, facing=False)
             for one, foundation in zip(posed.body.contacts, posed.body.foundations, strict=True)
         )
 
