@@ -310,7 +310,7 @@ def rubber_cylinder(
     repeats: Repeats = 1,
     directory: Output = None,
 ) -> None:
-    """A rubber cylinder pressed to 60 % of its height, by coulomb's large motions and by CalculiX."""
+    """A rubber cylinder pressed to 60 % of its height, by coulomb's large motions, CalculiX and GetFEM."""
     from .rubber_cylinder import measure
 
     table("rubber-cylinder", (row._asdict() for row in measure(size, repeats)), directory)
@@ -319,7 +319,7 @@ def rubber_cylinder(
 @app.command()
 def ironing(
     p: Annotated[int, typer.Option("--p", min=1, help="Cells of the slab per millimetre.")] = 2,
-    drawing: Annotated[int, typer.Option("--steps", min=0, help="Load steps of drawing; 0: two steps in all.")] = 16,
+    drawing: Annotated[int, typer.Option("--steps", min=0, help="Load steps of drawing; 0: two steps in all.")] = 12,
     program: Annotated[list[str] | None, typer.Option("--program", help="coulomb, GetFEM, CalculiX; repeat.")] = None,
     repeats: Repeats = 1,
     directory: Output = None,

@@ -32,7 +32,7 @@ LENGTH, HEIGHT = 9.0, 3.0
 RADIUS, HALF, DIE_HEIGHT, START = 2.0, 1.5, 1.5, 2.5
 """Of the die: radius of its bottom, half of its width, height, and where its middle is."""
 
-DEPTH, WAY = 0.6, 4.0
+DEPTH, WAY = 0.6, 3.0
 """How far the top of the die goes down, and along."""
 
 YOUNG, DIE_YOUNG, POISSON = 1.0, 10.0, 0.3
@@ -118,7 +118,7 @@ class Run(NamedTuple):
     """An answer of one program.
 
     Attributes:
-        seconds: From the geometry to the last forces.
+        seconds: Of the processor, from the geometry to the last forces.
         iterations: Linear systems, of coulomb linear contact problems.
         steps: That have been completed, increments or load steps.
         forces: Of the slab on the die in newtons per millimetre of width, (k, 3), at the ends of the load steps.
@@ -138,8 +138,8 @@ PROGRAMS = {
 
 
 class Row(NamedTuple):
-    """Of a program: seconds of the quickest run, iterations, steps; and while the die is drawn means of the forces on
-    it, and their largest changes from step to step over the means (`roughness`)."""
+    """Of a program: processor seconds of the quickest run, iterations, steps; and while the die is drawn means of the
+    forces on it, and their largest changes from step to step over the means (`roughness`)."""
 
     program: str
     seconds: float

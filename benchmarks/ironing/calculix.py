@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 import numpy as np
 
 from ..peers.calculix import numbered, row, run
+from ..processes import processor_time
 from . import DIE, DIE_YOUNG, FRICTION, SLAB, YOUNG, Run, constants, faces, grid, times, way, width
 
 PENALTY, STICK = 200.0, 100.0
@@ -19,10 +19,10 @@ _ORDER = (0, 1, 3, 2, 4, 5, 7, 6)
 
 def solve(p: int, drawing: int) -> Run:
     """Iterations are those of the equilibrium, also of increments that it gave up; RuntimeError without an answer."""
-    began = time.perf_counter()
+    began = processor_time()
     job = run(_deck(p, drawing), len(times(drawing)))
     forces = -np.array([table.sum(axis=0) for table in job.tables]) / width(p)
-    return Run(time.perf_counter() - began, job.iterations, job.increments, forces)
+    return Run(processor_time() - began, job.iterations, job.increments, forces)
 
 
 def _deck(p: int, drawing: int) -> Iterator[str]:

@@ -116,7 +116,7 @@ class Job(NamedTuple):
     """Results of a deck with one *NODE PRINT per step.
 
     Attributes:
-        iterations: Of the equilibrium, in all increments.
+        iterations: Of the equilibrium, in all increments, also those that were given up.
         nodes: Numbers of the printed nodes, from 0, shape (k,).
         values: What is printed at the end, shape (k, 3).
         tables: What is printed at the end of each step.
@@ -152,7 +152,8 @@ def run(deck: Iterable[str], steps: int = 1) -> Job:
         table = printed[-1]
     iterations = sum(int(increment[3]) for increment in increments)
     tables = tuple(one[:, 1:] for one in printed)
-    return Job(iterations, table[:, 0].astype(np.int64) - 1, table[:, 1:], memory, tables, len(increments))
+    completed = sum(not increment[2].endswith("U") for increment in increments)
+    return Job(iterations, table[:, 0].astype(np.int64) - 1, table[:, 1:], memory, tables, completed)
 
 
 def _run(directory: Path) -> int:

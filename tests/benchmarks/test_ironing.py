@@ -29,9 +29,9 @@ def test_other_programs_press_with_the_same_force(name):
     """Within 2 %: contact points are nodes here, and integration points there."""
     if reason := missing(PROGRAMS[name]):
         pytest.skip(reason)
-    theirs = one_run(name, 2, 0)
+    theirs = one_run(name, 2, 12)  # by few steps GetFEM does not always converge
     assert not isinstance(theirs, str), theirs
-    assert theirs.forces[0, 2] == pytest.approx(pressed_and_drawn(2, [1.0])[0, 2], rel=0.02)
+    assert theirs.forces[PRESSING - 1, 2] == pytest.approx(pressed_and_drawn(2, [1.0])[0, 2], rel=0.02)
 
 
 def test_numbers_of_a_history():
