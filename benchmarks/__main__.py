@@ -310,10 +310,35 @@ def rubber_cylinder(
     repeats: Repeats = 1,
     directory: Output = None,
 ) -> None:
-    """A rubber cylinder pressed to 60 % of its height, by coulomb's large motions and by CalculiX."""
+    """A rubber cylinder pressed to 60 % of its height, by coulomb's large motions, CalculiX and GetFEM."""
     from .rubber_cylinder import measure
 
     table("rubber-cylinder", (row._asdict() for row in measure(size, repeats)), directory)
+
+
+@app.command()
+def ironing(
+    p: Annotated[int, typer.Option("--p", min=1, help="Cells of the slab per millimetre.")] = 2,
+    drawing: Annotated[int, typer.Option("--steps", min=0, help="Load steps of drawing; 0: two steps in all.")] = 12,
+    program: Annotated[list[str] | None, typer.Option("--program", help="coulomb, GetFEM, CalculiX; repeat.")] = None,
+    repeats: Repeats = 1,
+    directory: Output = None,
+) -> None:
+    """A die pressed into a soft slab and drawn along it, by coulomb, GetFEM and CalculiX; forces per mm of width."""
+    from .ironing import Run, histories, measure
+
+    found: dict[str, Run] = {}
+
+    def rows() -> Iterator[Fields | str]:
+        for one in measure(p, drawing, program, repeats):
+            if isinstance(one, str):
+                yield one
+                continue
+            found[one[0].program] = one[1]
+            yield one[0]._asdict()
+
+    table("ironing", rows(), directory)
+    table("ironing-forces", histories(found, drawing) if found else (), directory)
 
 
 @app.command()

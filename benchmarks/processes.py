@@ -23,3 +23,8 @@ def several() -> dict[str, str]:
     if os.geteuid() == 0:  # Open MPI asks root for a confirmation
         environment |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
     return environment
+
+
+def processor_time() -> float:
+    """Seconds of processor time of this process, and of those that it has started and that have ended."""
+    return sum(os.times()[:4])

@@ -1,14 +1,13 @@
-"""A rubber cylinder pressed flat: large motions beside CalculiX's (NLGEOM), on the same linear tetrahedra.
+"""A rubber cylinder pressed flat: large motions beside CalculiX's (NLGEOM) and GetFEM's, on the same linear tetrahedra.
 
 The lower half of a cylinder of neo-Hookean rubber, whose flat side is held, is pressed by a rigid plate until 60 % of
 its height are left, with friction: plane strain.  CalculiX's contact between surfaces is a penalty, its increments are
-chosen by itself within the same eight steps, which are ours.
+chosen by itself within the same eight steps, which are ours.  GetFEM's is its large-sliding contact, in the same steps.
 """
 
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -22,8 +21,11 @@ from coulomb.fem import compat
 from coulomb.fem.compat import fem, ufl
 from coulomb.kinematics import LargeMotions, LargeSolution, NonlinearBody
 
+from .peers import PROBLEMS, missing
 from .peers.answer import Unsolved
 from .peers.calculix import numbered, row, run
+from .peers.large_getfem import LargeSliding
+from .processes import processor_time
 
 RADIUS, LENGTH = 10.0, 2.0
 """In millimetres."""
@@ -42,6 +44,9 @@ _PENALTY, _STICK = 200.0, 100.0
 """Pressure over penetration, and shear stress over elastic slip, of CalculiX's contact, N/mm^3: ten times less changes
 its force by 0.1 %."""
 
+_AUGMENTATION, _RELEASE = 1.0, 3.0
+"""Of GetFEM's contact: N/mm^3, and the distance in millimetres beyond which there is none."""
+
 _GEOMETRY = """
 SetFactory("Built-in");
 Point(1) = {{0, 0, 0}}; Point(2) = {{-{R}, 0, 0}}; Point(3) = {{{R}, 0, 0}}; Point(4) = {{0, 0, -{R}}};
@@ -55,8 +60,9 @@ Mesh.MeshSizeMin = {h}; Mesh.MeshSizeMax = {h};
 
 
 class Row(NamedTuple):
-    """A step: the part of the height by which the cylinder is shorter, forces in newtons and their relative difference,
-    Newton steps of both; seconds of all steps on the last row, else None."""
+    """A step: the part of the height by which the cylinder is shorter, forces in newtons and the differences of the
+    others over them, our linear problems; on the last row processor seconds and iterations of all steps, else None, as
+    is what is of GetFEM if that is not installed."""
 
     squeezed: float
     force: float
@@ -66,10 +72,14 @@ class Row(NamedTuple):
     seconds: float | None
     calculix_seconds: float | None
     calculix_steps: int | None
+    getfem: float | None = None
+    getfem_difference: float | None = None
+    getfem_seconds: float | None = None
+    getfem_steps: int | None = None
 
 
 def measure(size: float, repeats: int = 1) -> Iterator[Row]:
-    """All steps on tetrahedra of a size in millimetres; the least seconds of some repeats.
+    """All steps on tetrahedra of a size in millimetres; the least processor time of some repeats.
 
     Raises:
         RuntimeError: If a program is missing or finds no answer.
@@ -77,6 +87,7 @@ def measure(size: float, repeats: int = 1) -> Iterator[Row]:
     mesh = half_cylinder(size)
     answers = [ours(mesh) for _ in range(repeats)]
     theirs = [calculix(mesh) for _ in range(repeats)]
+    others = [] if missing(PROBLEMS["block"]["GetFEM"]) else [getfem(mesh) for _ in range(repeats)]
     forces, steps, _ = answers[0]
     other, iterations, _ = theirs[0]
     for number, part in enumerate(STEPS):
@@ -90,7 +101,18 @@ def measure(size: float, repeats: int = 1) -> Iterator[Row]:
             min(seconds for *_, seconds in answers) if last else None,
             min(seconds for *_, seconds in theirs) if last else None,
             iterations if last else None,
+            *_of_getfem(others, number, forces[number], last),
         )
+
+
+def _of_getfem(
+    runs: list[tuple[list[float], int, float]], number: int, force: float, last: bool
+) -> tuple[float | None, float | None, float | None, int | None]:
+    if not runs:
+        return None, None, None, None
+    (found, iterations, _), seconds = runs[0], min(seconds for *_, seconds in runs)
+    difference = abs(found[number] / force - 1.0)
+    return found[number], difference, seconds if last else None, iterations if last else None
 
 
 def half_cylinder(size: float) -> coulomb.NamedMesh:
@@ -115,7 +137,7 @@ def half_cylinder(size: float) -> coulomb.NamedMesh:
 
 def ours(mesh: coulomb.NamedMesh) -> tuple[list[float], list[int], float]:
     """Forces on the plate at the end of every step, Newton steps of each, and seconds."""
-    began = time.perf_counter()
+    began = processor_time()
     V = compat.functionspace(mesh.domain, 1, (3,))
     u, still = fem.Function(V), fem.Function(V)
     F = ufl.Identity(3) + ufl.grad(u)
@@ -136,17 +158,38 @@ def ours(mesh: coulomb.NamedMesh) -> tuple[list[float], list[int], float]:
             raise RuntimeError(f"the certificate fails at {step.state.time:g}")
         steps.append(step.solution.outer_iterations)
         forces.append(float(step.solution.at_nodes.totals()["force"][2]))
-    return forces, steps, time.perf_counter() - began
+    return forces, steps, processor_time() - began
 
 
 def calculix(mesh: coulomb.NamedMesh) -> tuple[list[float], int, float]:
     """The same forces, all iterations, and seconds; RuntimeError if it finds no answer."""
-    began = time.perf_counter()
+    began = processor_time()
     try:
         job = run(_deck(mesh), len(STEPS))
     except (OSError, Unsolved) as error:
         raise RuntimeError(f"CalculiX: {error}") from None
-    return [float(table[:, 2].sum()) for table in job.tables], job.iterations, time.perf_counter() - began
+    return [float(table[:, 2].sum()) for table in job.tables], job.iterations, processor_time() - began
+
+
+def getfem(mesh: coulomb.NamedMesh) -> tuple[list[float], int, float]:
+    """The same forces, all iterations of Newton's method, and seconds; RuntimeError if it finds no answer."""
+    began = processor_time()
+
+    def held(x: FloatArray) -> npt.NDArray[np.bool_]:
+        flat, ends = np.isclose(x[:, 2], 0.0), np.isclose(x[:, 1], 0.0) | np.isclose(x[:, 1], LENGTH)
+        return np.column_stack([flat, ends, flat])
+
+    def curved(x: FloatArray) -> npt.NDArray[np.bool_]:
+        return np.isclose(np.hypot(x[:, 0], x[:, 2]), RADIUS)
+
+    body = LargeSliding(FRICTION, _AUGMENTATION, _RELEASE)
+    body.add_body("rubber", mesh.domain.geometry.x, _oriented(mesh), (C10, D1), held, curved, slave=True)
+    body.add_obstacle(f"z+{RADIUS}")  # which stays, as the flat side comes down
+    try:
+        forces, iterations, _ = body.steps("rubber", lambda time: (0.0, 0.0, -DEPTH * time), STEPS)
+    except Unsolved as error:
+        raise RuntimeError(f"GetFEM: {error}") from None
+    return forces[:, 2].tolist(), iterations, processor_time() - began
 
 
 def _deck(mesh: coulomb.NamedMesh) -> Iterator[str]:

@@ -110,6 +110,24 @@ MATERIALS_AND_LOADS = (
     Wrong("a history that goes back", run("history={times=[1,0.5]}")),
 )
 
+LARGE, RUBBER = "solver.kinematics='large'", "material={law='neo-hookean', young=1e6, poisson=0.3}"
+RIVLIN = "material={law='mooney-rivlin', c1=1e5, bulk=1e8}"
+
+LARGE_MOTIONS = (
+    Wrong("a hyperelastic material with small strains", run(RUBBER)),
+    Wrong("large motions without load steps", run(RUBBER, LARGE)),
+    Wrong("a law that is not known", run("material.law='ogden'")),
+    Wrong("a law without one of its constants", run(RIVLIN, LARGE, *STEPS)),
+    Wrong("a constant of another law", run("material.law='neo-hookean'", "material.c1=1e5", LARGE, *STEPS)),
+    Wrong("a negative modulus", run("material.law='neo-hookean'", "material.young=-1e6", LARGE, *STEPS)),
+    Wrong("a temperature in large motions", run(RUBBER, LARGE, *STEPS, "temperature.value=20.0")),
+    Wrong("a gap in large motions", run(RUBBER, LARGE, *STEPS, "contact.gap=1e-3")),
+    Wrong(
+        "friction by place in large motions",
+        run(RUBBER, LARGE, *STEPS, "contact.region=[{box=[[0,0,0],[1,1,1]], friction=0.1}]"),
+    ),
+)
+
 BALL = "{shape='sphere', centre=[1.5,0.5,-9], radius=9}"
 HERE = "box=[[0,0,0],[1,1,1]]"
 
@@ -499,6 +517,7 @@ TABLE = {
     "Values": VALUES,
     "Materials, loads, history": MATERIALS_AND_LOADS,
     "Orthotropic materials, temperature": MATERIALS,
+    "Large motions": LARGE_MOTIONS,
     "Supports": SUPPORTS,
     "Loads, expressions, load curves": LOADS,
     "Meshes": MESHES,

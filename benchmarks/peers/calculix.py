@@ -116,11 +116,12 @@ class Job(NamedTuple):
     """Results of a deck with one *NODE PRINT per step.
 
     Attributes:
-        iterations: Of the equilibrium, in all increments.
+        iterations: Of the equilibrium, in all increments, also those that were given up.
         nodes: Numbers of the printed nodes, from 0, shape (k,).
         values: What is printed at the end, shape (k, 3).
         tables: What is printed at the end of each step.
         peak_memory_bytes: Of the process.
+        increments: Completed ones of all steps.
     """
 
     iterations: int
@@ -128,6 +129,7 @@ class Job(NamedTuple):
     values: FloatArray
     peak_memory_bytes: int
     tables: tuple[FloatArray, ...] = ()
+    increments: int = 0
 
 
 def run(deck: Iterable[str], steps: int = 1) -> Job:
@@ -149,7 +151,9 @@ def run(deck: Iterable[str], steps: int = 1) -> Job:
         printed = [np.loadtxt(lines[a + 1 : b], ndmin=2) for a, b in zip(starts, ends, strict=True)]
         table = printed[-1]
     iterations = sum(int(increment[3]) for increment in increments)
-    return Job(iterations, table[:, 0].astype(np.int64) - 1, table[:, 1:], memory, tuple(one[:, 1:] for one in printed))
+    tables = tuple(one[:, 1:] for one in printed)
+    completed = sum(not increment[2].endswith("U") for increment in increments)
+    return Job(iterations, table[:, 0].astype(np.int64) - 1, table[:, 1:], memory, tables, completed)
 
 
 def _run(directory: Path) -> int:

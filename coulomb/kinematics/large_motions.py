@@ -203,7 +203,7 @@ class LargeMotions(ContactProblem):
         self._remedy = [0]  # the first that is tried, of this problem at all times
         self._methods = {"linear_solver": linear_solver, "explicit": explicit}
         self.contacts: tuple[Contact, ...] = tuple(
-            one if foundation is None else replace(one, foundation=foundation)
+            replace(one, slave=True) if foundation is None else replace(one, foundation=foundation)
             for one, foundation in zip(self.body.contacts, self.body.foundations, strict=True)
         )
         faces = [self.elasticity.nodes(one.face, "contact") for one in self.contacts]

@@ -69,6 +69,8 @@ class Contact:
         against_surface: That of the face `against`.
         facing: Whether nodes that face away from a rigid foundation are no contact points, as on the far side of a
             ball; else all are, as in large motions, where a face may turn over an edge.
+        slave: Whether the contact points of a pair are those of `face`, whatever the meshes; else those of the finer
+            face, or of the softer body.  Large motions keep the first choice.
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -93,6 +95,7 @@ class Contact:
     surface: RigidFoundation | None = None
     against_surface: RigidFoundation | None = None
     facing: bool = True
+    slave: bool = False
 
     def __post_init__(self) -> None:
         if (self.friction is None) == (self.slip_stress is None):

@@ -29,7 +29,10 @@ def oriented(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple
         if contact.against is None:
             found.append(contact)
             continue
-        slave, master, why = slave_side(elasticity, contact.face, contact.against)
+        if contact.slave:
+            slave, master, why = contact.face, contact.against, "it was given as the slave"
+        else:
+            slave, master, why = slave_side(elasticity, contact.face, contact.against)
         found.append(contact if slave == contact.face else contact.exchanged())
         words.append(f"contact of {slave!r} with {master!r}: contact points on the first, since {why}")
     return tuple(found), tuple(words)

@@ -196,6 +196,21 @@ def test_two_bodies_slide_past_each_other_by_elements():
         assert one.certificate["action and reaction"].value < 1e-12
 
 
+def test_the_slave_of_a_pair_stays_the_slave():
+    """The upper face is as fine as the lower one until it is stretched: chosen anew, contact points would change sides,
+    and slip and friction would be lost."""
+    lower = RubberBlock(cells=(2, 2, 1), held="bottom")
+    upper = RubberBlock(
+        lambda time, x: np.array([0.1 * time * x[0], 0.1 * time * x[1], 0.0 * x[0] - 0.05]),
+        (2, 2, 1),
+        size=(1.17, 1.17, 0.3),
+        at=(-0.085, -0.085, 1.0),
+    )
+    contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.3)
+    found = answers(coulomb.join(lower=lower.body, upper=upper.body), contact, [1.0, 2.0])
+    assert all(force(one)[2] > 0.0 and one.at_nodes.faces == ("upper:bottom",) for one in found)
+
+
 def test_facets_that_are_coarse_beside_the_contact_make_an_answer_invalid():
     """A narrow ridge between the nodes is inside the face; a smooth hill is not, but for the chord of the facets."""
 
