@@ -23,7 +23,6 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable
-from ..fem.contact import ContactSurface
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
@@ -43,6 +42,7 @@ from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from .hyperelastic_body import HyperelasticBody
 from .iterate import Iterate, LargeStrain, Linearised, fineness, linearised, nonlinear
+from .outer_iteration import NEAR, CarriedForces, Path
 from .slip import FaceMotion
 
 _log = logging.getLogger(__name__)
@@ -56,9 +56,6 @@ _BACKTRACKS = 8
 _WORSE = 10.0
 """A residual may grow by this factor from one linear problem to the next: the first ones of a load step do not know
 where contact is."""
-
-_OPPOSITE = 1e-6
-"""One more than the cosine of the angle of two normals, at least: forces are not carried between opposite ones."""
 
 
 class StepCut(NotConverged):
@@ -138,30 +135,6 @@ class LargeSolution(Solution):
     @cached_property
     def probes(self) -> tuple[ProbeValue, ...]:
         return self._at(self.origin.body.probes)
-
-
-@dataclass(frozen=True)
-class CarriedForces:
-    """Contact forces, space vectors in newtons, and the normals of their places, at this rank's nodes, shapes (k, 3); 0
-    at nodes without."""
-
-    vectors: FloatArray
-    normals: FloatArray
-
-    @classmethod
-    def of(cls, x: FloatArray, surface: ContactSurface, nodes: int) -> CarriedForces:
-        """Of forces x (3 m,) at the contact points of a surface, of so many nodes."""
-        vectors, normals = np.zeros((2, nodes, 3))
-        vectors[surface.nodes], normals[surface.nodes] = surface.vectors(x.reshape(-1, 3)), surface.frames[:, 0]
-        return cls(vectors, normals)
-
-    def at(self, surface: ContactSurface) -> FloatArray:
-        """Along the frames of a surface, turned as its normals have (parallel transport), shape (3 m,)."""
-        f, n, m = self.vectors[surface.nodes], self.normals[surface.nodes], surface.frames[:, 0]
-        axis, cosine = np.cross(n, m), np.einsum("ki,ki->k", n, m)[:, None]
-        along = np.einsum("ki,ki->k", axis, f)[:, None] / np.maximum(1.0 + cosine, _OPPOSITE)
-        x: FloatArray = surface.force_components(cosine * f + np.cross(axis, f) + along * axis).ravel()
-        return x
 
 
 def size_of(certificate: Certificate) -> float:
@@ -267,30 +240,36 @@ class LargeMotions(ContactProblem):
         begin = self._iterate(state, state.displacement, state.time, None)
         start, here = begin.start(), self._iterate(state, state.displacement, self.time, begin.start())
         x, sizes, found = self._carried(state, begin).at(here.problem.surface), [np.inf], False
-        results: list[SolverResult] = []
+        results, path = list[SolverResult](), Path(Reductions(self.comm))
         for _ in range(_MOST):
             linear = self._linear(here, x, min(tolerance, 1e-8), solve)
             results.append(linear.result)
-            du, before = linear.displacement, x
-            compliance, part = here.problem.mean_compliance, 1.0
-            for _ in range(_BACKTRACKS):
-                there = self._moved(here, part * du, state, start)
+            du, surface, compliance = linear.displacement, here.problem.surface, here.problem.mean_compliance
+            before, after = (CarriedForces.of(of, surface, len(du)) for of in (x, linear.contact_force))
+            ways = [(du, after, 0.5**k) for k in range(_BACKTRACKS)]
+            if sizes[-1] < NEAR and (mixed := path.next(here.u, du, before, after, compliance)):
+                ways.insert(0, (*mixed, 1.0))
+            for way, forces, part in ways:
+                there, accelerated = self._moved(here, part * way, state, start), way is not du
                 if there is not None:
-                    between = (1.0 - part) * before + part * linear.contact_force
-                    x = CarriedForces.of(between, here.problem.surface, len(du)).at(there.problem.surface)
+                    between = (1.0 - part) * before.vectors + part * forces.vectors
+                    x = replace(forces, vectors=between).at(there.problem.surface)
+                    if accelerated:  # back into the cone
+                        x = there.problem.law.project(x, x[0::3])
                     evidence = there.problem.evidence_here(x, compliance)
                     certificate = judge(evidence)
                     size = size_of(certificate)
                     if np.isfinite(size) and size <= _WORSE * sizes[-1]:
                         break
-                part *= 0.5
+                path.restart()
             else:
                 raise self._cut("no part of the change of the displacement makes the residual smaller")
+            path.judge(size, sizes[-1], accelerated)
             _log.debug("outer iteration %d: residual %.2e, part %g", len(sizes), size, part)
             self._count(here)
             here = there
             sizes.append(size)
-            if certificate.passed and (size <= tolerance or (found and size > 0.5 * sizes[-2])):
+            if certificate.passed and (size <= tolerance or (found and size > 0.5 * max(sizes[-3:-1]))):
                 break
             found = certificate.passed
         else:
