@@ -137,7 +137,8 @@ class SmallStrain:
             (
                 self.gradient,
                 GRADIENT,
-                f"displacement gradients reach {self.gradient:.2g}: strains or rotations are no longer small",
+                f"displacement gradients reach {self.gradient:.2g}: strains or rotations are no longer small "
+                '(kinematics = "large" computes large ones)',
             ),
             (
                 self.between,

@@ -22,6 +22,43 @@ SMOOTH = Contact("bottom", friction=0.0)
 ROLLERS = [SymmetryPlane("left"), SymmetryPlane("front")]
 
 
+TWO = """\
+[[body]]
+name = "lower"
+box = [1.6, 1.0, 0.5]
+cells = [4, 2, 1]
+material = { law = "neo-hookean", young = 3e6, poisson = 0.3 }
+[[body]]
+name = "upper"
+box = [0.8, 0.8, 0.5]
+cells = [2, 1, 1]
+material = { young = 1e6, poisson = 0.3 }
+translate = [0.1, 0.1, 0.5]
+[[clamp]]
+face = "lower:bottom"
+[[prescribed_displacement]]
+face = "upper:top"
+value = [0.0, 0.0, -0.05]
+components = "yz"
+amplitude = [[0.0, 0.0], [1.0, 1.0]]
+[[prescribed_displacement]]
+face = "upper:top"
+value = [0.3, 0.0, 0.0]
+components = "x"
+amplitude = [[1.0, 0.0], [2.0, 1.0]]
+[contact]
+face = "upper:bottom"
+against = "lower:top"
+friction = 0.2
+[solver]
+kinematics = "large"
+[history]
+times = [1.0, 2.0]
+[output]
+picture = false
+"""
+
+
 def block(material, supports, loads=(), cells=(1, 1, 1), contact=SMOOTH, **others):
     mesh = coulomb.box((1.0, 1.0, 1.0), cells)
     return ContactProblem(mesh, material, supports, contact, loads, kinematics="large", **others)
@@ -173,6 +210,22 @@ def test_check_finds_what_was_changed(run, tmp_path):
         found = check(folder)
         assert not found.passed and [one.passed for one in found.steps][: step - 1] == [True] * (step - 1)
         assert fault in found.steps[step - 1].details
+
+
+def test_two_bodies_from_a_case_are_checked_and_resumed(tmp_path):
+    (tmp_path / "case.toml").write_text(TWO)
+    done = run_coulomb("run", "case.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    before = rows(tmp_path / "results")
+    assert check(tmp_path / "results").passed
+    shutil.rmtree(tmp_path / "results" / "steps" / "0002")
+    assert run_coulomb("resume", tmp_path / "results").returncode == 0
+    after = rows(tmp_path / "results")
+    for name in ("upper_bottom_force_x", "upper_bottom_normal_force"):
+        if name in before[1]:
+            assert float(after[1][name]) == pytest.approx(float(before[1][name]), rel=1e-7)
+    assert float(after[1]["energy_dissipated"]) == pytest.approx(float(before[1]["energy_dissipated"]), rel=1e-6)
+    assert check(tmp_path / "results").passed
 
 
 def test_a_body_of_an_energy_and_problem_and_history_by_their_usual_names():
