@@ -41,8 +41,12 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     # node moved by the rounding error of its coordinates
     overlaps = [one["given_gap"]["min"] - one["gap"]["min"] for one in step["understood"]["contacts"]]
     overlap, compliance = float(max(before.get("overlap", 0.0), *overlaps, 0.0)), step["mean_compliance"]
-    rounding = 1e-12 * _number(largest["displacement"]["value"]) ** 2 / compliance if compliance else 0.0
-    remarks = energy.warning(rounding, overlap), "" if touching else f"nothing touches in any load step: {LOOK_AT_GAP}"
+    way = _number(largest["displacement"]["value"])
+    rounding = 1e-12 * way**2 / compliance if compliance else 0.0
+    remarks = [
+        energy.warning(rounding, overlap if overlap > 1e-6 * way else 0.0),
+        "" if touching else f"nothing touches in any load step: {LOOK_AT_GAP}",
+    ]
     warnings = SmallStrain(**{name: _number(entry["value"]) for name, entry in largest_strain.items()}).warnings
     return {
         "steps": before.get("steps", 0) + 1,

@@ -323,3 +323,12 @@ def test_demo_disc_brake(tmp_path):
     assert normal == pytest.approx(3632.0 - found["pad:end_force_z"], rel=1e-6)
     assert torque == pytest.approx(0.4 * normal * radius, rel=0.02)  # the mean radius is a little larger
     assert torque == pytest.approx(-found["clamp_carrier:bolted_moment_z"], rel=1e-6)
+
+
+def test_the_tread_block_slides_and_the_seal_meets_its_wall():
+    force = table(said("tread_block.toml"), r"step +# .* force \(#, #, #\) N")[:, 1:]
+    assert force[-1, 0] == pytest.approx(0.8 * force[-1, 2], rel=0.02) and force[2, 0] < 0.3 * force[2, 2]
+    beside = table(said("seal.toml"), r"step +# .* beside # N, above # N")[:, 1:]
+    assert (
+        np.all(beside[:10, 0] == 0.0) and np.all(np.diff(beside[-3:, 0]) > 0.0) and np.all(np.diff(beside[:, 1]) > 0.0)
+    )
