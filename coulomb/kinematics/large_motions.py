@@ -33,7 +33,7 @@ from ..model.discrete_problem import StatePoints
 from ..model.evidence import Evidence
 from ..model.load_step import Earlier, Energy, Forces, State
 from ..model.nodal_answer import Accumulated
-from ..model.probes import LocatedProbes, ProbeValue
+from ..model.probes import Probe, ProbeValue
 from ..model.problem import ContactProblem
 from ..model.resultants import ForceBalance, force_balance
 from ..model.solution import Solution
@@ -129,12 +129,12 @@ class LargeSolution(Solution):
         each = {member.name: member.nodes for member in body.members} if len(body.members) > 1 else {}
         return force_balance(given, supports, e.on_body, body.x, Reductions(self.problem.comm), (), each)
 
-    def _at(self, probes: LocatedProbes) -> tuple[ProbeValue, ...]:
-        return probes.values(self.displacement, self.at_nodes, self.problem.surface.nodes)
-
     @cached_property
     def probes(self) -> tuple[ProbeValue, ...]:
         return self._at(self.origin.body.probes)
+
+    def probed(self, probes: Sequence[Probe]) -> tuple[ProbeValue, ...]:
+        return self._at(self.origin.body.located(probes))
 
 
 def size_of(certificate: Certificate) -> float:
@@ -238,7 +238,8 @@ class LargeMotions(ContactProblem):
 
     def _solved_from(self, state: State, tolerance: float, solve: Any) -> LargeSolution:
         begin = self._iterate(state, state.displacement, state.time, None)
-        start, here = begin.start(), self._iterate(state, state.displacement, self.time, begin.start())
+        start = begin.start()
+        here = self._iterate(state, state.displacement, self.time, start)
         x, sizes, found = self._carried(state, begin).at(here.problem.surface), [np.inf], False
         results, path = list[SolverResult](), Path(Reductions(self.comm))
         for _ in range(_MOST):
