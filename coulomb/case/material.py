@@ -53,14 +53,17 @@ class MaterialTable(Table):
     """Young's modulus in pascals, Poisson's ratio, density in kg/m^3, thermal expansion in 1/K.
 
     With three of Young's moduli, Poisson's ratios and shear moduli: orthotropic, with the first and second direction.
-    With a law: hyperelastic, for large motions; the Mooney-Rivlin law has c1, c2 and bulk in pascals in their place.
+    With a law: hyperelastic, for large motions; the Mooney-Rivlin law has c1, c2 and bulk in
+    pascals in their place, Ogden's lists mu in pascals and alpha, and bulk.
     """
 
-    law: Literal["neo-hookean", "st-venant-kirchhoff", "mooney-rivlin"] | None = None
+    law: Literal["neo-hookean", "st-venant-kirchhoff", "mooney-rivlin", "ogden"] | None = None
     young: YoungValue | None = None
     poisson: PoissonValue | None = None
     c1: NotNegative | None = None
     c2: NotNegative | None = None
+    mu: Annotated[tuple[Number, ...], Field(max_length=9)] | None = None
+    alpha: Annotated[tuple[Number, ...], Field(max_length=9)] | None = None
     bulk: Young | None = None
     shear: tuple[Young, Young, Young] | None = None
     directions: tuple[SpatialVector, SpatialVector] | None = None
@@ -69,12 +72,13 @@ class MaterialTable(Table):
 
     @model_validator(mode="after")
     def _constants_of_its_law(self) -> MaterialTable:
-        needed = ("c1", "c2", "bulk") if self.law == "mooney-rivlin" else ("young", "poisson")
+        own = {"mooney-rivlin": ("c1", "c2", "bulk"), "ogden": ("mu", "alpha", "bulk")}
+        needed = own.get(self.law or "", ("young", "poisson"))
         for name in needed:
             if getattr(self, name) is None:
                 raise ValueError(f"{name} is missing" + (f"; law = {self.law!r} needs it" if self.law else ""))
         linear = ("shear", "directions", "expansion") if self.law else ()
-        for name in {"young", "poisson", "c1", "c2", "bulk"} - {*needed} | {*linear}:
+        for name in {"young", "poisson", "c1", "c2", "mu", "alpha", "bulk"} - {*needed} | {*linear}:
             if getattr(self, name) is not None:
                 law = "an elastic material" if self.law is None else f"law = {self.law!r}"
                 raise ValueError(f"{name} does not belong to {law}, which has {', '.join(needed)} and density")
@@ -127,6 +131,10 @@ class MaterialTable(Table):
             from ..kinematics import MooneyRivlin
 
             return MooneyRivlin(self.c1, self.c2, self.bulk, self.density)
+        if self.mu is not None and self.alpha is not None and self.bulk is not None:
+            from ..kinematics import Ogden
+
+            return Ogden(self.mu, self.alpha, self.bulk, self.density)
         assert isinstance(self.young, float) and isinstance(self.poisson, float)
         if self.law is not None:
             from ..kinematics import NeoHookean, StVenantKirchhoff

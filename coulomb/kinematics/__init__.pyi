@@ -1,5 +1,6 @@
 from .hyperelastic import MooneyRivlin as MooneyRivlin
 from .hyperelastic import NeoHookean as NeoHookean
+from .hyperelastic import Ogden as Ogden
 from .hyperelastic import StVenantKirchhoff as StVenantKirchhoff
 from .hyperelastic import mooney_rivlin as mooney_rivlin
 from .hyperelastic import neo_hookean as neo_hookean

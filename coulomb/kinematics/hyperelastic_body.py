@@ -29,7 +29,7 @@ from ..fem.bodies import (
 from ..fem.compat import fem, ufl
 from ..fem.geometry import Amplitude, Field, evaluate_amplitude
 from ..fem.meshes import NamedMesh
-from .hyperelastic import hyperelastic
+from .hyperelastic import hyperelastic, invariants
 from .nonlinear_body import NonlinearBody
 
 _NOTHING = (0.0, 0.0, 0.0)
@@ -87,11 +87,24 @@ class HyperelasticBody(NonlinearBody):
         self._loaded = loaded = _Acting(
             *(mesh, materials, clamps, dead, body_force, springs, body_force_amplitude, gravity, gravity_amplitude)
         )
-        u, v = fem.Function(loaded.V, name="displacement"), ufl.TestFunction(loaded.V)
-        F = ufl.variable(ufl.Identity(3) + ufl.grad(u))
-        density = self._density(laws, F)
-        J = ufl.det(F)
-        self._cauchy = ufl.diff(density, F) * F.T / J
+        u, v, w = fem.Function(loaded.V, name="displacement"), ufl.TestFunction(loaded.V), ufl.TrialFunction(loaded.V)
+        F, dx = ufl.Identity(3) + ufl.grad(u), cell_measure(loaded.domain)
+        # derivatives by the invariants q: terms are then as many as these, however long the law is
+        q, J = invariants(F), ufl.det(F)
+        known = [ufl.variable(one) for one in q]
+        density = self._density(laws, known)
+        by_q = [ufl.diff(density, one) for one in known]
+        rates = [ufl.derivative(one, u, v) for one in q]
+        inside = sum(a * rate for a, rate in zip(by_q, rates, strict=True)) * dx
+        tangent = sum(
+            ufl.diff(a, other) * rate * ufl.derivative(of, u, w)
+            for a, rate in zip(by_q, rates, strict=True)
+            for other, of in zip(known, q, strict=True)
+        )
+        tangent += sum(a * ufl.derivative(rate, u, w) for a, rate in zip(by_q, rates, strict=True))
+        gradient = ufl.variable(F)
+        stress = sum(a * ufl.diff(one, gradient) for a, one in zip(by_q, invariants(gradient), strict=True))
+        self._cauchy = stress * F.T / J
         faces = [mesh.facets(load.face, load.kind) for load in self._follow]
         faces += [mesh.facets(spring.face, "spring") for spring in springs]
         on = _surfaces(loaded, faces)
@@ -101,29 +114,38 @@ class HyperelasticBody(NonlinearBody):
             on(k, factor * self._value(load, faces[k]) * ufl.inner(normal, v))
             for k, (load, factor) in enumerate(zip(self._follow, self._factors, strict=True))
         ]
-        energy = density * cell_measure(loaded.domain)
+        energy = density * dx
+        on_faces = list(pressures)
         for number, spring in enumerate(springs, len(self._follow)):
             stiffness = fem.Constant(loaded.domain, np.array(spring.along_axes))
-            energy += on(number, sum(0.5 * stiffness[i] * u[i] ** 2 for i in range(3)))
-        residual = reduce(add, pressures, ufl.derivative(energy, u, v))
-        super().__init__(residual=residual, displacement=u, faces=mesh, update=self._at_time)
+            sprung = on(number, sum(0.5 * stiffness[i] * u[i] ** 2 for i in range(3)))
+            energy += sprung
+            on_faces.append(ufl.derivative(sprung, u, v))
+        super().__init__(
+            residual=reduce(add, on_faces, inside),
+            tangent=reduce(add, (ufl.derivative(one, u, w) for one in on_faces), tangent * dx),
+            displacement=u,
+            faces=mesh,
+            update=self._at_time,
+        )
         self._energy = fem.form(ufl.replace(energy, {u: self._function}))
         self._pressure_forms = [fem.form(ufl.replace(-one, {u: self._function})) for one in pressures]
         self.held, self.contradictions = loaded.held, loaded.contradictions
         self.materials, self.loads = materials, loaded.loads
 
-    def _density(self, laws: Sequence[tuple[str | None, Any]], F: Any) -> Any:
+    def _density(self, laws: Sequence[tuple[str | None, Any]], of: Sequence[Any]) -> Any:
         """Strain energy per undeformed volume: the sum of those of all laws, each 0 in the cells of others."""
         loaded, found = self._loaded, 0.0
         count = loaded.domain.topology.index_map(3).size_local
-        for law in dict.fromkeys(type(material) for _, material in laws):
-            mine = [(group, one) for group, one in laws if type(one) is law]
+        kinds = [(type(material), getattr(material, "alpha", ())) for _, material in laws]
+        for kind in dict.fromkeys(kinds):
+            mine = [law for law, of in zip(laws, kinds, strict=True) if of == kind]
             values = {name: np.zeros(count) for name in mine[0][1].constants}
             for group, material in mine:
                 cells: Any = slice(None) if group is None else loaded.mesh.group(group, "material")
                 for name, value in material.constants.items():
                     values[name][cells] = value
-            found += law.energy(F, *(loaded._on_cells(one, name) for name, one in values.items()))
+            found += mine[0][1].energy(of, *(loaded._on_cells(one, name) for name, one in values.items()))
         return found
 
     def _value(self, load: Pressure, facets: npt.NDArray[np.int32]) -> Any:

@@ -55,6 +55,7 @@ class NonlinearBody(Body):
     Args:
         energy: Potential energy, a form without arguments: that of the strains less the work of the loads.
         residual: In place of an energy, a linear form: the work of internal forces less that of loads.
+        tangent: The derivative of the residual along a trial function; None for UFL's.
         displacement: The function u in it, which is set to the answer.
         bcs, faces, update: As of `Body`.
 
@@ -72,6 +73,7 @@ class NonlinearBody(Body):
         *,
         displacement: Any,
         residual: Any = None,
+        tangent: Any = None,
         update: Any = None,
     ):
         if (energy is None) == (residual is None):
@@ -86,7 +88,8 @@ class NonlinearBody(Body):
         F = ufl.derivative(energy, displacement, ufl.TestFunction(V)) if residual is None else residual
         self._displacement = displacement
         # without the integrals that vanish, such as those of dead loads
-        tangent = ufl.algorithms.expand_derivatives(ufl.derivative(F, displacement, ufl.TrialFunction(V)))
+        derivative = ufl.derivative(F, displacement, ufl.TrialFunction(V)) if tangent is None else tangent
+        tangent = ufl.algorithms.expand_derivatives(derivative)
         inside, surface = (_of_kind(tangent, cells) for cells in (True, False))
         self._inside, self._on_facets = inside, None if surface is None else 0.5 * (surface + ufl.adjoint(surface))
         whole = inside if self._on_facets is None else inside + self._on_facets

@@ -14,7 +14,7 @@ import coulomb
 from coulomb import Contact, ContactProblem, LoadHistory, PrescribedDisplacement, SymmetryPlane
 from coulomb.case.case import read_case
 from coulomb.io.recheck import check
-from coulomb.kinematics import MooneyRivlin, NeoHookean, StVenantKirchhoff
+from coulomb.kinematics import MooneyRivlin, NeoHookean, Ogden, StVenantKirchhoff
 
 UP = [(0.0, 0.0), (1.0, 1.0)]
 RUBBER = NeoHookean(1e6, 0.3)
@@ -97,6 +97,27 @@ def test_materials_have_the_stresses_of_their_formulas():
     incompressible = 2.0 * (0.8 - 0.8**-2) * (3e5 + 1e5 / 0.8)
     assert last(block(soft, pressed(0.2))).row["force_z"] == pytest.approx(-incompressible, rel=1e-3)
     assert soft.young == pytest.approx(3.0 * 2.0 * 4e5, rel=1e-3) and soft.poisson == pytest.approx(0.5, abs=1e-3)
+
+
+def test_an_ogden_material_has_the_stress_of_its_energy():
+    """By differences of the energy in principal stretches, with the sides free; and its modulus of small strains."""
+    mu, alpha, bulk, stretch = (6e5, -1e4), (1.3, -2.0), 1e8, 0.6
+
+    def energy(along, across):
+        J = along * across**2
+        stretches = np.array([across, across, along]) * J ** (-1.0 / 3.0)
+        parts = (m / a * (np.sum(stretches**a) - 3.0) for m, a in zip(mu, alpha, strict=True))
+        return sum(parts) + 0.5 * bulk * (J - 1.0) ** 2
+
+    def slope(f, x, h=1e-5):
+        return (8.0 * (f(x + h) - f(x - h)) - f(x + 2.0 * h) + f(x - 2.0 * h)) / (12.0 * h)
+
+    across = brentq(lambda a: slope(lambda q: energy(stretch, q), a), 1.0, 1.5, xtol=1e-14)
+    material = Ogden(mu, alpha, bulk)
+    assert last(block(material, pressed(0.4))).row["force_z"] == pytest.approx(
+        -slope(lambda q: energy(q, across), stretch), rel=1e-7
+    )
+    assert material.young == pytest.approx(3.0 * 0.5 * (1.3 * 6e5 + 2e4), rel=5e-3)
 
 
 def test_a_pressure_follows_the_surface_beside_a_dead_load_and_a_spring():
@@ -251,7 +272,9 @@ def test_a_body_of_an_energy_and_problem_and_history_by_their_usual_names():
         ("material.poisson=[0.3, 0.3, 0.3]", "one number each"),
         ("material.law='mooney-rivlin'", "c1 is missing"),
         ("material.c1=1e5", "c1 does not belong to"),
-        ("material.law='ogden'", "neo-hookean"),
+        ("material.law='ogden'", "mu is missing"),
+        ("material={law='ogden', mu=[1e5], alpha=[-2.0], bulk=1e8}", "mu * alpha must be positive"),
+        ("material.law='yeoh'", "neo-hookean"),
         ("contact.gap=1e-3", "describe the undeformed place"),
         ("contact.region=[{box=[[0,0,0],[1,1,1]], friction=0.1}]", "function of place"),
         ("temperature={value=20.0}", "temperature"),
@@ -269,7 +292,7 @@ def test_wrong_input():
         ContactProblem(mesh, RUBBER, ROLLERS, SMOOTH)
     with pytest.raises(ValueError, match='kinematics must be "small" or "large"'):
         ContactProblem(mesh, RUBBER, ROLLERS, SMOOTH, kinematics="finite")
-    with pytest.raises(ValueError, match="c1 \\+ c2 must be > 0"):
+    with pytest.raises(ValueError, match="shear modulus of small strains must be positive"):
         MooneyRivlin(0.0, 0.0, 1e9)
     with pytest.raises(ValueError, match="bulk must be a number of pascals, not negative"):
         MooneyRivlin(1e5, 0.0, -1e9)
