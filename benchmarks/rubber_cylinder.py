@@ -189,7 +189,7 @@ def getfem(mesh: coulomb.NamedMesh) -> tuple[list[float], int, float]:
         forces, iterations, _ = body.steps("rubber", lambda time: (0.0, 0.0, -DEPTH * time), STEPS)
     except Unsolved as error:
         raise RuntimeError(f"GetFEM: {error}") from None
-    return forces[:, 2].tolist(), iterations, processor_time() - began
+    return [float(force) for force in forces[:, 2]], iterations, processor_time() - began
 
 
 def _deck(mesh: coulomb.NamedMesh) -> Iterator[str]:

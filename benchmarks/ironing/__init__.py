@@ -52,7 +52,7 @@ def times(drawing: int) -> list[float]:
     """Ends of the load steps, so many of them of drawing; 0: two steps, pressing and drawing."""
     if drawing == 0:
         return [1.0, 2.0]
-    return [*np.linspace(0.0, 1.0, PRESSING + 1)[1:].tolist(), *np.linspace(1.0, 2.0, drawing + 1)[1:].tolist()]
+    return [k / PRESSING for k in range(1, PRESSING + 1)] + [1.0 + k / drawing for k in range(1, drawing + 1)]
 
 
 def way(time: float) -> tuple[float, float, float]:

@@ -218,7 +218,7 @@ class LargeMotions(ContactProblem):
         """
         state = self._state
         try:
-            return self._solved_from(state, tolerance, partial(Linearised.solve, solver=solver, progress=progress))
+            return self._whole_step(state, tolerance, partial(Linearised.solve, solver=solver, progress=progress))
         except (Unsolved, ValueError, NotConverged) as failure:
             linearised(self.elasticity, state.displacement, state.time)  # the user's functions are of that state
             result = failure.result if isinstance(failure, NotConverged) else _without_answer(len(self._points.nodes))
@@ -236,7 +236,17 @@ class LargeMotions(ContactProblem):
         none = Accumulated.none(count)
         return State(0, self.time, Energy(), still, np.zeros((count, 3)), np.zeros(count), none, ())
 
-    def _solved_from(self, state: State, tolerance: float, solve: Any) -> LargeSolution:
+    def _whole_step(self, state: State, tolerance: float, solve: Any) -> LargeSolution:
+        """Of bodies that slide on each other by accelerated iterates, and if these fail, by the others: on foundations
+        iterates converge fast enough."""
+        if any(one.against is not None for one in self.contacts):
+            try:
+                return self._solved_from(state, tolerance, solve, accelerate=True)
+            except StepCut as failure:
+                _log.debug("accelerated: %s", failure)
+        return self._solved_from(state, tolerance, solve, accelerate=False)
+
+    def _solved_from(self, state: State, tolerance: float, solve: Any, accelerate: bool) -> LargeSolution:
         begin = self._iterate(state, state.displacement, state.time, None)
         start = begin.start()
         here = self._iterate(state, state.displacement, self.time, start)
@@ -248,7 +258,7 @@ class LargeMotions(ContactProblem):
             du, surface, compliance = linear.displacement, here.problem.surface, here.problem.mean_compliance
             before, after = (CarriedForces.of(of, surface, len(du)) for of in (x, linear.contact_force))
             ways = [(du, after, 0.5**k) for k in range(_BACKTRACKS)]
-            if sizes[-1] < NEAR and (mixed := path.next(here.u, du, before, after, compliance)):
+            if accelerate and sizes[-1] < NEAR and (mixed := path.next(here.u, du, before, after, compliance)):
                 ways.insert(0, (*mixed, 1.0))
             for way, forces, part in ways:
                 there, accelerated = self._moved(here, part * way, state, start), way is not du

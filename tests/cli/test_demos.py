@@ -325,9 +325,14 @@ def test_demo_disc_brake(tmp_path):
     assert torque == pytest.approx(-found["clamp_carrier:bolted_moment_z"], rel=1e-6)
 
 
-def test_the_tread_block_slides_and_the_seal_meets_its_wall():
+def test_demo_tread_block():
+    """It sticks at first, and slides in the end."""
     force = table(said("tread_block.toml"), r"step +# .* force \(#, #, #\) N")[:, 1:]
     assert force[-1, 0] == pytest.approx(0.8 * force[-1, 2], rel=0.02) and force[2, 0] < 0.3 * force[2, 2]
+
+
+def test_demo_seal():
+    """It meets the wall late, and all forces grow."""
     beside = table(said("seal.toml"), r"step +# .* beside # N, above # N")[:, 1:]
     assert (
         np.all(beside[:10, 0] == 0.0) and np.all(np.diff(beside[-3:, 0]) > 0.0) and np.all(np.diff(beside[:, 1]) > 0.0)
