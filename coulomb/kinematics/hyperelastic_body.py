@@ -57,8 +57,8 @@ class HyperelasticBody(NonlinearBody):
     surface; prescribed rotations are finite.
 
     Args:
-        As of `Elasticity`; materials are `NeoHookean`, `MooneyRivlin`, `StVenantKirchhoff`, or `Material`, which
-        becomes the last of these.
+        As of `Elasticity`; materials are `NeoHookean`, `MooneyRivlin`, `Ogden`, `StVenantKirchhoff`, or `Material`,
+        which becomes the last of these.
 
     Raises:
         ValueError: As `Elasticity`; if there is a temperature, or a material of another kind.

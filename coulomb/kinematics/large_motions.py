@@ -285,7 +285,7 @@ class LargeMotions(ContactProblem):
             found = certificate.passed
         else:
             raise self._cut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
-        whole = _together(results, x, certificate)
+        whole = _together(results, x, certificate, sizes[-1] <= tolerance)
         answer = replace(
             self._answer(here, x, whole, evidence, certificate, tuple(sizes)),
             by={**linear.methods, "kinematics": "large", "linear_problems": len(results)},
@@ -440,11 +440,13 @@ def _solve(
     return problem.solve(tolerance, solver, progress, start)
 
 
-def _together(results: Sequence[SolverResult], x: FloatArray, certificate: Certificate) -> SolverResult:
-    """The result of all linear problems of a step: sums, with the last status."""
+def _together(results: Sequence[SolverResult], x: FloatArray, certificate: Certificate, reached: bool) -> SolverResult:
+    """The result of all linear problems of a step: sums; CONVERGED if the residual reached the tolerance, STAGNATED if
+    the certificate passed above it."""
     return replace(
         results[-1],
         x=x,
+        status=results[-1].status if reached else Status.STAGNATED,
         newton_steps=sum(one.newton_steps for one in results),
         products=sum(one.products for one in results),
         residual=certificate["natural residual"].value,

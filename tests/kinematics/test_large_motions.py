@@ -226,6 +226,21 @@ def test_facets_that_are_coarse_beside_the_contact_make_an_answer_invalid():
     assert wide.valid and wide.small_strain.chord == pytest.approx((1.0 / 3.0) ** 2 / (8.0 * 3.0) / 0.05, rel=1.0)
 
 
+def test_a_surface_beside_the_contact_face_that_gets_inside_makes_an_answer_invalid():
+    """The block is drawn aside until a bar stands in its left face, which is no contact face."""
+
+    def drawn_left(way):
+        bar = coulomb.Cylinder((-0.5, 0.0, 0.5), (0.0, 1.0, 0.0), 0.3)
+        one = RubberBlock(lambda time, x: np.array([[-way], [0.0], [0.0]]) + 0.0 * x)
+        (answer,) = answers(one.body, coulomb.Contact("bottom", friction=0.3, foundation=bar), [1.0])
+        assert answer.certificate.passed
+        return answer
+
+    assert drawn_left(0.1).valid
+    inside = drawn_left(0.3)
+    assert not inside.valid and "beside contact face 'bottom'" in inside.outside[0]
+
+
 def test_elements_inside_out_are_seen():
     one = RubberBlock(cells=(2, 1, 1))
     u = np.zeros_like(one.body.reference)
