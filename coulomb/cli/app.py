@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -298,10 +299,11 @@ def main() -> None:
         if said := unusable(error):
             sys.stderr.write(f"error: {said}\n")
             process.leave(BAD_INPUT, FAILED)
-        traceback.print_exc()
+        sys.stderr.write(traceback.format_exc())
         sys.stderr.flush()
         comm = launched()
         if comm is not None and comm.size > 1:
+            time.sleep(0.5)  # MPICH's mpiexec drops on Abort what it has not yet passed on
             comm.Abort(CRASHED)
         code = CRASHED
     process.leave(code, FAILED)
