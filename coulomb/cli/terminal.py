@@ -12,8 +12,10 @@ from rich.console import Console
 
 from ..arrays import FloatArray
 from ..case.case import Case
+from ..case.contact import ContactTable
 from ..contact_names import named_faces, normal_forces
 from ..fem.bodies import Member
+from ..fem.contact import FoundPair
 from ..fem.meshes import corner_geometry
 from ..io.accuracy import accuracy, rounded
 from ..io.run_directory import PICTURE
@@ -97,7 +99,17 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
         ],
     )
     _print(console, "support", [f"{one['kind']} on {one['face']!r}: {one['holds']}" for one in supports_of(problem)])
+    _print(console, "found", [found_in_words(*one) for one in settings.found], len(settings.found))
     _print(console, "contact", [contact_in_words(one) for one in contacts_of(problem)])
+
+
+def found_in_words(table: ContactTable, pair: FoundPair) -> str:
+    """A contact that auto_contact has found, with its area and gap."""
+    low, high = pair.gap
+    return (
+        f"{table.face!r} against {table.against!r}: {pair.area:.3g} m^2 face each other, "
+        f"gap {_range({'min': low, 'max': high})}"
+    )
 
 
 def contact_in_words(one: dict[str, Any]) -> str:
@@ -116,11 +128,11 @@ def _range(values: dict[str, float]) -> str:
     return metres(low) if high - low <= 1e-9 * max(abs(low), abs(high)) else f"{metres(low)} to {metres(high)}"
 
 
-def _print(console: Console, what: str, lines: Sequence[str]) -> None:
-    for line in lines[:_LINES]:
+def _print(console: Console, what: str, lines: Sequence[str], most: int = _LINES) -> None:
+    for line in lines[:most]:
         console.out(f"{what:<8} {line}")
-    if len(lines) > _LINES:
-        console.out(f"{what:<8} and {len(lines) - _LINES} more, in summary.json")
+    if len(lines) > most:
+        console.out(f"{what:<8} and {len(lines) - most} more, in summary.json")
 
 
 def _vector(values: FloatArray) -> str:

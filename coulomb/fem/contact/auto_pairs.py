@@ -1,0 +1,351 @@
+"""Pairs of faces that face each other, found by lines along the normals of the outer facets of all bodies.
+
+From sixteen points of every outer facet of a body a line goes along its normal, before and behind it; the nearest facet
+that it meets within the distance, and that faces it, is opposite to the point.  What is behind another facet is hidden
+by it: the outer sheets of a stack do not face each other through the inner one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ...arrays import FloatArray, IntArray, is_number
+from .. import compat
+from ..bodies import DisplacementSpace, mesh_components
+from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, fetched, starts_of
+from .facet_patch import facet_patch
+from .mortar_parts import FACING, Cells, SphereTree, sphere_tree
+
+_LINES = 4
+"""Points along an edge of a facet."""
+
+_SAME = 1e-9
+"""Distances that differ by less than this part of the extent of all bodies are the same."""
+
+_AT_ONCE = 1000
+"""Facets treated at once, so that memory stays small."""
+
+
+@dataclass(frozen=True)
+class FoundPair:
+    """Two faces that face each other.
+
+    Attributes:
+        face: Name of the one, of the earlier body, or named earlier there.
+        against: Name of the other.
+        area: Of what faces the other within the distance, by the points of the finer face, m^2.
+        gap: The smallest and the largest distance there along the normals, metres; negative where they overlap.
+    """
+
+    face: str
+    against: str
+    area: float
+    gap: tuple[float, float]
+
+    def __str__(self) -> str:
+        low, high = self.gap
+        return f"{self.face!r} and {self.against!r}: {self.area:.3g} m^2, gap {low:.3g} to {high:.3g} m"
+
+
+@dataclass(frozen=True)
+class FoundPairs:
+    """The pairs of faces of a mesh within a distance, and the mesh with the faces that were made for them.
+
+    Attributes:
+        mesh: The given mesh; where facets without a name face another body, they are a face of it now.
+        pairs: In the order of the bodies and their faces.
+        made: Names of the faces that were made.
+    """
+
+    mesh: NamedMesh | JoinedMesh
+    pairs: tuple[FoundPair, ...]
+    made: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.pairs))
+
+
+def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
+    """All pairs of faces of different bodies, or components of a mesh, that face each other within a distance;
+    collective, the same on any number of ranks.
+
+    A pair is two named faces as a whole, if their facets have a name, of several the face with fewest facets; facets
+    without a name that face another body become a face "lower:facing_upper", in a mesh with several components
+    "part_1_facing_part_2", numbered by their smallest x, then y, then z.  Two faces of one component are a pair if
+    both have names, and are a gap apart: those of a slot.  The outer facets of all bodies are kept on every rank.
+
+    Args:
+        mesh: Of one body with components that share no node, or of several bodies (`join`).
+        distance: Largest gap and largest overlap, metres, along the normals of the undeformed facets.
+
+    Returns:
+        The pairs, and the mesh that has their faces: `ContactProblem(found.mesh, ..., contact=[Contact(pair.face,
+        friction=0.2, against=pair.against) for pair in found.pairs])`.
+
+    Raises:
+        ValueError: On every rank, if the distance is not positive, or nothing is within it, with the smallest distance.
+    """
+    if not is_number(distance) or distance <= 0.0:
+        raise ValueError(f"auto_pairs: distance must be a number of metres > 0, but is {distance!r}")
+    given = mesh.bodies if isinstance(mesh, JoinedMesh) else {"": mesh}
+    bodies = [_OuterFacets.of(one) for one in given.values()]
+    every = _Names(given, [body.components for body in bodies], mesh.comm)
+    opposite = _opposite(every, bodies, distance)
+    if not len(opposite.pairs):
+        raise ValueError(_nothing(every, bodies, distance))
+    pairs: dict[frozenset[str], FoundPair] = {}
+    made: dict[tuple[int, str], list[IntArray]] = {}
+    for first, second, area, low, high in opposite.pairs:
+        sides = (first, second)
+        unnamed = every.side(sides[0])[::2] == every.side(sides[1])[::2]  # one name for faces of two components
+        named = []
+        for side, against in (sides, sides[::-1]):
+            body, _, face = every.side(side)
+            if face and not unnamed:
+                named.append(every.called(body, face))
+                continue
+            own = every.facing(side, against)
+            of_side = (opposite.facets[:, 0] == side) & (opposite.facets[:, 1] == against)
+            made.setdefault((body, own), []).append(opposite.facets[of_side, 2])
+            named.append(every.called(body, own))
+        key = frozenset(named)
+        if key in pairs:
+            before = pairs[key]
+            low, high = min(low, before.gap[0]), max(high, before.gap[1])
+            area += before.area
+            named = [before.face, before.against]
+        pairs[key] = FoundPair(named[0], named[1], area, (low, high))
+    with_faces = list(given.values())
+    for (body, own), keys in made.items():
+        before_it = with_faces[body]
+        with_faces[body] = replace(
+            before_it, faces={**before_it.faces, own: bodies[body].numbered(np.concatenate(keys))}
+        )
+    joined = JoinedMesh(dict(zip(given, with_faces, strict=True)))
+    names = tuple(every.called(body, own) for body, own in made)
+    return FoundPairs(joined if isinstance(mesh, JoinedMesh) else with_faces[0], tuple(pairs.values()), names)
+
+
+class _OuterFacets(NamedTuple):
+    """The outer facets of a body that this rank owns.
+
+    Attributes:
+        cells: Their polygons, of second order four of each.
+        facet: Facet numbers of the mesh, ascending, shape (f,).
+        key: Their numbers over all ranks, shape (f,).
+        component: The component of the mesh of each, shape (f,).
+        face: The number of the named face of each, from 1; 0 without a name; shape (f,).
+        components: How many components there are on all ranks.
+    """
+
+    cells: Cells
+    facet: npt.NDArray[np.int32]
+    key: IntArray
+    component: IntArray
+    face: IntArray
+    components: int
+
+    @classmethod
+    def of(cls, mesh: NamedMesh) -> _OuterFacets:
+        domain, comm = mesh.domain, mesh.comm
+        space = DisplacementSpace(compat.functionspace(domain, mesh.degree, (3,)))
+        domain.topology.create_connectivity(2, 3)
+        outer = np.sort(compat.mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
+        facet = outer[outer < domain.topology.index_map(2).size_local]
+        patch = facet_patch(space, facet)
+        of_nodes = mesh_components(space)
+        component = fetched(comm, starts_of(comm, space.numbering.local), patch.nodes[:, 0], of_nodes)
+        pieces = patch.kind.pieces
+        corners = patch.x[:, pieces].reshape(-1, patch.kind.corners, 3)
+        number = np.repeat(np.arange(len(facet)), len(pieces))
+        cells = Cells(number, corners, np.zeros((len(number), 2)))
+        sizes = [comm.allreduce(int(np.isin(facet, own).sum())) for own in mesh.faces.values()]
+        face = np.zeros(len(facet), dtype=np.int64)
+        for which in np.argsort(sizes, kind="stable")[::-1]:  # the smallest last
+            face[np.isin(facet, list(mesh.faces.values())[which])] = which + 1
+        key = starts_of(comm, len(facet))[comm.rank] + np.arange(len(facet))
+        components = 1 + comm.allreduce(int(np.max(component, initial=0)), op=MPI.MAX)
+        return cls(cells, facet, key, component, face, components)
+
+    def numbered(self, keys: IntArray) -> npt.NDArray[np.int32]:
+        """This rank's facets among those with these numbers over all ranks."""
+        return self.facet[np.isin(self.key, keys)]
+
+
+class _Names:
+    """Numbers of sides, of which each has one face of one component of a body, or its facets without a name."""
+
+    def __init__(self, meshes: dict[str, NamedMesh], components: list[int], comm: MPI.Comm):
+        self.comm = comm
+        self._bodies, self._components = list(meshes), components
+        self._faces = [("", *mesh.faces) for mesh in meshes.values()]
+        self._first = np.concatenate([[0], np.cumsum(components)])
+        self.width = max(map(len, self._faces))
+
+    def sides(self, body: int, of: _OuterFacets) -> IntArray:
+        """The sides of the polygons of a body, shape (c,)."""
+        found: IntArray = ((self._first[body] + of.component) * self.width + of.face)[of.cells.facet]
+        return found
+
+    def side(self, number: int) -> tuple[int, int, str]:
+        """Body, component, and name of the face in the body."""
+        part, face = divmod(number, self.width)
+        body = int(np.searchsorted(self._first, part, side="right")) - 1
+        return body, int(part - self._first[body]), self._faces[body][face]
+
+    def called(self, body: int, own: str) -> str:
+        """The name of a face among all bodies."""
+        return f"{self._bodies[body]}{SEPARATOR}{own}" if self._bodies[body] else own
+
+    def facing(self, side: int, against: int) -> str:
+        """The name in its body of a face that is made."""
+        (body, part, _), (there, opposite, _) = self.side(side), self.side(against)
+        own = f"part_{part + 1}" if self._components[body] > 1 else ""
+        other = f"part_{opposite + 1}" if self._components[there] > 1 else ""
+        return "_".join(filter(None, (own, "facing", self._bodies[there], other)))
+
+    def in_words(self, side: int) -> str:
+        """A side in errors: its face, else its body or component."""
+        body, part, face = self.side(side)
+        if face:
+            return repr(self.called(body, face))
+        component = f"part {part + 1}" if self._components[body] > 1 or not self._bodies[body] else ""
+        return " of ".join(filter(None, (component, repr(self._bodies[body]) if self._bodies[body] else "")))
+
+
+class _Opposite(NamedTuple):
+    """What is opposite to what.
+
+    Attributes:
+        pairs: Sides, area, smallest and largest gap, ascending.
+        facets: Rows (side, side opposite, number over all ranks of a facet of the first), shape (k, 3).
+    """
+
+    pairs: list[tuple[int, int, float, float, float]]
+    facets: IntArray
+
+
+def _opposite(names: _Names, bodies: list[_OuterFacets], distance: float) -> _Opposite:
+    """Pairs of sides within a distance; collective, the same on every rank."""
+    comm = names.comm
+    corners = [body.cells.corners[:, [0, 1, 2, -1]] for body in bodies]  # triangles with one corner twice
+    mine = (
+        np.concatenate(corners),
+        np.concatenate([names.sides(k, body) for k, body in enumerate(bodies)]),
+        np.concatenate([body.key[body.cells.facet] for body in bodies]),
+    )
+    polygon, side, key = (np.concatenate(parts) for parts in zip(*comm.allgather(mine), strict=True))
+    others = Cells(np.arange(len(polygon)), polygon, np.zeros((len(polygon), 2)))
+    ends = polygon.reshape(-1, 3)
+    same = _SAME * float(np.linalg.norm(np.ptp(ends, axis=0)))
+    tree, found = sphere_tree(others.centre, others.radius), []
+    for number, body in enumerate(bodies):
+        own = names.sides(number, body)
+        for at in np.array_split(np.arange(len(own)), len(own) // _AT_ONCE + 1):
+            cell, other, gap = _met(at, body.cells, others, tree, own, side, names.width, distance, same)
+            area = body.cells.area[cell] / _LINES**2
+            found.append((own[cell], side[other], body.key[body.cells.facet[cell]], key[other], area, gap))
+    one, two, facet, there, area, gap = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    facets = np.concatenate([np.column_stack([one, two, facet]), np.column_stack([two, one, there])])
+    facets = np.unique(np.concatenate(comm.allgather(np.unique(facets, axis=0))), axis=0)
+    gap = np.where(np.abs(gap) <= same, 0.0, gap)
+    rows, inverse, count = np.unique(np.column_stack([one, two]), axis=0, return_inverse=True, return_counts=True)
+    total = np.bincount(inverse.ravel(), area, len(rows))
+    low, high = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
+    np.minimum.at(low, inverse.ravel(), gap)
+    np.maximum.at(high, inverse.ravel(), gap)
+    every = np.concatenate(comm.allgather(np.column_stack([rows, count, total, low, high])))
+    pairs = []
+    for a, b in np.unique(np.sort(every[:, :2], axis=1), axis=0):
+        ways = [every[np.all(every[:, :2] == way, axis=1), 2:] for way in ((a, b), (b, a))]
+        finer = max(ways, key=lambda way: way[:, 0].sum())
+        of_both = np.concatenate(ways)
+        pairs.append((int(a), int(b), float(finer[:, 1].sum()), float(of_both[:, 2].min()), float(of_both[:, 3].max())))
+    return _Opposite(pairs, facets)
+
+
+def _met(
+    at: IntArray,
+    cells: Cells,
+    others: Cells,
+    tree: SphereTree,
+    own: IntArray,
+    side: IntArray,
+    width: int,
+    distance: float,
+    same: float,
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """For lines from points of cells `at`, of those with sides `own`: their cells, what is opposite among others with
+    these sides, and the gaps in metres, shape (k,) each."""
+    line, other = tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], distance, distance)
+    one = at[line]
+    cosine = np.einsum("ki,ki->k", cells.frames[one, 2], others.area_vector[other]) / others.area[other]
+    one, other = one[cosine < FACING], other[cosine < FACING]
+    first, inverse = np.unique(one, return_inverse=True)
+    points = np.einsum("qc,kci->kqi", _points(cells.corners.shape[1]), cells.corners[first])
+    points = cells.seen(first, points)[inverse.ravel()]
+    polygon = cells.seen(one, others.corners[other])[:, ::-1]
+    edge = np.roll(polygon, -1, axis=1) - polygon
+    away = points[:, :, None, :2] - polygon[:, None, :, :2]
+    left = edge[:, None, :, 0] * away[..., 1] - edge[:, None, :, 1] * away[..., 0]
+    inside = np.all(left >= -_SAME, axis=2)
+    n = np.einsum("kij,kj->ki", cells.frames[one], others.area_vector[other])
+    middle = polygon.mean(axis=1)
+    drop = np.einsum("kqi,ki->kq", points[:, :, :2] - middle[:, None, :2], n[:, :2]) / n[:, 2:]
+    gap = (middle[:, None, 2] - drop - points[:, :, 2]) * cells.radius[one][:, None]
+    row, point = np.nonzero(inside & (np.abs(gap) <= distance + same))
+    gap, one, other = gap[row, point], one[row], other[row]
+    of_line = one * _LINES**2 + point
+    own_body = own[one] // width == side[other] // width
+    back = gap < -same  # behind the nearest wall of its own body nothing is met
+    seen = _nearest(of_line, np.where(back, -gap, np.inf), same) & back
+    hidden = np.isin(of_line, of_line[seen & own_body])
+    use = ~back | (seen & ~hidden)
+    use &= _nearest(of_line, np.where(use, np.abs(gap), np.inf), same)
+    named = (own[one] % width > 0) & (side[other] % width > 0) & (own[one] != side[other])
+    use &= ~own_body | (named & (gap > -same))
+    return one[use], other[use], gap[use]
+
+
+def _nearest(line: IntArray, size: FloatArray, same: float) -> npt.NDArray[np.bool_]:
+    """Which entries are as near as the nearest of their line."""
+    lines, inverse = np.unique(line, return_inverse=True)
+    least = np.full(len(lines), np.inf)
+    np.minimum.at(least, inverse.ravel(), size)
+    return np.asarray(size <= least[inverse.ravel()] + same, dtype=bool)
+
+
+def _points(corners: int) -> FloatArray:
+    """Weights of the corners at points of a triangle or a quadrilateral, of equal shares, shape (16, corners)."""
+    n = _LINES
+    if corners == 3:
+        upright = [(i + 1 / 3, j + 1 / 3) for i in range(n) for j in range(n - i)]
+        turned = [(i + 2 / 3, j + 2 / 3) for i in range(n - 1) for j in range(n - 1 - i)]
+        r, s = np.array([*upright, *turned]).T / n
+        return np.column_stack([1.0 - r - s, r, s])
+    r, s = np.array([(i + 0.5, j + 0.5) for i in range(n) for j in range(n)]).T / n
+    return np.column_stack([(1.0 - r) * (1.0 - s), r * (1.0 - s), r * s, (1.0 - r) * s])
+
+
+def _nothing(names: _Names, bodies: list[_OuterFacets], distance: float) -> str:
+    """Why nothing was found; collective."""
+    x = [body.cells.corners.reshape(-1, 3) for body in bodies]
+    ends = np.concatenate(names.comm.allgather(np.concatenate(x)))
+    far = _opposite(names, bodies, float(np.linalg.norm(np.ptp(ends, axis=0)))).pairs
+
+    def least(low: float, high: float) -> float:
+        return 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
+
+    said = f"auto_pairs: no faces of different bodies face each other within distance = {distance:g} m"
+    if not far:
+        return f"{said}, nor at any distance: are the bodies where they should be?"
+    one, other, _, low, high = min(far, key=lambda pair: least(*pair[3:]))
+    return (
+        f"{said}: the nearest that do, {names.in_words(one)} and {names.in_words(other)}, are {least(low, high):.3g} m "
+        "apart"
+    )
