@@ -102,11 +102,11 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
     made: dict[tuple[int, str], list[IntArray]] = {}
     for first, second, area, low, high in opposite.pairs:
         sides = (first, second)
-        unnamed = every.side(sides[0])[::2] == every.side(sides[1])[::2]  # one name for faces of two components
+        same = every.side(first)[::2] == every.side(second)[::2]  # one name for faces of two components
         named = []
         for side, against in (sides, sides[::-1]):
             body, _, face = every.side(side)
-            if face and not unnamed:
+            if face and not same:
                 named.append(every.called(body, face))
                 continue
             own = every.facing(side, against)
@@ -126,9 +126,9 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
         with_faces[body] = replace(
             before_it, faces={**before_it.faces, own: bodies[body].numbered(np.concatenate(keys))}
         )
-    joined = JoinedMesh(dict(zip(given, with_faces, strict=True)))
-    names = tuple(every.called(body, own) for body, own in made)
-    return FoundPairs(joined if isinstance(mesh, JoinedMesh) else with_faces[0], tuple(pairs.values()), names)
+    joined = isinstance(mesh, JoinedMesh)
+    with_all = JoinedMesh(dict(zip(given, with_faces, strict=True))) if joined else with_faces[0]
+    return FoundPairs(with_all, tuple(pairs.values()), tuple(every.called(body, own) for body, own in made))
 
 
 class _OuterFacets(NamedTuple):
@@ -247,8 +247,8 @@ def _opposite(names: _Names, bodies: list[_OuterFacets], distance: float) -> _Op
     for number, body in enumerate(bodies):
         own = names.sides(number, body)
         for at in np.array_split(np.arange(len(own)), len(own) // _AT_ONCE + 1):
-            cell, other, gap = _met(at, body.cells, others, tree, own, side, names.width, distance, same)
-            area = body.cells.area[cell] / _LINES**2
+            cell, other, gap, share = _met(at, body.cells, others, tree, own, side, names.width, distance, same)
+            area = share * body.cells.area[cell] / _LINES**2
             found.append((own[cell], side[other], body.key[body.cells.facet[cell]], key[other], area, gap))
     one, two, facet, there, area, gap = (np.concatenate(parts) for parts in zip(*found, strict=True))
     facets = np.concatenate([np.column_stack([one, two, facet]), np.column_stack([two, one, there])])
@@ -279,9 +279,9 @@ def _met(
     width: int,
     distance: float,
     same: float,
-) -> tuple[IntArray, IntArray, FloatArray]:
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """For lines from points of cells `at`, of those with sides `own`: their cells, what is opposite among others with
-    these sides, and the gaps in metres, shape (k,) each."""
+    these sides, the gaps in metres, and the share of the line, which may meet an edge of several; shape (k,) each."""
     line, other = tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], distance, distance)
     one = at[line]
     cosine = np.einsum("ki,ki->k", cells.frames[one, 2], others.area_vector[other]) / others.area[other]
@@ -309,7 +309,8 @@ def _met(
     use &= _nearest(of_line, np.where(use, np.abs(gap), np.inf), same)
     named = (own[one] % width > 0) & (side[other] % width > 0) & (own[one] != side[other])
     use &= ~own_body | (named & (gap > -same))
-    return one[use], other[use], gap[use]
+    _, line, count = np.unique(of_line[use], return_inverse=True, return_counts=True)
+    return one[use], other[use], gap[use], 1.0 / count[line.ravel()]
 
 
 def _nearest(line: IntArray, size: FloatArray, same: float) -> npt.NDArray[np.bool_]:
