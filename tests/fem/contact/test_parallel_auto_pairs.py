@@ -88,6 +88,26 @@ def test_facets_without_a_name_become_a_face():
     assert "facing_one" not in mesh.bodies["base"].faces  # the given mesh stays as it is
 
 
+def test_pads_smaller_than_the_facets_below_them():
+    """Lines of the pads meet the facets, whose own miss the pads; also where these are on other ranks."""
+    pad = box((0.02, 0.02, 0.02), (1, 1, 1))
+    pads = {name: nameless(moved(pad, (x, 0.41, 0.5))) for name, x in (("left", 0.31), ("right", 0.81))}
+    found = auto_pairs(join(base=nameless(box((1.0, 1.0, 0.5), (2, 1, 1))), **pads), 1e-3)
+    assert names(found) == [(f"base:facing_{name}", f"{name}:facing_base") for name in pads]
+    assert [pair.area for pair in found.pairs] == pytest.approx([4e-4] * 2, rel=1e-12)
+    assert [integral(found.mesh.bodies["base"], f"facing_{name}") for name in pads] == pytest.approx([0.5] * 2)
+
+
+def test_of_several_names_that_of_the_smallest_face():
+    lower, upper = box((1.0, 1.0, 0.5), (4, 4, 2)), moved(box((1.0, 1.0, 0.5), (3, 3, 1)), (0.0, 0.0, 0.5))
+    skin = np.unique(np.concatenate(list(lower.faces.values()))).astype(np.int32)
+    for faces in ({"skin": skin, **lower.faces}, {**lower.faces, "skin": skin}):
+        found = auto_pairs(join(lower=replace(lower, faces=faces), upper=upper), 1e-3)
+        assert names(found) == [("lower:top", "upper:bottom")]
+    found = auto_pairs(join(lower=replace(lower, faces={"skin": skin}), upper=upper), 1e-3)
+    assert names(found) == [("lower:skin", "upper:bottom")] and found.pairs[0].area == pytest.approx(1.0)
+
+
 def two_in_a_file(folder, gap, keep):
     """Two boxes in one file, the second above the first, which share no node."""
     one, other = BoxFile((1.0, 1.0, 0.5), (2, 2, 1)), BoxFile((1.0, 1.0, 0.5), (3, 2, 1), "hexahedron")
