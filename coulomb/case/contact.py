@@ -363,8 +363,8 @@ _OneLaw = Annotated[FrictionValue, AfterValidator(_without_direction)]
 
 
 class AutoPairTable(Table):
-    """What is different for some of the pairs found: those of two names of bodies or faces, or patterns such as "bolt*"
-    (`fnmatch`); with `slave` the first of the two has the contact points."""
+    """What is different for some of the pairs found: those of two names, each of a body, a component, a cell group or a
+    face, or a pattern such as "bolt*" (`fnmatch`); with `slave` the first of the two has the contact points."""
 
     of: tuple[Name, Name]
     friction: _OneLaw | None = None
@@ -375,12 +375,16 @@ class AutoPairTable(Table):
 
     def order(self, found: FoundPair) -> tuple[str, str] | None:
         """The faces of a pair in the order of the two names; None if they are others."""
-        pairs = (found.face, found.against), (found.against, found.face)
-        return next((pair for pair in pairs if all(map(_called, pair, self.of))), None)
+        faces = (found.face, found.against)
+        names = list(zip(faces, found.bodies, found.groups, strict=True))
+        for one, other in ((0, 1), (1, 0)):
+            if _is_called(names[one], self.of[0]) and _is_called(names[other], self.of[1]):
+                return faces[one], faces[other]
+        return None
 
 
-def _called(face: str, pattern: str) -> bool:
-    return fnmatchcase(face, pattern) or fnmatchcase(face.partition(":")[0], pattern)
+def _is_called(names: Iterable[str], pattern: str) -> bool:
+    return any(fnmatchcase(name, pattern) for name in names)
 
 
 class AutoContactTable(Table):

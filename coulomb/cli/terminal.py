@@ -188,10 +188,11 @@ def report(
     seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
     each = [f"{body['name']} ({_forces(body['contact_force'], least)})" for body in contents.get("bodies", ())]
     pressing = [f"{name} {_forces([face['normal_force']], least)}" for name, face in named_faces(contents["faces"])]
-    on_body = f"contact force in N on {', '.join(each)}; normal force in N of {', '.join(pressing)}"
-    if not each:
-        force = contents["force_on_body"]
-        on_body = f"force on the body ({_forces(force['vector'], least)}) N; normal force in N of {', '.join(pressing)}"
+    on_body = f"normal force in N of {', '.join(pressing)}"
+    if each:
+        on_body = f"contact force in N on {', '.join(each)}; {on_body}"
+    elif (force := contents.get("force_on_body")) is not None:  # not of components of one mesh in several pairs
+        on_body = f"force on the body ({_forces(force['vector'], least)}) N; {on_body}"
         if "normal" in force:
             normal, tangential = _forces([force["normal"]], least), _forces(force["tangential"], least)
             on_body = f"force on the body: normal {normal} N, tangential ({tangential}) N"

@@ -40,12 +40,16 @@ class FoundPair:
         against: Name of the other.
         area: Of what faces the other within the distance, by the points of the finer face, m^2.
         gap: The smallest and the largest distance there along the normals, metres; negative where they overlap.
+        bodies: The bodies of both; of meshes with several components these, "" for a mesh that is one.
+        groups: The cell groups of the bodies or components, "" where not all cells are in one.
     """
 
     face: str
     against: str
     area: float
     gap: tuple[float, float]
+    bodies: tuple[str, str]
+    groups: tuple[str, str]
 
     def __str__(self) -> str:
         low, high = self.gap
@@ -76,7 +80,8 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
 
     A pair is two named faces as a whole, if their facets have a name, of several the face with fewest facets; facets
     without a name that face another body become a face "lower:facing_upper", in a mesh with several components
-    "part_1_facing_part_2", numbered by their smallest x, then y, then z.  Two faces of one component are a pair if
+    "pin_facing_lug" by the groups of their cells, "part_1_facing_part_2" without, numbered by their smallest x, then y,
+    then z.  Two faces of one component are a pair if
     both have names, and are a gap apart: those of a slot.  The outer facets of all bodies are kept on every rank.
 
     Args:
@@ -94,7 +99,7 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
         raise ValueError(f"auto_pairs: distance must be a number of metres > 0, but is {distance!r}")
     given = mesh.bodies if isinstance(mesh, JoinedMesh) else {"": mesh}
     bodies = [_OuterFacets.of(one) for one in given.values()]
-    every = _Names(given, [body.components for body in bodies], mesh.comm)
+    every = _Names(given, [body.groups for body in bodies], mesh.comm)
     opposite = _opposite(every, bodies, distance)
     if not len(opposite.pairs):
         raise ValueError(_nothing(every, bodies, distance))
@@ -113,13 +118,13 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
             of_side = (opposite.facets[:, 0] == side) & (opposite.facets[:, 1] == against)
             made.setdefault((body, own), []).append(opposite.facets[of_side, 2])
             named.append(every.called(body, own))
-        key = frozenset(named)
-        if key in pairs:
-            before = pairs[key]
-            low, high = min(low, before.gap[0]), max(high, before.gap[1])
-            area += before.area
-            named = [before.face, before.against]
-        pairs[key] = FoundPair(named[0], named[1], area, (low, high))
+        known = pairs.get(frozenset(named))
+        if known is not None:
+            area, low, high = known.area + area, min(known.gap[0], low), max(known.gap[1], high)
+            pairs[frozenset(named)] = replace(known, area=area, gap=(low, high))
+        else:
+            of, groups = ((words(first), words(second)) for words in (every.part, every.group))
+            pairs[frozenset(named)] = FoundPair(named[0], named[1], area, (low, high), of, groups)
     with_faces = list(given.values())
     for (body, own), keys in made.items():
         before_it = with_faces[body]
@@ -140,7 +145,7 @@ class _OuterFacets(NamedTuple):
         key: Their numbers over all ranks, shape (f,).
         component: The component of the mesh of each, shape (f,).
         face: The number of the named face of each, from 1; 0 without a name; shape (f,).
-        components: How many components there are on all ranks.
+        groups: The group that has all cells of each component, the smallest of several; "" without.
     """
 
     cells: Cells
@@ -148,7 +153,7 @@ class _OuterFacets(NamedTuple):
     key: IntArray
     component: IntArray
     face: IntArray
-    components: int
+    groups: list[str]
 
     @classmethod
     def of(cls, mesh: NamedMesh) -> _OuterFacets:
@@ -158,33 +163,50 @@ class _OuterFacets(NamedTuple):
         outer = np.sort(compat.mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
         facet = outer[outer < domain.topology.index_map(2).size_local]
         patch = facet_patch(space, facet)
-        of_nodes = mesh_components(space)
-        component = fetched(comm, starts_of(comm, space.numbering.local), patch.nodes[:, 0], of_nodes)
+        cells = compat.cell_dofs(space.V)[: domain.topology.index_map(3).size_local, 0]
+        in_cells = np.asarray(space.V.dofmap.index_map.local_to_global(cells), dtype=np.int64)
+        starts, of_nodes = starts_of(comm, space.numbering.local), mesh_components(space)
+        component, of_cells = (fetched(comm, starts, nodes, of_nodes) for nodes in (patch.nodes[:, 0], in_cells))
         pieces = patch.kind.pieces
         corners = patch.x[:, pieces].reshape(-1, patch.kind.corners, 3)
         number = np.repeat(np.arange(len(facet)), len(pieces))
-        cells = Cells(number, corners, np.zeros((len(number), 2)))
+        polygons = Cells(number, corners, np.zeros((len(number), 2)))
         sizes = [comm.allreduce(int(np.isin(facet, own).sum())) for own in mesh.faces.values()]
         face = np.zeros(len(facet), dtype=np.int64)
         for which in np.argsort(sizes, kind="stable")[::-1]:  # the smallest last
             face[np.isin(facet, list(mesh.faces.values())[which])] = which + 1
         key = starts_of(comm, len(facet))[comm.rank] + np.arange(len(facet))
-        components = 1 + comm.allreduce(int(np.max(component, initial=0)), op=MPI.MAX)
-        return cls(cells, facet, key, component, face, components)
+        return cls(polygons, facet, key, component, face, _groups(mesh, of_cells))
 
     def numbered(self, keys: IntArray) -> npt.NDArray[np.int32]:
         """This rank's facets among those with these numbers over all ranks."""
         return self.facet[np.isin(self.key, keys)]
 
 
+def _groups(mesh: NamedMesh, component: IntArray) -> list[str]:
+    """For each component of a mesh, of which this rank's own cells are in these (c,), the smallest of the groups that
+    have all of its cells; "" without; collective."""
+    count = 1 + mesh.comm.allreduce(int(np.max(component, initial=0)), op=MPI.MAX)
+
+    def sizes(of: IntArray) -> IntArray:
+        found: IntArray = mesh.comm.allreduce(np.bincount(of, minlength=count))
+        return found
+
+    inside = {name: sizes(component[cells]) for name, cells in mesh.cells.items()}
+    whole, named = sizes(component), [""] * count
+    for name, cells in sorted(inside.items(), key=lambda group: -int(group[1].sum())):
+        named = [name if full else before for full, before in zip(cells == whole, named, strict=True)]
+    return named
+
+
 class _Names:
     """Numbers of sides, of which each has one face of one component of a body, or its facets without a name."""
 
-    def __init__(self, meshes: dict[str, NamedMesh], components: list[int], comm: MPI.Comm):
+    def __init__(self, meshes: dict[str, NamedMesh], groups: list[list[str]], comm: MPI.Comm):
         self.comm = comm
-        self._bodies, self._components = list(meshes), components
+        self._bodies, self._groups = list(meshes), groups
         self._faces = [("", *mesh.faces) for mesh in meshes.values()]
-        self._first = np.concatenate([[0], np.cumsum(components)])
+        self._first = np.concatenate([[0], np.cumsum([len(of) for of in groups])])
         self.width = max(map(len, self._faces))
 
     def sides(self, body: int, of: _OuterFacets) -> IntArray:
@@ -202,20 +224,34 @@ class _Names:
         """The name of a face among all bodies."""
         return f"{self._bodies[body]}{SEPARATOR}{own}" if self._bodies[body] else own
 
+    def group(self, side: int) -> str:
+        """The cell group of the component of a side."""
+        body, component, _ = self.side(side)
+        return self._groups[body][component]
+
+    def part(self, side: int) -> str:
+        """The name of the body of a side, or of its component if there are several."""
+        body, component, _ = self.side(side)
+        return SEPARATOR.join(filter(None, (self._bodies[body], self._component(body, component))))
+
+    def _component(self, body: int, component: int) -> str:
+        """Its group, numbered if several components have that; "part_1" without; "" if it is alone."""
+        groups = self._groups[body]
+        if len(groups) == 1:
+            return ""
+        group = groups[component] or "part"
+        alike = [k for k, other in enumerate(groups) if (other or "part") == group]
+        return group if len(alike) == 1 and group != "part" else f"{group}_{1 + alike.index(component)}"
+
     def facing(self, side: int, against: int) -> str:
         """The name in its body of a face that is made."""
-        (body, part, _), (there, opposite, _) = self.side(side), self.side(against)
-        own = f"part_{part + 1}" if self._components[body] > 1 else ""
-        other = f"part_{opposite + 1}" if self._components[there] > 1 else ""
-        return "_".join(filter(None, (own, "facing", self._bodies[there], other)))
+        (body, component, _), other = self.side(side), self.part(against)
+        return "_".join(filter(None, (self._component(body, component), "facing", other.replace(SEPARATOR, "_"))))
 
     def in_words(self, side: int) -> str:
         """A side in errors: its face, else its body or component."""
-        body, part, face = self.side(side)
-        if face:
-            return repr(self.called(body, face))
-        component = f"part {part + 1}" if self._components[body] > 1 or not self._bodies[body] else ""
-        return " of ".join(filter(None, (component, repr(self._bodies[body]) if self._bodies[body] else "")))
+        body, _, face = self.side(side)
+        return repr(self.called(body, face) if face else self.part(side))
 
 
 class _Opposite(NamedTuple):

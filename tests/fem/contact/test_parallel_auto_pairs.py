@@ -108,7 +108,7 @@ def test_of_several_names_that_of_the_smallest_face():
     assert names(found) == [("lower:skin", "upper:bottom")] and found.pairs[0].area == pytest.approx(1.0)
 
 
-def two_in_a_file(folder, gap, keep):
+def two_in_a_file(folder, gap, keep, grouped):
     """Two boxes in one file, the second above the first, which share no node."""
     one, other = BoxFile((1.0, 1.0, 0.5), (2, 2, 1)), BoxFile((1.0, 1.0, 0.5), (3, 2, 1), "hexahedron")
     faces = {f"low_{name}": rows for name, rows in one.faces.items()}
@@ -117,21 +117,27 @@ def two_in_a_file(folder, gap, keep):
     one.points = np.concatenate([one.points, other.points + np.array([0.0, 0.0, 0.5 + gap])])
     one.faces = {name: faces[name] for name in keep}
     one.cell_groups = {"all": np.arange(len(one.cells))}
+    if grouped:
+        one.cell_groups = {"steel": np.arange(4), "rubber": np.arange(4, len(one.cells))}
     return one.write(folder / "two.msh")
 
 
+@pytest.mark.parametrize("grouped", [False, True])
 @pytest.mark.parametrize("keep", [(), ("low_bottom", "high_top"), ("low_top", "high_bottom"), ("low_top",)], ids=str)
-def test_components_of_one_mesh(keep):
+def test_components_of_one_mesh(keep, grouped):
     with TemporaryDirectory() as folder:
         path = Path(comm.bcast(folder if comm.rank == 0 else None)) / "two.msh"
         if comm.rank == 0:
-            two_in_a_file(path.parent, 1e-4, keep)
+            two_in_a_file(path.parent, 1e-4, keep, grouped)
         comm.barrier()
         mesh = read_mesh(str(path))
         comm.barrier()
     found = auto_pairs(mesh, 1e-3)
-    low = "low_top" if "low_top" in keep else "part_1_facing_part_2"
-    high = "high_bottom" if "high_bottom" in keep else "part_2_facing_part_1"
+    one, other = ("steel", "rubber") if grouped else ("all_1", "all_2")
+    low = "low_top" if "low_top" in keep else f"{one}_facing_{other}"
+    high = "high_bottom" if "high_bottom" in keep else f"{other}_facing_{one}"
+    assert {*found.pairs[0].bodies} == {one, other}
+    assert {*found.pairs[0].groups} == ({one, other} if grouped else {"all"})
     assert {*names(found)[0]} == {low, high} and len(found.pairs) == 1
     assert found.pairs[0].area == pytest.approx(1.0) and found.pairs[0].gap == pytest.approx((1e-4, 1e-4), rel=1e-6)
     assert [integral(found.mesh, name) for name in (low, high)] == pytest.approx([1.0, 1.0])
