@@ -7,8 +7,10 @@ by it: the outer sheets of a stack do not face each other through the inner one.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +19,9 @@ from mpi4py import MPI
 from ...arrays import FloatArray, IntArray, is_number
 from .. import compat
 from ..bodies import DisplacementSpace, mesh_components
+from ..geometry import on_all_ranks
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, fetched, starts_of
-from .facet_patch import facet_patch
+from .facet_patch import FacetKind, facet_patch, functions_at
 from .mortar_parts import FACING, Cells, SphereTree, sphere_tree
 
 _LINES = 4
@@ -140,7 +143,10 @@ class _OuterFacets(NamedTuple):
     """The outer facets of a body that this rank owns.
 
     Attributes:
+        kind: Of the facets.
+        x: Their nodes, metres, shape (f, n, 3).
         cells: Their polygons, of second order four of each.
+        points: The points of the lines from each polygon, on the facet, metres, shape (c, 16, 3).
         facet: Facet numbers of the mesh, ascending, shape (f,).
         key: Their numbers over all ranks, shape (f,).
         component: The component of the mesh of each, shape (f,).
@@ -148,7 +154,10 @@ class _OuterFacets(NamedTuple):
         groups: The group that has all cells of each component, the smallest of several; "" without.
     """
 
+    kind: FacetKind
+    x: FloatArray
     cells: Cells
+    points: FloatArray
     facet: npt.NDArray[np.int32]
     key: IntArray
     component: IntArray
@@ -167,16 +176,18 @@ class _OuterFacets(NamedTuple):
         in_cells = np.asarray(space.V.dofmap.index_map.local_to_global(cells), dtype=np.int64)
         starts, of_nodes = starts_of(comm, space.numbering.local), mesh_components(space)
         component, of_cells = (fetched(comm, starts, nodes, of_nodes) for nodes in (patch.nodes[:, 0], in_cells))
-        pieces = patch.kind.pieces
-        corners = patch.x[:, pieces].reshape(-1, patch.kind.corners, 3)
-        number = np.repeat(np.arange(len(facet)), len(pieces))
-        polygons = Cells(number, corners, np.zeros((len(number), 2)))
+        kind, pieces = patch.kind, patch.kind.pieces
+        corners = patch.x[:, pieces].reshape(-1, kind.corners, 3)
+        start = np.tile(kind.points[pieces].mean(axis=1), (len(facet), 1))
+        polygons = Cells(np.repeat(np.arange(len(facet)), len(pieces)), corners, start)
+        r, s = np.moveaxis(_points(kind.corners) @ kind.points[pieces], 2, 0)
+        points = np.einsum("npq,fni->fpqi", np.stack(kind.values(r, s)), patch.x).reshape(-1, r.shape[1], 3)
         sizes = [comm.allreduce(int(np.isin(facet, own).sum())) for own in mesh.faces.values()]
         face = np.zeros(len(facet), dtype=np.int64)
         for which in np.argsort(sizes, kind="stable")[::-1]:  # the smallest last
             face[np.isin(facet, list(mesh.faces.values())[which])] = which + 1
         key = starts_of(comm, len(facet))[comm.rank] + np.arange(len(facet))
-        return cls(polygons, facet, key, component, face, _groups(mesh, of_cells))
+        return cls(kind, patch.x, polygons, points, facet, key, component, face, _groups(mesh, of_cells))
 
     def numbered(self, keys: IntArray) -> npt.NDArray[np.int32]:
         """This rank's facets among those with these numbers over all ranks."""
@@ -269,73 +280,124 @@ class _Opposite(NamedTuple):
 def _opposite(names: _Names, bodies: list[_OuterFacets], distance: float) -> _Opposite:
     """Pairs of sides within a distance; collective, the same on every rank."""
     comm = names.comm
-    corners = [body.cells.corners[:, [0, 1, 2, -1]] for body in bodies]  # triangles with one corner twice
-    mine = (
-        np.concatenate(corners),
-        np.concatenate([names.sides(k, body) for k, body in enumerate(bodies)]),
-        np.concatenate([body.key[body.cells.facet] for body in bodies]),
-    )
-    polygon, side, key = (np.concatenate(parts) for parts in zip(*comm.allgather(mine), strict=True))
-    others = Cells(np.arange(len(polygon)), polygon, np.zeros((len(polygon), 2)))
-    ends = polygon.reshape(-1, 3)
-    same = _SAME * float(np.linalg.norm(np.ptp(ends, axis=0)))
-    tree, found = sphere_tree(others.centre, others.radius), []
-    for number, body in enumerate(bodies):
-        own = names.sides(number, body)
-        for at in np.array_split(np.arange(len(own)), len(own) // _AT_ONCE + 1):
-            cell, other, gap, share = _met(at, body.cells, others, tree, own, side, names.width, distance, same)
-            area = share * body.cells.area[cell] / _LINES**2
-            found.append((own[cell], side[other], body.key[body.cells.facet[cell]], key[other], area, gap))
+    every = _all_facets(names, bodies)
+    found = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance)), "auto_pairs", comm)
     one, two, facet, there, area, gap = (np.concatenate(parts) for parts in zip(*found, strict=True))
     facets = np.concatenate([np.column_stack([one, two, facet]), np.column_stack([two, one, there])])
     facets = np.unique(np.concatenate(comm.allgather(np.unique(facets, axis=0))), axis=0)
-    gap = np.where(np.abs(gap) <= same, 0.0, gap)
+    gap = np.where(np.abs(gap) <= every.same, 0.0, gap)
     rows, inverse, count = np.unique(np.column_stack([one, two]), axis=0, return_inverse=True, return_counts=True)
     total = np.bincount(inverse.ravel(), area, len(rows))
     low, high = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
     np.minimum.at(low, inverse.ravel(), gap)
     np.maximum.at(high, inverse.ravel(), gap)
-    every = np.concatenate(comm.allgather(np.column_stack([rows, count, total, low, high])))
+    sums = np.concatenate(comm.allgather(np.column_stack([rows, count, total, low, high])))
     pairs = []
-    for a, b in np.unique(np.sort(every[:, :2], axis=1), axis=0):
-        ways = [every[np.all(every[:, :2] == way, axis=1), 2:] for way in ((a, b), (b, a))]
+    for a, b in np.unique(np.sort(sums[:, :2], axis=1), axis=0):
+        ways = [sums[np.all(sums[:, :2] == way, axis=1), 2:] for way in ((a, b), (b, a))]
         finer = max(ways, key=lambda way: way[:, 0].sum())
         of_both = np.concatenate(ways)
         pairs.append((int(a), int(b), float(finer[:, 1].sum()), float(of_both[:, 2].min()), float(of_both[:, 3].max())))
     return _Opposite(pairs, facets)
 
 
+@dataclass(frozen=True)
+class _AllFacets:
+    """The outer facets of all bodies and ranks.
+
+    Attributes:
+        cells: Their polygons with four corners, of triangles the last one twice.
+        body: The number of the body of each polygon, shape (c,).
+        side: Its side, shape (c,).
+        key: Its facet, by the number in its body over all ranks, shape (c,).
+        kinds: Of the facets of each body.
+        x: The nodes of the facets of each body, metres, shape (f, n, 3) each.
+        same: Distances that differ by less are the same, metres.
+        chord: How far facets are from their polygons at most, metres.
+    """
+
+    cells: Cells
+    body: IntArray
+    side: IntArray
+    key: IntArray
+    kinds: list[FacetKind]
+    x: list[FloatArray]
+    same: float
+    chord: float
+
+    @cached_property
+    def tree(self) -> SphereTree:
+        return sphere_tree(self.cells.centre, self.cells.radius)
+
+    def heights(self, cells: Cells, one: IntArray, other: IntArray, p: FloatArray) -> FloatArray:
+        """Of the facets `other` (k,) before points p (k, 2) in the frames of cells `one` (k,), there, shape (k,)."""
+        seen = cells.seen(one, self.cells.corners[other])
+        n = np.einsum("kij,kj->ki", cells.frames[one], self.cells.area_vector[other])
+        middle = seen.mean(axis=1)
+        height: FloatArray = middle[:, 2] - np.einsum("ki,ki->k", p - middle[:, :2], n[:, :2]) / n[:, 2]
+        for number, (kind, x) in enumerate(zip(self.kinds, self.x, strict=True)):
+            of = np.flatnonzero(self.body[other] == number)
+            if kind.degree == 2 and len(of):
+                nodes = cells.seen(one[of], x[self.key[other[of]]])
+                values, _ = functions_at(kind, nodes, p[of, None], self.cells.start[other[of]], straight=False)
+                height[of] = (values @ nodes[:, :, 2:])[:, 0, 0]
+        return height
+
+
+def _all_facets(names: _Names, bodies: list[_OuterFacets]) -> _AllFacets:
+    """Gathers those of all ranks; collective."""
+    comm = names.comm
+    mine = (
+        np.concatenate([body.cells.corners[:, [0, 1, 2, -1]] for body in bodies]),
+        np.concatenate([body.cells.start for body in bodies]),
+        np.repeat(np.arange(len(bodies)), [len(body.cells.facet) for body in bodies]),
+        np.concatenate([names.sides(k, body) for k, body in enumerate(bodies)]),
+        np.concatenate([body.key[body.cells.facet] for body in bodies]),
+    )
+    corners, start, body, side, key = (np.concatenate(parts) for parts in zip(*comm.allgather(mine), strict=True))
+    x = [np.concatenate(comm.allgather(body.x)) for body in bodies]
+    chords = [0.0]
+    for one, nodes in zip(bodies, x, strict=True):
+        straight = np.einsum("jn,fji->fni", one.kind.vertex_functions, nodes[:, : one.kind.corners])
+        chords.append(float(np.linalg.norm(nodes - straight, axis=2).max(initial=0.0)))
+    same = _SAME * float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
+    kinds = [one.kind for one in bodies]
+    return _AllFacets(Cells(np.arange(len(corners)), corners, start), body, side, key, kinds, x, same, max(chords))
+
+
+def _met_by_all(
+    names: _Names, bodies: list[_OuterFacets], every: _AllFacets, distance: float
+) -> Iterator[tuple[npt.NDArray[Any], ...]]:
+    """What the lines of this rank's facets meet: sides of these and opposite, their facets, share of the area, gap."""
+    for number, body in enumerate(bodies):
+        side = names.sides(number, body)
+        for at in np.array_split(np.arange(len(side)), len(side) // _AT_ONCE + 1):
+            cell, other, gap, share = _met(at, body, side, every, names.width, distance)
+            area = share * body.cells.area[cell] / _LINES**2
+            yield side[cell], every.side[other], body.key[body.cells.facet[cell]], every.key[other], area, gap
+
+
 def _met(
-    at: IntArray,
-    cells: Cells,
-    others: Cells,
-    tree: SphereTree,
-    own: IntArray,
-    side: IntArray,
-    width: int,
-    distance: float,
-    same: float,
+    at: IntArray, body: _OuterFacets, own: IntArray, every: _AllFacets, width: int, distance: float
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """For lines from points of cells `at`, of those with sides `own`: their cells, what is opposite among others with
-    these sides, the gaps in metres, and the share of the line, which may meet an edge of several; shape (k,) each."""
-    line, other = tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], distance, distance)
+    """For lines from the points of polygons `at` of a body, of those on the sides `own`: their polygons, what is
+    opposite, the gaps in metres, and the share of the line, which may meet an edge of several; shape (k,) each."""
+    cells, others, same, side = body.cells, every.cells, every.same, every.side
+    far = distance + 2.0 * every.chord
+    line, other = every.tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], far, far)
     one = at[line]
     cosine = np.einsum("ki,ki->k", cells.frames[one, 2], others.area_vector[other]) / others.area[other]
     one, other = one[cosine < FACING], other[cosine < FACING]
-    first, inverse = np.unique(one, return_inverse=True)
-    points = np.einsum("qc,kci->kqi", _points(cells.corners.shape[1]), cells.corners[first])
-    points = cells.seen(first, points)[inverse.ravel()]
-    polygon = cells.seen(one, others.corners[other])[:, ::-1]
+    points = cells.seen(one, body.points[one])
+    polygon = cells.seen(one, others.corners[other])[:, ::-1, :2]
     edge = np.roll(polygon, -1, axis=1) - polygon
-    away = points[:, :, None, :2] - polygon[:, None, :, :2]
+    away = points[:, :, None, :2] - polygon[:, None]
     left = edge[:, None, :, 0] * away[..., 1] - edge[:, None, :, 1] * away[..., 0]
-    inside = np.all(left >= -_SAME, axis=2)
-    n = np.einsum("kij,kj->ki", cells.frames[one], others.area_vector[other])
-    middle = polygon.mean(axis=1)
-    drop = np.einsum("kqi,ki->kq", points[:, :, :2] - middle[:, None, :2], n[:, :2]) / n[:, 2:]
-    gap = (middle[:, None, 2] - drop - points[:, :, 2]) * cells.radius[one][:, None]
-    row, point = np.nonzero(inside & (np.abs(gap) <= distance + same))
-    gap, one, other = gap[row, point], one[row], other[row]
+    row, point = np.nonzero(np.all(left >= -_SAME, axis=2))
+    one, other, p = one[row], other[row], points[row, point]
+    gap = (every.heights(cells, one, other, p[:, :2]) - p[:, 2]) * cells.radius[one]
+    within = np.abs(gap) <= distance + same
+    gap, one, other, point = gap[within], one[within], other[within], point[within]
     of_line = one * _LINES**2 + point
     own_body = own[one] // width == side[other] // width
     back = gap < -same  # behind the nearest wall of its own body nothing is met
