@@ -37,6 +37,7 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from mpi4py import MPI
 
     from ..fem.bodies import AnyMaterial, Load, LoadedBody, Spring, Support, ThermalLoad
+    from ..fem.contact import Tied
     from ..fem.geometry import Coefficient
     from ..fem.meshes import JoinedMesh, NamedMesh
     from ..model.load_history import LoadHistory
@@ -81,6 +82,25 @@ class ProbeTable(Table):
         return Probe(self.name, self.point, self.body)
 
 
+class TieTable(Table):
+    """Two faces that are glued to each other; with `slave` the nodes of `face` follow those of `against`."""
+
+    face: Name
+    against: Name
+    slave: Annotated[bool, Field(strict=True)] = False
+
+    @model_validator(mode="after")
+    def _two(self) -> TieTable:
+        if self.face == self.against:
+            raise ValueError(f"face {self.face!r} cannot be tied to itself: give another as against")
+        return self
+
+    def tie(self) -> Tied:
+        from ..fem.contact import Tied
+
+        return Tied(self.face, self.against, self.slave)
+
+
 class Case(Table):
     """A whole case file."""
 
@@ -102,6 +122,7 @@ class Case(Table):
     small_strain: Literal["enforce", "warn"] = "enforce"
     spring: Annotated[tuple[SpringTable, ...], Field(max_length=TABLES)] = ()
     contact: ContactTables
+    tie: Annotated[tuple[TieTable, ...], Field(max_length=TABLES)] = ()
     probe: Annotated[tuple[ProbeTable, ...], Field(max_length=TABLES)] = ()
     history: HistoryTable | None = None
     solver: SolverTable = SolverTable()
@@ -145,6 +166,7 @@ class Case(Table):
             small_strain=self.small_strain,
             probes=[table.probe() for table in self.probe],
             kinematics=self.solver.kinematics,
+            ties=[table.tie() for table in self.tie],
         )
         if self.history is not None:
             problem.body.stiffness.expect_load_steps(len(self.history.ends))
@@ -276,6 +298,8 @@ class Case(Table):
             faces[f"{key}.face"] = table.face
             if table.against is not None:
                 faces[f"{key}.against"] = table.against
+        for k, tie in enumerate(self.tie):
+            faces |= {f"tie.{k}.face": tie.face, f"tie.{k}.against": tie.against}
         for key, face in faces.items():
             fault = fault_of_face(face, self.body, self.mesh is not None and self.mesh.box is not None)
             if fault:
@@ -295,6 +319,10 @@ class Case(Table):
             return self
         if self.history is None:
             raise ValueError('solver.kinematics = "large" needs a [history]: large motions are computed in load steps')
+        if self.tie:
+            raise ValueError(
+                'tie: not with solver.kinematics = "large": make one mesh of the parts, as by gmsh\'s Coherence'
+            )
         if self.temperature is not None:
             raise ValueError('temperature: not with solver.kinematics = "large", which has no thermal strains')
         return self

@@ -18,7 +18,7 @@ from ..fem.meshes import corner_geometry
 from ..io.accuracy import accuracy, rounded
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
-from ..model.input_echo import contacts_of, loads_of, supports_of
+from ..model.input_echo import contacts_of, loads_of, supports_of, ties_of
 from ..model.nodal_answer import law_numbers
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
@@ -98,6 +98,9 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
     )
     _print(console, "support", [f"{one['kind']} on {one['face']!r}: {one['holds']}" for one in supports_of(problem)])
     _print(console, "contact", [contact_in_words(one) for one in contacts_of(problem)])
+    ties = ties_of(problem)
+    words = [f"{one['face']!r} to {one['against']!r}: {one['nodes']} nodes, {one['area']:.4g} m^2" for one in ties]
+    _print(console, "tie", words)
 
 
 def contact_in_words(one: dict[str, Any]) -> str:
