@@ -37,7 +37,7 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from mpi4py import MPI
 
     from ..fem.bodies import AnyMaterial, Load, LoadedBody, Spring, Support, ThermalLoad
-    from ..fem.contact import FoundPair, FoundPairs
+    from ..fem.contact import FoundPair, FoundPairs, Tied
     from ..fem.geometry import Coefficient
     from ..fem.meshes import JoinedMesh, NamedMesh
     from ..model.load_history import LoadHistory
@@ -82,6 +82,25 @@ class ProbeTable(Table):
         return Probe(self.name, self.point, self.body)
 
 
+class TieTable(Table):
+    """Two faces that are glued to each other; with `slave` the nodes of `face` follow those of `against`."""
+
+    face: Name
+    against: Name
+    slave: Annotated[bool, Field(strict=True)] = False
+
+    @model_validator(mode="after")
+    def _two(self) -> TieTable:
+        if self.face == self.against:
+            raise ValueError(f"face {self.face!r} cannot be tied to itself: give another as against")
+        return self
+
+    def tie(self) -> Tied:
+        from ..fem.contact import Tied
+
+        return Tied(self.face, self.against, self.slave)
+
+
 class Case(Table):
     """A whole case file."""
 
@@ -104,6 +123,7 @@ class Case(Table):
     spring: Annotated[tuple[SpringTable, ...], Field(max_length=TABLES)] = ()
     auto_contact: AutoContactTable | None = None
     contact: ContactTables | None = Field(default=None, validate_default=True)
+    tie: Annotated[tuple[TieTable, ...], Field(max_length=TABLES)] = ()
     probe: Annotated[tuple[ProbeTable, ...], Field(max_length=TABLES)] = ()
     history: HistoryTable | None = None
     solver: SolverTable = SolverTable()
@@ -112,8 +132,8 @@ class Case(Table):
     _found: FoundPairs | None = PrivateAttr(None)
 
     def resolved(self, comm: MPI.Comm) -> Case:
-        """The same case, in which the pairs that auto_contact finds are among the contacts, after those that are given
-        and unless they are; collective.
+        """The same case, in which the pairs that auto_contact finds are among the contacts, after those that are given;
+        without pairs that are given or tied; collective.
 
         Raises:
             ValueError: On every rank, if the mesh cannot be read, or there is no pair.
@@ -122,10 +142,10 @@ class Case(Table):
             return self
         found = self._pairs_on(self._given_mesh(comm), self.auto_contact)
         given = list(self.contacts.values())
-        known = [{table.face, table.against} for table in given]
+        known = [{table.face, table.against} for table in given] + [{tie.face, tie.against} for tie in self.tie]
         more = [one for one in self.auto_contact.tables(found.pairs) if {one.face, one.against} not in known]
         if not given and not more:
-            raise ValueError("auto_contact: all pairs found are left out, and there is no [contact]")
+            raise ValueError("auto_contact: all pairs found are left out or tied, and there is no [contact]")
         case = self.model_copy(update={"contact": (*given, *more)})
         case._found = found
         return case
@@ -194,6 +214,7 @@ class Case(Table):
             small_strain=self.small_strain,
             probes=[table.probe() for table in self.probe],
             kinematics=self.solver.kinematics,
+            ties=[table.tie() for table in self.tie],
         )
         if self.history is not None:
             problem.body.stiffness.expect_load_steps(len(self.history.ends))
@@ -341,6 +362,8 @@ class Case(Table):
             faces[f"{key}.face"] = table.face
             if table.against is not None:
                 faces[f"{key}.against"] = table.against
+        for k, tie in enumerate(self.tie):
+            faces |= {f"tie.{k}.face": tie.face, f"tie.{k}.against": tie.against}
         for key, face in faces.items():
             fault = fault_of_face(face, self.body, self.mesh is not None and self.mesh.box is not None)
             if fault:
@@ -360,6 +383,10 @@ class Case(Table):
             return self
         if self.history is None:
             raise ValueError('solver.kinematics = "large" needs a [history]: large motions are computed in load steps')
+        if self.tie:
+            raise ValueError(
+                'tie: not with solver.kinematics = "large": make one mesh of the parts, as by gmsh\'s Coherence'
+            )
         if self.temperature is not None:
             raise ValueError('temperature: not with solver.kinematics = "large", which has no thermal strains')
         return self

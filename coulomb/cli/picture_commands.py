@@ -32,7 +32,8 @@ def plot(
         str,
         typer.Option(
             help=f"{', '.join(name for name in names() if name not in names(shown=''))}, displacement, "
-            "von_mises_stress, stress_xx (_yy, _zz, _yz, _xz, _xy), principal_stress_1 (_2, _3), temperature_change; "
+            "von_mises_stress, stress_xx (_yy, _zz, _yz, _xz, _xy), principal_stress_1 (_2, _3), temperature_change, "
+            "peel_stress, shear_stress; "
             "of vectors with _x, _y or _z a component."
         ),
     ] = "pressure",

@@ -20,7 +20,7 @@ from ..fem.meshes import corner_geometry
 from ..io.accuracy import accuracy, rounded
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
-from ..model.input_echo import contacts_of, loads_of, supports_of
+from ..model.input_echo import contacts_of, loads_of, supports_of, ties_of
 from ..model.nodal_answer import law_numbers
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
@@ -101,6 +101,9 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
     _print(console, "support", [f"{one['kind']} on {one['face']!r}: {one['holds']}" for one in supports_of(problem)])
     _print(console, "found", [found_in_words(*one) for one in settings.found], len(settings.found))
     _print(console, "contact", [contact_in_words(one) for one in contacts_of(problem)])
+    ties = ties_of(problem)
+    words = [f"{one['face']!r} to {one['against']!r}: {one['nodes']} nodes, {one['area']:.4g} m^2" for one in ties]
+    _print(console, "tie", words)
 
 
 def found_in_words(table: ContactTable, pair: FoundPair) -> str:

@@ -15,7 +15,17 @@ from ..arrays import FloatArray
 from ..contact_fields import names
 from ..contact_names import side_names
 from ..fem import compat, compat_forms
-from ..fem.bodies import FIELDS, HELD_OBLIQUE, STRESSES, TEMPERATURE, DisplacementSpace, Loading, Member, SingleBody
+from ..fem.bodies import (
+    FIELDS,
+    HELD_OBLIQUE,
+    STRESSES,
+    TEMPERATURE,
+    TIE_STRESSES,
+    DisplacementSpace,
+    Loading,
+    Member,
+    SingleBody,
+)
 from ..fem.compat import fem
 from ..fem.geometry import on_all_ranks
 from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, starts_of
@@ -39,7 +49,10 @@ rounding error of the displacement (`rounding_forces`)."""
 GROUND = tuple(f"rigid_force_{number}" for number in range(1, 7))
 """The nodal forces of the rigid motions of a body with springs or Robin terms: `Deformable.ground`."""
 
-OURS = (*ON_CELLS, *ON_BODY, *FIELDS, *GROUND, HELD_OBLIQUE, INTERNAL, ROUNDING, TEMPERATURE)
+TIE_FORCE = "tie_force"
+"""Forces of ties on the nodes of both faces."""
+
+OURS = (*ON_CELLS, *ON_BODY, *FIELDS, *GROUND, HELD_OBLIQUE, INTERNAL, ROUNDING, TEMPERATURE, TIE_FORCE, *TIE_STRESSES)
 """All names of fields of solution.h5."""
 
 ON_OPPOSITE = (*CARRIED, "status", "contact_force", "normal", "area")

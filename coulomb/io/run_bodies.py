@@ -17,11 +17,20 @@ from scipy.sparse.csgraph import connected_components
 
 from ..arrays import FloatArray
 from ..fem import compat
-from ..fem.bodies import FIELDS, HELD_OBLIQUE, TEMPERATURE, VECTORS, CellMaterials, DisplacementSpace, ElasticBody
+from ..fem.bodies import (
+    FIELDS,
+    HELD_OBLIQUE,
+    TEMPERATURE,
+    TIE_STRESSES,
+    VECTORS,
+    CellMaterials,
+    DisplacementSpace,
+    ElasticBody,
+)
 from ..fem.meshes import MeshFile, distributed, inspect
 from ..nearest import tree_of
 from .field_files import COINCIDENT, data_of, grids_of, read_fields
-from .result_grids import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING
+from .result_grids import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING, TIE_FORCE
 from .run_directory import OLD, SOLUTION
 
 
@@ -210,15 +219,16 @@ def _read_body(
 ) -> tuple[WrittenBody, Fields]:
     data = data_of(file)
     needed = (*ON_BODY, INTERNAL, ROUNDING) if forms else (*ON_CELLS, *ON_BODY)
-    optional = (HELD_OBLIQUE, TEMPERATURE, *GROUND, *(() if forms else FIELDS))
+    optional = (HELD_OBLIQUE, TEMPERATURE, *GROUND, TIE_FORCE, *TIE_STRESSES, *(() if forms else FIELDS))
     points, cells, in_file = read_fields(data, needed, optional, group)
     constants = [one for one in (*ON_CELLS, *FIELDS) if one in in_file]
     for one in constants:
         fits(data, one, in_file[one], (len(cells), 3) if one in VECTORS else (len(cells),))
-    nodal = (*ON_BODY, HELD_OBLIQUE, TEMPERATURE, INTERNAL, ROUNDING, *GROUND)
+    scalars = (TEMPERATURE, *TIE_STRESSES)
+    nodal = (*ON_BODY, HELD_OBLIQUE, INTERNAL, ROUNDING, *GROUND, TIE_FORCE, *scalars)
     on_body = [one for one in nodal if one in in_file]
     for one in on_body:
-        fits(data, one, in_file[one], (len(points),) if one == TEMPERATURE else (len(points), 3))
+        fits(data, one, in_file[one], (len(points),) if one in scalars else (len(points), 3))
     same = known is not None and np.array_equal(known.points, points) and np.array_equal(known.cells, cells)
     if not same:
         inspect(MeshFile(str(data), points, cells, {}, {}), 1.0, MPI.COMM_SELF)

@@ -21,7 +21,7 @@ from ..fem.bodies import (
 from ..linalg.reductions import Reductions
 from ..model.certificate import Certificate
 from ..model.equilibrium import undetermined
-from ..model.input_echo import contacts_of, supports_of
+from ..model.input_echo import contacts_of, supports_of, ties_of
 from ..model.nodal_answer import NodalAnswer
 from ..model.resultants import ForceBalance
 from ..model.solution import Solution
@@ -60,7 +60,11 @@ def summary(solution: Solution) -> dict[str, Any]:
             solution.force_balance,
         ),
         "probes": [value.entry() for value in solution.probes],
-        "understood": {"supports": supports_of(problem), "contacts": contacts_of(problem)},
+        "understood": {
+            "supports": supports_of(problem),
+            "contacts": contacts_of(problem),
+            **({"ties": ties_of(problem)} if elasticity.ties else {}),
+        },
         "material": materials_of(elasticity),
         **of_temperature,
         **of_forms,

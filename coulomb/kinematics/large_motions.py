@@ -161,6 +161,8 @@ class LargeMotions(ContactProblem):
         if arguments and isinstance(arguments[0], Deformable):
             for member in arguments[0].members:
                 nonlinear(member.body)
+        if others.get("ties"):
+            raise ValueError("ties are for small strains: for large motions make one mesh of the parts")
         super().__init__(*arguments, linear_solver=linear_solver, explicit=explicit, **others)
         for one in self.contacts:
             if callable(one.gap) or one.gap or one.adjust or one.smooth or one.surface or one.against_surface:

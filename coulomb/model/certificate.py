@@ -268,6 +268,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
             "forces in balance at free nodes",
         ),
         relative("clamps", over.max(np.abs(held)), "prescribed displacements held"),
+        *_ties(e, scales, over),
         relative("force balance", balance, sums),
         relative("rigid motion", drift, "springs and contact carry what the clamps do not"),
         *_actions(e, over),
@@ -351,6 +352,13 @@ def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
         if not (vanished or SMALLEST < value < 1.0 / SMALLEST):
             faults.append(f"{name} is {value:.1e}")
     return faults
+
+
+def _ties(e: Evidence, scales: _Scales, over: Reductions) -> tuple[Check, ...]:
+    if e.jump is None:
+        return ()
+    apart = over.max(np.abs(e.jump)) / scales.length
+    return (Check("ties", worst(apart, 0.0), LIMIT, "", "tied faces neither open nor slip"),)
 
 
 def _actions(e: Evidence, over: Reductions) -> tuple[Check, ...]:

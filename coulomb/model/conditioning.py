@@ -47,7 +47,7 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
             T = free @ V[:, soft] / np.sqrt(sizes[soft])
             R, KR = np.zeros((2, *modes.shape[:2], T.shape[1]))
             R[here], KR[here] = own @ T, resisting @ T
-            found.append((elasticity.free_part(R), elasticity.free_part(KR)))
+            found.append((elasticity.free_part(R), elasticity.held.free_part(elasticity.transferred(KR))))
     if not found:
         return None
     R, KR = (np.concatenate(columns, axis=2) for columns in zip(*found, strict=True))

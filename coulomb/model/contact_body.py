@@ -155,7 +155,9 @@ class ContactBody:
         with timed(self.seconds, "assembly"):
             self.elasticity = make()
             self.contacts, self.chosen = oriented(self.elasticity, contacts)
-            touching = unjoined_parts(self.elasticity, [(c.face, c.against) for c in contacts if c.against is not None])
+            pairs = [(c.face, c.against) for c in contacts if c.against is not None]
+            pairs += [(tie.face, tie.against) for tie in self.elasticity.ties]
+            touching = unjoined_parts(self.elasticity, pairs)
             for text in touching if self.comm.rank == 0 else ():  # before these are refused as parts that nothing holds
                 _log.warning("%s", text)
             faces, still = ContactFaces(self.contacts, self.comm), (RigidMotion(np.zeros(3)),) * len(self.contacts)
@@ -166,7 +168,8 @@ class ContactBody:
             self._latest = _Positioned(self._reference, motions, faces.gap_factors(time))
             refuse_untouched(self.elasticity, self._reference)
             self.probes = self.located(probes)
-        self.remarks = (*self.elasticity.contradictions, *self._reference.remarks)
+        of_ties = (text for tie in self.elasticity.ties for text in tie.remarks)
+        self.remarks = (*self.elasticity.contradictions, *self._reference.remarks, *of_ties)
         self.kept_matrix = KeptMatrix()
         free, points = 3 * len(self.elasticity.x) - self.elasticity.held.number, 3 * len(self._reference.nodes)
         self.unknowns = {

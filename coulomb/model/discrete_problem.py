@@ -67,7 +67,7 @@ def refined(
     def left_over(u: FloatArray) -> tuple[FloatArray, float]:
         """The residual at this rank's nodes, and its size relative to the forces on the body."""
         spring = elasticity.spring_force(u) - elasticity.anchoring * u
-        imbalance = loading.load + spring + on_body - elasticity.internal_force(u)
+        imbalance = elasticity.transferred(loading.load + spring + on_body - elasticity.internal_force(u))
         residual, reaction = elasticity.free_part(imbalance), elasticity.held_part(imbalance)
         outer = (loading.load, spring, on_body, reaction)
         sums = over.total(np.concatenate([residual.sum(axis=0), np.cross(arms, residual).sum(axis=0)]))
@@ -270,7 +270,8 @@ class DiscreteProblem:
     def displacement(self, x: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
         collective."""
-        u = self._with_prescribed(self.A.displacement(x, self.f, self._free_displacement.ravel()).reshape(-1, 3))
+        free_u = self.elasticity.reduced(self._free_displacement)
+        u = self._with_prescribed(self.A.displacement(x, self.f, free_u.ravel()).reshape(-1, 3))
         free = self.A.matrix_free
         if free is not None and free.found:
             return u
@@ -329,7 +330,7 @@ class DiscreteProblem:
     def prepare_products(self) -> None:
         """Let the products by A to come be as accurate as the displacement under load and contact forces is, also where
         soft springs alone hold the body; collective."""
-        self.A.under_load(self.f, self._free_displacement.ravel())
+        self.A.under_load(self.f, self.elasticity.reduced(self._free_displacement).ravel())
 
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""

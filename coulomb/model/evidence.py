@@ -32,7 +32,7 @@ class Evidence:
             foundations among the internal forces; None if there are none.
         held: The directions along which displacements are prescribed.
         prescribed: The displacement along them, shape (k, 3).
-        on_body: Contact forces on the body, shape (k, 3).
+        on_body: Contact forces on the body, and those of ties, shape (k, 3).
         force: The same at the contact nodes along n, t1, t2, with x_n >= 0 pressing, shape (m, 3).
         closure: Displacement of the contact nodes along n, and their slip along t1, t2, shape (m, 3).
         gap: Before deformation, shape (m,).
@@ -45,6 +45,7 @@ class Evidence:
         averaged: Whether gaps and slips are averages over the facets around vertices, as on 10-node tetrahedra, or
             over parts of the two faces of a pair.
         bodies: The nodes of each body; empty for one.
+        jump: How far tied nodes are from where they should be, shape (k, 3); None without ties.
         actions: Of every pair of faces, what acts on both: `pair_actions`, this rank's part, shape (pairs, 3, 7).
     """
 
@@ -69,6 +70,7 @@ class Evidence:
     component: npt.NDArray[np.int64] | None = None
     bodies: tuple[slice, ...] = ()
     actions: FloatArray | None = None
+    jump: FloatArray | None = None
 
 
 def pair_actions(

@@ -70,6 +70,21 @@ def supports_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
     return problem.elasticity.supports_understood()
 
 
+def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
+    """Faces, why the nodes of the first follow, their number, and area of every tie; collective."""
+    over = Reductions(problem.comm)
+    return [
+        {
+            "face": tie.face,
+            "against": tie.against,
+            "why": tie.why,
+            "nodes": int(over.sum(float(len(tie.nodes)))),
+            "area": over.sum(tie.area),
+        }
+        for tie in problem.elasticity.ties
+    ]
+
+
 def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
     """Face, nodes, law, foundation, gap at the problem's time, given gap without amplitude, and motion of every
     contact; collective."""

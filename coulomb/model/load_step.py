@@ -69,7 +69,7 @@ def body_columns(body: Mapping[str, Any]) -> dict[str, float]:
 
 
 def reaction_columns(reaction: Mapping[str, Any]) -> dict[str, float]:
-    """The columns of a support, from its entry in summary.json (`Resultant.entry`)."""
+    """The columns of a support or a tie, from its entry in summary.json (`Resultant.entry`)."""
     name = reaction["name"]
     return {**along_axes(f"{name}_force", reaction["force"]), **along_axes(f"{name}_moment", reaction["moment"])}
 
@@ -149,7 +149,7 @@ class Forces:
         displacement: Displacement.
         load: Load of tractions and body force.
         kept: Internal forces of the stress, and minus the forces of the springs.
-        on_body: Contact forces on the body.
+        on_body: Forces of contact and ties on the body.
     """
 
     displacement: FloatArray
@@ -216,12 +216,16 @@ class State(Moment):
 
         def forces(body: Deformable, u: FloatArray, load: FloatArray, on_body: FloatArray) -> Forces:
             kept = body.internal_force(u) - body.spring_force(u)
-            return Forces(u, load, kept, surface.at_nodes(surface.force_components(on_body)))
+            return Forces(u, load, kept, on_bodies(body, kept, load, on_body))
+
+        def on_bodies(body: Deformable, kept: FloatArray, load: FloatArray, on_body: FloatArray) -> FloatArray:
+            of_contact = surface.at_nodes(surface.force_components(on_body))
+            return of_contact + body.forces_of_ties(kept - load - of_contact)
 
         on_body = solution.force_on_body
         if self.forces is not None:
-            then_on_body = surface.at_nodes(surface.force_components(self.force_on_body))
-            then = replace(self.forces, on_body=then_on_body)
+            at_start = on_bodies(elasticity, self.forces.kept, self.forces.load, self.force_on_body)
+            then = replace(self.forces, on_body=at_start)
         else:
             before = elasticity.at_time(self.time)
             then = forces(before, self.displacement, before.at(self.time).load, self.force_on_body)
@@ -292,6 +296,7 @@ def row(
         **{name: value for called, part in several for name, value in face_columns(called, part).items()},
         **{name: value for part in numbers["faces"] for name, value in rotation_columns(part).items()},
         **{name: value for body in numbers.get("bodies", ()) for name, value in body_columns(body).items()},
+        **{name: value for part in numbers.get("ties", ()) for name, value in reaction_columns(part).items()},
         **{name: value for part in numbers["reactions"] for name, value in reaction_columns(part).items()},
         **{name: value for probe in numbers["probes"] for name, value in probe_columns(probe).items()},
         **{f"energy_{name}": value for name, value in asdict(at.energy).items()},

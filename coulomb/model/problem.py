@@ -26,6 +26,7 @@ from ..fem.bodies import (
     distributed_bodies,
     vanishes,
 )
+from ..fem.contact import Tied, TiedBodies
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -45,7 +46,7 @@ from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState
 from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
-from .input_echo import contacts_of, loads_of, supports_of
+from .input_echo import contacts_of, loads_of, supports_of, ties_of
 from .load_step import State
 from .notebook import residuals_shown
 from .probes import Probe
@@ -147,6 +148,7 @@ class ContactProblem(DiscreteProblem):
             causes a warning, "warn".
         probes: Points at which displacement, slip and pressure are reported: `Solution.probes`, summary.json and
             history.csv.
+        ties: Faces that are glued to each other (`Tied`).
         kinematics: "small" for small strains, or "large" for large motions (`coulomb.kinematics.LargeMotions`).
 
     Attributes:
@@ -190,6 +192,7 @@ class ContactProblem(DiscreteProblem):
         small_strain: str = "enforce",
         probes: Sequence[Probe] = (),
         kinematics: str = "small",
+        ties: Sequence[Tied] = (),
     ):
         mode, started = known_mode(small_strain), now()
         given: object = contact
@@ -226,8 +229,12 @@ class ContactProblem(DiscreteProblem):
                 *(mesh, *arguments, body_force, springs, body_force_amplitude, gravity, gravity_amplitude, thermal)
             )
 
+        def make_tied() -> Deformable:
+            body = make()
+            return TiedBodies(body, ties) if ties else body
+
         body = ContactBody(
-            make, mesh.comm, self._contacts_of(given), time, _linear_solver(linear_solver), explicit, probes
+            make_tied, mesh.comm, self._contacts_of(given), time, _linear_solver(linear_solver), explicit, probes
         )
         for text in body.remarks if not self.silent and body.comm.rank == 0 else ():
             _log.warning("%s", text)
@@ -337,6 +344,7 @@ class ContactProblem(DiscreteProblem):
         loads = [(one.what, _vector(one.force), _vector(one.moment)) for one in loads_of(self, [self.time])]
         supports = [(one["kind"], one["face"], one["holds"]) for one in supports_of(self)]
         contacts = [(one["face"], one["foundation"], one["nodes"], one["law"]) for one in contacts_of(self)]
+        ties = [(one["face"], one["against"], one["nodes"]) for one in ties_of(self)]
         return "".join(
             [
                 size,
@@ -344,6 +352,7 @@ class ContactProblem(DiscreteProblem):
                 notebook.table(("load", "force (N)", "moment about the origin (N m)"), loads),
                 notebook.table(("support", "face", "holds"), supports),
                 notebook.table(("contact face", "against", "contact points", "law"), contacts),
+                *([notebook.table(("tied face", "to", "nodes"), ties)] if ties else []),
             ]
         )
 

@@ -83,13 +83,15 @@ def gather_evidence(
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
     closed = closure(rows_of(B, u), origin)
     bound = law.radius(force[:, 0])
+    internal, spring, load = elasticity.internal_force(u), elasticity.spring_force(u), state.loading.load
+    on_body += elasticity.forces_of_ties(internal - load - spring - on_body)
     return Evidence(
         comm=body.comm,
         x=elasticity.x,
         displacement=u,
-        internal=elasticity.internal_force(u),
-        load=state.loading.load,
-        spring=elasticity.spring_force(u),
+        internal=internal,
+        load=load,
+        spring=spring,
         ground=elasticity.ground,
         component=elasticity.free.component,
         held=elasticity.held,
@@ -104,6 +106,7 @@ def gather_evidence(
         blocked=elasticity.blocked_displacement(state.loading),
         averaged=not points.nodal,
         bodies=tuple(member.nodes for member in elasticity.members) if len(elasticity.members) > 1 else (),
+        jump=elasticity.jump(u) if elasticity.ties else None,
         actions=_actions(elasticity.x, points, frames, force, [len(face[0].nodes) for face in faces]),
     )
 

@@ -76,12 +76,14 @@ class ForceBalance:
         reactions: Every clamp, prescribed displacement and spring.
         balance: What they and the contact forces leave over, relative to the largest of them (`balance`).
         bodies: Of several bodies the balance of each; empty for one.
+        ties: Force and moment of every tie on its slave face.
     """
 
     loads: tuple[Resultant, ...]
     reactions: tuple[Resultant, ...]
     balance: float
     bodies: tuple[BodyBalance, ...] = ()
+    ties: tuple[Resultant, ...] = ()
 
     def entries(self) -> dict[str, Any]:
         """As in summary.json."""
@@ -89,6 +91,7 @@ class ForceBalance:
             "loads": [load.entry() for load in self.loads],
             "reactions": [reaction.entry() for reaction in self.reactions],
             "balance": self.balance,
+            **({"ties": [tie.entry() for tie in self.ties]} if self.ties else {}),
             **({"bodies": [body.entry() for body in self.bodies]} if self.bodies else {}),
         }
 
@@ -101,23 +104,37 @@ def force_balance(
     over: Reductions,
     ground: Sequence[Resultant] = (),
     bodies: Mapping[str, slice] | None = None,
+    ties: Iterable[NodalForces] = (),
+    of_ties: FloatArray | None = None,
 ) -> ForceBalance:
     """Resultants and balance of the forces of loads, supports, contact (k, 3) and elastic foundations (`ground`); of
-    several bodies, with the nodes of each by name, each has the loads and supports whose face names it; collective."""
+    several bodies, with the nodes of each by name, each has the loads and supports whose face names it, and its part of
+    the forces of ties, `of_ties` (k, 3); collective."""
     with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
         pulling, holding = resultants(loads, x, over), (*resultants(supports, x, over), *ground)
         contact = resultants([NodalForces("contact", None, on_body)], x, over)
         outer = (*pulling, *holding)
-        each = tuple(_balance_of(name, nodes, outer, on_body, x, over) for name, nodes in (bodies or {}).items())
-        return ForceBalance(pulling, holding, balance((*outer, *contact), x, over), each)
+        each = tuple(
+            _balance_of(name, nodes, outer, on_body, x, over, of_ties) for name, nodes in (bodies or {}).items()
+        )
+        tied = resultants(ties, x, over)
+        return ForceBalance(pulling, holding, balance((*outer, *contact), x, over), each, tied)
 
 
 def _balance_of(
-    name: str, nodes: slice, outer: Sequence[Resultant], on_body: FloatArray, x: FloatArray, over: Reductions
+    name: str,
+    nodes: slice,
+    outer: Sequence[Resultant],
+    on_body: FloatArray,
+    x: FloatArray,
+    over: Reductions,
+    of_ties: FloatArray | None,
 ) -> BodyBalance:
     """The balance of one of several bodies; collective."""
     mine = [part for part in outer if part.face is not None and part.face.partition(SEPARATOR)[0] == name]
     (contact,) = resultants([NodalForces("contact", name, on_body[nodes])], x[nodes], over)
+    if of_ties is not None:
+        mine += resultants([NodalForces("ties", name, of_ties[nodes])], x[nodes], over)
     return BodyBalance(name, contact, balance((*mine, contact), x[nodes], over))
 
 

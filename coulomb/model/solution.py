@@ -147,9 +147,17 @@ class Solution:
         """The fields of solution.xdmf of loads and supports, and of bodies of the user's forms their internal forces,
         shapes (k, 3); collective."""
         u, body, loading = self.displacement, self.problem.elasticity, self.problem.loading
-        found = {"load": loading.load, "prescribed": loading.prescribed, "spring_force": body.spring_force(u)}
+        found = {
+            "load": loading.load,
+            "prescribed": body.held_part(loading.prescribed),
+            "spring_force": body.spring_force(u),
+        }
         if body.forms() is not None:
             found |= {"internal_force": body.internal_force(u), "rounding_force": rounding_forces(body, u)}
+        if body.ties:
+            on_body = -self.problem.nodal_contact_force(self.contact_force)
+            imbalance = body.internal_force(u) - body.spring_force(u) - loading.load - on_body
+            found |= {"tie_force": body.forces_of_ties(imbalance), **body.stresses_of_ties(imbalance)}
         return found
 
     @cached_property
@@ -158,7 +166,9 @@ class Solution:
         problem, u = self.problem, self.displacement
         body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
         inner = body.internal_force(u) - body.spring_force(u)
-        held = body.held_part(inner - problem.loading.load - on_body)
+        imbalance = inner - problem.loading.load - on_body
+        of_ties = body.forces_of_ties(imbalance)
+        held = body.held_part(imbalance - of_ties)
         supports = chain(body.shares(held), body.spring_forces(u))
         over, members = Reductions(problem.comm), body.members
         grounds = [(member, member.body.ground) for member in members if member.body.forms() is not None]
@@ -168,7 +178,8 @@ class Solution:
             if ground is not None
         ]
         each = {member.name: member.nodes for member in members} if len(members) > 1 else {}
-        return force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each)
+        ties = (body.shares_of_ties(imbalance), of_ties) if body.ties else ()
+        return force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each, *ties)
 
     @property
     def acting(self) -> ForceBalance:
@@ -188,6 +199,11 @@ class Solution:
         With the loads and the contact forces on a body (`at_nodes.totals()`) they add up to zero.
         """
         return self.force_balance.reactions
+
+    @property
+    def ties(self) -> tuple[Resultant, ...]:
+        """Force and moment of every tie on the face whose nodes follow the other, in their order; collective."""
+        return self.force_balance.ties
 
     @property
     def forces_on_foundations(self) -> tuple[Resultant, ...]:

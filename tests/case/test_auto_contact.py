@@ -106,6 +106,7 @@ def test_keys_of_all_pairs_and_of_some():
 def test_what_is_given_is_not_found_again():
     given = "contact=[{face='pad:facing_base', against='base:top', friction=0.7}]"
     assert contacts(given) == [("pad:facing_base", "base:top", 0.7), FOUND[1]]
+    assert contacts("tie=[{face='lid:bottom', against='pad:facing_lid'}]") == FOUND[:1]
     alone = "contact={face='base:right', friction=0.7}"
     assert contacts(alone) == [("base:right", None, 0.7), *FOUND]
 

@@ -3,12 +3,12 @@ matrix K, the load f, and the nodal forces of a displacement.  Several bodies ar
 """
 
 from .body import LOCKING_ABOVE, STRESSES, ElasticBody, cell_measure
-from .constraints import HELD_OBLIQUE, HeldDirections, HeldNodes, Nodes, distributed_rows
-from .deformable import Deformable, Loading, Member, SingleBody
-from .displacement_space import DisplacementSpace
+from .constraints import HELD_OBLIQUE, HeldDirections, HeldNodes, Nodes, Numbering, distributed_rows
+from .deformable import TIE_STRESSES, Deformable, Loading, Member, SingleBody, Tie
+from .displacement_space import INTERPOLATION, DisplacementSpace, attach_interpolation, attach_rigid_body_modes
 from .elasticity import Elasticity, LoadedBody
 from .form_body import BilinearForm, Body, FormValues
-from .free_motions import FreeMotion, FreeMotions, motions_in_words
+from .free_motions import FreeMotion, FreeMotions, free_motions, motions_in_words
 from .garbage import free_earlier_bodies
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .loads import (

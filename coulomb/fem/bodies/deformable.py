@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -56,6 +57,37 @@ class Member:
         if not self.name:
             return face
         return self.name if face is None else f"{self.name}{SEPARATOR}{face}"
+
+
+TIE_STRESSES = ("peel_stress", "shear_stress")
+"""Tractions of ties at slave nodes: along the outward normal, positive where the tie pulls, and the size of the part
+across it."""
+
+
+@dataclass(frozen=True)
+class Tie:
+    """Two faces that are tied to each other; this rank's slave nodes.
+
+    Attributes:
+        face, against: The faces; nodes of the first follow those of the other.
+        why: Why it is the first, in words.
+        nodes: Slave nodes among this rank's k nodes, ascending, shape (m,).
+        area: Integrals of their functions over the tie, m^2, shape (m,).
+        normal: Their outward unit normals, shape (m, 3).
+        rows: W, their displacements by those of all nodes, shape (3 m, 3 nodes of all ranks).
+        traction: Tractions at them by forces on nodes, 1/m^2, shape (m, nodes of all ranks).
+        remarks: What a user should know of it.
+    """
+
+    face: str
+    against: str
+    why: str
+    nodes: npt.NDArray[np.int64]
+    area: FloatArray
+    normal: FloatArray
+    rows: scipy.sparse.csr_matrix
+    traction: scipy.sparse.csr_matrix
+    remarks: tuple[str, ...]
 
 
 class Deformable(HeldNodes, ABC):
@@ -109,6 +141,38 @@ class Deformable(HeldNodes, ABC):
     @abstractmethod
     def free(self) -> FreeMotions:
         """The rigid motions along which contact alone holds it."""
+
+    @property
+    def ties(self) -> tuple[Tie, ...]:
+        """The ties between faces."""
+        return ()
+
+    def transferred(self, forces: FloatArray) -> FloatArray:
+        """Nodal forces (k, 3), or (k, 3, j), with those on nodes that are tied to others as forces on these;
+        collective."""
+        return forces
+
+    def reduced(self, u: FloatArray) -> FloatArray:
+        """The unknowns of K of displacements u (k, 3): 0 at nodes that are tied to others."""
+        return u
+
+    def forces_of_ties(self, imbalance: FloatArray) -> FloatArray:
+        """The forces of all ties on the bodies in newtons, by the internal forces less all other forces, shapes (k, 3);
+        collective."""
+        return imbalance - self.transferred(imbalance)
+
+    def shares_of_ties(self, imbalance: FloatArray) -> Iterator[NodalForces]:
+        """The forces of every tie on its slave nodes, in the order given; collective."""
+        yield from ()
+
+    def stresses_of_ties(self, imbalance: FloatArray) -> dict[str, FloatArray]:
+        """The `TIE_STRESSES` in pascals at this rank's nodes, shapes (k,), 0 off slave nodes; none without ties;
+        collective."""
+        return {}
+
+    def jump(self, u: FloatArray) -> FloatArray:
+        """How far tied nodes are from where they should be, metres, shapes (k, 3); collective."""
+        return np.zeros_like(u)
 
     @property
     @abstractmethod

@@ -42,3 +42,5 @@ from .surface import (
     joined,
     plane_of_face,
 )
+from .tied_bodies import TiedBodies
+from .ties import Tied

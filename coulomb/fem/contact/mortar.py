@@ -54,7 +54,7 @@ from .mortar_segments import Segments, segments
 # have not (Popp, Wohlmuth, Gee and Wall 2012).  With N itself the condition of A is about ten times larger.  Where the
 # covered part is so small that dual functions are extrapolations, they are the linear functions of the corners.
 
-_LEAST_DUAL = 0.05
+LEAST_DUAL = 0.05
 """Covered share of a facet below which its functions are the linear ones of the corners."""
 
 _LEAST_COVERED = 1e-6
@@ -68,7 +68,7 @@ def multipliers(slave: FacetPatch, parts: Segments) -> FloatArray:
     span = np.eye(kind.width) if kind.width != 6 else kind.vertex_functions
     found = np.zeros((len(slave), count, kind.width))
     found[parts.share > _LEAST_COVERED, : kind.corners] = kind.vertex_functions
-    full = parts.share > _LEAST_DUAL
+    full = parts.share > LEAST_DUAL
     mass = span @ parts.mass[full] @ span.T
     sizes = mass.sum(axis=2)
     found[full] = sizes[:, :, None] * np.linalg.solve(mass, np.broadcast_to(span, (len(mass), *span.shape)))
@@ -249,9 +249,9 @@ def mortar_rows(
     hats: FloatArray = (
         np.einsum("jn,fn->fj", slave.kind.vertex_functions, slave.whole) if slave.kind.width == 6 else slave.whole
     )
-    whole = _nodal_sums(nodes, hats, slave.size)
+    whole = nodal_sums(nodes, hats, slave.size)
     sizes = np.einsum("fjn,fn->fj", found, mass)
-    weak = _weak(nodes, sizes, whole, gone)
+    weak = weak_nodes(nodes, sizes, whole, gone)
     return _rows(slave, master, parts, slave_functions(slave, nodes, found, sizes, gone | weak), owned, whole, weak)
 
 
@@ -265,9 +265,11 @@ def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
     return np.flatnonzero(np.any(seen[slave.nodes], axis=1))
 
 
-def _weak(nodes: IntArray, sizes: FloatArray, whole: FloatArray, gone: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def weak_nodes(
+    nodes: IntArray, sizes: FloatArray, whole: FloatArray, gone: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
     """Slave nodes with too small a covered part; of a facet that has no others, the one with the largest part stays."""
-    covered = _nodal_sums(nodes, sizes, len(whole))
+    covered = nodal_sums(nodes, sizes, len(whole))
     weak = (covered > 0.0) & (covered < LEAST_SHARE * whole) & ~gone
     alone = np.any(sizes > 0.0, axis=1) & np.all(weak[nodes] | gone[nodes] | (covered[nodes] <= 0.0), axis=1)
     alone &= np.any(weak[nodes], axis=1)
@@ -287,7 +289,7 @@ def _rows(
 ) -> MortarRows:
     facet, coefficients = functions.facet, functions.coefficients
     products = np.einsum("kn,knm->km", coefficients, parts.mass[facet])
-    area = _nodal_sums(functions.node, products.sum(axis=1), slave.size)
+    area = nodal_sums(functions.node, products.sum(axis=1), slave.size)
     node = owned[0] + np.flatnonzero(area[owned[0] : owned[1]] > 0.0)
     point = np.full(slave.size, -1)
     point[node] = np.arange(len(node))
@@ -339,8 +341,8 @@ def _interpolated(
         area: a_j, shape (m,).
     """
     corner = slave.nodes[:, : slave.kind.corners]
-    count = _nodal_sums(corner, parts.reached.astype(np.float64), slave.size)
-    ways = [_nodal_sums(corner, part, slave.size) for part in np.moveaxis(parts.at_corners, 2, 0)]
+    count = nodal_sums(corner, parts.reached.astype(np.float64), slave.size)
+    ways = [nodal_sums(corner, part, slave.size) for part in np.moveaxis(parts.at_corners, 2, 0)]
     way = np.stack([*(of / np.maximum(count, 1.0) for of in ways), count == 0.0], axis=1)
     weights = products @ slave.kind.vertex_functions.T / area[row][:, None]
     entries = (weights.ravel(), (np.repeat(row, weights.shape[1]), corner[facet].ravel()))
@@ -350,20 +352,26 @@ def _interpolated(
     return rows @ way[:, :3], unknown < 1e-9
 
 
-def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-    """Rows without entries that are rounding errors, divided by their sums."""
+def without_rounding(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    """Rows without entries that are rounding errors."""
     rows = rows.tocsr()
     rows.sum_duplicates()
     largest = abs(rows).max(axis=1).toarray().ravel()
     rows.data[np.abs(rows.data) <= 1e-14 * np.repeat(largest, np.diff(rows.indptr))] = 0.0
     rows.eliminate_zeros()
+    return rows
+
+
+def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    """Rows `without_rounding`, divided by their sums."""
+    rows = without_rounding(rows)
     total = np.asarray(rows.sum(axis=1)).ravel()
     averages = (scipy.sparse.diags(1.0 / total) @ rows).tocsr()
     averages.sort_indices()
     return averages
 
 
-def _nodal_sums(nodes: IntArray, values: FloatArray, size: int) -> FloatArray:
+def nodal_sums(nodes: IntArray, values: FloatArray, size: int) -> FloatArray:
     """Sums over the facets of values (f, j) at their nodes (f, j), shape (size,)."""
     return np.bincount(nodes.ravel(), values.ravel(), size).astype(np.float64)
 

@@ -130,8 +130,9 @@ class ContactSurface:
 
     @property
     def nodes_in_rows(self) -> npt.NDArray[np.int64]:
-        """Global numbers of the nodes in the rows of this rank, ascending."""
-        return np.unique(self.B.getValuesCSR()[1] // 3).astype(np.int64)
+        """Global numbers of the nodes in the rows of this rank, ascending: also of nodes that these follow."""
+        matrices = [self.B] if self.free_B is self.B else [self.B, self.free_B]
+        return np.unique(np.concatenate([matrix.getValuesCSR()[1] // 3 for matrix in matrices])).astype(np.int64)
 
 
 def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurface) -> FloatArray:

@@ -8,6 +8,7 @@ the matrices that the solver uses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -264,9 +265,17 @@ class CaseForces:
         self._members, self._node, self._run = case.members, case.nodes_of(run), run
         self._loads = {name: list(body.loads_at(time)) for name, body in case.bodies.items()}
 
-    def force_balance(self, u: FloatArray, held: FloatArray, on_body: FloatArray, taken: Perturbed) -> ForceBalance:
-        """Resultants and balance with displacements u, forces of the supports along held directions, and contact forces
-        on the body at the run's nodes, shapes (k, 3)."""
+    def force_balance(
+        self,
+        u: FloatArray,
+        held: FloatArray,
+        on_body: FloatArray,
+        taken: Perturbed,
+        of_ties: FloatArray,
+        ties: Iterable[NodalForces],
+    ) -> ForceBalance:
+        """Resultants and balance with displacements u, forces of the supports along held directions, contact forces and
+        forces of ties on the body at the run's nodes, shapes (k, 3), and of every tie on its slave nodes."""
         order = np.argsort(self._node)  # of the run's nodes in the order of the case
 
         def parts(of: Callable[[Member], Iterable[NodalForces]]) -> Iterator[NodalForces]:
@@ -280,4 +289,35 @@ class CaseForces:
         shares = parts(lambda member: member.body.shares(held[order][member.nodes]))
         springs = parts(lambda member: member.body.spring_forces(u[order][member.nodes]))
         x, over, slices = taken(self._run.body.x), Reductions(MPI.COMM_SELF), self._run.body.slices
-        return force_balance(loads, chain(shares, springs), on_body, x, over, (), slices)
+        return force_balance(loads, chain(shares, springs), on_body, x, over, (), slices, ties, of_ties)
+
+
+@dataclass(frozen=True)
+class TiesFound:
+    """What ties do at the nodes in the files of a run: their forces and the jump of the displacement, shapes (k, 3),
+    their stresses by name, shapes (k,), and the forces of each on its slave nodes."""
+
+    forces: FloatArray
+    jump: FloatArray
+    stresses: dict[str, FloatArray]
+    shares: tuple[NodalForces, ...]
+
+
+class CaseTies:
+    """The ties of a case, computed anew on the meshes of the case, at the nodes in the files of a run."""
+
+    def __init__(self, case: CaseReference, run: WrittenRun):
+        self._body = case.settings.problem(MPI.COMM_SELF).elasticity
+        unfit = f"{run.folder}: has another mesh than the case"
+        self._node = run.body.numbers_in([member.body.x for member in self._body.members], unfit)
+
+    def found(self, u: FloatArray, imbalance: FloatArray) -> TiesFound:
+        """By displacements and the internal forces less all forces but those of ties, shapes (k, 3)."""
+        order, node, body = np.argsort(self._node), self._node, self._body
+        left = imbalance[order]
+        return TiesFound(
+            body.forces_of_ties(left)[node],
+            body.jump(u[order])[node],
+            {name: values[node] for name, values in body.stresses_of_ties(left).items()},
+            tuple(NodalForces(one.kind, one.face, one.forces[node]) for one in body.shares_of_ties(left)),
+        )

@@ -199,7 +199,7 @@ def _record(findings: Findings, variant: Variant, at: Moment) -> dict[str, Any]:
         steps, residual = summary["iterations"]["path_following"], summary["residual"]
     except (KeyError, TypeError):
         raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
-    figures = {"reactions": summary.get("reactions", []), **derived}
+    figures = {"reactions": summary.get("reactions", []), "ties": summary.get("ties", []), **derived}
     line = row(figures, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
     return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
 

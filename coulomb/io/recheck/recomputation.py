@@ -15,7 +15,15 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...contact_fields import CONTACT_FIELDS
 from ...fem import compat
-from ...fem.bodies import EXPANSION, ISOTROPIC, ORTHOTROPIC, ORTHOTROPIC_EXPANSION, TEMPERATURE, range_of
+from ...fem.bodies import (
+    EXPANSION,
+    ISOTROPIC,
+    ORTHOTROPIC,
+    ORTHOTROPIC_EXPANSION,
+    TEMPERATURE,
+    TIE_STRESSES,
+    range_of,
+)
 from ...fem.contact import face_samples
 from ...fem.geometry import RigidFoundation, Spin
 from ...fem.meshes import SEPARATOR
@@ -28,12 +36,12 @@ from ...model.probes import LocatedProbes, Part, Probe
 from ...model.resultants import resultant_of_ground
 from ...model.small_strain import SmallStrain, small_strain
 from ..field_files import OPPOSITE
-from ..result_grids import ON_CELLS, ROUNDING
+from ..result_grids import ON_CELLS, ROUNDING, TIE_FORCE
 from ..run_bodies import WrittenBody, midpoints
 from ..run_directory import CONTACT, OLD, SOLUTION
 from ..run_files import WrittenFace, WrittenRun
 from ..summary import derived
-from .case_reference import CaseForces, CaseReference, Perturbed
+from .case_reference import CaseForces, CaseReference, CaseTies, Perturbed
 from .comparison import Comparison, Rounding
 from .contact_nodes import ContactNodes, opposite_fields
 
@@ -80,6 +88,7 @@ class Recomputation:
         probes: The probes, found in the mesh of the files.
         faces: Each contact face with its facets.
         accepted: Whether violations of the theory of small strains are accepted.
+        ties: Those of the case; None if there are none or they are unknown.
     """
 
     run: WrittenRun
@@ -90,6 +99,7 @@ class Recomputation:
     probes: LocatedProbes
     faces: Sequence[tuple[WrittenFace, npt.NDArray[np.int32]]]
     accepted: bool
+    ties: CaseTies | None = None
 
     def variant(self, rounding: Rounding | None) -> Variant:
         """Data recomputed from the written numbers, or from perturbed ones."""
@@ -107,6 +117,10 @@ class Recomputation:
             if part.elastic is None:
                 internal[part.nodes] = taken(internal[part.nodes])
                 rounded[part.nodes] = run.on_body[ROUNDING][part.nodes]
+        imbalance = internal - spring - load - on_body
+        of_ties = taken(run.on_body[TIE_FORCE]) if TIE_FORCE in run.on_body else np.zeros_like(u)
+        tied = None if self.ties is None else self.ties.found(u, imbalance)
+        of_ties = of_ties if tied is None else tied.forces
         only_written = nodes.only(nodes.written)
         judged, written = (some.answer(run, u, on_face, x, self.spins) for some in (nodes, only_written))
         heated = {TEMPERATURE: taken(run.on_body[TEMPERATURE])} if TEMPERATURE in run.on_body else {}
@@ -120,7 +134,7 @@ class Recomputation:
                 spring=spring,
                 held=held,
                 prescribed=run.on_body["prescribed"],
-                on_body=on_body,
+                on_body=on_body + of_ties,
                 force=judged.force,
                 closure=judged.closure,
                 gap=judged.gap,
@@ -133,17 +147,27 @@ class Recomputation:
                 component=body.component,
                 bodies=tuple(body.slices.values()),
                 actions=nodes.actions(run, on_face),
+                jump=None if tied is None else tied.jump,
             )
         )
-        body_x, reactions = taken(body.x), held.held_part(internal - spring - load - on_body)
+        body_x, reactions = taken(body.x), held.held_part(imbalance - of_ties)
         found = {f"{CONTACT}: {name}": values for name, values in written.fields().items()}
         found[f"{CONTACT}: slip_bound"] = written.bound
+        if tied is not None:
+            found |= {f"{SOLUTION}: {TIE_FORCE}": of_ties}
+            found |= {f"{SOLUTION}: {name}": values for name, values in tied.stresses.items()}
         for part in body.parts:
             found |= _stresses(part, u, heated)
         for one in run.opposite:
             carried = opposite_fields(run, only_written, written, one)
             found |= {f"{CONTACT}: {name} of {one.face.name}": values for name, values in carried.items()}
-        acting = None if self.supported is None else self.supported.force_balance(u, reactions, on_body, taken)
+        acting = (
+            None
+            if self.supported is None
+            else self.supported.force_balance(
+                u, reactions, on_body, taken, of_ties, () if tied is None else tied.shares
+            )
+        )
         probed = _probe_entries(self.probes, u, written, run.node[only_written.index], taken)
         numbers = derived(written, certificate, u, spring, held, acting)
         strain: dict[str, Any] = {"gradient": body.largest_gradient(u)}
@@ -162,7 +186,7 @@ class Recomputation:
         numbers |= {name: range_of(change, MPI.COMM_SELF) for name, change in heated.items()}
         valid = certificate.passed and (self.accepted or not outside)
         return Variant(
-            at=Forces(u, load, internal - spring, on_body),
+            at=Forces(u, load, internal - spring, on_body + of_ties),
             forces=on_face,
             fields=found,
             numbers={**numbers, "probes": probed, "small_strain": strain, "valid": valid},
@@ -193,6 +217,10 @@ def written_fields(run: WrittenRun, nodes: ContactNodes, variant: Variant) -> di
             floor = _DIRECTION * (directed + size * (field.unit == "m")) if field.given else 0.0
             exact = field.given or field.name == "status"
             found[f"{CONTACT}: {field.name}"] = Compared(run.on_face[field.name][at], x, field.follows, floor, exact)
+    for name in (TIE_FORCE, *TIE_STRESSES):
+        if f"{SOLUTION}: {name}" in variant.fields:
+            floor = 1e-12 * float(np.max(np.abs(run.on_body[name])))
+            found[f"{SOLUTION}: {name}"] = Compared(run.on_body[name], run.body.x, "displacement and forces", floor)
     for part in run.body.parts:
         labels = {in_body(name, part): name for name in ON_CELLS if in_body(name, part) in variant.fields}
         largest = max((float(np.max(np.abs(variant.fields[one]), initial=0.0)) for one in labels), default=0.0)

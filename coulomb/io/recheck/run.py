@@ -17,7 +17,7 @@ from ..field_files import data_of
 from ..result_grids import BETWEEN, OURS, middle
 from ..run_directory import CASE, CONTACT, FIELDS, SOLUTION, SUMMARY
 from ..run_files import WrittenFace, WrittenRun, read_run
-from .case_reference import CaseForces, CaseReference
+from .case_reference import CaseForces, CaseReference, CaseTies
 from .comparison import Comparison, Rounding, unjudged
 from .contact_nodes import ContactNodes, Start, from_start, spins_of
 from .face_geometry import contact_nodes
@@ -177,6 +177,7 @@ def check_run(
         located_probes(run, case, faces),
         faces,
         bool(strain.get("accepted")) if case is None else case.accepts(run.summary),
+        CaseTies(case, run) if case is not None and part is not None and case.settings.tie else None,
     )
     roundings = (None, *(Rounding((seed, abs(number)), run.evaluation) for seed in _SEEDS))
     variants = tuple(data.variant(rounding) for rounding in roundings)

@@ -108,6 +108,8 @@ FIELDS = (
     Field("principal_stress_2", "solution", "second principal stress", "Pa", SIGNED),
     Field("principal_stress_3", "solution", "third (smallest) principal stress", "Pa", SIGNED),
     Field("temperature_change", "solution", "temperature change", "K", SIGNED),
+    Field("peel_stress", "solution", "normal stress of ties", "Pa", SIGNED),
+    Field("shear_stress", "solution", "shear stress of ties", "Pa"),
 )
 
 

@@ -1,0 +1,346 @@
+"""Bodies of which some faces are tied to each other.
+
+With T, the map from the displacements v of nodes that follow no other to those of all, u = T v, equilibrium is
+T^T (internal - outer forces) = 0: the stiffness is T^T K T, as sparse as that of one mesh where the meshes match, and
+positive definite.  The rows of nodes that follow others have a diagonal alone, as those of held directions, so that K
+has the same unknowns as without ties.  The forces of a tie are the forces that slave nodes lack, and -W^T times them on
+the master.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse.csgraph import connected_components
+
+from ...arrays import FloatArray, IntArray
+from ..bodies import (
+    INTERPOLATION,
+    TIE_STRESSES,
+    Deformable,
+    FreeMotions,
+    Loading,
+    Member,
+    NodalForces,
+    Numbering,
+    Tie,
+    attach_interpolation,
+    attach_rigid_body_modes,
+    component_modes,
+    distributed_rows,
+    free_motions,
+)
+from ..meshes import fetched, starts_of
+from .contact_points import at_nodes_of, rows_of
+from .ties import Tied, tie_of
+
+_LONGEST_CHAIN = 8
+"""Ties of which each follows the next."""
+
+
+def _each_column(of: Callable[[FloatArray], FloatArray], v: FloatArray) -> FloatArray:
+    """A function of nodal vectors (k, 3) for each of several (k, 3, j)."""
+    if v.ndim == 2:
+        return of(v)
+    return np.stack([of(v[:, :, j]) for j in range(v.shape[2])], axis=2) if v.shape[2] else v
+
+
+class TiedBodies(Deformable):
+    """Bodies with ties; nodes, faces and loads are those of the bodies.
+
+    Attributes:
+        bodies: The bodies without ties.
+        given: The ties as given.
+        ties: The ties with their nodes.
+    """
+
+    def __init__(self, bodies: Deformable, given: Sequence[Tied], ties: Sequence[Tie] | None = None):
+        self.bodies, self.given = bodies, tuple(given)
+        self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
+        self.contradictions = bodies.contradictions
+        self.slaves = np.zeros(len(self.x), dtype=bool)
+        found = []
+        for number, one in enumerate(self.given):
+            found.append(tie_of(bodies, one, self.slaves) if ties is None else ties[number])
+            self.slaves[found[-1].nodes] = True
+        self._ties = tuple(found)
+        self._K: tuple[PETSc.Mat, PETSc.Mat, FloatArray] | None = None
+        self._changed: TiedBodies | None = None
+
+    @property
+    def ties(self) -> tuple[Tie, ...]:
+        return self._ties
+
+    # --- the map ------------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _tied(self) -> FloatArray:
+        """Projectors on the directions along which nodes follow others, shape (k, 3, 3)."""
+        tied = np.zeros((len(self.x), 3, 3))
+        tied[self.slaves] = np.eye(3) - self.held.projector_at(np.flatnonzero(self.slaves))
+        return tied
+
+    def _block_diagonal(self, blocks: FloatArray) -> scipy.sparse.csr_matrix:
+        """This rank's rows of the matrix with these blocks (k, 3, 3) on its diagonal."""
+        count, numbering = len(self.x), self.numbering
+        entries = (blocks, numbering.first + np.arange(count), np.arange(count + 1))
+        return scipy.sparse.bsr_matrix(entries, shape=(3 * count, 3 * numbering.total)).tocsr()
+
+    @cached_property
+    def _rows(self) -> PETSc.Mat:
+        """W of all slave nodes, shape (n, n), distributed; rows of others are empty."""
+        n, axes = 3 * len(self.x), np.arange(3)
+        follow = scipy.sparse.csr_matrix((n, 3 * self.numbering.total))
+        for tie in self.ties:
+            at = (3 * tie.nodes[:, None] + axes).ravel()
+            lift = scipy.sparse.csr_matrix((np.ones(len(at)), (at, np.arange(len(at)))), (n, len(at)))
+            follow = follow + lift @ tie.rows
+        return distributed_rows(follow.tocsr(), (n, follow.shape[1]), self)
+
+    @cached_property
+    def _follows(self) -> PETSc.Mat:
+        """T, from the displacements of nodes that follow no other to those of all; collective."""
+        kept = self._block_diagonal(np.eye(3) - self._tied)
+        kept.eliminate_zeros()
+        E, W = distributed_rows(kept, (kept.shape[0], kept.shape[1]), self), self._rows
+        T, change = E.copy(), 1.0
+        for _ in range(_LONGEST_CHAIN):  # nodes that follow nodes that follow others
+            then = W.matMult(T)
+            then.axpy(1.0, E)
+            T.axpy(-1.0, then)
+            change, T = T.norm(), then
+            if change == 0.0:
+                T.setAttr("mesh", self.lifetime)  # keeps it alive: see compat.assemble_matrix
+                return T
+        raise ValueError(f"{', '.join(one.what for one in self.given)}: nodes follow each other in a circle")
+
+    def free_part(self, v: FloatArray) -> FloatArray:
+        """T P v: the displacement of which v (k, 3), or (k, 3, j), is the part along free directions; collective."""
+        return _each_column(partial(rows_of, self._follows), self.held.free_part(v))
+
+    def transferred(self, forces: FloatArray) -> FloatArray:
+        """T^T times the forces."""
+        return _each_column(partial(at_nodes_of, self._follows), forces)
+
+    def reduced(self, u: FloatArray) -> FloatArray:
+        """u (k, 3) without the displacements that follow from others."""
+        return u - np.einsum("kij,kj->ki", self._tied, u)
+
+    def projection(self) -> PETSc.Mat:
+        """T P, shape (n, n), distributed."""
+        P = super().projection()
+        product = self._follows.matMult(P)
+        P.destroy()
+        product.setAttr("mesh", self.lifetime)
+        return product
+
+    # --- stiffness ----------------------------------------------------------------------------------------------------
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """(T P)^T K T P of the stiffness K of the bodies, and what K has on the diagonal of held directions and of
+        slave nodes."""
+        of_bodies = self.bodies.K
+        if self._K is None or self._K[0] is not of_bodies:
+            self._K = (of_bodies, *self._reduced_stiffness(of_bodies))
+        return self._K[1]
+
+    @property
+    def anchoring(self) -> FloatArray:
+        assert self.K is not None and self._K is not None
+        return self._K[2]
+
+    def _reduced_stiffness(self, of_bodies: PETSc.Mat) -> tuple[PETSc.Mat, FloatArray]:
+        S, diagonal = of_bodies.copy(), of_bodies.getDiagonal()
+        diagonal.array[:] -= self.bodies.anchoring.ravel()
+        S.setDiagonal(diagonal)
+        blocks = np.zeros((len(self.x), 3, 3))
+        blocks[self.held.nodes] = self._held_diagonal[self.held.nodes][:, :, None] * self.held.projector
+        mean = diagonal.array_r.reshape(-1, 3).mean(axis=1)
+        blocks[self.slaves] += (mean[:, None, None] * self._tied)[self.slaves]
+        TP = self.projection()
+        product = S.PtAP(TP)
+        present = product.getDiagonal()
+        anchoring: FloatArray = self.free.anchored(self.x.shape) * present.array_r.reshape(-1, 3)
+        blocks[:, [0, 1, 2], [0, 1, 2]] += anchoring
+        indptr, columns, values = product.getValuesCSR()
+        rows = scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, product.getSize()[1]))
+        rows = rows + self._block_diagonal(blocks)
+        for thing in (S, diagonal, TP, product, present):
+            thing.destroy()
+        K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(self.x), rows.shape[1]), self)
+        K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        K.setOption(PETSc.Mat.Option.SPD, True)
+        attach_rigid_body_modes(K, self.x)
+        if of_bodies.getAttr(INTERPOLATION) is not None:
+            attach_interpolation(K, self._interpolation)
+        return K, anchoring
+
+    def _interpolation(self) -> PETSc.Mat:
+        """That of the bodies, without slave nodes."""
+        P = self.bodies.K.getAttr(INTERPOLATION)()
+        kept = P.createVecLeft()
+        kept.array[:] = np.repeat(~self.slaves, 3)
+        P.diagonalScale(kept)
+        kept.destroy()
+        return P
+
+    @cached_property
+    def free(self) -> FreeMotions:
+        """The rigid motions of bodies and of what is tied together."""
+        of_bodies = self.bodies.free
+        component, names = self._joined_components(of_bodies)
+        modes, _ = component_modes(self.x, component, self.comm)
+        against = np.stack([of_bodies.projected(modes[:, :, j], self.x) for j in range(6)], axis=2)
+        places = np.zeros((3, len(self.x)), dtype=bool)
+        for member in self.members:
+            places[:, member.nodes] = member.body.anchor_places
+        limit = 1e-10 * self.comm.allreduce(float(len(self.x)), op=MPI.SUM)
+        found = free_motions(self.x, component, against, limit, tuple(places & ~self.slaves), self.comm)
+        return replace(found, bodies=names)
+
+    def _joined_components(self, of_bodies: FreeMotions) -> tuple[IntArray, tuple[str, ...]]:
+        """The component of every node, where tied ones are one, shape (k,), and their names; collective."""
+        component, count = of_bodies.component, len(of_bodies.bodies)
+        starts, found = starts_of(self.comm, len(self.x)), []
+        for tie in self.ties:
+            entries = tie.rows.tocoo()
+            masters = fetched(self.comm, starts, (entries.col // 3).astype(np.int64), component)
+            found.append(np.unique(np.column_stack([component[tie.nodes[entries.row // 3]], masters]), axis=0))
+        pairs = np.concatenate(self.comm.allgather(np.concatenate(found)))
+        graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), (count, count))
+        number = connected_components(graph, directed=False)[1].astype(np.int64)
+        _, number = np.unique(number, return_inverse=True)
+        groups = [
+            [name for name, at in zip(of_bodies.bodies, number, strict=True) if at == k] for k in range(max(number) + 1)
+        ]
+        return number[component], tuple(group[0] if len(group) == 1 else " with ".join(group) for group in groups)
+
+    # --- loads and forces ---------------------------------------------------------------------------------------------
+
+    def at(self, time: float) -> Loading:
+        loading = self.bodies.at(time)
+        return replace(loading, prescribed=rows_of(self._follows, loading.prescribed))
+
+    def f(self, loading: Loading) -> PETSc.Vec:
+        f, forces, g = self.K.createVecRight(), loading.load, loading.prescribed
+        if self.comm.allreduce(bool(np.any(g)), op=MPI.LOR):
+            forces = forces - self.internal_force(g) + self.spring_force(g)
+        free = self.held.free_part(self.transferred(forces))
+        f.array[:] = (free + self._held_diagonal * self.held_part(g)).ravel()
+        return f
+
+    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
+        return self.bodies.shares(reaction)
+
+    def _on_slaves(self, imbalance: FloatArray) -> FloatArray:
+        """The forces of all ties on their slave nodes, shapes (k, 3); collective."""
+        forces = np.zeros_like(imbalance)
+        for _ in range(_LONGEST_CHAIN):
+            before = forces
+            forces = np.einsum("kij,kj->ki", self._tied, imbalance + at_nodes_of(self._rows, before))
+            if not self.comm.allreduce(bool(np.any(forces != before)), op=MPI.LOR):
+                break
+        return forces
+
+    def shares_of_ties(self, imbalance: FloatArray) -> Iterator[NodalForces]:
+        forces = self._on_slaves(imbalance)
+        for tie in self.ties:
+            share = np.zeros_like(forces)
+            share[tie.nodes] = forces[tie.nodes]
+            yield NodalForces("tie", tie.face, share)
+
+    def stresses_of_ties(self, imbalance: FloatArray) -> dict[str, FloatArray]:
+        forces = self._on_slaves(imbalance)
+        starts, found = starts_of(self.comm, len(self.x)), np.zeros((2, len(self.x)))
+        for tie in self.ties:
+            there = fetched(self.comm, starts, tie.traction.indices.astype(np.int64), forces)
+            spread = scipy.sparse.csr_matrix(
+                (tie.traction.data, np.arange(len(there)), tie.traction.indptr), (len(tie.nodes), len(there))
+            )
+            traction = spread @ there
+            along = np.einsum("mi,mi->m", traction, tie.normal)
+            found[:, tie.nodes] = along, np.linalg.norm(traction - along[:, None] * tie.normal, axis=1)
+        return dict(zip(TIE_STRESSES, found, strict=True))
+
+    def jump(self, u: FloatArray) -> FloatArray:
+        """How far slave nodes are from where they should be, metres, shapes (k, 3); collective."""
+        return u - rows_of(self._follows, self.reduced(u))
+
+    def at_time(self, time: float) -> TiedBodies:
+        bodies = self.bodies.at_time(time)
+        for known in (self, self._changed):
+            if known is not None and known.bodies is bodies:
+                return known
+        self._changed = TiedBodies(bodies, self.given, self.ties)
+        return self._changed
+
+    # --- what is that of the bodies -----------------------------------------------------------------------------------
+
+    @cached_property
+    def _held_diagonal(self) -> FloatArray:
+        return np.concatenate([member.body.held_diagonal for member in self.members])
+
+    @property
+    def comm(self) -> MPI.Comm:
+        return self.bodies.comm
+
+    @property
+    def numbering(self) -> Numbering:
+        return self.bodies.numbering
+
+    @property
+    def lifetime(self) -> object:
+        return self.bodies.lifetime
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        return self.bodies.members
+
+    @property
+    def ground(self) -> FloatArray | None:
+        return self.bodies.ground
+
+    def linear_between_vertices(self, values: FloatArray) -> FloatArray:
+        return self.bodies.linear_between_vertices(values)
+
+    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+        return self.bodies.face(name, what)
+
+    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        return self.bodies.numbers_of(member, numbers)
+
+    def largest_gradient(self, u: FloatArray) -> float:
+        return self.bodies.largest_gradient(u)
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        return self.bodies.internal_force(u)
+
+    def outdated(self, loading: Loading) -> bool:
+        return self.bodies.outdated(loading)
+
+    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
+        return self.bodies.loads_in(loading)
+
+    def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
+        return self.bodies.spring_forces(u)
+
+    def spring_force(self, u: FloatArray) -> FloatArray:
+        return self.bodies.spring_force(u)
+
+    def blocked_displacement(self, loading: Loading) -> float:
+        return self.bodies.blocked_displacement(loading)
+
+    def supports_understood(self) -> list[dict[str, Any]]:
+        return self.bodies.supports_understood()
+
+    def forms(self) -> Mapping[str, Any] | None:
+        return self.bodies.forms()

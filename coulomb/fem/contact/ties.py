@@ -1,0 +1,312 @@
+"""Tied faces: every node of one follows the other, so that they neither open nor slip.
+
+The mortar method's condition int lambda_j (u_slave - u_master o pi) dS = 0, with dual multipliers, gives the
+displacement of every slave node as u_s = W u of nodes of the master.
+
+Where the faces are a distance d apart, the chords of curved faces or a film of glue, a row of W carries the moment too:
+the node follows the rotation of the master's nodes in its row, u_s = sum w_m u_m + omega x d, so that rigid motions of
+both bodies together are free of forces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from mpi4py import MPI
+
+from ...arrays import FloatArray, IntArray
+from ..bodies import Deformable, Tie
+from ..geometry import on_all_ranks
+from ..meshes import Exchange, fetched, owner_of, starts_of
+from .facet_patch import FacetKind, FacetPatch, facet_patch
+from .mortar import LEAST_DUAL, Search, nodal_sums, slave_functions, weak_nodes, without_rounding
+from .mortar_segments import segments
+from .near_facets import near_pair
+from .pair import slave_side
+
+
+@dataclass(frozen=True)
+class Tied:
+    """Two faces that are glued to each other: no opening, no slip.
+
+    Attributes:
+        face: Name of a face.
+        against: Name of the other, of another body ("plate:bottom") or of the same.
+        slave: Whether the nodes of `face` follow those of `against`, whatever the meshes; else those of the finer face,
+            or of the softer body.
+
+    Raises:
+        ValueError: If a name is none, or both are the same.
+    """
+
+    face: str
+    against: str
+    slave: bool = False
+
+    def __post_init__(self) -> None:
+        for name in (self.face, self.against):
+            if not isinstance(name, str) or not name:
+                raise ValueError(f"tie: a face must be given by its name, but is {name!r}")
+        if self.face == self.against:
+            raise ValueError(f"tie: face {self.face!r} cannot be tied to itself: give another as against")
+
+    @property
+    def what(self) -> str:
+        return f"tie of {self.face!r} to {self.against!r}"
+
+
+# Faces that are tied: every slave node follows the master, u_slave = W u.
+#
+# With multipliers on all nodes, dual to functions N' with positive integrals, the condition
+# int lambda_j (u_slave - u_master o pi) dS = 0 is solved for each node by itself (Popp, Wohlmuth, Gee and Wall 2012).
+# N' are the functions N, on 6-node triangles those with a part of the middles of edges moved to the corners:
+# N'_corner = N_corner + a (N_e1 + N_e2), N'_e = (1 - 2 a) N_e.  A displacement with the values v for N' has the values
+# v at corners and (1 - 2 a) v_e + a (v_1 + v_2) in the middles of edges.
+
+_TO_CORNERS = 0.2
+"""a: the integrals of N' over a plane triangle are 2/15 of its area at corners, 3/15 at edges."""
+
+
+def tying_functions(kind: FacetKind) -> FloatArray:
+    """N' of a facet as combinations of N, shape (n, n)."""
+    span = np.eye(kind.width)
+    if kind.width == 6:
+        for edge, (one, other) in enumerate(((0, 1), (1, 2), (2, 0)), start=3):
+            span[[one, other], edge], span[edge, edge] = _TO_CORNERS, 1.0 - 2.0 * _TO_CORNERS
+    return span
+
+
+@dataclass(frozen=True)
+class TiedRows:
+    """What m slave nodes follow: their displacement is `weights` times that of slave nodes that are not tied, plus
+    `opposite` times that of master nodes.
+
+    Attributes:
+        node: Numbers of the nodes in the patch, ascending, shape (m,).
+        area: Integrals of their functions N' over the common part, m^2, shape (m,).
+        weights, opposite: Shapes (m, nodes of the slave), (m, nodes of the master); the rows of both together have the
+            sum 1.
+        traction: Tractions at the nodes by the forces on nodes of the slave, 1/m^2, shape (m, nodes of the slave).
+        distance: Mean distance of the faces along the normal, metres, shape (m,); negative where they overlap.
+        untied: Numbers of nodes before the master that are not tied, since less than a share of 0.2 of their area is.
+    """
+
+    node: IntArray
+    area: FloatArray
+    weights: scipy.sparse.csr_matrix
+    opposite: scipy.sparse.csr_matrix
+    traction: scipy.sparse.csr_matrix
+    distance: FloatArray
+    untied: IntArray
+
+
+def tied_rows(slave: FacetPatch, master: FacetPatch, left_out: npt.NDArray[np.bool_], search: Search) -> TiedRows:
+    """The rows of all nodes of a slave face but those left out (nodes,), whose functions are added to others; not
+    collective.  Those of nodes within `RINGS` of the end of the patch are wrong."""
+    span, size = tying_functions(slave.kind), slave.size
+    weights, opposite = (scipy.sparse.csr_matrix((0, columns)) for columns in (size, master.size))
+    no, nothing = np.empty(0, dtype=np.int64), np.empty(0)
+    untied = TiedRows(no, nothing, weights, opposite, weights, nothing, no)
+    if not len(slave) or not len(master):
+        return untied
+    parts = segments(slave, master, search.depth, search.reach)
+    full = parts.share > LEAST_DUAL
+    mass = span @ parts.mass[full] @ span.T
+    found = np.zeros((len(slave), slave.kind.width, slave.kind.width))
+    found[full] = mass.sum(axis=2)[:, :, None] * np.linalg.solve(mass, np.broadcast_to(span, mass.shape))
+    sizes = np.einsum("fjn,fn->fj", found, parts.mass.sum(axis=2))
+    weak = weak_nodes(slave.nodes, sizes, nodal_sums(slave.nodes, slave.whole @ span.T, size), left_out)
+    if slave.kind.width == 6:  # the corners of an edge whose middle is not tied are not, either
+        corners = slave.nodes[:, [0, 1, 2, 1, 2, 0]].reshape(-1, 2, 3)
+        bare = (weak | left_out)[slave.nodes[:, 3:]]
+        weak[corners.swapaxes(1, 2)[bare].ravel()] = True
+        weak &= ~left_out
+    functions = slave_functions(slave, slave.nodes, found, sizes, left_out | weak)
+    facet, of = functions.facet, functions.node
+    if not len(of):
+        return untied
+    products = np.einsum("kn,knm->km", functions.coefficients, parts.mass[facet]) @ span.T
+    width = slave.kind.width
+    spread = scipy.sparse.csr_matrix(
+        (
+            functions.coefficients.ravel(),
+            (facet[:, None] * width + np.arange(width)).ravel(),
+            np.arange(len(of) + 1) * width,
+        ),
+        (len(of), len(slave) * width),
+    )
+    node, row = np.unique(of, return_inverse=True)
+    summed = scipy.sparse.csr_matrix((np.ones(len(of)), (row, np.arange(len(of)))), (len(node), len(of)))
+    entries = (products.ravel(), slave.nodes[facet].ravel(), np.arange(len(of) + 1) * width)
+    own = (summed @ scipy.sparse.csr_matrix(entries, (len(of), size))).tocsr()
+    area = np.asarray(own[np.arange(len(node)), node]).ravel()
+    scale, tied = scipy.sparse.diags(1.0 / area), np.zeros(size, dtype=bool)
+    tied[node] = True
+    weights = -scale @ own @ scipy.sparse.diags((~tied).astype(np.float64))
+    opposite = scale @ summed @ spread @ parts.coupling
+    way = (
+        scale @ summed @ spread @ np.column_stack([*parts.separation.reshape(-1, 3).T, *parts.normal.reshape(-1, 3).T])
+    )
+    distance = np.einsum("mi,mi->m", way[:, :3], way[:, 3:])
+    at_nodes, at_values = _between_functions(slave)
+    every = scipy.sparse.identity(size, format="csr")
+    whole = scipy.sparse.diags((~tied).astype(np.float64)) + every[:, node] @ weights
+    weights, opposite = at_nodes[node] @ whole @ at_values, at_nodes[node][:, node] @ opposite
+    traction = scale @ at_nodes.T.tocsr()[node]
+    weights, opposite, traction = map(without_rounding, (weights, opposite, traction))
+    return TiedRows(node, area, weights, opposite, traction, distance, np.flatnonzero(weak))
+
+
+def _between_functions(slave: FacetPatch) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
+    """The displacements of nodes by their values for N', and the values by the displacements, shape (nodes, nodes)."""
+    diagonal, none = np.ones(slave.size), np.empty(0, dtype=np.int64)
+    middle, corner = none, none
+    if slave.kind.width == 6:
+        ends = [slave.nodes[:, columns].ravel() for columns in ([3, 4, 5], [0, 1, 2], [1, 2, 0])]
+        edges = np.unique(np.column_stack([ends[0], np.sort(np.column_stack(ends[1:]), axis=1)]), axis=0)
+        diagonal[edges[:, 0]] = 1.0 - 2.0 * _TO_CORNERS
+        middle, corner = np.repeat(edges[:, 0], 2), edges[:, 1:].ravel()
+    share = scipy.sparse.csr_matrix((np.full(len(middle), _TO_CORNERS), (middle, corner)), (slave.size, slave.size))
+    inverse = scipy.sparse.diags(1.0 / diagonal)
+    return (scipy.sparse.diags(diagonal) + share).tocsr(), (inverse - inverse @ share).tocsr()
+
+
+_FAR = 0.2
+"""Distance of two tied faces over the root of a node's area from which it is worth a remark."""
+
+_TOGETHER = 1e-13
+"""Distance between a slave node and the point it follows, over the coordinates, that is a rounding error."""
+
+
+def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
+    """A tie of nodes that are not in another one (`taken`, (k,)); collective.
+
+    Raises:
+        ValueError: On every rank, if a face is unknown, or nothing of one is before the other.
+    """
+    comm = body.comm
+    for name in (given.face, given.against):
+        body.face(name, "tie")
+    face, against, why = given.face, given.against, "it was chosen"
+    if not given.slave:
+        face, against, why = slave_side(body, face, against)
+    (slave, on_slave), (master, on_master) = body.face(face, "tie"), body.face(against, "tie")
+    space, starts = slave.body, starts_of(comm, slave.body.numbering.local)
+    patches = facet_patch(space, on_slave), facet_patch(master.body, on_master)
+    near = near_pair(*patches, (space.numbering.local, master.body.numbering.local), comm)
+    one, other = near.slave.patch, near.master.patch
+    gone = taken[slave.nodes].copy()
+    gone[space.held.nodes[np.trace(space.held.projector, axis1=1, axis2=2) > 2.5]] = True
+    if space is master.body:
+        both = np.unique(patches[1].nodes)
+        on_both = np.zeros(space.numbering.local, dtype=bool)
+        on_both[Exchange(comm, owner_of(starts, both)).send(both) - starts[comm.rank]] = True
+        gone |= on_both
+    left_out = fetched(comm, starts, near.slave.numbers, gone)
+    search = near.search or Search(0.0, 0.0)
+    found = on_all_ranks(lambda: tied_rows(one, other, left_out, search), given.what, comm)
+    own = (found.node >= near.owned[0]) & (found.node < near.owned[1])
+    if comm.allreduce(int(own.sum()), op=MPI.SUM) == 0:
+        raise ValueError(
+            f"{given.what}: no part of one is opposite to the other: they must face each other, with outward normals "
+            "in opposite directions, and one must have nodes that are neither clamped nor tied already"
+        )
+    node, area, distance = found.node[own], found.area[own], found.distance[own]
+    parts = [
+        (found.weights[own], near.slave.numbers, _places(one), slave),
+        (found.opposite[own], near.master.numbers, _places(other), master),
+    ]
+    columns = scipy.sparse.hstack([rows for rows, *_ in parts], format="csr")
+    beside = scipy.sparse.block_diag([_neighbours(one), _neighbours(other)], format="csr")
+    x = np.concatenate([places for *_, places, _ in parts])
+    numbers = np.concatenate([body.numbers_of(member, numbers.astype(np.int64)) for _, numbers, _, member in parts])
+    at = _places(one)[node]
+    size = float(comm.allreduce(float(np.max(np.abs(body.x), initial=0.0)), op=MPI.MAX))
+    columns, blocks = _carrying(columns, beside, x, at, _TOGETHER * size)
+    nodes = (near.slave.numbers[node] - space.numbering.first).astype(np.int64)
+    H = space.held.projector_at(nodes)
+    rows = _global(blocks, columns, numbers, body.numbering.total, np.eye(3) - H)
+    outward = space.positive_weights(on_slave)[1]
+    n = outward[nodes] / np.maximum(np.linalg.norm(outward[nodes], axis=1), 1e-300)[:, None]
+    remarks = []
+    far = comm.allreduce(float(np.max(np.abs(distance), initial=0.0)), op=MPI.MAX)
+    facet = comm.allreduce(float(np.max(np.sqrt(area), initial=0.0)), op=MPI.MAX)
+    if far > _FAR * facet:
+        remarks.append(f"the faces are up to {far:.3g} m apart; nodes are tied across that distance as by rigid arms")
+    mine = (found.untied >= near.owned[0]) & (found.untied < near.owned[1])
+    untied = comm.allreduce(int(mine.sum()), op=MPI.SUM)
+    if untied:
+        remarks.append(
+            f"{untied} nodes of {face!r} have less than a fifth of their area before {against!r} and are free"
+        )
+    named = tuple(f"{given.what}: {text}" for text in remarks)
+    traction = found.traction[own].tocsr()
+    there = body.numbers_of(slave, near.slave.numbers[traction.indices].astype(np.int64))
+    traction = scipy.sparse.csr_matrix((traction.data, there, traction.indptr), (len(nodes), body.numbering.total))
+    return Tie(face, against, why, slave.nodes.start + nodes, area, n, rows, traction, named)
+
+
+def _places(patch: FacetPatch) -> FloatArray:
+    """Coordinates of the nodes of a patch, shape (nodes, 3)."""
+    x = np.zeros((patch.size, 3))
+    x[patch.nodes] = patch.x
+    return x
+
+
+def _neighbours(patch: FacetPatch) -> scipy.sparse.csr_matrix:
+    """Which nodes are in a facet with each node, shape (nodes, nodes)."""
+    width = patch.kind.width
+    entries = (np.ones(patch.nodes.size), patch.nodes.ravel(), np.arange(0, patch.nodes.size + 1, width))
+    on = scipy.sparse.csr_matrix(entries, (len(patch), patch.size))
+    return (on.T @ on).tocsr()
+
+
+def _carrying(
+    rows: scipy.sparse.csr_matrix, beside: scipy.sparse.csr_matrix, x: FloatArray, at: FloatArray, rounding: float
+) -> tuple[scipy.sparse.csr_matrix, FloatArray]:
+    """Rows (m, nodes) at nodes x (nodes, 3) with the blocks of their entries, shape (entries, 3, 3), by which slave
+    nodes at (m, 3) follow the rotation of the nodes in their rows and of those `beside` these (nodes, nodes), too."""
+    offset = at - rows @ x
+    apart = np.linalg.norm(offset, axis=1) > rounding
+    if np.any(apart):
+        wider = (scipy.sparse.diags(apart.astype(np.float64)) @ abs(rows) @ beside).tocoo()
+        given = rows.tocoo()
+        entries = np.concatenate([given.data, np.zeros(wider.nnz)])
+        places = np.concatenate([given.row, wider.row]), np.concatenate([given.col, wider.col])
+        rows = scipy.sparse.csr_matrix((entries, places), rows.shape)
+    count = np.diff(rows.indptr)
+    of = np.repeat(np.arange(len(at)), count)
+    blocks = rows.data[:, None, None] * np.eye(3)
+    if not np.any(apart):
+        return rows, blocks
+    middle = np.zeros_like(at)
+    np.add.at(middle, of, x[rows.indices])
+    y = x[rows.indices] - (middle / np.maximum(count, 1)[:, None])[of]
+    gram = np.zeros((len(at), 3, 3))
+    np.add.at(gram, of, np.einsum("ei,ei->e", y, y)[:, None, None] * np.eye(3) - y[:, :, None] * y[:, None, :])
+    turn = np.linalg.pinv(gram, rcond=1e-8, hermitian=True)[of] @ _crossing(y)  # omega = turn u
+    blocks[apart[of]] -= (_crossing(offset)[of] @ turn)[apart[of]]
+    return rows, blocks
+
+
+def _crossing(a: FloatArray) -> FloatArray:
+    """The matrices of a x, for vectors a (k, 3), shape (k, 3, 3)."""
+    found = np.zeros((len(a), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        found[:, i, j], found[:, j, i] = -a[:, k], a[:, k]
+    return found
+
+
+def _global(
+    blocks: FloatArray, rows: scipy.sparse.csr_matrix, numbers: IntArray, total: int, free: FloatArray
+) -> scipy.sparse.csr_matrix:
+    """Rows over the displacements of all nodes, along the free directions (m, 3, 3) of the slave nodes."""
+    of = np.repeat(np.arange(len(free)), np.diff(rows.indptr))
+    entries, axes = free[of] @ blocks, np.arange(3)
+    row = np.broadcast_to(3 * of[:, None, None] + axes[:, None], entries.shape)
+    column = np.broadcast_to(3 * numbers[rows.indices][:, None, None] + axes, entries.shape)
+    there = entries != 0.0
+    return scipy.sparse.csr_matrix((entries[there], (row[there], column[there])), (3 * len(free), 3 * total))
