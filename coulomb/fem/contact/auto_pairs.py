@@ -81,11 +81,12 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
     """All pairs of faces of different bodies, or components of a mesh, that face each other within a distance;
     collective, the same on any number of ranks.
 
-    A pair is two named faces as a whole, if their facets have a name, of several the face with fewest facets; facets
-    without a name that face another body become a face "lower:facing_upper", in a mesh with several components
-    "pin_facing_lug" by the groups of their cells, "part_1_facing_part_2" without, numbered by their smallest x, then y,
-    then z.  Two faces of one component are a pair if
-    both have names, and are a gap apart: those of a slot.  The outer facets of all bodies are kept on every rank.
+    Facets with a name stand for the whole face of this name, of several for that with fewest facets.  Facets without a
+    name that face another body become a face, "lug:facing_pin"; in a mesh with several components "lug_facing_pin" by
+    the groups of their cells, without groups "part_1_facing_part_2", numbered by their smallest x, then y, then z.  Two
+    faces of one component, as of a slot, are a pair if both have names and a gap is between them.
+
+    What is outside of all bodies is gathered on every rank: the facets, no cells.
 
     Args:
         mesh: Of one body with components that share no node, or of several bodies (`join`).
@@ -96,10 +97,13 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
         friction=0.2, against=pair.against) for pair in found.pairs])`.
 
     Raises:
-        ValueError: On every rank, if the distance is not positive, or nothing is within it, with the smallest distance.
+        ValueError: On every rank, if the distance is not positive, or nothing is within it, with the smallest distance;
+            if a second-order facet is folded.
     """
     if not is_number(distance) or distance <= 0.0:
         raise ValueError(f"auto_pairs: distance must be a number of metres > 0, but is {distance!r}")
+    if not isinstance(mesh, NamedMesh | JoinedMesh):
+        raise ValueError(f"auto_pairs: takes a mesh, or what coulomb.join makes of several, not {mesh!r}")
     given = mesh.bodies if isinstance(mesh, JoinedMesh) else {"": mesh}
     bodies = [_OuterFacets.of(one) for one in given.values()]
     every = _Names(given, [body.groups for body in bodies], mesh.comm)

@@ -192,3 +192,4 @@ def test_errors_are_the_same_on_all_ranks():
     assert "nor at any distance" in same_error(lambda: auto_pairs(beside, 0.1))
     for wrong in (0.0, -1.0, np.nan, "1e-3", None):
         assert "distance must be a number of metres > 0" in same_error(lambda wrong=wrong: auto_pairs(apart, wrong))
+    assert "takes a mesh" in same_error(lambda: auto_pairs("lower", 0.1))
