@@ -1,6 +1,7 @@
 """[auto_contact] of a case: pairs of faces found by themselves become its contacts."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from conftest import run_coulomb
 from mesh_files import BoxFile
 from mpi4py import MPI
+from report_pages import page_without_pictures
 
 from coulomb.case.case import Case, read_case
 from coulomb.io.case_record import case_text
@@ -178,6 +180,39 @@ def test_pairs_are_printed_as_tables():
     printed = run_coulomb("contacts", "case.toml", "--set", rate).stdout
     Path("pasted.toml").write_text(f"{STACK}\n{printed}")
     assert [one.friction.static for one in read_case("pasted.toml").contacts.values()] == ["0.3+x"] * 2
+
+
+def test_components_of_one_mesh_in_several_pairs():
+    """Faces by the groups of their cells; neither the end of the run nor the report has a force on all of them."""
+    parts = [BoxFile((1.0, 1.0, 0.5), cells) for cells in ((2, 2, 1), (3, 3, 1), (2, 3, 1))]
+    first, whole = np.cumsum([0, *(len(part.points) for part in parts)]), parts[0]
+    groups = np.split(np.arange(19), np.cumsum([len(part.cells) for part in parts])[:-1])
+    faces = {"held": parts[0].faces["bottom"], "pressed": parts[2].faces["top"] + first[2]}
+    whole.cells = np.concatenate([part.cells + start for part, start in zip(parts, first, strict=False)])
+    above = [part.points + np.array([0.0, 0.0, 0.5001 * k]) for k, part in enumerate(parts)]
+    whole.points, whole.faces = np.concatenate(above), faces
+    whole.cell_groups = dict(zip(("rubber", "steel", "cork"), groups, strict=True))
+    whole.write(Path("three.msh"))
+    of = "material=[{cells='rubber', young=1e9, poisson=0.3}, {cells='steel', young=2e11, poisson=0.3}"
+    changes = [
+        "mesh.file='three.msh'",
+        f"{of}, {{cells='cork', young=1e8, poisson=0.1}}]",
+        "clamp=[{face='held'}]",
+        "pressure=[{face='pressed', value=1e5}]",
+        "auto_contact={distance=1e-3, friction=0.3, pair=[{of=['st*', 'rubber'], friction=0.6}]}",
+        "output.picture=false",
+    ]
+    Path("case.toml").write_text("")
+    done = run_coulomb("run", "case.toml", "--output", "out", *(word for one in changes for word in ("--set", one)))
+    assert done.returncode == 0, done.stderr
+    normal = re.search(r"^normal force in N of (\w+) ([\d.]+), (\w+) ([\d.]+)$", done.stdout, flags=re.MULTILINE)
+    assert {normal[1], normal[3]} == {"steel_facing_rubber", "cork_facing_steel"}
+    assert [float(normal[k]) for k in (2, 4)] == pytest.approx([1e5, 1e5], rel=1e-6)
+    assert "Coulomb friction 0.6" in next(
+        line for line in done.stdout.splitlines() if "contact  'steel_facing_rubber" in line
+    )
+    assert "normal force of cork_facing_steel" in page_without_pictures("out")
+    assert run_coulomb("check", "out").returncode == 0
 
 
 def test_it_may_be_the_only_contact_or_none():
