@@ -343,6 +343,7 @@ def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
         "rounding": e.rounding,
         "forces of rigid motions": np.zeros(0) if e.ground is None else e.ground,
         "blocked displacement": np.array([e.blocked]),
+        "jump of ties": np.zeros(0) if e.jump is None else e.jump,
     }
     faults = [f"{name} not finite" for name, values in given.items() if not over.all(bool(np.all(np.isfinite(values))))]
     needed = {"compliance": e.compliance, "scale of displacements": scales.length}

@@ -248,6 +248,15 @@ def test_script_and_case_give_the_reference_answer():
         assert contents["certificate"]["natural_residual"]["value"] <= 1e-6
 
 
+def test_demo_bonded_pad():
+    """The bond carries what the contact presses, and the roller is beneath the middle."""
+    contents = ran("bonded_pad.toml")[1]["bonded_pad"]
+    (tie,), contact = contents["ties"], contents["totals"]
+    assert contents["valid"] and tie["face"] == "pad:top"
+    assert tie["force"] == pytest.approx([-part for part in contact["force"]], abs=1e-6)
+    assert contact["centre_of_pressure"][:2] == pytest.approx([0.03, 0.015], abs=1e-3)
+
+
 def test_demo_two_blocks():
     """The joint carries the load on the upper block: 0.8 m x 0.4 m at 60 MPa and 15 MPa; part of it sticks."""
     contents = ran("two_blocks.toml")[1]["two_blocks"]

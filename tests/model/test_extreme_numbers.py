@@ -12,15 +12,16 @@ from coulomb.model.certificate import SMALLEST, judge
 from coulomb.model.evidence import Evidence
 from coulomb.nearest import among
 
-OTHERS = ("comm", "held", "compliance", "averaged", "ground", "component", "bodies", "actions")
+OTHERS = ("comm", "held", "compliance", "averaged", "ground", "component", "bodies", "actions", "jump")
 ARRAYS = [field.name for field in fields(Evidence) if field.name not in OTHERS]
 
 
 @pytest.mark.parametrize("bad", [np.nan, -np.inf])
-@pytest.mark.parametrize("name", [*ARRAYS, "compliance", "ground"])
+@pytest.mark.parametrize("name", [*ARRAYS, "compliance", "ground", "jump"])
 def test_values_that_are_not_finite_fail_and_are_named(name, bad):
     evidence, _ = synthetic_evidence()
-    array = np.array(getattr(evidence, name), dtype=float)
+    given = np.zeros_like(evidence.x) if name == "jump" else getattr(evidence, name)  # of a problem with ties
+    array = np.array(given, dtype=float)
     array.flat[7 % array.size] = bad
     certificate = judge(replace(evidence, **{name: array if array.ndim else float(array)}))
     assert "finite" in failed(certificate)
@@ -31,6 +32,7 @@ def test_values_that_are_not_finite_fail_and_are_named(name, bad):
         "internal": "internal forces",
         "gap": "gaps",
         "bound": "slip bounds",
+        "jump": "jump of ties",
     }
     assert contents.get(name, name) in certificate["finite"].meaning
 

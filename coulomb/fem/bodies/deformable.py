@@ -75,6 +75,7 @@ class Tie:
         area: Integrals of their functions over the tie, m^2, shape (m,).
         normal: Their outward unit normals, shape (m, 3).
         rows: W, their displacements by those of all nodes, shape (3 m, 3 nodes of all ranks).
+        beside: The part of W of nodes of the slave face that are not tied, as clamped ones, of the same shape.
         traction: Tractions at them by forces on nodes, 1/m^2, shape (m, nodes of all ranks).
         remarks: What a user should know of it.
     """
@@ -86,6 +87,7 @@ class Tie:
     area: FloatArray
     normal: FloatArray
     rows: scipy.sparse.csr_matrix
+    beside: scipy.sparse.csr_matrix
     traction: scipy.sparse.csr_matrix
     remarks: tuple[str, ...]
 
@@ -162,7 +164,7 @@ class Deformable(HeldNodes, ABC):
         return imbalance - self.transferred(imbalance)
 
     def shares_of_ties(self, imbalance: FloatArray) -> Iterator[NodalForces]:
-        """The forces of every tie on its slave nodes, in the order given; collective."""
+        """The forces of every tie on the nodes of its slave face, in the order given; collective."""
         yield from ()
 
     def stresses_of_ties(self, imbalance: FloatArray) -> dict[str, FloatArray]:

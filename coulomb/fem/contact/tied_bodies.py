@@ -254,8 +254,11 @@ class TiedBodies(Deformable):
     def shares_of_ties(self, imbalance: FloatArray) -> Iterator[NodalForces]:
         forces = self._on_slaves(imbalance)
         for tie in self.ties:
-            share = np.zeros_like(forces)
-            share[tie.nodes] = forces[tie.nodes]
+            share, own = np.zeros_like(forces), forces[tie.nodes]
+            share[tie.nodes] = own
+            beside = distributed_rows(tie.beside, (forces.size, tie.beside.shape[1]), self, None)
+            share -= at_nodes_of(beside, own)
+            beside.destroy()
             yield NodalForces("tie", tie.face, share)
 
     def stresses_of_ties(self, imbalance: FloatArray) -> dict[str, FloatArray]:

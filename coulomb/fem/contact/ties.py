@@ -177,6 +177,9 @@ def _between_functions(slave: FacetPatch) -> tuple[scipy.sparse.csr_matrix, scip
 _FAR = 0.2
 """Distance of two tied faces over the root of a node's area from which it is worth a remark."""
 
+_ALL_HELD = 2.5
+"""Trace of the projector on the held directions of a node above which all are."""
+
 _TOGETHER = 1e-13
 """Distance between a slave node and the point it follows, over the coordinates, that is a rounding error."""
 
@@ -188,10 +191,13 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
         ValueError: On every rank, if a face is unknown, or nothing of one is before the other.
     """
     comm = body.comm
-    for name in (given.face, given.against):
-        body.face(name, "tie")
-    face, against, why = given.face, given.against, "it was chosen"
-    if not given.slave:
+    face, against, why = given.face, given.against, "it was given as the slave"
+    clamped = [_clamped(body, name) for name in (face, against)]
+    if not given.slave and np.count_nonzero(clamped) == 1:
+        face, against, why = (
+            (against, face, "the other is clamped") if clamped[0] else (face, against, "the other is clamped")
+        )
+    elif not given.slave:
         face, against, why = slave_side(body, face, against)
     (slave, on_slave), (master, on_master) = body.face(face, "tie"), body.face(against, "tie")
     space, starts = slave.body, starts_of(comm, slave.body.numbering.local)
@@ -199,7 +205,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     near = near_pair(*patches, (space.numbering.local, master.body.numbering.local), comm)
     one, other = near.slave.patch, near.master.patch
     gone = taken[slave.nodes].copy()
-    gone[space.held.nodes[np.trace(space.held.projector, axis1=1, axis2=2) > 2.5]] = True
+    gone[space.held.nodes[np.trace(space.held.projector, axis1=1, axis2=2) > _ALL_HELD]] = True
     if space is master.body:
         both = np.unique(patches[1].nodes)
         on_both = np.zeros(space.numbering.local, dtype=bool)
@@ -220,7 +226,8 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
         (found.opposite[own], near.master.numbers, _places(other), master),
     ]
     columns = scipy.sparse.hstack([rows for rows, *_ in parts], format="csr")
-    beside = scipy.sparse.block_diag([_neighbours(one), _neighbours(other)], format="csr")
+    none = scipy.sparse.csr_matrix((one.size, one.size))
+    beside = scipy.sparse.block_diag([none, _neighbours(other)], format="csr")
     x = np.concatenate([places for *_, places, _ in parts])
     numbers = np.concatenate([body.numbers_of(member, numbers.astype(np.int64)) for _, numbers, _, member in parts])
     at = _places(one)[node]
@@ -229,9 +236,17 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     nodes = (near.slave.numbers[node] - space.numbering.first).astype(np.int64)
     H = space.held.projector_at(nodes)
     rows = _global(blocks, columns, numbers, body.numbering.total, np.eye(3) - H)
+    own_side = columns.indices < one.size
+    beside_rows = _global(
+        np.where(own_side[:, None, None], blocks, 0.0), columns, numbers, rows.shape[1] // 3, np.eye(3) - H
+    )
     outward = space.positive_weights(on_slave)[1]
     n = outward[nodes] / np.maximum(np.linalg.norm(outward[nodes], axis=1), 1e-300)[:, None]
     remarks = []
+    if clamped[0] and not clamped[1] and face == given.face:
+        remarks.append(
+            f"{clamped[0]} nodes of {face!r} are clamped, and {against!r} is free there: give that as the slave"
+        )
     far = comm.allreduce(float(np.max(np.abs(distance), initial=0.0)), op=MPI.MAX)
     facet = comm.allreduce(float(np.max(np.sqrt(area), initial=0.0)), op=MPI.MAX)
     if far > _FAR * facet:
@@ -246,7 +261,15 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     traction = found.traction[own].tocsr()
     there = body.numbers_of(slave, near.slave.numbers[traction.indices].astype(np.int64))
     traction = scipy.sparse.csr_matrix((traction.data, there, traction.indptr), (len(nodes), body.numbering.total))
-    return Tie(face, against, why, slave.nodes.start + nodes, area, n, rows, traction, named)
+    return Tie(face, against, why, slave.nodes.start + nodes, area, n, rows, beside_rows, traction, named)
+
+
+def _clamped(body: Deformable, face: str) -> int:
+    """Number of nodes of a face that are held along all directions, over all ranks; collective."""
+    member, facets = body.face(face, "tie")
+    nodes = member.body.nodes_of(facets)
+    held = np.trace(member.body.held.projector_at(nodes), axis1=1, axis2=2) > _ALL_HELD
+    return int(body.comm.allreduce(int(held.sum()), op=MPI.SUM))
 
 
 def _places(patch: FacetPatch) -> FloatArray:
@@ -268,7 +291,7 @@ def _carrying(
     rows: scipy.sparse.csr_matrix, beside: scipy.sparse.csr_matrix, x: FloatArray, at: FloatArray, rounding: float
 ) -> tuple[scipy.sparse.csr_matrix, FloatArray]:
     """Rows (m, nodes) at nodes x (nodes, 3) with the blocks of their entries, shape (entries, 3, 3), by which slave
-    nodes at (m, 3) follow the rotation of the nodes in their rows and of those `beside` these (nodes, nodes), too."""
+    nodes at (m, 3) follow the rotation of the nodes in their rows and of those `beside` these (nodes, nodes)."""
     offset = at - rows @ x
     apart = np.linalg.norm(offset, axis=1) > rounding
     if np.any(apart):

@@ -210,6 +210,39 @@ def test_curved_faces_that_are_apart_follow_rigid_motions():
     assert np.cross(body.x, moved_forces).sum(axis=0) == pytest.approx(np.cross(body.x, forces).sum(axis=0), abs=1e-10)
 
 
+def test_a_face_that_is_clamped_in_part_does_not_follow():
+    """Three quarters of a hub on a shaft whose end is clamped, twisted: the clamped nodes of the shaft hold the hub as
+    well.  As the slave the shaft leaves the hub free there, which is said; forces are those of the load in both."""
+
+    def ring(inner, outer, cells):
+        def place(x):
+            r, angle = inner + (outer - inner) * x[0], 1.5 * np.pi * x[1]
+            return np.stack([r * np.cos(angle), r * np.sin(angle), 0.1 * x[2]])
+
+        return box((1.0, 1.0, 1.0), cells, place=place)
+
+    angles = []
+    for slave in (None, "shaft:right"):
+        names = ("shaft:right", "hub:left")
+        bodies = join(hub=ring(0.03, 0.05, (2, 12, 4)), shaft=ring(0.01, 0.03, (2, 16, 6)))
+        force = [Traction("hub:right", lambda x: np.stack([-x[1], x[0], 0.0 * x[0]]) * 4e7)]
+        foundation = Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
+        contact = Contact("hub:bottom", 0.2, foundation=foundation)
+        problem = ContactProblem(
+            bodies, STEEL, [Clamp("shaft:bottom")], contact, force, ties=[Tied(*names, slave=slave is not None)]
+        )
+        solution, x = problem.solve(), problem.elasticity.x
+        load, (tie,) = solution.loads[0], solution.ties
+        sign = -1.0 if tie.face == "hub:left" else 1.0
+        assert sign * tie.moment[2] == pytest.approx(load.moment[2], rel=1e-9)
+        assert tie.face == (slave or "hub:left")
+        assert any("give that as the slave" in text for text in problem.body.remarks) == (slave is not None)
+        top = (x[:, 2] > 0.0999) & (np.hypot(x[:, 0], x[:, 1]) > 0.045)
+        u = solution.displacement
+        angles.append(np.mean((x[:, 0] * u[:, 1] - x[:, 1] * u[:, 0])[top] / np.sum(x[top, :2] ** 2, axis=1)))
+    assert angles[0] < angles[1]
+
+
 @pytest.mark.parametrize("degree", [1, 2])
 def test_three_blocks_that_meet_at_a_line(degree):
     """Ties that share nodes: a beam on two blocks that are tied to each other; the patch test holds."""

@@ -1,0 +1,57 @@
+"""Tied faces on any number of ranks: alone, or with mpirun."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from ranks import by_place, everywhere, same_error
+
+from coulomb import Contact, ContactProblem, Material, Plane, Pressure, SymmetryPlane, Tied, Traction, box, join, moved
+from coulomb.solvers import DirectSolver, IterativeSolver
+
+comm = MPI.COMM_WORLD
+
+
+def stack(over, cell, degree, linear_solver=None, below="b:bottom"):
+    """A small block on a larger one on a foundation, without supports, and a third block beside the larger."""
+    a = box((1.0, 1.0, 1.0), (4, 3, 2), cell, comm=over, degree=degree)
+    b = moved(box((0.6, 0.7, 0.5), (3, 4, 2), cell, comm=over, degree=degree), (0.2, 0.1, 1.0))
+    c = moved(box((0.5, 1.0, 1.0), (2, 2, 3), cell, comm=over, degree=degree), (1.0, 0.0, 0.0))
+    ties = [Tied("a:top", below), Tied("c:left", "a:right")]
+    loads = [Pressure("b:top", 1e6), Traction("b:right", (-1e5, 2e4, 0.0))]
+    contacts = [Contact("a:bottom", 0.3), Contact("c:bottom", 0.2, foundation=Plane((0, 0, -1e-7), (0, 0, 1)))]
+    symmetric = [SymmetryPlane("a:front"), SymmetryPlane("c:front")]
+    bodies = join(a=a, b=b, c=c)
+    return ContactProblem(
+        bodies, Material(2e11, 0.3), symmetric, contacts, loads, ties=ties, linear_solver=linear_solver
+    )
+
+
+def apart(body):
+    """Places of nodes with those of tied faces, which coincide, apart."""
+    x = body.x.copy()
+    for number, member in enumerate(body.members):
+        x[member.nodes, 0] += 10.0 * number
+    return x
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "solver"), [("hexahedron", 1, IterativeSolver), ("tetrahedron", 2, DirectSolver)]
+)
+def test_ranks_find_what_one_does(cell, degree, solver):
+    alone, together = stack(MPI.COMM_SELF, cell, degree).solve(1e-12), stack(comm, cell, degree, solver).solve(1e-12)
+    assert together.certificate.passed and together.certificate["ties"].value <= 1e-10
+    x, own = everywhere(apart(together.problem.elasticity)), apart(alone.problem.elasticity)
+    scale = np.abs(alone.displacement).max()
+    found, expected = by_place(x, everywhere(together.displacement)), by_place(own, alone.displacement)
+    assert np.abs(found - expected).max() <= 1e-7 * scale
+    for one, other in zip(together.ties, alone.ties, strict=True):
+        assert np.abs(one.force - other.force).max() <= 1e-6 * 4e5
+        assert np.abs(one.moment - other.moment).max() <= 1e-6 * 4e5
+    of_ranks, of_one = together.forces_at_nodes, alone.forces_at_nodes
+    for name in ("peel_stress", "shear_stress", "tie_force"):
+        off = by_place(x, everywhere(of_ranks[name])) - by_place(own, of_one[name])
+        assert np.abs(off).max() <= 1e-5 * np.abs(of_one[name]).max(), name
+
+
+def test_wrong_ties_are_errors_on_all_ranks():
+    assert "must face each other" in same_error(lambda: stack(comm, "hexahedron", 1, below="b:top"))

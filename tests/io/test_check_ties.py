@@ -1,0 +1,91 @@
+"""`coulomb check` of tied faces: their forces, stresses and jumps are computed anew from the case."""
+
+import json
+
+import pytest
+from check_runs import change, copied, edit, made, put, shown
+
+from coulomb.io.recheck import check
+
+GLUED = """\
+[[body]]
+name = "lower"
+box = [1.0, 0.8, 0.4]
+cells = [4, 3, 2]
+[body.material]
+young = 2e11
+poisson = 0.3
+[[body]]
+name = "upper"
+box = [1.0, 0.8, 0.3]
+cells = [3, 2, 2]
+cell = "tetrahedron"
+degree = 2
+translate = [0.0, 0.0, 0.4]
+[body.material]
+young = 7e10
+poisson = 0.34
+[[tie]]
+face = "lower:top"
+against = "upper:bottom"
+[[clamp]]
+face = "upper:left"
+[[traction]]
+face = "upper:top"
+value = [1e6, 2e5, -5e6]
+[contact]
+face = "lower:bottom"
+friction = 0.3
+[history]
+times = [1.0, 2.0]
+"""
+
+
+def largest(values):
+    """The largest entry changed by a thousandth."""
+    flat = values.reshape(-1)
+    flat[abs(flat).argmax()] *= 1.001
+    return values
+
+
+def test_all_of_a_tie_is_computed_again():
+    found = check(made(GLUED))
+    assert found.passed and not found.faults, str(found)
+    assert "tied faces neither open nor slip" in str(check(made(GLUED) / "steps/0002").certificate)
+    summary = json.loads((made(GLUED) / "steps/0002/summary.json").read_text())
+    assert [tie["face"] for tie in summary["understood"]["ties"]] == ["lower:top"]
+    assert max(body["balance"] for body in summary["bodies"]) <= 1e-10
+    columns = (made(GLUED) / "history.csv").read_text().splitlines()[0]
+    assert "tie_lower:top_force_z" in columns
+
+
+@pytest.mark.parametrize(
+    ("field", "fault"),
+    [
+        ("solution/lower/tie_force", "solution.xdmf: tie_force"),
+        ("solution/lower/peel_stress", "solution.xdmf: peel_stress"),
+        ("solution/lower/shear_stress", "solution.xdmf: shear_stress"),
+    ],
+)
+def test_changed_fields_of_a_tie_are_noticed(field, fault, tmp_path):
+    folder = copied(GLUED, tmp_path / "run") / "steps/0001"
+    file, _, name = field.partition("/")
+    change(folder / f"{file}.h5", name, largest)
+    faults = check(folder).faults
+    assert any(line.startswith(fault) for line in faults), faults
+
+
+def test_a_slave_node_that_has_left_its_master_is_noticed(tmp_path):
+    folder = copied(GLUED, tmp_path / "run") / "steps/0001"
+    change(folder / "solution.h5", "lower/displacement", largest)
+    found = check(folder)
+    assert not found.certificate.passed and found.faults
+
+
+def test_changed_numbers_of_a_tie_are_noticed(tmp_path):
+    folder = copied(GLUED, tmp_path / "run") / "steps/0001"
+    for place in (("ties", 0, "force", 2), ("ties", 0, "moment", 0)):
+        edit(folder / "summary.json", lambda summary, place=place: put(summary, place, 0.1234))
+    faults = check(folder).faults
+    for place in (("ties", 0, "force", 2), ("ties", 0, "moment", 0)):
+        assert any(line.startswith(shown(place)) for line in faults), place
