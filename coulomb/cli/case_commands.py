@@ -95,10 +95,10 @@ def check_case(
 
 
 def contacts(
-    case: Annotated[Path, typer.Argument(help="Case file, TOML, with [auto_contact].", metavar="CASE.toml")],
+    case: Annotated[Path, typer.Argument(help="Case file, TOML, with the table auto_contact.", metavar="CASE.toml")],
     changes: Changes = None,
 ) -> None:
-    """Print the pairs of faces that [auto_contact] finds as [[contact]] tables, to be put in the case and edited."""
+    """Print the pairs of faces that auto_contact finds as tables of contact, to be put in the case and edited."""
     from ..case.case import read_case
 
     with bad_input():
