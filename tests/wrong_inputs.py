@@ -381,6 +381,11 @@ def from_file():
     two()
 
 
+FAR = "distance=1e-3"
+APART, ASIDE = (f"body.1.translate=[{place}]" for place in ("0, 0, 1.001", "5, 5, 5"))
+PAIRS = f"auto_contact={{{FAR}, friction=0.3, pair=[{{of=OF, friction=0.5}}]}}"
+LEFT_OUT = f"{{{FAR}, friction=0.3, pair=[{{of=['*', '*'], leave_out=true}}]}}"
+TOUCHING = BODIES.splitlines()[1]
 EXPORT = ("export", "case.toml", "out.hdf5", "--set")
 
 SEVERAL = (
@@ -405,6 +410,21 @@ SEVERAL = (
     Wrong("a rotated body without an axis", run("body.1.rotate={angle=0.1}"), two),
     Wrong("a foundation beside against", run("contact.foundation={point=[0,0,1], normal=[0,0,1]}"), two),
     Wrong("a face against itself", run("contact.against='upper:bottom'"), two),
+    Wrong("the slave of a rigid foundation", run("contact={face='upper:bottom', friction=0.3, slave=true}"), two),
+    Wrong("pairs to be found in the table of one", run("contact.auto={distance=1e-3, friction=0.3}"), two),
+    Wrong("a negative distance of the pairs to be found", run("auto_contact={distance=-1e-3, friction=0.3}"), two),
+    Wrong("no friction of the pairs to be found", run("auto_contact={distance=1e-3}"), two),
+    Wrong(
+        "two coefficients of friction of the pairs to be found",
+        run(f"auto_contact={{{FAR}, friction=[0.3, 0.1]}}"),
+        two,
+    ),
+    Wrong("no faces within the distance", run(APART, "auto_contact={distance=1e-6, friction=0.3}"), two),
+    Wrong("bodies that do not face each other at all", run(ASIDE, f"auto_contact={{{FAR}, friction=0.3}}"), two),
+    Wrong("friction of a pair that is not found", run(PAIRS.replace("OF", "['upper', 'lowr']")), two),
+    Wrong("one body for a pair", run(PAIRS.replace("OF", "'upper'")), two),
+    Wrong("contact that is left out everywhere", run("auto_contact=" + LEFT_OUT), case(BODIES.replace(TOUCHING, ""))),
+    Wrong("contacts of a case that names them all", ("contacts", "case.toml"), two),
     Wrong("one body in single brackets", run("body={name='lower'}"), two),
     Wrong("export of a body that contact alone holds", (*EXPORT, "clamp=[{face='lower:bottom'}]"), two, alone=True),
     Wrong("a tie of a misspelt face", run("tie=[{face='upper:botom', against='lower:top'}]"), two),

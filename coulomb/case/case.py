@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from ..model.times import HALVINGS, refuse_times
 from ..ranks import launched, on_rank_0
 from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face
-from .contact import ContactTable, ContactTables
+from .contact import AutoContactTable, ContactTable, ContactTables
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .error_messages import fault_of, tables_of_several
 from .files import apply, named_files, parsed, read_text, rename_files
@@ -37,7 +37,7 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from mpi4py import MPI
 
     from ..fem.bodies import AnyMaterial, Load, LoadedBody, Spring, Support, ThermalLoad
-    from ..fem.contact import Tied
+    from ..fem.contact import FoundPair, FoundPairs, Tied
     from ..fem.geometry import Coefficient
     from ..fem.meshes import JoinedMesh, NamedMesh
     from ..model.load_history import LoadHistory
@@ -134,13 +134,59 @@ class Case(Table):
     gravity_amplitude: AmplitudeTable | None = None
     small_strain: Literal["enforce", "warn"] = "enforce"
     spring: Annotated[tuple[SpringTable, ...], Field(max_length=TABLES)] = ()
-    contact: ContactTables
+    auto_contact: AutoContactTable | None = None
+    contact: ContactTables | None = Field(default=None, validate_default=True)
     tie: Annotated[tuple[TieTable, ...], Field(max_length=TABLES)] = ()
     cyclic_symmetry: Annotated[tuple[CyclicSymmetryTable, ...], Field(max_length=TABLES)] = ()
     probe: Annotated[tuple[ProbeTable, ...], Field(max_length=TABLES)] = ()
     history: HistoryTable | None = None
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
+
+    _found: FoundPairs | None = PrivateAttr(None)
+
+    def resolved(self, comm: MPI.Comm) -> Case:
+        """The same case, in which the pairs that auto_contact finds are among the contacts, after those that are given;
+        without pairs that are given or tied; collective.
+
+        Raises:
+            ValueError: On every rank, if the mesh cannot be read, or there is no pair.
+        """
+        if self.auto_contact is None or self._found is not None:
+            return self
+        found = self._pairs_on(self._given_mesh(comm), self.auto_contact)
+        given = list(self.contacts.values())
+        known = [{table.face, table.against} for table in given] + [{tie.face, tie.against} for tie in self.tie]
+        more = [one for one in self.auto_contact.tables(found.pairs) if {one.face, one.against} not in known]
+        if not given and not more:
+            raise ValueError("auto_contact: all pairs found are left out or tied, and there is no [contact]")
+        case = self.model_copy(update={"contact": (*given, *more)})
+        case._found = found
+        return case
+
+    @staticmethod
+    def _pairs_on(mesh: NamedMesh | JoinedMesh, wanted: AutoContactTable) -> FoundPairs:
+        from ..fem.contact import auto_pairs
+
+        try:
+            return auto_pairs(mesh, wanted.distance)
+        except ValueError as error:
+            raise ValueError(str(error).replace("auto_pairs", "auto_contact", 1)) from None
+
+    @property
+    def found(self) -> list[tuple[ContactTable, FoundPair]]:
+        """The contacts of a case that is `resolved` that are of a pair found, with what was found."""
+        pairs = () if self._found is None else self._found.pairs
+        by_faces = {frozenset((pair.face, pair.against)): pair for pair in pairs}
+        keyed = [
+            (table, by_faces.get(frozenset((table.face, table.against or "")))) for table in self.contacts.values()
+        ]
+        return [(table, pair) for table, pair in keyed if pair is not None]
+
+    @property
+    def made_faces(self) -> tuple[str, ...]:
+        """Names of the faces that auto_contact has made, of a case that is `resolved`."""
+        return () if self._found is None else self._found.made
 
     def problem(self, comm: MPI.Comm | None = None) -> ContactProblem:
         """Mesh and problem on these ranks, by default all; ValueError on every rank, if the parts are inconsistent."""
@@ -150,6 +196,8 @@ class Case(Table):
         from ..model.problem import ContactProblem
 
         comm = comm or MPI.COMM_WORLD
+        if self.auto_contact is not None and self._found is None:
+            return self.resolved(comm).problem(comm)
         if self.solver.newton == "dense" and comm.size > 1:
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
         condensed = self.solver.newton == "condensed"
@@ -214,6 +262,15 @@ class Case(Table):
         return {"": LoadedBody(mesh, self.materials(), clamps, loads, *given, self.gravity, factor, thermal)}
 
     def _mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:
+        """With the faces that auto_contact makes."""
+        if self.auto_contact is None:
+            return self._given_mesh(comm)
+        found = self._found
+        if found is None or found.mesh.comm.size != comm.size:
+            found = self._pairs_on(self._given_mesh(comm), self.auto_contact)
+        return found.mesh
+
+    def _given_mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:
         from ..fem.meshes import JoinedMesh
 
         if self.mesh is not None:
@@ -263,10 +320,10 @@ class Case(Table):
 
     @property
     def contacts(self) -> dict[str, ContactTable]:
-        """The contact faces, by their key in the case."""
+        """The contact faces, by their key in the case; of a case that is `resolved` those found, too."""
         if isinstance(self.contact, ContactTable):
             return {"contact": self.contact}
-        return {f"contact.{k}": table for k, table in enumerate(self.contact)}
+        return {f"contact.{k}": table for k, table in enumerate(self.contact or ())}
 
     def materials(self) -> AnyMaterial | dict[str, AnyMaterial]:
         """The material of the whole body, or per group of cells; of several bodies by their names."""
@@ -295,6 +352,13 @@ class Case(Table):
         if bodies and given is not None:
             own = "[body.material]" if info.field_name == "material" else "box or file"
             raise ValueError(f"every [[body]] has its own, {own}; leave out [{info.field_name}]")
+        return given
+
+    @field_validator("contact", mode="after")
+    @classmethod
+    def _given_or_found(cls, given: Any, info: ValidationInfo) -> Any:
+        if given is None and info.data.get("auto_contact", True) is None:
+            raise PydanticCustomError("missing", "is missing")
         return given
 
     @model_validator(mode="after")
@@ -349,7 +413,8 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _method_fits_the_law(self) -> Case:
-        if all(table.friction is None for table in self.contacts.values()) and self.solver.method != "auto":
+        tresca = all(table.friction is None for table in self.contacts.values()) and self.auto_contact is None
+        if tresca and self.solver.method != "auto":
             raise ValueError('solver.method is for Coulomb friction; with slip_stress leave it at "auto"')
         return self
 
@@ -387,7 +452,8 @@ class Case(Table):
         )
 
     def contact_solver(self) -> Solver:
-        return self.solver.contact_solver(any(table.sloped for table in self.contacts.values()))
+        unknown = self.auto_contact is not None and self._found is None
+        return self.solver.contact_solver(unknown or any(table.sloped for table in self.contacts.values()))
 
 
 def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:

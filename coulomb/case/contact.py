@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Iterable
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from ..arrays import FloatArray
 from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere
@@ -31,6 +33,7 @@ from .values import (
 )
 
 if TYPE_CHECKING:
+    from ..fem.contact import FoundPair
     from ..fem.geometry import Coefficient, Rotation
     from ..model.contact import Contact
     from ..model.friction import SlipRateFriction
@@ -172,12 +175,15 @@ class ContactTable(Table):
     smooth: bool = False
     surface: FoundationTable | None = None
     against_surface: FoundationTable | None = None
+    slave: bool = False
 
     @model_validator(mode="after")
     def _one_thing_to_touch(self) -> ContactTable:
         if self.against is None:
             if self.adjust:
                 raise ValueError("adjust goes with against: it closes gaps between two meshes; for foundations use gap")
+            if self.slave:
+                raise ValueError("slave goes with against: a face on a foundation has the contact points itself")
             given = {"smooth", "surface", "against_surface"} & self.model_fields_set
             if given:
                 raise ValueError(f"{', '.join(sorted(given))} goes with against: it is for gaps between two meshes")
@@ -239,6 +245,11 @@ class ContactTable(Table):
             for number in (_decaying(f)[:2] if isinstance(f, SlipRateTable) else _pair(f))
         )
 
+    def toml(self) -> str:
+        """The table as text of a case file, if it has no tables of its own but friction by slip rate."""
+        given = self.model_dump(mode="json", exclude_unset=True)
+        return "\n".join(["[[contact]]", *(f"{key} = {_toml(value)}" for key, value in given.items())])
+
     def contact(self) -> Contact:
         from ..model.contact import Contact
 
@@ -260,6 +271,7 @@ class ContactTable(Table):
             self.smooth,
             surface_of(self.surface),
             surface_of(self.against_surface),
+            slave=self.slave,
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:
@@ -309,6 +321,12 @@ class ContactTable(Table):
         return by_region
 
 
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return f"{{ {', '.join(f'{key} = {_toml(one)}' for key, one in value.items())} }}"
+    return json.dumps(value, ensure_ascii=False)
+
+
 def surface_of(table: FoundationTable | None) -> RigidFoundation | None:
     return None if table is None else table.foundation()
 
@@ -333,3 +351,79 @@ ContactTables = Annotated[
     | Annotated[tuple[ContactTable, ...], Field(min_length=1, max_length=TABLES), Tag(FACES)],
     Discriminator(lambda given: FACES if isinstance(given, list | tuple) else FACE),
 ]
+
+
+def _without_direction(friction: FrictionValue | None) -> FrictionValue | None:
+    if isinstance(friction, tuple):
+        raise ValueError("should be one coefficient: two need a direction, which a [[contact]] has")
+    return friction
+
+
+_OneLaw = Annotated[FrictionValue, AfterValidator(_without_direction)]
+
+
+class AutoPairTable(Table):
+    """What is different for some of the pairs found: those of two names, each of a body, a component, a cell group or a
+    face, or a pattern such as "bolt*" (`fnmatch`); with `slave` the first of the two has the contact points."""
+
+    of: tuple[Name, Name]
+    friction: _OneLaw | None = None
+    adjust: Clearance | None = None
+    smooth: bool | None = None
+    slave: bool = False
+    leave_out: bool = False
+
+    def order(self, found: FoundPair) -> tuple[str, str] | None:
+        """The faces of a pair in the order of the two names; None if they are others."""
+        faces = (found.face, found.against)
+        names = list(zip(faces, found.bodies, found.groups, strict=True))
+        for one, other in ((0, 1), (1, 0)):
+            if _is_called(names[one], self.of[0]) and _is_called(names[other], self.of[1]):
+                return faces[one], faces[other]
+        return None
+
+
+def _is_called(names: Iterable[str], pattern: str) -> bool:
+    return any(fnmatchcase(name, pattern) for name in names)
+
+
+class AutoContactTable(Table):
+    """Contact of all faces that face each other within a distance in metres, with one law; that of some in `pair`."""
+
+    distance: Length
+    friction: _OneLaw
+    adjust: Clearance = 0.0
+    smooth: bool = False
+    pair: Annotated[tuple[AutoPairTable, ...], Field(max_length=TABLES)] = ()
+
+    def tables(self, pairs: Iterable[FoundPair]) -> list[ContactTable]:
+        """The contact of every pair found.
+
+        Raises:
+            ValueError: If an entry of `pair` is of none of them.
+        """
+        pairs, found, used = list(pairs), [], set()
+        for one in pairs:
+            faces = (one.face, one.against)
+            given = {name: getattr(self, name) for name in ("friction", "adjust", "smooth")}
+            left_out = slave = False
+            for number, table in enumerate(self.pair):
+                if (ordered := table.order(one)) is not None:
+                    used.add(number)
+                    own = {name: getattr(table, name) for name in given}
+                    given |= {name: value for name, value in own.items() if value is not None}
+                    left_out, slave, faces = table.leave_out, table.slave, ordered if table.slave else faces
+            if not left_out:
+                keys = {"face": faces[0], "against": faces[1], **given, "slave": slave}
+                fields = ContactTable.model_fields
+                named = {name: value for name, value in keys.items() if value != fields[name].default}
+                found.append(ContactTable.model_validate(named))
+        for number, table in enumerate(self.pair):
+            if number not in used:
+                listed = "; ".join(f"{one.face!r} and {one.against!r}" for one in pairs[:5])
+                more = f"; and {len(pairs) - 5} more" if len(pairs) > 5 else ""
+                raise ValueError(
+                    f"auto_contact.pair.{number}: none of the pairs found is of {table.of[0]!r} and {table.of[1]!r}; "
+                    f"those found are {listed}{more}"
+                )
+        return found

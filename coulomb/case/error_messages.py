@@ -45,7 +45,7 @@ _BOUNDS = {
 
 _MEANT = {
     **{"interference": "gap, negative for an interference", "master": "against", "opposite": "against"},
-    "slave": "face",
+    "auto": "[auto_contact], a table of its own",
 }
 """What is meant by keys that others use."""
 

@@ -20,7 +20,7 @@ from .. import process
 from ..installation import unusable
 from ..ranks import launched
 from ..version import __version__
-from .case_commands import Changes, check_case, convert, new
+from .case_commands import Changes, check_case, contacts, convert, new
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, fail, refuse_ranks, showing_messages
 from .console import console as _console
 from .picture_commands import drawing_soon, plot, report
@@ -115,6 +115,7 @@ def resume(
 
 app.command("new")(new)
 app.command("check-case")(check_case)
+app.command("contacts")(contacts)
 app.command("convert")(convert)
 
 

@@ -1,4 +1,5 @@
-"""`coulomb new`, `check-case` and `convert`: template cases, validation of a case, and meshes as XDMF."""
+"""`coulomb new`, `check-case`, `contacts` and `convert`: template cases, validation of a case, the pairs of faces that
+it finds, and meshes as XDMF."""
 
 from __future__ import annotations
 
@@ -83,7 +84,7 @@ def check_case(
     target = directory or Path(settings.output.directory)
     with bad_input():
         refuse_unwritable(target)
-        problem = prepared(settings, target, force=False)
+        settings, problem = prepared(settings, target, force=False)
         for end in settings.history.ends if settings.history is not None else ():
             problem.at(end)
     introduce(console, case, problem)
@@ -91,6 +92,38 @@ def check_case(
     warn_of_locking(settings, problem)
     for line in expected(settings, problem):
         console.out(line)
+
+
+def contacts(
+    case: Annotated[Path, typer.Argument(help="Case file, TOML, with [auto_contact].", metavar="CASE.toml")],
+    changes: Changes = None,
+) -> None:
+    """Print the pairs of faces that [auto_contact] finds as [[contact]] tables, to be put in the case and edited."""
+    from ..case.case import read_case
+
+    with bad_input():
+        settings = read_case(case, changes or ())
+        if settings.auto_contact is None:
+            raise ValueError(
+                f"{case}: has no [auto_contact]: add it, or --set auto_contact.distance=1e-4 --set "
+                "auto_contact.friction=0.2"
+            )
+
+    from mpi4py import MPI
+
+    from .terminal import found_in_words
+
+    with bad_input():
+        found = settings.resolved(MPI.COMM_WORLD)
+    given = list(settings.contacts.values())
+    if made := found.made_faces:
+        console.out(
+            f"# [auto_contact] has made {', '.join(map(repr, made))} of facets without a name: keep that table; what "
+            "is given as [[contact]] counts, and is not found again"
+        )
+    for table, pair in found.found:
+        if table not in given:
+            console.out(f"\n# {found_in_words(table, pair)}\n{table.toml()}")
 
 
 def convert(

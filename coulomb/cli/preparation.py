@@ -25,19 +25,20 @@ from .console import errors
 
 def prepared(
     settings: Case, target: Path, force: bool, overwrite: bool | None = None, resume: bool = False
-) -> ContactProblem:
-    """The problem of a case, after a check of directory and, unless forced, of memory and disk; collective, with a
-    ValueError on every rank.
+) -> tuple[Case, ContactProblem]:
+    """A case with the contacts that are found (`Case.resolved`), and its problem, after a check of directory and,
+    unless forced, of memory and disk; collective, with a ValueError on every rank.
 
     `overwrite` is whether any results may be replaced, or only those of the same case; None if none are.  To `resume` a
     few load steps multigrid may be faster.
     """
     comm = MPI.COMM_WORLD
-    if overwrite is not None:
-        refuse_to_replace(settings, target, overwrite, comm)
     for mesh in settings.meshes.values():
         if mesh.cells is not None:
             refuse_too_many_cells(mesh.cells, mesh.degree or 1, force, comm)
+    settings = settings.resolved(comm)
+    if overwrite is not None:
+        refuse_to_replace(settings, target, overwrite, comm)
     problem = settings.problem(comm)
     if resume and (left := steps_left(target, comm)) is not None:
         problem.body.stiffness.expect_load_steps(left)
@@ -48,7 +49,7 @@ def prepared(
             refuse_full_disk(problem, target, steps)
         except OSError as error:
             raise ValueError(f"output {target}: {error.strerror}; --force runs nevertheless") from None
-    return problem
+    return settings, problem
 
 
 # --- the directory ------------------------------------------------------------------------------------------------

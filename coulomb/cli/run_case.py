@@ -69,7 +69,7 @@ def compute(
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None), _holding(target, MPI.COMM_WORLD):
         announce()
         with bad_input():
-            problem = prepared(settings, target, force, None if resume else overwrite, resume)
+            settings, problem = prepared(settings, target, force, None if resume else overwrite, resume)
         problem.started = session.started
         introduce(session.console, source, problem)
         show_input(session.console, settings, problem)

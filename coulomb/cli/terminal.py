@@ -12,8 +12,10 @@ from rich.console import Console
 
 from ..arrays import FloatArray
 from ..case.case import Case
+from ..case.contact import ContactTable
 from ..contact_names import named_faces, normal_forces
 from ..fem.bodies import Member
+from ..fem.contact import FoundPair
 from ..fem.meshes import corner_geometry
 from ..io.accuracy import accuracy, rounded
 from ..io.run_directory import PICTURE
@@ -97,6 +99,7 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
         ],
     )
     _print(console, "support", [f"{one['kind']} on {one['face']!r}: {one['holds']}" for one in supports_of(problem)])
+    _print(console, "found", [found_in_words(*one) for one in settings.found], len(settings.found))
     _print(console, "contact", [contact_in_words(one) for one in contacts_of(problem)])
     ties = ties_of(problem)
     words = [
@@ -104,6 +107,15 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
         for one in ties
     ]
     _print(console, "tied", words)
+
+
+def found_in_words(table: ContactTable, pair: FoundPair) -> str:
+    """A contact that auto_contact has found, with its area and gap."""
+    low, high = pair.gap
+    return (
+        f"{table.face!r} against {table.against!r}: {pair.area:.3g} m^2 face each other, "
+        f"gap {_range({'min': low, 'max': high})}"
+    )
 
 
 def contact_in_words(one: dict[str, Any]) -> str:
@@ -122,11 +134,11 @@ def _range(values: dict[str, float]) -> str:
     return metres(low) if high - low <= 1e-9 * max(abs(low), abs(high)) else f"{metres(low)} to {metres(high)}"
 
 
-def _print(console: Console, what: str, lines: Sequence[str]) -> None:
-    for line in lines[:_LINES]:
+def _print(console: Console, what: str, lines: Sequence[str], most: int = _LINES) -> None:
+    for line in lines[:most]:
         console.out(f"{what:<8} {line}")
-    if len(lines) > _LINES:
-        console.out(f"{what:<8} and {len(lines) - _LINES} more, in summary.json")
+    if len(lines) > most:
+        console.out(f"{what:<8} and {len(lines) - most} more, in summary.json")
 
 
 def _vector(values: FloatArray) -> str:
@@ -182,10 +194,11 @@ def report(
     seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
     each = [f"{body['name']} ({_forces(body['contact_force'], least)})" for body in contents.get("bodies", ())]
     pressing = [f"{name} {_forces([face['normal_force']], least)}" for name, face in named_faces(contents["faces"])]
-    on_body = f"contact force in N on {', '.join(each)}; normal force in N of {', '.join(pressing)}"
-    if not each:
-        force = contents["force_on_body"]
-        on_body = f"force on the body ({_forces(force['vector'], least)}) N; normal force in N of {', '.join(pressing)}"
+    on_body = f"normal force in N of {', '.join(pressing)}"
+    if each:
+        on_body = f"contact force in N on {', '.join(each)}; {on_body}"
+    elif (force := contents.get("force_on_body")) is not None:  # not of components of one mesh in several pairs
+        on_body = f"force on the body ({_forces(force['vector'], least)}) N; {on_body}"
         if "normal" in force:
             normal, tangential = _forces([force["normal"]], least), _forces(force["tangential"], least)
             on_body = f"force on the body: normal {normal} N, tangential ({tangential}) N"

@@ -340,6 +340,19 @@ def test_demo_tread_block():
     assert force[-1, 0] == pytest.approx(0.8 * force[-1, 2], rel=0.02) and force[2, 0] < 0.3 * force[2, 2]
 
 
+def test_demo_pin_joint():
+    """The pairs of an assembly without named faces, with the clearances of its geometry; the pin passes the pull on."""
+    text, found = ran("pin_joint.toml")
+    gaps = dict(re.findall(r"^found +'(\w+)' against .*, gap (.+)$", text, flags=re.MULTILINE))
+    assert "certificate passed" in text and gaps["clevis_facing_lug"] == "50 um" and len(gaps) == 3
+    for name in ("clevis_facing_pin", "lug_facing_pin"):
+        assert line(gaps[name], r"^# um to # um$") == pytest.approx([20.0, 20.0], abs=1.0)
+    faces = {one["faces"][0]: one for one in found["pin_joint"]["faces"]}
+    assert list(faces) == ["lug_facing_clevis", "clevis_facing_pin", "lug_facing_pin"]
+    for name, pull in (("lug_facing_pin", -1.5e4), ("clevis_facing_pin", 1.5e4), ("lug_facing_clevis", 0.0)):
+        assert faces[name]["force"][0] == pytest.approx(pull, abs=1e-3)
+
+
 def test_demo_seal():
     """It meets the wall late, and all forces grow."""
     beside = table(said("seal.toml"), r"step +# .* beside # N, above # N")[:, 1:]

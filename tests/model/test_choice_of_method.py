@@ -264,7 +264,8 @@ def test_a_history_declares_its_load_steps(monkeypatch, tmp_path):
     files = coulomb.HistoryFiles(tmp_path / "out", case=case_record(settings, MPI.COMM_WORLD))
     settings.load_history().run(settings.problem(), files, on_step=lambda step: step.state.number == 2)
     for resume in (True, False):
-        assert prepared(settings, tmp_path / "out", force=False, resume=resume).body.stiffness.explicit
+        _, problem = prepared(settings, tmp_path / "out", force=False, resume=resume)
+        assert problem.body.stiffness.explicit
     assert asked == [9, 24, 24, 22, 24]
 
 

@@ -42,6 +42,6 @@ from .materials import (
     by_group,
     midpoints,
 )
-from .mesh_components import unjoined_parts
+from .mesh_components import mesh_components, unjoined_parts
 from .rigid_modes import component_modes, direction_in_words, in_units, null_space, of_components, of_part, rigid_modes
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane

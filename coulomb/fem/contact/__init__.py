@@ -2,6 +2,7 @@
 deformable faces by dual mortar elements (`pair_of`), and the sparse matrix B from displacements to contact points.
 """
 
+from .auto_pairs import FoundPair, FoundPairs, auto_pairs
 from .contact_points import (
     ContactPoints,
     KeptMatrix,

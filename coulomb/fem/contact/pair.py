@@ -325,7 +325,10 @@ def pair_of(
     if comm.allreduce(len(rows.node), op=MPI.SUM) == 0:
         nodes, left, what = comm.allreduce(on_slave_face.sum()), comm.allreduce(gone.sum()), f"contact face {face!r}"
         if nodes and left == nodes:
-            raise ValueError(f"{what}: all of its nodes are clamped, or contact points of another face")
+            raise ValueError(
+                f"{what}: all of its nodes are clamped, or contact points of another face, and none is left against "
+                f"{against!r}: leave this pair out"
+            )
         raise ValueError(
             f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals in "
             "opposite directions"

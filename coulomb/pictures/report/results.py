@@ -25,9 +25,9 @@ def totals(run: Run) -> Facts:
     shown, vectorial = partial(quantity, accuracy=run.accuracy), partial(vector, accuracy=run.accuracy)
     totals, in_step = summary["totals"], " in the last step" if run.is_history else ""
     bodies = summary.get("bodies") or ()
-    rows = [(f"contact force on {body['name']}", vectorial(body["contact_force"], "N", 5)) for body in bodies] or [
-        ("contact force on the body", vectorial(summary["force_on_body"]["vector"], "N", 5))
-    ]
+    rows = [(f"contact force on {body['name']}", vectorial(body["contact_force"], "N", 5)) for body in bodies]
+    if not bodies and "force_on_body" in summary:  # not of components of one mesh in several pairs
+        rows.append(("contact force on the body", vectorial(summary["force_on_body"]["vector"], "N", 5)))
     faces = named_faces(summary["faces"])
     for name, face in faces:
         of = f" of {name}" if len(faces) > 1 else ""
@@ -36,7 +36,8 @@ def totals(run: Run) -> Facts:
         ("largest contact pressure", shown(largest["contact_pressure"], "Pa", 5)),
         ("largest displacement", shown(largest["displacement"], "m", 5)),
     ]
-    rows[1:1] = [] if bodies else [("moment about the origin", vectorial(totals["moment"], "N m", 5))]
+    if not bodies and "moment" in totals:
+        rows.insert(1, ("moment about the origin", vectorial(totals["moment"], "N m", 5)))
     rows.append(("area in contact", quantity(totals["contact_area"], "m²")))
     if "centre_of_pressure" in totals:
         centre = totals["centre_of_pressure"]
