@@ -55,6 +55,8 @@ CASES: dict[str, Callable[[], Verified]] = {
 }
 
 COARSE: dict[str, Callable[[], Verified]] = {
+    "hertz": partial(hertz.verify, (3, 4, 5)),
+    "hertz-elements": partial(hertz_elements.verify, (6, 4, 7)),
     "hertz-pairs": partial(hertz_pairs.verify, (6, 4), (1.0,)),
     "mindlin-pair": partial(cattaneo_mindlin.verify_pair, (4, 3), 2),
     "ring-pair": partial(ring_pair.verify, (2, 4), (2,)),
