@@ -11,6 +11,7 @@ from functools import partial
 from . import (
     cattaneo_mindlin,
     curved_pairs,
+    glued,
     hertz,
     hertz_elements,
     hertz_pairs,
@@ -47,6 +48,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "hertz-pairs": hertz_pairs.verify,
     "mindlin-pair": cattaneo_mindlin.verify_pair,
     "ring-pair": ring_pair.verify,
+    "glued": glued.verify,
     "stack": stack.verify,
     "nafems-cb1": nafems_cb1.verify,
     "nafems-cb2": nafems_cb2.verify,
