@@ -14,6 +14,7 @@ from .fem.bodies import ThermalLoad as ThermalLoad
 from .fem.bodies import TotalForce as TotalForce
 from .fem.bodies import Traction as Traction
 from .fem.bodies import join as join
+from .fem.contact import CyclicSymmetry as CyclicSymmetry
 from .fem.contact import Tied as Tied
 from .fem.contact import auto_pairs as auto_pairs
 from .fem.geometry import Cylinder as Cylinder

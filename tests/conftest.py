@@ -9,6 +9,7 @@ os.environ.setdefault("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
 import compileall
 import contextlib
 import functools
+import gc
 import json
 import runpy
 import subprocess
@@ -83,6 +84,7 @@ def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, c
 
 
 compileall.compile_dir(ROOT / "coulomb", quiet=2)  # once, not in every process that a test starts
+gc.freeze()  # modules are no garbage, and take long to search
 
 
 @functools.cache

@@ -430,6 +430,16 @@ SEVERAL = (
     Wrong("a tie of a misspelt face", run("tie=[{face='upper:botom', against='lower:top'}]"), two),
     Wrong("a tie of a face to itself", run("tie=[{face='upper:bottom', against='upper:bottom'}]"), two),
     Wrong("a tie of faces that do not face each other", run("tie=[{face='upper:top', against='lower:top'}]"), two),
+    Wrong(
+        "a sector of the wrong angle",
+        run("cyclic_symmetry=[{face='upper:left', against='upper:front', axis=[0,0,1], sectors=3}]"),
+        two,
+    ),
+    Wrong(
+        "a sector without their number",
+        run("cyclic_symmetry=[{face='upper:left', against='upper:front', axis=[0,0,1]}]"),
+        two,
+    ),
     Wrong("a tie without its other face", run("tie=[{face='upper:bottom'}]"), two),
     Wrong("a body that nothing holds or touches", run(), case(BODIES.replace("[[clamp]]", THIRD + "[[clamp]]", 1))),
     Wrong("a probe where two bodies touch", run("probe=[{name='heel', point=[0.5,0.5,1]}]"), two),

@@ -11,6 +11,7 @@ from functools import partial
 from . import (
     cattaneo_mindlin,
     curved_pairs,
+    glued,
     hertz,
     hertz_elements,
     hertz_pairs,
@@ -47,6 +48,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "hertz-pairs": hertz_pairs.verify,
     "mindlin-pair": cattaneo_mindlin.verify_pair,
     "ring-pair": ring_pair.verify,
+    "glued": glued.verify,
     "stack": stack.verify,
     "nafems-cb1": nafems_cb1.verify,
     "nafems-cb2": nafems_cb2.verify,
@@ -55,6 +57,8 @@ CASES: dict[str, Callable[[], Verified]] = {
 }
 
 COARSE: dict[str, Callable[[], Verified]] = {
+    "hertz": partial(hertz.verify, (3, 4, 5)),
+    "hertz-elements": partial(hertz_elements.verify, (6, 4, 7)),
     "hertz-pairs": partial(hertz_pairs.verify, (6, 4), (1.0,)),
     "mindlin-pair": partial(cattaneo_mindlin.verify_pair, (4, 3), 2),
     "ring-pair": partial(ring_pair.verify, (2, 4), (2,)),

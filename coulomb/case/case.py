@@ -101,6 +101,19 @@ class TieTable(Table):
         return Tied(self.face, self.against, self.slave)
 
 
+class CyclicSymmetryTable(TieTable):
+    """The two cut faces of one of several equal sectors around an axis."""
+
+    point: Vector = (0.0, 0.0, 0.0)
+    axis: Vector
+    sectors: Annotated[int, Field(ge=2, le=100_000, strict=True)]
+
+    def tie(self) -> Tied:
+        from ..fem.contact import CyclicSymmetry
+
+        return CyclicSymmetry(self.face, self.against, self.slave, self.point, self.axis, self.sectors)
+
+
 class Case(Table):
     """A whole case file."""
 
@@ -124,6 +137,7 @@ class Case(Table):
     auto_contact: AutoContactTable | None = None
     contact: ContactTables | None = Field(default=None, validate_default=True)
     tie: Annotated[tuple[TieTable, ...], Field(max_length=TABLES)] = ()
+    cyclic_symmetry: Annotated[tuple[CyclicSymmetryTable, ...], Field(max_length=TABLES)] = ()
     probe: Annotated[tuple[ProbeTable, ...], Field(max_length=TABLES)] = ()
     history: HistoryTable | None = None
     solver: SolverTable = SolverTable()
@@ -214,7 +228,7 @@ class Case(Table):
             small_strain=self.small_strain,
             probes=[table.probe() for table in self.probe],
             kinematics=self.solver.kinematics,
-            ties=[table.tie() for table in self.tie],
+            ties=[table.tie() for table in self.ties.values()],
         )
         if self.history is not None:
             problem.body.stiffness.expect_load_steps(len(self.history.ends))
@@ -299,6 +313,12 @@ class Case(Table):
         return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
 
     @property
+    def ties(self) -> dict[str, TieTable]:
+        """Ties and cyclic symmetries, by their key in the case."""
+        kinds = ("tie", "cyclic_symmetry")
+        return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
+
+    @property
     def contacts(self) -> dict[str, ContactTable]:
         """The contact faces, by their key in the case; of a case that is `resolved` those found, too."""
         if isinstance(self.contact, ContactTable):
@@ -362,8 +382,8 @@ class Case(Table):
             faces[f"{key}.face"] = table.face
             if table.against is not None:
                 faces[f"{key}.against"] = table.against
-        for k, tie in enumerate(self.tie):
-            faces |= {f"tie.{k}.face": tie.face, f"tie.{k}.against": tie.against}
+        for key, tie in self.ties.items():
+            faces |= {f"{key}.face": tie.face, f"{key}.against": tie.against}
         for key, face in faces.items():
             fault = fault_of_face(face, self.body, self.mesh is not None and self.mesh.box is not None)
             if fault:
@@ -383,7 +403,7 @@ class Case(Table):
             return self
         if self.history is None:
             raise ValueError('solver.kinematics = "large" needs a [history]: large motions are computed in load steps')
-        if self.tie:
+        if self.ties:
             raise ValueError(
                 'tie: not with solver.kinematics = "large": make one mesh of the parts, as by gmsh\'s Coherence'
             )

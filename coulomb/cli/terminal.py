@@ -102,8 +102,11 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
     _print(console, "found", [found_in_words(*one) for one in settings.found], len(settings.found))
     _print(console, "contact", [contact_in_words(one) for one in contacts_of(problem)])
     ties = ties_of(problem)
-    words = [f"{one['face']!r} to {one['against']!r}: {one['nodes']} nodes, {one['area']:.4g} m^2" for one in ties]
-    _print(console, "tie", words)
+    words = [
+        f"{one['kind']} of {one['face']!r} to {one['against']!r}: {one['nodes']} nodes, {one['area']:.4g} m^2"
+        for one in ties
+    ]
+    _print(console, "tied", words)
 
 
 def found_in_words(table: ContactTable, pair: FoundPair) -> str:

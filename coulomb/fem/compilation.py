@@ -18,6 +18,10 @@ SECONDS = 10
 
 _to_announce = False  # whether the next compilation is to be announced
 
+_loaded: dict[tuple[str, str], Any] = {}
+"""Result of FFCx's look-up by directory and name: it lists the whole directory and loads the module again each time,
+5 ms after some hundred forms; stresses need three look-ups per load step."""
+
 
 def announce() -> None:
     """Log, once, when a form is needed that is not in FFCx's cache; on the ranks that compile."""
@@ -40,10 +44,15 @@ def watch_compilation(dolfinx_jit: Any, arity_mismatch: type[BaseException]) -> 
 
     def looked_up(name: str, objects: Sequence[str], directory: str | Path, *arguments: Any) -> Any:
         global _to_announce
+        key = str(directory), name
+        if key in _loaded:
+            return _loaded[key]
         if not Path(directory, f"{name}.c").exists():
             _refuse_without_compiler()  # before FFCx leaves a file for which other processes wait
         found = look_up(name, objects, directory, *arguments)
-        if found[0] is None and _to_announce:
+        if found[0] is not None:
+            _loaded[key] = found
+        elif _to_announce:
             _to_announce = False
             _log.info("compiling the finite-element forms, once per machine (about %d s)", SECONDS)
         return found

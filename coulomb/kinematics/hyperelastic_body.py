@@ -194,7 +194,7 @@ class HyperelasticBody(NonlinearBody):
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
         """Cauchy stresses at the cells' midpoints, and the constants of the materials."""
         stress = ufl.replace(self._cauchy, {self._displacement: u})
-        return [*self._loaded.stress_fields(stress), *self._loaded.constants.values()]
+        return [*self._loaded.stress_fields(self._loaded.at_midpoints(stress)), *self._loaded.constants.values()]
 
     @property
     def numbers_per_cell(self) -> int:

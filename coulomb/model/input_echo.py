@@ -75,6 +75,7 @@ def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
     over = Reductions(problem.comm)
     return [
         {
+            "kind": tie.kind,
             "face": tie.face,
             "against": tie.against,
             "why": tie.why,

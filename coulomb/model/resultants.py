@@ -118,6 +118,8 @@ def force_balance(
             _balance_of(name, nodes, outer, on_body, x, over, of_ties) for name, nodes in (bodies or {}).items()
         )
         tied = resultants(ties, x, over)
+        if of_ties is not None:  # those of cyclic symmetry alone do not add up to zero
+            contact += resultants([NodalForces("ties", None, of_ties)], x, over)
         return ForceBalance(pulling, holding, balance((*outer, *contact), x, over), each, tied)
 
 

@@ -1,7 +1,7 @@
 """The compilation of forms needs a compiler; that it is announced is in tests/cli/test_standard_streams.py."""
 
 import pytest
-from conftest import ROOT, run_coulomb
+from conftest import ROOT, make_block, run_coulomb
 from ffcx.codegeneration import jit
 
 from coulomb.fem.compat import mesh  # noqa: F401 - changes FFCx's look-up
@@ -20,3 +20,10 @@ def test_without_a_compiler_the_message_says_what_is_missing(tmp_path, monkeypat
     with pytest.raises(NoCompiler, match="no-such-gcc -O2 is not there"):
         jit.get_cached_module("libffcx_forms_0", ["form"], tmp_path, 1)
     assert not list(tmp_path.rglob("*.c"))  # for which later runs would wait
+
+
+def test_a_loaded_form_is_not_looked_up_again(monkeypatch):
+    """FFCx lists its directory at each look-up."""
+    make_block(1)
+    monkeypatch.setattr("importlib.machinery.FileFinder", None)
+    make_block(1)

@@ -188,24 +188,40 @@ def test_missing_numbers(key, tmp_path):
         assert f"has no {key!r}" in str(error)
 
 
+LOWERED = {"point": [0, 0, -1e-9], "normal": [0, 0, 1]}
+OTHER_NUMBERS = {
+    "summary.json.friction.max": lambda c: c["contact"].update(friction=0.300001),
+    "summary.json.friction.min": lambda c: c["contact"]["region"][0].update(friction=0.1000001),
+    "contact.xdmf: initial_gap": lambda c: c["contact"].update(
+        foundation={"point": [0, 0, -1e-9], "normal": [0, 0, 1]}
+    ),
+    "solution.xdmf: prescribed": lambda c: c["clamp"][0].update(value=[0.0, 1e-6, -2.000002e-6]),
+    "solution.xdmf: spring_force": lambda c: c["spring"][0].update(stiffness=[0.0, 1e9, 2.000002e9]),
+    "summary.json.loads[0].force[2]": lambda c: c["traction"][0].update(value=[1e6, 2e6, -2.00002e7]),
+    "summary.json.material[0].young": lambda c: c["material"].update(young=2.000002e11),
+    "summary.json.material[0].poisson": lambda c: c["material"].update(poisson=0.3000003),
+}
+
+
+def test_other_numbers_in_the_case(tmp_path):
+    """All are changed at once; each has a fault of its own."""
+    folder = copied(BLOCK, tmp_path / "run")
+    for other in OTHER_NUMBERS.values():
+        edit(folder / "case.json", other)
+    faults = check(folder).faults
+    assert not [name for name in OTHER_NUMBERS if not any(fault.startswith(f"{name}: ") for fault in faults)]
+
+
 OTHER_CASES = {
-    "friction": lambda c: c["contact"].update(friction=0.300001),
-    "friction of a region": lambda c: c["contact"]["region"][0].update(friction=0.1000001),
     "place of a region": lambda c: c["contact"]["region"][0]["box"][1].__setitem__(0, 0.7),
     "no region": lambda c: c["contact"].pop("region"),
     "law": lambda c: c.update(contact={"face": "bottom", "slip_stress": 1e6}),
     "face": lambda c: c["contact"].update(face="back"),
-    "foundation": lambda c: c["contact"].update(foundation={"point": [0, 0, -1e-9], "normal": [0, 0, 1]}),
     "inclination": lambda c: c["contact"].update(foundation={"point": [0, 0, 0], "normal": [0, 1e-7, 1]}),
     "clamp": lambda c: c["clamp"][0].update(components="xy"),
     "another clamp": lambda c: c["clamp"].append({"face": "right", "components": "y"}),
-    "value of the clamp": lambda c: c["clamp"][0].update(value=[0.0, 1e-6, -2.000002e-6]),
-    "spring": lambda c: c["spring"][0].update(stiffness=[0.0, 1e9, 2.000002e9]),
     "no spring": lambda c: c.pop("spring"),
-    "traction": lambda c: c["traction"][0].update(value=[1e6, 2e6, -2.00002e7]),
     "body force": lambda c: c.update(body_force=[0.0, 0.0, -1.0]),
-    "young": lambda c: c["material"].update(young=2.000002e11),
-    "poisson": lambda c: c["material"].update(poisson=0.3000003),
     "mesh": lambda c: c["mesh"].update(cells=[6, 3, 3]),
     "size": lambda c: c["mesh"].update(box=[1.2, 0.6, 0.400001]),
     "cells": lambda c: c["mesh"].update(cell="tetrahedron"),

@@ -41,6 +41,38 @@ times = [1.0, 2.0]
 """
 
 
+SECTOR = """\
+[mesh]
+box = [0.5, 0.5, 0.4]
+cells = [3, 4, 2]
+[material]
+young = 2e11
+poisson = 0.3
+[[cyclic_symmetry]]
+face = "left"
+against = "front"
+axis = [0.0, 0.0, 1.0]
+sectors = 4
+[[traction]]
+face = "top"
+value = ["-4e5*y", "4e5*x", "-1e6"]
+[contact]
+face = "bottom"
+friction = 0.3
+"""
+
+
+def test_a_sector_is_computed_again(tmp_path):
+    found = check(made(SECTOR))
+    assert found.passed and not found.faults, str(found)
+    folder = copied(SECTOR, tmp_path / "run")
+    change(folder / "solution.h5", "tie_force", largest)
+    edit(folder / "summary.json", lambda summary: put(summary, ("ties", 0, "force", 0), 0.1234))
+    faults = check(folder).faults
+    assert any(line.startswith("solution.xdmf: tie_force") for line in faults)
+    assert any(line.startswith(shown(("ties", 0, "force", 0))) for line in faults)
+
+
 def largest(values):
     """The largest entry changed by a thousandth."""
     flat = values.reshape(-1)

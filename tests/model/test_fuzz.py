@@ -1,6 +1,6 @@
 """No CONVERGED with a wrong answer: random small problems, checked by plain numpy.
 
-Hundreds here; COULOMB_FUZZ=10000 python -m pytest tests/model/test_fuzz.py runs thousands.
+Some dozens here; COULOMB_FUZZ=10000 python -m pytest tests/model/test_fuzz.py runs thousands.
 """
 
 import os
@@ -8,14 +8,12 @@ import os
 import numpy as np
 import pytest
 from conftest import dense_compliance, random_spd
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from singular_problems import singular_problem
 
 from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca, solve_coulomb, solve_tresca
 from coulomb.solvers import Automatic, DenseSystem, FrictionProblem
 
-EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "50"))
+EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "30"))
 
 
 class ByArrays:
@@ -35,25 +33,24 @@ SOLVERS = {
 }
 
 
-@st.composite
-def problems(draw):
+def random_problem(seed):
     """Few nodes, any friction, A from well conditioned to rank-deficient, loads with equal entries and zeros."""
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    m = draw(st.integers(1, 8))
-    A = random_spd(3 * m, 10.0 ** draw(st.sampled_from([0, 1, 2, 4, 7])), rng)
-    if draw(st.booleans()):  # rank-deficient: a rigid body
-        G = rng.standard_normal((draw(st.integers(1, 6)), 3 * m))
+    rng = np.random.default_rng([seed, 2**20])
+    m, often = int(rng.integers(1, 9)), lambda: rng.random() < 0.5
+    A = random_spd(3 * m, 10.0 ** rng.choice([0, 1, 2, 4, 7]), rng)
+    if often():  # rank-deficient: a rigid body
+        G = rng.standard_normal((rng.integers(1, 7), 3 * m))
         A = G.T @ G
     b = rng.standard_normal(3 * m)
-    if draw(st.booleans()):
+    if often():
         b = np.round(b)
-    b[0::3] += draw(st.sampled_from([-1.0, 0.0, 0.0, 1.0]))
-    if draw(st.booleans()):  # in the range of A, as in a mechanical system
+    b[0::3] += rng.choice([-1.0, 0.0, 0.0, 1.0])
+    if often():  # in the range of A, as in a mechanical system
         b = A @ b
-    friction = draw(st.sampled_from([0.0, 0.1, 0.3, 1.0, 2.0])) * np.ones(m)
-    if draw(st.booleans()):
+    friction = rng.choice([0.0, 0.1, 0.3, 1.0, 2.0]) * np.ones(m)
+    if often():
         friction *= rng.integers(0, 2, m) * rng.uniform(0.5, 1.5, m)
-    force, length = 10.0 ** draw(st.integers(-6, 9)), 10.0 ** draw(st.integers(-9, 3))
+    force, length = 10.0 ** rng.integers(-6, 10), 10.0 ** rng.integers(-9, 4)
     return A * length / force, b * length, friction
 
 
@@ -85,14 +82,7 @@ loads that a body without rigid motions would not have, and may have no solution
 
 @pytest.mark.parametrize("name", SOLVERS)
 def test_converged_answers_are_right_and_failures_rare(name):
-    given_up = []
-
-    @settings(max_examples=EXAMPLES, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
-    @given(problem=problems())
-    def solve(problem):
-        given_up.append(fails(SOLVERS[name], *problem))
-
-    solve()
+    given_up = [fails(SOLVERS[name], *random_problem(seed)) for seed in range(100, 100 + EXAMPLES)]
     assert np.mean(given_up) <= GIVING_UP[name]
 
 

@@ -172,7 +172,7 @@ def test_case_file(tmp_path):
     changed = json.loads((tmp_path / "out" / "case.json").read_text())
     changed["contact"]["cohesion"] = 4.00001e6
     (tmp_path / "out" / "case.json").write_text(json.dumps(changed))
-    assert not check(tmp_path / "out").passed
+    assert not check(tmp_path / "out" / "steps" / "0005").passed
 
 
 def test_regions_and_tables(tmp_path):

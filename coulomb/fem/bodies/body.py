@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -125,23 +126,27 @@ class ElasticBody(DisplacementSpace):
     def stresses(self, u: Any, change: FloatArray | None = None) -> list[Any]:
         """The `STRESSES` in pascals at the cells' midpoints, DG0 Functions, of a Function u of V and a change of
         temperature (k,) in kelvin."""
-        s = self._stress(u)
         if change is not None:
-            s = s - self._thermal_stress(change)
-        return self.stress_fields(s)
+            return self.stress_fields(self.at_midpoints(self._stress(u) - self._thermal_stress(change)))
+        self._u.x.array[:] = u.x.array
+        return self.stress_fields(self._stress_at_midpoints)
 
-    def stress_fields(self, s: Any) -> list[Any]:
-        """The `STRESSES` at the cells' midpoints, DG0 Functions, of a stress s of UFL."""
-        W, W6 = (compat.functionspace(self.domain, 0, shape, family="DG") for shape in ((), (6,)))
-        six = fem.Function(W6)
-        six.interpolate(fem.Expression(ufl.as_vector([s[pair] for pair in PAIRS]), compat.interpolation_points(W6)))
-        of_cell = six.x.array.reshape(-1, 6)[compat.cell_dofs(W6)[:, 0]]
-        found = []
-        for name, values in zip(STRESSES, _stresses(of_cell), strict=True):
-            function = fem.Function(W, name=name)
-            function.x.array[compat.cell_dofs(W)[:, 0]] = values
-            found.append(function)
-        return found
+    @cached_property
+    def _stress_at_midpoints(self) -> Any:
+        return self.at_midpoints(self._stress(self._u))
+
+    def at_midpoints(self, s: Any) -> Any:
+        """DOLFINx Expression of the components of a stress s of UFL, in the order of `PAIRS`, at the cells'
+        midpoints."""
+        midpoints = compat.interpolation_points(self._per_cell((6,)))
+        return fem.Expression(ufl.as_vector([s[pair] for pair in PAIRS]), midpoints)
+
+    def stress_fields(self, stress: Any) -> list[Any]:
+        """The `STRESSES` as DG0 Functions, of a stress `at_midpoints`."""
+        six = fem.Function(self._per_cell((6,)))
+        six.interpolate(stress)
+        of_cell = six.x.array.reshape(-1, 6)[compat.cell_dofs(six.function_space)[:, 0]]
+        return [self._on_cells(values, name) for name, values in zip(STRESSES, _stresses(of_cell), strict=True)]
 
     def _stress(self, u: Any) -> Any:
         e = strain(u)

@@ -69,6 +69,7 @@ class Tie:
     """Two faces that are tied to each other; this rank's slave nodes.
 
     Attributes:
+        kind: "tie", or "cyclic symmetry".
         face, against: The faces; nodes of the first follow those of the other.
         why: Why it is the first, in words.
         nodes: Slave nodes among this rank's k nodes, ascending, shape (m,).
@@ -78,8 +79,11 @@ class Tie:
         beside: The part of W of nodes of the slave face that are not tied, as clamped ones, of the same shape.
         traction: Tractions at them by forces on nodes, 1/m^2, shape (m, nodes of all ranks).
         remarks: What a user should know of it.
+        on_axis: Nodes of both faces, on the axis of cyclic symmetry, which move along it alone.
+        axis: Its direction, shape (3,).
     """
 
+    kind: str
     face: str
     against: str
     why: str
@@ -90,6 +94,8 @@ class Tie:
     beside: scipy.sparse.csr_matrix
     traction: scipy.sparse.csr_matrix
     remarks: tuple[str, ...]
+    on_axis: npt.NDArray[np.int64]
+    axis: FloatArray
 
 
 class Deformable(HeldNodes, ABC):
@@ -154,8 +160,13 @@ class Deformable(HeldNodes, ABC):
         collective."""
         return forces
 
+    def prevented(self, modes: FloatArray) -> FloatArray:
+        """Nodal forces (k, 3, j) of unit springs in place of supports and of cyclic symmetry, in motions (k, 3, j);
+        collective."""
+        return self.held_part(modes)
+
     def reduced(self, u: FloatArray) -> FloatArray:
-        """The unknowns of K of displacements u (k, 3): 0 at nodes that are tied to others."""
+        """The unknowns of K of displacements u (k, 3), or (k, 3, j): 0 at nodes that are tied to others."""
         return u
 
     def forces_of_ties(self, imbalance: FloatArray) -> FloatArray:

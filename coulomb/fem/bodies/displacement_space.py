@@ -240,13 +240,17 @@ class DisplacementSpace:
     def _on_cells(self, values: FloatArray, name: str) -> Any:
         """Function that is constant on every cell, from this rank's own cells: numbers (c,), or rows (c, n)."""
         width = values.shape[1:]
-        if width not in self._on_each_cell:
-            self._on_each_cell[width] = compat.functionspace(self.domain, 0, width, family="DG")
-        function = fem.Function(self._on_each_cell[width], name=name)
+        function = fem.Function(self._per_cell(width), name=name)
         cells = compat.cell_dofs(function.function_space)[: len(values), 0]
         function.x.array.reshape(-1, *width)[cells] = values
         function.x.scatter_forward()
         return function
+
+    def _per_cell(self, width: tuple[int, ...]) -> Any:
+        """The space of functions that are constant on every cell, of numbers or of vectors."""
+        if width not in self._on_each_cell:
+            self._on_each_cell[width] = compat.functionspace(self.domain, 0, width, family="DG")
+        return self._on_each_cell[width]
 
 
 def summed(vector: PETSc.Vec) -> FloatArray:

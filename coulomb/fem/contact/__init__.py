@@ -43,4 +43,4 @@ from .surface import (
     plane_of_face,
 )
 from .tied_bodies import TiedBodies
-from .ties import Tied
+from .ties import CyclicSymmetry, Tied

@@ -71,6 +71,7 @@ class TiedBodies(Deformable):
         for number, one in enumerate(self.given):
             found.append(tie_of(bodies, one, self.slaves) if ties is None else ties[number])
             self.slaves[found[-1].nodes] = True
+            self.slaves[found[-1].on_axis] = True
         self._ties = tuple(found)
         self._K: tuple[PETSc.Mat, PETSc.Mat, FloatArray] | None = None
         self._changed: TiedBodies | None = None
@@ -86,6 +87,11 @@ class TiedBodies(Deformable):
         """Projectors on the directions along which nodes follow others, shape (k, 3, 3)."""
         tied = np.zeros((len(self.x), 3, 3))
         tied[self.slaves] = np.eye(3) - self.held.projector_at(np.flatnonzero(self.slaves))
+        for tie in self.ties:
+            free = tied[tie.on_axis]
+            across = free @ (np.eye(3) - np.outer(tie.axis, tie.axis)) @ free
+            sizes, directions = np.linalg.eigh(across)
+            tied[tie.on_axis] = np.einsum("mia,ma,mja->mij", directions, np.round(sizes), directions)
         return tied
 
     def _block_diagonal(self, blocks: FloatArray) -> scipy.sparse.csr_matrix:
@@ -130,9 +136,12 @@ class TiedBodies(Deformable):
         """T^T times the forces."""
         return _each_column(partial(at_nodes_of, self._follows), forces)
 
+    def prevented(self, modes: FloatArray) -> FloatArray:
+        apart = _each_column(self.jump, modes)
+        return self.held_part(modes) + apart - self.transferred(apart)
+
     def reduced(self, u: FloatArray) -> FloatArray:
-        """u (k, 3) without the displacements that follow from others."""
-        return u - np.einsum("kij,kj->ki", self._tied, u)
+        return u - np.einsum("kij,kj...->ki...", self._tied, u)
 
     def projection(self) -> PETSc.Mat:
         """T P, shape (n, n), distributed."""
@@ -200,6 +209,7 @@ class TiedBodies(Deformable):
         component, names = self._joined_components(of_bodies)
         modes, _ = component_modes(self.x, component, self.comm)
         against = np.stack([of_bodies.projected(modes[:, :, j], self.x) for j in range(6)], axis=2)
+        against += self.prevented(modes) - self.held_part(modes)
         places = np.zeros((3, len(self.x)), dtype=bool)
         for member in self.members:
             places[:, member.nodes] = member.body.anchor_places
@@ -259,7 +269,7 @@ class TiedBodies(Deformable):
             beside = distributed_rows(tie.beside, (forces.size, tie.beside.shape[1]), self, None)
             share -= at_nodes_of(beside, own)
             beside.destroy()
-            yield NodalForces("tie", tie.face, share)
+            yield NodalForces(tie.kind.replace(" ", "_"), tie.face, share)
 
     def stresses_of_ties(self, imbalance: FloatArray) -> dict[str, FloatArray]:
         forces = self._on_slaves(imbalance)

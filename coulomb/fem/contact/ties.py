@@ -10,16 +10,16 @@ both bodies together are free of forces.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, is_number
 from ..bodies import Deformable, Tie
-from ..geometry import on_all_ranks
+from ..geometry import Point, Turn, check_direction, check_point, on_all_ranks
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import FacetKind, FacetPatch, facet_patch
 from .mortar import LEAST_DUAL, Search, nodal_sums, slave_functions, weak_nodes, without_rounding
@@ -53,9 +53,50 @@ class Tied:
         if self.face == self.against:
             raise ValueError(f"tie: face {self.face!r} cannot be tied to itself: give another as against")
 
+    kind = "tie"
+
     @property
     def what(self) -> str:
-        return f"tie of {self.face!r} to {self.against!r}"
+        return f"{self.kind} of {self.face!r} to {self.against!r}"
+
+    def turn(self, master: FloatArray, slave: FloatArray) -> Turn | None:
+        """The rotation that takes the master, with its middle at a place (3,) in metres, onto the slave; None if both
+        are where they are."""
+        return None
+
+
+@dataclass(frozen=True)
+class CyclicSymmetry(Tied):
+    """The two cut faces of one of several equal sectors around an axis: one face moves as the other does, turned.
+
+    Attributes:
+        face, against, slave: As of `Tied`; meshes of the two faces need not match.
+        point: A point of the axis, metres.
+        axis: Its direction; need not have length 1.
+        sectors: How many sectors make the whole, at least 2.
+
+    Raises:
+        ValueError: If a name is none, both are the same, the axis is zero, or sectors is no such number.
+    """
+
+    point: Point = (0.0, 0.0, 0.0)
+    axis: Point = (0.0, 0.0, 1.0)
+    sectors: int = 2
+
+    kind = "cyclic symmetry"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_point(f"{self.what}: point", self.point)
+        check_direction(f"{self.what}: axis", self.axis)
+        if not is_number(self.sectors, 2.0) or int(self.sectors) != self.sectors:
+            raise ValueError(f"{self.what}: sectors must be a whole number of at least 2, but is {self.sectors!r}")
+
+    def turn(self, master: FloatArray, slave: FloatArray) -> Turn:
+        axis, point = np.array(self.axis) / np.linalg.norm(self.axis), np.array(self.point, dtype=np.float64)
+        turns = [Turn(point, axis, sign * 2.0 * np.pi / self.sectors) for sign in (1.0, -1.0)]
+        off = [float(np.linalg.norm(point + turn.matrix @ (master - point) - slave)) for turn in turns]
+        return turns[int(np.argmin(off))]
 
 
 # Faces that are tied: every slave node follows the master, u_slave = W u.
@@ -175,7 +216,8 @@ def _between_functions(slave: FacetPatch) -> tuple[scipy.sparse.csr_matrix, scip
 
 
 _FAR = 0.2
-"""Distance of two tied faces over the root of a node's area from which it is worth a remark."""
+"""Distance of two tied faces over the root of a node's area from which it is worth a remark, and of those of a sector
+an error; beyond 1 it is one of ties."""
 
 _ALL_HELD = 2.5
 """Trace of the projector on the held directions of a node above which all are."""
@@ -202,14 +244,20 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     (slave, on_slave), (master, on_master) = body.face(face, "tie"), body.face(against, "tie")
     space, starts = slave.body, starts_of(comm, slave.body.numbering.local)
     patches = facet_patch(space, on_slave), facet_patch(master.body, on_master)
+    turn = given.turn(_middle(patches[1], comm), _middle(patches[0], comm))
+    if turn is not None:
+        patches = patches[0], replace(patches[1], x=turn.point + (patches[1].x - turn.point) @ turn.matrix.T)
     near = near_pair(*patches, (space.numbering.local, master.body.numbering.local), comm)
     one, other = near.slave.patch, near.master.patch
     gone = taken[slave.nodes].copy()
     gone[space.held.nodes[np.trace(space.held.projector, axis1=1, axis2=2) > _ALL_HELD]] = True
+    on_both = np.zeros(space.numbering.local, dtype=bool)
     if space is master.body:
         both = np.unique(patches[1].nodes)
-        on_both = np.zeros(space.numbering.local, dtype=bool)
         on_both[Exchange(comm, owner_of(starts, both)).send(both) - starts[comm.rank]] = True
+        on_slave_face = np.zeros_like(on_both)
+        on_slave_face[space.nodes_of(on_slave)] = True
+        on_both &= on_slave_face
         gone |= on_both
     left_out = fetched(comm, starts, near.slave.numbers, gone)
     search = near.search or Search(0.0, 0.0)
@@ -233,10 +281,12 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     at = _places(one)[node]
     size = float(comm.allreduce(float(np.max(np.abs(body.x), initial=0.0)), op=MPI.MAX))
     columns, blocks = _carrying(columns, beside, x, at, _TOGETHER * size)
+    own_side = columns.indices < one.size
+    if turn is not None:
+        blocks[~own_side] = blocks[~own_side] @ turn.matrix
     nodes = (near.slave.numbers[node] - space.numbering.first).astype(np.int64)
     H = space.held.projector_at(nodes)
     rows = _global(blocks, columns, numbers, body.numbering.total, np.eye(3) - H)
-    own_side = columns.indices < one.size
     beside_rows = _global(
         np.where(own_side[:, None, None], blocks, 0.0), columns, numbers, rows.shape[1] // 3, np.eye(3) - H
     )
@@ -249,6 +299,11 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
         )
     far = comm.allreduce(float(np.max(np.abs(distance), initial=0.0)), op=MPI.MAX)
     facet = comm.allreduce(float(np.max(np.sqrt(area), initial=0.0)), op=MPI.MAX)
+    if far > (1.0 if turn is None else _FAR) * facet:
+        raise ValueError(
+            f"{given.what}: the faces are up to {far:.3g} m apart, but facets {facet:.3g} m long: "
+            f"check {'the faces and the unit of the meshes' if turn is None else 'axis, point and sectors'}"
+        )
     if far > _FAR * facet:
         remarks.append(f"the faces are up to {far:.3g} m apart; nodes are tied across that distance as by rigid arms")
     mine = (found.untied >= near.owned[0]) & (found.untied < near.owned[1])
@@ -261,7 +316,12 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     traction = found.traction[own].tocsr()
     there = body.numbers_of(slave, near.slave.numbers[traction.indices].astype(np.int64))
     traction = scipy.sparse.csr_matrix((traction.data, there, traction.indptr), (len(nodes), body.numbering.total))
-    return Tie(face, against, why, slave.nodes.start + nodes, area, n, rows, beside_rows, traction, named)
+    on_axis = np.empty(0, dtype=np.int64) if turn is None else slave.nodes.start + np.flatnonzero(on_both)
+    axis = np.zeros(3) if turn is None else turn.axis
+    nodes = slave.nodes.start + nodes
+    return Tie(
+        *(given.kind, face, against, why, nodes, area, n, rows, beside_rows, traction, named, on_axis, axis),
+    )
 
 
 def _clamped(body: Deformable, face: str) -> int:
@@ -270,6 +330,13 @@ def _clamped(body: Deformable, face: str) -> int:
     nodes = member.body.nodes_of(facets)
     held = np.trace(member.body.held.projector_at(nodes), axis1=1, axis2=2) > _ALL_HELD
     return int(body.comm.allreduce(int(held.sum()), op=MPI.SUM))
+
+
+def _middle(patch: FacetPatch, comm: MPI.Comm) -> FloatArray:
+    """Middle of a face, metres, shape (3,); collective."""
+    sums = comm.allreduce(np.append(np.einsum("fn,fni->i", patch.whole, patch.x), patch.areas.sum()), op=MPI.SUM)
+    middle: FloatArray = sums[:3] / (sums[3] or 1.0)
+    return middle
 
 
 def _places(patch: FacetPatch) -> FloatArray:

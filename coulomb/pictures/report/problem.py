@@ -65,7 +65,8 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         turned = f"{number(rotation['angle'])} rad about {axis} through {point}{free}"
         facts.append((f"prescribed rotation of {rotation['face']}", turned + in_time(rotation.get("amplitude"))))
     facts += [("plane of symmetry", str(symmetry["face"])) for symmetry in case.get("symmetry", ())]
-    facts += [(f"tie of {tie['face']}", f"to {tie['against']}") for tie in case.get("tie", ())]
+    for kind in ("tie", "cyclic_symmetry"):
+        facts += [(f"{kind.replace('_', ' ')} of {tie['face']}", f"to {tie['against']}") for tie in case.get(kind, ())]
     for spring in case.get("spring", ()):
         given = spring["stiffness"]
         stiffness = [float(given)] * 3 if isinstance(given, int | float) else given

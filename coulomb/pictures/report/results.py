@@ -233,7 +233,9 @@ def forces(run: Run) -> Table:
     """Loads, reactions and contact forces on the body with their moments, and the balance."""
     summary, accuracy, columns = run.summary, run.accuracy, ("", "force", "moment about the origin")
     rows = [_row(_named(part), part, accuracy) for part in (*summary["loads"], *summary["reactions"])]
-    rows += [_row(f"tie on {part['face']}", part, accuracy) for part in summary.get("ties", ())]
+    rows += [
+        _row(f"{part['kind'].replace('_', ' ')} on {part['face']}", part, accuracy) for part in summary.get("ties", ())
+    ]
     faces = summary["faces"]
     for (name, against), face in zip(sides_of(faces), faces, strict=True):
         rows.append(_row(f"contact at {name}", face, accuracy))

@@ -244,7 +244,7 @@ def test_case_file(tmp_path, cell, ranks, factor):
         changed = json.loads(written)
         changed["contact"].update(changes)
         (tmp_path / "out" / "case.json").write_text(json.dumps(changed))
-        assert not check(tmp_path / "out").passed
+        assert not check(tmp_path / "out" / "steps" / "0004").passed
 
 
 def test_regions():

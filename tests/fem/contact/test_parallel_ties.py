@@ -5,7 +5,20 @@ import pytest
 from mpi4py import MPI
 from ranks import by_place, everywhere, same_error
 
-from coulomb import Contact, ContactProblem, Material, Plane, Pressure, SymmetryPlane, Tied, Traction, box, join, moved
+from coulomb import (
+    Contact,
+    ContactProblem,
+    CyclicSymmetry,
+    Material,
+    Plane,
+    Pressure,
+    SymmetryPlane,
+    Tied,
+    Traction,
+    box,
+    join,
+    moved,
+)
 from coulomb.solvers import DirectSolver, IterativeSolver
 
 comm = MPI.COMM_WORLD
@@ -51,6 +64,25 @@ def test_ranks_find_what_one_does(cell, degree, solver):
     for name in ("peel_stress", "shear_stress", "tie_force"):
         off = by_place(x, everywhere(of_ranks[name])) - by_place(own, of_one[name])
         assert np.abs(off).max() <= 1e-5 * np.abs(of_one[name]).max(), name
+
+
+def test_a_sector_with_its_axis(linear_solver=IterativeSolver):
+    """The quarter of `test_cyclic_symmetry` on ranks."""
+
+    def quarter(over, solver=None):
+        turn = Traction("top", lambda x: np.stack([-4e5 * x[1], 4e5 * x[0], -1e6 + 0.0 * x[0]]))
+        contact = Contact("bottom", 0.3, foundation=Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+        ties = [CyclicSymmetry("left", "front", sectors=4)]
+        mesh = box((0.5, 0.5, 0.5), (4, 3, 3), comm=over)
+        return ContactProblem(mesh, Material(2e11, 0.3), [], contact, [turn], ties=ties, linear_solver=solver)
+
+    alone, together = quarter(MPI.COMM_SELF).solve(1e-12), quarter(comm, linear_solver).solve(1e-12)
+    assert together.certificate.passed
+    x, own = everywhere(together.problem.elasticity.x), alone.problem.elasticity.x
+    found, expected = by_place(x, everywhere(together.displacement)), by_place(own, alone.displacement)
+    assert np.abs(found - expected).max() <= 1e-4 * np.abs(expected).max()  # contact points on both cuts share forces
+    moments = [solution.at_nodes.totals(0)["moment"][2] for solution in (together, alone)]
+    assert moments[0] == pytest.approx(moments[1], rel=1e-9)
 
 
 def test_wrong_ties_are_errors_on_all_ranks():
