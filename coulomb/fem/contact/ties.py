@@ -203,8 +203,9 @@ def tied_rows(slave: FacetPatch, master: FacetPatch, left_out: npt.NDArray[np.bo
 
 def _between_functions(slave: FacetPatch) -> tuple[scipy.sparse.csr_matrix, scipy.sparse.csr_matrix]:
     """The displacements of nodes by their values for N', and the values by the displacements, shape (nodes, nodes)."""
-    diagonal, none = np.ones(slave.size), np.empty(0, dtype=np.int64)
-    middle, corner = none, none
+    diagonal = np.ones(slave.size)
+    middle: IntArray = np.empty(0, dtype=np.int64)
+    corner: IntArray = np.empty(0, dtype=np.int64)
     if slave.kind.width == 6:
         ends = [slave.nodes[:, columns].ravel() for columns in ([3, 4, 5], [0, 1, 2], [1, 2, 0])]
         edges = np.unique(np.column_stack([ends[0], np.sort(np.column_stack(ends[1:]), axis=1)]), axis=0)
