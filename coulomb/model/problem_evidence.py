@@ -93,7 +93,7 @@ def gather_evidence(
         load=load,
         spring=spring,
         ground=elasticity.ground,
-        component=elasticity.free.component,
+        component=elasticity.component,
         held=elasticity.held,
         prescribed=state.loading.prescribed,
         on_body=on_body,

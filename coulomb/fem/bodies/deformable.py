@@ -151,6 +151,11 @@ class Deformable(HeldNodes, ABC):
         """The rigid motions along which contact alone holds it."""
 
     @property
+    def component(self) -> npt.NDArray[np.int64]:
+        """The component of the meshes of each of this rank's nodes, whether or not it is tied to others, shape (k,)."""
+        return self.free.component
+
+    @property
     def ties(self) -> tuple[Tie, ...]:
         """The ties between faces."""
         return ()

@@ -303,6 +303,10 @@ class TiedBodies(Deformable):
         return np.concatenate([member.body.held_diagonal for member in self.members])
 
     @property
+    def component(self) -> IntArray:
+        return self.bodies.free.component
+
+    @property
     def comm(self) -> MPI.Comm:
         return self.bodies.comm
 
