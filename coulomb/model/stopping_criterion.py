@@ -53,19 +53,18 @@ def zero_open_forces(problem: DiscreteProblem, x: FloatArray, closed: FloatArray
     frictionless = (problem.slip_bound(force.ravel()) == 0.0) & (np.hypot(force[:, 1], force[:, 2]) <= small)
     force[frictionless, 1:] = 0.0
     if problem.surface.free_B is not problem.surface.B:
-        _set_friction_on_supports(problem, force, closed[:, 1:])
-        _unload_wedged(problem, force)
+        products = row_products(problem.surface.free_B, problem.surface.points)
+        _set_friction_on_supports(problem, force, closed[:, 1:], products[:, 1:, 1:])
+        _unload_wedged(problem, force, products)
     return force.ravel()
 
 
-def _set_friction_on_supports(problem: DiscreteProblem, force: FloatArray, slip: FloatArray) -> None:
+def _set_friction_on_supports(problem: DiscreteProblem, force: FloatArray, slip: FloatArray, free: FloatArray) -> None:
     """Set friction (m, 2) at nodes whose slip is prescribed, or has a prescribed component of 0; collective.
 
     Friction v, along t1 and t2, acts on the support alone if P (t1, t2)^T v = 0, P the projection on the free
-    directions of the node.
+    directions of the node.  `free` (m, 2, 2) are the `row_products` of t1 and t2.
     """
-    surface = problem.surface
-    free = row_products(surface.free_B, surface.points)[:, 1:, 1:]
     sizes, directions = np.linalg.eigh(free)
     v = directions[:, :, 0]
     still = np.abs(np.einsum("ki,ki->k", v, slip)) <= ROUNDING * np.abs(slip).max(axis=1, initial=0.0)
@@ -75,12 +74,12 @@ def _set_friction_on_supports(problem: DiscreteProblem, force: FloatArray, slip:
     force[known, 1:] = problem.law.at(known).against(slip[known], force[known, 0])
 
 
-def _unload_wedged(problem: DiscreteProblem, force: FloatArray) -> None:
+def _unload_wedged(problem: DiscreteProblem, force: FloatArray, gram: FloatArray) -> None:
     """Change forces (m, 3) of sticking nodes that are held obliquely, by forces v, along n, t1, t2, on supports alone.
 
-    These have P (n, t1, t2)^T v = 0, P the projection on the free directions of the node.
+    These have P (n, t1, t2)^T v = 0, P the projection on the free directions of the node.  `gram` (m, 3, 3), the
+    `row_products`, is changed.
     """
-    gram = row_products(problem.surface.free_B, problem.surface.points)
     diagonal = np.einsum("kii->ki", gram)
     diagonal[diagonal == 0.0] = 1.0  # friction along such rows is determined by itself
     sizes, directions = np.linalg.eigh(gram)

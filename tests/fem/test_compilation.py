@@ -24,6 +24,7 @@ def test_without_a_compiler_the_message_says_what_is_missing(tmp_path, monkeypat
 
 def test_a_loaded_form_is_not_looked_up_again(monkeypatch):
     """FFCx lists its directory at each look-up."""
-    make_block(1)
+    for _ in range(2):  # the first may compile, the second loads
+        make_block(1)
     monkeypatch.setattr("importlib.machinery.FileFinder", None)
     make_block(1)

@@ -115,9 +115,11 @@ def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
     weights = points.difference
     square = np.asarray(weights.multiply(weights).sum(axis=1)).ravel()
     products = np.empty((len(points.nodes), 3, 3))
+    components = [rows[i::3] for i in range(3)]
     for i in range(3):
-        for j in range(3):
-            products[:, i, j] = np.asarray(rows[i::3].multiply(rows[j::3]).sum(axis=1)).ravel() / square
+        for j in range(i + 1):
+            products[:, i, j] = np.asarray(components[i].multiply(components[j]).sum(axis=1)).ravel() / square
+            products[:, j, i] = products[:, i, j]
     return products
 
 
