@@ -73,6 +73,42 @@ def test_a_sector_is_computed_again(tmp_path):
     assert any(line.startswith(shown(("ties", 0, "force", 0))) for line in faults)
 
 
+FLOATING = """\
+[[body]]
+name = "pad"
+box = [0.8, 0.4, 0.2]
+cells = [3, 1, 2]
+cell = "tetrahedron"
+[body.material]
+young = 2e9
+poisson = 0.3
+[[body]]
+name = "top"
+box = [0.8, 0.4, 0.4]
+cells = [3, 2, 1]
+degree = 2
+translate = [0.0, 0.0, 0.2]
+[body.material]
+young = 1.5e8
+poisson = 0.3
+[[tie]]
+face = "pad:top"
+against = "top:bottom"
+[[traction]]
+face = "top:top"
+value = [2400.0, 0.0, -15000.0]
+[contact]
+face = "pad:bottom"
+friction = 0.3
+"""
+
+
+def test_tied_bodies_that_contact_holds_are_judged_alike():
+    """Each by itself, in the run and in the check: sums of rounding errors of both together differ from these."""
+    found = check(made(FLOATING))
+    assert found.passed and not found.faults, str(found)
+
+
 def largest(values):
     """The largest entry changed by a thousandth."""
     flat = values.reshape(-1)
