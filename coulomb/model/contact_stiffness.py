@@ -327,9 +327,11 @@ class ContactStiffness:
 
     @property
     def _condensable(self) -> bool:
-        """Whether K is factorised, supports hold the bodies, and contact points are nodes; collective."""
+        """Whether K is factorised, supports hold the bodies, and contact points are nodes, none of which is tied;
+        collective."""
         seen, (first, last) = self._reference.nodes_in_rows, self._reference.B.getOwnershipRangeColumn()
         nodal = len(seen) == len(self._reference.nodes) and bool(np.all((3 * seen >= first) & (3 * seen < last)))
+        nodal = nodal and (not self.elasticity.ties or self._reference.free_B is self._reference.B)
         mine = nodal and self._may_condense and self._given[1] is None and len(self.elasticity.free) == 0
         return self.linear_solver is DirectSolver and bool(self.comm.allreduce(mine, op=MPI.LAND))
 
