@@ -5,6 +5,7 @@ from .fem.bodies import Clamp as Clamp
 from .fem.bodies import Elasticity as Elasticity
 from .fem.bodies import Material as Material
 from .fem.bodies import OrthotropicMaterial as OrthotropicMaterial
+from .fem.bodies import PointLoad as PointLoad
 from .fem.bodies import PrescribedDisplacement as PrescribedDisplacement
 from .fem.bodies import PrescribedRotation as PrescribedRotation
 from .fem.bodies import Pressure as Pressure
@@ -15,6 +16,7 @@ from .fem.bodies import TotalForce as TotalForce
 from .fem.bodies import Traction as Traction
 from .fem.bodies import join as join
 from .fem.contact import CyclicSymmetry as CyclicSymmetry
+from .fem.contact import RigidFace as RigidFace
 from .fem.contact import Tied as Tied
 from .fem.contact import auto_pairs as auto_pairs
 from .fem.geometry import Cylinder as Cylinder

@@ -20,9 +20,11 @@ from .files import apply, named_files, parsed, read_text, rename_files
 from .loads import (
     ClampTable,
     LoadTable,
+    PointLoadTable,
     PrescribedDisplacementTable,
     PrescribedRotationTable,
     PressureTable,
+    RigidFaceTable,
     SpringTable,
     SupportTable,
     SymmetryTable,
@@ -128,6 +130,7 @@ class Case(Table):
     traction: Annotated[tuple[TractionTable, ...], Field(max_length=TABLES)] = ()
     pressure: Annotated[tuple[PressureTable, ...], Field(max_length=TABLES)] = ()
     total_force: Annotated[tuple[TotalForceTable, ...], Field(max_length=TABLES)] = ()
+    point_load: Annotated[tuple[PointLoadTable, ...], Field(max_length=TABLES)] = ()
     body_force: SpatialVector = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
     gravity: Vector = (0.0, 0.0, 0.0)
@@ -136,6 +139,7 @@ class Case(Table):
     spring: Annotated[tuple[SpringTable, ...], Field(max_length=TABLES)] = ()
     auto_contact: AutoContactTable | None = None
     contact: ContactTables | None = Field(default=None, validate_default=True)
+    rigid_face: Annotated[tuple[RigidFaceTable, ...], Field(max_length=TABLES)] = ()
     tie: Annotated[tuple[TieTable, ...], Field(max_length=TABLES)] = ()
     cyclic_symmetry: Annotated[tuple[CyclicSymmetryTable, ...], Field(max_length=TABLES)] = ()
     probe: Annotated[tuple[ProbeTable, ...], Field(max_length=TABLES)] = ()
@@ -228,6 +232,7 @@ class Case(Table):
             small_strain=self.small_strain,
             probes=[table.probe() for table in self.probe],
             kinematics=self.solver.kinematics,
+            rigid_faces=[table.rigid_face() for table in self.rigid_face],
             ties=[table.tie() for table in self.ties.values()],
         )
         if self.history is not None:
@@ -309,7 +314,7 @@ class Case(Table):
     def _on_faces(self) -> dict[str, SupportTable | SpringTable | LoadTable]:
         """The tables of supports, loads and springs, by their key in the case."""
         supports = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry")
-        kinds = (*supports, "traction", "pressure", "total_force", "spring")
+        kinds = (*supports, "traction", "pressure", "total_force", "point_load", "spring")
         return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
 
     @property
@@ -382,6 +387,7 @@ class Case(Table):
             faces[f"{key}.face"] = table.face
             if table.against is not None:
                 faces[f"{key}.against"] = table.against
+        faces |= {f"rigid_face.{k}.face": table.face for k, table in enumerate(self.rigid_face)}
         for key, tie in self.ties.items():
             faces |= {f"{key}.face": tie.face, f"{key}.against": tie.against}
         for key, face in faces.items():
@@ -403,9 +409,9 @@ class Case(Table):
             return self
         if self.history is None:
             raise ValueError('solver.kinematics = "large" needs a [history]: large motions are computed in load steps')
-        if self.ties:
+        if self.ties or self.rigid_face:
             raise ValueError(
-                'tie: not with solver.kinematics = "large": make one mesh of the parts, as by gmsh\'s Coherence'
+                'tie, rigid_face: not with solver.kinematics = "large": make one mesh of the parts, as by Coherence'
             )
         if self.temperature is not None:
             raise ValueError('temperature: not with solver.kinematics = "large", which has no thermal strains')
@@ -425,6 +431,7 @@ class Case(Table):
         timed |= {"body_force_amplitude": self.body_force_amplitude, "gravity_amplitude": self.gravity_amplitude}
         timed |= {"temperature.amplitude": None if self.temperature is None else self.temperature.amplitude}
         timed |= {f"{key}.amplitude": getattr(table, "amplitude", None) for key, table in self._on_faces.items()}
+        timed |= {f"rigid_face.{k}.amplitude": table.amplitude for k, table in enumerate(self.rigid_face)}
         if self.history is None:
             for key, value in timed.items():
                 if value is not None:

@@ -12,6 +12,7 @@ from .values import Direction, Name, Number, SpatialNumber, SpatialVector, Stiff
 
 if TYPE_CHECKING:
     from ..fem.bodies import (
+        PointLoad,
         PrescribedDisplacement,
         PrescribedRotation,
         Pressure,
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
         TotalForce,
         Traction,
     )
+    from ..fem.contact import RigidFace
 
 Components = Literal["x", "y", "z", "xy", "xz", "yz", "xyz", "normal", "tangential"]
 
@@ -151,4 +153,49 @@ class TotalForceTable(Table):
         return TotalForce(self.face, self.force, amplitude_of(self.amplitude))
 
 
-LoadTable = TractionTable | PressureTable | TotalForceTable
+class PointLoadTable(Table):
+    """Force in newtons and moment in newton metres at a reference point, spread over a face."""
+
+    face: Name
+    force: Vector = (0.0, 0.0, 0.0)
+    moment: Vector = (0.0, 0.0, 0.0)
+    point: Vector | None = None
+    amplitude: AmplitudeTable | None = None
+
+    def load(self) -> PointLoad:
+        from ..fem.bodies import PointLoad
+
+        return PointLoad(self.face, self.force, self.moment, self.point, amplitude_of(self.amplitude))
+
+
+LoadTable = TractionTable | PressureTable | TotalForceTable | PointLoadTable
+
+
+class MotionAlongAxes(Table):
+    """Components of a translation in metres or a rotation in radians; those that are not given are free."""
+
+    x: Number | None = None
+    y: Number | None = None
+    z: Number | None = None
+
+    @property
+    def components(self) -> tuple[float | None, float | None, float | None]:
+        return self.x, self.y, self.z
+
+
+class RigidFaceTable(Table):
+    """A face that moves as a rigid body, with a reference point in metres."""
+
+    face: Name
+    point: Vector | None = None
+    translation: MotionAlongAxes = MotionAlongAxes()
+    rotation: MotionAlongAxes = MotionAlongAxes()
+    amplitude: AmplitudeTable | None = None
+
+    def rigid_face(self) -> RigidFace:
+        from ..fem.contact import RigidFace
+
+        return RigidFace(
+            *(self.face, self.point, self.translation.components, self.rotation.components),
+            amplitude_of(self.amplitude),
+        )

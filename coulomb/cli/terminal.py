@@ -104,6 +104,8 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
     ties = ties_of(problem)
     words = [
         f"{one['kind']} of {one['face']!r} to {one['against']!r}: {one['nodes']} nodes, {one['area']:.4g} m^2"
+        if one["area"]
+        else f"{one['kind']} {one['face']!r}: {one['nodes']} nodes"
         for one in ties
     ]
     _print(console, "tied", words)

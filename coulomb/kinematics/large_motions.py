@@ -161,8 +161,8 @@ class LargeMotions(ContactProblem):
         if arguments and isinstance(arguments[0], Deformable):
             for member in arguments[0].members:
                 nonlinear(member.body)
-        if others.get("ties"):
-            raise ValueError("ties are for small strains: for large motions make one mesh of the parts")
+        if others.get("ties") or others.get("rigid_faces"):
+            raise ValueError("ties and rigid faces are for small strains: for large motions make one mesh of the parts")
         super().__init__(*arguments, linear_solver=linear_solver, explicit=explicit, **others)
         for one in self.contacts:
             if callable(one.gap) or one.gap or one.adjust or one.smooth or one.surface or one.against_surface:
@@ -395,7 +395,7 @@ class LargeMotions(ContactProblem):
         worn = {name: values.copy() for name, values in vars(before.accumulated).items()}
         for name, values in vars(answer.accumulated).items():
             worn[name][at] = values
-        now = Forces(solution.displacement, e.load, e.internal - e.spring, e.on_body)
+        now = Forces(solution.displacement, e.load, e.internal - e.spring, e.on_body, np.zeros_like(e.on_body))
         return State(
             number=before.number + 1,
             time=solution.time,
@@ -417,7 +417,7 @@ class LargeMotions(ContactProblem):
             begin = self._iterate(before, before.displacement, before.time, None)
             x = self._carried(before, begin).at(begin.problem.surface)
             e = begin.problem.evidence_here(x, 1.0)
-            then = Forces(before.displacement, e.load, e.internal - e.spring, e.on_body)
+            then = Forces(before.displacement, e.load, e.internal - e.spring, e.on_body, np.zeros_like(e.on_body))
             linearised(self.elasticity, solution.displacement, solution.time)  # the user's functions are of the answer
         at = self._number[surface.nodes]
         moved = problem.body.foundation_displacement(surface, before.time, solution.time)

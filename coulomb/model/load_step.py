@@ -74,6 +74,14 @@ def reaction_columns(reaction: Mapping[str, Any]) -> dict[str, float]:
     return {**along_axes(f"{name}_force", reaction["force"]), **along_axes(f"{name}_moment", reaction["moment"])}
 
 
+def rigid_face_columns(face: Mapping[str, Any]) -> dict[str, float]:
+    """The columns of a rigid face, from its entry in summary.json (`RigidFaceMotion.entry`)."""
+    name, found = f"rigid_face_{face['face']}", dict[str, float]()
+    for what in ("translation", "rotation", "force", "moment"):
+        found |= along_axes(f"{name}_{what}", face[what])
+    return found
+
+
 _IMBALANCE = 0.25  # of the energy dissipated by friction
 _OF_ALL = 1e-3  # of all energy
 
@@ -131,7 +139,7 @@ class Energy:
         """The energy at the end of a step, from the forces at its beginning and end; and the work of the foundation,
         the energy dissipated, and the work of changes of the stiffness (`coefficients`) in it, joules; collective."""
         change = now.displacement - then.displacement
-        reactions = sum(held.held_part(at.kept - at.load - at.on_body) for at in (then, now))
+        reactions = sum(held.held_part(at.kept - at.load - at.on_body) + at.of_ties for at in (then, now))
         return Energy(
             loads=self.loads + 0.5 * over.dot(now.load + then.load, change) + coefficients,
             prescribed=self.prescribed + 0.5 * over.dot(np.asarray(reactions), change),
@@ -150,12 +158,14 @@ class Forces:
         load: Load of tractions and body force.
         kept: Internal forces of the stress, and minus the forces of the springs.
         on_body: Forces of contact and ties on the body.
+        of_ties: Those of ties and rigid faces alone; work is done by those of faces whose motion is prescribed.
     """
 
     displacement: FloatArray
     load: FloatArray
     kept: FloatArray
     on_body: FloatArray
+    of_ties: FloatArray
 
 
 def coefficients_work(then: Forces, now: Forces, over: Reductions) -> float:
@@ -216,16 +226,19 @@ class State(Moment):
 
         def forces(body: Deformable, u: FloatArray, load: FloatArray, on_body: FloatArray) -> Forces:
             kept = body.internal_force(u) - body.spring_force(u)
-            return Forces(u, load, kept, on_bodies(body, kept, load, on_body))
+            return Forces(u, load, kept, *on_bodies(body, kept, load, on_body))
 
-        def on_bodies(body: Deformable, kept: FloatArray, load: FloatArray, on_body: FloatArray) -> FloatArray:
+        def on_bodies(
+            body: Deformable, kept: FloatArray, load: FloatArray, on_body: FloatArray
+        ) -> tuple[FloatArray, FloatArray]:
             of_contact = surface.at_nodes(surface.force_components(on_body))
-            return of_contact + body.forces_of_ties(kept - load - of_contact)
+            of_ties = body.forces_of_ties(kept - load - of_contact)
+            return of_contact + of_ties, of_ties
 
         on_body = solution.force_on_body
         if self.forces is not None:
-            at_start = on_bodies(elasticity, self.forces.kept, self.forces.load, self.force_on_body)
-            then = replace(self.forces, on_body=at_start)
+            at_start, of_ties = on_bodies(elasticity, self.forces.kept, self.forces.load, self.force_on_body)
+            then = replace(self.forces, on_body=at_start, of_ties=of_ties)
         else:
             before = elasticity.at_time(self.time)
             then = forces(before, self.displacement, before.at(self.time).load, self.force_on_body)
@@ -296,6 +309,7 @@ def row(
         **{name: value for called, part in several for name, value in face_columns(called, part).items()},
         **{name: value for part in numbers["faces"] for name, value in rotation_columns(part).items()},
         **{name: value for body in numbers.get("bodies", ()) for name, value in body_columns(body).items()},
+        **{name: value for face in numbers.get("rigid_faces", ()) for name, value in rigid_face_columns(face).items()},
         **{name: value for part in numbers.get("ties", ()) for name, value in reaction_columns(part).items()},
         **{name: value for part in numbers["reactions"] for name, value in reaction_columns(part).items()},
         **{name: value for probe in numbers["probes"] for name, value in probe_columns(probe).items()},

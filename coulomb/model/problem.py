@@ -26,7 +26,7 @@ from ..fem.bodies import (
     distributed_bodies,
     vanishes,
 )
-from ..fem.contact import Tied, TiedBodies
+from ..fem.contact import RigidFace, Tied, TiedBodies
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -130,7 +130,7 @@ class ContactProblem(DiscreteProblem):
             springs leave free are found from the equilibrium of loads and contact forces (`NoEquilibrium`).
         contact: The contact face, its foundation or the face against it, and friction; or several, which share no node;
             their laws may differ.
-        tractions: Surface loads: `Traction`, `Pressure`, `TotalForce`.
+        tractions: Surface loads: `Traction`, `Pressure`, `TotalForce`, `PointLoad`.
         body_force: Force per volume in N/m^3.
         springs: Elastic supports.
         body_force_amplitude: Factor of the body force as a function of time.
@@ -148,6 +148,7 @@ class ContactProblem(DiscreteProblem):
             causes a warning, "warn".
         probes: Points at which displacement, slip and pressure are reported: `Solution.probes`, summary.json and
             history.csv.
+        rigid_faces: Faces that move as rigid bodies, with a reference point each.
         ties: Faces that are glued to each other (`Tied`).
         kinematics: "small" for small strains, or "large" for large motions (`coulomb.kinematics.LargeMotions`).
 
@@ -193,6 +194,7 @@ class ContactProblem(DiscreteProblem):
         probes: Sequence[Probe] = (),
         kinematics: str = "small",
         ties: Sequence[Tied] = (),
+        rigid_faces: Sequence[RigidFace] = (),
     ):
         mode, started = known_mode(small_strain), now()
         given: object = contact
@@ -231,7 +233,7 @@ class ContactProblem(DiscreteProblem):
 
         def make_tied() -> Deformable:
             body = make()
-            return TiedBodies(body, ties) if ties else body
+            return TiedBodies(body, [*rigid_faces, *ties]) if ties or rigid_faces else body
 
         body = ContactBody(
             make_tied, mesh.comm, self._contacts_of(given), time, _linear_solver(linear_solver), explicit, probes

@@ -68,6 +68,31 @@ class BodyBalance:
 
 
 @dataclass(frozen=True)
+class RigidFaceMotion:
+    """The motion of a rigid face, and what holds it.
+
+    Attributes:
+        face: Its name.
+        point: The reference point in metres, shape (3,).
+        translation: Displacement of the point in metres, shape (3,).
+        rotation: Rotation about it in radians, shape (3,).
+        force: Force on the face along prescribed components, newtons, shape (3,).
+        moment: The same about the point, newton metres, shape (3,).
+    """
+
+    face: str
+    point: FloatArray
+    translation: FloatArray
+    rotation: FloatArray
+    force: FloatArray
+    moment: FloatArray
+
+    def entry(self) -> dict[str, Any]:
+        """As in summary.json."""
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+
+
+@dataclass(frozen=True)
 class ForceBalance:
     """All that acts on the bodies at one time.
 
@@ -77,6 +102,7 @@ class ForceBalance:
         balance: What they and the contact forces leave over, relative to the largest of them (`balance`).
         bodies: Of several bodies the balance of each; empty for one.
         ties: Force and moment of every tie on its slave face.
+        rigid_faces: Of every rigid face.
     """
 
     loads: tuple[Resultant, ...]
@@ -84,6 +110,7 @@ class ForceBalance:
     balance: float
     bodies: tuple[BodyBalance, ...] = ()
     ties: tuple[Resultant, ...] = ()
+    rigid_faces: tuple[RigidFaceMotion, ...] = ()
 
     def entries(self) -> dict[str, Any]:
         """As in summary.json."""
@@ -92,6 +119,7 @@ class ForceBalance:
             "reactions": [reaction.entry() for reaction in self.reactions],
             "balance": self.balance,
             **({"ties": [tie.entry() for tie in self.ties]} if self.ties else {}),
+            **({"rigid_faces": [face.entry() for face in self.rigid_faces]} if self.rigid_faces else {}),
             **({"bodies": [body.entry() for body in self.bodies]} if self.bodies else {}),
         }
 
@@ -106,10 +134,12 @@ def force_balance(
     bodies: Mapping[str, slice] | None = None,
     ties: Iterable[NodalForces] = (),
     of_ties: FloatArray | None = None,
+    motions: Iterable[tuple[str, FloatArray, FloatArray]] = (),
 ) -> ForceBalance:
     """Resultants and balance of the forces of loads, supports, contact (k, 3) and elastic foundations (`ground`); of
     several bodies, with the nodes of each by name, each has the loads and supports whose face names it, and its part of
-    the forces of ties, `of_ties` (k, 3); collective."""
+    the forces of ties, `of_ties` (k, 3); `motions` are those of the rigid faces, the first of the ties, with their
+    reference points; collective."""
     with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
         pulling, holding = resultants(loads, x, over), (*resultants(supports, x, over), *ground)
         contact = resultants([NodalForces("contact", None, on_body)], x, over)
@@ -118,9 +148,13 @@ def force_balance(
             _balance_of(name, nodes, outer, on_body, x, over, of_ties) for name, nodes in (bodies or {}).items()
         )
         tied = resultants(ties, x, over)
+        rigid = tuple(
+            RigidFaceMotion(face, p, motion[:3], motion[3:], of.force, of.moment - np.cross(p, of.force))
+            for (face, p, motion), of in zip(motions, tied, strict=False)
+        )
         if of_ties is not None:  # those of cyclic symmetry alone do not add up to zero
             contact += resultants([NodalForces("ties", None, of_ties)], x, over)
-        return ForceBalance(pulling, holding, balance((*outer, *contact), x, over), each, tied)
+        return ForceBalance(pulling, holding, balance((*outer, *contact), x, over), each, tied[len(rigid) :], rigid)
 
 
 def _balance_of(

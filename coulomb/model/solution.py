@@ -25,7 +25,7 @@ from .discrete_problem import DiscreteProblem
 from .evidence import rounding_forces
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
-from .resultants import ForceBalance, Resultant, force_balance, resultant_of_ground
+from .resultants import ForceBalance, Resultant, RigidFaceMotion, force_balance, resultant_of_ground
 from .small_strain import SmallStrain, small_strain
 
 _log = logging.getLogger(__name__)
@@ -178,7 +178,7 @@ class Solution:
             if ground is not None
         ]
         each = {member.name: member.nodes for member in members} if len(members) > 1 else {}
-        ties = (body.shares_of_ties(imbalance), of_ties) if body.ties else ()
+        ties = (body.shares_of_ties(imbalance), of_ties, body.motions_of_faces(u, problem.time)) if body.ties else ()
         return force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each, *ties)
 
     @property
@@ -204,6 +204,12 @@ class Solution:
     def ties(self) -> tuple[Resultant, ...]:
         """Force and moment of every tie on the face whose nodes follow the other, in their order; collective."""
         return self.force_balance.ties
+
+    @property
+    def rigid_faces(self) -> tuple[RigidFaceMotion, ...]:
+        """Motion of every rigid face, and the force and moment that hold what is prescribed, in their order;
+        collective."""
+        return self.force_balance.rigid_faces
 
     @property
     def forces_on_foundations(self) -> tuple[Resultant, ...]:

@@ -8,7 +8,7 @@ from .deformable import TIE_STRESSES, Deformable, Loading, Member, SingleBody, T
 from .displacement_space import INTERPOLATION, DisplacementSpace, attach_interpolation, attach_rigid_body_modes
 from .elasticity import Elasticity, LoadedBody
 from .form_body import BilinearForm, Body, FormValues
-from .free_motions import FreeMotion, FreeMotions, free_motions, motions_in_words
+from .free_motions import FreeMotion, FreeMotions, anchors_of, free_motions, motions_in_words
 from .garbage import free_earlier_bodies
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .loads import (
@@ -16,6 +16,7 @@ from .loads import (
     AppliedLoad,
     Load,
     NodalForces,
+    PointLoad,
     Pressure,
     Temperature,
     ThermalLoad,

@@ -69,7 +69,7 @@ class Tie:
     """Two faces that are tied to each other; this rank's slave nodes.
 
     Attributes:
-        kind: "tie", or "cyclic symmetry".
+        kind: "tie", "cyclic symmetry" or "rigid face".
         face, against: The faces; nodes of the first follow those of the other.
         why: Why it is the first, in words.
         nodes: Slave nodes among this rank's k nodes, ascending, shape (m,).
@@ -79,8 +79,9 @@ class Tie:
         beside: The part of W of nodes of the slave face that are not tied, as clamped ones, of the same shape.
         traction: Tractions at them by forces on nodes, 1/m^2, shape (m, nodes of all ranks).
         remarks: What a user should know of it.
-        on_axis: Nodes of both faces, on the axis of cyclic symmetry, which move along it alone.
-        axis: Its direction, shape (3,).
+        directions: Projectors on the directions along which the nodes follow others, shape (m, 3, 3): all of them, but
+            for nodes on an axis of cyclic symmetry, which may move along it, and for those of a rigid face by which its
+            motion is described.
     """
 
     kind: str
@@ -94,8 +95,7 @@ class Tie:
     beside: scipy.sparse.csr_matrix
     traction: scipy.sparse.csr_matrix
     remarks: tuple[str, ...]
-    on_axis: npt.NDArray[np.int64]
-    axis: FloatArray
+    directions: FloatArray
 
 
 class Deformable(HeldNodes, ABC):
@@ -188,8 +188,14 @@ class Deformable(HeldNodes, ABC):
         collective."""
         return {}
 
+    def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+        """Of every rigid face its name, reference point (3,) in metres, and motion (6,) at displacements u (k, 3):
+        translation of the point in metres, rotation about it in radians; collective."""
+        yield from ()
+
     def jump(self, u: FloatArray) -> FloatArray:
-        """How far tied nodes are from where they should be, metres, shapes (k, 3); collective."""
+        """How far tied nodes are from where they should be, metres, shapes (k, 3), of displacements less the prescribed
+        ones; collective."""
         return np.zeros_like(u)
 
     @property

@@ -42,7 +42,7 @@ from .supports import Spring, Support, SupportedFace
 _KINDS = {
     "clamps": ("directions", "Clamp, PrescribedDisplacement, PrescribedRotation or SymmetryPlane"),
     "springs": ("along_axes", "Spring"),
-    "tractions": ("nodal_force", "Traction, Pressure or TotalForce"),
+    "tractions": ("nodal_force", "Traction, Pressure, TotalForce or PointLoad"),
 }
 """Arguments of a body, what their entries have, and which types these are."""
 

@@ -153,6 +153,57 @@ class TotalForce:
 
 
 @dataclass(frozen=True)
+class PointLoad:
+    """A force and a moment at a reference point, spread over a face as a traction that is linear in place.
+
+    It does not stiffen the face, as a `RigidFace` does.
+
+    Attributes:
+        face: Name of the face.
+        force: Force in newtons, shape (3,).
+        moment: Moment about the point in newton metres, shape (3,).
+        point: The reference point in metres; by default the middle of the face.
+        amplitude: Factor of both as a function of time: a number, a function, a table or a `LoadCurve`.
+
+    Raises:
+        ValueError: If force, moment or point have not three finite components.
+    """
+
+    face: str
+    force: Sequence[float] = (0.0, 0.0, 0.0)
+    moment: Sequence[float] = (0.0, 0.0, 0.0)
+    point: Sequence[float] | None = None
+    amplitude: Amplitude = 1.0
+
+    kind = "point load"
+
+    def __post_init__(self) -> None:
+        three(self.force, f"{load_title(self)}: the force", "numbers, newtons")
+        three(self.moment, f"{load_title(self)}: the moment", "numbers, newton metres")
+        if self.point is not None:
+            three(self.point, f"{load_title(self)}: the point", "numbers, metres")
+
+    def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
+        facets, comm = mesh.facets(self.face, self.kind), mesh.comm
+        area = body.area_of(facets)
+        sums = comm.allreduce(np.append(area @ body.x, area.sum()), op=MPI.SUM)
+        middle = sums[:3] / sums[3]
+        point = middle if self.point is None else np.asarray(self.point, dtype=np.float64)
+        r, parts = body.x - middle, []
+        for axis in np.eye(3):
+            parts.append(body.surface_load(np.broadcast_to(axis, r.shape), facets))
+        for axis in np.eye(3):
+            parts.append(body.surface_load(np.cross(axis, r), facets))
+        own = np.array([[*part.sum(axis=0), *np.cross(r, part).sum(axis=0)] for part in parts])
+        resultants = comm.allreduce(own, op=MPI.SUM)
+        force = np.asarray(self.force, dtype=np.float64)
+        moment = np.asarray(self.moment, dtype=np.float64) + np.cross(point - middle, force)
+        amounts = np.linalg.solve(resultants.T, np.append(force, moment))
+        forces: FloatArray = np.einsum("p,pki->ki", amounts, np.array(parts))
+        return forces
+
+
+@dataclass(frozen=True)
 class BodyForce:
     """Force per volume in N/m^3, a vector or a function of x."""
 

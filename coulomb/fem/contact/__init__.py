@@ -32,6 +32,7 @@ from .pair import (
     slave_side,
     within,
 )
+from .rigid_faces import RigidFace
 from .surface import (
     ContactSurface,
     Normals,

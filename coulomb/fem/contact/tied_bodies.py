@@ -40,6 +40,7 @@ from ..bodies import (
 )
 from ..meshes import fetched, starts_of
 from .contact_points import at_nodes_of, rows_of
+from .rigid_faces import FaceMotion, RigidFace, rigid_face_of
 from .ties import Tied, tie_of
 
 _LONGEST_CHAIN = 8
@@ -58,21 +59,28 @@ class TiedBodies(Deformable):
 
     Attributes:
         bodies: The bodies without ties.
-        given: The ties as given.
-        ties: The ties with their nodes.
+        given: The ties and rigid faces as given.
+        ties: These with their nodes, rigid faces first.
+        face_motions: The motions of the rigid faces.
     """
 
-    def __init__(self, bodies: Deformable, given: Sequence[Tied], ties: Sequence[Tie] | None = None):
+    def __init__(self, bodies: Deformable, given: Sequence[Tied | RigidFace], like: TiedBodies | None = None):
         self.bodies, self.given = bodies, tuple(given)
         self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
         self.contradictions = bodies.contradictions
         self.slaves = np.zeros(len(self.x), dtype=bool)
-        found = []
-        for number, one in enumerate(self.given):
-            found.append(tie_of(bodies, one, self.slaves) if ties is None else ties[number])
-            self.slaves[found[-1].nodes] = True
-            self.slaves[found[-1].on_axis] = True
-        self._ties = tuple(found)
+        self._ties: tuple[Tie, ...] = () if like is None else like.ties
+        self.face_motions: tuple[FaceMotion, ...] = () if like is None else like.face_motions
+        for one in self.given if like is None else ():
+            if isinstance(one, RigidFace):
+                tie, motion = rigid_face_of(bodies, one, self.slaves)
+                self.face_motions += (motion,)
+            else:
+                tie = tie_of(bodies, one, self.slaves)
+            self._ties += (tie,)
+            self.slaves[tie.nodes] = True
+        for tie in self._ties:
+            self.slaves[tie.nodes] = True
         self._K: tuple[PETSc.Mat, PETSc.Mat, FloatArray] | None = None
         self._changed: TiedBodies | None = None
 
@@ -86,12 +94,10 @@ class TiedBodies(Deformable):
     def _tied(self) -> FloatArray:
         """Projectors on the directions along which nodes follow others, shape (k, 3, 3)."""
         tied = np.zeros((len(self.x), 3, 3))
-        tied[self.slaves] = np.eye(3) - self.held.projector_at(np.flatnonzero(self.slaves))
         for tie in self.ties:
-            free = tied[tie.on_axis]
-            across = free @ (np.eye(3) - np.outer(tie.axis, tie.axis)) @ free
-            sizes, directions = np.linalg.eigh(across)
-            tied[tie.on_axis] = np.einsum("mia,ma,mja->mij", directions, np.round(sizes), directions)
+            free = np.eye(3) - self.held.projector_at(tie.nodes)
+            sizes, directions = np.linalg.eigh(free @ tie.directions @ free)
+            tied[tie.nodes] = np.einsum("mia,ma,mja->mij", directions, np.round(sizes), directions)
         return tied
 
     def _block_diagonal(self, blocks: FloatArray) -> scipy.sparse.csr_matrix:
@@ -237,8 +243,11 @@ class TiedBodies(Deformable):
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
     def at(self, time: float) -> Loading:
-        loading = self.bodies.at(time)
-        return replace(loading, prescribed=rows_of(self._follows, loading.prescribed))
+        """Prescribed displacements are u with no unknowns: those of supports and rigid faces, and what follows them."""
+        loading, offset = self.bodies.at(time), np.zeros_like(self.x)
+        for motion in self.face_motions:
+            offset += motion.prescribed(self.x, time, self.comm)
+        return replace(loading, prescribed=offset + rows_of(self._follows, loading.prescribed - offset))
 
     def f(self, loading: Loading) -> PETSc.Vec:
         f, forces, g = self.K.createVecRight(), loading.load, loading.prescribed
@@ -284,6 +293,11 @@ class TiedBodies(Deformable):
             found[:, tie.nodes] = along, np.linalg.norm(traction - along[:, None] * tie.normal, axis=1)
         return dict(zip(TIE_STRESSES, found, strict=True))
 
+    def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
+        for motion in self.face_motions:
+            values, t = motion.given.values(time, self.comm), motion.prescribed(self.x, time, self.comm)
+            yield motion.given.face, motion.point, motion.found(u, t, values, self.comm)
+
     def jump(self, u: FloatArray) -> FloatArray:
         """How far slave nodes are from where they should be, metres, shapes (k, 3); collective."""
         return u - rows_of(self._follows, self.reduced(u))
@@ -293,7 +307,7 @@ class TiedBodies(Deformable):
         for known in (self, self._changed):
             if known is not None and known.bodies is bodies:
                 return known
-        self._changed = TiedBodies(bodies, self.given, self.ties)
+        self._changed = TiedBodies(bodies, self.given, self)
         return self._changed
 
     # --- what is that of the bodies -----------------------------------------------------------------------------------

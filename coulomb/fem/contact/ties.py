@@ -235,7 +235,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     """
     comm = body.comm
     face, against, why = given.face, given.against, "it was given as the slave"
-    clamped = [_clamped(body, name) for name in (face, against)]
+    clamped = [_clamped(body, name, taken) for name in (face, against)]
     if not given.slave and np.count_nonzero(clamped) == 1:
         face, against, why = (
             (against, face, "the other is clamped") if clamped[0] else (face, against, "the other is clamped")
@@ -317,19 +317,29 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     traction = found.traction[own].tocsr()
     there = body.numbers_of(slave, near.slave.numbers[traction.indices].astype(np.int64))
     traction = scipy.sparse.csr_matrix((traction.data, there, traction.indptr), (len(nodes), body.numbering.total))
-    on_axis = np.empty(0, dtype=np.int64) if turn is None else slave.nodes.start + np.flatnonzero(on_both)
-    axis = np.zeros(3) if turn is None else turn.axis
-    nodes = slave.nodes.start + nodes
-    return Tie(
-        *(given.kind, face, against, why, nodes, area, n, rows, beside_rows, traction, named, on_axis, axis),
-    )
+    nodes, directions = slave.nodes.start + nodes, np.broadcast_to(np.eye(3), (len(nodes), 3, 3))
+    if turn is not None:  # nodes on the axis move along it
+        on_axis = slave.nodes.start + np.flatnonzero(on_both)
+        count, across = len(on_axis), np.eye(3) - np.outer(turn.axis, turn.axis)
+        nodes, directions = (
+            np.concatenate([nodes, on_axis]),
+            np.concatenate([directions, np.tile(across, (count, 1, 1))]),
+        )
+        area, n = np.concatenate([area, np.zeros(count)]), np.concatenate([n, np.zeros((count, 3))])
+        rows, beside_rows, traction = (
+            scipy.sparse.vstack([of, scipy.sparse.csr_matrix((more * count, of.shape[1]))], format="csr")
+            for of, more in ((rows, 3), (beside_rows, 3), (traction, 1))
+        )
+    return Tie(given.kind, face, against, why, nodes, area, n, rows, beside_rows, traction, named, directions)
 
 
-def _clamped(body: Deformable, face: str) -> int:
-    """Number of nodes of a face that are held along all directions, over all ranks; collective."""
+def _clamped(body: Deformable, face: str, taken: npt.NDArray[np.bool_]) -> int:
+    """Number of nodes of a face that are held along all directions, or follow others already, over all ranks;
+    collective."""
     member, facets = body.face(face, "tie")
     nodes = member.body.nodes_of(facets)
     held = np.trace(member.body.held.projector_at(nodes), axis1=1, axis2=2) > _ALL_HELD
+    held |= taken[member.nodes][nodes]
     return int(body.comm.allreduce(int(held.sum()), op=MPI.SUM))
 
 

@@ -273,6 +273,7 @@ class CaseForces:
         taken: Perturbed,
         of_ties: FloatArray,
         ties: Iterable[NodalForces],
+        motions: Iterable[tuple[str, FloatArray, FloatArray]],
     ) -> ForceBalance:
         """Resultants and balance with displacements u, forces of the supports along held directions, contact forces and
         forces of ties on the body at the run's nodes, shapes (k, 3), and of every tie on its slave nodes."""
@@ -289,25 +290,27 @@ class CaseForces:
         shares = parts(lambda member: member.body.shares(held[order][member.nodes]))
         springs = parts(lambda member: member.body.spring_forces(u[order][member.nodes]))
         x, over, slices = taken(self._run.body.x), Reductions(MPI.COMM_SELF), self._run.body.slices
-        return force_balance(loads, chain(shares, springs), on_body, x, over, (), slices, ties, of_ties)
+        return force_balance(loads, chain(shares, springs), on_body, x, over, (), slices, ties, of_ties, motions)
 
 
 @dataclass(frozen=True)
 class TiesFound:
     """What ties do at the nodes in the files of a run: their forces and the jump of the displacement, shapes (k, 3),
-    their stresses by name, shapes (k,), and the forces of each on its slave nodes."""
+    their stresses by name, shapes (k,), the forces of each on its slave nodes, and the motions of rigid faces."""
 
     forces: FloatArray
     jump: FloatArray
     stresses: dict[str, FloatArray]
     shares: tuple[NodalForces, ...]
+    motions: tuple[tuple[str, FloatArray, FloatArray], ...]
 
 
 class CaseTies:
     """The ties of a case, computed anew on the meshes of the case, at the nodes in the files of a run."""
 
-    def __init__(self, case: CaseReference, run: WrittenRun):
+    def __init__(self, case: CaseReference, time: float, run: WrittenRun):
         self._body = case.settings.problem(MPI.COMM_SELF).elasticity
+        self._prescribed, self._time = self._body.at(time).prescribed, time
         unfit = f"{run.folder}: has another mesh than the case"
         self._node = run.body.numbers_in([member.body.x for member in self._body.members], unfit)
 
@@ -317,7 +320,8 @@ class CaseTies:
         left = imbalance[order]
         return TiesFound(
             body.forces_of_ties(left)[node],
-            body.jump(u[order])[node],
+            body.jump(u[order] - self._prescribed)[node],
             {name: values[node] for name, values in body.stresses_of_ties(left).items()},
             tuple(NodalForces(one.kind, one.face, one.forces[node]) for one in body.shares_of_ties(left)),
+            tuple(body.motions_of_faces(u[order], self._time)),
         )

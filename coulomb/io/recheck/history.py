@@ -170,12 +170,12 @@ class _Chain:
         run, last, over = now.run, self.last, Reductions(MPI.COMM_SELF)
         zero, moved = np.zeros_like(run.body.x), np.zeros((len(run.node), 3))
         moved[now.nodes.index] = now.nodes.moved
-        first, on_face = Forces(zero, zero, zero, zero), np.zeros_like(run.on_face["x"])
+        first, on_face = Forces(zero, zero, zero, zero, zero), np.zeros_like(run.on_face["x"])
         if last is None and (self.case is None or self.case.absent):
             return [_recorded_energy(run)] * len(now.variants)
         if last is None and self.case is not None:
             load = np.concatenate([body.at(0.0).load for body in self.case.bodies.values()])
-            first = Forces(zero, load[self.case.nodes_of(run)], zero, zero)
+            first = Forces(zero, load[self.case.nodes_of(run)], zero, zero, zero)
         found = []
         for k, variant in enumerate(now.variants):
             then = first if last is None else last.variants[k].at
@@ -199,7 +199,8 @@ def _record(findings: Findings, variant: Variant, at: Moment) -> dict[str, Any]:
         steps, residual = summary["iterations"]["path_following"], summary["residual"]
     except (KeyError, TypeError):
         raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
-    figures = {"reactions": summary.get("reactions", []), "ties": summary.get("ties", []), **derived}
+    recorded = {name: summary.get(name, []) for name in ("reactions", "ties", "rigid_faces")}
+    figures = {**recorded, **derived}
     line = row(figures, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
     return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}
 

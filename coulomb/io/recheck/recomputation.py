@@ -161,13 +161,10 @@ class Recomputation:
         for one in run.opposite:
             carried = opposite_fields(run, only_written, written, one)
             found |= {f"{CONTACT}: {name} of {one.face.name}": values for name, values in carried.items()}
-        acting = (
-            None
-            if self.supported is None
-            else self.supported.force_balance(
-                u, reactions, on_body, taken, of_ties, () if tied is None else tied.shares
-            )
-        )
+        shares, motions = ((), ()) if tied is None else (tied.shares, tied.motions)
+        acting = None
+        if self.supported is not None:
+            acting = self.supported.force_balance(u, reactions, on_body, taken, of_ties, shares, motions)
         probed = _probe_entries(self.probes, u, written, run.node[only_written.index], taken)
         numbers = derived(written, certificate, u, spring, held, acting)
         strain: dict[str, Any] = {"gradient": body.largest_gradient(u)}
@@ -186,7 +183,7 @@ class Recomputation:
         numbers |= {name: range_of(change, MPI.COMM_SELF) for name, change in heated.items()}
         valid = certificate.passed and (self.accepted or not outside)
         return Variant(
-            at=Forces(u, load, internal - spring, on_body + of_ties),
+            at=Forces(u, load, internal - spring, on_body + of_ties, of_ties),
             forces=on_face,
             fields=found,
             numbers={**numbers, "probes": probed, "small_strain": strain, "valid": valid},

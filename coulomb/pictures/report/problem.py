@@ -65,6 +65,14 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         turned = f"{number(rotation['angle'])} rad about {axis} through {point}{free}"
         facts.append((f"prescribed rotation of {rotation['face']}", turned + in_time(rotation.get("amplitude"))))
     facts += [("plane of symmetry", str(symmetry["face"])) for symmetry in case.get("symmetry", ())]
+    for face in case.get("rigid_face", ()):
+        moves = [
+            f"{what} {axis} = {value}"
+            for what in ("translation", "rotation")
+            for axis, value in (face.get(what) or {}).items()
+            if value is not None
+        ]
+        facts.append((f"rigid face {face['face']}", (", ".join(moves) or "free") + in_time(face.get("amplitude"))))
     for kind in ("tie", "cyclic_symmetry"):
         facts += [(f"{kind.replace('_', ' ')} of {tie['face']}", f"to {tie['against']}") for tie in case.get(kind, ())]
     for spring in case.get("spring", ()):
@@ -77,6 +85,10 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         given = load["value"]
         value = f"{given} Pa" if isinstance(given, str) else quantity(given, "Pa")
         facts.append((f"pressure on {load['face']}", value + in_time(load.get("amplitude"))))
+    for load in case.get("point_load", ()):
+        force, moment = (load.get(name, [0.0] * 3) for name in ("force", "moment"))
+        acting = f"{vector(force, 'N')}, {vector(moment, 'N m')}"
+        facts.append((f"point load on {load['face']}", acting + in_time(load.get("amplitude"))))
     for load in case.get("total_force", ()):
         facts.append((f"total force on {load['face']}", vector(load["force"], "N") + in_time(load.get("amplitude"))))
     for key, name, unit in (("body_force", "body force", "N/m³"), ("gravity", "gravity", "m/s²")):

@@ -236,6 +236,9 @@ def forces(run: Run) -> Table:
     rows += [
         _row(f"{part['kind'].replace('_', ' ')} on {part['face']}", part, accuracy) for part in summary.get("ties", ())
     ]
+    rows += [
+        _row(f"rigid face {face['face']}, about its point", face, accuracy) for face in summary.get("rigid_faces", ())
+    ]
     faces = summary["faces"]
     for (name, against), face in zip(sides_of(faces), faces, strict=True):
         rows.append(_row(f"contact at {name}", face, accuracy))

@@ -1,0 +1,164 @@
+"""Faces that move as rigid bodies, and loads at a reference point."""
+
+import numpy as np
+import pytest
+
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    LoadHistory,
+    Material,
+    Plane,
+    PointLoad,
+    PrescribedDisplacement,
+    PrescribedRotation,
+    RigidFace,
+    SymmetryPlane,
+    Tied,
+    Traction,
+    box,
+    join,
+    moved,
+)
+
+E, NU = 2e11, 0.3
+STEEL = Material(E, NU)
+FAR = Contact("bottom", 0.3, foundation=Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0)))
+FREE = (None, None, None)
+
+
+def bar(cell="hexahedron", degree=1, cells=(4, 2, 2), **given):
+    mesh = box((1.0, 0.5, 0.3), cells, cell, degree=degree)
+    return ContactProblem(mesh, STEEL, given.pop("clamps", [Clamp("left")]), FAR, given.pop("loads", []), **given)
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+def test_a_motion_in_part_prescribed(cell, degree):
+    """Twisted about its axis, free along and across it: the answer of the whole motion prescribed; a moment alone."""
+    face = RigidFace("right", rotation=(1e-3, None, None), point=(1.0, 0.25, 0.15))
+    solution = bar(cell, degree, rigid_faces=[face]).solve()
+    (found,) = solution.rigid_faces
+    assert solution.valid and found.rotation[0] == pytest.approx(1e-3, rel=1e-12)
+    assert (
+        np.abs(found.force).max() <= 1e-8 * found.moment[0] and np.abs(found.moment[1:]).max() <= 1e-8 * found.moment[0]
+    )
+
+    def whole(x):
+        return found.translation[:, None] + np.cross(found.rotation, x.T - found.point).T
+
+    same = bar(cell, degree, clamps=[Clamp("left"), PrescribedDisplacement("right", whole)]).solve()
+    assert np.abs(same.displacement - solution.displacement).max() <= 1e-11 * np.abs(solution.displacement).max()
+    assert same.reactions[1].moment[0] == pytest.approx(found.moment[0], rel=1e-9)
+
+
+def test_a_beam_with_a_rigid_end():
+    """Euler and Bernoulli, and shear: a free end, and one that must not tilt, by a load at the reference point."""
+    length, height, width, force = 2.0, 0.1, 0.05, -1e3
+    inertia, area = width * height**3 / 12.0, width * height
+    shear = force * length / (5.0 / 6.0 * area * E / 2.0)
+    mesh = box((length, width, height), (16, 1, 2), degree=2)
+    for rotation, bending in ((FREE, 3.0), ((0.0, 0.0, 0.0), 12.0)):
+        problem = ContactProblem(
+            *(mesh, Material(E, 0.0), [Clamp("left")], FAR, [PointLoad("right", (0.0, 0.0, force))]),
+            rigid_faces=[RigidFace("right", rotation=rotation)],
+            small_strain="warn",
+        )
+        solution = problem.solve()
+        (found,) = solution.rigid_faces
+        assert found.translation[2] == pytest.approx(force * length**3 / (bending * E * inertia) + shear, rel=0.01)
+        if rotation is FREE:
+            assert found.rotation[1] == pytest.approx(-force * length**2 / (2.0 * E * inertia), rel=0.01)
+            assert np.abs(found.moment).max() <= 1e-6 * abs(force)
+        else:
+            assert found.moment[1] == pytest.approx(force * length / 2.0, rel=0.01)
+
+
+def test_a_load_at_a_point_is_its_force_and_moment():
+    """Spread without stiffening: resultants, about any point, on faces of first and second order."""
+    for cell, degree in (("hexahedron", 1), ("tetrahedron", 2)):
+        load = PointLoad("right", (1.0, 2.0, 3.0), (4.0, -5.0, 6.0), point=(1.2, 0.1, 0.0))
+        (found,) = bar(cell, degree, loads=[load]).solve().loads
+        assert found.force == pytest.approx([1.0, 2.0, 3.0], abs=1e-12)
+        moment = np.array([4.0, -5.0, 6.0]) + np.cross([1.2, 0.1, 0.0], [1.0, 2.0, 3.0])
+        assert found.moment == pytest.approx(moment, abs=1e-12)
+
+
+def test_planes_of_symmetry_through_a_rigid_face():
+    """Half of a bar bends as the whole: the motions that the plane prevents are not free."""
+    loads = [Traction("right", (0.0, 0.0, -1e6))]
+    whole = bar(cells=(4, 4, 2), loads=loads, rigid_faces=[RigidFace("right", point=(1.0, 0.25, 0.15))]).solve()
+    mesh = box((1.0, 0.25, 0.3), (4, 2, 2))
+    supports, face = [Clamp("left"), SymmetryPlane("back")], RigidFace("right", point=(1.0, 0.25, 0.15))
+    half = ContactProblem(mesh, STEEL, supports, FAR, loads, rigid_faces=[face]).solve()
+    one, other = whole.rigid_faces[0], half.rigid_faces[0]
+    assert half.valid and other.translation == pytest.approx(one.translation, abs=1e-9 * abs(one.translation[2]))
+    assert other.rotation == pytest.approx(one.rotation, abs=1e-9 * abs(one.rotation[1]))
+
+
+def test_a_torque_that_slides():
+    """A thin block between a rough plane and a plate that turns and does not tilt: its torque is that of sliding,
+    F p int r dA; the work of the plate is the heat of friction, and the load history shows torque and angle."""
+    a, friction, force = 0.1, 0.3, 5e3
+    mesh = box((a, a, 0.005), (10, 10, 1))
+    plate = RigidFace("top", translation=(0.0, 0.0, None), rotation=(0.0, 0.0, 4e-3), amplitude=lambda t: t)
+    problem = ContactProblem(
+        *(mesh, Material(1e9, 0.0), [], Contact("bottom", friction), [PointLoad("top", (0.0, 0.0, -force))]),
+        rigid_faces=[plate],
+    )
+    steps = list(LoadHistory([0.25, 0.5, 0.75, 1.0]).steps(problem))
+    assert all(step.solution.valid for step in steps)
+    mean = a / 6.0 * (np.sqrt(2.0) + np.log(1.0 + np.sqrt(2.0)))  # of the distance from the middle of a square
+    (found,) = steps[-1].solution.rigid_faces
+    assert found.moment[2] == pytest.approx(friction * force * mean, rel=0.01)
+    assert steps[-1].row["rigid_face_top_rotation_z"] == pytest.approx(4e-3)
+    assert steps[-1].row["rigid_face_top_moment_z"] == pytest.approx(found.moment[2])
+    last, before = steps[-1].state.energy, steps[-2].state.energy
+    turned = found.moment[2] * 1e-3
+    assert last.prescribed - before.prescribed == pytest.approx(turned, rel=1e-3)
+    assert last.dissipated - before.dissipated == pytest.approx(turned, rel=1e-3)
+
+
+def test_a_rigid_face_with_a_tie():
+    """The other face of a tie follows the rigid one."""
+    a, b = box((1.0, 1.0, 0.5), (3, 3, 2)), moved(box((1.0, 1.0, 0.5), (2, 2, 1)), (0.0, 0.0, 0.5))
+    contact = Contact("b:back", 0.3, foundation=Plane((0.0, 5.0, 0.0), (0.0, -1.0, 0.0)))
+    problem = ContactProblem(
+        *(join(a=a, b=b), STEEL, [Clamp("a:bottom")], contact, [Traction("b:top", (1e5, 0.0, 0.0))]),
+        rigid_faces=[RigidFace("a:top")],
+        ties=[Tied("a:top", "b:bottom")],
+    )
+    solution = problem.solve()
+    x, u = problem.elasticity.x, solution.displacement
+    (found,), at = solution.rigid_faces, np.abs(x[:, 2] - 0.5) < 1e-9
+    expected = found.translation + np.cross(found.rotation, x[at] - found.point)
+    assert solution.valid and np.abs(u[at] - expected).max() <= 1e-13 * np.abs(u).max()
+    assert solution.ties[0].face == "b:bottom" and solution.ties[0].force[0] == pytest.approx(-1e5, rel=1e-9)
+
+
+def test_a_prescribed_rotation_is_a_rigid_face_without_freedom():
+    given = RigidFace("right", (1.0, 0.25, 0.15), (0.0, 0.0, 0.0), (2e-3, 0.0, None))
+    one = bar(rigid_faces=[given]).solve()
+    turn = PrescribedRotation("right", (1.0, 0.25, 0.15), (1.0, 0.0, 0.0), 2e-3)
+    other = bar(clamps=[Clamp("left"), turn]).solve()
+    assert np.abs(one.displacement - other.displacement).max() <= 1e-9 * np.abs(one.displacement).max()
+
+
+@pytest.mark.parametrize(
+    ("faces", "words"),
+    [
+        ([RigidFace("rihgt")], "rigid face: there is no face|has no face|unknown face"),
+        ([RigidFace("right", None, (0, 0, 0), (0, 0, 0))], "nothing of it is free"),
+        ([RigidFace("right"), RigidFace("right")], "tied already"),
+    ],
+)
+def test_wrong_rigid_faces_are_refused(faces, words):
+    with pytest.raises(ValueError, match=words):
+        bar(rigid_faces=faces)
+
+
+def test_entries_of_rigid_faces():
+    with pytest.raises(ValueError, match="three numbers, or None"):
+        RigidFace("right", rotation=(0.0, "free", 0.0))
+    with pytest.raises(ValueError, match="for small strains"):
+        bar(rigid_faces=[RigidFace("right")], kinematics="large")
