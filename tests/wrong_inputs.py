@@ -388,6 +388,7 @@ LEFT_OUT = f"{{{FAR}, friction=0.3, pair=[{{of=['*', '*'], leave_out=true}}]}}"
 TOUCHING = BODIES.splitlines()[1]
 EXPORT = ("export", "case.toml", "out.hdf5", "--set")
 
+STILL = "translation={x=0, y=0, z=0}, rotation={x=0, y=0, z=0}"
 SEVERAL = (
     Wrong("a misspelt body", run("contact.against='lowr:top'"), two),
     Wrong("a face without its body", run("clamp=[{face='bottom'}]"), two),
@@ -439,6 +440,10 @@ SEVERAL = (
         "a sector without their number",
         run("cyclic_symmetry=[{face='upper:left', against='upper:front', axis=[0,0,1]}]"),
         two,
+    ),
+    Wrong("a rigid face that cannot move", run("rigid_face=[{face='upper:top', " + STILL + "}]"), two),
+    Wrong(
+        "a component of a rigid face with a wrong name", run("rigid_face=[{face='upper:top', rotation={t=1.0}}]"), two
     ),
     Wrong("a tie without its other face", run("tie=[{face='upper:bottom'}]"), two),
     Wrong("a body that nothing holds or touches", run(), case(BODIES.replace("[[clamp]]", THIRD + "[[clamp]]", 1))),

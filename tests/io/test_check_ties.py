@@ -73,6 +73,42 @@ def test_a_sector_is_computed_again(tmp_path):
     assert any(line.startswith(shown(("ties", 0, "force", 0))) for line in faults)
 
 
+PRESSED = """\
+[mesh]
+box = [0.1, 0.1, 0.02]
+cells = [4, 3, 2]
+[material]
+young = 1e9
+poisson = 0.3
+[[rigid_face]]
+face = "top"
+translation = { x = 0.0, y = 0.0 }
+rotation = { x = 0.0, z = 0.004 }
+amplitude = [[0.0, 0.0], [1.0, 1.0]]
+[[point_load]]
+face = "top"
+force = [0.0, 0.0, -5e3]
+moment = [0.0, 2.0, 0.0]
+[contact]
+face = "bottom"
+friction = 0.3
+[history]
+times = [0.5, 1.0]
+"""
+
+
+def test_a_rigid_face_is_computed_again(tmp_path):
+    found = check(made(PRESSED))
+    assert found.passed and not found.faults, str(found)
+    folder = copied(PRESSED, tmp_path / "run") / "steps/0002"
+    places = [("rigid_faces", 0, name, 2) for name in ("translation", "rotation", "force", "moment")]
+    for place in places:
+        edit(folder / "summary.json", lambda summary, place=place: put(summary, place, 0.1234))
+    faults = check(folder).faults
+    for place in places:
+        assert any(line.startswith(shown(place)) for line in faults), place
+
+
 FLOATING = """\
 [[body]]
 name = "pad"

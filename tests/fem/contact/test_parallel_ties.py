@@ -11,7 +11,9 @@ from coulomb import (
     CyclicSymmetry,
     Material,
     Plane,
+    PointLoad,
     Pressure,
+    RigidFace,
     SymmetryPlane,
     Tied,
     Traction,
@@ -83,6 +85,24 @@ def test_a_sector_with_its_axis(linear_solver=IterativeSolver):
     assert np.abs(found - expected).max() <= 1e-4 * np.abs(expected).max()  # contact points on both cuts share forces
     moments = [solution.at_nodes.totals(0)["moment"][2] for solution in (together, alone)]
     assert moments[0] == pytest.approx(moments[1], rel=1e-9)
+
+
+def test_a_plate_that_turns():
+    """A rigid face, whose motion is described by nodes of few ranks."""
+
+    def pressed(over, solver=None):
+        plate = RigidFace("top", translation=(0.0, 0.0, None), rotation=(0.0, None, 2e-3))
+        mesh, rough = box((0.1, 0.1, 0.02), (5, 4, 2), comm=over), Contact("bottom", 0.3)
+        load = PointLoad("top", (0.0, 0.0, -5e3), (1.0, 0.0, 0.0), point=(0.06, 0.05, 0.02))
+        material = Material(1e9, 0.3)
+        return ContactProblem(mesh, material, [], rough, [load], rigid_faces=[plate], linear_solver=solver)
+
+    for solver in (IterativeSolver, DirectSolver):
+        alone, together = pressed(MPI.COMM_SELF).solve(1e-12), pressed(comm, solver).solve(1e-12)
+        (one,), (other,) = alone.rigid_faces, together.rigid_faces
+        assert together.certificate.passed
+        for name, scale in (("translation", 1e-5), ("rotation", 1e-3), ("force", 5e3), ("moment", 50.0)):
+            assert np.abs(getattr(one, name) - getattr(other, name)).max() <= 1e-5 * scale, name
 
 
 def test_wrong_ties_are_errors_on_all_ranks():
