@@ -69,6 +69,10 @@ class TiedBodies(Deformable):
         self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
         self.contradictions = bodies.contradictions
         self.slaves = np.zeros(len(self.x), dtype=bool)
+        pairs = [{one.face, one.against} for one in self.given if isinstance(one, Tied)]
+        for number, pair in enumerate(pairs):
+            if pair in pairs[:number]:
+                raise ValueError(f"ties: the pair of {' and '.join(map(repr, sorted(pair)))} is given twice")
         self._ties: tuple[Tie, ...] = () if like is None else like.ties
         self.face_motions: tuple[FaceMotion, ...] = () if like is None else like.face_motions
         for one in self.given if like is None else ():
