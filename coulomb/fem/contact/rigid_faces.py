@@ -24,6 +24,9 @@ from ..meshes import starts_of
 _FREE = 1e-10
 """Part of the energy of a motion that supports take below which they do not prevent it."""
 
+_ROUNDING = 1e-9
+"""Part of the prescribed displacements up to which they are the same."""
+
 
 @dataclass(frozen=True)
 class RigidFace:
@@ -107,6 +110,15 @@ class FaceMotion:
         values, t = self.given.values(time, comm), np.zeros_like(x)
         t[self.nodes] = _moved(values[:, None], x[self.nodes] - self.point)[:, :, 0]
         return t
+
+    def refuse_other(self, held: FloatArray, size: float, comm: MPI.Comm) -> None:
+        """ValueError on every rank if supports prescribe other displacements at its nodes than it does: `held` (k, 3)
+        is the difference along held directions, of displacements of a size, metres; collective."""
+        if comm.allreduce(bool(np.any(np.abs(held[self.nodes]) > _ROUNDING * size)), op=MPI.LOR):
+            raise ValueError(
+                f"{self.given.what}: supports prescribe other displacements at some of its nodes: leave these "
+                "components free, or end the supports before the face"
+            )
 
     def found(self, u: FloatArray, t: FloatArray, values: FloatArray, comm: MPI.Comm) -> FloatArray:
         """Translation of the point and rotation about it, shape (6,), of displacements u with the prescribed part t (k,

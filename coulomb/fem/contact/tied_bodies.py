@@ -83,8 +83,8 @@ class TiedBodies(Deformable):
                 tie = tie_of(bodies, one, self.slaves)
             self._ties += (tie,)
             self.slaves[tie.nodes] = True
-        for tie in self._ties:
-            self.slaves[tie.nodes] = True
+        if like is not None:
+            self.slaves = like.slaves
         self._K: tuple[PETSc.Mat, PETSc.Mat, FloatArray] | None = None
         self._changed: TiedBodies | None = None
 
@@ -251,6 +251,11 @@ class TiedBodies(Deformable):
         loading, offset = self.bodies.at(time), np.zeros_like(self.x)
         for motion in self.face_motions:
             offset += motion.prescribed(self.x, time, self.comm)
+        if self.face_motions:
+            given = (float(np.max(np.abs(of), initial=0.0)) for of in (offset, loading.prescribed))
+            size = self.comm.allreduce(max(given), op=MPI.MAX)
+            for motion in self.face_motions:
+                motion.refuse_other(self.held_part(loading.prescribed - offset), size, self.comm)
         return replace(loading, prescribed=offset + rows_of(self._follows, loading.prescribed - offset))
 
     def f(self, loading: Loading) -> PETSc.Vec:

@@ -157,6 +157,12 @@ def test_wrong_rigid_faces_are_refused(faces, words):
         bar(rigid_faces=faces)
 
 
+def test_supports_that_contradict_a_rigid_face_are_refused():
+    clamps = [Clamp("left"), SymmetryPlane("top")]
+    with pytest.raises(ValueError, match="supports prescribe other displacements"):
+        bar(clamps=clamps, rigid_faces=[RigidFace("right", translation=(None, None, 1e-4))])
+
+
 def test_entries_of_rigid_faces():
     with pytest.raises(ValueError, match="three numbers, or None"):
         RigidFace("right", rotation=(0.0, "free", 0.0))

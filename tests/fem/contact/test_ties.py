@@ -78,6 +78,22 @@ def test_patch_of_uniform_stress(cell, degree, amount, cells):
     assert solution.ties[0].force[2] == pytest.approx(-1e6 if tie.face == "a:top" else 1e6, rel=1e-9)
 
 
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_edges_that_are_curved_within_the_face(cell):
+    """Facets of second order whose edges bulge within the tie, otherwise on both sides: not exact, but nearly."""
+    lower, upper = (
+        box((1.0, 1.0, 1.0), (n, n, 2), cell, degree=2, place=skewed(amount)) for n, amount in ((2, 0.05), (4, -0.04))
+    )
+    supports = [SymmetryPlane(f"{body}:{side}") for body in ("a", "b") for side in ("left", "front")]
+    problem = ContactProblem(
+        *(join(a=lower, b=moved(upper, (0.0, 0.0, 1.0))), STEEL, supports, Contact("a:bottom", 0.0)),
+        *([Pressure("b:top", 1e6)],),
+        ties=[Tied("a:top", "b:bottom")],
+    )
+    exact = uniaxial(problem.elasticity.x, -1e6)
+    assert np.abs(problem.solve().displacement - exact).max() <= 1.5e-4 * np.abs(exact).max()
+
+
 def cut_bar(n, other, cell, degree, **options):
     """A cantilever of 2 x 1 x 1, of one mesh (other = 0), or of two halves."""
     load = (2e4, 1e5, -3e5)
