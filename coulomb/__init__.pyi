@@ -16,6 +16,7 @@ from .fem.bodies import TotalForce as TotalForce
 from .fem.bodies import Traction as Traction
 from .fem.bodies import join as join
 from .fem.contact import CyclicSymmetry as CyclicSymmetry
+from .fem.contact import Pretension as Pretension
 from .fem.contact import RigidFace as RigidFace
 from .fem.contact import Tied as Tied
 from .fem.contact import auto_pairs as auto_pairs

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ..fem import mesh_formats
 from .material import MaterialTable, MaterialTables, materials_of, refuse_groups
-from .values import Cells, Direction, FileName, GroupNumber, Length, Name, Number, Table, Vector
+from .values import TABLES, Cells, Direction, FileName, GroupNumber, Length, Name, Number, Table, Vector
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -31,6 +31,7 @@ class MeshTable(Table):
     """A box, lengths in metres; or a mesh file (`mesh_formats`), and the metres per unit of length of the file.
 
     `degree` 2 gives second-order cells, of a first-order file too; by default they are as in the file, in a box 1.
+    `cut` names groups of facets inside the body along which it is cut.
     """
 
     box: tuple[Length, Length, Length] | None = None
@@ -43,6 +44,7 @@ class MeshTable(Table):
     cell_groups: FileName | None = None
     names: dict[Name, GroupNumber] = Field(default_factory=dict)
     cell_names: dict[Name, GroupNumber] = Field(default_factory=dict)
+    cut: Annotated[tuple[Name, ...], Field(max_length=TABLES)] = ()
 
     _of: ClassVar[str] = "mesh."
     """Before the name of a key in messages."""
@@ -54,11 +56,11 @@ class MeshTable(Table):
         kind = "box" if self.file is None else Path(self.file).suffix.lower()
         if kind != "box" and kind not in mesh_formats.FORMATS:
             raise ValueError(f"file must end in one of {mesh_formats.listed()}, but is {self.file!r}")
-        fitting = {"degree", "box", "cells", "cell"} if kind == "box" else {"degree", "file", "scale"}
+        fitting = {"degree", "box", "cells", "cell"} if kind == "box" else {"degree", "file", "scale", "cut"}
         if kind in mesh_formats.NUMBERED:
             fitting |= {"names", "cell_names"}
         if kind == ".xdmf":
-            fitting |= {"facets", "cell_groups"}
+            fitting = fitting - {"cut"} | {"facets", "cell_groups"}
         misplaced = (self.model_fields_set & MeshTable.model_fields.keys()) - fitting
         if misplaced:
             raise ValueError(f"{', '.join(sorted(misplaced))} does not go with a {kind} mesh")
@@ -86,7 +88,7 @@ class MeshTable(Table):
         if self.facets is not None or self.cell_groups is not None:
             read = read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
         else:
-            read = read_mesh(self.file, self.names, self.cell_names, self.scale, comm)
+            read = read_mesh(self.file, self.names, self.cell_names, self.scale, comm, self.cut)
         if self.degree == 1 and read.degree == 2:
             raise ValueError(
                 f"{self._of}degree = 1, but {self.file} has second-order cells: leave degree out, or export "

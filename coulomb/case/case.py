@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from ..fem.mesh_formats import other_side
 from ..model.times import HALVINGS, refuse_times
 from ..ranks import launched, on_rank_0
 from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face
@@ -33,7 +34,7 @@ from .loads import (
 )
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
 from .solver import OutputTable, SolverTable
-from .values import ROWS, TABLES, Duration, Name, Number, SpatialVector, Steps, Table, Vector, field
+from .values import ROWS, TABLES, Direction, Duration, Name, Number, SpatialVector, Steps, Table, Vector, field
 
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
@@ -116,6 +117,39 @@ class CyclicSymmetryTable(TieTable):
         return CyclicSymmetry(self.face, self.against, self.slave, self.point, self.axis, self.sectors)
 
 
+class PretensionTable(TieTable):
+    """The section of a bolt, tightened to a force in newtons or by a shortening in metres; by default against the other
+    side of a cut."""
+
+    against: Name = ""
+    force: Number | None = None
+    shortening: Number | None = None
+    direction: Direction | None = None
+    amplitude: AmplitudeTable | None = None
+    lock: Number | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _other_side(cls, given: object) -> object:
+        if isinstance(given, dict) and isinstance(given.get("face"), str) and "against" not in given:
+            return {**given, "against": other_side(given["face"])}
+        return given
+
+    @model_validator(mode="after")
+    def _one(self) -> PretensionTable:
+        if (self.force is None) == (self.shortening is None):
+            raise ValueError("give either force (N) or shortening (m), one of the two")
+        return self
+
+    def tie(self) -> Tied:
+        from ..fem.contact import Pretension
+
+        return Pretension(
+            *(self.face, self.against, self.slave, self.force, self.shortening, self.direction),
+            *(amplitude_of(self.amplitude), self.lock),
+        )
+
+
 class Case(Table):
     """A whole case file."""
 
@@ -142,6 +176,7 @@ class Case(Table):
     rigid_face: Annotated[tuple[RigidFaceTable, ...], Field(max_length=TABLES)] = ()
     tie: Annotated[tuple[TieTable, ...], Field(max_length=TABLES)] = ()
     cyclic_symmetry: Annotated[tuple[CyclicSymmetryTable, ...], Field(max_length=TABLES)] = ()
+    pretension: Annotated[tuple[PretensionTable, ...], Field(max_length=TABLES)] = ()
     probe: Annotated[tuple[ProbeTable, ...], Field(max_length=TABLES)] = ()
     history: HistoryTable | None = None
     solver: SolverTable = SolverTable()
@@ -319,8 +354,8 @@ class Case(Table):
 
     @property
     def ties(self) -> dict[str, TieTable]:
-        """Ties and cyclic symmetries, by their key in the case."""
-        kinds = ("tie", "cyclic_symmetry")
+        """Ties, cyclic symmetries and sections of bolts, by their key in the case."""
+        kinds = ("tie", "cyclic_symmetry", "pretension")
         return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
 
     @property
@@ -431,18 +466,23 @@ class Case(Table):
         timed |= {"body_force_amplitude": self.body_force_amplitude, "gravity_amplitude": self.gravity_amplitude}
         timed |= {"temperature.amplitude": None if self.temperature is None else self.temperature.amplitude}
         timed |= {f"{key}.amplitude": getattr(table, "amplitude", None) for key, table in self._on_faces.items()}
+        timed |= {f"pretension.{k}.amplitude": table.amplitude for k, table in enumerate(self.pretension)}
         timed |= {f"rigid_face.{k}.amplitude": table.amplitude for k, table in enumerate(self.rigid_face)}
         if self.history is None:
             for key, value in timed.items():
                 if value is not None:
                     raise ValueError(f"{key} depends on time: it needs a [history]")
+            for k, table in enumerate(self.pretension):
+                if table.lock is not None:
+                    raise ValueError(f"pretension.{k}.lock: bolts are locked between load steps: it needs a [history]")
         timed |= {f"{key}.friction_amplitude": table.friction_amplitude for key, table in self.contacts.items()}
         timed |= {f"{key}.rotation": table.rotation.angle for key, table in self.contacts.items() if table.rotation}
         end = self.history.ends[-1] if self.history is not None else 0.0
+        ends = {f"pretension.{k}.amplitude": one.lock for k, one in enumerate(self.pretension) if one.lock is not None}
         for key, value in timed.items():
             if value is not None:
                 try:
-                    refuse_ended(value, end)
+                    refuse_ended(value, min(end, ends.get(key, end)))
                 except ValueError as error:
                     raise ValueError(f"{key}: {error}") from None
         return self

@@ -20,6 +20,11 @@ NUMBERED = {".xdmf", ".vtu", ".vtk", ".bdf", ".nas", ".mesh"}
 """Formats whose groups are numbers on facets and cells, to which a user gives names."""
 
 
+def other_side(cut: str) -> str:
+    """Name of the second face of a cut."""
+    return f"{cut}_opposite"
+
+
 def listed() -> str:
     """The formats and the ends of their names, for messages."""
     ends: dict[str, list[str]] = {}

@@ -4,5 +4,6 @@ from .certificate import Check as Check
 from .load_step import Energy as Energy
 from .load_step import LoadStep as LoadStep
 from .probes import ProbeValue as ProbeValue
+from .resultants import BoltForce as BoltForce
 from .resultants import Resultant as Resultant
 from .resultants import RigidFaceMotion as RigidFaceMotion

@@ -151,6 +151,8 @@ class ContactBody:
         probes: Sequence[Probe] = (),
     ):
         chosen(0, 0, comm.size, linear_solver, explicit)  # impossible combinations are refused before the assembly
+        self._given = comm, contacts, time, linear_solver, explicit, probes
+        self._others: list[ContactBody] = [self]
         self.comm, self.seconds = comm, dict[str, float]()
         with timed(self.seconds, "assembly"):
             self.elasticity = make()
@@ -208,6 +210,19 @@ class ContactBody:
         self.stiffness.replace(elasticity)
 
     # --- state at a time ----------------------------------------------------------------------------------------------
+
+    def at_time(self, time: float) -> ContactBody:
+        """Itself, or the body with the bolts that are locked at a time, which has other unknowns; collective."""
+        elasticity = self.elasticity.at_time(time)
+        for known in self._others:
+            if known.elasticity.locked == elasticity.locked:
+                return known
+        other = ContactBody(lambda: elasticity, *self._given)
+        other.stiffness.expect_load_steps(self.stiffness.load_steps)
+        self._others.append(other)
+        other._others = self._others
+        self.stiffness.invalidate()  # the memory of its factors
+        return other
 
     def refuse_undefined(self, time: float) -> None:
         """Raise ValueError on every rank if an amplitude or a motion has no value at a time; collective."""
@@ -269,6 +284,7 @@ class ContactBody:
             spins = tuple(map(spin, motions, then, repeat(time - before.time)))
         law = self._faces.law(surface, time, slip_rate)
         elasticity = self.elasticity.at_time(time)
+        loading = elasticity.at(time) if before is None else elasticity.after(time, before.displacement)
         return ContactState(
-            elasticity, elasticity.at(time), motions, spins, surface, law, slip_rate, origin, accumulated
+            elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated
         )

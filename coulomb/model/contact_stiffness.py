@@ -202,6 +202,7 @@ class ContactStiffness:
 
     Attributes:
         version: Increases whenever what was computed before is no longer valid.
+        load_steps: How many load steps are expected.
         changed: Why another method than the one that was chosen first is used for K^-1 or A; empty if none is.
     """
 
@@ -216,7 +217,7 @@ class ContactStiffness:
     ):
         self.elasticity, self._reference, self._unknowns = elasticity, reference, unknowns
         self.comm, self._seconds = elasticity.comm, seconds
-        self._given, self._load_steps = (linear_solver, explicit), 1
+        self._given, self.load_steps = (linear_solver, explicit), 1
         self._symbolic: list[Front] | SharedSymbolic | None = None
         self._work: Work | None = None
         self.changed, self._condensed, self._may_condense, self._dense = "", False, True, False
@@ -271,7 +272,7 @@ class ContactStiffness:
 
     def expect_load_steps(self, steps: int) -> None:
         """Declare how many load steps are to come: for many, factors of K pay; what is computed already stays."""
-        self._load_steps = max(steps, 1)
+        self.load_steps = max(steps, 1)
 
     @cached_property
     def _chosen(self) -> tuple[LinearSolver, bool]:
@@ -284,7 +285,7 @@ class ContactStiffness:
             formed = m <= EXPLICIT_UP_TO
             found, work = self._fronts(formed)
             soft, room = on_soft_springs(self.elasticity), least_room(comm)
-            direct = factorise(work, self.measures, self._load_steps, soft, self.precision, room, comm.size, formed)
+            direct = factorise(work, self.measures, self.load_steps, soft, self.precision, room, comm.size, formed)
             if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
                 self._work = work
                 return IterativeSolver, False
@@ -309,7 +310,7 @@ class ContactStiffness:
         if self._work is None or not isinstance(solver, IterativeSolver) or not self._fit(self._work, formed):
             yield
             return
-        allowed = patience(self._work, self.measures, self._load_steps, self.precision, self.comm.size, formed)
+        allowed = patience(self._work, self.measures, self.load_steps, self.precision, self.comm.size, formed)
         solver.allow(self.comm.bcast(allowed))
         try:
             yield
@@ -392,7 +393,7 @@ class ContactStiffness:
     @property
     def in_double(self) -> bool:
         """Whether factors are in double precision from the beginning, as many load steps then take less time."""
-        return self._load_steps >= _DOUBLE_FROM and self._unknowns["displacement"] <= _DOUBLE_UP_TO
+        return self.load_steps >= _DOUBLE_FROM and self._unknowns["displacement"] <= _DOUBLE_UP_TO
 
     @property
     def linear_solver(self) -> LinearSolver:

@@ -82,6 +82,11 @@ def rigid_face_columns(face: Mapping[str, Any]) -> dict[str, float]:
     return found
 
 
+def bolt_columns(bolt: Mapping[str, Any]) -> dict[str, float]:
+    """The columns of a bolt, from its entry in summary.json (`BoltForce.entry`)."""
+    return {f"bolt_{bolt['face']}_{name}": bolt[name] for name in ("force", "shear", "bending", "shortening")}
+
+
 _IMBALANCE = 0.25  # of the energy dissipated by friction
 _OF_ALL = 1e-3  # of all energy
 
@@ -92,7 +97,7 @@ class Energy:
 
     Attributes:
         loads: Work of tractions and body force, and of changes of the stiffness of a `Body` with time.
-        prescribed: Work of the reactions at prescribed displacements.
+        prescribed: Work of the reactions at prescribed displacements, and of bolts that are tightened.
         foundation: Work that the moving foundation does on the body.
         elastic: Elastic energy of the body and its springs.
         dissipated: Energy dissipated by friction.
@@ -224,26 +229,27 @@ class State(Moment):
         problem, surface, elasticity = solution.problem, solution.problem.surface, solution.problem.elasticity
         over = Reductions(problem.comm)
 
-        def forces(body: Deformable, u: FloatArray, load: FloatArray, on_body: FloatArray) -> Forces:
+        def forces(body: Deformable, u: FloatArray, load: FloatArray, on_body: FloatArray, bolts: FloatArray) -> Forces:
             kept = body.internal_force(u) - body.spring_force(u)
-            return Forces(u, load, kept, *on_bodies(body, kept, load, on_body))
+            return Forces(u, load - bolts, kept, *on_bodies(body, kept, load - bolts, on_body, bolts))
 
         def on_bodies(
-            body: Deformable, kept: FloatArray, load: FloatArray, on_body: FloatArray
+            body: Deformable, kept: FloatArray, load: FloatArray, on_body: FloatArray, bolts: FloatArray
         ) -> tuple[FloatArray, FloatArray]:
             of_contact = surface.at_nodes(surface.force_components(on_body))
-            of_ties = body.forces_of_ties(kept - load - of_contact)
+            of_ties = body.forces_of_ties(kept - load - of_contact - bolts) + bolts
             return of_contact + of_ties, of_ties
 
-        on_body = solution.force_on_body
+        on_body, bolts = solution.force_on_body, elasticity.pretension(self.time)
         if self.forces is not None:
-            at_start, of_ties = on_bodies(elasticity, self.forces.kept, self.forces.load, self.force_on_body)
+            at_start, of_ties = on_bodies(elasticity, self.forces.kept, self.forces.load, self.force_on_body, bolts)
             then = replace(self.forces, on_body=at_start, of_ties=of_ties)
         else:
             before = elasticity.at_time(self.time)
-            then = forces(before, self.displacement, before.at(self.time).load, self.force_on_body)
+            then = forces(before, self.displacement, before.at(self.time).load, self.force_on_body, bolts)
             elasticity.at_time(problem.time)  # the user's coefficients are those of the present again
-        now = forces(elasticity, solution.displacement, problem.loading.load, on_body)
+        bolts = elasticity.pretension(problem.time)
+        now = forces(elasticity, solution.displacement, problem.loading.load, on_body, bolts)
         moved = problem.body.foundation_displacement(surface, self.time, problem.time)
         foundation = 0.5 * over.dot(self.force_on_body + on_body, moved)
         answer = solution.at_nodes
@@ -310,6 +316,7 @@ def row(
         **{name: value for part in numbers["faces"] for name, value in rotation_columns(part).items()},
         **{name: value for body in numbers.get("bodies", ()) for name, value in body_columns(body).items()},
         **{name: value for face in numbers.get("rigid_faces", ()) for name, value in rigid_face_columns(face).items()},
+        **{name: value for bolt in numbers.get("bolts", ()) for name, value in bolt_columns(bolt).items()},
         **{name: value for part in numbers.get("ties", ()) for name, value in reaction_columns(part).items()},
         **{name: value for part in numbers["reactions"] for name, value in reaction_columns(part).items()},
         **{name: value for probe in numbers["probes"] for name, value in probe_columns(probe).items()},

@@ -26,7 +26,7 @@ from ..fem.bodies import (
     distributed_bodies,
     vanishes,
 )
-from ..fem.contact import RigidFace, Tied, TiedBodies
+from ..fem.contact import Pretension, RigidFace, Tied, TiedBodies
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -149,7 +149,8 @@ class ContactProblem(DiscreteProblem):
         probes: Points at which displacement, slip and pressure are reported: `Solution.probes`, summary.json and
             history.csv.
         rigid_faces: Faces that move as rigid bodies, with a reference point each.
-        ties: Faces that are glued to each other (`Tied`).
+        ties: Faces that are glued to each other (`Tied`), cuts of a sector (`CyclicSymmetry`), and sections of bolts
+            (`Pretension`).
         kinematics: "small" for small strains, or "large" for large motions (`coulomb.kinematics.LargeMotions`).
 
     Attributes:
@@ -233,8 +234,14 @@ class ContactProblem(DiscreteProblem):
 
         def make_tied() -> Deformable:
             body = make()
-            return TiedBodies(body, [*rigid_faces, *ties]) if ties or rigid_faces else body
+            return TiedBodies(body, [*rigid_faces, *ties], time) if ties or rigid_faces else body
 
+        for one in ties:
+            if isinstance(one, Pretension) and one.force is not None and one.locked(time):
+                raise ValueError(
+                    f"{one.what}: at time {time:g} it is locked (lock = {one.lock:g}), at a length that only the load "
+                    "steps before would determine: begin at the time of lock or before"
+                )
         body = ContactBody(
             make_tied, mesh.comm, self._contacts_of(given), time, _linear_solver(linear_solver), explicit, probes
         )
@@ -262,16 +269,23 @@ class ContactProblem(DiscreteProblem):
         """
         seconds: dict[str, float] = {}
         with timed(seconds, "assembly"):
-            state = self.body.state(time, before)
-        return self.in_state(state, seconds, before)
+            body = self.body.at_time(time)
+            state = body.state(time, before)
+        return self.in_state(state, seconds, before, body)
 
     def in_state(
-        self, state: ContactState, seconds: dict[str, float] | None = None, before: Before | None = None
+        self,
+        state: ContactState,
+        seconds: dict[str, float] | None = None,
+        before: Before | None = None,
+        body: ContactBody | None = None,
     ) -> Self:
-        """The problem of the same body in another state; `seconds` and `before` as of `DiscreteProblem`."""
+        """The problem of the same body (or of `body`) in another state; `seconds` and `before` as of
+        `DiscreteProblem`."""
         problem = type(self).__new__(type(self))  # __init__ makes the body
         DiscreteProblem.__init__(
-            problem, self.body, state, self.small_strain, self.started, {} if seconds is None else seconds, before
+            *(problem, body or self.body, state, self.small_strain, self.started),
+            *({} if seconds is None else seconds, before),
         )
         return problem
 

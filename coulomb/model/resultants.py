@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import NodalForces
+from ..fem.bodies import Bolt, NodalForces
+from ..fem.contact import Pretension
 from ..fem.meshes import SEPARATOR
 from ..linalg.reductions import Reductions
 
@@ -93,6 +94,40 @@ class RigidFaceMotion:
 
 
 @dataclass(frozen=True)
+class BoltForce:
+    """What a bolt carries across its section.
+
+    Attributes:
+        face: The slave face of the section.
+        force: Force along the bolt in newtons, positive where it pulls.
+        shear: Size of the force across it, newtons.
+        bending: Size of the moment about the middle of the section across the bolt, newton metres.
+        torsion: Moment about the bolt, newton metres.
+        shortening: By how much the bolt has been shortened, metres.
+        locked: Whether that is given: prescribed, or locked after tightening.
+    """
+
+    face: str
+    force: float
+    shear: float
+    bending: float
+    torsion: float
+    shortening: float
+    locked: bool
+
+    def entry(self) -> dict[str, Any]:
+        """As in summary.json."""
+        return dict(vars(self))
+
+
+def _bolt_force(bolt: Bolt, of: Resultant) -> BoltForce:
+    n, moment = bolt.direction, of.moment - np.cross(bolt.centre, of.force)
+    along, twist = float(n @ of.force), float(n @ moment)
+    shear, bending = (float(np.linalg.norm(of_all - part * n)) for of_all, part in ((of.force, along), (moment, twist)))
+    return BoltForce(bolt.face, along, shear, bending, twist, bolt.shortening, bolt.locked)
+
+
+@dataclass(frozen=True)
 class ForceBalance:
     """All that acts on the bodies at one time.
 
@@ -103,6 +138,7 @@ class ForceBalance:
         bodies: Of several bodies the balance of each; empty for one.
         ties: Force and moment of every tie on its slave face.
         rigid_faces: Of every rigid face.
+        bolts: Of every bolt.
     """
 
     loads: tuple[Resultant, ...]
@@ -111,6 +147,7 @@ class ForceBalance:
     bodies: tuple[BodyBalance, ...] = ()
     ties: tuple[Resultant, ...] = ()
     rigid_faces: tuple[RigidFaceMotion, ...] = ()
+    bolts: tuple[BoltForce, ...] = ()
 
     def entries(self) -> dict[str, Any]:
         """As in summary.json."""
@@ -120,6 +157,7 @@ class ForceBalance:
             "balance": self.balance,
             **({"ties": [tie.entry() for tie in self.ties]} if self.ties else {}),
             **({"rigid_faces": [face.entry() for face in self.rigid_faces]} if self.rigid_faces else {}),
+            **({"bolts": [bolt.entry() for bolt in self.bolts]} if self.bolts else {}),
             **({"bodies": [body.entry() for body in self.bodies]} if self.bodies else {}),
         }
 
@@ -135,11 +173,12 @@ def force_balance(
     ties: Iterable[NodalForces] = (),
     of_ties: FloatArray | None = None,
     motions: Iterable[tuple[str, FloatArray, FloatArray]] = (),
+    bolts: Iterable[Bolt] = (),
 ) -> ForceBalance:
     """Resultants and balance of the forces of loads, supports, contact (k, 3) and elastic foundations (`ground`); of
     several bodies, with the nodes of each by name, each has the loads and supports whose face names it, and its part of
     the forces of ties, `of_ties` (k, 3); `motions` are those of the rigid faces, the first of the ties, with their
-    reference points; collective."""
+    reference points, and `bolts` what is known of the ties that are sections of bolts; collective."""
     with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
         pulling, holding = resultants(loads, x, over), (*resultants(supports, x, over), *ground)
         contact = resultants([NodalForces("contact", None, on_body)], x, over)
@@ -152,9 +191,11 @@ def force_balance(
             RigidFaceMotion(face, p, motion[:3], motion[3:], of.force, of.moment - np.cross(p, of.force))
             for (face, p, motion), of in zip(motions, tied, strict=False)
         )
+        sections = (of for of in tied if of.kind == Pretension.kind)
+        screwed = tuple(_bolt_force(bolt, of) for bolt, of in zip(bolts, sections, strict=False))
         if of_ties is not None:  # those of cyclic symmetry alone do not add up to zero
             contact += resultants([NodalForces("ties", None, of_ties)], x, over)
-        return ForceBalance(pulling, holding, balance((*outer, *contact), x, over), each, tied[len(rigid) :], rigid)
+        return ForceBalance(pulling, holding, balance((*outer, *contact), x, over), each, tied[len(rigid) :], rigid, screwed)
 
 
 def _balance_of(

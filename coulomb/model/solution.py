@@ -25,7 +25,7 @@ from .discrete_problem import DiscreteProblem
 from .evidence import rounding_forces
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
-from .resultants import ForceBalance, Resultant, RigidFaceMotion, force_balance, resultant_of_ground
+from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion, force_balance, resultant_of_ground
 from .small_strain import SmallStrain, small_strain
 
 _log = logging.getLogger(__name__)
@@ -147,8 +147,9 @@ class Solution:
         """The fields of solution.xdmf of loads and supports, and of bodies of the user's forms their internal forces,
         shapes (k, 3); collective."""
         u, body, loading = self.displacement, self.problem.elasticity, self.problem.loading
+        bolts = body.pretension(loading.time)
         found = {
-            "load": loading.load,
+            "load": loading.load - bolts,
             "prescribed": body.held_part(loading.prescribed),
             "spring_force": body.spring_force(u),
         }
@@ -156,8 +157,9 @@ class Solution:
             found |= {"internal_force": body.internal_force(u), "rounding_force": rounding_forces(body, u)}
         if body.ties:
             on_body = -self.problem.nodal_contact_force(self.contact_force)
-            imbalance = body.internal_force(u) - body.spring_force(u) - loading.load - on_body
-            found |= {"tie_force": body.forces_of_ties(imbalance), **body.stresses_of_ties(imbalance)}
+            imbalance = body.internal_force(u) - body.spring_force(u) - found["load"] - on_body
+            found["tie_force"] = body.forces_of_ties(imbalance - bolts) + bolts
+            found |= body.stresses_of_ties(imbalance)
         return found
 
     @cached_property
@@ -166,8 +168,9 @@ class Solution:
         problem, u = self.problem, self.displacement
         body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
         inner = body.internal_force(u) - body.spring_force(u)
-        imbalance = inner - problem.loading.load - on_body
-        of_ties = body.forces_of_ties(imbalance)
+        bolts = body.pretension(problem.time)
+        imbalance = inner - problem.loading.load + bolts - on_body
+        of_ties = body.forces_of_ties(imbalance - bolts) + bolts
         held = body.held_part(imbalance - of_ties)
         supports = chain(body.shares(held), body.spring_forces(u))
         over, members = Reductions(problem.comm), body.members
@@ -178,7 +181,8 @@ class Solution:
             if ground is not None
         ]
         each = {member.name: member.nodes for member in members} if len(members) > 1 else {}
-        ties = (body.shares_of_ties(imbalance), of_ties, body.motions_of_faces(u, problem.time)) if body.ties else ()
+        moved = (body.motions_of_faces(u, problem.time), body.bolts(u))
+        ties = (body.shares_of_ties(imbalance), of_ties, *moved) if body.ties else ()
         return force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each, *ties)
 
     @property
@@ -210,6 +214,11 @@ class Solution:
         """Motion of every rigid face, and the force and moment that hold what is prescribed, in their order;
         collective."""
         return self.force_balance.rigid_faces
+
+    @property
+    def bolts(self) -> tuple[BoltForce, ...]:
+        """Force and shortening of every bolt, in their order; collective."""
+        return self.force_balance.bolts
 
     @property
     def forces_on_foundations(self) -> tuple[Resultant, ...]:

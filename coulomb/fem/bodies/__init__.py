@@ -4,7 +4,7 @@ matrix K, the load f, and the nodal forces of a displacement.  Several bodies ar
 
 from .body import LOCKING_ABOVE, STRESSES, ElasticBody, cell_measure
 from .constraints import HELD_OBLIQUE, HeldDirections, HeldNodes, Nodes, Numbering, distributed_rows
-from .deformable import TIE_STRESSES, Deformable, Loading, Member, SingleBody, Tie
+from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie
 from .displacement_space import INTERPOLATION, DisplacementSpace, attach_interpolation, attach_rigid_body_modes
 from .elasticity import Elasticity, LoadedBody
 from .form_body import BilinearForm, Body, FormValues
@@ -44,5 +44,5 @@ from .materials import (
     midpoints,
 )
 from .mesh_components import mesh_components, unjoined_parts
-from .rigid_modes import component_modes, direction_in_words, in_units, null_space, of_components, of_part, rigid_modes
+from .rigid_modes import RigidPart, component_modes, direction_in_words, in_units, null_space, of_components, of_part, rigid_modes
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane

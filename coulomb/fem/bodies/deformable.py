@@ -98,6 +98,18 @@ class Tie:
     directions: FloatArray
 
 
+@dataclass(frozen=True)
+class Bolt:
+    """The section of a bolt: its slave face, its middle (3,) in metres, its direction out of that face (3,), by how
+    much it is shortened, metres, and whether that is given."""
+
+    face: str
+    centre: FloatArray
+    direction: FloatArray
+    shortening: float
+    locked: bool
+
+
 class Deformable(HeldNodes, ABC):
     """Linear elastic bodies with their supports and loads; `materials` are None if they are in the user's forms,
     `contradictions` messages about supports that prescribe different displacements where they meet."""
@@ -193,6 +205,25 @@ class Deformable(HeldNodes, ABC):
         translation of the point in metres, rotation about it in radians; collective."""
         yield from ()
 
+    @property
+    def locked(self) -> tuple[bool, ...]:
+        """Whether the shortening of each bolt is given, prescribed or locked; bodies that differ in it differ in their
+        unknowns."""
+        return ()
+
+    @property
+    def locks(self) -> tuple[float, ...]:
+        """The times at which tightening ends."""
+        return ()
+
+    def pretension(self, time: float) -> FloatArray:
+        """The part of the load at a time that bolts exert across their sections, newtons, shape (k, 3); collective."""
+        return np.zeros_like(self.x)
+
+    def bolts(self, u: FloatArray) -> Iterator[Bolt]:
+        """Of every bolt what is known of it at displacements u (k, 3), in the order given; collective."""
+        yield from ()
+
     def jump(self, u: FloatArray) -> FloatArray:
         """How far tied nodes are from where they should be, metres, shapes (k, 3), of displacements less the prescribed
         ones; collective."""
@@ -222,6 +253,11 @@ class Deformable(HeldNodes, ABC):
     def at(self, time: float) -> Loading:
         """Loads and prescribed displacements at a time; ValueError on every rank if they are not finite then;
         collective."""
+
+    def after(self, time: float, before: FloatArray) -> Loading:
+        """Loads and prescribed displacements at a time, after a load step that ended with displacements (k, 3), which
+        fix the shortening of locked bolts; errors as of `at`; collective."""
+        return self.at(time)
 
     def outdated(self, loading: Loading) -> bool:
         """Whether loads, prescribed displacements or coefficients have been changed by hand since a loading was

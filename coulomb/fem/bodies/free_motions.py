@@ -146,6 +146,9 @@ class FreeMotions:
         motions: Each of one metre: at the centre of its component, or at the radius.
         anchors: As many degrees of freedom, in the order of the motions' components.
         bodies: What each component is called in messages.
+        openings: Displacements of the last p of the motions, which move several components against each other, metres,
+            shape (k, 3, p); they count as components of their own, of no nodes.
+        of_openings: E with these, shape (q, q).
     """
 
     comm: MPI.Comm
@@ -153,6 +156,8 @@ class FreeMotions:
     motions: tuple[FreeMotion, ...]
     anchors: tuple[Anchor, ...]
     bodies: tuple[str, ...]
+    openings: FloatArray | None = None
+    of_openings: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.motions)
@@ -163,11 +168,15 @@ class FreeMotions:
         for number, motion in enumerate(self.motions):
             here = self.component == motion.component
             R[here, :, number] = motion.at(x[here])
+        if self.openings is not None:
+            R[:, :, -self.openings.shape[2] :] = self.openings
         return R
 
     @cached_property
     def at_anchors(self) -> FloatArray:
         """E: the rows of R at the anchors, shape (q, q)."""
+        if self.of_openings is not None:
+            return self.of_openings
         E = np.zeros((len(self.anchors), len(self.motions)))
         for column, motion in enumerate(self.motions):
             for row, anchor in enumerate(self.anchors):
@@ -221,6 +230,54 @@ class FreeMotions:
         gram = self.comm.allreduce(np.einsum("kci,kcj->ij", R, R), op=MPI.SUM)
         resultant = self.comm.allreduce(np.einsum("kci,kc->i", R, forces), op=MPI.SUM)
         return forces - R @ np.linalg.solve(gram, resultant)
+
+    def opened(
+        self,
+        openings: FloatArray,
+        motions: Sequence[tuple[str, RigidPart, FloatArray]],
+        x: FloatArray,
+        places: npt.NDArray[np.bool_],
+    ) -> FreeMotions:
+        """With p motions more, which move several components against each other; collective.
+
+        Args:
+            openings: Their displacements, metres, shape (k, 3, p).
+            motions: What each is called in messages, where it is, and along which direction (3,) it opens.
+            x: This rank's nodes, metres, shape (k, 3).
+            places: Which nodes suit as anchors, shape (k,).
+        """
+        count, names = len(self.bodies), tuple(name for name, *_ in motions)
+        more = tuple(
+            FreeMotion(count + k, part, along, np.zeros(3)) for k, (_, part, along) in enumerate(motions)
+        )
+        known, anchors = self.modes(x), list(self.anchors)
+        for k in range(len(more)):  # each is anchored where it moves most while no anchor before does
+            E = self._rows(known, anchors)
+            own = openings[:, :, k] - known @ np.linalg.solve(E, self._rows(openings[:, :, [k]], anchors))[:, 0]
+            there = np.where(places[:, None], np.abs(own), 0.0)
+            node, axis = divmod(int(np.argmax(there)), 3) if there.size else (0, 0)
+            best = self.comm.allgather(float(np.max(there, initial=0.0)))
+            rank = int(np.argmax(best))
+            node, axis, at = self.comm.bcast((node, axis, x[node] if there.size else None), root=rank)
+            anchors.append(Anchor(rank, node, axis, at))
+            known = np.concatenate([known, openings[:, :, [k]]], axis=2)
+        return replace(
+            self,
+            motions=self.motions + more,
+            anchors=tuple(anchors),
+            bodies=self.bodies + names,
+            openings=openings,
+            of_openings=self._rows(known, anchors),
+        )
+
+    def _rows(self, R: FloatArray, anchors: Sequence[Anchor]) -> FloatArray:
+        """Rows of motions R (k, 3, q) at degrees of freedom, shape (anchors, q); collective."""
+        E = np.zeros((len(anchors), R.shape[2]))
+        for row, anchor in enumerate(anchors):
+            if anchor.rank == self.comm.rank:
+                E[row] = R[anchor.node, anchor.axis]
+        found: FloatArray = self.comm.allreduce(E, op=MPI.SUM)
+        return found
 
 
 def free_motions(

@@ -33,6 +33,7 @@ from .pair import (
     within,
 )
 from .rigid_faces import RigidFace
+from .sections import Pretension
 from .surface import (
     ContactSurface,
     Normals,

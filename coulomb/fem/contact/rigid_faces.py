@@ -84,6 +84,9 @@ class RigidFace:
         factor = on_all_ranks(lambda: evaluate_amplitude(self.amplitude, time, self.what), "", comm)
         return factor * np.array([one or 0.0 for one in (*self.translation, *self.rotation)])
 
+    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> tuple[Tie, FaceMotion]:
+        return rigid_face_of(body, self, taken)
+
 
 @dataclass(frozen=True)
 class FaceMotion:

@@ -25,26 +25,33 @@ from ...arrays import FloatArray, IntArray
 from ..bodies import (
     INTERPOLATION,
     TIE_STRESSES,
+    Bolt,
     Deformable,
     FreeMotions,
     Loading,
     Member,
     NodalForces,
     Numbering,
+    RigidPart,
     Tie,
     attach_interpolation,
     attach_rigid_body_modes,
     component_modes,
     distributed_rows,
     free_motions,
+    null_space,
 )
 from ..meshes import fetched, starts_of
 from .contact_points import at_nodes_of, rows_of
-from .rigid_faces import FaceMotion, RigidFace, rigid_face_of
-from .ties import Tied, tie_of
+from .rigid_faces import FaceMotion, RigidFace
+from .sections import Section
+from .ties import Tied
 
 _LONGEST_CHAIN = 8
 """Ties of which each follows the next."""
+
+_SHORTENS = 1e-6
+"""Part by which a motion of bodies changes the length of a bolt above which it does."""
 
 
 def _each_column(of: Callable[[FloatArray], FloatArray], v: FloatArray) -> FloatArray:
@@ -59,38 +66,82 @@ class TiedBodies(Deformable):
 
     Attributes:
         bodies: The bodies without ties.
-        given: The ties and rigid faces as given.
+        given: The ties, rigid faces and bolts as given.
         ties: These with their nodes, rigid faces first.
         face_motions: The motions of the rigid faces.
+        sections: The sections of the bolts.
+        locked: Whether the shortening of each of them is given.
     """
 
-    def __init__(self, bodies: Deformable, given: Sequence[Tied | RigidFace], like: TiedBodies | None = None):
+    def __init__(
+        self,
+        bodies: Deformable,
+        given: Sequence[Tied | RigidFace],
+        time: float = 0.0,
+        like: TiedBodies | None = None,
+        locked: tuple[bool, ...] = (),
+    ):
         self.bodies, self.given = bodies, tuple(given)
         self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
         self.contradictions = bodies.contradictions
-        self.slaves = np.zeros(len(self.x), dtype=bool)
+        self._K: tuple[PETSc.Mat, PETSc.Mat, FloatArray] | None = None
+        if like is not None:
+            self._ties, self.face_motions, self.sections = like._ties, like.face_motions, like.sections
+            self.slaves, self._locked, self._others = like.slaves, locked, like._others
+            return
         pairs = [{one.face, one.against} for one in self.given if isinstance(one, Tied)]
         for number, pair in enumerate(pairs):
             if pair in pairs[:number]:
                 raise ValueError(f"ties: the pair of {' and '.join(map(repr, sorted(pair)))} is given twice")
-        self._ties: tuple[Tie, ...] = () if like is None else like.ties
-        self.face_motions: tuple[FaceMotion, ...] = () if like is None else like.face_motions
-        for one in self.given if like is None else ():
-            if isinstance(one, RigidFace):
-                tie, motion = rigid_face_of(bodies, one, self.slaves)
-                self.face_motions += (motion,)
-            else:
-                tie = tie_of(bodies, one, self.slaves)
-            self._ties += (tie,)
+        self.slaves = np.zeros(len(self.x), dtype=bool)
+        ties, moving = list[Tie](), list[object]()
+        for one in self.given:
+            tie, part = one.joined(bodies, self.slaves)
+            ties.append(tie)
+            moving.append(part)
             self.slaves[tie.nodes] = True
-        if like is not None:
-            self.slaves = like.slaves
-        self._K: tuple[PETSc.Mat, PETSc.Mat, FloatArray] | None = None
-        self._changed: TiedBodies | None = None
+        self._ties = tuple(ties)
+        self.face_motions = tuple(part for part in moving if isinstance(part, FaceMotion))
+        self.sections = tuple(part for part in moving if isinstance(part, Section))
+        self._locked, self._others = tuple(section.given.fixed(time) for section in self.sections), [self]
 
     @property
     def ties(self) -> tuple[Tie, ...]:
         return self._ties
+
+    @property
+    def locked(self) -> tuple[bool, ...]:
+        return self._locked
+
+    @property
+    def locks(self) -> tuple[float, ...]:
+        return tuple(s.given.lock for s in self.sections if s.given.lock is not None)
+
+    @property
+    def _movable(self) -> tuple[Section, ...]:
+        """The sections of which the shortening is not given."""
+        return tuple(section for section, locked in zip(self.sections, self._locked, strict=True) if not locked)
+
+    @property
+    def _linked(self) -> tuple[Tie, ...]:
+        """The ties as they are now."""
+        movable = {id(section.fixed): section.movable for section in self._movable}
+        return tuple(movable.get(id(tie), tie) for tie in self._ties)
+
+    def _with(self, bodies: Deformable, locked: tuple[bool, ...]) -> TiedBodies:
+        """The same with other coefficients of K, or other bolts locked; collective."""
+        for known in self._others:
+            if known.bodies is bodies and known.locked == locked:
+                return known
+        first = self._others[0].bodies
+        self._others[:] = [known for known in self._others if known.bodies is bodies or known.bodies is first]
+        self._others.append(TiedBodies(bodies, self.given, like=self, locked=locked))
+        return self._others[-1]
+
+    @property
+    def _whole(self) -> TiedBodies:
+        """The same with all bolts locked."""
+        return self._with(self.bodies, (True,) * len(self.sections))
 
     # --- the map ------------------------------------------------------------------------------------------------------
 
@@ -98,7 +149,7 @@ class TiedBodies(Deformable):
     def _tied(self) -> FloatArray:
         """Projectors on the directions along which nodes follow others, shape (k, 3, 3)."""
         tied = np.zeros((len(self.x), 3, 3))
-        for tie in self.ties:
+        for tie in self._linked:
             free = np.eye(3) - self.held.projector_at(tie.nodes)
             sizes, directions = np.linalg.eigh(free @ tie.directions @ free)
             tied[tie.nodes] = np.einsum("mia,ma,mja->mij", directions, np.round(sizes), directions)
@@ -115,7 +166,7 @@ class TiedBodies(Deformable):
         """W of all slave nodes, shape (n, n), distributed; rows of others are empty."""
         n, axes = 3 * len(self.x), np.arange(3)
         follow = scipy.sparse.csr_matrix((n, 3 * self.numbering.total))
-        for tie in self.ties:
+        for tie in self._linked:
             at = (3 * tie.nodes[:, None] + axes).ravel()
             lift = scipy.sparse.csr_matrix((np.ones(len(at)), (at, np.arange(len(at)))), (n, len(at)))
             follow = follow + lift @ tie.rows
@@ -214,24 +265,72 @@ class TiedBodies(Deformable):
 
     @cached_property
     def free(self) -> FreeMotions:
-        """The rigid motions of bodies and of what is tied together."""
-        of_bodies = self.bodies.free
-        component, names = self._joined_components(of_bodies)
+        """The rigid motions of bodies and of what is tied together, and those along bolts that are not locked."""
+        component, names = self._joined_components(self.ties)
         modes, _ = component_modes(self.x, component, self.comm)
-        against = np.stack([of_bodies.projected(modes[:, :, j], self.x) for j in range(6)], axis=2)
-        against += self.prevented(modes) - self.held_part(modes)
         places = np.zeros((3, len(self.x)), dtype=bool)
         for member in self.members:
             places[:, member.nodes] = member.body.anchor_places
-        limit = 1e-10 * self.comm.allreduce(float(len(self.x)), op=MPI.SUM)
-        found = free_motions(self.x, component, against, limit, tuple(places & ~self.slaves), self.comm)
-        return replace(found, bodies=names)
+        found = free_motions(
+            self.x, component, self._resisted(modes), self._limit, tuple(places & ~self.slaves), self.comm
+        )
+        found = replace(found, bodies=names)
+        return self._opened(found, places[-1] & ~self.slaves) if self._movable else found
 
-    def _joined_components(self, of_bodies: FreeMotions) -> tuple[IntArray, tuple[str, ...]]:
-        """The component of every node, where tied ones are one, shape (k,), and their names; collective."""
+    @property
+    def _limit(self) -> float:
+        """Energy of a motion up to which it is free, m^2; collective."""
+        return 1e-10 * float(self.comm.allreduce(float(len(self.x)), op=MPI.SUM))
+
+    def _resisted(self, modes: FloatArray) -> FloatArray:
+        """Forces of unit springs in place of supports, springs and ties in motions of one metre, shapes (k, 3, j);
+        collective."""
+        projected = [self.bodies.free.projected(modes[:, :, j], self.x) for j in range(modes.shape[2])]
+        return np.stack(projected, axis=2) + self.prevented(modes) - self.held_part(modes)
+
+    def _opened(self, found: FreeMotions, places: npt.NDArray[np.bool_]) -> FreeMotions:
+        """With the motions in which bolts that are not locked become shorter and nothing is deformed; collective.
+
+        The parts on the two sides of a section are bodies of their own there; of the motions of all of them against
+        which nothing has energy, those are taken that change the lengths of bolts.
+        """
+        movable = [section.fixed for section in self._movable]
+        part, _ = self._joined_components([tie for tie in self.ties if not any(tie is one for one in movable)])
+        modes, parts = component_modes(self.x, part, self.comm)
+        each = np.concatenate([np.where((part == k)[:, None, None], modes, 0.0) for k in range(len(parts))], axis=2)
+        energy = self.comm.allreduce(np.einsum("kci,kcj->ij", each, self._resisted(each)), op=MPI.SUM)
+        motions = each @ null_space(energy, self._limit)
+        amounts = np.array([self._amounts(motions[:, :, j])[list(~np.array(self.locked))] for j in range(motions.shape[2])])
+        if amounts.size == 0:
+            return found
+        left, sizes, right = np.linalg.svd(amounts.T)  # a row for each bolt
+        rank = int(np.sum(sizes > _SHORTENS))
+        if rank == 0:
+            return found
+        bolts, named = left[:, :rank], list[tuple[str, RigidPart, FloatArray]]()
+        alone = np.linalg.norm(bolts @ bolts.T - np.eye(len(movable)), axis=0) < _SHORTENS
+        wanted = np.eye(len(movable))[:, alone]
+        rest = np.linalg.svd(bolts - wanted @ (wanted.T @ bolts))
+        wanted = np.column_stack([wanted, rest[0][:, : rank - wanted.shape[1]]])
+        for way in wanted.T:
+            moving = [self._movable[k] for k in np.flatnonzero(np.abs(way) > _SHORTENS)]
+            first = moving[0]
+            named.append(
+                (
+                    " with ".join(f"the bolt at {section.fixed.face!r}" for section in moving),
+                    RigidPart(first.centre, first.radius),
+                    first.direction,
+                )
+            )
+        ways = right[:rank].T @ ((bolts / sizes[:rank]).T @ wanted)
+        return found.opened(motions @ ways, named, self.x, places)
+
+    def _joined_components(self, ties: Sequence[Tie]) -> tuple[IntArray, tuple[str, ...]]:
+        """The component of every node, where those of these ties are one, shape (k,), and their names; collective."""
+        of_bodies = self.bodies.free
         component, count = of_bodies.component, len(of_bodies.bodies)
-        starts, found = starts_of(self.comm, len(self.x)), []
-        for tie in self.ties:
+        starts, found = starts_of(self.comm, len(self.x)), [np.empty((0, 2), dtype=np.int64)]
+        for tie in ties:
             entries = tie.rows.tocoo()
             masters = fetched(self.comm, starts, (entries.col // 3).astype(np.int64), component)
             found.append(np.unique(np.column_stack([component[tie.nodes[entries.row // 3]], masters]), axis=0))
@@ -247,16 +346,53 @@ class TiedBodies(Deformable):
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
     def at(self, time: float) -> Loading:
-        """Prescribed displacements are u with no unknowns: those of supports and rigid faces, and what follows them."""
-        loading, offset = self.bodies.at(time), np.zeros_like(self.x)
+        return self._loading(time, np.zeros(len(self.sections)))
+
+    def after(self, time: float, before: FloatArray) -> Loading:
+        return self._loading(time, self._amounts(before) if self.sections else np.empty(0))
+
+    def _loading(self, time: float, kept: FloatArray) -> Loading:
+        """Prescribed displacements are u with no unknowns: those of supports, rigid faces and bolts, and what follows
+        them; `kept` are the amounts of bolts that are locked; collective."""
+        of_bodies, offset = self.bodies.at(time), np.zeros_like(self.x)
         for motion in self.face_motions:
             offset += motion.prescribed(self.x, time, self.comm)
         if self.face_motions:
-            given = (float(np.max(np.abs(of), initial=0.0)) for of in (offset, loading.prescribed))
+            given = (float(np.max(np.abs(of), initial=0.0)) for of in (offset, of_bodies.prescribed))
             size = self.comm.allreduce(max(given), op=MPI.MAX)
             for motion in self.face_motions:
-                motion.refuse_other(self.held_part(loading.prescribed - offset), size, self.comm)
-        return replace(loading, prescribed=offset + rows_of(self._follows, loading.prescribed - offset))
+                motion.refuse_other(self.held_part(of_bodies.prescribed - offset), size, self.comm)
+            offset -= rows_of(self._rows, offset)
+        for section, locked, amount in zip(self.sections, self.locked, kept, strict=True):
+            if locked:
+                prescribed = section.given.force is None
+                offset += section.along(section.given.value(time, self.comm) if prescribed else amount, offset.shape)
+        prescribed = rows_of(self._follows, of_bodies.prescribed)
+        for _ in range(_LONGEST_CHAIN):  # u = W u + offset at slave nodes
+            offset = np.einsum("kij,kj->ki", self._tied, offset)
+            prescribed, offset = prescribed + offset, rows_of(self._rows, offset)
+            if not self.comm.allreduce(bool(np.any(offset)), op=MPI.LOR):
+                break
+        return replace(
+            of_bodies, load=of_bodies.load + self.pretension(time), prescribed=prescribed, parts=(of_bodies,)
+        )
+
+    def pretension(self, time: float) -> FloatArray:
+        forces = np.zeros_like(self.x)
+        movable = [section for section in self.sections if not section.given.fixed(time)]
+        for section in movable:
+            forces += section.along(section.given.value(time, self.comm) * section.weights, forces.shape)
+        return forces - at_nodes_of(self._whole._rows, forces) if movable else forces
+
+    def _amounts(self, u: FloatArray) -> FloatArray:
+        """The shortening of every bolt at displacements u (k, 3), metres; collective."""
+        apart = u - rows_of(self._whole._rows, u)
+        return np.array([section.amount(apart, self.comm) for section in self.sections])
+
+    def bolts(self, u: FloatArray) -> Iterator[Bolt]:
+        amounts = self._amounts(u) if self.sections else ()
+        for section, amount, locked in zip(self.sections, amounts, self.locked, strict=True):
+            yield Bolt(section.fixed.face, section.centre, section.direction, float(amount), locked)
 
     def f(self, loading: Loading) -> PETSc.Vec:
         f, forces, g = self.K.createVecRight(), loading.load, loading.prescribed
@@ -280,7 +416,7 @@ class TiedBodies(Deformable):
         return forces
 
     def shares_of_ties(self, imbalance: FloatArray) -> Iterator[NodalForces]:
-        forces = self._on_slaves(imbalance)
+        forces = self._whole._on_slaves(imbalance)
         for tie in self.ties:
             share, own = np.zeros_like(forces), forces[tie.nodes]
             share[tie.nodes] = own
@@ -290,7 +426,7 @@ class TiedBodies(Deformable):
             yield NodalForces(tie.kind.replace(" ", "_"), tie.face, share)
 
     def stresses_of_ties(self, imbalance: FloatArray) -> dict[str, FloatArray]:
-        forces = self._on_slaves(imbalance)
+        forces = self._whole._on_slaves(imbalance)
         starts, found = starts_of(self.comm, len(self.x)), np.zeros((2, len(self.x)))
         for tie in self.ties:
             there = fetched(self.comm, starts, tie.traction.indices.astype(np.int64), forces)
@@ -312,12 +448,7 @@ class TiedBodies(Deformable):
         return u - rows_of(self._follows, self.reduced(u))
 
     def at_time(self, time: float) -> TiedBodies:
-        bodies = self.bodies.at_time(time)
-        for known in (self, self._changed):
-            if known is not None and known.bodies is bodies:
-                return known
-        self._changed = TiedBodies(bodies, self.given, self)
-        return self._changed
+        return self._with(self.bodies.at_time(time), tuple(section.given.fixed(time) for section in self.sections))
 
     # --- what is that of the bodies -----------------------------------------------------------------------------------
 
@@ -365,10 +496,10 @@ class TiedBodies(Deformable):
         return self.bodies.internal_force(u)
 
     def outdated(self, loading: Loading) -> bool:
-        return self.bodies.outdated(loading)
+        return self.bodies.outdated(loading.parts[0])
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        return self.bodies.loads_in(loading)
+        return self.bodies.loads_in(loading.parts[0])
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
         return self.bodies.spring_forces(u)
@@ -377,7 +508,7 @@ class TiedBodies(Deformable):
         return self.bodies.spring_force(u)
 
     def blocked_displacement(self, loading: Loading) -> float:
-        return self.bodies.blocked_displacement(loading)
+        return self.bodies.blocked_displacement(loading.parts[0])
 
     def supports_understood(self) -> list[dict[str, Any]]:
         return self.bodies.supports_understood()

@@ -64,6 +64,11 @@ class Tied:
         are where they are."""
         return None
 
+    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> tuple[Tie, object]:
+        """The tie of nodes that are in no other (`taken`, (k,)), and what can move in it; collective; errors as of
+        `tie_of`."""
+        return tie_of(body, self, taken), None
+
 
 @dataclass(frozen=True)
 class CyclicSymmetry(Tied):

@@ -19,6 +19,7 @@ from ..compat import mesh
 from ..geometry import evaluate_vectors
 from ..mesh_formats import BOX_FACES
 from .exchange import on_first_rank, starts_of
+from .cuts import cut
 from .inspection import FLAT, InspectedMesh, inspect
 from .lagrange import (
     CORNERS,
@@ -188,6 +189,7 @@ def read_mesh(
     cell_names: Mapping[str, int] | None = None,
     scale: float = 1.0,
     comm: MPI.Comm = MPI.COMM_WORLD,
+    cuts: Sequence[str] = (),
 ) -> NamedMesh:
     """Mesh of a file, of hexahedra or tetrahedra; the format is determined by the file name extension.
 
@@ -214,16 +216,22 @@ def read_mesh(
         cell_names: Names of cell groups with the number of their cells, in the same formats.
         scale: Metres per unit of length of the file: 1e-3 for millimetres.
         comm: The ranks that share the mesh.
+        cuts: Groups of facets inside the body along which it is cut: nodes are doubled, and each is two faces, one with
+            its name and one with "_opposite" after it, for a `Pretension`, a `Tied` or a `Contact`.  Not for XDMF.
 
     Raises:
         ValueError: On every rank, if the format is not known or the file cannot be read or used, with the reason.
     """
     end = known_format(path, bool(names or cell_names))
+    if end == ".xdmf" and cuts:
+        raise ValueError(f"{path}: cuts are not for XDMF, of which every rank reads a part: export .vtu or .msh")
     if end == ".xdmf":
         return read_xdmf(path, names=names, cell_names=cell_names, scale=scale, comm=comm)
     check_scale(path, scale)
     sound = on_first_rank(
-        comm, str(path), lambda: inspect(read_file(str(path), names or {}, cell_names or {}), scale, MPI.COMM_SELF)
+        comm,
+        str(path),
+        lambda: inspect(cut(read_file(str(path), names or {}, cell_names or {}), cuts), scale, MPI.COMM_SELF),
     )
     shape = None
     if sound is not None:

@@ -24,7 +24,7 @@ from ...case.case import Case
 from ...case.files import named_files
 from ...case.values import FieldTable
 from ...fem import compat
-from ...fem.bodies import TEMPERATURE, LoadedBody, Loading, Member, NodalForces, rigid_modes
+from ...fem.bodies import TEMPERATURE, Bolt, LoadedBody, Loading, Member, NodalForces, rigid_modes
 from ...fem.contact import plane_of_face
 from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR, corners_of
@@ -274,6 +274,7 @@ class CaseForces:
         of_ties: FloatArray,
         ties: Iterable[NodalForces],
         motions: Iterable[tuple[str, FloatArray, FloatArray]],
+        bolts: Iterable[Bolt],
     ) -> ForceBalance:
         """Resultants and balance with displacements u, forces of the supports along held directions, contact forces and
         forces of ties on the body at the run's nodes, shapes (k, 3), and of every tie on its slave nodes."""
@@ -290,38 +291,39 @@ class CaseForces:
         shares = parts(lambda member: member.body.shares(held[order][member.nodes]))
         springs = parts(lambda member: member.body.spring_forces(u[order][member.nodes]))
         x, over, slices = taken(self._run.body.x), Reductions(MPI.COMM_SELF), self._run.body.slices
-        return force_balance(loads, chain(shares, springs), on_body, x, over, (), slices, ties, of_ties, motions)
+        return force_balance(loads, chain(shares, springs), on_body, x, over, (), slices, ties, of_ties, motions, bolts)
 
 
 @dataclass(frozen=True)
 class TiesFound:
     """What ties do at the nodes in the files of a run: their forces and the jump of the displacement, shapes (k, 3),
-    their stresses by name, shapes (k,), the forces of each on its slave nodes, and the motions of rigid faces."""
+    their stresses by name, shapes (k,), the forces of each on its slave nodes, the motions of rigid faces, and the bolts."""
 
     forces: FloatArray
     jump: FloatArray
     stresses: dict[str, FloatArray]
     shares: tuple[NodalForces, ...]
     motions: tuple[tuple[str, FloatArray, FloatArray], ...]
+    bolts: tuple[Bolt, ...]
 
 
 class CaseTies:
     """The ties of a case, computed anew on the meshes of the case, at the nodes in the files of a run."""
 
     def __init__(self, case: CaseReference, time: float, run: WrittenRun):
-        self._body = case.settings.problem(MPI.COMM_SELF).elasticity
-        self._prescribed, self._time = self._body.at(time).prescribed, time
+        self._body, self._time = case.settings.problem(MPI.COMM_SELF).elasticity.at_time(time), time
         unfit = f"{run.folder}: has another mesh than the case"
         self._node = run.body.numbers_in([member.body.x for member in self._body.members], unfit)
 
     def found(self, u: FloatArray, imbalance: FloatArray) -> TiesFound:
         """By displacements and the internal forces less all forces but those of ties, shapes (k, 3)."""
         order, node, body = np.argsort(self._node), self._node, self._body
-        left = imbalance[order]
+        left, bolts = imbalance[order], body.pretension(self._time)
         return TiesFound(
-            body.forces_of_ties(left)[node],
-            body.jump(u[order] - self._prescribed)[node],
+            (body.forces_of_ties(left - bolts) + bolts)[node],
+            body.jump(u[order] - body.after(self._time, u[order]).prescribed)[node],
             {name: values[node] for name, values in body.stresses_of_ties(left).items()},
             tuple(NodalForces(one.kind, one.face, one.forces[node]) for one in body.shares_of_ties(left)),
             tuple(body.motions_of_faces(u[order], self._time)),
+            tuple(body.bolts(u[order])),
         )

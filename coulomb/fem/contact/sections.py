@@ -1,0 +1,178 @@
+"""Sections of bolts: tied faces with one amount s more, u_slave = W u + s n.
+
+Where a force F is given, one degree of freedom u_i of a slave node carries the amount: s = (u_i - (W u)_i) / n_i, and
+all others follow, u_slave = W u + n s.  F is then a pair of forces, F n on the slave nodes by their areas and -W^T times
+it on what they follow: T^T of it is the force on s alone.  Where s is given, it is an offset.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from mpi4py import MPI
+
+from ...arrays import FloatArray, is_number
+from ..bodies import Deformable, Tie, anchors_of
+from ..geometry import Amplitude, Point, check_direction, evaluate_amplitude, on_all_ranks
+from ..meshes import starts_of
+from .ties import Tied, tie_of
+
+_SAME_TIME = 1e-9
+"""Relative difference up to which times are the same."""
+
+_PLANE = 0.95
+"""Length of the mean normal of a section below which it has no direction of its own."""
+
+_ALONG = 1e-6
+"""Part of the bolt's direction that supports may hold at nodes of its section."""
+
+
+@dataclass(frozen=True)
+class Pretension(Tied):
+    """The section of a bolt, two faces that move alike but for one amount along the bolt: by how much it is shortened.
+
+    The amount is prescribed, or found so that the bolt carries a force.  After the time `lock`, the end of tightening,
+    it stays as it is, and the force follows from the other loads.  All other relative motion is prevented as by `Tied`.
+
+    Attributes:
+        face, against, slave: As of `Tied`: the two sides of a section through a shank, those of a cut
+            (`read_mesh(cuts=)`) or the faces of two parts.
+        force: Force of the bolt in newtons, positive where it pulls.
+        shortening: In place of it the length taken out of the bolt, metres.
+        direction: Direction of the bolt; by default the normal of the section.
+        amplitude: Factor of force or shortening as a function of time.
+        lock: End of tightening; a load step must end there.  By default the bolt is never locked.
+
+    Raises:
+        ValueError: If a name is none, both are the same, not exactly one of force and shortening is given as a finite
+            number, the direction is zero, or lock is no number.
+    """
+
+    force: float | None = None
+    shortening: float | None = None
+    direction: Point | None = None
+    amplitude: Amplitude = 1.0
+    lock: float | None = None
+
+    kind = "pretension"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = self.shortening if self.force is None else self.force
+        if (self.force is None) == (self.shortening is None) or not is_number(given, -np.inf):
+            raise ValueError(
+                f"{self.what}: give either force in newtons or shortening in metres, a finite number, but they are "
+                f"{self.force!r} and {self.shortening!r}"
+            )
+        if self.direction is not None:
+            check_direction(f"{self.what}: direction", self.direction)
+        if self.lock is not None and not is_number(self.lock, -np.inf):
+            raise ValueError(f"{self.what}: lock must be a time, but is {self.lock!r}")
+
+    def locked(self, time: float) -> bool:
+        """Whether a time is after tightening."""
+        return self.lock is not None and time > self.lock + _SAME_TIME * abs(self.lock)
+
+    def fixed(self, time: float) -> bool:
+        """Whether the shortening is given at a time: prescribed, or locked."""
+        return self.force is None or self.locked(time)
+
+    def value(self, time: float, comm: MPI.Comm) -> float:
+        """Force in newtons, or prescribed shortening in metres, at a time; collective.
+
+        Raises:
+            ValueError: On every rank, if the amplitude has no value then.
+        """
+        time = time if self.lock is None else min(time, self.lock)
+        factor = on_all_ranks(lambda: evaluate_amplitude(self.amplitude, time, self.what), "", comm)
+        return factor * float((self.shortening if self.force is None else self.force) or 0.0)
+
+    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> tuple[Tie, Section]:
+        section = section_of(body, self, taken)
+        return section.fixed, section
+
+
+@dataclass(frozen=True)
+class Section:
+    """The section of a bolt; this rank's m slave nodes.
+
+    Attributes:
+        given: As given.
+        fixed: The tie where s is given.
+        movable: The tie where a force is given: s is carried by a degree of freedom.
+        direction: n, out of the slave face, shape (3,).
+        centre: Its middle, metres, shape (3,).
+        radius: Root of its area over pi, metres.
+        weights: Shares of the slave nodes in its area, shape (m,).
+    """
+
+    given: Pretension
+    fixed: Tie
+    movable: Tie
+    direction: FloatArray
+    centre: FloatArray
+    radius: float
+    weights: FloatArray
+
+    @property
+    def nodes(self) -> npt.NDArray[np.int64]:
+        return self.fixed.nodes
+
+    def along(self, amounts: FloatArray | float, shape: tuple[int, ...]) -> FloatArray:
+        """Vectors along the bolt at its slave nodes by amounts (m,), shape (k, 3)."""
+        found = np.zeros(shape)
+        found[self.nodes] = np.multiply.outer(np.broadcast_to(amounts, len(self.nodes)), self.direction)
+        return found
+
+    def amount(self, apart: FloatArray, comm: MPI.Comm) -> float:
+        """s in metres of what slave nodes are apart from what they follow, u - W u, shape (k, 3); collective."""
+        return float(comm.allreduce(float(self.weights @ (apart[self.nodes] @ self.direction)), op=MPI.SUM))
+
+
+def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]) -> Section:
+    """The section of a bolt, of nodes that are in no tie (`taken`, (k,)); collective.
+
+    Raises:
+        ValueError: On every rank, as of `tie_of`, if it is not plane and has no direction, or if supports hold it along
+            the bolt.
+    """
+    comm, tie = body.comm, tie_of(body, given, taken)
+    x, nodes = body.x[tie.nodes], tie.nodes
+    sums = comm.allreduce(np.concatenate([[tie.area.sum()], tie.area @ tie.normal, tie.area @ x]), op=MPI.SUM)
+    area, mean, centre = float(sums[0]), sums[1:4] / sums[0], sums[4:] / sums[0]
+    n = mean if given.direction is None else np.array(given.direction, dtype=np.float64)
+    if given.direction is None and np.linalg.norm(mean) < _PLANE:
+        raise ValueError(
+            f"{given.what}: the section is not plane (its mean normal has the length {np.linalg.norm(mean):.2f}): "
+            "give the direction of the bolt"
+        )
+    n = n / np.linalg.norm(n) * (1.0 if n @ mean >= 0.0 else -1.0)
+    held = body.held.projector_at(nodes)
+    if comm.allreduce(bool(np.any(np.abs(held @ n) > _ALONG)), op=MPI.LOR):
+        raise ValueError(
+            f"{given.what}: supports hold nodes of the section along the bolt: end them before the section"
+        )
+    suited = np.zeros(len(body.x), dtype=bool)
+    suited[nodes] = True
+    unheld = suited.copy()
+    unheld[nodes] = np.trace(held, axis1=1, axis2=2) == 0.0
+    (anchor,) = anchors_of(body.x, [unheld, suited], lambda at: np.tile(n[:, None], (len(at), 1, 1)), comm)
+    axis, mine, count = anchor.axis, anchor.rank == comm.rank, len(nodes)
+    column = 3 * (starts_of(comm, len(body.x))[anchor.rank] + anchor.node) + axis
+    place = 3 * int(np.searchsorted(nodes, anchor.node)) + axis if mine else -1
+    own = tie.rows[place] if mine else None
+    row = comm.bcast(None if own is None else (own.indices, own.data), root=anchor.rank)
+    width = tie.rows.shape[1]
+    carried = scipy.sparse.csr_matrix((row[1], row[0], [0, len(row[0])]), (1, width))
+    amount = (scipy.sparse.csr_matrix(([1.0], [column], [0, 1]), (1, width)) - carried) / n[axis]
+    rows = (tie.rows + scipy.sparse.csr_matrix(np.tile(n, count)[:, None]) @ amount).tocsr()
+    directions = np.array(tie.directions)
+    if mine:
+        rows.data[rows.indptr[place] : rows.indptr[place + 1]] = 0.0
+        directions[place // 3, axis, axis] = 0.0
+    rows.eliminate_zeros()
+    movable = replace(tie, rows=rows, directions=directions)
+    return Section(given, tie, movable, n, centre, float(np.sqrt(area / np.pi)), tie.area / area)
