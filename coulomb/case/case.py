@@ -195,7 +195,9 @@ class Case(Table):
             return self
         found = self._pairs_on(self._given_mesh(comm), self.auto_contact)
         given = list(self.contacts.values())
-        known = [{table.face, table.against} for table in given] + [{tie.face, tie.against} for tie in self.tie]
+        known = [{table.face, table.against} for table in given] + [
+            {tie.face, tie.against} for tie in self.ties.values()
+        ]
         more = [one for one in self.auto_contact.tables(found.pairs) if {one.face, one.against} not in known]
         if not given and not more:
             raise ValueError("auto_contact: all pairs found are left out or tied, and there is no [contact]")
@@ -354,8 +356,8 @@ class Case(Table):
 
     @property
     def ties(self) -> dict[str, TieTable]:
-        """Ties, cyclic symmetries and sections of bolts, by their key in the case."""
-        kinds = ("tie", "cyclic_symmetry", "pretension")
+        """Sections of bolts, ties and cyclic symmetries, by their key in the case."""
+        kinds = ("pretension", "tie", "cyclic_symmetry")
         return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
 
     @property

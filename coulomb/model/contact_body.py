@@ -285,6 +285,4 @@ class ContactBody:
         law = self._faces.law(surface, time, slip_rate)
         elasticity = self.elasticity.at_time(time)
         loading = elasticity.at(time) if before is None else elasticity.after(time, before.displacement)
-        return ContactState(
-            elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated
-        )
+        return ContactState(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated)

@@ -83,7 +83,11 @@ def gather_evidence(
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
     closed = closure(rows_of(B, u), origin)
     bound = law.radius(force[:, 0])
-    internal, spring, bolts = elasticity.internal_force(u), elasticity.spring_force(u), elasticity.pretension(state.time)
+    internal, spring, bolts = (
+        elasticity.internal_force(u),
+        elasticity.spring_force(u),
+        elasticity.pretension(state.time),
+    )
     load = state.loading.load - bolts
     on_body += elasticity.forces_of_ties(internal - load - spring - on_body - bolts) + bolts
     return Evidence(

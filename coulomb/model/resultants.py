@@ -195,7 +195,9 @@ def force_balance(
         screwed = tuple(_bolt_force(bolt, of) for bolt, of in zip(bolts, sections, strict=False))
         if of_ties is not None:  # those of cyclic symmetry alone do not add up to zero
             contact += resultants([NodalForces("ties", None, of_ties)], x, over)
-        return ForceBalance(pulling, holding, balance((*outer, *contact), x, over), each, tied[len(rigid) :], rigid, screwed)
+        return ForceBalance(
+            pulling, holding, balance((*outer, *contact), x, over), each, tied[len(rigid) :], rigid, screwed
+        )
 
 
 def _balance_of(

@@ -44,5 +44,14 @@ from .materials import (
     midpoints,
 )
 from .mesh_components import mesh_components, unjoined_parts
-from .rigid_modes import RigidPart, component_modes, direction_in_words, in_units, null_space, of_components, of_part, rigid_modes
+from .rigid_modes import (
+    RigidPart,
+    component_modes,
+    direction_in_words,
+    in_units,
+    null_space,
+    of_components,
+    of_part,
+    rigid_modes,
+)
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane

@@ -247,9 +247,7 @@ class FreeMotions:
             places: Which nodes suit as anchors, shape (k,).
         """
         count, names = len(self.bodies), tuple(name for name, *_ in motions)
-        more = tuple(
-            FreeMotion(count + k, part, along, np.zeros(3)) for k, (_, part, along) in enumerate(motions)
-        )
+        more = tuple(FreeMotion(count + k, part, along, np.zeros(3)) for k, (_, part, along) in enumerate(motions))
         known, anchors = self.modes(x), list(self.anchors)
         for k in range(len(more)):  # each is anchored where it moves most while no anchor before does
             E = self._rows(known, anchors)

@@ -1,8 +1,8 @@
 """Sections of bolts: tied faces with one amount s more, u_slave = W u + s n.
 
 Where a force F is given, one degree of freedom u_i of a slave node carries the amount: s = (u_i - (W u)_i) / n_i, and
-all others follow, u_slave = W u + n s.  F is then a pair of forces, F n on the slave nodes by their areas and -W^T times
-it on what they follow: T^T of it is the force on s alone.  Where s is given, it is an offset.
+all others follow, u_slave = W u + n s.  F is then a pair of forces, F n on the slave nodes by their areas and -W^T
+times it on what they follow: T^T of it is the force on s alone.  Where s is given, it is an offset.
 """
 
 from __future__ import annotations
@@ -150,11 +150,14 @@ def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]
             "give the direction of the bolt"
         )
     n = n / np.linalg.norm(n) * (1.0 if n @ mean >= 0.0 else -1.0)
-    held = body.held.projector_at(nodes)
-    if comm.allreduce(bool(np.any(np.abs(held @ n) > _ALONG)), op=MPI.LOR):
+    whole = body.nodes(tie.face, given.kind)
+    if comm.allreduce(bool(np.any(taken[whole])), op=MPI.LOR):
+        raise ValueError(f"{given.what}: some nodes of {tie.face!r} are tied already: give the pretension before ties")
+    if comm.allreduce(bool(np.any(np.abs(body.held.projector_at(whole) @ n) > _ALONG)), op=MPI.LOR):
         raise ValueError(
             f"{given.what}: supports hold nodes of the section along the bolt: end them before the section"
         )
+    held = body.held.projector_at(nodes)
     suited = np.zeros(len(body.x), dtype=bool)
     suited[nodes] = True
     unheld = suited.copy()

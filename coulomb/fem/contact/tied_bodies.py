@@ -85,15 +85,18 @@ class TiedBodies(Deformable):
         self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
         self.contradictions = bodies.contradictions
         self._K: tuple[PETSc.Mat, PETSc.Mat, FloatArray] | None = None
+        self._ties: tuple[Tie, ...] = () if like is None else like.ties
+        self.face_motions: tuple[FaceMotion, ...] = () if like is None else like.face_motions
+        self.sections: tuple[Section, ...] = () if like is None else like.sections
+        self.slaves: npt.NDArray[np.bool_] = np.zeros(len(self.x), dtype=bool) if like is None else like.slaves
+        self._others: list[TiedBodies] = [self] if like is None else like._others
+        self._locked = locked
         if like is not None:
-            self._ties, self.face_motions, self.sections = like._ties, like.face_motions, like.sections
-            self.slaves, self._locked, self._others = like.slaves, locked, like._others
             return
         pairs = [{one.face, one.against} for one in self.given if isinstance(one, Tied)]
         for number, pair in enumerate(pairs):
             if pair in pairs[:number]:
                 raise ValueError(f"ties: the pair of {' and '.join(map(repr, sorted(pair)))} is given twice")
-        self.slaves = np.zeros(len(self.x), dtype=bool)
         ties, moving = list[Tie](), list[object]()
         for one in self.given:
             tie, part = one.joined(bodies, self.slaves)
@@ -103,7 +106,7 @@ class TiedBodies(Deformable):
         self._ties = tuple(ties)
         self.face_motions = tuple(part for part in moving if isinstance(part, FaceMotion))
         self.sections = tuple(part for part in moving if isinstance(part, Section))
-        self._locked, self._others = tuple(section.given.fixed(time) for section in self.sections), [self]
+        self._locked = tuple(section.given.fixed(time) for section in self.sections)
 
     @property
     def ties(self) -> tuple[Tie, ...]:
@@ -300,10 +303,11 @@ class TiedBodies(Deformable):
         each = np.concatenate([np.where((part == k)[:, None, None], modes, 0.0) for k in range(len(parts))], axis=2)
         energy = self.comm.allreduce(np.einsum("kci,kcj->ij", each, self._resisted(each)), op=MPI.SUM)
         motions = each @ null_space(energy, self._limit)
-        amounts = np.array([self._amounts(motions[:, :, j])[list(~np.array(self.locked))] for j in range(motions.shape[2])])
-        if amounts.size == 0:
+        loose = ~np.array(self.locked)
+        amounts = [self._amounts(motions[:, :, j])[loose] for j in range(motions.shape[2])]
+        if not amounts:
             return found
-        left, sizes, right = np.linalg.svd(amounts.T)  # a row for each bolt
+        left, sizes, right = np.linalg.svd(np.array(amounts).T)  # a row for each bolt
         rank = int(np.sum(sizes > _SHORTENS))
         if rank == 0:
             return found
@@ -365,8 +369,8 @@ class TiedBodies(Deformable):
             offset -= rows_of(self._rows, offset)
         for section, locked, amount in zip(self.sections, self.locked, kept, strict=True):
             if locked:
-                prescribed = section.given.force is None
-                offset += section.along(section.given.value(time, self.comm) if prescribed else amount, offset.shape)
+                value = section.given.value(time, self.comm) if section.given.force is None else amount
+                offset += section.along(value, offset.shape)
         prescribed = rows_of(self._follows, of_bodies.prescribed)
         for _ in range(_LONGEST_CHAIN):  # u = W u + offset at slave nodes
             offset = np.einsum("kij,kj->ki", self._tied, offset)

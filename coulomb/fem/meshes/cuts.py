@@ -1,4 +1,4 @@
-"""Cuts of a mesh along surfaces inside it: their nodes are doubled, so that a cut has two faces."""
+"""Cuts of a mesh along surfaces inside it, whose nodes are doubled; and nodes at one place, which are moved apart."""
 
 from __future__ import annotations
 
@@ -6,13 +6,42 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ...arrays import IntArray
+from ...nearest import tree_of
 from ..mesh_formats import other_side
 from .lagrange import CORNERS, nodes_of_facets
 from .mesh_file import FACETS, MeshFile
+
+_SAME, _APART = 1e-9, 1e-8
+"""Distances over the extent of the mesh: up to which nodes are at one place, and by which they are then moved apart."""
+
+
+def apart(file: MeshFile) -> MeshFile:
+    """The mesh with no two nodes at one place: those that were, on cuts and where parts touch, are moved by `_APART`
+    towards the middles of their cells, since files of results are matched by places."""
+    if not len(file.points):
+        return file
+    extent = float(np.max(np.ptp(file.points, axis=0)))
+    pairs = tree_of(file.points).query_pairs(_SAME * extent, output_type="ndarray")
+    used = np.zeros(len(file.points), dtype=bool)
+    used[file.cells] = True
+    same = np.unique(pairs[np.all(used[pairs], axis=1)])
+    if not len(same):
+        return file
+    near = np.zeros(len(file.points), dtype=bool)
+    near[same] = True
+    cells = file.cells[np.any(near[file.cells], axis=1)]
+    sums = np.zeros((len(file.points), 4))
+    middle = np.column_stack([file.points[cells].mean(axis=1), np.ones(len(cells))])
+    np.add.at(sums, cells, middle[:, None])
+    into = sums[same, :3] / sums[same, 3:] - file.points[same]
+    points = file.points.copy()
+    points[same] += _APART * extent * into / np.linalg.norm(into, axis=1)[:, None]
+    return replace(file, points=points)
 
 
 def cut(file: MeshFile, names: Sequence[str]) -> MeshFile:
@@ -97,7 +126,7 @@ def _graph(pairs: IntArray, count: int) -> scipy.sparse.csr_matrix:
     return scipy.sparse.csr_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count))
 
 
-def _sides(across: IntArray, count: int) -> np.ndarray:
+def _sides(across: IntArray, count: int) -> npt.NDArray[np.bool_]:
     """On which side of the cut each of the parts is, if each pair is on different ones, shape (count,)."""
     graph, side, seen = _graph(across, count), np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     for start in range(count):

@@ -18,8 +18,8 @@ from .. import compat, mesh_formats
 from ..compat import mesh
 from ..geometry import evaluate_vectors
 from ..mesh_formats import BOX_FACES
+from .cuts import apart, cut
 from .exchange import on_first_rank, starts_of
-from .cuts import cut
 from .inspection import FLAT, InspectedMesh, inspect
 from .lagrange import (
     CORNERS,
@@ -231,7 +231,7 @@ def read_mesh(
     sound = on_first_rank(
         comm,
         str(path),
-        lambda: inspect(cut(read_file(str(path), names or {}, cell_names or {}), cuts), scale, MPI.COMM_SELF),
+        lambda: inspect(apart(cut(read_file(str(path), names or {}, cell_names or {}), cuts)), scale, MPI.COMM_SELF),
     )
     shape = None
     if sound is not None:

@@ -24,7 +24,7 @@ from ...case.case import Case
 from ...case.files import named_files
 from ...case.values import FieldTable
 from ...fem import compat
-from ...fem.bodies import TEMPERATURE, Bolt, LoadedBody, Loading, Member, NodalForces, rigid_modes
+from ...fem.bodies import TEMPERATURE, Bolt, Deformable, LoadedBody, Loading, Member, NodalForces, rigid_modes
 from ...fem.contact import plane_of_face
 from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR, corners_of
@@ -82,6 +82,11 @@ class CaseReference:
         bodies: dict[str, Any] = dict(self.bodies)
         ends = np.cumsum([0, *(len(body.x) for body in bodies.values())])
         return [Member(name, body, slice(*ends[k : k + 2])) for k, (name, body) in enumerate(bodies.items())]
+
+    @cached_property
+    def tied(self) -> Deformable:
+        """The bodies with their ties."""
+        return self.settings.problem(MPI.COMM_SELF).elasticity
 
     def accepts(self, summary: Mapping[str, Any]) -> bool:
         """Whether the case accepts answers outside the theory of small strains; of a load step also the case that it
@@ -297,7 +302,8 @@ class CaseForces:
 @dataclass(frozen=True)
 class TiesFound:
     """What ties do at the nodes in the files of a run: their forces and the jump of the displacement, shapes (k, 3),
-    their stresses by name, shapes (k,), the forces of each on its slave nodes, the motions of rigid faces, and the bolts."""
+    their stresses by name, shapes (k,), the forces of each on its slave nodes, the motions of rigid faces, and the
+    bolts."""
 
     forces: FloatArray
     jump: FloatArray
@@ -311,7 +317,7 @@ class CaseTies:
     """The ties of a case, computed anew on the meshes of the case, at the nodes in the files of a run."""
 
     def __init__(self, case: CaseReference, time: float, run: WrittenRun):
-        self._body, self._time = case.settings.problem(MPI.COMM_SELF).elasticity.at_time(time), time
+        self._body, self._time = case.tied.at_time(time), time
         unfit = f"{run.folder}: has another mesh than the case"
         self._node = run.body.numbers_in([member.body.x for member in self._body.members], unfit)
 

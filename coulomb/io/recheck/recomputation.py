@@ -161,10 +161,10 @@ class Recomputation:
         for one in run.opposite:
             carried = opposite_fields(run, only_written, written, one)
             found |= {f"{CONTACT}: {name} of {one.face.name}": values for name, values in carried.items()}
-        shares, *moved = ((), (), ()) if tied is None else (tied.shares, tied.motions, tied.bolts)
+        shares, motions, bolts = ((), (), ()) if tied is None else (tied.shares, tied.motions, tied.bolts)
         acting = None
         if self.supported is not None:
-            acting = self.supported.force_balance(u, reactions, on_body, taken, of_ties, shares, *moved)
+            acting = self.supported.force_balance(u, reactions, on_body, taken, of_ties, shares, motions, bolts)
         probed = _probe_entries(self.probes, u, written, run.node[only_written.index], taken)
         numbers = derived(written, certificate, u, spring, held, acting)
         strain: dict[str, Any] = {"gradient": body.largest_gradient(u)}
