@@ -233,7 +233,10 @@ def forces_in_a_step(row: dict[str, Any], least: float) -> str:
     pressing = normal_forces(row)
     values = rounded(pressing.values(), least)
     each = [f"{name} {value:.6g} N".lstrip() for name, value in zip(pressing, values, strict=True)]
-    return f"normal {', '.join(each)}{force}"
+    begin, end = "bolt_", "_force"
+    bolts = {name[len(begin) : -len(end)]: row[name] for name in row if name.startswith(begin) and name.endswith(end)}
+    screwed = "".join(f"; bolt {face} {value:.6g} N" for face, value in bolts.items())
+    return f"normal {', '.join(each)}{force}{screwed}"
 
 
 def _forces(values: Sequence[float], least: float) -> str:

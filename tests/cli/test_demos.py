@@ -341,6 +341,16 @@ def test_demo_tread_block():
     assert force[-1, 0] == pytest.approx(0.8 * force[-1, 2], rel=0.02) and force[2, 0] < 0.3 * force[2, 2]
 
 
+def test_demo_bolted_flange():
+    """Four bolts tightened to 20 kN and locked: equal parts of the pull of 10 kN each, as the stiffer flanges let."""
+    text = said("bolted_flange.toml")
+    assert "all 4 load steps certified" in text
+    forces = table(text, "; bolt section_1 # N; bolt section_2 # N; bolt section_3 # N; bolt section_4 # N")
+    assert forces[1] == pytest.approx(2e4, rel=1e-5)
+    more = forces[3] - forces[1]
+    assert np.ptp(more) <= 0.03 * more.mean() and 1e3 <= more.mean() <= 4e3
+
+
 def test_demo_pin_joint():
     """The pairs of an assembly without named faces, with the clearances of its geometry; the pin passes the pull on."""
     text, found = ran("pin_joint.toml")

@@ -1,9 +1,11 @@
 """`coulomb check` of tied faces: their forces, stresses and jumps are computed anew from the case."""
 
 import json
+import shutil
 
 import pytest
 from check_runs import change, copied, edit, made, put, shown
+from conftest import run_coulomb
 
 from coulomb.io.recheck import check
 
@@ -193,3 +195,69 @@ def test_changed_numbers_of_a_tie_are_noticed(tmp_path):
     faults = check(folder).faults
     for place in (("ties", 0, "force", 2), ("ties", 0, "moment", 0)):
         assert any(line.startswith(shown(place)) for line in faults), place
+
+
+SCREWED = """\
+[[body]]
+name = "low"
+box = [0.1, 0.1, 0.4]
+cells = [2, 2, 3]
+[body.material]
+young = 2e11
+poisson = 0.3
+[[body]]
+name = "up"
+box = [0.1, 0.1, 0.3]
+cells = [3, 2, 2]
+translate = [0.0, 0.0, 0.4]
+[body.material]
+young = 2e11
+poisson = 0.3
+[[pretension]]
+face = "up:bottom"
+against = "low:top"
+force = -2e5
+amplitude = [[0.0, 0.0], [1.0, 1.0]]
+lock = 1.0
+[[clamp]]
+face = "low:bottom"
+[[total_force]]
+face = "up:right"
+force = [0.0, 0.0, 1e4]
+amplitude = [[1.0, 0.0], [2.0, 1.0]]
+[contact]
+face = "up:top"
+friction = 0.3
+[history]
+times = [0.5, 1.0, 1.5, 2.0]
+"""
+
+
+def test_bolts_are_computed_again(tmp_path):
+    """Before and after they are locked: force, shortening, work; a history that is continued after that goes on."""
+    found = check(made(SCREWED))
+    assert found.passed and not found.faults, str(found)
+    last = json.loads((made(SCREWED) / "steps/0004/summary.json").read_text())
+    first = json.loads((made(SCREWED) / "steps/0002/summary.json").read_text())
+    assert first["bolts"][0]["force"] == pytest.approx(-2e5, rel=1e-8) and not first["bolts"][0]["locked"]
+    assert last["bolts"][0]["locked"] and last["bolts"][0]["force"] != pytest.approx(-2e5, rel=1e-3)
+    assert last["bolts"][0]["shortening"] == pytest.approx(first["bolts"][0]["shortening"], rel=1e-12)
+    for step, entry in (("0002", "force"), ("0004", "shortening")):
+        folder = copied(SCREWED, tmp_path / step) / "steps" / step
+        edit(folder / "summary.json", lambda summary, entry=entry: put(summary, ("bolts", 0, entry), 0.1234))
+        faults = check(folder).faults
+        assert any(line.startswith(shown(("bolts", 0, entry))) for line in faults), faults
+
+
+def test_a_history_goes_on_after_its_bolts_are_locked(tmp_path):
+    case, folder = tmp_path / "case.toml", tmp_path / "run"
+    case.write_text(SCREWED)
+    done = run_coulomb("run", case, "--output", folder, "--set", "output.picture=false")
+    assert done.returncode == 0, done.stderr
+    expected = json.loads((folder / "steps/0004/summary.json").read_text())["bolts"][0]
+    shutil.rmtree(folder / "steps/0004")
+    done = run_coulomb("resume", folder)
+    assert done.returncode == 0, done.stderr
+    again = json.loads((folder / "steps/0004/summary.json").read_text())["bolts"][0]
+    assert again.pop("face") == expected.pop("face") and again == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    assert check(folder).passed

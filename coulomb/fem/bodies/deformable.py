@@ -35,6 +35,7 @@ class Loading:
         prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
         temperature: None for a body without.
         parts: Of several bodies, the loading of each, in their order.
+        untied: Of tied bodies, that of these without ties.
     """
 
     time: float
@@ -42,6 +43,7 @@ class Loading:
     prescribed: FloatArray
     temperature: Temperature | None = None
     parts: tuple[Loading, ...] = ()
+    untied: Loading | None = None
 
 
 @dataclass(frozen=True)

@@ -377,9 +377,7 @@ class TiedBodies(Deformable):
             prescribed, offset = prescribed + offset, rows_of(self._rows, offset)
             if not self.comm.allreduce(bool(np.any(offset)), op=MPI.LOR):
                 break
-        return replace(
-            of_bodies, load=of_bodies.load + self.pretension(time), prescribed=prescribed, parts=(of_bodies,)
-        )
+        return replace(of_bodies, load=of_bodies.load + self.pretension(time), prescribed=prescribed, untied=of_bodies)
 
     def pretension(self, time: float) -> FloatArray:
         forces = np.zeros_like(self.x)
@@ -500,10 +498,10 @@ class TiedBodies(Deformable):
         return self.bodies.internal_force(u)
 
     def outdated(self, loading: Loading) -> bool:
-        return self.bodies.outdated(loading.parts[0])
+        return self.bodies.outdated(loading.untied or loading)
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        return self.bodies.loads_in(loading.parts[0])
+        return self.bodies.loads_in(loading.untied or loading)
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
         return self.bodies.spring_forces(u)
@@ -512,7 +510,7 @@ class TiedBodies(Deformable):
         return self.bodies.spring_force(u)
 
     def blocked_displacement(self, loading: Loading) -> float:
-        return self.bodies.blocked_displacement(loading.parts[0])
+        return self.bodies.blocked_displacement(loading.untied or loading)
 
     def supports_understood(self) -> list[dict[str, Any]]:
         return self.bodies.supports_understood()

@@ -75,6 +75,10 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         facts.append((f"rigid face {face['face']}", (", ".join(moves) or "free") + in_time(face.get("amplitude"))))
     for kind in ("tie", "cyclic_symmetry"):
         facts += [(f"{kind.replace('_', ' ')} of {tie['face']}", f"to {tie['against']}") for tie in case.get(kind, ())]
+    for bolt in case.get("pretension", ()):
+        given = quantity(bolt["force"], "N") if bolt["force"] is not None else quantity(bolt["shortening"], "m")
+        lock = "" if bolt["lock"] is None else f", locked at {number(bolt['lock'])} s"
+        facts.append((f"pretension of {bolt['face']}", f"{given}{lock}{in_time(bolt.get('amplitude'))}"))
     for spring in case.get("spring", ()):
         given = spring["stiffness"]
         stiffness = [float(given)] * 3 if isinstance(given, int | float) else given

@@ -239,6 +239,15 @@ def forces(run: Run) -> Table:
     rows += [
         _row(f"rigid face {face['face']}, about its point", face, accuracy) for face in summary.get("rigid_faces", ())
     ]
+    rows += [
+        (
+            f"bolt at {bolt['face']}, {'' if bolt['locked'] else 'not '}locked, shortened by "
+            f"{quantity(bolt['shortening'], 'm', 5)}",
+            f"pulls {quantity(bolt['force'], 'N', 5)}, shear {quantity(bolt['shear'], 'N', 3)}",
+            f"bending {quantity(bolt['bending'], 'N m', 3)}",
+        )
+        for bolt in summary.get("bolts", ())
+    ]
     faces = summary["faces"]
     for (name, against), face in zip(sides_of(faces), faces, strict=True):
         rows.append(_row(f"contact at {name}", face, accuracy))

@@ -6,13 +6,16 @@ from mpi4py import MPI
 from ranks import by_place, everywhere, same_error
 
 from coulomb import (
+    Clamp,
     Contact,
     ContactProblem,
     CyclicSymmetry,
+    LoadHistory,
     Material,
     Plane,
     PointLoad,
     Pressure,
+    Pretension,
     RigidFace,
     SymmetryPlane,
     Tied,
@@ -107,3 +110,36 @@ def test_a_plate_that_turns():
 
 def test_wrong_ties_are_errors_on_all_ranks():
     assert "must face each other" in same_error(lambda: stack(comm, "hexahedron", 1, below="b:top"))
+
+
+def screwed(over, **given):
+    """A cap on a base, screwed together by a shank whose lower part is tied to the base; tightened, locked, pulled."""
+    base = box((1.0, 1.0, 0.5), (4, 4, 2), comm=over)
+    cap = moved(box((1.0, 1.0, 0.3), (5, 3, 2), comm=over), (0.0, 0.0, 0.5))
+    low = moved(box((0.2, 0.2, 0.6), (1, 1, 4), comm=over), (1.1, 0.4, 0.0))
+    up = moved(box((0.2, 0.2, 0.2), (2, 1, 2), comm=over), (1.1, 0.4, 0.6))
+    head = moved(box((0.6, 0.4, 0.2), (4, 3, 2), comm=over), (0.7, 0.3, 0.8))
+    foot = moved(box((0.3, 0.4, 0.2), (2, 3, 2), comm=over), (1.0, 0.3, -0.2))
+    bodies = join(base=base, cap=cap, low=low, up=up, head=head, foot=foot)
+    contacts = [Contact("cap:bottom", 0.2, against="base:top"), Contact("head:bottom", 0.2, against="cap:top")]
+    loads = [Traction("cap:left", (0.0, 0.0, 1e6), amplitude=lambda t: max(t - 1.0, 0.0))]
+    ties = [
+        Pretension("up:bottom", "low:top", force=1e5, amplitude=lambda t: min(t, 1.0), lock=1.0),
+        *(Tied("low:bottom", "foot:top"), Tied("up:top", "head:bottom")),
+    ]
+    clamps = [Clamp("base:bottom"), Clamp("foot:bottom")]
+    return ContactProblem(bodies, Material(2e11, 0.3), clamps, contacts, loads, ties=ties, **given)
+
+
+@pytest.mark.parametrize("solver", [DirectSolver, IterativeSolver])
+def test_ranks_tighten_and_lock_as_one_does(solver):
+    one, together = (
+        [
+            (step.row["bolt_up:bottom_force"], step.row["bolt_up:bottom_shortening"], step.solution.certificate.passed)
+            for step in LoadHistory([1.0, 2.0], tolerance=1e-10).steps(screwed(over, linear_solver=given))
+        ]
+        for over, given in ((MPI.COMM_SELF, DirectSolver), (comm, solver))
+    )
+    assert all(passed for *_, passed in (*one, *together))
+    assert one[0][0] == pytest.approx(1e5, rel=1e-8) and one[1][0] > 1.01e5
+    assert np.array(together)[:, :2] == pytest.approx(np.array(one)[:, :2], rel=1e-6)

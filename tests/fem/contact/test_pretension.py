@@ -15,6 +15,7 @@ from coulomb import (
     Plane,
     PrescribedDisplacement,
     Pretension,
+    RigidFace,
     SymmetryPlane,
     Tied,
     TotalForce,
@@ -167,10 +168,10 @@ def test_the_users_own_forms():
     assert solution.bolts[0].shortening == pytest.approx(1e4 * LONG / (E * AREA), rel=1e-9)
 
 
-def two_boxes(*ties, clamps=("low:bottom", "up:top"), time=0.0):
+def two_boxes(*ties, clamps=("low:bottom", "up:top"), **given):
     low, up = box((1.0, 1.0, 1.0), (2, 2, 2)), moved(box((1.0, 1.0, 1.0), (2, 2, 2)), (0.0, 0.0, 1.0))
     return ContactProblem(
-        join(low=low, up=up), Material(E, 0.3), [Clamp(face) for face in clamps], far("low:left"), ties=ties, time=time
+        join(low=low, up=up), Material(E, 0.3), [Clamp(face) for face in clamps], far("low:left"), ties=ties, **given
     )
 
 
@@ -185,7 +186,7 @@ def test_bolts_that_cannot_be():
     with pytest.raises(ValueError, match=r"supports hold nodes of the section along the bolt"):
         two_boxes(Pretension("up:bottom", "low:top", force=1.0, slave=True), clamps=("low:bottom", "up:left"))
     with pytest.raises(ValueError, match=r"some nodes of 'up:bottom' are tied already: give the pretension before"):
-        two_boxes(Tied("up:left", "low:top", slave=True), Pretension("up:bottom", "low:top", force=1.0, slave=True))
+        two_boxes(Pretension("up:bottom", "low:top", force=1.0, slave=True), rigid_faces=[RigidFace("up:left")])
     with pytest.raises(ValueError, match=r"at time 2 it is locked \(lock = 1\).*begin at the time of lock"):
         two_boxes(Pretension("up:bottom", "low:top", force=1.0, lock=1.0), time=2.0)
     problem = two_boxes(Pretension("up:bottom", "low:top", force=1.0, lock=1.0))
