@@ -388,6 +388,8 @@ LEFT_OUT = f"{{{FAR}, friction=0.3, pair=[{{of=['*', '*'], leave_out=true}}]}}"
 TOUCHING = BODIES.splitlines()[1]
 EXPORT = ("export", "case.toml", "out.hdf5", "--set")
 
+SECTION = "face='upper:bottom', against='lower:top', force=1.0"
+GLUED = "face='upper:bottom', against='lower:top'"
 STILL = "translation={x=0, y=0, z=0}, rotation={x=0, y=0, z=0}"
 SEVERAL = (
     Wrong("a misspelt body", run("contact.against='lowr:top'"), two),
@@ -441,6 +443,13 @@ SEVERAL = (
         run("cyclic_symmetry=[{face='upper:left', against='upper:front', axis=[0,0,1]}]"),
         two,
     ),
+    Wrong("a bolt without a force", run("pretension=[{face='upper:bottom', against='lower:top'}]"), two),
+    Wrong("a bolt without its other side", run("pretension=[{face='upper:bottom', force=1.0}]"), two),
+    Wrong("a bolt that is locked, without load steps", run("pretension=[{" + SECTION + ", lock=1.0}]"), two),
+    Wrong("a bolt locked in a load step", run("pretension=[{" + SECTION + ", lock=1.0}]", "history.times=[2]"), two),
+    Wrong("a bolt and a tie on the same faces", run("pretension=[{" + SECTION + "}]", "tie=[{" + GLUED + "}]"), two),
+    Wrong("a cut of a box", run("body.0.cut=['middle']"), two),
+    Wrong("a cut on the boundary", run("mesh.cut=['bottom']"), part()),
     Wrong("a rigid face that cannot move", run("rigid_face=[{face='upper:top', " + STILL + "}]"), two),
     Wrong(
         "a component of a rigid face with a wrong name", run("rigid_face=[{face='upper:top', rotation={t=1.0}}]"), two

@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from ..fem.mesh_formats import other_side
 from ..model.times import HALVINGS, refuse_times
 from ..ranks import launched, on_rank_0
 from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face
@@ -25,7 +24,6 @@ from .loads import (
     PrescribedDisplacementTable,
     PrescribedRotationTable,
     PressureTable,
-    RigidFaceTable,
     SpringTable,
     SupportTable,
     SymmetryTable,
@@ -34,13 +32,14 @@ from .loads import (
 )
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
 from .solver import OutputTable, SolverTable
-from .values import ROWS, TABLES, Direction, Duration, Name, Number, SpatialVector, Steps, Table, Vector, field
+from .ties import CyclicSymmetryTable, PretensionTable, RigidFaceTable, TieTable
+from .values import ROWS, TABLES, Duration, Name, Number, SpatialVector, Steps, Table, Vector, field
 
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
 
     from ..fem.bodies import AnyMaterial, Load, LoadedBody, Spring, Support, ThermalLoad
-    from ..fem.contact import FoundPair, FoundPairs, Tied
+    from ..fem.contact import FoundPair, FoundPairs
     from ..fem.geometry import Coefficient
     from ..fem.meshes import JoinedMesh, NamedMesh
     from ..model.load_history import LoadHistory
@@ -83,71 +82,6 @@ class ProbeTable(Table):
         from ..model.probes import Probe
 
         return Probe(self.name, self.point, self.body)
-
-
-class TieTable(Table):
-    """Two faces that are glued to each other; with `slave` the nodes of `face` follow those of `against`."""
-
-    face: Name
-    against: Name
-    slave: Annotated[bool, Field(strict=True)] = False
-
-    @model_validator(mode="after")
-    def _two(self) -> TieTable:
-        if self.face == self.against:
-            raise ValueError(f"face {self.face!r} cannot be tied to itself: give another as against")
-        return self
-
-    def tie(self) -> Tied:
-        from ..fem.contact import Tied
-
-        return Tied(self.face, self.against, self.slave)
-
-
-class CyclicSymmetryTable(TieTable):
-    """The two cut faces of one of several equal sectors around an axis."""
-
-    point: Vector = (0.0, 0.0, 0.0)
-    axis: Vector
-    sectors: Annotated[int, Field(ge=2, le=100_000, strict=True)]
-
-    def tie(self) -> Tied:
-        from ..fem.contact import CyclicSymmetry
-
-        return CyclicSymmetry(self.face, self.against, self.slave, self.point, self.axis, self.sectors)
-
-
-class PretensionTable(TieTable):
-    """The section of a bolt, tightened to a force in newtons or by a shortening in metres; by default against the other
-    side of a cut."""
-
-    against: Name = ""
-    force: Number | None = None
-    shortening: Number | None = None
-    direction: Direction | None = None
-    amplitude: AmplitudeTable | None = None
-    lock: Number | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _other_side(cls, given: object) -> object:
-        if isinstance(given, dict) and isinstance(given.get("face"), str) and "against" not in given:
-            return {**given, "against": other_side(given["face"])}
-        return given
-
-    @model_validator(mode="after")
-    def _one(self) -> PretensionTable:
-        if (self.force is None) == (self.shortening is None):
-            raise ValueError("give either force (N) or shortening (m), one of the two")
-        return self
-
-    def tie(self) -> Tied:
-        from ..fem.contact import Pretension
-
-        return Pretension(
-            *(self.face, self.against, self.slave, self.force, self.shortening, self.direction),
-            *(amplitude_of(self.amplitude), self.lock),
-        )
 
 
 class Case(Table):

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
         TotalForce,
         Traction,
     )
-    from ..fem.contact import RigidFace
 
 Components = Literal["x", "y", "z", "xy", "xz", "yz", "xyz", "normal", "tangential"]
 
@@ -181,21 +180,3 @@ class MotionAlongAxes(Table):
     @property
     def components(self) -> tuple[float | None, float | None, float | None]:
         return self.x, self.y, self.z
-
-
-class RigidFaceTable(Table):
-    """A face that moves as a rigid body, with a reference point in metres."""
-
-    face: Name
-    point: Vector | None = None
-    translation: MotionAlongAxes = MotionAlongAxes()
-    rotation: MotionAlongAxes = MotionAlongAxes()
-    amplitude: AmplitudeTable | None = None
-
-    def rigid_face(self) -> RigidFace:
-        from ..fem.contact import RigidFace
-
-        return RigidFace(
-            *(self.face, self.point, self.translation.components, self.rotation.components),
-            amplitude_of(self.amplitude),
-        )

@@ -85,6 +85,7 @@ class RigidFace:
         return factor * np.array([one or 0.0 for one in (*self.translation, *self.rotation)])
 
     def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> tuple[Tie, FaceMotion]:
+        """Its nodes, and how they move; collective; errors as of `rigid_face_of`."""
         return rigid_face_of(body, self, taken)
 
 

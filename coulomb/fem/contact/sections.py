@@ -7,6 +7,7 @@ times it on what they follow: T^T of it is the force on s alone.  Where s is giv
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
-from ..bodies import Deformable, Tie, anchors_of
+from ..bodies import Deformable, RigidPart, Tie, anchors_of
 from ..geometry import Amplitude, Point, check_direction, evaluate_amplitude, on_all_ranks
 from ..meshes import starts_of
 from .ties import Tied, tie_of
@@ -25,6 +26,9 @@ _SAME_TIME = 1e-9
 
 _PLANE = 0.95
 """Length of the mean normal of a section below which it has no direction of its own."""
+
+_SHORTENS = 1e-6
+"""Part by which a motion of bodies changes the length of a bolt above which it does."""
 
 _ALONG = 1e-6
 """Part of the bolt's direction that supports may hold at nodes of its section."""
@@ -91,6 +95,7 @@ class Pretension(Tied):
         return factor * float((self.shortening if self.force is None else self.force) or 0.0)
 
     def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> tuple[Tie, Section]:
+        """The tie where its shortening is given, and the section; collective; errors as of `section_of`."""
         section = section_of(body, self, taken)
         return section.fixed, section
 
@@ -179,3 +184,25 @@ def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]
     rows.eliminate_zeros()
     movable = replace(tie, rows=rows, directions=directions)
     return Section(given, tie, movable, n, centre, float(np.sqrt(area / np.pi)), tie.area / area)
+
+
+def openings(
+    amounts: FloatArray, sections: Sequence[Section]
+) -> tuple[FloatArray, list[tuple[str, RigidPart, FloatArray]]]:
+    """The combinations of q motions that change the lengths of bolts, by the amounts (bolts, q) of each: of every bolt
+    by itself where that is possible, shape (q, p); and of each what it is called, where it is, and along which
+    direction."""
+    left, sizes, right = np.linalg.svd(amounts)
+    rank = int(np.sum(sizes > _SHORTENS))
+    bolts = left[:, :rank]
+    alone = np.linalg.norm(bolts @ bolts.T - np.eye(len(sections)), axis=0) < _SHORTENS
+    wanted = np.eye(len(sections))[:, alone]
+    others = np.linalg.svd(bolts - wanted @ (wanted.T @ bolts))[0]
+    wanted = np.column_stack([wanted, others[:, : rank - wanted.shape[1]]])
+    named = []
+    for way in wanted.T:
+        moving = [sections[k] for k in np.flatnonzero(np.abs(way) > _SHORTENS)]
+        name = " with ".join(f"the bolt at {section.fixed.face!r}" for section in moving)
+        named.append((name, RigidPart(moving[0].centre, moving[0].radius), moving[0].direction))
+    ways: FloatArray = right[:rank].T @ ((bolts / sizes[:rank]).T @ wanted)
+    return ways, named

@@ -32,7 +32,6 @@ from ..bodies import (
     Member,
     NodalForces,
     Numbering,
-    RigidPart,
     Tie,
     attach_interpolation,
     attach_rigid_body_modes,
@@ -44,14 +43,11 @@ from ..bodies import (
 from ..meshes import fetched, starts_of
 from .contact_points import at_nodes_of, rows_of
 from .rigid_faces import FaceMotion, RigidFace
-from .sections import Section
+from .sections import Section, openings
 from .ties import Tied
 
 _LONGEST_CHAIN = 8
 """Ties of which each follows the next."""
-
-_SHORTENS = 1e-6
-"""Part by which a motion of bodies changes the length of a bolt above which it does."""
 
 
 def _each_column(of: Callable[[FloatArray], FloatArray], v: FloatArray) -> FloatArray:
@@ -307,27 +303,8 @@ class TiedBodies(Deformable):
         amounts = [self._amounts(motions[:, :, j])[loose] for j in range(motions.shape[2])]
         if not amounts:
             return found
-        left, sizes, right = np.linalg.svd(np.array(amounts).T)  # a row for each bolt
-        rank = int(np.sum(sizes > _SHORTENS))
-        if rank == 0:
-            return found
-        bolts, named = left[:, :rank], list[tuple[str, RigidPart, FloatArray]]()
-        alone = np.linalg.norm(bolts @ bolts.T - np.eye(len(movable)), axis=0) < _SHORTENS
-        wanted = np.eye(len(movable))[:, alone]
-        rest = np.linalg.svd(bolts - wanted @ (wanted.T @ bolts))
-        wanted = np.column_stack([wanted, rest[0][:, : rank - wanted.shape[1]]])
-        for way in wanted.T:
-            moving = [self._movable[k] for k in np.flatnonzero(np.abs(way) > _SHORTENS)]
-            first = moving[0]
-            named.append(
-                (
-                    " with ".join(f"the bolt at {section.fixed.face!r}" for section in moving),
-                    RigidPart(first.centre, first.radius),
-                    first.direction,
-                )
-            )
-        ways = right[:rank].T @ ((bolts / sizes[:rank]).T @ wanted)
-        return found.opened(motions @ ways, named, self.x, places)
+        ways, named = openings(np.array(amounts).T, self._movable)
+        return found.opened(motions @ ways, named, self.x, places) if named else found
 
     def _joined_components(self, ties: Sequence[Tie]) -> tuple[IntArray, tuple[str, ...]]:
         """The component of every node, where those of these ties are one, shape (k,), and their names; collective."""

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from ...arrays import IntArray
 from ...nearest import tree_of
 from ..mesh_formats import other_side
+from .inspection import InspectedMesh
 from .lagrange import CORNERS, nodes_of_facets
 from .mesh_file import FACETS, MeshFile
 
@@ -20,7 +21,7 @@ _SAME, _APART = 1e-9, 1e-8
 """Distances over the extent of the mesh: up to which nodes are at one place, and by which they are then moved apart."""
 
 
-def apart(file: MeshFile) -> MeshFile:
+def apart(file: InspectedMesh) -> InspectedMesh:
     """The mesh with no two nodes at one place: those that were, on cuts and where parts touch, are moved by `_APART`
     towards the middles of their cells, since files of results are matched by places."""
     if not len(file.points):

@@ -231,7 +231,7 @@ def read_mesh(
     sound = on_first_rank(
         comm,
         str(path),
-        lambda: inspect(apart(cut(read_file(str(path), names or {}, cell_names or {}), cuts)), scale, MPI.COMM_SELF),
+        lambda: apart(inspect(cut(read_file(str(path), names or {}, cell_names or {}), cuts), scale, MPI.COMM_SELF)),
     )
     shape = None
     if sound is not None:

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from mesh_files import BoxFile, integral
+from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from coulomb import Clamp, Contact, ContactProblem, Material, Plane, Tied, Traction, read_mesh
 from coulomb.fem.meshes.cuts import apart, cut
+from coulomb.fem.meshes.inspection import inspect
 from coulomb.fem.meshes.mesh_file import MeshFile
 
 
@@ -68,9 +70,12 @@ def test_two_cuts_and_nodes_of_a_set():
     other = BoxFile(lengths=(3.0, 1.0, 1.0), cells=(6, 2, 2), interface=2.0).interface
     on_top = np.flatnonzero(file.points[:, 2] == 1.0)
     given = MeshFile("box", file.points, file.cells, {}, {"a": file.interface, "b": other}, {"top": on_top})
-    found = apart(cut(given, ["a", "b"]))
+    found = cut(given, ["a", "b"])
     assert set(found.face_groups) == {"a", "a_opposite", "b", "b_opposite"}
     assert len(found.points) == len(file.points) + 2 * 9 and len(found.node_groups["top"]) == len(on_top) + 2 * 3
+    distance = cKDTree(found.points).query(found.points, 2)[0][:, 1]
+    assert distance.min() == 0.0
+    found = apart(inspect(found, 1.0, MPI.COMM_SELF))
     distance = cKDTree(found.points).query(found.points, 2)[0][:, 1]
     assert 1e-8 <= distance.min() <= 1e-7  # of 3 m
     volumes = [np.unique(found.points[found.cells[k]], axis=0) for k in range(len(found.cells))]

@@ -1,0 +1,98 @@
+"""The tables of a case file about what joins faces: ties, sectors, bolts, and faces that move as rigid bodies."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field, model_validator
+
+from ..fem.mesh_formats import other_side
+from .curves import AmplitudeTable, amplitude_of
+from .loads import MotionAlongAxes
+from .values import Direction, Name, Number, Table, Vector
+
+if TYPE_CHECKING:
+    from ..fem.contact import RigidFace, Tied
+
+
+class TieTable(Table):
+    """Two faces that are glued to each other; with `slave` the nodes of `face` follow those of `against`."""
+
+    face: Name
+    against: Name
+    slave: Annotated[bool, Field(strict=True)] = False
+
+    @model_validator(mode="after")
+    def _two(self) -> TieTable:
+        if self.face == self.against:
+            raise ValueError(f"face {self.face!r} cannot be tied to itself: give another as against")
+        return self
+
+    def tie(self) -> Tied:
+        from ..fem.contact import Tied
+
+        return Tied(self.face, self.against, self.slave)
+
+
+class CyclicSymmetryTable(TieTable):
+    """The two cut faces of one of several equal sectors around an axis."""
+
+    point: Vector = (0.0, 0.0, 0.0)
+    axis: Vector
+    sectors: Annotated[int, Field(ge=2, le=100_000, strict=True)]
+
+    def tie(self) -> Tied:
+        from ..fem.contact import CyclicSymmetry
+
+        return CyclicSymmetry(self.face, self.against, self.slave, self.point, self.axis, self.sectors)
+
+
+class PretensionTable(TieTable):
+    """The section of a bolt, tightened to a force in newtons or by a shortening in metres; by default against the other
+    side of a cut."""
+
+    against: Name = ""
+    force: Number | None = None
+    shortening: Number | None = None
+    direction: Direction | None = None
+    amplitude: AmplitudeTable | None = None
+    lock: Number | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _other_side(cls, given: object) -> object:
+        if isinstance(given, dict) and isinstance(given.get("face"), str) and "against" not in given:
+            return {**given, "against": other_side(given["face"])}
+        return given
+
+    @model_validator(mode="after")
+    def _one(self) -> PretensionTable:
+        if (self.force is None) == (self.shortening is None):
+            raise ValueError("give either force (N) or shortening (m), one of the two")
+        return self
+
+    def tie(self) -> Tied:
+        from ..fem.contact import Pretension
+
+        return Pretension(
+            *(self.face, self.against, self.slave, self.force, self.shortening, self.direction),
+            *(amplitude_of(self.amplitude), self.lock),
+        )
+
+
+class RigidFaceTable(Table):
+    """A face that moves as a rigid body, with a reference point in metres."""
+
+    face: Name
+    point: Vector | None = None
+    translation: MotionAlongAxes = MotionAlongAxes()
+    rotation: MotionAlongAxes = MotionAlongAxes()
+    amplitude: AmplitudeTable | None = None
+
+    def rigid_face(self) -> RigidFace:
+        from ..fem.contact import RigidFace
+
+        return RigidFace(
+            *(self.face, self.point, self.translation.components, self.rotation.components),
+            amplitude_of(self.amplitude),
+        )
