@@ -17,7 +17,7 @@ from .inspection import InspectedMesh
 from .lagrange import CORNERS, nodes_of_facets
 from .mesh_file import FACETS, MeshFile
 
-_SAME, _APART = 1e-9, 1e-8
+_SAME, _APART = 1e-9, 4e-9
 """Distances over the extent of the mesh: up to which nodes are at one place, and by which they are then moved apart."""
 
 
