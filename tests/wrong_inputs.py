@@ -443,6 +443,11 @@ SEVERAL = (
     ),
     Wrong("a rigid face that cannot move", run("rigid_face=[{face='upper:top', " + STILL + "}]"), two),
     Wrong(
+        "a face that stays plane and is prescribed along itself",
+        run("rigid_face=[{face='upper:top', along='free', translation={x=0.0}}]"),
+        two,
+    ),
+    Wrong(
         "a component of a rigid face with a wrong name", run("rigid_face=[{face='upper:top', rotation={t=1.0}}]"), two
     ),
     Wrong("a tie without its other face", run("tie=[{face='upper:bottom'}]"), two),

@@ -191,6 +191,7 @@ class RigidFaceTable(Table):
     translation: MotionAlongAxes = MotionAlongAxes()
     rotation: MotionAlongAxes = MotionAlongAxes()
     amplitude: AmplitudeTable | None = None
+    along: Literal["rigid", "free"] = "rigid"
 
     def rigid_face(self) -> RigidFace:
         from ..fem.contact import RigidFace
@@ -198,4 +199,5 @@ class RigidFaceTable(Table):
         return RigidFace(
             *(self.face, self.point, self.translation.components, self.rotation.components),
             amplitude_of(self.amplitude),
+            self.along,
         )

@@ -109,6 +109,43 @@ def test_a_rigid_face_is_computed_again(tmp_path):
         assert any(line.startswith(shown(place)) for line in faults), place
 
 
+SLICE = """\
+[mesh]
+box = [0.1, 0.02, 0.05]
+cells = [4, 1, 3]
+degree = 2
+[material]
+young = 1e9
+poisson = 0.3
+[[symmetry]]
+face = "front"
+[[rigid_face]]
+face = "back"
+along = "free"
+rotation = { x = 1e-4 }
+amplitude = [[0.0, 0.0], [1.0, 1.0]]
+[[point_load]]
+face = "top"
+force = [20.0, 5.0, -5e2]
+[contact]
+face = "bottom"
+friction = 0.3
+[history]
+times = [0.5, 1.0]
+"""
+
+
+def test_a_slice_is_computed_again(tmp_path):
+    found = check(made(SLICE))
+    assert found.passed and not found.faults, str(found)
+    folder = copied(SLICE, tmp_path / "run") / "steps/0002"
+    change(folder / "solution.h5", "tie_force", largest)
+    edit(folder / "summary.json", lambda summary: put(summary, ("rigid_faces", 0, "translation", 1), 0.1234))
+    faults = check(folder).faults
+    assert any(line.startswith("solution.xdmf: tie_force") for line in faults)
+    assert any(line.startswith(shown(("rigid_faces", 0, "translation", 1))) for line in faults)
+
+
 FLOATING = """\
 [[body]]
 name = "pad"

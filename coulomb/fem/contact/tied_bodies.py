@@ -304,7 +304,7 @@ class TiedBodies(Deformable):
 
     def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         for motion in self.face_motions:
-            values, t = motion.given.values(time, self.comm), motion.prescribed(self.x, time, self.comm)
+            values, t = motion.values(time, self.comm), motion.prescribed(self.x, time, self.comm)
             yield motion.given.face, motion.point, motion.found(u, t, values, self.comm)
 
     def jump(self, u: FloatArray) -> FloatArray:

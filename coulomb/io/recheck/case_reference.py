@@ -83,6 +83,11 @@ class CaseReference:
         ends = np.cumsum([0, *(len(body.x) for body in bodies.values())])
         return [Member(name, body, slice(*ends[k : k + 2])) for k, (name, body) in enumerate(bodies.items())]
 
+    @property
+    def tied(self) -> bool:
+        """Whether it has ties or rigid faces."""
+        return bool(self.settings.ties or self.settings.rigid_face)
+
     def accepts(self, summary: Mapping[str, Any]) -> bool:
         """Whether the case accepts answers outside the theory of small strains; of a load step also the case that it
         was computed from, if that is recorded: the setting may change between steps."""

@@ -105,5 +105,25 @@ def test_a_plate_that_turns():
             assert np.abs(getattr(one, name) - getattr(other, name)).max() <= 1e-5 * scale, name
 
 
+def test_a_slice_whose_back_stays_plane():
+    def slice_of(over, degree, solver=None):
+        back, load = RigidFace("back", along="free"), PointLoad("top", (0.0, 2e3, -1e4), (0.0, 200.0, 0.0))
+        mesh = box((0.4, 0.1, 0.3), (6, 1, 5), comm=over, degree=degree)
+        supports, contact = [SymmetryPlane("front")], Contact("bottom", 0.3)
+        return ContactProblem(
+            mesh, Material(1e9, 0.3), supports, contact, [load], rigid_faces=[back], linear_solver=solver
+        )
+
+    for degree, solver in ((1, IterativeSolver), (2, DirectSolver), (2, IterativeSolver)):
+        alone, together = slice_of(MPI.COMM_SELF, degree).solve(1e-11), slice_of(comm, degree, solver).solve(1e-11)
+        assert together.certificate.passed
+        x, own = everywhere(together.problem.elasticity.x), alone.problem.elasticity.x
+        found, expected = by_place(x, everywhere(together.displacement)), by_place(own, alone.displacement)
+        assert np.abs(found - expected).max() <= 1e-5 * np.abs(expected).max()
+        (one,), (other,) = alone.rigid_faces, together.rigid_faces
+        assert np.abs(one.translation - other.translation).max() <= 1e-6 * abs(one.translation[1])
+        assert np.abs(one.rotation - other.rotation).max() <= 1e-6 * np.abs(one.rotation).max()
+
+
 def test_wrong_ties_are_errors_on_all_ranks():
     assert "must face each other" in same_error(lambda: stack(comm, "hexahedron", 1, below="b:top"))
