@@ -204,13 +204,17 @@ class TiedBodies(Deformable):
         return K, anchoring
 
     def _interpolation(self) -> PETSc.Mat:
-        """That of the bodies, without slave nodes."""
+        """That of the bodies, without what follows other nodes."""
         P = self.bodies.K.getAttr(INTERPOLATION)()
-        kept = P.createVecLeft()
-        kept.array[:] = np.repeat(~self.slaves, 3)
-        P.diagonalScale(kept)
-        kept.destroy()
-        return P
+        rows = self._block_diagonal(np.eye(3) - self._tied)
+        rows.eliminate_zeros()
+        E = distributed_rows(rows, (rows.shape[0], rows.shape[1]), self)
+        product = E.matMult(P)
+        product.setNearNullSpace(P.getNearNullSpace())
+        product.setAttr("mesh", self.lifetime)
+        for one in (E, P):
+            one.destroy()
+        return product
 
     @cached_property
     def free(self) -> FreeMotions:
