@@ -448,6 +448,16 @@ SEVERAL = (
         two,
     ),
     Wrong(
+        "a spring along a face whose nodes are free along it",
+        run("rigid_face=[{face='upper:top', along='free', translation_stiffness=[1e6, 0.0, 1e6]}]"),
+        two,
+    ),
+    Wrong(
+        "a spring of a rigid face with two numbers",
+        run("rigid_face=[{face='upper:top', rotation_stiffness=[1e6, 0.0]}]"),
+        two,
+    ),
+    Wrong(
         "a component of a rigid face with a wrong name", run("rigid_face=[{face='upper:top', rotation={t=1.0}}]"), two
     ),
     Wrong("a tie without its other face", run("tie=[{face='upper:bottom'}]"), two),

@@ -191,6 +191,8 @@ class RigidFaceTable(Table):
     translation: MotionAlongAxes = MotionAlongAxes()
     rotation: MotionAlongAxes = MotionAlongAxes()
     amplitude: AmplitudeTable | None = None
+    translation_stiffness: tuple[Stiffness, Stiffness, Stiffness] = (0.0, 0.0, 0.0)
+    rotation_stiffness: tuple[Stiffness, Stiffness, Stiffness] = (0.0, 0.0, 0.0)
     along: Literal["rigid", "free"] = "rigid"
 
     def rigid_face(self) -> RigidFace:
@@ -198,6 +200,5 @@ class RigidFaceTable(Table):
 
         return RigidFace(
             *(self.face, self.point, self.translation.components, self.rotation.components),
-            amplitude_of(self.amplitude),
-            self.along,
+            *(amplitude_of(self.amplitude), self.translation_stiffness, self.rotation_stiffness, self.along),
         )

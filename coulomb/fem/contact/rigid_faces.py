@@ -5,6 +5,9 @@ face.  r degrees of freedom of nodes of the face determine its amounts, alpha = 
 them; all others follow, u = rho(x) alpha + t(x), t the prescribed part.  So the face has no unknowns but those of its
 nodes, and equilibrium of the forces on it, T^T of the nodal forces, is that of their resultants along the free motions.
 A plane face that is free along itself has the motions along its normal n alone, and n . u follows them.
+
+A spring of stiffness S between the reference point and the ground acts on q = C^T u, the rigid motion that fits the
+displacements best: C = A (A^T A)^-1, A the rigid motions at the nodes.  Its nodal forces -C S q have resultants -S q.
 """
 
 from __future__ import annotations
@@ -47,11 +50,13 @@ class RigidFace:
         rotation: Rotation about axes along x, y and z through the point, radians, in the theory of small strains; None
             where it is free.
         amplitude: Factor of translation and rotation as a function of time.
+        translation_stiffness: Stiffness of a spring between the point and the ground along x, y and z, N/m.
+        rotation_stiffness: The same against rotation about axes along x, y and z, N m per radian.
         along: "rigid", or "free" for a plane face that stays plane, of which the nodes move freely along the face: only
             translation along its normal and rotation about axes in it are motions then.
 
     Raises:
-        ValueError: If an entry is neither None nor a finite number, or `along` something else.
+        ValueError: If an entry is neither None nor a finite number, or a stiffness negative, or `along` something else.
     """
 
     face: str
@@ -59,6 +64,8 @@ class RigidFace:
     translation: Sequence[float | None] = (None, None, None)
     rotation: Sequence[float | None] = (None, None, None)
     amplitude: Amplitude = 1.0
+    translation_stiffness: Sequence[float] = (0.0, 0.0, 0.0)
+    rotation_stiffness: Sequence[float] = (0.0, 0.0, 0.0)
     along: Literal["rigid", "free"] = "rigid"
 
     kind = "rigid face"
@@ -73,12 +80,30 @@ class RigidFace:
                 raise ValueError(
                     f"{self.what}: {name} must be three numbers, or None where it is free, but is {given!r}"
                 )
+        for name in ("translation_stiffness", "rotation_stiffness"):
+            given = getattr(self, name)
+            if len(given) != 3 or not all(is_number(one, 0.0) for one in given):
+                raise ValueError(f"{self.what}: {name} must be three numbers >= 0, but is {given!r}")
         if self.along not in ("rigid", "free"):
             raise ValueError(f"{self.what}: along must be 'rigid' or 'free', but is {self.along!r}")
 
     @property
     def what(self) -> str:
         return f"{self.kind} {self.face!r}"
+
+    @property
+    def stiffness(self) -> FloatArray:
+        """The diagonal of S, shape (6,)."""
+        return np.array([*self.translation_stiffness, *self.rotation_stiffness], dtype=np.float64)
+
+    @property
+    def holds(self) -> str:
+        """What its spring holds, in words."""
+        along, about = (
+            "(" + ", ".join(f"{float(one):g}" for one in given) + ")"
+            for given in (self.translation_stiffness, self.rotation_stiffness)
+        )
+        return f"stiffness {along} N/m and {about} N m/rad at its reference point"
 
     @property
     def prescribed(self) -> npt.NDArray[np.bool_]:
@@ -100,6 +125,7 @@ class FaceMotion:
         anchors: Number of the node of each of the r degrees of freedom among this rank's, -1 elsewhere, and its
             direction (3,).
         inverse: E^-1, shape (r, r).
+        spread: C, shape (m, 3, 6).
     """
 
     given: RigidFace
@@ -110,6 +136,23 @@ class FaceMotion:
     given_part: FloatArray
     anchors: tuple[tuple[int, FloatArray], ...]
     inverse: FloatArray
+    spread: FloatArray
+
+    def spring_force(self, u: FloatArray, stiffness: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """Nodal forces in newtons of a spring of a diagonal stiffness (6,) at displacements u (k, 3), or (k, 3, j), of
+        the same shape; collective."""
+        q = comm.allreduce(np.einsum("mcp,mc...->p...", self.spread, u[self.nodes]), op=MPI.SUM)
+        forces = np.zeros_like(u)
+        forces[self.nodes] = -np.einsum("mcp,p,p...->mc...", self.spread, stiffness, q)
+        return forces
+
+    def unit_stiffness(self, x: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """The stiffness (6,) of unit springs at all nodes, of those x (k, 3) of this rank, where the spring has any;
+        collective."""
+        count, square = comm.allreduce(
+            np.array([len(self.nodes), np.sum((x[self.nodes] - self.point) ** 2)]), op=MPI.SUM
+        )
+        return np.where(self.given.stiffness > 0.0, np.repeat([count, square], 3), 0.0)
 
     def values(self, time: float, comm: MPI.Comm) -> FloatArray:
         """The prescribed motion at a time, shape (6,); collective.
@@ -173,6 +216,9 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
     size = comm.allreduce(float(np.max(np.linalg.norm(r, axis=1), initial=0.0)), op=MPI.MAX)
     held = body.held.projector_at(nodes)
     ways, possible = np.eye(3), np.diag([1.0] * 3 + [1.0 / size] * 3)
+    rigid = _moved(possible, r)
+    gram = comm.allreduce(np.einsum("mcp,mcq->pq", rigid, rigid), op=MPI.SUM)
+    spread = rigid @ np.linalg.solve(gram, possible)
     if given.along == "free":
         n = _normal(given, whole[3:6] / whole[6], x - middle, comm)
         ways, tangents = n[None], np.linalg.svd(n[None])[2][1:]
@@ -225,7 +271,7 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
         *(given.kind, given.face, given.face, "its nodes follow its motion", nodes, np.zeros(len(nodes)), nothing),
         *(rows, rows, none, (), directions),
     )
-    return tie, FaceMotion(given, point, nodes, ways, motions, given_part, mine, inverse)
+    return tie, FaceMotion(given, point, nodes, ways, motions, given_part, mine, inverse, spread)
 
 
 def _normal(given: RigidFace, mean: FloatArray, r: FloatArray, comm: MPI.Comm) -> FloatArray:
@@ -254,7 +300,7 @@ def _left_free(given: RigidFace, possible: FloatArray, size: float) -> tuple[Flo
     shape (6, r), and one with these, shape (6,).
 
     Raises:
-        ValueError: If no motion has these components.
+        ValueError: If no motion has these components, or its spring resists other motions.
     """
     which, scale = given.prescribed, np.repeat([1.0, size], 3)
     asked = (scale * [one or 0.0 for one in (*given.translation, *given.rotation)])[which]
@@ -265,5 +311,11 @@ def _left_free(given: RigidFace, possible: FloatArray, size: float) -> tuple[Flo
         raise ValueError(
             f"{given.what}: no motion of it has the components that are prescribed: along the face its nodes are free, "
             "so that it moves along its normal and rotates about axes in it; hold nodes along the face by supports"
+        )
+    S, span = np.diag(given.stiffness / scale**2), scale[:, None] * possible
+    if np.any(np.abs(S - S @ span @ span.T) > _PLANE * np.max(S)):
+        raise ValueError(
+            f"{given.what}: its spring resists motions along the face, where its nodes are free: give stiffness along "
+            "its normal and about axes in it, and springs on other faces"
         )
     return possible @ null_space(rows.T @ rows, _FREE), possible @ amounts

@@ -37,6 +37,7 @@ from ..bodies import (
     component_modes,
     distributed_rows,
     free_motions,
+    rigid_modes,
 )
 from ..meshes import fetched, starts_of
 from .contact_points import at_nodes_of, rows_of
@@ -192,7 +193,7 @@ class TiedBodies(Deformable):
         blocks[:, [0, 1, 2], [0, 1, 2]] += anchoring
         indptr, columns, values = product.getValuesCSR()
         rows = scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, product.getSize()[1]))
-        rows = rows + self._block_diagonal(blocks)
+        rows = rows + self._block_diagonal(blocks) + self._springs_in_K()
         for thing in (S, diagonal, TP, product, present):
             thing.destroy()
         K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(self.x), rows.shape[1]), self)
@@ -202,6 +203,22 @@ class TiedBodies(Deformable):
         if of_bodies.getAttr(INTERPOLATION) is not None:
             attach_interpolation(K, self._interpolation)
         return K, anchoring
+
+    def _springs_in_K(self) -> scipy.sparse.csr_matrix:
+        """This rank's rows of (T P)^T C S C^T T P of all rigid faces: C^T T P is not zero at the anchors alone."""
+        n, axes = 3 * len(self.x), np.arange(3)
+        found = scipy.sparse.csr_matrix((n, 3 * self.numbering.total))
+        for motion in self._sprung:
+            spread = np.zeros((len(self.x), 3, 6))
+            spread[motion.nodes] = motion.spread
+            at = np.unique([node for node, _ in motion.anchors if node >= 0]).astype(np.int64)
+            dofs = (3 * at[:, None] + axes).ravel()
+            own = self.held.free_part(self.transferred(spread))[at].reshape(-1, 6)
+            columns = np.concatenate(self.comm.allgather(3 * self.numbering.first + dofs))
+            block = (own * motion.given.stiffness) @ np.concatenate(self.comm.allgather(own)).T
+            entries = (block.ravel(), (np.repeat(dofs, len(columns)), np.tile(columns, len(dofs))))
+            found = found + scipy.sparse.csr_matrix(entries, found.shape)
+        return found
 
     def _interpolation(self) -> PETSc.Mat:
         """That of the bodies, without what follows other nodes."""
@@ -224,6 +241,8 @@ class TiedBodies(Deformable):
         modes, _ = component_modes(self.x, component, self.comm)
         against = np.stack([of_bodies.projected(modes[:, :, j], self.x) for j in range(6)], axis=2)
         against += self.prevented(modes) - self.held_part(modes)
+        for motion in self._sprung:
+            against -= motion.spring_force(modes, motion.unit_stiffness(self.x, self.comm), self.comm)
         places = np.zeros((3, len(self.x)), dtype=bool)
         for member in self.members:
             places[:, member.nodes] = member.body.anchor_places
@@ -351,7 +370,20 @@ class TiedBodies(Deformable):
 
     @property
     def ground(self) -> FloatArray | None:
-        return self.bodies.ground
+        if not self._sprung:
+            return self.bodies.ground
+        of_bodies, modes = self.bodies.ground, rigid_modes(self.x, self.comm)
+        own = -sum(self._spring_forces_of_faces(modes), np.zeros_like(modes))
+        return own if of_bodies is None else of_bodies + own
+
+    @property
+    def _sprung(self) -> list[FaceMotion]:
+        """The rigid faces with springs at their reference points."""
+        return [motion for motion in self.face_motions if np.any(motion.given.stiffness)]
+
+    def _spring_forces_of_faces(self, u: FloatArray) -> list[FloatArray]:
+        """The forces of each of these springs at displacements u (k, 3), or (k, 3, j); collective."""
+        return [one.spring_force(u, one.given.stiffness, self.comm) for one in self._sprung]
 
     def linear_between_vertices(self, values: FloatArray) -> FloatArray:
         return self.bodies.linear_between_vertices(values)
@@ -375,16 +407,19 @@ class TiedBodies(Deformable):
         return self.bodies.loads_in(loading)
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
-        return self.bodies.spring_forces(u)
+        yield from self.bodies.spring_forces(u)
+        for motion, forces in zip(self._sprung, self._spring_forces_of_faces(u), strict=True):
+            yield NodalForces("spring", motion.given.face, forces)
 
     def spring_force(self, u: FloatArray) -> FloatArray:
-        return self.bodies.spring_force(u)
+        return sum(self._spring_forces_of_faces(u), self.bodies.spring_force(u))
 
     def blocked_displacement(self, loading: Loading) -> float:
         return self.bodies.blocked_displacement(loading)
 
     def supports_understood(self) -> list[dict[str, Any]]:
-        return self.bodies.supports_understood()
+        springs = [{"kind": "spring", "face": one.given.face, "holds": one.given.holds} for one in self._sprung]
+        return self.bodies.supports_understood() + springs
 
     def forms(self) -> Mapping[str, Any] | None:
         return self.bodies.forms()

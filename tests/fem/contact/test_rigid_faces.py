@@ -223,6 +223,78 @@ def test_a_bent_slice(cell, degree, cells, off, by_moment):
     assert np.abs(solution.displacement - u).max() <= off * np.abs(u).max()
 
 
+K_U, K_R = (2e8, 3e8, 5e8), (4e7, 6e7, 9e7)
+"""Stiffness of a spring, N/m and N m per radian."""
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+@pytest.mark.parametrize("soft", [1.0, 1e-6])
+def test_a_body_held_by_the_spring_of_a_rigid_face(cell, degree, soft):
+    """A load at the other end, by force and moment: the point moves by F/k and turns by M/k."""
+    point, force, moment = (
+        np.array([1.2, 0.1, 0.2]),
+        soft * np.array([1e3, -2e3, 3e3]),
+        soft * np.array([50.0, 70.0, -20.0]),
+    )
+    spring = {"translation_stiffness": soft * np.array(K_U), "rotation_stiffness": soft * np.array(K_R)}
+    loads = [PointLoad("left", force, moment, point=(0.0, 0.0, 0.0))]
+    face = RigidFace("right", tuple(point), **spring)
+    solution = bar(cell, degree, clamps=[], loads=loads, rigid_faces=[face]).solve()
+    (found,), (held,) = solution.rigid_faces, solution.reactions
+    about = moment - np.cross(point, force)
+    assert solution.valid and solution.force_balance.balance <= 1e-9
+    assert found.translation == pytest.approx(force / spring["translation_stiffness"], rel=1e-7)
+    assert found.rotation == pytest.approx(about / spring["rotation_stiffness"], rel=1e-7)
+    assert (held.kind, held.name) == ("spring", "spring_right")
+    assert held.force == pytest.approx(-force, rel=1e-7) and held.moment == pytest.approx(-moment, rel=1e-7)
+    assert np.abs([*found.force, *found.moment]).max() <= 1e-7 * 3e3 * soft
+
+
+def test_a_block_on_a_spring_is_pressed():
+    """By a plate that moves up: F = d/(1/k + h/(E A)), between smooth faces; the work of the plate is stored."""
+    a, h, k, d = 0.1, 0.05, 3e8, 1e-5
+    face = RigidFace("top", translation_stiffness=(1e7, 1e7, k), rotation_stiffness=(1e4, 1e4, 1e4))
+    contact = Contact("bottom", 0.0, gap=-d, gap_amplitude=lambda t: t)
+    mesh = box((a, a, h), (3, 3, 2))
+    problem = ContactProblem(mesh, Material(1e10, 0.0), [], contact, rigid_faces=[face])
+    *_, step = LoadHistory([0.5, 1.0]).steps(problem)
+    force = d / (1.0 / k + h / (1e10 * a * a))
+    (found,), (held,), energy = step.solution.rigid_faces, step.solution.reactions, step.state.energy
+    assert step.solution.valid and found.translation == pytest.approx((0.0, 0.0, force / k), abs=1e-9 * d)
+    assert held.force == pytest.approx((0.0, 0.0, -force), abs=1e-7 * force)
+    assert energy.elastic == pytest.approx(0.5 * force * d, rel=1e-8)
+    assert abs(energy.imbalance) <= 1e-8 * energy.elastic
+
+
+def test_a_torque_spring_at_a_face_that_is_turned():
+    """What turns the face turns the spring too; the bar does not notice."""
+    point, turned = (1.0, 0.25, 0.15), (2e-3, None, None)
+    plain, sprung = (
+        bar(rigid_faces=[RigidFace("right", point, rotation=turned, rotation_stiffness=(k, 0.0, 0.0))]).solve()
+        for k in (0.0, 5e6)
+    )
+    assert np.abs(sprung.displacement - plain.displacement).max() <= 1e-9 * np.abs(plain.displacement).max()
+    one, other = plain.rigid_faces[0], sprung.rigid_faces[0]
+    assert other.moment[0] - one.moment[0] == pytest.approx(5e6 * 2e-3, rel=1e-9)
+    moments = [reaction.moment - np.cross(point, reaction.force) for reaction in sprung.reactions]
+    assert sprung.force_balance.balance <= 1e-9 and moments[1][0] == pytest.approx(-5e6 * 2e-3, rel=1e-9)
+
+
+def test_the_spring_of_a_plane_face_that_is_free_along_itself():
+    """A bar that contracts freely, between a spring and a plane of symmetry: one spring, E A/L, behind the other."""
+    k, pull = 1e10, 1e6
+    face = RigidFace("right", translation_stiffness=(k, 0.0, 0.0), along="free")
+    supports = [SymmetryPlane("back"), SymmetryPlane("top")]
+    loads = [Traction("left", (-pull / 0.15, 0.0, 0.0))]
+    solution = bar(clamps=supports, loads=loads, rigid_faces=[face]).solve()
+    x = solution.problem.elasticity.x
+    strain = pull / (E * 0.15)
+    u = np.stack(
+        [-pull / k + strain * (x[:, 0] - 1.0), -NU * strain * (x[:, 1] - 0.5), -NU * strain * (x[:, 2] - 0.3)], 1
+    )
+    assert solution.valid and np.abs(solution.displacement - u).max() <= 1e-9 * np.abs(u).max()
+
+
 def test_a_prescribed_rotation_is_a_rigid_face_without_freedom():
     given = RigidFace("right", (1.0, 0.25, 0.15), (0.0, 0.0, 0.0), (2e-3, 0.0, None))
     one = bar(rigid_faces=[given]).solve()
@@ -239,6 +311,7 @@ def test_a_prescribed_rotation_is_a_rigid_face_without_freedom():
         ([RigidFace("right"), RigidFace("right")], "tied already"),
         ([RigidFace("right", translation=(None, 0.0, None), along="free")], "no motion of it has the components"),
         ([RigidFace("right", rotation=(1e-3, None, None), along="free")], "no motion of it has the components"),
+        ([RigidFace("right", translation_stiffness=(1e6, 1e6, 0.0), along="free")], "its spring resists motions along"),
     ],
 )
 def test_wrong_rigid_faces_are_refused(faces, words):
@@ -284,6 +357,8 @@ def test_supports_that_contradict_a_rigid_face_are_refused():
 def test_entries_of_rigid_faces():
     with pytest.raises(ValueError, match="three numbers, or None"):
         RigidFace("right", rotation=(0.0, "free", 0.0))
+    with pytest.raises(ValueError, match=r"rotation_stiffness must be three numbers >= 0, but is \(0.0, -1.0, 0.0\)"):
+        RigidFace("right", rotation_stiffness=(0.0, -1.0, 0.0))
     with pytest.raises(ValueError, match="along must be 'rigid' or 'free', but is 'plane'"):
         RigidFace("right", along="plane")
     with pytest.raises(ValueError, match="for small strains"):
