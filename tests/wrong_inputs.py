@@ -452,6 +452,21 @@ SEVERAL = (
     Wrong("a cut on the boundary", run("mesh.cut=['bottom']"), part()),
     Wrong("a rigid face that cannot move", run("rigid_face=[{face='upper:top', " + STILL + "}]"), two),
     Wrong(
+        "a face that stays plane and is prescribed along itself",
+        run("rigid_face=[{face='upper:top', along='free', translation={x=0.0}}]"),
+        two,
+    ),
+    Wrong(
+        "a spring along a face whose nodes are free along it",
+        run("rigid_face=[{face='upper:top', along='free', translation_stiffness=[1e6, 0.0, 1e6]}]"),
+        two,
+    ),
+    Wrong(
+        "a spring of a rigid face with two numbers",
+        run("rigid_face=[{face='upper:top', rotation_stiffness=[1e6, 0.0]}]"),
+        two,
+    ),
+    Wrong(
         "a component of a rigid face with a wrong name", run("rigid_face=[{face='upper:top', rotation={t=1.0}}]"), two
     ),
     Wrong("a tie without its other face", run("tie=[{face='upper:bottom'}]"), two),

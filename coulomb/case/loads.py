@@ -168,15 +168,3 @@ class PointLoadTable(Table):
 
 
 LoadTable = TractionTable | PressureTable | TotalForceTable | PointLoadTable
-
-
-class MotionAlongAxes(Table):
-    """Components of a translation in metres or a rotation in radians; those that are not given are free."""
-
-    x: Number | None = None
-    y: Number | None = None
-    z: Number | None = None
-
-    @property
-    def components(self) -> tuple[float | None, float | None, float | None]:
-        return self.x, self.y, self.z

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from ..fem.mesh_formats import other_side
 from .curves import AmplitudeTable, amplitude_of
-from .loads import MotionAlongAxes
-from .values import Direction, Name, Number, Table, Vector
+from .values import Direction, Name, Number, Stiffness, Table, Vector
 
 if TYPE_CHECKING:
     from ..fem.contact import RigidFace, Tied
@@ -80,6 +79,18 @@ class PretensionTable(TieTable):
         )
 
 
+class MotionAlongAxes(Table):
+    """Components of a translation in metres or a rotation in radians; those that are not given are free."""
+
+    x: Number | None = None
+    y: Number | None = None
+    z: Number | None = None
+
+    @property
+    def components(self) -> tuple[float | None, float | None, float | None]:
+        return self.x, self.y, self.z
+
+
 class RigidFaceTable(Table):
     """A face that moves as a rigid body, with a reference point in metres."""
 
@@ -88,11 +99,14 @@ class RigidFaceTable(Table):
     translation: MotionAlongAxes = MotionAlongAxes()
     rotation: MotionAlongAxes = MotionAlongAxes()
     amplitude: AmplitudeTable | None = None
+    translation_stiffness: tuple[Stiffness, Stiffness, Stiffness] = (0.0, 0.0, 0.0)
+    rotation_stiffness: tuple[Stiffness, Stiffness, Stiffness] = (0.0, 0.0, 0.0)
+    along: Literal["rigid", "free"] = "rigid"
 
     def rigid_face(self) -> RigidFace:
         from ..fem.contact import RigidFace
 
         return RigidFace(
             *(self.face, self.point, self.translation.components, self.rotation.components),
-            amplitude_of(self.amplitude),
+            *(amplitude_of(self.amplitude), self.translation_stiffness, self.rotation_stiffness, self.along),
         )

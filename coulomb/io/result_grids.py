@@ -258,7 +258,8 @@ def body_grids(solution: Solution, given: Mapping[str, Any]) -> list[GridFields]
     own = of_bodies(given, [member.body for member in elasticity.members], comm)
     for member, part, functions in zip(elasticity.members, parts, own, strict=True):
         fields = {"displacement": u, **acting, **({} if member.body.forms() is None else of_forms)}
-        fields |= {} if member.body.ground is None else of_ground
+        if ground is not None and comm.allreduce(bool(np.any(ground[member.nodes])), op=MPI.LOR):
+            fields |= of_ground
         on_points = {name: values[member.nodes] for name, values in fields.items()}
         grids.append(_body_grid(member, on_points, part, functions, comm))
     return grids

@@ -111,6 +111,96 @@ def test_a_rigid_face_is_computed_again(tmp_path):
         assert any(line.startswith(shown(place)) for line in faults), place
 
 
+SLICE = """\
+[mesh]
+box = [0.1, 0.02, 0.05]
+cells = [4, 1, 3]
+degree = 2
+[material]
+young = 1e9
+poisson = 0.3
+[[symmetry]]
+face = "front"
+[[rigid_face]]
+face = "back"
+along = "free"
+rotation = { x = 1e-4 }
+amplitude = [[0.0, 0.0], [1.0, 1.0]]
+[[point_load]]
+face = "top"
+force = [20.0, 5.0, -5e2]
+[contact]
+face = "bottom"
+friction = 0.3
+[history]
+times = [0.5, 1.0]
+"""
+
+
+def test_a_slice_is_computed_again(tmp_path):
+    found = check(made(SLICE))
+    assert found.passed and not found.faults, str(found)
+    folder = copied(SLICE, tmp_path / "run") / "steps/0002"
+    change(folder / "solution.h5", "tie_force", largest)
+    edit(folder / "summary.json", lambda summary: put(summary, ("rigid_faces", 0, "translation", 1), 0.1234))
+    faults = check(folder).faults
+    assert any(line.startswith("solution.xdmf: tie_force") for line in faults)
+    assert any(line.startswith(shown(("rigid_faces", 0, "translation", 1))) for line in faults)
+
+
+SPRUNG = """\
+[[body]]
+name = "foot"
+box = [0.1, 0.08, 0.02]
+cells = [3, 3, 1]
+[body.material]
+young = 1e9
+poisson = 0.3
+[[body]]
+name = "plate"
+box = [0.14, 0.12, 0.02]
+cells = [4, 3, 1]
+translate = [-0.02, -0.02, 0.02]
+[body.material]
+young = 5e9
+poisson = 0.3
+[[spring]]
+face = "plate:left"
+stiffness = 1e7
+[[tie]]
+face = "foot:top"
+against = "plate:bottom"
+[[rigid_face]]
+face = "plate:top"
+translation_stiffness = [1e5, 2e5, 5e6]
+rotation_stiffness = [300.0, 200.0, 50.0]
+[[traction]]
+face = "plate:right"
+value = [2e4, 1e4, -3e4]
+[contact]
+face = "foot:bottom"
+friction = 0.3
+gap = -1e-5
+gap_amplitude = [[0.0, 0.0], [1.0, 1.0]]
+[history]
+times = [0.5, 1.0]
+"""
+
+
+def test_springs_of_rigid_faces_are_computed_again(tmp_path):
+    for text in (SPRUNG, SPRUNG.replace('[[spring]]\nface = "plate:left"\nstiffness = 1e7\n', "")):
+        found = check(made(text))
+        assert found.passed and not found.faults, str(found)
+    folder = copied(SPRUNG, tmp_path / "run") / "steps/0002"
+    change(folder / "solution.h5", "plate/spring_force", largest)
+    last = json.loads((folder / "summary.json").read_text())["reactions"][-1]
+    assert last["name"] == "spring_plate:top" and abs(last["force"][2]) > 1.0
+    edit(folder / "summary.json", lambda summary: put(summary, ("reactions", 1, "force", 2), 0.1234))
+    faults = check(folder).faults
+    assert any(line.startswith("solution.xdmf: spring_force") for line in faults)
+    assert any(line.startswith(shown(("reactions", 1, "force", 2))) for line in faults)
+
+
 FLOATING = """\
 [[body]]
 name = "pad"

@@ -55,3 +55,4 @@ from .rigid_modes import (
     rigid_modes,
 )
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane
+from .wrapped_bodies import WrappedBodies

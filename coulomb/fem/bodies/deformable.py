@@ -82,8 +82,8 @@ class Tie:
         traction: Tractions at them by forces on nodes, 1/m^2, shape (m, nodes of all ranks).
         remarks: What a user should know of it.
         directions: Projectors on the directions along which the nodes follow others, shape (m, 3, 3): all of them, but
-            for nodes on an axis of cyclic symmetry, which may move along it, and for those of a rigid face by which its
-            motion is described.
+            for nodes on an axis of cyclic symmetry, which may move along it, those of a rigid face that is free along
+            itself, and those by which the motion of a rigid face is described.
     """
 
     kind: str

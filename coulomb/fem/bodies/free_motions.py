@@ -51,6 +51,9 @@ def anchors_of(
         places: Which nodes suit, the best first, shapes (k,).
         rows: The motions q at points (p, 3), shape (p, 3, q).
         comm: The ranks.
+
+    Raises:
+        ValueError: On every rank, if no node suits.
     """
     found: list[list[Anchor]] = []
     quality: list[float] = []
@@ -68,6 +71,11 @@ def anchors_of(
             x_there, rank, node = extremes[place]
             found[-1].append(Anchor(rank, node, axis, x_there))
         quality.append(float(np.abs(R[count - 1, count - 1])) if len(R) >= count else 0.0)
+    if not found:
+        raise ValueError(
+            "contact alone holds a part all of whose nodes follow others, as on rigid faces: hold it by a support, "
+            "as a plane of symmetry on one of the faces, or mesh it with more cells across or of second order"
+        )
     return next(one for one, good in zip(found, quality, strict=True) if good > _WORSE * max(quality))
 
 

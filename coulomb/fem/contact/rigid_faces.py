@@ -4,12 +4,17 @@ A motion is a combination of r rigid motions rho_j, those that are neither presc
 face.  r degrees of freedom of nodes of the face determine its amounts, alpha = E^-1 (u - t) there, E the motions at
 them; all others follow, u = rho(x) alpha + t(x), t the prescribed part.  So the face has no unknowns but those of its
 nodes, and equilibrium of the forces on it, T^T of the nodal forces, is that of their resultants along the free motions.
+A plane face that is free along itself has the motions along its normal n alone, and n . u follows them.
+
+A spring of stiffness S between the reference point and the ground acts on q = C^T u, the rigid motion that fits the
+displacements best: C = A (A^T A)^-1, A the rigid motions at the nodes.  Its nodal forces -C S q have resultants -S q.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +32,9 @@ _FREE = 1e-10
 _ROUNDING = 1e-9
 """Part of the prescribed displacements up to which they are the same."""
 
+_PLANE = 1e-6
+"""Distance of nodes from a plane over the size of the face up to which it is plane; 1 less the cosine of an angle."""
+
 
 @dataclass(frozen=True)
 class RigidFace:
@@ -42,9 +50,13 @@ class RigidFace:
         rotation: Rotation about axes along x, y and z through the point, radians, in the theory of small strains; None
             where it is free.
         amplitude: Factor of translation and rotation as a function of time.
+        translation_stiffness: Stiffness of a spring between the point and the ground along x, y and z, N/m.
+        rotation_stiffness: The same against rotation about axes along x, y and z, N m per radian.
+        along: "rigid", or "free" for a plane face that stays plane, of which the nodes move freely along the face: only
+            translation along its normal and rotation about axes in it are motions then.
 
     Raises:
-        ValueError: If an entry is neither None nor a finite number.
+        ValueError: If an entry is neither None nor a finite number, or a stiffness negative, or `along` something else.
     """
 
     face: str
@@ -52,6 +64,9 @@ class RigidFace:
     translation: Sequence[float | None] = (None, None, None)
     rotation: Sequence[float | None] = (None, None, None)
     amplitude: Amplitude = 1.0
+    translation_stiffness: Sequence[float] = (0.0, 0.0, 0.0)
+    rotation_stiffness: Sequence[float] = (0.0, 0.0, 0.0)
+    along: Literal["rigid", "free"] = "rigid"
 
     kind = "rigid face"
 
@@ -65,24 +80,35 @@ class RigidFace:
                 raise ValueError(
                     f"{self.what}: {name} must be three numbers, or None where it is free, but is {given!r}"
                 )
+        for name in ("translation_stiffness", "rotation_stiffness"):
+            given = getattr(self, name)
+            if len(given) != 3 or not all(is_number(one, 0.0) for one in given):
+                raise ValueError(f"{self.what}: {name} must be three numbers >= 0, but is {given!r}")
+        if self.along not in ("rigid", "free"):
+            raise ValueError(f"{self.what}: along must be 'rigid' or 'free', but is {self.along!r}")
 
     @property
     def what(self) -> str:
         return f"{self.kind} {self.face!r}"
 
     @property
+    def stiffness(self) -> FloatArray:
+        """The diagonal of S, shape (6,)."""
+        return np.array([*self.translation_stiffness, *self.rotation_stiffness], dtype=np.float64)
+
+    @property
+    def holds(self) -> str:
+        """What its spring holds, in words."""
+        along, about = (
+            "(" + ", ".join(f"{float(one):g}" for one in given) + ")"
+            for given in (self.translation_stiffness, self.rotation_stiffness)
+        )
+        return f"stiffness {along} N/m and {about} N m/rad at its reference point"
+
+    @property
     def prescribed(self) -> npt.NDArray[np.bool_]:
         """Which of the six components are prescribed, shape (6,)."""
         return np.array([one is not None for one in (*self.translation, *self.rotation)])
-
-    def values(self, time: float, comm: MPI.Comm) -> FloatArray:
-        """The prescribed components at a time, 0 where free, shape (6,); collective.
-
-        Raises:
-            ValueError: On every rank, if the amplitude has no value then.
-        """
-        factor = on_all_ranks(lambda: evaluate_amplitude(self.amplitude, time, self.what), "", comm)
-        return factor * np.array([one or 0.0 for one in (*self.translation, *self.rotation)])
 
     def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> tuple[Tie, FaceMotion]:
         """Its nodes, and how they move; collective; errors as of `rigid_face_of`."""
@@ -97,28 +123,60 @@ class FaceMotion:
         given: As given.
         point: The reference point, metres, shape (3,).
         nodes: Its nodes among this rank's k nodes, ascending, shape (m,).
+        ways: Orthonormal directions along which its nodes follow the motion, shape (d, 3).
         motions: The free motions as translations of the point and rotations about it, shape (6, r).
-        anchors: Number of the node of each of the r degrees of freedom among this rank's, -1 elsewhere, and its axis.
+        given_part: What is prescribed as such a motion, for an amplitude of 1, shape (6,).
+        anchors: Number of the node of each of the r degrees of freedom among this rank's, -1 elsewhere, and its
+            direction (3,).
         inverse: E^-1, shape (r, r).
+        spread: C, shape (m, 3, 6).
     """
 
     given: RigidFace
     point: FloatArray
     nodes: npt.NDArray[np.int64]
+    ways: FloatArray
     motions: FloatArray
-    anchors: tuple[tuple[int, int], ...]
+    given_part: FloatArray
+    anchors: tuple[tuple[int, FloatArray], ...]
     inverse: FloatArray
+    spread: FloatArray
+
+    def spring_force(self, u: FloatArray, stiffness: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """Nodal forces in newtons of a spring of a diagonal stiffness (6,) at displacements u (k, 3), or (k, 3, j), of
+        the same shape; collective."""
+        q = comm.allreduce(np.einsum("mcp,mc...->p...", self.spread, u[self.nodes]), op=MPI.SUM)
+        forces = np.zeros_like(u)
+        forces[self.nodes] = -np.einsum("mcp,p,p...->mc...", self.spread, stiffness, q)
+        return forces
+
+    def unit_stiffness(self, x: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """The stiffness (6,) of unit springs at all nodes, of those x (k, 3) of this rank, where the spring has any;
+        collective."""
+        count, square = comm.allreduce(
+            np.array([len(self.nodes), np.sum((x[self.nodes] - self.point) ** 2)]), op=MPI.SUM
+        )
+        return np.where(self.given.stiffness > 0.0, np.repeat([count, square], 3), 0.0)
+
+    def values(self, time: float, comm: MPI.Comm) -> FloatArray:
+        """The prescribed motion at a time, shape (6,); collective.
+
+        Raises:
+            ValueError: On every rank, if the amplitude has no value then.
+        """
+        given = self.given
+        return self.given_part * on_all_ranks(lambda: evaluate_amplitude(given.amplitude, time, given.what), "", comm)
 
     def prescribed(self, x: FloatArray, time: float, comm: MPI.Comm) -> FloatArray:
-        """t at nodes x (k, 3) of the face, 0 at others, metres, shape (k, 3); collective."""
-        values, t = self.given.values(time, comm), np.zeros_like(x)
+        """t at nodes x (k, 3) of the face, 0 at others, metres, shape (k, 3), of which `ways` matter; collective."""
+        values, t = self.values(time, comm), np.zeros_like(x)
         t[self.nodes] = _moved(values[:, None], x[self.nodes] - self.point)[:, :, 0]
         return t
 
     def refuse_other(self, held: FloatArray, size: float, comm: MPI.Comm) -> None:
         """ValueError on every rank if supports prescribe other displacements at its nodes than it does: `held` (k, 3)
         is the difference along held directions, of displacements of a size, metres; collective."""
-        if comm.allreduce(bool(np.any(np.abs(held[self.nodes]) > _ROUNDING * size)), op=MPI.LOR):
+        if comm.allreduce(bool(np.any(np.abs(held[self.nodes] @ self.ways.T) > _ROUNDING * size)), op=MPI.LOR):
             raise ValueError(
                 f"{self.given.what}: supports prescribe other displacements at some of its nodes: leave these "
                 "components free, or end the supports before the face"
@@ -127,7 +185,7 @@ class FaceMotion:
     def found(self, u: FloatArray, t: FloatArray, values: FloatArray, comm: MPI.Comm) -> FloatArray:
         """Translation of the point and rotation about it, shape (6,), of displacements u with the prescribed part t (k,
         3) of the values (6,); collective."""
-        there = [u[node, axis] - t[node, axis] if node >= 0 else 0.0 for node, axis in self.anchors]
+        there = [way @ (u[node] - t[node]) if node >= 0 else 0.0 for node, way in self.anchors]
         amounts = self.inverse @ comm.allreduce(np.array(there), op=MPI.SUM)
         motion: FloatArray = values + self.motions @ amounts
         return motion
@@ -144,7 +202,8 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
     """A rigid face of nodes that are in no tie (`taken`, (k,)), and its motion; collective.
 
     Raises:
-        ValueError: On every rank, if the face is unknown, nodes of it are tied, or nothing of it can move.
+        ValueError: On every rank, if the face is unknown, nodes of it are tied, or nothing of it can move; if it is to
+            be free along itself also if it is not plane, or what is prescribed or held is not along its normal.
     """
     comm, (member, facets) = body.comm, body.face(given.face, given.kind)
     nodes = (member.nodes.start + member.body.nodes_of(facets)).astype(np.int64)
@@ -153,43 +212,114 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
             f"{given.what}: some of its nodes are tied already: give the rigid face before ties, or another"
         )
     x, area = body.x[nodes], member.body.area_of(facets)
-    whole = comm.allreduce(np.append(area @ member.body.x, area.sum()), op=MPI.SUM)
-    point = whole[:3] / whole[3] if given.point is None else np.array(given.point, dtype=np.float64)
+    normal = member.body.normal_of(facets).sum(axis=0)
+    whole = comm.allreduce(np.concatenate([area @ member.body.x, normal, [area.sum()]]), op=MPI.SUM)
+    middle = whole[:3] / whole[6]
+    point = middle if given.point is None else np.array(given.point, dtype=np.float64)
     r = x - point
     size = comm.allreduce(float(np.max(np.linalg.norm(r, axis=1), initial=0.0)), op=MPI.MAX)
-    unit = np.diag([1.0] * 3 + [1.0 / size] * 3)[:, ~given.prescribed]
     held = body.held.projector_at(nodes)
-    against = np.einsum("mij,mjq->miq", held, _moved(unit, r))
+    ways, possible = np.eye(3), np.diag([1.0] * 3 + [1.0 / size] * 3)
+    rigid = _moved(possible, r)
+    gram = comm.allreduce(np.einsum("mcp,mcq->pq", rigid, rigid), op=MPI.SUM)
+    spread = rigid @ np.linalg.solve(gram, possible)
+    if given.along == "free":
+        n = _normal(given, whole[3:6] / whole[6], x - middle, comm)
+        ways, tangents = n[None], np.linalg.svd(n[None])[2][1:]
+        possible = np.block([[n[:, None], np.zeros((3, 2))], [np.zeros((3, 1)), tangents.T / size]])
+        part = np.einsum("i,mij,j->m", n, held, n)
+        if comm.allreduce(bool(np.any((part > _PLANE) & (part < 1.0 - _PLANE))), op=MPI.LOR):
+            raise ValueError(
+                f"{given.what}: supports hold some of its nodes along a direction that is neither along its normal nor "
+                "along the face: end them before the face"
+            )
+    free, given_part = _left_free(given, possible, size)
+    follow = ways.T @ ways
+    against = np.einsum("mij,jk,mkq->miq", held, follow, _moved(free, r))
     energy = comm.allreduce(np.einsum("miq,mip->qp", against, against), op=MPI.SUM)
     count = comm.allreduce(float(len(nodes)), op=MPI.SUM)
-    motions = unit @ null_space(energy, _FREE * count) if unit.shape[1] else unit
+    motions = free @ null_space(energy, _FREE * count) if free.shape[1] else free
     if motions.shape[1] == 0:
         raise ValueError(
             f"{given.what}: nothing of it is free; prescribe its motion by PrescribedDisplacement or a clamp"
         )
     everywhere = np.zeros(len(body.x), dtype=bool)
     everywhere[nodes] = True
-    anchors = anchors_of(body.x, [everywhere], lambda at: _moved(motions, at - point), comm)
-    first, rows_of_anchors = starts_of(comm, len(body.x)), np.zeros((len(anchors), motions.shape[1]))
-    for row, anchor in enumerate(anchors):
-        rows_of_anchors[row] = _moved(motions, anchor.x[None] - point)[0, anchor.axis]
-    inverse = np.linalg.inv(rows_of_anchors)
-    columns = np.array([3 * (first[anchor.rank] + anchor.node) + anchor.axis for anchor in anchors], dtype=np.int64)
-    free, directions = np.eye(3) - held, np.tile(np.eye(3), (len(nodes), 1, 1))
-    place = {int(node): number for number, node in enumerate(nodes)}
-    mine = [(anchor.node if anchor.rank == comm.rank else -1, anchor.axis) for anchor in anchors]
-    for node, axis in mine:
-        if node >= 0:
-            directions[place[node], axis, axis] = 0.0
-    blocks = directions @ free @ (_moved(motions, r) @ inverse)
-    shape = (3 * len(nodes), 3 * body.numbering.total)
-    rows = scipy.sparse.csr_matrix(
-        (blocks.ravel(), np.tile(columns, 3 * len(nodes)), np.arange(3 * len(nodes) + 1) * len(anchors)), shape
+    frame = np.zeros((3, 3))
+    frame[: len(ways)] = ways
+
+    def along_ways(at: FloatArray) -> FloatArray:
+        rows: FloatArray = np.einsum("ij,pjq->piq", frame, _moved(motions, at - point))
+        return rows
+
+    anchors = anchors_of(body.x, [everywhere], along_ways, comm)
+    first, directions = starts_of(comm, len(body.x)), np.tile(follow, (len(nodes), 1, 1))
+    inverse = np.linalg.inv([along_ways(anchor.x[None])[0, anchor.axis] for anchor in anchors])
+    columns = np.array([3 * (first[anchor.rank] + anchor.node) + np.arange(3) for anchor in anchors], dtype=np.int64)
+    weights = frame[[anchor.axis for anchor in anchors]]
+    mine = tuple(
+        (anchor.node if anchor.rank == comm.rank else -1, way) for anchor, way in zip(anchors, weights, strict=True)
     )
+    for node, way in mine:
+        if node >= 0:
+            directions[np.searchsorted(nodes, node)] -= np.outer(way, way)
+    blocks = directions @ (np.eye(3) - held) @ (_moved(motions, r) @ inverse)
+    total = 3 * body.numbering.total
+    carried = scipy.sparse.csr_matrix(
+        (weights.ravel(), columns.ravel(), np.arange(len(anchors) + 1) * 3), (len(anchors), total)
+    )
+    rows = (scipy.sparse.csr_matrix(blocks.reshape(-1, len(anchors))) @ carried).tocsr()
     rows.eliminate_zeros()
     none, nothing = scipy.sparse.csr_matrix((len(nodes), body.numbering.total)), np.zeros((len(nodes), 3))
     tie = Tie(
         *(given.kind, given.face, given.face, "its nodes follow its motion", nodes, np.zeros(len(nodes)), nothing),
         *(rows, rows, none, (), directions),
     )
-    return tie, FaceMotion(given, point, nodes, motions, tuple(mine), inverse)
+    return tie, FaceMotion(given, point, nodes, ways, motions, given_part, mine, inverse, spread)
+
+
+def _normal(given: RigidFace, mean: FloatArray, r: FloatArray, comm: MPI.Comm) -> FloatArray:
+    """The unit normal (3,) of a plane face, by the mean of normals and its nodes at r (m, 3) from its middle;
+    collective.
+
+    Raises:
+        ValueError: On every rank, if the face is not plane.
+    """
+    length = float(np.linalg.norm(mean))
+    n = mean / (length or 1.0)
+    n[np.abs(n) < _PLANE**2] = 0.0
+    size, off = (
+        comm.allreduce(float(np.max(of, initial=0.0)), op=MPI.MAX) for of in (np.linalg.norm(r, axis=1), np.abs(r @ n))
+    )
+    if off > _PLANE * size or length < 1.0 - _PLANE:
+        raise ValueError(
+            f"{given.what}: along = 'free' is for a plane face, but nodes are up to {off:.3g} m off the plane of its "
+            f"mean normal ({', '.join(f'{one:.3g}' for one in n)}); leave along out for a face that moves as a whole"
+        )
+    return n
+
+
+def _left_free(given: RigidFace, possible: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
+    """Of possible motions, the span of columns (6, q) of a face of a size, those without the prescribed components,
+    shape (6, r), and one with these, shape (6,).
+
+    Raises:
+        ValueError: If no motion has these components, or its spring resists other motions.
+    """
+    which, scale = given.prescribed, np.repeat([1.0, size], 3)
+    asked = (scale * [one or 0.0 for one in (*given.translation, *given.rotation)])[which]
+    rows = (scale[:, None] * possible)[which]
+    amounts = np.linalg.pinv(rows) @ asked
+    off = np.abs(rows @ amounts - asked) > _ROUNDING * np.max(np.abs(asked), initial=0.0)
+    if np.any(off | (np.linalg.norm(rows, axis=1) < _PLANE)):
+        raise ValueError(
+            f"{given.what}: no motion of it has the components that are prescribed: along the face its nodes are free, "
+            "so that it moves along its normal and rotates about axes in it; hold nodes along the face by supports"
+        )
+    S, span = np.diag(given.stiffness / scale**2), scale[:, None] * possible
+    if np.any(np.abs(S - S @ span @ span.T) > _PLANE * np.max(S)):
+        raise ValueError(
+            f"{given.what}: its spring resists motions along the face, where its nodes are free: give stiffness along "
+            "its normal and about axes in it, and springs on other faces"
+        )
+    return possible @ null_space(rows.T @ rows, _FREE), possible @ amounts

@@ -9,7 +9,7 @@ the master.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
@@ -29,16 +29,16 @@ from ..bodies import (
     Deformable,
     FreeMotions,
     Loading,
-    Member,
     NodalForces,
-    Numbering,
     Tie,
+    WrappedBodies,
     attach_interpolation,
     attach_rigid_body_modes,
     component_modes,
     distributed_rows,
     free_motions,
     null_space,
+    rigid_modes,
 )
 from ..meshes import fetched, starts_of
 from .contact_points import at_nodes_of, rows_of
@@ -57,7 +57,7 @@ def _each_column(of: Callable[[FloatArray], FloatArray], v: FloatArray) -> Float
     return np.stack([of(v[:, :, j]) for j in range(v.shape[2])], axis=2) if v.shape[2] else v
 
 
-class TiedBodies(Deformable):
+class TiedBodies(WrappedBodies):
     """Bodies with ties; nodes, faces and loads are those of the bodies.
 
     Attributes:
@@ -77,9 +77,8 @@ class TiedBodies(Deformable):
         like: TiedBodies | None = None,
         locked: tuple[bool, ...] = (),
     ):
-        self.bodies, self.given = bodies, tuple(given)
-        self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
-        self.contradictions = bodies.contradictions
+        super().__init__(bodies)
+        self.given = tuple(given)
         self._K: tuple[PETSc.Mat, PETSc.Mat, FloatArray] | None = None
         self._ties: tuple[Tie, ...] = () if like is None else like.ties
         self.face_motions: tuple[FaceMotion, ...] = () if like is None else like.face_motions
@@ -242,7 +241,7 @@ class TiedBodies(Deformable):
         blocks[:, [0, 1, 2], [0, 1, 2]] += anchoring
         indptr, columns, values = product.getValuesCSR()
         rows = scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, product.getSize()[1]))
-        rows = rows + self._block_diagonal(blocks)
+        rows = rows + self._block_diagonal(blocks) + self._springs_in_K()
         for thing in (S, diagonal, TP, product, present):
             thing.destroy()
         K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(self.x), rows.shape[1]), self)
@@ -253,14 +252,34 @@ class TiedBodies(Deformable):
             attach_interpolation(K, self._interpolation)
         return K, anchoring
 
+    def _springs_in_K(self) -> scipy.sparse.csr_matrix:
+        """This rank's rows of (T P)^T C S C^T T P of all rigid faces: C^T T P is not zero at the anchors alone."""
+        n, axes = 3 * len(self.x), np.arange(3)
+        found = scipy.sparse.csr_matrix((n, 3 * self.numbering.total))
+        for motion in self._sprung:
+            spread = np.zeros((len(self.x), 3, 6))
+            spread[motion.nodes] = motion.spread
+            at = np.unique([node for node, _ in motion.anchors if node >= 0]).astype(np.int64)
+            dofs = (3 * at[:, None] + axes).ravel()
+            own = self.held.free_part(self.transferred(spread))[at].reshape(-1, 6)
+            columns = np.concatenate(self.comm.allgather(3 * self.numbering.first + dofs))
+            block = (own * motion.given.stiffness) @ np.concatenate(self.comm.allgather(own)).T
+            entries = (block.ravel(), (np.repeat(dofs, len(columns)), np.tile(columns, len(dofs))))
+            found = found + scipy.sparse.csr_matrix(entries, found.shape)
+        return found
+
     def _interpolation(self) -> PETSc.Mat:
-        """That of the bodies, without slave nodes."""
+        """That of the bodies, without what follows other nodes."""
         P = self.bodies.K.getAttr(INTERPOLATION)()
-        kept = P.createVecLeft()
-        kept.array[:] = np.repeat(~self.slaves, 3)
-        P.diagonalScale(kept)
-        kept.destroy()
-        return P
+        rows = self._block_diagonal(np.eye(3) - self._tied)
+        rows.eliminate_zeros()
+        E = distributed_rows(rows, (rows.shape[0], rows.shape[1]), self)
+        product = E.matMult(P)
+        product.setNearNullSpace(P.getNearNullSpace())
+        product.setAttr("mesh", self.lifetime)
+        for one in (E, P):
+            one.destroy()
+        return product
 
     @cached_property
     def free(self) -> FreeMotions:
@@ -285,7 +304,10 @@ class TiedBodies(Deformable):
         """Forces of unit springs in place of supports, springs and ties in motions of one metre, shapes (k, 3, j);
         collective."""
         projected = [self.bodies.free.projected(modes[:, :, j], self.x) for j in range(modes.shape[2])]
-        return np.stack(projected, axis=2) + self.prevented(modes) - self.held_part(modes)
+        forces = np.stack(projected, axis=2) + self.prevented(modes) - self.held_part(modes)
+        for motion in self._sprung:
+            forces = forces - motion.spring_force(modes, motion.unit_stiffness(self.x, self.comm), self.comm)
+        return forces
 
     def _opened(self, found: FreeMotions, places: npt.NDArray[np.bool_]) -> FreeMotions:
         """With the motions in which bolts that are not locked become shorter and nothing is deformed; collective.
@@ -381,9 +403,6 @@ class TiedBodies(Deformable):
         f.array[:] = (free + self._held_diagonal * self.held_part(g)).ravel()
         return f
 
-    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        return self.bodies.shares(reaction)
-
     def _on_slaves(self, imbalance: FloatArray) -> FloatArray:
         """The forces of all ties on their slave nodes, shapes (k, 3); collective."""
         forces = np.zeros_like(imbalance)
@@ -419,7 +438,7 @@ class TiedBodies(Deformable):
 
     def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         for motion in self.face_motions:
-            values, t = motion.given.values(time, self.comm), motion.prescribed(self.x, time, self.comm)
+            values, t = motion.values(time, self.comm), motion.prescribed(self.x, time, self.comm)
             yield motion.given.face, motion.point, motion.found(u, t, values, self.comm)
 
     def jump(self, u: FloatArray) -> FloatArray:
@@ -429,68 +448,33 @@ class TiedBodies(Deformable):
     def at_time(self, time: float) -> TiedBodies:
         return self._with(self.bodies.at_time(time), tuple(section.given.fixed(time) for section in self.sections))
 
-    # --- what is that of the bodies -----------------------------------------------------------------------------------
-
-    @cached_property
-    def _held_diagonal(self) -> FloatArray:
-        return np.concatenate([member.body.held_diagonal for member in self.members])
-
-    @property
-    def component(self) -> IntArray:
-        return self.bodies.free.component
-
-    @property
-    def comm(self) -> MPI.Comm:
-        return self.bodies.comm
-
-    @property
-    def numbering(self) -> Numbering:
-        return self.bodies.numbering
-
-    @property
-    def lifetime(self) -> object:
-        return self.bodies.lifetime
-
-    @property
-    def members(self) -> tuple[Member, ...]:
-        return self.bodies.members
+    # --- springs at reference points ----------------------------------------------------------------------------------
 
     @property
     def ground(self) -> FloatArray | None:
-        return self.bodies.ground
+        if not self._sprung:
+            return self.bodies.ground
+        of_bodies, modes = self.bodies.ground, rigid_modes(self.x, self.comm)
+        own = -sum(self._spring_forces_of_faces(modes), np.zeros_like(modes))
+        return own if of_bodies is None else of_bodies + own
 
-    def linear_between_vertices(self, values: FloatArray) -> FloatArray:
-        return self.bodies.linear_between_vertices(values)
+    @property
+    def _sprung(self) -> list[FaceMotion]:
+        """The rigid faces with springs at their reference points."""
+        return [motion for motion in self.face_motions if np.any(motion.given.stiffness)]
 
-    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
-        return self.bodies.face(name, what)
-
-    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        return self.bodies.numbers_of(member, numbers)
-
-    def largest_gradient(self, u: FloatArray) -> float:
-        return self.bodies.largest_gradient(u)
-
-    def internal_force(self, u: FloatArray) -> FloatArray:
-        return self.bodies.internal_force(u)
-
-    def outdated(self, loading: Loading) -> bool:
-        return self.bodies.outdated(loading.untied or loading)
-
-    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        return self.bodies.loads_in(loading.untied or loading)
+    def _spring_forces_of_faces(self, u: FloatArray) -> list[FloatArray]:
+        """The forces of each of these springs at displacements u (k, 3), or (k, 3, j); collective."""
+        return [one.spring_force(u, one.given.stiffness, self.comm) for one in self._sprung]
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
-        return self.bodies.spring_forces(u)
+        yield from self.bodies.spring_forces(u)
+        for motion, forces in zip(self._sprung, self._spring_forces_of_faces(u), strict=True):
+            yield NodalForces("spring", motion.given.face, forces)
 
     def spring_force(self, u: FloatArray) -> FloatArray:
-        return self.bodies.spring_force(u)
-
-    def blocked_displacement(self, loading: Loading) -> float:
-        return self.bodies.blocked_displacement(loading.untied or loading)
+        return sum(self._spring_forces_of_faces(u), self.bodies.spring_force(u))
 
     def supports_understood(self) -> list[dict[str, Any]]:
-        return self.bodies.supports_understood()
-
-    def forms(self) -> Mapping[str, Any] | None:
-        return self.bodies.forms()
+        springs = [{"kind": "spring", "face": one.given.face, "holds": one.given.holds} for one in self._sprung]
+        return self.bodies.supports_understood() + springs

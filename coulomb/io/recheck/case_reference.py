@@ -8,7 +8,7 @@ the matrices that the solver uses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -39,6 +39,8 @@ from ..summary import material_entries
 from .comparison import Comparison
 
 _SOURCE = "the case"
+
+_UNFIT = "has another mesh than the case"
 
 _PROJECTOR = 1e-12
 """Accepted difference of the entries of projectors: normals of faces are sums that are rounded."""
@@ -83,10 +85,19 @@ class CaseReference:
         ends = np.cumsum([0, *(len(body.x) for body in bodies.values())])
         return [Member(name, body, slice(*ends[k : k + 2])) for k, (name, body) in enumerate(bodies.items())]
 
+    @property
+    def tied(self) -> bool:
+        """Whether it has ties or rigid faces."""
+        return bool(self.settings.ties or self.settings.rigid_face)
+
     @cached_property
-    def tied(self) -> Deformable:
-        """The bodies with their ties."""
+    def tied_body(self) -> Deformable:
+        """All bodies with their ties and rigid faces, on the meshes of the case."""
         return self.settings.problem(MPI.COMM_SELF).elasticity
+
+    def nodes_of_tied_body(self, run: WrittenRun) -> npt.NDArray[np.int64]:
+        """As `nodes_of`, of the tied body."""
+        return run.body.numbers_in([member.body.x for member in self.tied_body.members], f"{run.folder}: {_UNFIT}")
 
     def accepts(self, summary: Mapping[str, Any]) -> bool:
         """Whether the case accepts answers outside the theory of small strains; of a load step also the case that it
@@ -181,7 +192,18 @@ class CaseReference:
             return None
         if not all([self._same_body(run, part, loadings[part.name], found) for part in run.body.parts]):
             return None
+        if self.tied:
+            self._same_springs(run, found)
         return self._faces_of_facets(run, found)
+
+    def _same_springs(self, run: WrittenRun, found: Comparison) -> None:
+        """Compare the forces of springs, those of rigid faces included."""
+        node, modes = self.nodes_of_tied_body(run), rigid_modes(run.body.x, MPI.COMM_SELF)
+        order, body, nothing = np.argsort(node), self.tied_body, np.zeros_like(run.body.x)
+        expected = {"spring_force": body.spring_force(run.on_body["displacement"][order])}
+        expected |= {name: -body.spring_force(modes[order, :, k]) for k, name in enumerate(GROUND)}
+        for name, values in expected.items():
+            found.field(f"{SOLUTION}: {name}", run.on_body.get(name, nothing), values[node], run.body.x, _SOURCE)
 
     def _same_body(self, run: WrittenRun, part: WrittenBody, loading: Loading, found: Comparison) -> bool:
         """Compare one of the bodies; whether the mesh is that of the case."""
@@ -195,8 +217,10 @@ class CaseReference:
         on_body = {name: values[part.nodes] for name, values in run.on_body.items()}
         u, modes = np.empty_like(x), np.empty((*x.shape, 6))
         u[node], modes[node] = on_body["displacement"], rigid_modes(run.body.x, MPI.COMM_SELF)[part.nodes]
-        expected = {"prescribed": loading.prescribed, "load": loading.load, "spring_force": body.spring_force(u)}
-        expected |= {name: -body.spring_force(modes[:, :, k]) for k, name in enumerate(GROUND)}
+        expected = {"prescribed": loading.prescribed, "load": loading.load}
+        if not self.tied:
+            expected["spring_force"] = body.spring_force(u)
+            expected |= {name: -body.spring_force(modes[:, :, k]) for k, name in enumerate(GROUND)}
         if loading.temperature is not None:
             expected[TEMPERATURE] = loading.temperature.change
         elif np.any(on_body.get(TEMPERATURE, np.zeros(1))) or (TEMPERATURE in on_body and not part.name):
@@ -259,8 +283,7 @@ class CaseReference:
 
     def nodes_of(self, run: WrittenRun) -> npt.NDArray[np.int64]:
         """The number of every node of a run among those of the case, shape (k,); ValueError if the mesh differs."""
-        unfit = f"{run.folder}: has another mesh than the case"
-        return run.body.numbers_in([member.body.x for member in self.members], unfit)
+        return run.body.numbers_in([member.body.x for member in self.members], f"{run.folder}: {_UNFIT}")
 
 
 class CaseForces:
@@ -268,6 +291,7 @@ class CaseForces:
 
     def __init__(self, case: CaseReference, time: float, run: WrittenRun):
         self._members, self._node, self._run = case.members, case.nodes_of(run), run
+        self._tied = (case.tied_body, case.nodes_of_tied_body(run)) if case.tied else None
         self._loads = {name: list(body.loads_at(time)) for name, body in case.bodies.items()}
 
     def force_balance(
@@ -295,6 +319,10 @@ class CaseForces:
         loads = parts(lambda member: self._loads[member.name])
         shares = parts(lambda member: member.body.shares(held[order][member.nodes]))
         springs = parts(lambda member: member.body.spring_forces(u[order][member.nodes]))
+        if self._tied is not None:
+            body, node = self._tied
+            given = body.spring_forces(u[np.argsort(node)])
+            springs = (replace(one, forces=taken(one.forces[node])) for one in given)
         x, over, slices = taken(self._run.body.x), Reductions(MPI.COMM_SELF), self._run.body.slices
         return force_balance(loads, chain(shares, springs), on_body, x, over, (), slices, ties, of_ties, motions, bolts)
 
@@ -317,9 +345,7 @@ class CaseTies:
     """The ties of a case, computed anew on the meshes of the case, at the nodes in the files of a run."""
 
     def __init__(self, case: CaseReference, time: float, run: WrittenRun):
-        self._body, self._time = case.tied.at_time(time), time
-        unfit = f"{run.folder}: has another mesh than the case"
-        self._node = run.body.numbers_in([member.body.x for member in self._body.members], unfit)
+        self._body, self._node, self._time = case.tied_body.at_time(time), case.nodes_of_tied_body(run), time
 
     def found(self, u: FloatArray, imbalance: FloatArray) -> TiesFound:
         """By displacements and the internal forces less all forces but those of ties, shapes (k, 3)."""

@@ -24,7 +24,7 @@ from ..output import Series
 from ..run_bodies import places
 from ..run_directory import FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
 from ..run_files import WrittenRun
-from .case_reference import CaseReference
+from .case_reference import CaseReference, CaseTies
 from .comparison import Comparison, unjudged
 from .contact_nodes import Start
 from .recomputation import Variant
@@ -175,7 +175,10 @@ class _Chain:
             return [_recorded_energy(run)] * len(now.variants)
         if last is None and self.case is not None:
             load = np.concatenate([body.at(0.0).load for body in self.case.bodies.values()])
-            first = Forces(zero, load[self.case.nodes_of(run)], zero, zero, zero)
+            load, of_ties = load[self.case.nodes_of(run)], zero
+            if self.case.tied:
+                of_ties = CaseTies(self.case, 0.0, run).found(zero, -load).forces
+            first = Forces(zero, load, zero, of_ties, of_ties)
         found = []
         for k, variant in enumerate(now.variants):
             then = first if last is None else last.variants[k].at

@@ -177,9 +177,7 @@ def check_run(
         located_probes(run, case, faces),
         faces,
         bool(strain.get("accepted")) if case is None else case.accepts(run.summary),
-        CaseTies(case, time, run)
-        if case is not None and part is not None and (case.settings.ties or case.settings.rigid_face)
-        else None,
+        CaseTies(case, time, run) if case is not None and part is not None and case.tied else None,
     )
     roundings = (None, *(Rounding((seed, abs(number)), run.evaluation) for seed in _SEEDS))
     variants = tuple(data.variant(rounding) for rounding in roundings)

@@ -72,7 +72,11 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
             for axis, value in (face.get(what) or {}).items()
             if value is not None
         ]
-        facts.append((f"rigid face {face['face']}", (", ".join(moves) or "free") + in_time(face.get("amplitude"))))
+        for name, unit in (("translation_stiffness", "N/m"), ("rotation_stiffness", "N m/rad")):
+            if any(face.get(name, ())):
+                moves.append(f"spring {_bare(face[name])} {unit}")
+        kind = "plane face" if face.get("along") == "free" else "rigid face"
+        facts.append((f"{kind} {face['face']}", (", ".join(moves) or "free") + in_time(face.get("amplitude"))))
     for kind in ("tie", "cyclic_symmetry"):
         facts += [(f"{kind.replace('_', ' ')} of {tie['face']}", f"to {tie['against']}") for tie in case.get(kind, ())]
     for bolt in case.get("pretension", ()):

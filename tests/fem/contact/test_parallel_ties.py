@@ -81,7 +81,7 @@ def test_a_sector_with_its_axis(linear_solver=IterativeSolver):
         mesh = box((0.5, 0.5, 0.5), (4, 3, 3), comm=over)
         return ContactProblem(mesh, Material(2e11, 0.3), [], contact, [turn], ties=ties, linear_solver=solver)
 
-    alone, together = quarter(MPI.COMM_SELF).solve(1e-12), quarter(comm, linear_solver).solve(1e-12)
+    alone, together = quarter(MPI.COMM_SELF).solve(1e-11), quarter(comm, linear_solver).solve(1e-11)
     assert together.certificate.passed
     x, own = everywhere(together.problem.elasticity.x), alone.problem.elasticity.x
     found, expected = by_place(x, everywhere(together.displacement)), by_place(own, alone.displacement)
@@ -106,6 +106,45 @@ def test_a_plate_that_turns():
         assert together.certificate.passed
         for name, scale in (("translation", 1e-5), ("rotation", 1e-3), ("force", 5e3), ("moment", 50.0)):
             assert np.abs(getattr(one, name) - getattr(other, name)).max() <= 1e-5 * scale, name
+
+
+def test_a_slice_whose_back_stays_plane():
+    def slice_of(over, degree, solver=None):
+        back, load = RigidFace("back", along="free"), PointLoad("top", (0.0, 2e3, -1e4), (0.0, 200.0, 0.0))
+        mesh = box((0.4, 0.1, 0.3), (6, 1, 5), comm=over, degree=degree)
+        supports, contact = [SymmetryPlane("front")], Contact("bottom", 0.3)
+        return ContactProblem(
+            mesh, Material(1e9, 0.3), supports, contact, [load], rigid_faces=[back], linear_solver=solver
+        )
+
+    for degree, solver in ((1, IterativeSolver), (2, DirectSolver), (2, IterativeSolver)):
+        alone, together = slice_of(MPI.COMM_SELF, degree).solve(1e-10), slice_of(comm, degree, solver).solve(1e-10)
+        assert together.certificate.passed
+        x, own = everywhere(together.problem.elasticity.x), alone.problem.elasticity.x
+        found, expected = by_place(x, everywhere(together.displacement)), by_place(own, alone.displacement)
+        assert np.abs(found - expected).max() <= 1e-5 * np.abs(expected).max()
+        (one,), (other,) = alone.rigid_faces, together.rigid_faces
+        assert np.abs(one.translation - other.translation).max() <= 1e-6 * abs(one.translation[1])
+        assert np.abs(one.rotation - other.rotation).max() <= 1e-6 * np.abs(one.rotation).max()
+
+
+def test_a_block_that_a_spring_alone_holds():
+    def held(over, solver=None):
+        face = RigidFace("left", translation_stiffness=(1e6, 2e6, 4e6), rotation_stiffness=(2e4, 3e4, 1e4))
+        mesh, load = box((0.4, 0.1, 0.3), (5, 3, 4), "tetrahedron", comm=over), PointLoad("right", (100.0, 0.0, -2e3))
+        contact = Contact("bottom", 0.2, foundation=Plane((0.0, 0.0, -1e-4), (0.0, 0.0, 1.0)))
+        return ContactProblem(mesh, Material(1e9, 0.3), [], contact, [load], rigid_faces=[face], linear_solver=solver)
+
+    for solver in (IterativeSolver, DirectSolver):
+        alone, together = held(MPI.COMM_SELF).solve(1e-11), held(comm, solver).solve(1e-11)
+        assert together.certificate.passed and together.force_balance.balance <= 1e-8
+        assert alone.at_nodes.totals()["normal_force"] > 100.0
+        for one, other in (
+            (alone.reactions[0], together.reactions[0]),
+            (alone.rigid_faces[0], together.rigid_faces[0]),
+        ):
+            for name in ("force", "moment"):
+                assert np.abs(getattr(one, name) - getattr(other, name)).max() <= 1e-6 * 2e3, name
 
 
 def test_wrong_ties_are_errors_on_all_ranks():

@@ -13,6 +13,7 @@ from coulomb import (
     PointLoad,
     PrescribedDisplacement,
     PrescribedRotation,
+    Pressure,
     RigidFace,
     SymmetryPlane,
     Tied,
@@ -136,6 +137,164 @@ def test_a_rigid_face_with_a_tie():
     assert solution.ties[0].face == "b:bottom" and solution.ties[0].force[0] == pytest.approx(-1e5, rel=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]
+)
+@pytest.mark.parametrize("turned", [0.0, 0.4])
+def test_a_bar_between_plane_faces_contracts_freely(cell, degree, turned):
+    """Stretched by one of two plane faces, with planes of symmetry through both: uniform stress, exactly."""
+    c, s, strain = np.cos(turned), np.sin(turned), 1e-4
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    mesh = box((1.0, 0.5, 0.3), (3, 2, 2), cell, degree=degree, place=lambda x: turn @ x)
+    moved_by = strain * c if turned else strain  # the component along x of a translation along the normal
+    faces = [
+        RigidFace("left", translation=(0.0, None, None), along="free"),
+        RigidFace("right", translation=(moved_by, None, None), along="free"),
+    ]
+    supports = [SymmetryPlane("front"), SymmetryPlane("top")]
+    solution = ContactProblem(mesh, STEEL, supports, FAR, rigid_faces=faces).solve()
+    x = solution.problem.elasticity.x @ turn
+    u = strain * np.stack([x[:, 0], -NU * x[:, 1], -NU * (x[:, 2] - 0.3)], axis=1) @ turn.T
+    assert solution.valid and np.abs(solution.displacement - u).max() <= 1e-10 * strain
+    left, right = solution.rigid_faces
+    assert right.translation == pytest.approx(strain * turn[:, 0], abs=1e-13)
+    assert np.abs([left.rotation, right.rotation]).max() <= 1e-9 * strain
+    for one, way in ((left, -1.0), (right, 1.0)):
+        assert one.force == pytest.approx(way * E * strain * 0.15 * turn[:, 0], abs=1e-9 * E * strain)
+        assert np.abs(one.moment).max() <= 1e-9 * E * strain
+
+
+SLICE = (0.4, 0.1, 0.3)
+"""Width, thickness and height; its back stays plane."""
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("tilts", [False, True])
+def test_a_heated_slice(cell, tilts):
+    """Warmer above than below, held across: the axial force is zero, and the moment too if the plane face may tilt."""
+    (b, t, h), a, low, high = SLICE, 1e-5, 20.0, 60.0
+    slope = a * (1.0 + NU) * (high - low) / h if tilts else 0.0
+    supports = [SymmetryPlane(face) for face in ("left", "right", "front")]
+    supports += [
+        PrescribedDisplacement("bottom", lambda x: -0.5 * slope * np.stack([0 * x[0], 0 * x[0], x[1] ** 2]), "z")
+    ]
+    face = RigidFace("back", rotation=FREE if tilts else (0.0, None, None), along="free")
+    far = Contact("top", 0.3, foundation=Plane((0.0, 0.0, 2.0), (0.0, 0.0, -1.0)))
+    problem = ContactProblem(
+        *(box(SLICE, (2, 1, 3), cell, degree=2), Material(E, NU, expansion=a), supports, far),
+        rigid_faces=[face],
+        temperature=lambda x: low + (high - low) * x[2] / h,
+    )
+    solution = problem.solve()
+    (found,), moment = solution.rigid_faces, E / (1.0 - NU**2) * a * (1.0 + NU) * (high - low) * b * h**2 / 12.0
+    assert solution.valid and found.translation[1] == pytest.approx(a * (1.0 + NU) * 0.5 * (low + high) * t, rel=1e-9)
+    assert np.abs(found.force).max() <= 1e-8 * moment / h
+    assert found.rotation[0] == pytest.approx(-slope * t, rel=1e-9)
+    assert found.moment[0] == pytest.approx(0.0 if tilts else moment, abs=1e-8 * moment)
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "cells", "off"),
+    [("hexahedron", 2, (2, 1, 2), 1e-8), ("tetrahedron", 2, (2, 1, 2), 1e-8), ("hexahedron", 1, (8, 2, 12), 0.03)],
+)
+@pytest.mark.parametrize("by_moment", [False, True])
+def test_a_bent_slice(cell, degree, cells, off, by_moment):
+    """Pure bending, with the curvature across of a free section: M = E I over the radius."""
+    (b, t, h), curvature = SLICE, 1e-3
+    moment = E * b * h**3 / 12.0 * curvature
+
+    def exact(x):
+        z = x[2] - 0.5 * h
+        bent = [-NU * x[0] * z, x[1] * z, 0.5 * (NU * (x[0] ** 2 - z**2) - x[1] ** 2)]
+        return curvature * np.stack(bent)
+
+    supports = [SymmetryPlane("left"), SymmetryPlane("front"), PrescribedDisplacement("right", exact, "z")]
+    turned = FREE if by_moment else (-curvature * t, None, None)
+    loads = [PointLoad("back", moment=(-moment, 0.0, 0.0))] if by_moment else []
+    far = Contact("top", 0.3, foundation=Plane((0.0, 0.0, 2.0), (0.0, 0.0, -1.0)))
+    problem = ContactProblem(
+        *(box(SLICE, cells, cell, degree=degree), STEEL, supports, far, loads),
+        rigid_faces=[RigidFace("back", (0.1, 0.7, 0.5 * h), rotation=turned, along="free")],
+    )
+    solution = problem.solve()
+    (found,), u = solution.rigid_faces, exact(solution.problem.elasticity.x.T).T
+    assert solution.valid and found.rotation[0] == pytest.approx(-curvature * t, rel=off)
+    assert found.moment[0] == pytest.approx(0.0 if by_moment else -moment, abs=off * moment)
+    assert np.abs(solution.displacement - u).max() <= off * np.abs(u).max()
+
+
+K_U, K_R = (2e8, 3e8, 5e8), (4e7, 6e7, 9e7)
+"""Stiffness of a spring, N/m and N m per radian."""
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 2)])
+@pytest.mark.parametrize("soft", [1.0, 1e-6])
+def test_a_body_held_by_the_spring_of_a_rigid_face(cell, degree, soft):
+    """A load at the other end, by force and moment: the point moves by F/k and turns by M/k."""
+    point, force, moment = (
+        np.array([1.2, 0.1, 0.2]),
+        soft * np.array([1e3, -2e3, 3e3]),
+        soft * np.array([50.0, 70.0, -20.0]),
+    )
+    spring = {"translation_stiffness": soft * np.array(K_U), "rotation_stiffness": soft * np.array(K_R)}
+    loads = [PointLoad("left", force, moment, point=(0.0, 0.0, 0.0))]
+    face = RigidFace("right", tuple(point), **spring)
+    solution = bar(cell, degree, clamps=[], loads=loads, rigid_faces=[face]).solve()
+    (found,), (held,) = solution.rigid_faces, solution.reactions
+    about = moment - np.cross(point, force)
+    assert solution.valid and solution.force_balance.balance <= 1e-9
+    assert found.translation == pytest.approx(force / spring["translation_stiffness"], rel=1e-7)
+    assert found.rotation == pytest.approx(about / spring["rotation_stiffness"], rel=1e-7)
+    assert (held.kind, held.name) == ("spring", "spring_right")
+    assert held.force == pytest.approx(-force, rel=1e-7) and held.moment == pytest.approx(-moment, rel=1e-7)
+    assert np.abs([*found.force, *found.moment]).max() <= 1e-7 * 3e3 * soft
+
+
+def test_a_block_on_a_spring_is_pressed():
+    """By a plate that moves up: F = d/(1/k + h/(E A)), between smooth faces; the work of the plate is stored."""
+    a, h, k, d = 0.1, 0.05, 3e8, 1e-5
+    face = RigidFace("top", translation_stiffness=(1e7, 1e7, k), rotation_stiffness=(1e4, 1e4, 1e4))
+    contact = Contact("bottom", 0.0, gap=-d, gap_amplitude=lambda t: t)
+    mesh = box((a, a, h), (3, 3, 2))
+    problem = ContactProblem(mesh, Material(1e10, 0.0), [], contact, rigid_faces=[face])
+    *_, step = LoadHistory([0.5, 1.0]).steps(problem)
+    force = d / (1.0 / k + h / (1e10 * a * a))
+    (found,), (held,), energy = step.solution.rigid_faces, step.solution.reactions, step.state.energy
+    assert step.solution.valid and found.translation == pytest.approx((0.0, 0.0, force / k), abs=1e-9 * d)
+    assert held.force == pytest.approx((0.0, 0.0, -force), abs=1e-7 * force)
+    assert energy.elastic == pytest.approx(0.5 * force * d, rel=1e-8)
+    assert abs(energy.imbalance) <= 1e-8 * energy.elastic
+
+
+def test_a_torque_spring_at_a_face_that_is_turned():
+    """What turns the face turns the spring too; the bar does not notice."""
+    point, turned = (1.0, 0.25, 0.15), (2e-3, None, None)
+    plain, sprung = (
+        bar(rigid_faces=[RigidFace("right", point, rotation=turned, rotation_stiffness=(k, 0.0, 0.0))]).solve()
+        for k in (0.0, 5e6)
+    )
+    assert np.abs(sprung.displacement - plain.displacement).max() <= 1e-9 * np.abs(plain.displacement).max()
+    one, other = plain.rigid_faces[0], sprung.rigid_faces[0]
+    assert other.moment[0] - one.moment[0] == pytest.approx(5e6 * 2e-3, rel=1e-9)
+    moments = [reaction.moment - np.cross(point, reaction.force) for reaction in sprung.reactions]
+    assert sprung.force_balance.balance <= 1e-9 and moments[1][0] == pytest.approx(-5e6 * 2e-3, rel=1e-9)
+
+
+def test_the_spring_of_a_plane_face_that_is_free_along_itself():
+    """A bar that contracts freely, between a spring and a plane of symmetry: one spring, E A/L, behind the other."""
+    k, pull = 1e10, 1e6
+    face = RigidFace("right", translation_stiffness=(k, 0.0, 0.0), along="free")
+    supports = [SymmetryPlane("back"), SymmetryPlane("top")]
+    loads = [Traction("left", (-pull / 0.15, 0.0, 0.0))]
+    solution = bar(clamps=supports, loads=loads, rigid_faces=[face]).solve()
+    x = solution.problem.elasticity.x
+    strain = pull / (E * 0.15)
+    u = np.stack(
+        [-pull / k + strain * (x[:, 0] - 1.0), -NU * strain * (x[:, 1] - 0.5), -NU * strain * (x[:, 2] - 0.3)], 1
+    )
+    assert solution.valid and np.abs(solution.displacement - u).max() <= 1e-9 * np.abs(u).max()
+
+
 def test_a_prescribed_rotation_is_a_rigid_face_without_freedom():
     given = RigidFace("right", (1.0, 0.25, 0.15), (0.0, 0.0, 0.0), (2e-3, 0.0, None))
     one = bar(rigid_faces=[given]).solve()
@@ -150,11 +309,43 @@ def test_a_prescribed_rotation_is_a_rigid_face_without_freedom():
         ([RigidFace("rihgt")], "rigid face: there is no face|has no face|unknown face"),
         ([RigidFace("right", None, (0, 0, 0), (0, 0, 0))], "nothing of it is free"),
         ([RigidFace("right"), RigidFace("right")], "tied already"),
+        ([RigidFace("right", translation=(None, 0.0, None), along="free")], "no motion of it has the components"),
+        ([RigidFace("right", rotation=(1e-3, None, None), along="free")], "no motion of it has the components"),
+        ([RigidFace("right", translation_stiffness=(1e6, 1e6, 0.0), along="free")], "its spring resists motions along"),
     ],
 )
 def test_wrong_rigid_faces_are_refused(faces, words):
     with pytest.raises(ValueError, match=words):
         bar(rigid_faces=faces)
+
+
+def test_faces_that_do_not_suit_to_be_free_along_themselves_are_refused():
+    def curved(x):
+        return x + np.stack([0.03 * x[0] * (x[1] - 0.25) ** 2, 0 * x[0], 0 * x[0]])
+
+    mesh, face = box((1.0, 0.5, 0.3), (2, 2, 2), place=curved), RigidFace("right", along="free")
+    with pytest.raises(ValueError, match=r"nodes are up to 0.000938 m off the plane of its mean normal \(1, 0, 0\)"):
+        ContactProblem(mesh, STEEL, [Clamp("left")], FAR, rigid_faces=[face])
+    held = PrescribedDisplacement("top", (0.0, 0.0, 0.0), direction=(1.0, 0.0, 1.0))
+    with pytest.raises(ValueError, match="neither along its normal nor along the face"):
+        bar(clamps=[Clamp("left"), held], rigid_faces=[face])
+
+
+def test_a_slice_all_of_whose_nodes_follow_others():
+    """Two plane faces and contact alone: with cells of second order there are nodes between that hold its motions."""
+
+    def slice_of(degree):
+        faces, load = [RigidFace(name, along="free") for name in ("front", "back")], Pressure("top", 1e4)
+        return ContactProblem(
+            box(SLICE, (4, 1, 3), degree=degree), STEEL, [], Contact("bottom", 0.3), [load], rigid_faces=faces
+        )
+
+    solution = slice_of(2).solve()
+    front, back = solution.rigid_faces
+    apart = back.translation[1] - front.translation[1]
+    assert solution.valid and 0.9 < apart / (NU * 1e4 / E * SLICE[1]) < 1.0 + NU  # friction holds x in part
+    with pytest.raises(ValueError, match="all of whose nodes follow others"):
+        slice_of(1)
 
 
 def test_supports_that_contradict_a_rigid_face_are_refused():
@@ -166,5 +357,9 @@ def test_supports_that_contradict_a_rigid_face_are_refused():
 def test_entries_of_rigid_faces():
     with pytest.raises(ValueError, match="three numbers, or None"):
         RigidFace("right", rotation=(0.0, "free", 0.0))
+    with pytest.raises(ValueError, match=r"rotation_stiffness must be three numbers >= 0, but is \(0.0, -1.0, 0.0\)"):
+        RigidFace("right", rotation_stiffness=(0.0, -1.0, 0.0))
+    with pytest.raises(ValueError, match="along must be 'rigid' or 'free', but is 'plane'"):
+        RigidFace("right", along="plane")
     with pytest.raises(ValueError, match="for small strains"):
         bar(rigid_faces=[RigidFace("right")], kinematics="large")
