@@ -365,7 +365,9 @@ class TiedBodies(WrappedBodies):
             size = self.comm.allreduce(max(given), op=MPI.MAX)
             for motion in self.face_motions:
                 motion.refuse_other(self.held_part(of_bodies.prescribed - offset), size, self.comm)
-            offset -= rows_of(self._rows, offset)
+            followed = rows_of(self._rows, offset)
+            for motion in self.face_motions:
+                offset[motion.nodes] -= followed[motion.nodes]
         for section, locked, amount in zip(self.sections, self.locked, kept, strict=True):
             if locked:
                 value = section.given.value(time, self.comm) if section.given.force is None else amount

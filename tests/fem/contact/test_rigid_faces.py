@@ -1,5 +1,7 @@
 """Faces that move as rigid bodies, and loads at a reference point."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -363,3 +365,32 @@ def test_entries_of_rigid_faces():
         RigidFace("right", along="plane")
     with pytest.raises(ValueError, match="for small strains"):
         bar(rigid_faces=[RigidFace("right")], kinematics="large")
+
+
+def test_a_tie_follows_a_rigid_face_whose_motion_is_prescribed():
+    """A block without loads, tied to the face: it moves with it."""
+    bodies = join(a=box((1.0, 1.0, 0.5), (3, 3, 2)), b=moved(box((0.5, 0.5, 0.4), (2, 3, 2)), (0.2, 0.2, 0.5)))
+    face = RigidFace("a:top", translation=(None, 2e-4, -1e-3), rotation=(1e-4, None, None), point=(0.5, 0.5, 0.5))
+    contact = Contact("a:left", 0.3, foundation=Plane((-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    ties = [Tied("b:bottom", "a:top")]
+    solution = ContactProblem(bodies, STEEL, [Clamp("a:bottom")], contact, ties=ties, rigid_faces=[face]).solve()
+    (found,), member = solution.rigid_faces, solution.problem.elasticity.members[1]
+    expected = found.translation + np.cross(found.rotation, member.body.x - found.point)
+    assert solution.valid and found.translation[2] == pytest.approx(-1e-3, rel=1e-12)
+    assert np.abs(solution.displacement[member.nodes] - expected).max() <= 1e-11 * 1e-3
+
+
+def test_a_rigid_body():
+    """All of its boundary as a rigid face: nothing of it is deformed, and contact alone holds it on an elastic one."""
+    block = moved(box((0.6, 0.6, 0.4), (3, 3, 2)), (0.2, 0.2, 0.5))
+    block = replace(block, faces={**block.faces, "all": np.unique(np.concatenate(list(block.faces.values())))})
+    bodies = join(a=box((1.0, 1.0, 0.5), (3, 3, 2)), b=block)
+    pressed = PointLoad("b:all", (1e5, 0.0, -1e6), point=(0.5, 0.5, 0.9))
+    pair = Contact("b:bottom", 0.3, against="a:top")
+    problem = ContactProblem(bodies, STEEL, [Clamp("a:bottom")], pair, [pressed], rigid_faces=[RigidFace("b:all")])
+    solution = problem.solve()
+    (found,), member = solution.rigid_faces, problem.elasticity.members[1]
+    rigid = found.translation + np.cross(found.rotation, member.body.x - found.point)
+    assert solution.valid
+    assert np.abs(solution.displacement[member.nodes] - rigid).max() <= 1e-11 * np.abs(rigid).max()
+    assert solution.at_nodes.totals(0)["force"] == pytest.approx([-1e5, 0.0, 1e6], abs=1e-2)
