@@ -111,7 +111,7 @@ def gather_evidence(
         blocked=elasticity.blocked_displacement(state.loading),
         averaged=not points.nodal,
         bodies=tuple(member.nodes for member in elasticity.members) if len(elasticity.members) > 1 else (),
-        jump=elasticity.jump(u - state.loading.prescribed) if elasticity.ties else None,
+        jump=elasticity.jump(u, state.loading) if elasticity.ties else None,
         actions=_actions(elasticity.x, points, frames, force, [len(face[0].nodes) for face in faces]),
     )
 

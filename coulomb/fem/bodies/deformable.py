@@ -36,6 +36,7 @@ class Loading:
         temperature: None for a body without.
         parts: Of several bodies, the loading of each, in their order.
         untied: Of tied bodies, that of these without ties.
+        apart: By how much tied nodes are prescribed to be apart from what they follow, metres, shape (k, 3).
     """
 
     time: float
@@ -44,6 +45,7 @@ class Loading:
     temperature: Temperature | None = None
     parts: tuple[Loading, ...] = ()
     untied: Loading | None = None
+    apart: FloatArray | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -226,9 +228,8 @@ class Deformable(HeldNodes, ABC):
         """Of every bolt what is known of it at displacements u (k, 3), in the order given; collective."""
         yield from ()
 
-    def jump(self, u: FloatArray) -> FloatArray:
-        """How far tied nodes are from where they should be, metres, shapes (k, 3), of displacements less the prescribed
-        ones; collective."""
+    def jump(self, u: FloatArray, loading: Loading) -> FloatArray:
+        """How far tied nodes are from where they should be at displacements u, metres, shapes (k, 3); collective."""
         return np.zeros_like(u)
 
     @property

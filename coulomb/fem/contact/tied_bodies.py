@@ -196,7 +196,7 @@ class TiedBodies(WrappedBodies):
         return _each_column(partial(at_nodes_of, self._follows), forces)
 
     def prevented(self, modes: FloatArray) -> FloatArray:
-        apart = _each_column(self.jump, modes)
+        apart = modes - _each_column(partial(rows_of, self._follows), modes)
         return self.held_part(modes) + apart - self.transferred(apart)
 
     def reduced(self, u: FloatArray) -> FloatArray:
@@ -373,12 +373,15 @@ class TiedBodies(WrappedBodies):
                 value = section.given.value(time, self.comm) if section.given.force is None else amount
                 offset += section.along(value, offset.shape)
         prescribed = rows_of(self._follows, of_bodies.prescribed)
-        for _ in range(_LONGEST_CHAIN):  # u = W u + offset at slave nodes
-            offset = np.einsum("kij,kj->ki", self._tied, offset)
-            prescribed, offset = prescribed + offset, rows_of(self._rows, offset)
+        apart = offset = np.einsum("kij,kj->ki", self._tied, offset)
+        for _ in range(_LONGEST_CHAIN):  # u = W u + apart at slave nodes
+            prescribed = prescribed + offset
+            offset = np.einsum("kij,kj->ki", self._tied, rows_of(self._rows, offset))
             if not self.comm.allreduce(bool(np.any(offset)), op=MPI.LOR):
                 break
-        return replace(of_bodies, load=of_bodies.load + self.pretension(time), prescribed=prescribed, untied=of_bodies)
+        return replace(
+            of_bodies, load=of_bodies.load + self.pretension(time), prescribed=prescribed, untied=of_bodies, apart=apart
+        )
 
     def pretension(self, time: float) -> FloatArray:
         forces = np.zeros_like(self.x)
@@ -443,9 +446,8 @@ class TiedBodies(WrappedBodies):
             values, t = motion.values(time, self.comm), motion.prescribed(self.x, time, self.comm)
             yield motion.given.face, motion.point, motion.found(u, t, values, self.comm)
 
-    def jump(self, u: FloatArray) -> FloatArray:
-        """How far slave nodes are from where they should be, metres, shapes (k, 3); collective."""
-        return u - rows_of(self._follows, self.reduced(u))
+    def jump(self, u: FloatArray, loading: Loading) -> FloatArray:
+        return np.einsum("kij,kj->ki", self._tied, u - rows_of(self._rows, u)) - loading.apart
 
     def at_time(self, time: float) -> TiedBodies:
         return self._with(self.bodies.at_time(time), tuple(section.given.fixed(time) for section in self.sections))

@@ -353,7 +353,7 @@ class CaseTies:
         left, bolts = imbalance[order], body.pretension(self._time)
         return TiesFound(
             (body.forces_of_ties(left - bolts) + bolts)[node],
-            body.jump(u[order] - body.after(self._time, u[order]).prescribed)[node],
+            body.jump(u[order], body.after(self._time, u[order]))[node],
             {name: values[node] for name, values in body.stresses_of_ties(left).items()},
             tuple(NodalForces(one.kind, one.face, one.forces[node]) for one in body.shares_of_ties(left)),
             tuple(body.motions_of_faces(u[order], self._time)),
