@@ -249,6 +249,17 @@ def test_script_and_case_give_the_reference_answer():
         assert contents["certificate"]["natural_residual"]["value"] <= 1e-6
 
 
+def test_demo_heated_slider():
+    """Friction heats by its force times 20 mm/s, and all of that heat flows out."""
+    contents = ran("heated_slider.toml")[1]["heated_slider"]
+    last, heat = contents["last"], contents["last"]["heat"]
+    powers = {flow["name"]: flow["power"] for flow in heat["flows"]}
+    assert contents["valid"] and heat["balanced"]
+    friction = powers.pop("heat_friction_bottom")
+    assert friction == pytest.approx(0.3 * last["totals"]["normal_force"] * 0.02, rel=1e-6)
+    assert sum(powers.values()) == pytest.approx(-friction, rel=1e-8) and max(powers.values()) < 0.0
+
+
 def test_demo_bonded_pad():
     """The bond carries what the contact presses, and the roller is beneath the middle."""
     contents = ran("bonded_pad.toml")[1]["bonded_pad"]

@@ -156,6 +156,8 @@ class CaseReference:
         }
         if self.settings.temperature is not None:
             expected["reference_temperature"] = self.settings.temperature.reference
+        if self.settings.heat:
+            expected["reference_temperature"] = self.settings.reference_temperature
         found.tree(SUMMARY, run.summary, expected, source=_SOURCE)
 
     def compare_bodies(self, run: WrittenRun, time: float, found: Comparison) -> npt.NDArray[np.int64] | None:
@@ -190,6 +192,10 @@ class CaseReference:
         on_body = {name: values[part.nodes] for name, values in run.on_body.items()}
         u, modes = np.empty_like(x), np.empty((*x.shape, 6))
         u[node], modes[node] = on_body["displacement"], rigid_modes(run.body.x, MPI.COMM_SELF)[part.nodes]
+        if self.settings.heat:  # the temperature is judged by itself (`heat_of_case`)
+            change = np.zeros(len(x))
+            change[node] = on_body.get(TEMPERATURE, np.zeros(len(x)))
+            loading = body.heated(loading, change)
         expected = {"prescribed": loading.prescribed, "load": loading.load, "spring_force": body.spring_force(u)}
         expected |= {name: -body.spring_force(modes[:, :, k]) for k, name in enumerate(GROUND)}
         if loading.temperature is not None:
@@ -264,6 +270,13 @@ class CaseForces:
     def __init__(self, case: CaseReference, time: float, run: WrittenRun):
         self._members, self._node, self._run = case.members, case.nodes_of(run), run
         self._loads = {name: list(body.loads_at(time)) for name, body in case.bodies.items()}
+        if case.settings.heat and TEMPERATURE in run.on_body:
+            change = np.zeros(len(self._node))
+            change[self._node] = run.on_body[TEMPERATURE]
+            for member in self._members:
+                body = case.bodies[member.name]
+                loading = body.heated(body.at(time), change[member.nodes])
+                self._loads[member.name] = list(body.loads_in(loading))
 
     def force_balance(
         self,
