@@ -29,6 +29,9 @@ BALANCED = 1e-8
 _ROUNDING = 1e-13
 """Heat flows below this part of K times the temperatures are rounding errors."""
 
+_NOTHING = 1e-15
+"""Changes of temperature below this part of the largest are rounding errors."""
+
 _CG = {"pc_type": "gamg", "ksp_rtol": 1e-10, "ksp_max_it": 1000, "ksp_norm_type": "unpreconditioned"}
 
 _SOLVES = 3
@@ -198,7 +201,7 @@ class HeatProblem:
             raise ValueError(f"heat: the temperatures are not found by multigrid: {error}") from None
         for matrix in (scaled, A, reduced):
             matrix.destroy()
-        return change
+        return np.where(np.abs(change) > _NOTHING * self._over.max(np.abs(change)), change, 0.0)
 
     def flows(
         self, surface: ContactSurface, time: float, pressure: FloatArray, friction: FloatArray, change: FloatArray

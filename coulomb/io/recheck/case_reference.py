@@ -29,6 +29,7 @@ from ...fem.contact import plane_of_face
 from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR, corners_of
 from ...linalg.reductions import Reductions
+from ...model.problem import ContactProblem
 from ...model.resultants import ForceBalance, force_balance
 from ..case_record import lasting_part, written_case
 from ..result_grids import GROUND
@@ -82,6 +83,11 @@ class CaseReference:
         bodies: dict[str, Any] = dict(self.bodies)
         ends = np.cumsum([0, *(len(body.x) for body in bodies.values())])
         return [Member(name, body, slice(*ends[k : k + 2])) for k, (name, body) in enumerate(bodies.items())]
+
+    @cached_property
+    def problem(self) -> ContactProblem:
+        """The problem of the case, posed anew on one rank."""
+        return self.settings.problem(MPI.COMM_SELF)
 
     def accepts(self, summary: Mapping[str, Any]) -> bool:
         """Whether the case accepts answers outside the theory of small strains; of a load step also the case that it

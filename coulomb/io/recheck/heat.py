@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...fem.bodies import TEMPERATURE
@@ -25,7 +24,7 @@ def compare_heat(case: CaseReference, run: WrittenRun, time: float, duration: fl
     if TEMPERATURE not in run.on_body or not isinstance(run.summary.get("heat"), dict):
         found.fault(f"{SOLUTION}: has no {TEMPERATURE}, or {SUMMARY} no heat, but the case has heat")
         return
-    problem = case.settings.problem(MPI.COMM_SELF).at(time)
+    problem = case.problem.at(time)
     heat, surface = problem.body.heat, problem.surface
     assert heat is not None
     unfit = f"{run.folder}: has another mesh than the case"
