@@ -3,6 +3,7 @@
 from .fem.bodies import Body as Body
 from .fem.bodies import Clamp as Clamp
 from .fem.bodies import Elasticity as Elasticity
+from .fem.bodies import HeatLoad as HeatLoad
 from .fem.bodies import Material as Material
 from .fem.bodies import OrthotropicMaterial as OrthotropicMaterial
 from .fem.bodies import PointLoad as PointLoad
@@ -35,6 +36,7 @@ from .io.history_files import HistoryFiles as HistoryFiles
 from .load_curve import LoadCurve as LoadCurve
 from .model.certificate import Certificate as Certificate
 from .model.contact import Contact as Contact
+from .model.contact import ThermalContact as ThermalContact
 from .model.equilibrium import NoEquilibrium as NoEquilibrium
 from .model.friction import SlipRateFriction as SlipRateFriction
 from .model.friction import VariableFriction as VariableFriction

@@ -187,6 +187,8 @@ NOWHERE = "[['-y', 'x', 0], ['y', '0 - x', 0]]"
 
 SHEAR = "material.shear=[5e9, 4.5e9, 3.5e9]"
 
+WARM = "heat=[{face='top', temperature=20.0}]"
+WARMED = (WARM, "reference_temperature=20.0", "material.expansion=1e-5", "material.conductivity=50.0")
 HEATED = ("material.expansion=1.2e-5", "temperature.reference=20.0")
 
 MATERIALS = (
@@ -205,6 +207,17 @@ MATERIALS = (
         "an amplitude of the temperature without a history",
         run(*HEATED, "temperature.value=80.0", "temperature.amplitude=[[0, 0], [1, 1]]"),
     ),
+    Wrong("heat without a reference temperature", run(WARM)),
+    Wrong("heat without a conductivity", run(WARM, "reference_temperature=20.0", "material.expansion=1e-5")),
+    Wrong("heat and a temperature", run(WARM, *HEATED, "temperature.value=80.0")),
+    Wrong("heat of two kinds on a face", run("heat=[{face='top', temperature=20.0, flux=1e3}]")),
+    Wrong("a film without the temperature beyond", run("heat=[{face='top', film=100.0}]")),
+    Wrong("conduction through a contact without heat", run("contact.thermal={conductance=1e3, temperature=20.0}")),
+    Wrong(
+        "conduction to a foundation without a temperature",
+        run(*WARMED, "contact.thermal={conductance=1e3}"),
+    ),
+    Wrong("heat on a face that is not there", run(*WARMED, "heat.0.face='roof'")),
 )
 
 

@@ -17,6 +17,7 @@ from .contact import AutoContactTable, ContactTable, ContactTables
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .error_messages import fault_of, tables_of_several
 from .files import apply, named_files, parsed, read_text, rename_files
+from .heat import HeatTable, refuse_unfit_heat
 from .loads import (
     ClampTable,
     LoadTable,
@@ -31,9 +32,9 @@ from .loads import (
     TractionTable,
 )
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
-from .solver import OutputTable, SolverTable
+from .solver import OutputTable, ProbeTable, SolverTable
 from .ties import CyclicSymmetryTable, PretensionTable, RigidFaceTable, TieTable
-from .values import ROWS, TABLES, Duration, Name, Number, SpatialVector, Steps, Table, Vector, field
+from .values import ROWS, TABLES, Duration, Number, SpatialVector, Steps, Table, Vector, field
 
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
@@ -43,7 +44,6 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from ..fem.geometry import Coefficient
     from ..fem.meshes import JoinedMesh, NamedMesh
     from ..model.load_history import LoadHistory
-    from ..model.probes import Probe
     from ..model.problem import ContactProblem
     from ..solvers.friction_problem import Solver
 
@@ -71,19 +71,6 @@ class HistoryTable(Table):
         return tuple(float(t) for t in np.linspace(0.0, self.end, self.steps + 1)[1:])
 
 
-class ProbeTable(Table):
-    """A named point in metres at which displacement, slip and pressure are reported, and the body that has it."""
-
-    name: Name
-    point: Vector
-    body: Name | None = None
-
-    def probe(self) -> Probe:
-        from ..model.probes import Probe
-
-        return Probe(self.name, self.point, self.body)
-
-
 class Case(Table):
     """A whole case file."""
 
@@ -91,6 +78,8 @@ class Case(Table):
     mesh: MeshTable | None = Field(default=None, validate_default=True)
     material: MaterialTables | None = Field(default=None, validate_default=True)
     temperature: TemperatureTable | None = None
+    heat: Annotated[tuple[HeatTable, ...], Field(max_length=TABLES)] = ()
+    reference_temperature: Number | None = None
     clamp: Annotated[tuple[ClampTable, ...], Field(max_length=TABLES)] = ()
     prescribed_displacement: Annotated[tuple[PrescribedDisplacementTable, ...], Field(max_length=TABLES)] = ()
     prescribed_rotation: Annotated[tuple[PrescribedRotationTable, ...], Field(max_length=TABLES)] = ()
@@ -189,9 +178,10 @@ class Case(Table):
             body_force_amplitude=amplitude_of(self.body_force_amplitude),
             gravity=self._gravity,
             gravity_amplitude=amplitude_of(self.gravity_amplitude),
-            temperature=self._of_body(thermal),
+            temperature=None if self.heat else self._of_body(thermal),
             reference_temperature=0.0 if thermal is None else thermal.reference,
             temperature_amplitude=1.0 if thermal is None else thermal.amplitude,
+            heat=[table.load() for table in self.heat],
             linear_solver={
                 "auto": IterativeSolver if condensed else None,
                 "direct": DirectSolver,
@@ -267,6 +257,11 @@ class Case(Table):
 
     @property
     def _thermal(self) -> ThermalLoad | None:
+        if self.heat:
+            from ..fem.bodies import ThermalLoad
+
+            reference = self.reference_temperature or 0.0
+            return ThermalLoad(reference, reference)  # no change, before conduction gives one
         return None if self.temperature is None else self.temperature.thermal()
 
     def _of_body(self, thermal: ThermalLoad | None) -> Coefficient | dict[str, Coefficient] | None:
@@ -354,6 +349,7 @@ class Case(Table):
         if heated is not None and (fault := fault_of_body(heated, self.body)):
             raise ValueError(f"temperature.body = {heated!r}: {fault}")
         faces = {f"{key}.face": table.face for key, table in self._on_faces.items()}
+        faces |= {f"heat.{k}.face": table.face for k, table in enumerate(self.heat) if table.face is not None}
         for key, table in self.contacts.items():
             faces[f"{key}.face"] = table.face
             if table.against is not None:
@@ -389,6 +385,15 @@ class Case(Table):
         return self
 
     @model_validator(mode="after")
+    def _heat_fits(self) -> Case:
+        thermal = [key for key, table in self.contacts.items() if table.thermal is not None]
+        others = {"temperature": self.temperature, "tie": self.ties, "rigid_face": self.rigid_face}
+        unfit = [name for name, given in others.items() if given]
+        unfit += ["large motions"] if self.solver.kinematics == "large" else []
+        refuse_unfit_heat(self.heat, self.reference_temperature, thermal, unfit)
+        return self
+
+    @model_validator(mode="after")
     def _method_fits_the_law(self) -> Case:
         tresca = all(table.friction is None for table in self.contacts.values()) and self.auto_contact is None
         if tresca and self.solver.method != "auto":
@@ -403,6 +408,7 @@ class Case(Table):
         timed |= {"temperature.amplitude": None if self.temperature is None else self.temperature.amplitude}
         timed |= {f"{key}.amplitude": getattr(table, "amplitude", None) for key, table in self._on_faces.items()}
         timed |= {f"pretension.{k}.amplitude": table.amplitude for k, table in enumerate(self.pretension)}
+        timed |= {f"heat.{k}.amplitude": table.amplitude for k, table in enumerate(self.heat)}
         timed |= {f"rigid_face.{k}.amplitude": table.amplitude for k, table in enumerate(self.rigid_face)}
         if self.history is None:
             for key, value in timed.items():

@@ -13,6 +13,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 from ..arrays import FloatArray
 from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere
 from .curves import AmplitudeTable, MotionTable, amplitude_of, motion_of, rows_of
+from .heat import ThermalContactTable
 from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
@@ -176,6 +177,7 @@ class ContactTable(Table):
     surface: FoundationTable | None = None
     against_surface: FoundationTable | None = None
     slave: bool = False
+    thermal: ThermalContactTable | None = None
 
     @model_validator(mode="after")
     def _one_thing_to_touch(self) -> ContactTable:
@@ -272,6 +274,7 @@ class ContactTable(Table):
             surface_of(self.surface),
             surface_of(self.against_surface),
             slave=self.slave,
+            thermal=(self.thermal or ThermalContactTable()).thermal(),
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:

@@ -9,6 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from .curves import AmplitudeTable, amplitude_of
 from .values import (
     TABLES,
+    Conductivity,
     Density,
     Expansion,
     FileName,
@@ -50,7 +51,7 @@ ExpansionValue = Annotated[
 
 
 class MaterialTable(Table):
-    """Young's modulus in pascals, Poisson's ratio, density in kg/m^3, thermal expansion in 1/K.
+    """Young's modulus in pascals, Poisson's ratio, density in kg/m^3, expansion in 1/K, conductivity in W/(m K).
 
     With three of Young's moduli, Poisson's ratios and shear moduli: orthotropic, with the first and second direction.
     With a law: hyperelastic, for large motions; the Mooney-Rivlin law has c1, c2 and bulk in
@@ -69,6 +70,7 @@ class MaterialTable(Table):
     directions: tuple[SpatialVector, SpatialVector] | None = None
     density: Density | None = None
     expansion: ExpansionValue | None = None
+    conductivity: Conductivity | None = None
 
     @model_validator(mode="after")
     def _constants_of_its_law(self) -> MaterialTable:
@@ -77,7 +79,7 @@ class MaterialTable(Table):
         for name in needed:
             if getattr(self, name) is None:
                 raise ValueError(f"{name} is missing" + (f"; law = {self.law!r} needs it" if self.law else ""))
-        linear = ("shear", "directions", "expansion") if self.law else ()
+        linear = ("shear", "directions", "expansion", "conductivity") if self.law else ()
         for name in {"young", "poisson", "c1", "c2", "mu", "alpha", "bulk"} - {*needed} | {*linear}:
             if getattr(self, name) is not None:
                 law = "an elastic material" if self.law is None else f"law = {self.law!r}"
@@ -124,7 +126,9 @@ class MaterialTable(Table):
 
             given = self.directions
             directions = COORDINATE_AXES if given is None else (field(given[0]), field(given[1]))
-            return OrthotropicMaterial(self.young, self.poisson, self.shear, directions, self.density, self.expansion)
+            return OrthotropicMaterial(
+                *(self.young, self.poisson, self.shear, directions, self.density, self.expansion, self.conductivity)
+            )
         from ..fem.bodies import Material
 
         if self.c1 is not None and self.c2 is not None and self.bulk is not None:
@@ -142,7 +146,7 @@ class MaterialTable(Table):
             kind = NeoHookean if self.law == "neo-hookean" else StVenantKirchhoff
             return kind(self.young, self.poisson, self.density)
         assert not isinstance(self.expansion, tuple)
-        return Material(self.young, self.poisson, self.density, self.expansion)
+        return Material(self.young, self.poisson, self.density, self.expansion, self.conductivity)
 
 
 class GroupMaterialTable(MaterialTable):

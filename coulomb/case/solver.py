@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .values import FileName, Rounds, Table
+from .values import FileName, Name, Rounds, Table, Vector
 
 if TYPE_CHECKING:
+    from ..model.probes import Probe
     from ..solvers.friction_problem import Solver
     from ..solvers.newton_systems import NewtonChoice
 
@@ -73,3 +74,16 @@ class OutputTable(Table):
     directory: FileName = "results"
     picture: bool = True
     report: bool = False
+
+
+class ProbeTable(Table):
+    """A named point in metres at which displacement, slip and pressure are reported, and the body that has it."""
+
+    name: Name
+    point: Vector
+    body: Name | None = None
+
+    def probe(self) -> Probe:
+        from ..model.probes import Probe
+
+        return Probe(self.name, self.point, self.body)

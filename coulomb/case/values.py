@@ -60,6 +60,9 @@ Density = Annotated[float, _POSITIVE, _between(1e-12, 1e12)]
 Expansion = Annotated[float, _FINITE, _between(1e-12, 1.0, zero=True)]
 """Thermal expansion in 1/K."""
 
+Conductivity = Annotated[float, _POSITIVE, _between(1e-12, 1e12)]
+"""Thermal conductivity in W/(m K)."""
+
 Stiffness = Annotated[float, _NOT_NEGATIVE, _between(1e-12, 1e30, zero=True)]
 Stress = Annotated[float, _NOT_NEGATIVE, _between(1e-30, 1e30, zero=True)]
 

@@ -98,6 +98,8 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
             for load in loads
         ],
     )
+    heat = problem.body.heat
+    _print(console, "heat", [] if heat is None else [load.title for load in heat.conduction.loads])
     _print(console, "support", [f"{one['kind']} on {one['face']!r}: {one['holds']}" for one in supports_of(problem)])
     _print(console, "found", [found_in_words(*one) for one in settings.found], len(settings.found))
     _print(console, "contact", [contact_in_words(one) for one in contacts_of(problem)])

@@ -16,6 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..fem.bodies import TEMPERATURE
 from ..fem.geometry import on_all_ranks
 from ..model.load_step import Earlier, Energy, LoadStep, State
 from ..model.nodal_answer import ACCUMULATED, Accumulated
@@ -138,6 +139,9 @@ class HistoryFiles:
             accumulated=Accumulated(*worn),
             pending=tuple(record["pending"]),
             before=Earlier(began, earlier),
+            temperature_change=None
+            if problem.body.heat is None
+            else at_nodes(step.solution, TEMPERATURE, bodies, comm)[:, 0],
         )
 
     def _write_whole(self, last: dict[str, Any]) -> str:

@@ -67,6 +67,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         },
         "material": materials_of(elasticity),
         **of_temperature,
+        **({} if solution.heat is None else {"heat": solution.heat.entry()}),
         **of_forms,
         "mean_compliance": solution.mean_compliance,
         "method": solution.methods,
@@ -178,6 +179,7 @@ def _material_entry(cells: str | None, material: AnyMaterial) -> dict[str, Any]:
         directions = ["function of place" if callable(given) else given for given in material.directions]
         entry |= {"shear": material.shear, "directions": directions}
     given = {"density": material.density, "expansion": material.expansion}
+    given |= {"conductivity": material.conductivity}
     entry |= {name: value for name, value in given.items() if value is not None}
     return {name: _plain(value) for name, value in entry.items()}
 

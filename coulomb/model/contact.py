@@ -31,6 +31,61 @@ from .friction import FrictionModel
 
 
 @dataclass(frozen=True)
+class ThermalContact:
+    """Conduction of heat through a contact, in a problem with heat: h = conductance + factor (p/hardness)^exponent.
+
+    Heat h (T - T_opposite) per area flows where there is pressure p > 0, none through open points.  Rough surfaces that
+    yield have h = 1.25 k m/s (p/H)^0.95 with the harmonic mean k of the conductivities, slope m and height s of the
+    roughness and hardness H of the softer body (Cooper, Mikic and Yovanovich 1969).
+
+    Attributes:
+        conductance: The part of h that does not depend on pressure, W/(m^2 K).
+        factor: h at the pressure `hardness`, without that part, W/(m^2 K).
+        hardness: Pressure in pascals, > 0.
+        exponent: Exponent of the pressure, > 0; 1 for a conductance that is linear in the pressure.
+        temperature: Temperature of a rigid foundation, in kelvin or degrees Celsius; pairs have none.
+        share: Part of the heat of friction that goes into `Contact.face`, from 0 to 1; the rest goes into the other
+            face, or into the foundation.
+
+    Raises:
+        ValueError: If a number is out of bounds.
+    """
+
+    conductance: float = 0.0
+    factor: float = 0.0
+    hardness: float = 1e9
+    exponent: float = 0.95
+    temperature: float | None = None
+    share: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name, least in (("conductance", 0.0), ("factor", 0.0), ("hardness", None), ("exponent", None)):
+            value = getattr(self, name)
+            if not is_number(value) or (least is None and not value > 0.0):
+                bound = ">" if least is None else ">="
+                raise ValueError(f"contact: thermal: {name} must be a number {bound} 0, but is {value!r}")
+        if not (is_number(self.share) and self.share <= 1.0):
+            raise ValueError(f"contact: thermal: share must be a number from 0 to 1, but is {self.share!r}")
+        if self.temperature is not None and not is_number(self.temperature, -np.inf):
+            raise ValueError(f"contact: thermal: temperature must be a finite number, but is {self.temperature!r}")
+
+    @property
+    def conducts(self) -> bool:
+        """Whether heat flows at any pressure."""
+        return self.conductance > 0.0 or self.factor > 0.0
+
+    def at(self, pressure: FloatArray) -> FloatArray:
+        """h at pressures (m,) in pascals, W/(m^2 K), shape (m,)."""
+        p = np.maximum(pressure, 0.0)
+        h: FloatArray = self.conductance + self.factor * (p / self.hardness) ** self.exponent
+        return np.where(p > 0.0, h, 0.0)
+
+
+INSULATED = ThermalContact()
+"""No conduction; heat of friction in halves."""
+
+
+@dataclass(frozen=True)
 class Contact:
     """A contact face, its foundation and its law of friction |x_t| <= c a + F x_n, a the area of a node.
 
@@ -71,6 +126,7 @@ class Contact:
             ball; else all are, as in large motions, where a face may turn over an edge.
         slave: Whether the contact points of a pair are those of `face`, whatever the meshes; else those of the finer
             face, or of the softer body.  Large motions keep the first choice.
+        thermal: Conduction of heat, in a problem with heat; by default no heat passes but that of friction, in halves.
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -96,8 +152,15 @@ class Contact:
     against_surface: RigidFoundation | None = None
     facing: bool = True
     slave: bool = False
+    thermal: ThermalContact = INSULATED
 
     def __post_init__(self) -> None:
+        if not isinstance(self.thermal, ThermalContact):
+            raise ValueError(f"contact: thermal must be a ThermalContact, but is {self.thermal!r}")
+        if self.against is None and self.thermal.conducts and self.thermal.temperature is None:
+            raise ValueError("contact: thermal: heat flows into the foundation: give its temperature")
+        if self.against is not None and self.thermal.temperature is not None:
+            raise ValueError("contact: thermal: temperature is for rigid foundations: give a pair none")
         if (self.friction is None) == (self.slip_stress is None):
             raise ValueError("contact: give either friction (Coulomb) or slip_stress (Tresca), one of the two")
         if not is_number(self.adjust):
@@ -149,7 +212,12 @@ class Contact:
         """The same pair with its other face as the slave."""
         assert self.against is not None
         return replace(
-            self, face=self.against, against=self.face, surface=self.against_surface, against_surface=self.surface
+            self,
+            face=self.against,
+            against=self.face,
+            surface=self.against_surface,
+            against_surface=self.surface,
+            thermal=replace(self.thermal, share=1.0 - self.thermal.share),
         )
 
     @property

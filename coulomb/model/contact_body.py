@@ -24,6 +24,7 @@ from ..solvers.rigid_motions import RigidMotions
 from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
+from .heat import Heat, HeatProblem
 from .nodal_answer import Accumulated
 from .probes import LocatedProbes, Part, Probe
 from .provenance import timed
@@ -46,6 +47,7 @@ class ContactState:
         slip_origin: Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m,
             3): 0 at first, in a later load step that after the step before, moved with the foundation.
         accumulated: Slip, friction work and largest pressure of the load steps before.
+        heat: The temperature by which the bodies are strained, and its heat flows; None in a problem without heat.
     """
 
     elasticity: Deformable
@@ -57,6 +59,7 @@ class ContactState:
     slip_rate: FloatArray
     slip_origin: FloatArray
     accumulated: Accumulated
+    heat: Heat | None = None
 
     @property
     def time(self) -> float:
@@ -138,7 +141,10 @@ class ContactBody:
         remarks: What a user should know of supports and contact faces.
         unknowns: Free displacement unknowns and contact unknowns, over all ranks.
         stiffness: K^-1 and A, and the method by which they are computed.
+        heat: Conduction of heat; None without.
     """
+
+    heat: HeatProblem | None = None
 
     def __init__(
         self,
@@ -228,6 +234,8 @@ class ContactBody:
         """Raise ValueError on every rank if an amplitude or a motion has no value at a time; collective."""
         self.elasticity.at_time(time).at(time)
         self.rigid_motions(time)
+        if self.heat is not None:
+            self.heat.conduction.factors(time)
         for contact in self.contacts:
             contact.friction_factor(time, self.comm)
             contact.gap_factor(time, self.comm)

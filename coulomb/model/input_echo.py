@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray, is_number
-from ..fem.bodies import AppliedLoad, NodalForces, load_title
+from ..fem.bodies import AppliedLoad, NodalForces, ThermalLoad, load_title
 from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere, evaluate_amplitude, on_all_ranks
 from ..linalg.reductions import Reductions
 from .contact import Contact
@@ -59,7 +59,8 @@ def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResul
         small = _ROUNDING * found.nodal
         force = np.where(np.abs(found.force) <= small, 0.0, found.force)
         moment = np.where(np.abs(found.moment) <= small * arm, 0.0, found.moment)
-        what = f"{load_title(load)}, {applied.size}" if applied.size else load_title(load)
+        size = "temperature by conduction" if load.kind == ThermalLoad.kind and problem.body.heat else applied.size
+        what = f"{load_title(load)}, {size}" if size else load_title(load)
         return LoadResultant(what, times[largest], force, moment)
 
     return [resultant_of(applied) for applied in body.loads]

@@ -31,10 +31,11 @@ from ..solvers.semismooth_newton import SemismoothNewton
 from . import notebook
 from .certificate import judge
 from .equilibrium import NoEquilibrium
+from .linear_solve_failed import LinearSolveFailed
 from .load_step import Energy, LoadStep, State
 from .nodal_answer import Accumulated
 from .notebook import NotebookBar, in_notebook
-from .problem import ContactProblem, LinearSolveFailed
+from .problem import ContactProblem
 from .solution import Solution
 from .times import HALVINGS, refuse_times
 

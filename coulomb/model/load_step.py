@@ -87,6 +87,12 @@ def bolt_columns(bolt: Mapping[str, Any]) -> dict[str, float]:
     return {f"bolt_{bolt['face']}_{name}": bolt[name] for name in ("force", "shear", "bending", "shortening")}
 
 
+def heat_columns(heat: Mapping[str, Any]) -> dict[str, float]:
+    """The columns of temperatures and heat flows, from the entry in summary.json (`Heat.entry`)."""
+    ends = {f"temperature_{name}": value for name, value in heat["temperature"].items()}
+    return {**ends, **{flow["name"]: flow["power"] for flow in heat["flows"]}, "heat_imbalance": heat["imbalance"]}
+
+
 _IMBALANCE = 0.25  # of the energy dissipated by friction
 _OF_ALL = 1e-3  # of all energy
 
@@ -214,6 +220,7 @@ class State(Moment):
         pending: Ends of the remaining steps, the next one last.
         forces: Displacement and forces at its end; None at the start and where a history was continued from files.
         before: The end of the step before; None at the start.
+        temperature_change: Of a problem with heat, from the reference, kelvin, shape (k,); None at the start.
     """
 
     displacement: FloatArray
@@ -223,6 +230,7 @@ class State(Moment):
     pending: tuple[float, ...]
     forces: Forces | None = None
     before: Earlier | None = None
+    temperature_change: FloatArray | None = None
 
     def after(self, solution: Solution) -> State:
         """The state at the end of the next step, with updated energies; collective."""
@@ -246,7 +254,10 @@ class State(Moment):
             then = replace(self.forces, on_body=at_start, of_ties=of_ties)
         else:
             before = elasticity.at_time(self.time)
-            then = forces(before, self.displacement, before.at(self.time).load, self.force_on_body, bolts)
+            loading = before.at(self.time)
+            if self.temperature_change is not None:
+                loading = before.heated(loading, self.temperature_change)
+            then = forces(before, self.displacement, loading.load, self.force_on_body, bolts)
             elasticity.at_time(problem.time)  # the user's coefficients are those of the present again
         bolts = elasticity.pretension(problem.time)
         now = forces(elasticity, solution.displacement, problem.loading.load, on_body, bolts)
@@ -261,7 +272,11 @@ class State(Moment):
         energy = self.energy.after(then, now, elasticity.held, foundation, dissipated, over, stiffened)
         number, worn, pending = self.number + 1, answer.accumulated, self.pending[:-1]
         earlier = Earlier(self.time, self.force_on_body)
-        return State(number, problem.time, energy, now.displacement, on_body, slip_rate, worn, pending, now, earlier)
+        heat = problem.state.heat
+        change = None if heat is None else heat.change
+        return State(
+            number, problem.time, energy, now.displacement, on_body, slip_rate, worn, pending, now, earlier, change
+        )
 
 
 @dataclass(frozen=True)
@@ -282,9 +297,10 @@ class LoadStep:
     def row(self) -> dict[str, Any]:
         """Its figures, in the order of the columns of history.csv; collective."""
         result, certificate = self.solution.result, self.solution.certificate
-        probes = [value.entry() for value in self.solution.probes]
+        probes, heat = [value.entry() for value in self.solution.probes], self.solution.heat
+        of_heat = {} if heat is None else {"heat": heat.entry()}
         return row(
-            {**self.solution.at_nodes.numbers(), **self.solution.force_balance.entries(), "probes": probes},
+            {**self.solution.at_nodes.numbers(), **self.solution.force_balance.entries(), "probes": probes, **of_heat},
             self.state,
             steps=result.newton_steps,
             residual=result.residual,
@@ -320,6 +336,7 @@ def row(
         **{name: value for part in numbers.get("ties", ()) for name, value in reaction_columns(part).items()},
         **{name: value for part in numbers["reactions"] for name, value in reaction_columns(part).items()},
         **{name: value for probe in numbers["probes"] for name, value in probe_columns(probe).items()},
+        **(heat_columns(numbers["heat"]) if "heat" in numbers else {}),
         **{f"energy_{name}": value for name, value in asdict(at.energy).items()},
         "energy_imbalance": at.energy.imbalance,
         "path_following": steps,

@@ -15,6 +15,7 @@ from ..arrays import FloatArray
 from ..fem.bodies import (
     Deformable,
     Elasticity,
+    HeatLoad,
     JoinedBodies,
     Load,
     Materials,
@@ -26,7 +27,7 @@ from ..fem.bodies import (
     distributed_bodies,
     vanishes,
 )
-from ..fem.contact import Pretension, RigidFace, Tied, TiedBodies
+from ..fem.contact import ContactSurface, Pretension, RigidFace, Tied, TiedBodies
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -35,18 +36,19 @@ from ..linalg.unsolved import TooSlow, Unsolved
 from ..native import threads
 from ..solvers.automatic import Automatic
 from ..solvers.condensed import CondensedSystem
-from ..solvers.friction_problem import FrictionProblem, Solver
+from ..solvers.friction_problem import Solver
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.newton_systems import DenseSystem
-from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
-from ..solvers.rigid_motions import NO_MOTION
+from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from ..supplied import supplied
 from . import notebook
 from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState
 from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
+from .heat import Heat, HeatProblem
 from .input_echo import contacts_of, loads_of, supports_of, ties_of
+from .linear_solve_failed import CountedProgress, linear_solve_failed
 from .load_step import State
 from .notebook import residuals_shown
 from .probes import Probe
@@ -62,58 +64,18 @@ KINEMATICS = ("small", "large")
 """Theories of a problem."""
 
 
-class LinearSolveFailed(NotConverged):
-    """K u = f is not solved by multigrid: smaller load steps do not help."""
+AGREEMENT = 1e-9
+"""Change of temperature in a round, over the largest, at which contact and heat agree."""
+
+SHORTEST, LONGEST = 0.1, 3.0
+"""Bounds of the factor by which the change of temperature of a round is taken (Aitken)."""
+
+ROUNDS = 50
+"""Maximum number of rounds of contact and conduction."""
 
 
-class _CountedProgress:
-    """The user's callback, if there is one, with the number of `steps` and whether it has `stopped` the solve."""
-
-    def __init__(self, progress: ProgressCallback | None):
-        self._progress, self.steps, self.stopped = progress, 0, False
-
-    def __call__(self, progress: Progress) -> bool:
-        self.steps += 1
-        self.stopped = self._progress is not None and bool(self._progress(progress))
-        return self.stopped
-
-
-def _linear_solve_failed(
-    posed: DiscreteProblem, problem: FrictionProblem, failure: Unsolved, progress: _CountedProgress, method: str
-) -> LinearSolveFailed:
-    """The error of a contact problem in which a solve with K failed, with the last iterate; collective."""
-    A, rigid = problem.A.matrix_free, NO_MOTION if problem.rigid is None else np.zeros(problem.rigid.count)
-    x, gradient, residual = np.zeros_like(problem.b), -problem.b, np.inf
-    if A is not None and Reductions(posed.comm).all(A.latest is not None) and A.latest is not None:
-        x, gradient = problem.completed(A.latest), A.latest_product() - problem.b
-        if problem.rigid is not None:
-            rigid = problem.rigid_motion(x, gradient)
-            gradient = gradient - problem.rigid.displacement(rigid)
-        residual = problem.residual(x, gradient)
-    remedies = ['K factorised (linear_solver = "direct")', "better-shaped cells"]
-    if posed.elasticity.ground is not None:
-        remedies.append("stiffer springs, or a clamp, against rigid motions")
-    reached = f", with a residual of {residual:.1e}" if np.isfinite(residual) else ""
-    message = (
-        f"{failure}; {posed.unknowns['displacement']} displacement unknowns, time {posed.time:g} s, after "
-        f"{progress.steps} steps of the contact solver{reached}"
-    )
-    result = SolverResult(
-        x=x,
-        gradient=gradient,
-        slip_bound=problem.slip_bound(x),
-        multipliers=np.zeros((problem.A.nodes, 2)),
-        status=Status.INTERRUPTED if progress.stopped else Status.STAGNATED,
-        outer_steps=0,
-        newton_steps=progress.steps,
-        products=problem.A.products,
-        residual=residual,
-        history=(),
-        method=method,
-        message=message,
-        rigid=rigid,
-    )
-    return LinearSolveFailed(f"{message}; what may help: {', or '.join(remedies)}", result)
+class HeatNotConverged(NotConverged):
+    """Contact and heat do not agree, or nothing fixes the temperature of a body."""
 
 
 class ContactProblem(DiscreteProblem):
@@ -140,6 +102,9 @@ class ContactProblem(DiscreteProblem):
             `NodalField`; every material then needs a thermal expansion.
         reference_temperature: Temperature of the unstrained body, in the same unit.
         temperature_amplitude: Factor of the difference of the two as a function of time.
+        heat: In place of a temperature, what heats and cools the bodies (`HeatLoad`): the temperature follows from
+            steady conduction, which needs the conductivity and the thermal expansion of every material, and contact and
+            conduction are solved in turn until both agree.
         time: Time of loads, prescribed displacements and the foundation's position.
         linear_solver: DirectSolver ("direct") or IterativeSolver ("iterative") for K^-1; by default ("auto")
             chosen by size.
@@ -188,6 +153,7 @@ class ContactProblem(DiscreteProblem):
         temperature: Coefficient | Mapping[str, Coefficient] | None = None,
         reference_temperature: float = 0.0,
         temperature_amplitude: Amplitude = 1.0,
+        heat: Sequence[HeatLoad] = (),
         time: float = 0.0,
         linear_solver: LinearSolver | str | None = None,
         explicit: bool | None = None,
@@ -199,6 +165,10 @@ class ContactProblem(DiscreteProblem):
     ):
         mode, started = known_mode(small_strain), now()
         given: object = contact
+        if len(heat):
+            if temperature is not None:
+                raise ValueError("heat: the temperature follows from heat: give heat or temperature, one of the two")
+            temperature = reference_temperature
         if isinstance(mesh, Deformable):
             own = (clamps, tractions, springs)
             if (
@@ -245,6 +215,8 @@ class ContactProblem(DiscreteProblem):
         body = ContactBody(
             make_tied, mesh.comm, self._contacts_of(given), time, _linear_solver(linear_solver), explicit, probes
         )
+        if len(heat):
+            body.heat = HeatProblem(body.elasticity, heat, body.contacts, reference_temperature)
         for text in body.remarks if not self.silent and body.comm.rank == 0 else ():
             _log.warning("%s", text)
         with timed(body.seconds, "assembly"):
@@ -327,7 +299,8 @@ class ContactProblem(DiscreteProblem):
         Raises:
             NoEquilibrium: If no contact forces balance the loads on a body that contact alone holds.
             NotConverged: If the residual stays above the tolerance, or the certificate fails for any residual
-                reached; `solution(error.result)` is the best answer.  Also if K u = f is not solved by multigrid.
+                reached; `solution(error.result)` is the best answer.  Also if K u = f is not solved by multigrid, and
+                if contact and heat do not agree (`HeatNotConverged`).
         """
         if solver is not None and not hasattr(solver, "tolerance"):
             raise ValueError(
@@ -338,16 +311,73 @@ class ContactProblem(DiscreteProblem):
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         refuse_without_equilibrium(self)
         with residuals_shown(progress, tolerance, self.comm.rank) as shown:
-            while True:
-                try:
-                    return self._solved(tolerance, solver, shown, start)
-                except TooSlow as slow:
-                    self.body.stiffness.change_method(str(slow), condense=solver is None)
-                except NotConverged as failure:
-                    ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
-                    condense = solver is None and not self.body.stiffness.explicit
-                    if ended or not self.body.stiffness.change_method(failure.result.message, condense):
-                        raise
+
+            def by_any_method(posed: ContactProblem, start: FloatArray | None) -> Solution:
+                while True:
+                    try:
+                        return posed._solved(tolerance, solver, shown, start)
+                    except TooSlow as slow:
+                        self.body.stiffness.change_method(str(slow), condense=solver is None)
+                    except NotConverged as failure:
+                        ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
+                        condense = solver is None and not self.body.stiffness.explicit
+                        if ended or not self.body.stiffness.change_method(failure.result.message, condense):
+                            raise
+
+            heat = self.body.heat
+            answer = by_any_method(self, start) if heat is None else self._heated(heat, by_any_method, start)
+        if not self.silent:
+            warn(answer)
+        return answer
+
+    def _heated(
+        self,
+        heat: HeatProblem,
+        solved: Callable[[ContactProblem, FloatArray | None], Solution],
+        start: FloatArray | None,
+    ) -> Solution:
+        """The answer with the temperature that it causes itself: contact and conduction are solved in turn, from the
+        temperature of the load step before."""
+
+        def at(change: FloatArray, flows: Heat | None = None) -> ContactProblem:
+            loading = self.elasticity.heated(self.loading, change)
+            return self.in_state(replace(self.state, loading=loading, heat=flows), self.seconds, self.before)
+
+        def at_contact(answer: Solution) -> tuple[ContactSurface, float, FloatArray, FloatArray]:
+            nodes, before = answer.at_nodes, self.before
+            work = (nodes.accumulated.friction_work - nodes.earlier.friction_work) * nodes.area
+            power = np.zeros_like(work) if before is None else work / (self.time - before.time)
+            return self.surface, self.time, nodes.pressure, power
+
+        over, change, factor, step = Reductions(self.comm), np.zeros(len(self.elasticity.x)), 1.0, None
+        if isinstance(self.before, State) and self.before.temperature_change is not None:
+            change = self.before.temperature_change
+        answer, apart = solved(at(change), start), np.inf
+        for rounds in range(1, ROUNDS + 1):
+            try:
+                found = heat.solve(*at_contact(answer), change)
+            except ValueError as error:
+                raise HeatNotConverged(str(error), replace(answer.result, status=Status.STAGNATED)) from None
+            apart = float(over.max(np.abs(found - change)) / (over.max(np.abs(found)) or 1.0))
+            if apart <= AGREEMENT:
+                last = at(found).solution(answer.result)
+                flows = heat.flows(*at_contact(last), found)
+                if last.certificate.passed and flows.balanced:
+                    return replace(last, problem=at(found, replace(flows, rounds=rounds, agreement=apart)))
+            if step is not None:  # Aitken's relaxation
+                turn = found - change - step
+                factor *= -over.dot(step, turn) / (over.dot(turn, turn) or 1.0)
+                factor = min(max(factor, SHORTEST), LONGEST)
+            step = found - change
+            change = change + factor * step
+            answer = solved(at(change), answer.contact_force)
+        missing = heat.flows(*at_contact(answer), change).imbalance
+        raise HeatNotConverged(
+            f"contact and heat do not agree after {ROUNDS} rounds: the temperature changes by {apart:.1e} of itself, "
+            f"and {missing:.1e} W of heat are missing; what may help: smaller load steps, or a smaller conductance, or "
+            "one that depends on pressure",
+            replace(answer.result, status=Status.STAGNATED),
+        )
 
     def _repr_html_(self) -> str:
         """Bodies, loads, supports and contacts as they were understood; on several ranks the size alone."""
@@ -377,7 +407,7 @@ class ContactProblem(DiscreteProblem):
     ) -> Solution:
         """The answer by the present method for K^-1; arguments and errors as of `solve`."""
         chosen = solver or self._default(tolerance)
-        criterion, counted = StoppingCriterion(self), _CountedProgress(progress)
+        criterion, counted = StoppingCriterion(self), CountedProgress(progress)
         with self.body.stiffness.limited(self.stiffness.solver):
             problem = self.friction_problem  # K^-1, A and b are timed separately
             self.prepare_products()
@@ -390,11 +420,8 @@ class ContactProblem(DiscreteProblem):
                 except NotConverged as failure:
                     raise criterion.explained(failure, chosen.tolerance) from None
                 except Unsolved as failure:
-                    raise _linear_solve_failed(self, problem, failure, counted, type(chosen).__name__) from None
-        answer = self.solution(result, criterion)
-        if not self.silent:
-            warn(answer)
-        return answer
+                    raise linear_solve_failed(self, problem, failure, counted, type(chosen).__name__) from None
+        return self.solution(result, criterion)
 
     def _default(self, tolerance: float) -> Solver:
         """The solver where the user chooses none."""

@@ -23,6 +23,7 @@ from . import notebook
 from .certificate import Certificate
 from .discrete_problem import DiscreteProblem
 from .evidence import rounding_forces
+from .heat import Heat
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion, force_balance, resultant_of_ground
@@ -110,6 +111,11 @@ class Solution:
         """The displacement of each body by the body's name, as `function`; the name of a body that is alone is ""."""
         members = self.problem.elasticity.members
         return {member.name: member.body.function(self.displacement[member.nodes]) for member in members}
+
+    @property
+    def heat(self) -> Heat | None:
+        """Temperatures and heat flows of a problem with heat; else None."""
+        return self.problem.state.heat
 
     @property
     def force_on_body(self) -> FloatArray:

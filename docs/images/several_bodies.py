@@ -1,8 +1,8 @@
 """The pictures of docs/machine-parts.md, from `coulomb run` of demos/lap_joint, ball_joint and disc_brake, in results/.
 
 python docs/images/several_bodies.py     docs/several-bodies.md has picture.png of demos/two_blocks as it is, and what
-`coulomb plot results/pin_joint --field pressure` and `coulomb plot results/bolted_flange --field von_mises_stress --view iso`
-show
+these show: `coulomb plot results/pin_joint --field pressure`,
+`coulomb plot results/bolted_flange --field von_mises_stress --view iso`
 """
 
 import csv

@@ -249,6 +249,31 @@ def test_script_and_case_give_the_reference_answer():
         assert contents["certificate"]["natural_residual"]["value"] <= 1e-6
 
 
+def test_demo_heated_slider():
+    """Friction heats by its force times 20 mm/s, and all of that heat flows out."""
+    contents = ran("heated_slider.toml")[1]["heated_slider"]
+    last, heat = contents["last"], contents["last"]["heat"]
+    powers = {flow["name"]: flow["power"] for flow in heat["flows"]}
+    assert contents["valid"] and heat["balanced"]
+    friction = powers.pop("heat_friction_bottom")
+    assert friction == pytest.approx(0.3 * last["totals"]["normal_force"] * 0.02, rel=1e-6)
+    assert sum(powers.values()) == pytest.approx(-friction, rel=1e-8) and max(powers.values()) < 0.0
+
+
+def test_demo_hot_disc_brake():
+    """Friction heats by its force times the speed of the disc at the radius of the pad, 76 to 114 mm; piston, air, hub
+    and carrier take that heat."""
+    contents = ran("hot_disc_brake.toml")[1]["hot_disc_brake"]
+    last, heat = contents["last"], contents["last"]["heat"]
+    powers = {flow["name"]: flow["power"] for flow in heat["flows"]}
+    assert contents["valid"] and heat["balanced"] and heat["temperature"]["min"] == pytest.approx(20.0)
+    friction = powers.pop("heat_friction_pad:rub"), powers.pop("heat_friction_pad:end")
+    force = 0.4 * last["faces"][0]["normal_force"] * 0.2
+    assert 0.076 * force < friction[0] < 0.114 * force
+    assert sum(powers.values()) == pytest.approx(-sum(friction), rel=1e-8) and max(powers.values()) < 0.0
+    assert 30.0 < heat["temperature"]["max"] < 60.0 and heat["through_contacts"][0] > 0.0  # more into the disc
+
+
 def test_demo_bonded_pad():
     """The bond carries what the contact presses, and the roller is beneath the middle."""
     contents = ran("bonded_pad.toml")[1]["bonded_pad"]

@@ -267,6 +267,11 @@ class Deformable(HeldNodes, ABC):
         evaluated; collective."""
         return False
 
+    def heated(self, loading: Loading, change: FloatArray) -> Loading:
+        """A loading of bodies with a temperature that follows from conduction, at changes of it from the reference (k,)
+        in kelvin, in place of those that the loading has; collective."""
+        raise NotImplementedError(f"heat: not for {type(self).__name__}")
+
     @abstractmethod
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
         """The forces of every load by itself; collective."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -118,7 +119,18 @@ class LoadedBody(ElasticBody, HeldSpace):
             yield NodalForces(load.kind.replace(" ", "_"), load.face, applied.at(time, self.mesh.comm))
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        return self.loads_at(loading.time)
+        found = None if loading.temperature is None else loading.temperature.nodal_force
+        for part in self.loads_at(loading.time):
+            yield part if found is None or part.kind != ThermalLoad.kind else replace(part, forces=found)
+
+    def heated(self, loading: Loading, change: FloatArray) -> Loading:
+        assert loading.temperature is not None
+        force = self.thermal_force(change)
+        of_before = loading.temperature.nodal_force
+        load = loading.load + force if of_before is None else loading.load + (force - of_before)
+        displacement = self.thermal_displacement(change)
+        temperature = Temperature(change, loading.temperature.reference, displacement, force)
+        return replace(loading, load=load, temperature=temperature)
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
         """Integrals of stiffness times displacement over the faces; see `Deformable`."""

@@ -349,7 +349,13 @@ class JoinedBodies(Deformable):
     _changed: JoinedBodies | None = None
 
     def at(self, time: float) -> Loading:
-        parts = tuple(body.at(time) for body in self._bodies)
+        return self._together(time, tuple(body.at(time) for body in self._bodies))
+
+    def heated(self, loading: Loading, change: FloatArray) -> Loading:
+        each = zip(self._each(change), loading.parts, strict=True)
+        return self._together(loading.time, tuple(body.heated(part, own) for (body, own), part in each))
+
+    def _together(self, time: float, parts: tuple[Loading, ...]) -> Loading:
         load, prescribed = (np.concatenate([getattr(part, name) for part in parts]) for name in ("load", "prescribed"))
         temperature = joined_temperatures([part.temperature for part in parts], self._slices)
         return Loading(time, load, prescribed, temperature, parts)

@@ -274,11 +274,14 @@ class Temperature:
         change: Temperature minus that of the unstrained body in kelvin, shape (k,).
         reference: Temperature of the unstrained body, in kelvin or degrees Celsius.
         displacement: Scale of the displacements that it causes, metres (`ElasticBody.thermal_displacement`).
+        nodal_force: Of one that follows from conduction (`Deformable.heated`), the forces that cause its strain,
+            newtons, shape (k, 3); None of one that is given.
     """
 
     change: FloatArray
     reference: float
     displacement: float
+    nodal_force: FloatArray | None = None
 
 
 @dataclass(frozen=True)

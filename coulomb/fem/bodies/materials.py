@@ -158,6 +158,7 @@ class OrthotropicMaterial:
         density: Density in kg/m^3, > 0; only gravity needs it.
         expansion: Coefficient of thermal expansion in 1/K, one number or three along the directions; only a temperature
             needs it.
+        conductivity: Thermal conductivity in W/(m K), > 0, the same in all directions; only heat needs it.
 
     Raises:
         ValueError: If a constant is outside its bounds, the strain energy is not positive for every strain (with the
@@ -170,8 +171,10 @@ class OrthotropicMaterial:
     directions: tuple[Field, Field] = COORDINATE_AXES
     density: float | None = None
     expansion: float | Triple | None = None
+    conductivity: float | None = None
 
     def __post_init__(self) -> None:
+        _refuse_conductivity(self.conductivity)
         for name, unit in (("young", "Young's moduli in pascals"), ("shear", "shear moduli in pascals")):
             if not np.all(three(getattr(self, name), f"material: {name}", unit) > 0.0):
                 raise ValueError(f"material: {name} must be three positive {unit}, but is {getattr(self, name)!r}")
@@ -338,6 +341,7 @@ class Material:
         poisson: Poisson's ratio, in (-1, 0.5).
         density: Density in kg/m^3, > 0; only gravity needs it.
         expansion: Coefficient of thermal expansion in 1/K; only a temperature needs it.
+        conductivity: Thermal conductivity in W/(m K), > 0; only heat needs it.
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -347,8 +351,10 @@ class Material:
     poisson: float
     density: float | None = None
     expansion: float | None = None
+    conductivity: float | None = None
 
     def __post_init__(self) -> None:
+        _refuse_conductivity(self.conductivity)
         if not (is_number(self.young) and self.young > 0.0):
             raise ValueError(f"material: young must be a positive number of pascals, but is {self.young!r}")
         if not (is_number(self.poisson, -1.0) and -1.0 < self.poisson < 0.5):
@@ -412,6 +418,21 @@ def density_of_cells(mesh: NamedMesh, materials: Materials) -> FloatArray:
     for material, cells in _with_cells(mesh, materials):
         density[cells] = material.density
     return density
+
+
+def conductivity_of_cells(mesh: NamedMesh, materials: Materials) -> FloatArray:
+    """Thermal conductivity of this rank's own cells in W/(m K), shape (c,); ValueError on every rank if a material has
+    none."""
+    _refuse_without(materials, "conductivity", "heat needs the conductivity", "conductivity, W/(m K)")
+    conductivity = np.zeros(mesh.domain.topology.index_map(3).size_local)
+    for material, cells in _with_cells(mesh, materials):
+        conductivity[cells] = material.conductivity
+    return conductivity
+
+
+def _refuse_conductivity(given: float | None) -> None:
+    if given is not None and not (is_number(given) and given > 0.0):
+        raise ValueError(f"material: conductivity must be a positive number of W/(m K), but is {given!r}")
 
 
 def _refuse_wrong_cells(mesh: NamedMesh, materials: Materials, count: int) -> None:

@@ -29,6 +29,7 @@ from ...fem.contact import plane_of_face
 from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR, corners_of
 from ...linalg.reductions import Reductions
+from ...model.problem import ContactProblem
 from ...model.resultants import ForceBalance, force_balance
 from ..case_record import lasting_part, written_case
 from ..result_grids import GROUND
@@ -93,11 +94,16 @@ class CaseReference:
     @cached_property
     def tied_body(self) -> Deformable:
         """All bodies with their ties and rigid faces, on the meshes of the case."""
-        return self.settings.problem(MPI.COMM_SELF).elasticity
+        return self.problem.elasticity
 
     def nodes_of_tied_body(self, run: WrittenRun) -> npt.NDArray[np.int64]:
         """As `nodes_of`, of the tied body."""
         return run.body.numbers_in([member.body.x for member in self.tied_body.members], f"{run.folder}: {_UNFIT}")
+
+    @cached_property
+    def problem(self) -> ContactProblem:
+        """The problem of the case, posed anew on one rank."""
+        return self.settings.problem(MPI.COMM_SELF)
 
     def accepts(self, summary: Mapping[str, Any]) -> bool:
         """Whether the case accepts answers outside the theory of small strains; of a load step also the case that it
@@ -172,6 +178,8 @@ class CaseReference:
         }
         if self.settings.temperature is not None:
             expected["reference_temperature"] = self.settings.temperature.reference
+        if self.settings.heat:
+            expected["reference_temperature"] = self.settings.reference_temperature
         found.tree(SUMMARY, run.summary, expected, source=_SOURCE)
 
     def compare_bodies(self, run: WrittenRun, time: float, found: Comparison) -> npt.NDArray[np.int64] | None:
@@ -217,6 +225,10 @@ class CaseReference:
         on_body = {name: values[part.nodes] for name, values in run.on_body.items()}
         u, modes = np.empty_like(x), np.empty((*x.shape, 6))
         u[node], modes[node] = on_body["displacement"], rigid_modes(run.body.x, MPI.COMM_SELF)[part.nodes]
+        if self.settings.heat:  # the temperature is judged by itself (`heat_of_case`)
+            change = np.zeros(len(x))
+            change[node] = on_body.get(TEMPERATURE, np.zeros(len(x)))
+            loading = body.heated(loading, change)
         expected = {"prescribed": loading.prescribed, "load": loading.load}
         if not self.tied:
             expected["spring_force"] = body.spring_force(u)
@@ -293,6 +305,13 @@ class CaseForces:
         self._members, self._node, self._run = case.members, case.nodes_of(run), run
         self._tied = (case.tied_body, case.nodes_of_tied_body(run)) if case.tied else None
         self._loads = {name: list(body.loads_at(time)) for name, body in case.bodies.items()}
+        if case.settings.heat and TEMPERATURE in run.on_body:
+            change = np.zeros(len(self._node))
+            change[self._node] = run.on_body[TEMPERATURE]
+            for member in self._members:
+                body = case.bodies[member.name]
+                loading = body.heated(body.at(time), change[member.nodes])
+                self._loads[member.name] = list(body.loads_in(loading))
 
     def force_balance(
         self,

@@ -203,6 +203,7 @@ def _record(findings: Findings, variant: Variant, at: Moment) -> dict[str, Any]:
     except (KeyError, TypeError):
         raise ValueError(f"{findings.run.files.summary}: has no iterations of its solver") from None
     recorded = {name: summary.get(name, []) for name in ("reactions", "ties", "rigid_faces", "bolts")}
+    recorded |= {"heat": summary["heat"]} if "heat" in summary else {}
     figures = {**recorded, **derived}
     line = row(figures, at, steps, residual, derived["certificate"]["passed"], derived["valid"])
     return {"number": at.number, "time": at.time, "energy": asdict(at.energy), "row": line}

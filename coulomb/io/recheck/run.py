@@ -21,6 +21,7 @@ from .case_reference import CaseForces, CaseReference, CaseTies
 from .comparison import Comparison, Rounding, unjudged
 from .contact_nodes import ContactNodes, Start, from_start, spins_of
 from .face_geometry import contact_nodes
+from .heat import compare_heat
 from .recomputation import Recomputation, Variant, compare_materials, located_probes, written_fields
 
 SLIP_BOUND_LIMIT = 1e-6
@@ -192,6 +193,11 @@ def check_run(
             for name, of in sums.items()
         }
         found.tree(f"{SUMMARY}: sum", said, sums, rounded, ANSWER)
+    if case is not None and part is not None and case.settings.heat:
+        if alone:
+            trusted.append("taken as recorded, without the step before: the heat of friction")
+        else:
+            compare_heat(case, run, time, None if start is None else time - start.time, found)
     trusted += [*unknown, *([] if run.body.elastic else [_FORMS])]
     recorded = bool(run.summary["certificate"]["passed"])
     return Findings(variants[0].certificate, found, tuple(trusted), recorded, run, written, variants)

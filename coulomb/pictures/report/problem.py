@@ -99,6 +99,14 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         facts.append((f"point load on {load['face']}", acting + in_time(load.get("amplitude"))))
     for load in case.get("total_force", ()):
         facts.append((f"total force on {load['face']}", vector(load["force"], "N") + in_time(load.get("amplitude"))))
+    for heat in case.get("heat", ()):
+        kinds = {"temperature": "temperature of", "flux": "heat flux into", "film": "film on", "source": "heat in"}
+        kind = next(name for name in kinds if name in heat)
+        units = {"temperature": "", "flux": " W/m²", "film": " W/(m² K)", "source": " W/m³"}
+        beyond = f", {number_at(heat['ambient'])} beyond" if "ambient" in heat else ""
+        where = heat.get("face") or heat.get("body") or "all bodies"
+        value = number_at(heat[kind]) + units[kind] + beyond + in_time(heat.get("amplitude"))
+        facts.append((f"{kinds[kind]} {where}", value))
     for key, name, unit in (("body_force", "body force", "N/m³"), ("gravity", "gravity", "m/s²")):
         value = case.get(key, ())
         if any(value):
@@ -180,6 +188,8 @@ def _material(material: dict[str, Any]) -> str:
         given = material["expansion"]
         values = given if isinstance(given, list) else [given]
         text += f", thermal expansion {', '.join(map(number, values))} 1/K"
+    if "conductivity" in material:
+        text += f", conductivity {number(material['conductivity'])} W/(m K)"
     return text
 
 

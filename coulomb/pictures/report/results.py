@@ -47,6 +47,9 @@ def totals(run: Run) -> Facts:
         (f"energy dissipated by friction{in_step}", shown(totals["dissipated_energy"], "J")),
         *_rotating_foundations(run),
     ]
+    for flow in summary.get("heat", {}).get("flows", ()):
+        of = f" of {flow['face']}" if flow["face"] else ""
+        rows.append((f"heat into the bodies{in_step}, {flow['kind']}{of}", quantity(flow["power"], "W", 5)))
     springs = summary["spring_force_on_body"]
     if any(springs):
         rows.append(("force of springs on the body", vectorial(springs, "N", 5)))

@@ -1,0 +1,154 @@
+"""Heat in the files of a run: checked by `coulomb check`, continued by `coulomb resume`."""
+
+import json
+
+import numpy as np
+import pytest
+from check_runs import change, copied, edit, field, get, made, put, shown
+from mpi4py import MPI
+
+from coulomb.case.case import read_case
+from coulomb.io.history_files import HistoryFiles
+from coulomb.io.recheck import check
+
+BARS = """\
+reference_temperature = 20.0
+[[body]]
+name = "lower"
+box = [0.02, 0.02, 0.05]
+cells = [3, 2, 4]
+material = { young = 2e11, poisson = 0.3, expansion = 1.2e-5, conductivity = 50.0 }
+[[body]]
+name = "upper"
+box = [0.02, 0.02, 0.03]
+cells = [4, 3, 5]
+cell = "tetrahedron"
+degree = 2
+translate = [0.0, 0.0, 0.05]
+material = { young = 7e10, poisson = 0.33, expansion = 2.3e-5, conductivity = 200.0 }
+[[clamp]]
+face = "lower:bottom"
+[[symmetry]]
+face = "upper:left"
+[[symmetry]]
+face = "upper:front"
+[[pressure]]
+face = "upper:top"
+value = 1e6
+[[heat]]
+face = "lower:bottom"
+temperature = 20.0
+[[heat]]
+face = "upper:top"
+film = 500.0
+ambient = "80 + 100*x"
+[[heat]]
+source = 1e5
+body = "upper"
+[contact]
+face = "upper:bottom"
+against = "lower:top"
+friction = 0.2
+thermal = { factor = 2e3, hardness = 1e6 }
+"""
+
+SLIDER = """\
+reference_temperature = 25.0
+[mesh]
+box = [0.04, 0.02, 0.02]
+cells = [4, 2, 3]
+[material]
+young = 2e11
+poisson = 0.3
+expansion = 1e-5
+conductivity = 50.0
+[[prescribed_displacement]]
+face = "top"
+components = "yz"
+value = [0.0, 0.0, -2e-6]
+amplitude = [[0, 0], [1, 1]]
+[[prescribed_displacement]]
+face = "top"
+components = "x"
+value = [2e-3, 0.0, 0.0]
+amplitude = [[1, 0], [2, 1]]
+[[heat]]
+face = "top"
+temperature = 30.0
+[[heat]]
+face = "front"
+flux = 1e3
+amplitude = [[0, 0], [1, 1]]
+[contact]
+face = "bottom"
+friction = 0.3
+thermal = { factor = 2e4, hardness = 1e8, temperature = 25.0, share = 0.3 }
+[history]
+times = [1.0, 1.5, 1.75]
+"""
+
+
+@pytest.mark.parametrize("text", [BARS, SLIDER])
+def test_heat_is_computed_again(text):
+    found = check(made(text))
+    assert found.passed and not found.faults, str(found)
+    assert "heat" not in str(found).partition("nothing to compare with:")[2]
+
+
+def changed(values):
+    """One entry that no load acts on, by a hundred thousandth of the largest."""
+    place = np.argmin(np.abs(np.abs(values) - 0.5 * np.max(np.abs(values))))
+    values.flat[place] += 1e-5 * np.max(np.abs(values))
+    return values
+
+
+@pytest.mark.parametrize(("text", "step"), [(BARS, ""), (SLIDER, "steps/0002")])
+def test_changed_heat_is_found(text, step, tmp_path):
+    folder = copied(text, tmp_path / "run") / step
+    places = [("heat", "flows", 0, "power"), ("heat", "through_contacts", 0), ("heat", "temperature", "max")]
+    places += [("heat", "power_in"), ("heat", "flows", 1, "power")]
+    for place in places:
+        edit(folder / "summary.json", lambda tree, place=place: put(tree, place, get(tree, place) * (1.0 + 1e-5)))
+    edit(folder / "summary.json", lambda tree: put(tree, ("heat", "balanced"), False))
+    faults = check(folder).faults
+    for place in (*places, ("heat", "balanced")):
+        assert any(line.startswith(shown(place)) for line in faults), place
+
+
+def test_a_changed_temperature_is_found(tmp_path):
+    """With the load that it causes it would be a solution of the contact problem."""
+    folder = copied(SLIDER, tmp_path / "run") / "steps/0003"
+    change(folder / "solution.h5", "temperature_change", changed)
+    faults = check(folder).faults
+    assert any("temperature_change" in line and "conduction, contact forces and slip" in line for line in faults)
+
+
+def test_a_continued_history_is_the_same(tmp_path):
+    whole = made(SLIDER)
+    case = tmp_path / "case.toml"
+    case.write_text(SLIDER)
+    settings, target = read_case(case), tmp_path / "run"
+    stopped = HistoryFiles(target)
+    settings.load_history().run(settings.problem(MPI.COMM_SELF), stopped, on_step=lambda _: len(stopped.rows) == 2)
+    assert len(stopped.rows) == 2
+    files = HistoryFiles(target, resume=True)
+    settings.load_history().run(settings.problem(MPI.COMM_SELF), files)
+    expected = json.loads((whole / "steps/0003/summary.json").read_text())["step"]["row"]
+    found = files.rows[-1]
+    assert found.keys() == expected.keys()
+    for name in expected:
+        if "heat" in name or "temperature" in name or "energy" in name:
+            assert found[name] == pytest.approx(expected[name], rel=1e-6, abs=1e-6), name
+    changes = (field(one / "steps/0003/solution.h5", "temperature_change") for one in (whole, target))
+    assert np.allclose(*changes, rtol=1e-7)
+
+
+def test_columns_of_a_history():
+    """Friction power is its force times slip rate; heat flows add up to nothing."""
+    row = json.loads((made(SLIDER) / "steps/0003/summary.json").read_text())["step"]["row"]
+    flows = [name for name in row if name.startswith("heat_") and name != "heat_imbalance"]
+    assert flows == ["heat_temperature_top", "heat_heat_flux_front", "heat_friction_bottom", "heat_foundation_bottom"]
+    assert row["heat_heat_flux_front"] == pytest.approx(1e3 * 8e-4)
+    assert row["heat_friction_bottom"] == pytest.approx(0.3 * row["normal_force"] * 2e-3, rel=1e-3)
+    assert sum(row[name] for name in flows) == pytest.approx(0.0, abs=1e-8 * row["heat_friction_bottom"])
+    assert 25.0 < row["temperature_min"] < row["temperature_max"] == 30.0
