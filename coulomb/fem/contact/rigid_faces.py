@@ -32,7 +32,7 @@ _FREE = 1e-10
 _ROUNDING = 1e-9
 """Part of the prescribed displacements up to which they are the same."""
 
-_PLANE = 1e-6
+_PLANE = 1e-5
 """Distance of nodes from a plane over the size of the face up to which it is plane; 1 less the cosine of an angle."""
 
 
@@ -283,7 +283,7 @@ def _normal(given: RigidFace, mean: FloatArray, r: FloatArray, comm: MPI.Comm) -
     """
     length = float(np.linalg.norm(mean))
     n = mean / (length or 1.0)
-    n[np.abs(n) < _PLANE**2] = 0.0
+    n[np.abs(n) < _FREE] = 0.0
     size, off = (
         comm.allreduce(float(np.max(of, initial=0.0)), op=MPI.MAX) for of in (np.linalg.norm(r, axis=1), np.abs(r @ n))
     )
