@@ -125,7 +125,7 @@ class FaceMotion:
         anchors: Number of the node of each of the r degrees of freedom among this rank's, -1 elsewhere, and its
             direction (3,).
         inverse: E^-1, shape (r, r).
-        spread: C, shape (m, 3, 6).
+        spread: C, shape (m, 3, 6); 0 but on one component of the mesh, so that forces on each are by its own motion.
     """
 
     given: RigidFace
@@ -216,7 +216,9 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
     size = comm.allreduce(float(np.max(np.linalg.norm(r, axis=1), initial=0.0)), op=MPI.MAX)
     held = body.held.projector_at(nodes)
     ways, possible = np.eye(3), np.diag([1.0] * 3 + [1.0 / size] * 3)
-    rigid = _moved(possible, r)
+    component = body.component[nodes]
+    sprung = comm.allreduce(int(np.min(component, initial=np.iinfo(np.int64).max)), op=MPI.MIN)
+    rigid = _moved(possible, r) * (component == sprung)[:, None, None]
     gram = comm.allreduce(np.einsum("mcp,mcq->pq", rigid, rigid), op=MPI.SUM)
     spread = rigid @ np.linalg.solve(gram, possible)
     if given.along == "free":
