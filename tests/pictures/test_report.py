@@ -326,6 +326,20 @@ def test_loads_in_words():
     }
 
 
+def test_rigid_faces_in_words():
+    back = {
+        "face": "back",
+        "along": "free",
+        "translation": {"x": None, "y": 1e-3},
+        "rotation_stiffness": [5.0, 0.0, 5.0],
+    }
+    hub = {"face": "hub", "along": "rigid", "translation_stiffness": [1, 2, 3], "rotation_stiffness": [0.0, 0.0, 0.0]}
+    assert supports_and_loads({"rigid_face": [back, hub]}) == [
+        ("plane face back", "translation y = 0.001, spring (5, 0, 5) N m/rad"),
+        ("rigid face hub", "spring (1, 2, 3) N/m"),
+    ]
+
+
 def test_load_curves_in_words_and_numbers():
     curve = {"table": [[0.0, 0.0], [1.0, 2.0], [2.0, 0.0]], "after": "repeat"}
     assert in_time(curve).replace("\u202f", " ") == ", factor 0 at 0 s, 2 at 1 s, 0 at 2 s, repeated"

@@ -32,7 +32,7 @@ _FREE = 1e-10
 _ROUNDING = 1e-9
 """Part of the prescribed displacements up to which they are the same."""
 
-_PLANE = 1e-6
+_PLANE = 1e-5
 """Distance of nodes from a plane over the size of the face up to which it is plane; 1 less the cosine of an angle."""
 
 
@@ -129,7 +129,7 @@ class FaceMotion:
         anchors: Number of the node of each of the r degrees of freedom among this rank's, -1 elsewhere, and its
             direction (3,).
         inverse: E^-1, shape (r, r).
-        spread: C, shape (m, 3, 6).
+        spread: C, shape (m, 3, 6); 0 but on one component of the mesh, so that forces on each are by its own motion.
     """
 
     given: RigidFace
@@ -220,7 +220,9 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
     size = comm.allreduce(float(np.max(np.linalg.norm(r, axis=1), initial=0.0)), op=MPI.MAX)
     held = body.held.projector_at(nodes)
     ways, possible = np.eye(3), np.diag([1.0] * 3 + [1.0 / size] * 3)
-    rigid = _moved(possible, r)
+    component = body.component[nodes]
+    sprung = comm.allreduce(int(np.min(component, initial=np.iinfo(np.int64).max)), op=MPI.MIN)
+    rigid = _moved(possible, r) * (component == sprung)[:, None, None]
     gram = comm.allreduce(np.einsum("mcp,mcq->pq", rigid, rigid), op=MPI.SUM)
     spread = rigid @ np.linalg.solve(gram, possible)
     if given.along == "free":
@@ -287,7 +289,7 @@ def _normal(given: RigidFace, mean: FloatArray, r: FloatArray, comm: MPI.Comm) -
     """
     length = float(np.linalg.norm(mean))
     n = mean / (length or 1.0)
-    n[np.abs(n) < _PLANE**2] = 0.0
+    n[np.abs(n) < _FREE] = 0.0
     size, off = (
         comm.allreduce(float(np.max(of, initial=0.0)), op=MPI.MAX) for of in (np.linalg.norm(r, axis=1), np.abs(r @ n))
     )

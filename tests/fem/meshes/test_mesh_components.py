@@ -8,7 +8,7 @@ from conftest import STEEL
 from mesh_files import BoxFile
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem
+from coulomb import Clamp, Contact, ContactProblem, PointLoad, RigidFace
 
 
 def torn(shift, second=False, cell="hexahedron"):
@@ -43,6 +43,22 @@ def test_components_that_touch_are_known(tmp_path, second):
     assert places == [(1.0, y, z) for y in (0.0, 1.0) for z in (0.0, 1.0)], "corners of the faces that coincide"
     up = coulomb.moved(mesh, (0.0, 0.0, 2.0))
     assert up.components == 2 and np.allclose(up.touching, mesh.touching + (0.0, 0.0, 2.0), atol=1e-12)
+
+
+def test_a_rigid_face_with_a_spring_on_two_components(tmp_path):
+    """It joins them: the spring carries the loads of both, by their resultants about its point."""
+    file = torn((0.5, 0.0, 0.0))
+    file.faces["ends"] = np.vstack([file.faces["left"], file.faces["right"]])
+    face = RigidFace("ends", (0.0, 0.0, 0.0), translation_stiffness=(1e9, 1e9, 2e9), rotation_stiffness=(1e9, 3e9, 1e9))
+    loads = [
+        PointLoad("seam", (1e5, 2e4, 3e4), point=(0, 0, 0)),
+        PointLoad("other", (1e5, -2e4, 1e4), (0, 6e3, 0), (0, 0, 0)),
+    ]
+    far = Contact("other", 0.3, foundation=coulomb.Plane((-9.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    solution = ContactProblem(read(file, tmp_path), STEEL, [], far, loads, rigid_faces=[face]).solve()
+    (found,) = solution.rigid_faces
+    assert solution.valid and found.translation == pytest.approx((2e-4, 0.0, 2e-5), abs=1e-12)
+    assert found.rotation == pytest.approx((0.0, 2e-6, 0.0), abs=1e-13)
 
 
 def test_components_apart(tmp_path):
