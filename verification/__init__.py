@@ -9,6 +9,7 @@ from collections.abc import Callable
 from functools import partial
 
 from . import (
+    bolted,
     cattaneo_mindlin,
     curved_pairs,
     glued,
@@ -51,6 +52,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "mindlin-pair": cattaneo_mindlin.verify_pair,
     "ring-pair": ring_pair.verify,
     "glued": glued.verify,
+    "bolted": bolted.verify,
     "stack": stack.verify,
     "nafems-cb1": nafems_cb1.verify,
     "nafems-cb2": nafems_cb2.verify,

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import FloatArray
 from .friction_problem import FrictionProblem, SolverSettings, Task
 from .interior_point import InteriorPoint
-from .results import NotConverged, SolverResult, Status
+from .open_contact import open_motion
+from .results import Goal, NotConverged, SolverResult, Status
 from .semismooth_newton import SemismoothNewton
 from .successive_tresca import SuccessiveTresca
 
@@ -62,6 +64,11 @@ class Automatic(SolverSettings):
         def called(result: SolverResult, method: str) -> SolverResult:
             return replace(result, products=0, method=f"{self.name}: {method}")  # products by A are counted together
 
+        alpha = open_motion(problem)
+        if alpha is not None:
+            result = _of_no_forces(problem, alpha, Goal(goal.tolerance, problem.accept))
+            if result.status is Status.CONVERGED:
+                return called(result, "no forces")
         if start is not None:
             near = SemismoothNewton(goal.tolerance)
             result = ended(lambda: near.solve(problem, start, progress=progress))
@@ -79,6 +86,27 @@ class Automatic(SolverSettings):
         better = min((one, other), key=lambda result: result.residual)
         message = f"{one.message}.  Then {other.message}"
         return called(replace(better, message=message), f"{better.method}, the better of both")
+
+
+def _of_no_forces(problem: FrictionProblem, alpha: FloatArray, goal: Goal) -> SolverResult:
+    """No forces, where all contact points are open with motions alpha (q,)."""
+    assert problem.rigid is not None
+    x = np.zeros_like(problem.b)
+    w = -problem.b - problem.rigid.displacement(alpha)
+    residual = problem.residual(x, w)
+    return SolverResult(
+        x=x,
+        gradient=w,
+        slip_bound=problem.slip_bound(x),
+        multipliers=np.zeros((problem.A.nodes, 2)),
+        status=goal.verdict(residual, x, Status.STAGNATED, alpha),
+        outer_steps=0,
+        newton_steps=0,
+        products=0,
+        residual=residual,
+        history=(),
+        rigid=alpha,
+    )
 
 
 def ended(solve: Callable[[], SolverResult]) -> SolverResult:

@@ -67,7 +67,8 @@ def frictionless_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, a
     if even is not None:
         return even._replace(A_x=newton.products.first(scaled.forces(even.x_n, even.y), accuracy))
     for _ in range(most):
-        normal.improve()
+        if not normal.improve():
+            return None
         if normal.distance() <= _CENTRED:
             break
     y = normal.friction()
@@ -172,17 +173,22 @@ class _Frictionless:
 
     # --- an iteration ----------------------------------------------------------------------------------------------
 
-    def improve(self) -> None:
-        """One product: towards the minimum with the model of A, as far as the function decreases."""
+    def improve(self) -> bool:
+        """One product: towards the minimum with the model of A, as far as the function decreases; False if there is no
+        minimum, as where nothing presses bodies that contact alone holds."""
         self._choose_theta()
         w = self._w()[:, 0]
-        dx = self._minimiser(w) - self.x
+        with np.errstate(all="ignore"):
+            dx = self._minimiser(w) - self.x
+        if not self.over.all(bool(np.all(np.isfinite(dx)))):
+            return False
         A_dx = self._product(self._forces(dx))
         moved = self.over.total(self._G.T @ dx)
         slope, curvature = self.over.dot(w, dx), self.over.dot(dx, A_dx[:, 0]) + self._penalty * float(moved @ moved)
         t = self._along(dx, slope, curvature)
         self.x = self.x + t * dx
         self._A_x += t * A_dx
+        return True
 
     def _minimiser(self, w: FloatArray) -> FloatArray:
         """The minimum of the barrier function with the model of A, by Newton's method from x, where the gradient of the

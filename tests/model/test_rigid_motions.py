@@ -7,7 +7,17 @@ import pytest
 from conftest import dense_compliance
 from floating_blocks import FRICTION, WEIGHT, FloatingBlock, clamped_problem, floating_problem
 
-from coulomb import InteriorPoint, SuccessiveTresca, solve_coulomb, solve_tresca
+from coulomb import (
+    Contact,
+    ContactProblem,
+    InteriorPoint,
+    Material,
+    Plane,
+    SuccessiveTresca,
+    box,
+    solve_coulomb,
+    solve_tresca,
+)
 from coulomb.solvers import (
     KPRGP,
     AugmentedSystem,
@@ -240,3 +250,19 @@ def test_unsupported_combinations_are_refused():
         KPRGP().solve(problem.with_slip_bound(np.full(15, 3e4)))
     with pytest.raises(ValueError, match="newton: a condensed system"):
         InteriorPoint(newton=CondensedSystem()).solve(problem)
+
+
+@pytest.mark.parametrize(("clearance", "pressed"), [(None, False), (2e-4, False), (-5e-5, True)])
+def test_a_body_that_nothing_presses_is_moved_out_of_the_way(clearance, pressed):
+    """A block without loads on a floor that has risen by 0.1 mm, below a ceiling: no forces unless it is squeezed."""
+    walls = [Contact("bottom", 0.3, foundation=Plane((0.0, 0.0, 1e-4), (0.0, 0.0, 1.0)))]
+    if clearance is not None:
+        walls += [Contact("top", 0.3, foundation=Plane((0.0, 0.0, 1.0 + 1e-4 + clearance), (0.0, 0.0, -1.0)))]
+    solution = ContactProblem(box((1.0, 1.0, 1.0), (2, 2, 2)), Material(2e11, 0.0), [], walls).solve()
+    assert solution.valid and bool(np.any(solution.contact_force)) == pressed
+    up = solution.displacement[:, 2]
+    if pressed:
+        total = solution.at_nodes.totals(0)["normal_force"]
+        assert total == pytest.approx(2e11 * 5e-5, rel=1e-6) and np.ptp(up) == pytest.approx(5e-5, rel=1e-6)
+    else:
+        assert up == pytest.approx(1e-4, rel=1e-6)
