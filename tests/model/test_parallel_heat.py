@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from mpi4py import MPI
 from ranks import same_error
 from scipy.optimize import brentq
@@ -23,6 +24,7 @@ from coulomb import (
     join,
     moved,
 )
+from coulomb.case.case import read_case
 from coulomb.linalg.reductions import Reductions
 from coulomb.model.problem import HeatNotConverged
 
@@ -201,6 +203,14 @@ def test_friction_power_in_is_heat_flux_out(expansion):
             -(1.0 - share) * found["heat_friction_bottom"] - conducted
         )
         assert heat.balanced
+
+
+def test_a_loose_tolerance_leaves_certified_heat():
+    """A solve that starts from the forces of the round before would end at once with the certificate that it has."""
+    changes = ["solver.tolerance=1e-6", "history.times=[1.0, 1.001]"]
+    case = read_case(ROOT / "demos" / "hot_disc_brake.toml", changes)
+    for step in case.load_history().steps(case.problem()):
+        assert step.solution.certificate.passed and step.solution.heat.balanced and step.halvings == 0
 
 
 def test_heat_of_friction_is_shared_by_a_pair():
