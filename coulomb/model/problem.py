@@ -355,6 +355,7 @@ class ContactProblem(DiscreteProblem):
         if isinstance(self.before, State) and self.before.temperature_change is not None:
             change = self.before.temperature_change
         answer, apart = solved(at(change), start), np.inf
+        steps, products = answer.result.newton_steps, answer.result.products
         for rounds in range(1, ROUNDS + 1):
             try:
                 found = heat.solve(*at_contact(answer), change)
@@ -366,7 +367,9 @@ class ContactProblem(DiscreteProblem):
                 flows = heat.flows(*at_contact(last), found)
                 loose = not answer.certificate.passed  # the solver was not asked for it
                 if (last.certificate.passed or loose) and flows.balanced:
-                    return replace(last, problem=at(found, replace(flows, rounds=rounds, agreement=apart)))
+                    whole = replace(last.result, newton_steps=steps, products=products)  # of all rounds
+                    posed = at(found, replace(flows, rounds=rounds, agreement=apart))
+                    return replace(last, problem=posed, result=whole)
             if step is not None:  # Aitken's relaxation
                 turn = found - change - step
                 factor *= -over.dot(step, turn) / (over.dot(turn, turn) or 1.0)
@@ -374,6 +377,7 @@ class ContactProblem(DiscreteProblem):
             step = found - change
             change = change + factor * step
             answer = solved(at(change), answer.contact_force)
+            steps, products = steps + answer.result.newton_steps, products + answer.result.products
         missing = heat.flows(*at_contact(answer), change).imbalance
         raise HeatNotConverged(
             f"contact and heat do not agree after {ROUNDS} rounds: the temperature changes by {apart:.1e} of itself, "
