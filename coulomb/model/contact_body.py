@@ -292,5 +292,7 @@ class ContactBody:
             spins = tuple(map(spin, motions, then, repeat(time - before.time)))
         law = self._faces.law(surface, time, slip_rate)
         elasticity = self.elasticity.at_time(time)
+        if before is None:
+            elasticity.refuse_beginning(time)
         loading = elasticity.at(time) if before is None else elasticity.after(time, before.displacement)
         return ContactState(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated)

@@ -27,7 +27,7 @@ from ..fem.bodies import (
     distributed_bodies,
     vanishes,
 )
-from ..fem.contact import ContactSurface, Pretension, RigidFace, Tied, TiedBodies
+from ..fem.contact import ContactSurface, RigidFace, Tied, TiedBodies
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -206,12 +206,6 @@ class ContactProblem(DiscreteProblem):
             body = make()
             return TiedBodies(body, [*rigid_faces, *ties], time) if ties or rigid_faces else body
 
-        for one in ties:
-            if isinstance(one, Pretension) and one.force is not None and one.locked(time):
-                raise ValueError(
-                    f"{one.what}: at time {time:g} it is locked (lock = {one.lock:g}), at a length that only the load "
-                    "steps before would determine: begin at the time of lock or before"
-                )
         body = ContactBody(
             make_tied, mesh.comm, self._contacts_of(given), time, _linear_solver(linear_solver), explicit, probes
         )

@@ -257,6 +257,10 @@ class Deformable(HeldNodes, ABC):
         """Loads and prescribed displacements at a time; ValueError on every rank if they are not finite then;
         collective."""
 
+    def refuse_beginning(self, time: float) -> None:
+        """Raise ValueError on every rank if what the bodies are at a time depends on load steps before."""
+        return
+
     def after(self, time: float, before: FloatArray) -> Loading:
         """Loads and prescribed displacements at a time, after a load step that ended with displacements (k, 3), which
         fix the shortening of locked bolts; errors as of `at`; collective."""

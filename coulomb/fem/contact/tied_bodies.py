@@ -351,6 +351,14 @@ class TiedBodies(WrappedBodies):
     def at(self, time: float) -> Loading:
         return self._loading(time, np.zeros(len(self.sections)))
 
+    def refuse_beginning(self, time: float) -> None:
+        for one in (section.given for section in self.sections):
+            if one.force is not None and one.locked(time):
+                raise ValueError(
+                    f"{one.what}: at time {time:g} it is locked (lock = {one.lock:g}), at a length that only the load "
+                    "steps before determine: begin at the time of lock or before"
+                )
+
     def after(self, time: float, before: FloatArray) -> Loading:
         return self._loading(time, self._amounts(before) if self.sections else np.empty(0))
 

@@ -190,5 +190,7 @@ def test_bolts_that_cannot_be():
     with pytest.raises(ValueError, match=r"at time 2 it is locked \(lock = 1\).*begin at the time of lock"):
         two_boxes(Pretension("up:bottom", "low:top", force=1.0, lock=1.0), time=2.0)
     problem = two_boxes(Pretension("up:bottom", "low:top", force=1.0, lock=1.0))
+    with pytest.raises(ValueError, match=r"at time 2 it is locked"):
+        problem.at(2.0)
     with pytest.raises(ValueError, match=r"locked at time 1, but no load step ends there \(they end at 0.5, 2\)"):
         next(LoadHistory([0.5, 2.0]).steps(problem))
