@@ -185,7 +185,10 @@ class _Facets:
                 return nothing, "has facets whose nodes belong to no cell"
             return nothing, f"has {missing} of {every} facets that are a side of no cell"
         if inside:
-            return nothing, f"lies inside the body with {inside} of its {every} facets; a face must be on the boundary"
+            return nothing, (
+                f"lies inside the body with {inside} of its {every} facets; a face must be on the boundary, or its mesh be "
+                "cut there (cut in [mesh], read_mesh(cuts=))"
+            )
         return group[mine], ""
 
     def covered(self, nodes: IntArray) -> tuple[IntArray, str]:
