@@ -186,8 +186,8 @@ class _Facets:
             return nothing, f"has {missing} of {every} facets that are a side of no cell"
         if inside:
             return nothing, (
-                f"lies inside the body with {inside} of its {every} facets; a face must be on the boundary, or its mesh be "
-                "cut there (cut in [mesh], read_mesh(cuts=))"
+                f"lies inside the body with {inside} of its {every} facets; a face must be on the boundary, or its "
+                "mesh be cut there (cut in [mesh], read_mesh(cuts=))"
             )
         return group[mine], ""
 
