@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linprog
 
 from ..arrays import FloatArray
 from .friction_problem import FrictionProblem
@@ -29,6 +28,8 @@ def open_motion(problem: FrictionProblem) -> FloatArray | None:
     rows = over.comm.gather(np.column_stack([rigid.G[:, 0::3].T, -b / largest - _OPEN]))
     alpha = None
     if rows is not None:
+        from scipy.optimize import linprog  # takes 0.1 s, and few runs need it
+
         whole = np.concatenate(rows)
         G, room = whole[:, :-1], whole[:, -1]
         found = linprog(np.ones(2 * rigid.count), np.hstack([G, -G]), room)
