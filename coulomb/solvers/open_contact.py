@@ -28,7 +28,7 @@ def open_motion(problem: FrictionProblem) -> FloatArray | None:
     rows = over.comm.gather(np.column_stack([rigid.G[:, 0::3].T, -b / largest - _OPEN]))
     alpha = None
     if rows is not None:
-        from scipy.optimize import linprog  # takes 0.1 s, and few runs need it
+        from scipy.optimize import linprog  # its import takes 0.2 s, and few runs need it
 
         whole = np.concatenate(rows)
         G, room = whole[:, :-1], whole[:, -1]
