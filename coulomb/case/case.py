@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from ..model.times import HALVINGS, refuse_times
+from ..model.times import HALVINGS, refuse_missed, refuse_times
 from ..ranks import launched, on_rank_0
 from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face
 from .contact import AutoContactTable, ContactTable, ContactTables
@@ -420,6 +420,8 @@ class Case(Table):
         timed |= {f"{key}.friction_amplitude": table.friction_amplitude for key, table in self.contacts.items()}
         timed |= {f"{key}.rotation": table.rotation.angle for key, table in self.contacts.items() if table.rotation}
         end = self.history.ends[-1] if self.history is not None else 0.0
+        if self.history is not None:
+            refuse_missed([one.lock for one in self.pretension if one.lock is not None], 0.0, self.history.ends)
         ends = {f"pretension.{k}.amplitude": one.lock for k, one in enumerate(self.pretension) if one.lock is not None}
         for key, value in timed.items():
             if value is not None:

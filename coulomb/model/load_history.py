@@ -16,7 +16,6 @@ begins, and an interrupted history resumes with the same figures, to the solutio
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -37,7 +36,7 @@ from .nodal_answer import Accumulated
 from .notebook import NotebookBar, in_notebook
 from .problem import ContactProblem
 from .solution import Solution
-from .times import HALVINGS, refuse_times
+from .times import HALVINGS, refuse_missed, refuse_times
 
 _log = logging.getLogger(__name__)
 
@@ -91,7 +90,7 @@ class LoadHistory:
         state = state or self.beginning(problem)
         if state.pending:
             problem.body.refuse_undefined(state.pending[0])
-            _refuse_missed(problem.elasticity.locks, state.time, state.pending)
+            refuse_missed(problem.elasticity.locks, state.time, state.pending)
         problem.body.stiffness.expect_load_steps(len(state.pending))
         halved, bar = 0, NotebookBar() if progress is None and in_notebook() and problem.comm.rank == 0 else None
         if in_notebook():  # one bar for all steps
@@ -186,17 +185,6 @@ class LoadHistory:
                 recorder.record(step)
                 if on_step is not None and on_step(step):
                     break
-
-
-def _refuse_missed(locks: Sequence[float], start: float, ends: Sequence[float]) -> None:
-    """Check that a load step ends where bolts are locked."""
-    for time in locks:
-        if start < time < max(ends) and not any(math.isclose(time, end, rel_tol=1e-9) for end in ends):
-            listed = ", ".join(f"{end:g}" for end in sorted(ends)[:6])
-            raise ValueError(
-                f"pretension: bolts are locked at time {time:g}, but no load step ends there (they end at {listed}"
-                f"{', ...' if len(ends) > 6 else ''}): add it to times"
-            )
 
 
 class Recorder(Protocol):

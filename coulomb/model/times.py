@@ -33,3 +33,14 @@ def shortened(values: Sequence[float]) -> str:
     """A list for a message; of a long list only the beginning."""
     listed = ", ".join(map(str, values[:10]))
     return f"[{listed}]" if len(values) <= 10 else f"[{listed}, ...] ({len(values)} of them)"
+
+
+def refuse_missed(locks: Sequence[float], start: float, ends: Sequence[float]) -> None:
+    """Check that a load step ends where bolts are locked."""
+    for time in locks:
+        if start < time < max(ends) and not any(math.isclose(time, end, rel_tol=1e-9) for end in ends):
+            listed = ", ".join(f"{end:g}" for end in sorted(ends)[:6])
+            raise ValueError(
+                f"pretension: bolts are locked at time {time:g}, but no load step ends there (they end at {listed}"
+                f"{', ...' if len(ends) > 6 else ''}): add it to times"
+            )
