@@ -345,7 +345,8 @@ class ContactProblem(DiscreteProblem):
             power = np.zeros_like(work) if before is None else work / (self.time - before.time)
             return self.surface, self.time, nodes.pressure, power
 
-        over, change, factor, step = Reductions(self.comm), np.zeros(len(self.elasticity.x)), 1.0, None
+        over, factor, step = Reductions(self.comm), 1.0, None
+        change: FloatArray = np.zeros(len(self.elasticity.x))
         if isinstance(self.before, State) and self.before.temperature_change is not None:
             change = self.before.temperature_change
         answer, apart = solved(at(change), start), np.inf

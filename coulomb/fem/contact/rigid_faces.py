@@ -219,7 +219,8 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
     r = x - point
     size = comm.allreduce(float(np.max(np.linalg.norm(r, axis=1), initial=0.0)), op=MPI.MAX)
     held = body.held.projector_at(nodes)
-    ways, possible = np.eye(3), np.diag([1.0] * 3 + [1.0 / size] * 3)
+    ways: FloatArray = np.eye(3)
+    possible: FloatArray = np.diag([1.0] * 3 + [1.0 / size] * 3)
     component = body.component[nodes]
     sprung = comm.allreduce(int(np.min(component, initial=np.iinfo(np.int64).max)), op=MPI.MIN)
     rigid = _moved(possible, r) * (component == sprung)[:, None, None]

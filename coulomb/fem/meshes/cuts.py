@@ -102,13 +102,15 @@ def _cut(file: MeshFile, name: str) -> MeshFile:
     turned = file.cells.copy()
     turned[around[other]] = twin[file.cells[around[other]]]
     of_other = np.repeat(other, len(columns))
-    known = {tuple(row): bool(side) for row, side in zip(rows.tolist(), of_other, strict=True)}
+    known: dict[tuple[int, ...], bool] = {}
+    for row, side in zip(rows, of_other, strict=True):
+        known[tuple(map(int, row))] = bool(side)
 
     def moved(members: IntArray) -> IntArray:
         """Facets of another group, those of cells on the other side with its nodes."""
         found = members.copy()
         for k in np.flatnonzero(np.any(near[members], axis=1)):
-            if known.get(tuple(sorted(members[k].tolist())), False):
+            if known.get(tuple(sorted(map(int, members[k]))), False):
                 found[k] = twin[members[k]]
         return found
 
