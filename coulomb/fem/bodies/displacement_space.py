@@ -6,6 +6,7 @@ import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -82,9 +83,9 @@ class DisplacementSpace:
         return function
 
     def nodes_of(self, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-        """This rank's nodes on boundary facets of any rank, sorted."""
-        key = facets.tobytes()
-        if not self.comm.allreduce(key in self._nodes_of, op=MPI.LAND):
+        """This rank's nodes on boundary facets of any rank, sorted; collective."""
+        key = b"".join(self.comm.allgather(sha256(facets.tobytes()).digest()))  # facets of other ranks have nodes here
+        if key not in self._nodes_of:
             dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
             self._nodes_of[key] = dofs[dofs < self._owned].astype(np.int32)
         return self._nodes_of[key].copy()

@@ -45,3 +45,15 @@ def test_wrong_faces_are_errors_on_all_ranks():
     assert "must not be zero" in same_error(
         lambda: Elasticity(mesh, STEEL, [Clamp("left", direction=lambda x: np.where(x[2] > 0.9, 0.0, 1.0) + 0.0 * x)])
     )
+
+
+def test_nodes_of_faces_in_turn():
+    """Of facets of other ranks, too, whichever face was asked for before."""
+    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 3, 4), "tetrahedron", degree=2)
+    body = Elasticity(mesh, STEEL, [])
+    ends = {"bottom": (2, 0.0), "top": (2, 1.0), "left": (0, 0.0)}
+    for face in ("bottom", "top", "left", "bottom", "top"):
+        axis, place = ends[face]
+        expected = np.flatnonzero(np.abs(body.x[:, axis] - place) < 1e-12)
+        found = body.nodes_of(mesh.faces[face])
+        assert not comm.allreduce(not np.array_equal(found, expected), op=MPI.LOR), face
