@@ -82,9 +82,13 @@ class DisplacementSpace:
         function.x.scatter_forward()
         return function
 
+    def key_of(self, facets: npt.NDArray[np.int32]) -> bytes:
+        """A key for facets: those of all ranks, since facets of others have nodes here; collective."""
+        return b"".join(self.comm.allgather(sha256(facets.tobytes()).digest()))
+
     def nodes_of(self, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
         """This rank's nodes on boundary facets of any rank, sorted; collective."""
-        key = b"".join(self.comm.allgather(sha256(facets.tobytes()).digest()))  # facets of other ranks have nodes here
+        key = self.key_of(facets)
         if key not in self._nodes_of:
             dofs = np.unique(fem.locate_dofs_topological(self.V, 2, facets))
             self._nodes_of[key] = dofs[dofs < self._owned].astype(np.int32)
@@ -134,8 +138,8 @@ class DisplacementSpace:
 
     def _integral(self, name: str, facets: npt.NDArray[np.int32], compute: Callable[[], FloatArray]) -> FloatArray:
         """An integral over boundary facets of the undeformed mesh, kept for later load steps; collective."""
-        key = (name, facets.tobytes())
-        if not self.comm.allreduce(key in self._integrals, op=MPI.LAND):
+        key = (name, self.key_of(facets))
+        if key not in self._integrals:
             self._integrals[key] = compute()
         return self._integrals[key].copy()
 

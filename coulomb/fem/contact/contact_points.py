@@ -304,8 +304,8 @@ def among_all(weights: scipy.sparse.csr_matrix, member: Member, whole: Deformabl
 def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
     """The contact points of boundary facets, in the order of their nodes, kept for the evidence of load steps;
     collective."""
-    key = facets.tobytes()
-    if not space.comm.allreduce(key in space.points_of_faces, op=MPI.LAND):
+    key = space.key_of(facets)
+    if key not in space.points_of_faces:
         space.points_of_faces[key] = _contact_points(space, facets)
     return space.points_of_faces[key]
 

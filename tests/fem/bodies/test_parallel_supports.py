@@ -57,3 +57,6 @@ def test_nodes_of_faces_in_turn():
         expected = np.flatnonzero(np.abs(body.x[:, axis] - place) < 1e-12)
         found = body.nodes_of(mesh.faces[face])
         assert not comm.allreduce(not np.array_equal(found, expected), op=MPI.LOR), face
+        area, normal = body.area_of(mesh.faces[face]), body.normal_of(mesh.faces[face])
+        assert comm.allreduce(area.sum(), op=MPI.SUM) == pytest.approx(1.0, rel=1e-12), face
+        assert comm.allreduce(abs(normal[:, axis].sum()), op=MPI.SUM) == pytest.approx(1.0, rel=1e-12), face
