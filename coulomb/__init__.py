@@ -59,6 +59,7 @@ def _later(module, name):
 supplied.update(
     write=_later(".pictures.picture_of_run", "write_with_picture"),
     faces=_later(".io.result_grids", "face_answers"),
+    error=_later(".io.error_bars", "error_of"),
     plot=_later(".pictures.picture_of_run", "plot_solution"),
     picture=_later(".pictures.picture_of_run", "picture"),
     plot_history=_later(".pictures.picture_of_run", "plot_history"),

@@ -69,11 +69,13 @@ class SolverTable(Table):
 
 
 class OutputTable(Table):
-    """Directory of the results, and whether to write a picture and the report."""
+    """Directory of the results, and whether to write a picture and the report, and to estimate the error of the mesh:
+    error bars of all totals."""
 
     directory: FileName = "results"
     picture: bool = True
     report: bool = False
+    error: bool = False
 
 
 class ProbeTable(Table):

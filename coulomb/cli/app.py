@@ -68,6 +68,9 @@ def run(
         Path | None, typer.Option("--output", help="Directory of the results, in place of the case's output.directory.")
     ] = None,
     page: Annotated[bool, typer.Option("--report", help="Write report.html as well, as output.report = true.")] = False,
+    error: Annotated[
+        bool, typer.Option("--error", help="Error bars: solve on other meshes as well, as output.error = true.")
+    ] = False,
     quiet: Quiet = False,
     log_file: LogFile = None,
     force: Force = False,
@@ -82,7 +85,8 @@ def run(
 
     with opened(quiet, log_file) as session:
         with bad_input():
-            settings = read_case(case, [*(changes or ()), *(["output.report=true"] if page else ())])
+            asked = {"output.report=true": page, "output.error=true": error}
+            settings = read_case(case, [*(changes or ()), *(change for change, given in asked.items() if given)])
 
         with drawing_soon(settings) as renderer:
             from .run_case import compute

@@ -21,6 +21,7 @@ from ..io import output
 from ..io.accuracy import accuracy
 from ..io.atomic_output import discard, locked, set_aside, settle
 from ..io.case_record import case_record, case_text, refuse_another_case, write_case
+from ..io.error_bars import NoErrorBars, error_of
 from ..io.history_files import HistoryFiles, steps_on_disk, whole_history
 from ..io.run_directory import CASE, PICTURE, RunDirectory
 from ..io.summary import summary
@@ -28,6 +29,7 @@ from ..linalg.factors import NotPositiveDefinite
 from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
+from ..model.provenance import timed
 from ..model.solution import Solution
 from ..model.stopping_criterion import left_open
 from ..pictures import drawing_process, picture_of_run
@@ -114,11 +116,12 @@ def _solve_once(
     files = case_record(settings, problem.comm)["files"]
     solution, trouble = _solve(session, settings, problem)
     interrupted = solution.result.status is Status.INTERRUPTED
+    bars = _error_bars(session, settings, solution) if settings.output.error and not trouble else {}
     problem.seconds["total"] = time.perf_counter() - session.began
     written = True
     stopped = session.interruption
     try:
-        extra = {"message": trouble, **({"mesh_files": files} if files else {})}
+        extra = {"message": trouble, **({"mesh_files": files} if files else {}), **bars}
         contents = output.write(solution, target, extra, {CASE: case_text(settings)}, overwrite)
         if overwrite:
             on_rank_0(problem.comm, lambda: discard(target))
@@ -153,6 +156,18 @@ def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[S
             return problem.solve(solver=settings.contact_solver(), progress=session.progress(display)), ""
     except NotConverged as failure:
         return problem.solution(failure.result), str(failure)
+
+
+def _error_bars(session: Session, settings: Case, solution: Solution) -> dict[str, Any]:
+    """The entry `error` of summary.json; without it, and a warning, if there are none."""
+    display = Display(session.console)
+    try:
+        with display, timed(solution.problem.seconds, "error bars"):
+            solver, progress = settings.contact_solver(), session.progress(display)
+            return {"error": error_of(solution, solver=solver, progress=progress).entry()}
+    except NoErrorBars as reason:
+        errors.out(f"warning: no error bars: {reason}")
+        return {}
 
 
 @contextmanager

@@ -130,12 +130,15 @@ class ContactProblem(DiscreteProblem):
 
     silent: ClassVar[bool] = False
     _of_meshes: ClassVar[Callable[..., SingleBody]] = Elasticity
+    _given: tuple[tuple[Any, ...], dict[str, Any]]
 
     def __new__(cls, *arguments: Any, kinematics: str = "small", **others: Any) -> Self:
         if kinematics not in KINEMATICS:
             raise ValueError(f'kinematics must be "small" or "large", but is {kinematics!r}')
         kind = supplied["large"]() if kinematics == "large" and cls is ContactProblem else cls
-        return cast(Self, object.__new__(kind))
+        problem = cast(Self, object.__new__(kind))
+        problem._given = arguments, {**others, "kinematics": kinematics}
+        return problem
 
     def __init__(
         self,
@@ -239,6 +242,23 @@ class ContactProblem(DiscreteProblem):
             state = body.state(time, before)
         return self.in_state(state, seconds, before, body)
 
+    @property
+    def made_of(self) -> NamedMesh | JoinedMesh | Deformable:
+        """Its first argument."""
+        arguments, others = self._given
+        return cast(NamedMesh | JoinedMesh | Deformable, arguments[0] if arguments else others["mesh"])
+
+    def on(self, mesh: NamedMesh | JoinedMesh | Deformable) -> Self:
+        """The same problem on another mesh (or another `Body`), as it was first posed; collective.
+
+        Raises:
+            ValueError: On every rank, as of `ContactProblem`: if it has not the faces and groups of cells.
+        """
+        arguments, others = self._given
+        if arguments:
+            return type(self)(mesh, *arguments[1:], **others)
+        return type(self)(**{**others, "mesh": mesh})
+
     def in_state(
         self,
         state: ContactState,
@@ -249,6 +269,7 @@ class ContactProblem(DiscreteProblem):
         """The problem of the same body (or of `body`) in another state; `seconds` and `before` as of
         `DiscreteProblem`."""
         problem = type(self).__new__(type(self))  # __init__ makes the body
+        problem._given = self._given
         DiscreteProblem.__init__(
             *(problem, body or self.body, state, self.small_strain, self.started),
             *({} if seconds is None else seconds, before),

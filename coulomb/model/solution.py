@@ -301,6 +301,21 @@ class Solution:
             raise ValueError(f"there is no contact face {name!r}; there are {', '.join(map(repr, faces))}")
         return faces[name]
 
+    def error(self, *others: Solution) -> Any:
+        """The error bars of all totals, by which they differ from those of the continuum (`io.error_bars.ErrorBars`):
+        `solution.error()["totals.normal_force"].bar`; collective, the same on every rank.
+
+        Args:
+            others: Answers of the same problem on other meshes, best on two coarser ones.  By default the problem is
+                solved again: on two coarser meshes where they are known, which is so for boxes, else on the same cells
+                with elements of the other order.
+
+        Raises:
+            ValueError: On every rank, if the problem cannot be posed or solved on another mesh (a `Body` of the user's
+                forms, a load step), or the others do not differ.
+        """
+        return supplied["error"](self, *others)
+
     def table(self) -> dict[str, Any]:
         """This rank's contact points as columns of length m, vectors as three columns: what `pandas.DataFrame` takes;
         collective.

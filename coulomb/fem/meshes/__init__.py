@@ -2,6 +2,7 @@
 joined and made second order.  Nodal fields in files belong here as well.
 """
 
+from .comparison import comparison_meshes
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
 from .inspection import inspect
 from .lagrange import (
@@ -15,7 +16,7 @@ from .lagrange import (
 )
 from .mesh_file import MeshFile
 from .mesh_parts import SAME_PLACE, corners_of, local_facets
-from .meshes import box, distributed, known_format, read_file, read_mesh, read_xdmf, second_order
+from .meshes import box, distributed, first_order, known_format, read_file, read_mesh, read_xdmf, second_order
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume
 from .nodal_field import NodalField
 from .xdmf_format import FACETS, SOLIDS

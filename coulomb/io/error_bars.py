@@ -1,0 +1,302 @@
+"""Error bars of an answer: by how much its totals differ from those of the continuum, estimated from answers of the
+same problem on other meshes.
+
+With the error C h^q of a total on cells of size h, the totals J_1, J_2, J_3 on cells of sizes h_1 < h_2 < h_3 give
+q and the error |J_1 - J_2|/((h_2/h_1)^q - 1) (Richardson's extrapolation; Roache, J. Fluids Eng. 116, 1994, whose
+safety factor and "grid convergence index" these are; Eca and Hoekstra, J. Comput. Phys. 262, 2014).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..fem.bodies import Deformable
+from ..fem.meshes import comparison_meshes
+from ..linalg.reductions import Reductions
+from ..model.discrete_problem import DiscreteProblem
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
+from ..solvers.friction_problem import Solver
+from ..solvers.results import NotConverged, ProgressCallback
+from .accuracy import TOLERANCE, accuracy
+from .summary import summary
+
+SAFETY = 1.5
+"""Safety factor of an error estimated from three meshes, between Roache's 1.25 and 3."""
+
+SLOWEST, FASTEST = 0.7, 1.5
+"""Bounds of the order q: totals have twice the order of the energy norm, which is at most 3/4 at the edge of a contact
+(there u ~ r^(3/2), and half a cell of it is where the state changes), and about 1/3 at edges of clamped faces.  The
+bounds are from measurement (docs/measurements.md): with the order 2 of smooth answers, one number in ten is outside."""
+
+OF_THE_FINER, OF_THE_COARSER = 0.5, 2.0
+"""Error of the answer of second order, and of that of first order on the same cells, over the difference of the two:
+twice what edges of clamped faces cause."""
+
+DIVERGING = 0.25
+"""Order up to which a largest pressure is taken for singular: it does not converge."""
+
+UNIT_OF = {
+    **dict.fromkeys(("force", "normal_force", "opposite_force", "contact_force", "shear"), "N"),
+    **dict.fromkeys(("moment", "opposite_moment", "contact_moment", "torque", "bending", "torsion"), "N m"),
+    **dict.fromkeys(("displacement", "slip", "greatest_slip", "centre_of_pressure"), "m"),
+    **dict.fromkeys(("translation", "shortening"), "m"),
+    **dict.fromkeys(("greatest_pressure", "pressure"), "Pa"),
+    **dict.fromkeys(("dissipated_energy", "strain_energy"), "J"),
+    **{"contact_area": "m²", "rotation": "rad", "power": "W"},
+}
+"""The totals of summary.json that have error bars, and their units."""
+
+
+@dataclass(frozen=True)
+class ErrorBar:
+    """A total with its error bar.
+
+    Attributes:
+        quantity: Where it is in summary.json: "totals.normal_force", "reactions.clamp_left.force".
+        unit: Of the value and its bar.
+        value: A number, or the three components of a vector, shape (1,) or (3,).
+        bar: Estimated bound of |value - exact value|, of each component; nan where the total does not converge.
+        order: Order of convergence q, as observed within its bounds; nan if two meshes do not tell.
+    """
+
+    quantity: str
+    unit: str
+    value: FloatArray
+    bar: FloatArray
+    order: float
+
+    def entry(self) -> dict[str, Any]:
+        """As in summary.json."""
+        known = bool(np.all(np.isfinite(self.bar)))
+        return {
+            "quantity": self.quantity,
+            "unit": self.unit,
+            "value": _plain(self.value),
+            "error": _plain(self.bar) if known else None,
+            "order": self.order if math.isfinite(self.order) else None,
+            **({} if known else {"remark": "singular, does not converge"}),
+        }
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is compared of an answer.
+
+    Attributes:
+        totals: Value (1,) or (3,) and unit of every total, by its place in summary.json.
+        size: Edge of a cube with the mean volume of a cell, relative to that of the bodies: cells^(-1/3).
+        order: Of the elements.
+        unknowns: Of the displacement.
+        least: Error that the tolerance of the solver leaves, by unit.
+        border: Error of the contact area from the half cells along the border of the contact, m^2.
+        seconds: That the answer took.
+    """
+
+    totals: Mapping[str, tuple[FloatArray, str]]
+    size: float
+    order: int
+    unknowns: int
+    least: Mapping[str, float]
+    border: float
+    seconds: float
+
+
+@dataclass(frozen=True)
+class ErrorBars:
+    """The error bars of an answer, in the order of summary.json.
+
+    Attributes:
+        bars: Of every total.
+        answers: What was compared: the answer itself, then the others.
+    """
+
+    bars: tuple[ErrorBar, ...]
+    answers: tuple[Answer, ...]
+
+    def __getitem__(self, quantity: str) -> ErrorBar:
+        """That of a total, by its place in summary.json; KeyError with all places if there is none."""
+        for bar in self.bars:
+            if bar.quantity == quantity:
+                return bar
+        raise KeyError(f"no error bar of {quantity!r}; there are {', '.join(bar.quantity for bar in self.bars)}")
+
+    def entry(self) -> dict[str, Any]:
+        """As in summary.json."""
+        return {
+            "meshes": [
+                {"unknowns": one.unknowns, "order": one.order, "cell_size": one.size, "seconds": one.seconds}
+                for one in self.answers
+            ],
+            "bars": [bar.entry() for bar in self.bars],
+        }
+
+
+class NoErrorBars(ValueError):
+    """An answer cannot be compared with others, with the reason."""
+
+
+def error_of(
+    solution: Solution,
+    *others: Solution,
+    tolerance: float = TOLERANCE,
+    solver: Solver | None = None,
+    progress: ProgressCallback | None = None,
+) -> ErrorBars:
+    """The error bars of an answer; collective, the same on every rank.
+
+    Args:
+        solution: The answer.
+        others: Answers of the same problem on other meshes.  By default the problem is solved again: on two coarser
+            meshes where they are known, which is so for boxes, else on the same cells with elements of the other order.
+        tolerance: Of the solver.
+        solver: For the other answers, as of `ContactProblem.solve`.
+        progress: Called after every step of a solver.
+
+    Raises:
+        NoErrorBars: If the problem cannot be posed or solved on other meshes, or these do not differ.
+    """
+    if solution.problem.before is not None:
+        raise NoErrorBars("a load step has error bars with its whole history: output.error of a case")
+    found = [answer_of(solution, tolerance)]
+    if others:
+        found += [answer_of(other, tolerance) for other in others]
+    else:
+        for problem in compared(solution.problem):
+            began = time.perf_counter()
+            try:
+                answer = problem.solve(tolerance, solver, progress)
+            except (NotConverged, ValueError) as error:
+                raise NoErrorBars(f"on another mesh ({problem.unknowns['displacement']} unknowns): {error}") from None
+            found.append(replace(answer_of(answer, tolerance), seconds=time.perf_counter() - began))
+    return bars_of(found)
+
+
+def compared(problem: DiscreteProblem) -> list[ContactProblem]:
+    """The same problem on the meshes for comparison (`comparison_meshes`); collective."""
+    if not isinstance(problem, ContactProblem) or isinstance(mesh := problem.made_of, Deformable):
+        raise NoErrorBars(
+            "a Body of your own forms cannot be posed on another mesh from here: solve it on another one too, and give "
+            "the answers: solution.error(coarser)"
+        )
+    meshes = comparison_meshes(mesh)
+    if not meshes:
+        raise NoErrorBars("there is no mesh to compare with: bodies of first and second order, or a single cell")
+    try:
+        return [problem.on(one) for one in meshes]
+    except ValueError as error:
+        raise NoErrorBars(f"the problem has no other mesh: {error}") from None
+
+
+def answer_of(solution: Solution, tolerance: float) -> Answer:
+    """What is compared of an answer; collective."""
+    contents, problem, u = summary(solution), solution.problem, solution.displacement
+    members, over = problem.elasticity.members, Reductions(problem.comm)
+    contents["strain_energy"] = 0.5 * over.sum(np.sum(problem.elasticity.internal_force(u) * u, axis=1))
+    cells = sum(member.body.domain.topology.index_map(3).size_global for member in members)
+    closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
+    inside = 0 < contents["nodes"]["open"] and closed > 0
+    return Answer(
+        totals={name: (value, unit) for name, value, unit in totals_in(contents)},
+        size=cells ** (-1.0 / 3.0),
+        order=max(member.body.degree for member in members),
+        unknowns=problem.unknowns["displacement"],
+        least=accuracy(contents, tolerance),
+        border=0.5 * area * math.sqrt(math.pi / closed) if inside else 0.0,
+        seconds=problem.seconds.get("total", sum(problem.seconds.values())),
+    )
+
+
+def totals_in(contents: Mapping[str, Any]) -> Iterator[tuple[str, FloatArray, str]]:
+    """Place, value and unit of every total in a summary that has an error bar."""
+    one_face = len(contents["faces"]) == 1
+    sections = ["totals" if one_face else "faces", "reactions", "ties", "rigid_faces", "bolts", "bodies", "probes"]
+    for section in sections:
+        yield from _totals_in(section, contents.get(section, ()))
+    yield from _totals_in("heat.flows", (contents.get("heat") or {}).get("flows", ()))
+    yield from _totals_in("maximum", {"displacement": contents["maximum"]["displacement"]})
+    yield "strain_energy", np.array([contents["strain_energy"]]), "J"
+
+
+def _totals_in(place: str, part: Any) -> Iterator[tuple[str, FloatArray, str]]:
+    if not isinstance(part, Mapping):
+        for one in part:
+            yield from _totals_in(f"{place}.{one.get('name') or one.get('face') or one['faces'][0]}", one)
+        return
+    for name, unit in UNIT_OF.items():
+        if (value := part.get(name)) is not None:
+            yield f"{place}.{name}", np.atleast_1d(np.array(value, dtype=np.float64)), unit
+
+
+def bars_of(answers: Sequence[Answer]) -> ErrorBars:
+    """The error bars of the first of several answers of the same problem.
+
+    Raises:
+        NoErrorBars: If no other answer has other cells or another order.
+    """
+    first, *others = answers
+    chain = sorted((one for one in others if one.order == first.order), key=lambda one: one.size)
+    chain = [one for one in chain if abs(math.log(one.size / first.size)) > 0.1][:2]  # else the same cells
+    compared = chain or [one for one in others if one.order != first.order][:1]
+    if not compared:
+        raise NoErrorBars("the answers are on the same cells with elements of the same order")
+    bars = []
+    for name, (value, unit) in first.totals.items():
+        if not all(name in one.totals for one in compared):
+            continue
+        values = [one.totals[name][0] for one in compared]
+        if chain:
+            sizes = [one.size for one in compared]
+            order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)])
+        else:
+            factor = OF_THE_FINER if first.order > compared[0].order else OF_THE_COARSER
+            order, bar = math.nan, factor * np.abs(values[0] - value)
+        bar = bar + first.least.get(unit, 0.0)
+        if name.endswith("contact_area"):
+            bar = bar + first.border
+        bars.append(ErrorBar(name, unit, value, _unless_singular(name, value, bar, order), order))
+    return ErrorBars(tuple(bars), tuple(answers))
+
+
+def extrapolated(chain: Sequence[tuple[float, FloatArray]]) -> tuple[float, FloatArray]:
+    """Observed order and error of the first of two or three values (k,) on cells of given sizes, from fine to coarse.
+
+    The order is that of the vector as a whole; bounded by SLOWEST and FASTEST for the errors, of which each component
+    is the larger one that the two differences imply.  Of two values the order is nan, and SLOWEST for the error.
+    """
+    (h1, fine), (h2, middle), *rest = chain
+    near = np.abs(fine - middle)
+    if not rest:
+        return math.nan, SAFETY * near / np.abs((h2 / h1) ** SLOWEST - 1.0)
+    h3, coarse = rest[0]
+    far = np.abs(middle - coarse)
+    orders = np.linspace(-2.0, 4.0, 601)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        growth = np.log(np.abs(h3**orders - h2**orders)) - np.log(np.abs(h2**orders - h1**orders))
+        seen = np.log(np.linalg.norm(far)) - np.log(np.linalg.norm(near))
+    growth[np.abs(orders) < 1e-9] = np.log(np.log(h3 / h2) / np.log(h2 / h1))
+    order = float(np.interp(seen, growth, orders)) if np.isfinite(seen) else math.nan
+    q = min(max(order, SLOWEST), FASTEST) if math.isfinite(order) else FASTEST
+    step = h2**q - h1**q
+    implied = np.maximum(near / step, far / (h3**q - h2**q))
+    return order, SAFETY * h1**q * implied
+
+
+def _unless_singular(name: str, value: FloatArray, bar: FloatArray, order: float) -> FloatArray:
+    """A bar; nan for a largest pressure that does not converge: its order is about 0, or it is not known, and the bar
+    is a fifth of it or more."""
+    if not name.endswith("greatest_pressure"):
+        return bar
+    singular = order < DIVERGING if math.isfinite(order) else bool(np.any(bar > 0.2 * np.abs(value)))
+    return np.full_like(bar, math.nan) if singular else bar
+
+
+def _plain(values: FloatArray) -> float | list[float]:
+    return float(values[0]) if len(values) == 1 else [float(value) for value in values]
