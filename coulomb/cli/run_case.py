@@ -21,8 +21,8 @@ from ..io import output
 from ..io.accuracy import accuracy
 from ..io.atomic_output import discard, locked, set_aside, settle
 from ..io.case_record import case_record, case_text, refuse_another_case, write_case
-from ..io.error_bars import NoErrorBars, error_of
-from ..io.history_files import HistoryFiles, steps_on_disk, whole_history
+from ..io.error_bars import Companions, NoErrorBars, error_of
+from ..io.history_files import HistoryFiles, read_summary, steps_on_disk, whole_history
 from ..io.run_directory import CASE, PICTURE, RunDirectory
 from ..io.summary import summary
 from ..linalg.factors import NotPositiveDefinite
@@ -40,7 +40,17 @@ from .console import FAILED, INTERRUPTED, bad_input, errors, fail
 from .picture_commands import write_report
 from .preparation import prepared, refuse_unwritable, warn_of_locking
 from .session import Session
-from .terminal import Display, about, forces_in_a_step, introduce, report, report_history, show_input, warn
+from .terminal import (
+    Display,
+    about,
+    forces_in_a_step,
+    introduce,
+    report,
+    report_history,
+    show_error_bars,
+    show_input,
+    warn,
+)
 
 SOLVED_WHILE_LOADING = 20_000
 """Displacement unknowns up to which a case is solved before the drawing process has loaded its libraries.  On two
@@ -158,13 +168,45 @@ def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[S
         return problem.solution(failure.result), str(failure)
 
 
+def _bars_of_steps(settings: Case, problem: ContactProblem) -> Callable[[LoadStep], dict[str, Any]]:
+    """Gives the entry `error` of the summary of a load step, if they are asked for; a warning says once why not."""
+    said = set[str]()
+
+    def without(reason: NoErrorBars) -> dict[str, Any]:
+        if str(reason) not in said:
+            errors.out(f"warning: no error bars: {reason}")
+        said.add(str(reason))
+        return {}
+
+    if not settings.output.error:
+        return lambda _: {}
+    try:
+        companions = Companions(problem, settings.load_history(), settings.solver.tolerance)
+    except NoErrorBars as reason:
+        without(reason)
+        return lambda _: {}
+
+    def bars(step: LoadStep) -> dict[str, Any]:
+        try:
+            with timed(step.solution.problem.seconds, "error bars"):
+                return {"error": companions.error_of(step).entry()}
+        except NoErrorBars as reason:
+            return without(reason)
+
+    return bars
+
+
 def _error_bars(session: Session, settings: Case, solution: Solution) -> dict[str, Any]:
     """The entry `error` of summary.json; without it, and a warning, if there are none."""
     display = Display(session.console)
     try:
         with display, timed(solution.problem.seconds, "error bars"):
             solver, progress = settings.contact_solver(), session.progress(display)
-            return {"error": error_of(solution, solver=solver, progress=progress).entry()}
+            return {
+                "error": error_of(
+                    solution, tolerance=settings.solver.tolerance, solver=solver, progress=progress
+                ).entry()
+            }
     except NoErrorBars as reason:
         errors.out(f"warning: no error bars: {reason}")
         return {}
@@ -251,7 +293,7 @@ def _take_recorded_steps(
             display.expect(remaining)
         return session.interruption.asked() and left > 0
 
-    files = HistoryFiles(target, resume=resume, case=record)
+    files = HistoryFiles(target, resume=resume, case=record, entries=_bars_of_steps(settings, problem))
     try:
         write_case(settings, target, comm)
         with display, bad_input():
@@ -275,6 +317,8 @@ def _take_recorded_steps(
             _draw(session, lambda stop: on_rank_0(comm, lambda: picture_of_run.draw(target, stop)), f"{PICTURE} ")
         if settings.output.report:
             _draw(session, lambda stop: write_report(target, stop))
+        last = RunDirectory(target).step(history["steps"])
+        show_error_bars(console, read_summary(last.path, comm))
         report_history(console, history, taken, time.perf_counter() - began, target, settings.solver.tolerance)
     if not trouble and session.interruption.asked():
         fail(_cut_short(settings, target), INTERRUPTED)

@@ -24,7 +24,7 @@ from ..model.input_echo import contacts_of, loads_of, supports_of, ties_of
 from ..model.nodal_answer import law_numbers
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
-from ..pictures.report.units import friction_in_words, scale_of
+from ..pictures.report.units import NARROW, bars_in_words, compared_in_words, friction_in_words, scale_of
 from ..process import animated
 from ..solvers.results import Progress
 from .console import bad_input, errors
@@ -215,7 +215,9 @@ def report(
         str(solution.certificate),
         f"seconds: {seconds}; {total:.2f} in all",
     )
-    for line in lines:
+    for number, line in enumerate(lines):
+        if number == 3:
+            show_error_bars(console, contents)
         console.out(line)
     strain = solution.small_strain
     warn(*contents["remarks"], *(strain.mere_warnings if solution.outside else strain.warnings))
@@ -225,6 +227,18 @@ def report(
         errors.out(f"warning: {PICTURE} {picture}")
     if target is not None:
         console.out(f"results in {target}{os.sep}")
+
+
+def show_error_bars(console: Console, contents: dict[str, Any]) -> None:
+    """Print totals with their error bars, if the summary has them."""
+    ascii_only = str.maketrans({NARROW: " ", "\u2212": "-", "\u00b1": "+-", "\u00b2": "^2"})
+    rows = [(name, shown.translate(ascii_only)) for name, shown, _ in bars_in_words(contents)]
+    if rows:
+        console.out(f"error bars of the mesh, from {compared_in_words(contents)}:")
+    for name, shown in rows[:_LINES]:
+        console.out(f"  {name:<30} {shown}")
+    if len(rows) > _LINES:
+        console.out(f"  and {len(rows) - _LINES} more, in summary.json")
 
 
 def forces_in_a_step(row: dict[str, Any], least: float) -> str:

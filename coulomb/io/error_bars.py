@@ -8,6 +8,7 @@ safety factor and "grid convergence index" these are; Eca and Hoekstra, J. Compu
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,6 +22,8 @@ from ..fem.bodies import Deformable
 from ..fem.meshes import comparison_meshes
 from ..linalg.reductions import Reductions
 from ..model.discrete_problem import DiscreteProblem
+from ..model.load_history import LoadHistory
+from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
@@ -164,7 +167,7 @@ def error_of(
         NoErrorBars: If the problem cannot be posed or solved on other meshes, or these do not differ.
     """
     if solution.problem.before is not None:
-        raise NoErrorBars("a load step has error bars with its whole history: output.error of a case")
+        raise NoErrorBars("a load step has error bars with all steps before: output.error = true of a case")
     found = [answer_of(solution, tolerance)]
     if others:
         found += [answer_of(other, tolerance) for other in others]
@@ -189,10 +192,56 @@ def compared(problem: DiscreteProblem) -> list[ContactProblem]:
     meshes = comparison_meshes(mesh)
     if not meshes:
         raise NoErrorBars("there is no mesh to compare with: bodies of first and second order, or a single cell")
+    log = logging.getLogger(__package__.partition(".")[0])
+    level = log.level
+    log.setLevel(logging.ERROR)  # remarks on the input were made on the mesh of the answer
     try:
         return [problem.on(one) for one in meshes]
     except ValueError as error:
-        raise NoErrorBars(f"the problem has no other mesh: {error}") from None
+        raise NoErrorBars(f"the problem cannot be posed on another mesh: {error}") from None
+    finally:
+        log.setLevel(level)
+
+
+class Companions:
+    """The load history of a problem on the meshes for comparison, taken beside it, step by step.
+
+    Args:
+        problem: The problem.
+        history: Its load steps.
+        tolerance: Of the solver.
+
+    Raises:
+        NoErrorBars: As of `error_of`.
+    """
+
+    def __init__(self, problem: ContactProblem, history: LoadHistory, tolerance: float):
+        self._tolerance, problems = tolerance, compared(problem)
+        self._steps = [history.steps(one, progress=lambda _: None) for one in problems]
+        self._latest: list[LoadStep | None] = [None] * len(problems)
+        self._refusal = ""
+
+    def error_of(self, step: LoadStep) -> ErrorBars:
+        """The error bars of a load step; the others advance to its time, or beyond where it was halved; collective.
+
+        Raises:
+            NoErrorBars: If another history fails, then for all later steps too, or has no step that ends at this time.
+        """
+        if self._refusal:
+            raise NoErrorBars(self._refusal)
+        answers, now = [answer_of(step.solution, self._tolerance)], step.state.time
+        for number, steps in enumerate(self._steps):
+            latest = self._latest[number]
+            try:
+                while latest is None or latest.state.time < now - 1e-12 * abs(now):
+                    latest = self._latest[number] = next(steps)
+            except (NotConverged, ValueError, StopIteration) as error:
+                self._refusal = f"the load history failed on another mesh: {error}"
+                raise NoErrorBars(self._refusal) from None
+            if latest.state.time > now + 1e-12 * abs(now):
+                raise NoErrorBars(f"no load step on another mesh ends at {now:g} s")
+            answers.append(answer_of(latest.solution, self._tolerance))
+        return bars_of(answers)
 
 
 def answer_of(solution: Solution, tolerance: float) -> Answer:
@@ -222,7 +271,8 @@ def totals_in(contents: Mapping[str, Any]) -> Iterator[tuple[str, FloatArray, st
         yield from _totals_in(section, contents.get(section, ()))
     yield from _totals_in("heat.flows", (contents.get("heat") or {}).get("flows", ()))
     yield from _totals_in("maximum", {"displacement": contents["maximum"]["displacement"]})
-    yield "strain_energy", np.array([contents["strain_energy"]]), "J"
+    if "strain_energy" in contents:  # in the files it is among the error bars alone
+        yield "strain_energy", np.array([contents["strain_energy"]]), "J"
 
 
 def _totals_in(place: str, part: Any) -> Iterator[tuple[str, FloatArray, str]]:
@@ -293,6 +343,8 @@ def _unless_singular(name: str, value: FloatArray, bar: FloatArray, order: float
     """A bar; nan for a largest pressure that does not converge: its order is about 0, or it is not known, and the bar
     is a fifth of it or more."""
     if not name.endswith("greatest_pressure"):
+        return bar
+    if not np.any(value):
         return bar
     singular = order < DIVERGING if math.isfinite(order) else bool(np.any(bar > 0.2 * np.abs(value)))
     return np.full_like(bar, math.nan) if singular else bar

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
@@ -41,6 +41,7 @@ class HistoryFiles:
         directory: Created if necessary.
         resume: Continue from the last step that exists.
         case: Record of the case, stored in the summary of every step under step.case (`case_record`).
+        entries: Gives further entries of the summary of a step.
 
     Attributes:
         directory: The directory.
@@ -52,8 +53,15 @@ class HistoryFiles:
         OSError: On every rank, if a step cannot be written; the steps before are kept.
     """
 
-    def __init__(self, directory: str | Path, *, resume: bool = False, case: Mapping[str, Any] | None = None):
-        self.directory = RunDirectory(Path(directory))
+    def __init__(
+        self,
+        directory: str | Path,
+        *,
+        resume: bool = False,
+        case: Mapping[str, Any] | None = None,
+        entries: Callable[[LoadStep], Mapping[str, Any]] = lambda _: {},
+    ):
+        self.directory, self._entries = RunDirectory(Path(directory)), entries
         self.rows: list[dict[str, Any]] = []
         self._resume, self._case = resume, case
         self._series: list[output.Series] = []
@@ -86,7 +94,7 @@ class HistoryFiles:
             own = step.solution.problem.seconds
             own[name] = own.get(name, 0.0) + value
         self._seconds = {}
-        extra = {"step": self._record(step, row)}
+        extra = {"step": self._record(step, row), **self._entries(step)}
         contents = output.write(step.solution, self.directory.step(step.state.number).path, extra=extra)
         self.rows.append(row)
         self._history = added(self._history, contents)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ...contact_fields import ANSWER, names
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
+from ..error_bars import totals_in
 from ..field_files import data_of
 from ..result_grids import BETWEEN, OURS, middle
 from ..run_directory import CASE, CONTACT, FIELDS, SOLUTION, SUMMARY
@@ -198,9 +199,18 @@ def check_run(
             trusted.append("taken as recorded, without the step before: the heat of friction")
         else:
             compare_heat(case, run, time, None if start is None else time - start.time, found)
+    _compare_error_bars(run, found)
     trusted += [*unknown, *([] if run.body.elastic else [_FORMS])]
     recorded = bool(run.summary["certificate"]["passed"])
     return Findings(variants[0].certificate, found, tuple(trusted), recorded, run, written, variants)
+
+
+def _compare_error_bars(run: WrittenRun, found: Comparison) -> None:
+    """Compare the values that have error bars with the totals of the summary; the bars are those of the run."""
+    bars = (run.summary.get("error") or {}).get("bars", ())
+    said = {bar["quantity"]: np.atleast_1d(bar["value"]).tolist() for bar in bars}
+    totals = {name: value.tolist() for name, value, _ in totals_in(run.summary) if name in said}
+    found.tree(f"{SUMMARY}: error", {name: said[name] for name in totals}, totals, source=ANSWER)
 
 
 def _facets_of_faces(

@@ -21,7 +21,7 @@ from .fields import AXES, ZONES, Bar, Field, limits_of, named, ramp, zone_counts
 from .files import Run, read_run
 from .scene import Look, Shot, automatic_scale, cropped, shoot
 from .surface_view import surface_view
-from .units import in_seconds, number, quantity, scale_of, vector
+from .units import compared_in_words, in_seconds, number, quantity, scale_of, vector
 
 PICTURES = (
     ("pressure", "contact"),
@@ -99,8 +99,10 @@ def render(run: Run) -> str:
             "forces": results.forces(run),
             "faces": results.faces(run),
             "probes": results.probes(run),
+            "error_bars": results.error_bars(run),
             "stresses": results.stresses(run),
         },
+        error_meshes=compared_in_words(run.summary),
         checks=results.checks(run),
         pictures=_pictures(run, scale),
         charts=_charts(run),

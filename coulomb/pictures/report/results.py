@@ -12,7 +12,7 @@ from ...contact_names import named_faces, sides_of
 from .fields import FIELDS, zone_counts
 from .files import Run
 from .grids import blocks_of
-from .units import in_seconds, number, quantity, vector
+from .units import bars_in_words, in_seconds, number, quantity, vector
 
 Facts = list[tuple[str, str]]
 Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
@@ -293,6 +293,11 @@ def probes(run: Run) -> Table:
         )
         for probe in run.summary.get("probes", ())
     ]
+
+
+def error_bars(run: Run) -> Table:
+    """Every total with its error bar, and the observed order of convergence; empty if they were not asked for."""
+    return ("total", "value and error of the mesh", "order"), list(bars_in_words(run.summary))
 
 
 def stresses(run: Run) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
@@ -84,6 +84,45 @@ def vector(
     factor, prefixed = scale_of(largest, unit)
     shown = ", ".join(number(0.0 if abs(v) <= 1e-9 * largest else v / factor, digits) for v in values)
     return f"({shown}){NARROW}{prefixed}"
+
+
+def with_bar(values: Sequence[float], bars: Sequence[float] | None, unit: str) -> str:
+    """A number, or the components of a vector, with error bars in two digits: 104.42 ± 0.59 MN; without bars in
+    four digits."""
+    factor, prefixed = scale_of(max(map(abs, values)), unit)
+    decimals = 0
+    if bars is not None and 0.0 < max(bars) < math.inf:
+        decimals = min(max(1 - math.floor(math.log10(max(bars) / factor)), 0), 9)
+
+    def listed(shown: Sequence[str]) -> str:
+        return shown[0] if len(shown) == 1 else f"({', '.join(shown)})"
+
+    if bars is None:
+        return f"{listed([number(value / factor) for value in values])}{NARROW}{prefixed}"
+    shown = (listed([f"{one / factor:.{decimals}f}".replace("-", "−") for one in of]) for of in (values, bars))
+    return f"{' ± '.join(shown)}{NARROW}{prefixed}"
+
+
+def compared_in_words(summary: Mapping[str, Any]) -> str:
+    """The other meshes of the entry `error` of a summary, if it has one: meshes of 1620 and 384 unknowns."""
+    if "error" not in summary:
+        return ""
+    own, *others = summary["error"]["meshes"]
+    sizes, order = [f"{one['unknowns']}" for one in others], others[0]["order"]
+    kind = "" if order == own["order"] else f" of {'second' if order == 2 else 'first'} order"
+    return f"{'a mesh' if len(sizes) == 1 else 'meshes'}{kind} of {' and '.join(sizes)} unknowns"
+
+
+def bars_in_words(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Name, value with error bar, and observed order of every total in the entry `error` of a summary."""
+    for bar in (summary.get("error") or {}).get("bars", ()):
+        place, _, name = bar["quantity"].removeprefix("totals.").rpartition(".")
+        of = place.partition(".")[2]
+        value, error, order = bar["value"], bar["error"], bar["order"]
+        values, bars = ([one] if isinstance(one, float) else one for one in (value, error))
+        remark = f", {bar['remark']}" if "remark" in bar else ""
+        shown = with_bar(values, bars, bar["unit"]) + remark
+        yield f"{name.replace('_', ' ')}{f' of {of}' if of else ''}", shown, "–" if order is None else number(order, 2)
 
 
 def in_prefixed(values: Sequence[float], unit: str) -> str:
