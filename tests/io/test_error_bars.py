@@ -1,0 +1,166 @@
+"""Error bars: Richardson's extrapolation on sequences with known errors, and contact problems with known answers."""
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+from user_forms import Script
+
+import coulomb
+from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, Traction, box
+from coulomb.io.error_bars import FASTEST, SAFETY, SLOWEST, NoErrorBars, extrapolated
+
+STEEL = Material(young=2.1e11, poisson=0.3)
+
+
+@pytest.mark.parametrize("q", [0.8, 1.0, 1.4])
+@pytest.mark.parametrize("sizes", [(0.1, 0.2, 0.4), (0.1, 0.17, 0.35)])
+def test_the_error_of_a_power_of_the_cell_size_is_found(q, sizes):
+    exact, c = np.array([3.0, -1.0, 0.5]), np.array([2.0, 1.0, -0.1])
+    order, bar = extrapolated([(h, exact + c * h**q) for h in sizes])
+    assert order == pytest.approx(q, abs=1e-3)
+    np.testing.assert_allclose(bar, SAFETY * np.abs(c) * sizes[0] ** q, rtol=1e-3)
+
+
+@pytest.mark.parametrize("q", [0.3, 2.0, 3.0])
+def test_outside_the_bounds_of_the_order_the_bar_is_larger_than_the_error_it_is_based_on(q):
+    """Faster than FASTEST: more than the error; slower than SLOWEST: SAFETY times what SLOWEST explains."""
+    order, bar = extrapolated([(h, np.array([h**q])) for h in (0.1, 0.2, 0.4)])
+    assert order == pytest.approx(q, abs=1e-3)
+    near = 0.2**q - 0.1**q
+    bounded = SAFETY * near / (2.0 ** (SLOWEST if q < 1.0 else FASTEST) - 1.0)
+    assert bar[0] >= bounded * (1.0 - 1e-9) and (q < 1.0 or bar[0] > 0.1**q)
+
+
+def test_equal_values_have_no_error_and_no_order():
+    order, bar = extrapolated([(h, np.array([2.0, 0.0])) for h in (0.1, 0.2, 0.4)])
+    assert np.isnan(order) and not np.any(bar)
+
+
+def block(cells, degree=1, **others):
+    """Steel that is clamped on the left, pressed and dragged."""
+    loads = [Traction("top", (0.0, 1.0e7, -4.0e7)), Traction("right", (2.0e7, 0.0, 0.0))]
+    mesh = box((3.0, 1.0, 1.0), (3 * cells, cells, cells), degree=degree)
+    return ContactProblem(mesh, STEEL, [Clamp("left")], Contact("bottom", friction=0.3), loads, **others)
+
+
+def test_a_uniform_pressure_has_no_error_but_that_of_the_solver():
+    """Every mesh has the exact answer: u is linear, the force E A w/l."""
+    pressed = [PrescribedDisplacement("top", (0.0, 0.0, -1e-4), "z"), Clamp("left", "x"), Clamp("front", "y")]
+    mesh = box((1.0, 1.0, 1.0), (4, 4, 4))
+    answer = ContactProblem(mesh, STEEL, pressed, Contact("bottom", friction=0.0)).solve()
+    bars = answer.error()
+    force = bars["totals.normal_force"]
+    assert force.value[0] == pytest.approx(2.1e7, rel=1e-9)
+    assert abs(force.value[0] - 2.1e7) <= force.bar[0] <= 1e-6 * 2.1e7
+    assert bars["strain_energy"].value[0] == pytest.approx(0.5 * 2.1e7 * 1e-4, rel=1e-9)
+    assert bars["totals.contact_area"].bar[0] <= 1e-6
+
+
+def test_the_normal_force_of_the_block_is_inside_its_bar():
+    """By second order on 18 x 6 x 6 and 36 x 12 x 12 cells, extrapolated: 104.77 MN for the steel of the demo; here the
+    finer second-order answer stands for it."""
+    fine = block(6, degree=2).solve().at_nodes.totals()["normal_force"]
+    for cells in (4, 6):
+        force = block(cells).solve().error()["totals.normal_force"]
+        assert abs(force.value[0] - fine) <= force.bar[0] <= 6.0 * abs(force.value[0] - fine)
+
+
+def test_other_answers_may_be_given():
+    fine, middle, coarse = (block(cells).solve() for cells in (4, 2, 1))
+    given, found = fine.error(coarse, middle), fine.error()
+    for one, other in zip(given.bars, found.bars, strict=True):
+        assert one.quantity == other.quantity and one.order == pytest.approx(other.order, rel=1e-6, nan_ok=True)
+        np.testing.assert_allclose(one.bar, other.bar, rtol=1e-5, atol=1e-6 * np.max(np.abs(one.value)))
+    with pytest.raises(ValueError, match="on the same cells with elements of the same order"):
+        fine.error(fine)
+
+
+def test_without_coarser_meshes_the_other_order_is_compared():
+    posed = block(2)
+    alone = posed.on(replace(posed.made_of, coarser=None)).solve()
+    bars = alone.error()
+    assert [one.order for one in bars.answers] == [1, 2]
+    second = posed.on(coulomb.second_order(box((3.0, 1.0, 1.0), (6, 2, 2)))).solve()
+    apart = abs(second.at_nodes.totals()["normal_force"] - alone.at_nodes.totals()["normal_force"])
+    assert bars["totals.normal_force"].bar[0] == pytest.approx(2.0 * apart, rel=1e-5)
+
+
+def test_a_body_of_own_forms_needs_another_answer():
+    def answer(cells):
+        mesh = box((1.0, 1.0, 1.0), (cells, cells, cells))
+        script = Script(mesh, 1)
+        load = ufl.inner(script.constant(np.array([0.0, 0.0, -1e6])), script.v) * script.ds("top")
+        body = coulomb.Body(script.elasticity(2e11, 0.3), load, [script.bc(np.zeros(3), "left")], faces=mesh)
+        return ContactProblem(body, Contact("bottom", friction=0.2)).solve()
+
+    fine, coarse = answer(4), answer(2)
+    with pytest.raises(NoErrorBars, match="own forms cannot be posed on another mesh"):
+        fine.error()
+    assert fine.error(coarse)["totals.normal_force"].bar[0] > 0.0
+
+
+CASE = """
+[mesh]
+box = [1.0, 1.0, 0.5]
+cells = [4, 4, 2]
+[material]
+young = 2.0e11
+poisson = 0.3
+[[clamp]]
+face = "left"
+[[traction]]
+face = "top"
+value = [0.0, 0.0, -1.0e7]
+AMPLITUDE
+[contact]
+face = "bottom"
+friction = 0.3
+[output]
+picture = false
+error = true
+"""
+
+
+def run(*arguments):
+    return subprocess.run([sys.executable, "-m", "coulomb", *map(str, arguments)], capture_output=True, text=True)
+
+
+def test_a_run_says_writes_and_checks_its_error_bars(tmp_path):
+    case, results = tmp_path / "case.toml", tmp_path / "results"
+    case.write_text(CASE.replace("AMPLITUDE", ""))
+    done = run("run", case, "--output", results, "--report")
+    assert done.returncode == 0, done.stderr
+    assert "error bars of the mesh, from meshes of" in done.stdout
+    assert "normal force  " in done.stdout and " +- " in done.stdout
+    assert "How far from the continuum" in (results / "report.html").read_text()
+    summary = json.loads((results / "summary.json").read_text())
+    assert [one["order"] for one in summary["error"]["meshes"]] == [1, 1, 1]
+    bars = {bar["quantity"]: bar for bar in summary["error"]["bars"]}
+    assert bars["totals.normal_force"]["value"] == summary["totals"]["normal_force"]
+    assert run("check", results).returncode == 0
+    bars["totals.normal_force"]["value"] *= 1.001
+    (results / "summary.json").write_text(json.dumps(summary))
+    checked = run("check", results)
+    assert checked.returncode == 1 and "error.totals.normal_force" in checked.stdout
+
+
+def test_every_load_step_has_error_bars(tmp_path):
+    case, results = tmp_path / "case.toml", tmp_path / "results"
+    case.write_text(
+        CASE.replace("AMPLITUDE", "amplitude = [[0.0, 0.0], [2.0, 1.0]]") + "[history]\ntimes = [1.0, 2.0]\n"
+    )
+    done = run("run", case, "--output", results)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("error bars of the mesh") == 1
+    forces = []
+    for step in (1, 2):
+        summary = json.loads((results / "steps" / f"{step:04d}" / "summary.json").read_text())
+        bars = {bar["quantity"]: bar for bar in summary["error"]["bars"]}
+        forces.append(bars["totals.normal_force"])
+    assert forces[0]["value"] < forces[1]["value"] and 0.0 < forces[0]["error"] < forces[1]["error"]
+    assert run("check", results).returncode == 0
