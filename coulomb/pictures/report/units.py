@@ -87,20 +87,21 @@ def vector(
 
 
 def with_bar(values: Sequence[float], bars: Sequence[float] | None, unit: str) -> str:
-    """A number, or the components of a vector, with error bars in two digits: 104.42 ± 0.59 MN; without bars in
-    four digits."""
+    """A number, or the components of a vector, with error bars in two digits: 104.42 ± 0.59 MN; without bars in four
+    digits.  At most six decimals."""
     factor, prefixed = scale_of(max(map(abs, values)), unit)
-    decimals = 0
-    if bars is not None and 0.0 < max(bars) < math.inf:
-        decimals = min(max(1 - math.floor(math.log10(max(bars) / factor)), 0), 9)
+    largest = 0.0 if bars is None else max(bars) / factor
+    decimals = min(max(1 - math.floor(math.log10(largest)), 0), 6) if 0.0 < largest < math.inf else 4
 
-    def listed(shown: Sequence[str]) -> str:
-        return shown[0] if len(shown) == 1 else f"({', '.join(shown)})"
+    def listed(of: Sequence[float]) -> str:
+        rounded = [round(one / factor, decimals) + 0.0 for one in of]  # no -0
+        shown = [f"{one:.{decimals}f}" if one or of is values else number(large, 2) for one, large in zip(rounded, of)]
+        return (shown[0] if len(shown) == 1 else f"({', '.join(shown)})").replace("-", "−")
 
     if bars is None:
-        return f"{listed([number(value / factor) for value in values])}{NARROW}{prefixed}"
-    shown = (listed([f"{one / factor:.{decimals}f}".replace("-", "−") for one in of]) for of in (values, bars))
-    return f"{' ± '.join(shown)}{NARROW}{prefixed}"
+        shown = [number(value / factor) for value in values]
+        return f"{shown[0] if len(shown) == 1 else f'({", ".join(shown)})'}{NARROW}{prefixed}"
+    return f"{listed(values)} ± {listed(bars)}{NARROW}{prefixed}"
 
 
 def compared_in_words(summary: Mapping[str, Any]) -> str:
