@@ -1,4 +1,5 @@
-"""Second-order meshes from first-order ones: nodes at the middles of edges, in hexahedra also of faces and cells."""
+"""Boxes, meshes of files, and meshes of first and second order with the same corners: the second has nodes on edges, in
+hexahedra also on faces and in cells."""
 
 from __future__ import annotations
 
@@ -62,11 +63,54 @@ def second_order(mesh: NamedMesh) -> NamedMesh:
     corners = corner_geometry(old)
     of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
     of_point[corners] = number[dofs[:, : corners.shape[1]]]
+    return _of_order(second_order, mesh, domain, of_point)
+
+
+def first_order(mesh: NamedMesh) -> NamedMesh:
+    """The mesh with 4-node tetrahedra or 8-node hexahedra of the same corners, where curved edges and faces become
+    straight; collective.
+
+    Args:
+        mesh: A second-order mesh with its named faces and groups of cells, which are kept.
+
+    Raises:
+        ValueError: If the mesh is of first order already.
+    """
+    old, comm = mesh.domain, mesh.comm
+    if mesh.degree != 2:
+        raise ValueError("first_order: the mesh has first-order cells already; it takes a second-order mesh")
+    old.topology.create_connectivity(3, 0)
+    vertices, corners = old.topology.index_map(0), corner_geometry(old)
+    of_cell = old.topology.connectivity(3, 0).array.reshape(corners.shape)
+    local = np.arange(vertices.size_local + vertices.num_ghosts, dtype=np.int32)
+    number = np.asarray(vertices.local_to_global(local), dtype=np.int64)
+    x = np.empty((len(local), 3))
+    x[of_cell] = old.geometry.x[corners]
+    own = old.topology.index_map(3).size_local
+    cell = old.topology.cell_type.name
+    domain = compat.create_mesh(comm, cell, number[of_cell[:own]], x[: vertices.size_local])
+
+    of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
+    of_point[corners] = number[of_cell]
+    return _of_order(first_order, mesh, domain, of_point)
+
+
+def _of_order(order: Callable[[NamedMesh], NamedMesh], mesh: NamedMesh, domain: Any, of_point: IntArray) -> NamedMesh:
+    """The mesh with a domain of another order, made of this rank's own cells in their order with the numbers `of_point`
+    of its corners; collective."""
+    old = mesh.domain
     rows = {name: np.sort(of_point[corners_of(old, facets)], axis=1) for name, facets in mesh.faces.items()}
     first = old.topology.index_map(3).local_range[0]
     cells = {name: first + np.asarray(mine, dtype=np.int64) for name, mine in mesh.cells.items()}
-    starts = starts_of(comm, own)
-    return replace(mesh, domain=domain, faces=local_facets(domain, rows), cells=local_cells(domain, starts, cells))
+    starts = starts_of(mesh.comm, old.topology.index_map(3).size_local)
+    coarser = mesh.coarser
+    return replace(
+        mesh,
+        domain=domain,
+        faces=local_facets(domain, rows),
+        cells=local_cells(domain, starts, cells),
+        coarser=None if coarser is None else lambda: order(coarser()),
+    )
 
 
 def _points(domain: Any, dofs: npt.NDArray[np.int32], owned: int) -> FloatArray:
@@ -122,6 +166,9 @@ def box(
             domain, 2, lambda x, i=axis, e=end: np.abs(x[i] - e * corner[i]) < near[i]
         )
     made = NamedMesh(domain, faces) if degree == 1 else second_order(NamedMesh(domain, faces))
+    if max(cells) > 1:
+        half = [math.ceil(n / 2) for n in cells]
+        made = replace(made, coarser=lambda: box(tuple(corner), half, cell, comm, place, degree))
     if place is not None:
         x = made.domain.geometry.x
         x[:] = evaluate_vectors(place, x.copy(), "box: place", comm)

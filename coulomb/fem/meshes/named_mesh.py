@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -29,6 +29,8 @@ class NamedMesh:
         components: How many components the mesh in the file has, which share no nodes; 1 if it is not from a file.
         touching: Places in metres at which nodes of several components coincide, those found on this rank, shape
             (k, 3).
+        coarser: Makes the same body with about half as many cells along each edge, collectively; None where there is
+            no such mesh.  ValueError if its cells would be flat.
     """
 
     domain: Any
@@ -37,6 +39,7 @@ class NamedMesh:
     refused: dict[str, str] = field(default_factory=dict)
     components: int = 1
     touching: FloatArray = field(default_factory=lambda: np.empty((0, 3)), repr=False)
+    coarser: Callable[[], NamedMesh] | None = field(default=None, repr=False, compare=False)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -117,7 +120,13 @@ def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None =
     motion = motion_of(translate, rotate)
     domain = compat.copied_mesh(mesh.domain)
     domain.geometry.x[:] = placed(motion, domain.geometry.x)
-    return replace(mesh, domain=domain, touching=placed(motion, mesh.touching))
+    coarser = mesh.coarser
+    return replace(
+        mesh,
+        domain=domain,
+        touching=placed(motion, mesh.touching),
+        coarser=None if coarser is None else lambda: moved(coarser(), translate, rotate),
+    )
 
 
 def motion_of(translate: Point, rotate: Rotation | None) -> RigidMotion:
