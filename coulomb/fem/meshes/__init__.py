@@ -19,5 +19,6 @@ from .mesh_parts import SAME_PLACE, corners_of, local_facets
 from .meshes import box, distributed, first_order, known_format, read_file, read_mesh, read_xdmf, second_order
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume
 from .nodal_field import NodalField
+from .refinement import refined
 from .xdmf_format import FACETS, SOLIDS
 from .xdmf_writing import HDF5Target, write

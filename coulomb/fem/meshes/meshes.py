@@ -1,5 +1,5 @@
-"""Boxes, meshes of files, and meshes of first and second order with the same corners: the second has nodes at the
-middles of edges, in hexahedra also of faces and cells."""
+"""Boxes, meshes of files, and meshes of first and second order with the same corners: the second has nodes on edges, in
+hexahedra also on faces and in cells."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ def box(
     if place is not None:
         x = made.domain.geometry.x
         x[:] = evaluate_vectors(place, x.copy(), "box: place", comm)
-        _refuse_flat_cells(made.domain, degree)
+        refuse_flat_cells(x[compat.cell_geometry(made.domain)], "box: place", comm)
     return made
 
 
@@ -181,20 +181,24 @@ _UNEVEN = 1e-3
 not positive definite to rounding."""
 
 
-def _refuse_flat_cells(domain: Any, degree: int) -> None:
-    """Raises ValueError on every rank if a cell is flat at one of its nodes, or cells are turned inside out."""
-    comm, cells = domain.comm, domain.geometry.x[compat.cell_geometry(domain)]
+def refuse_flat_cells(cells: FloatArray, what: str, comm: MPI.Comm, before: FloatArray | None = None) -> None:
+    """Raises ValueError, after `what`, on every rank if one of the cells with nodes (c, nodes, 3) is flat at one of
+    them, or is turned inside out from where its nodes were before, by default from most of the others; collective."""
     jacobian, size = jacobians(cells)
-    jacobian *= -1.0 if comm.allreduce(float(np.sum(np.sign(jacobian)))) < 0.0 else 1.0  # mirrored
+    if before is not None:
+        jacobian *= np.sign(jacobians(before)[0])
+    elif comm.allreduce(float(np.sum(np.sign(jacobian)))) < 0.0:  # mirrored
+        jacobian *= -1.0
+    second = is_second_order(cells.shape[1])
     wrong = np.min(jacobian, axis=0, initial=np.inf) <= FLAT * np.max(size, axis=0, initial=0.0) ** 3
-    if degree == 2:  # a node near the quarter of an edge: the slope is almost zero there
+    if second:  # a node near the quarter of an edge: the slope is almost zero there
         wrong |= np.min(jacobian, axis=0, initial=np.inf) < _UNEVEN * np.max(jacobian, axis=0, initial=0.0)
     places = comm.allgather(cells[np.argmax(wrong)].mean(axis=0) if np.any(wrong) else None)
     found = [place for place in places if place is not None]
     if found:
         at = ", ".join(f"{coordinate:.6g}" for coordinate in found[0])
-        middles = "; the nodes between corners must stay near the middle" if degree == 2 else ""
-        raise ValueError(f"box: place makes the cell at x = {at} flat, or turns it inside out{middles}")
+        middles = "; the nodes between corners must stay near the middle" if second else ""
+        raise ValueError(f"{what} makes the cell at x = {at} flat, or turns it inside out{middles}")
 
 
 def read_xdmf(

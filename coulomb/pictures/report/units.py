@@ -93,15 +93,16 @@ def with_bar(values: Sequence[float], bars: Sequence[float] | None, unit: str) -
     largest = 0.0 if bars is None else max(bars) / factor
     decimals = min(max(1 - math.floor(math.log10(largest)), 0), 6) if 0.0 < largest < math.inf else 4
 
-    def listed(of: Sequence[float]) -> str:
-        rounded = [round(one / factor, decimals) + 0.0 for one in of]  # no -0
-        shown = [f"{one:.{decimals}f}" if one or of is values else number(large, 2) for one, large in zip(rounded, of)]
-        return (shown[0] if len(shown) == 1 else f"({', '.join(shown)})").replace("-", "−")
+    def listed(numbers: Sequence[str]) -> str:
+        return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
+
+    def rounded_off(value: float) -> str:
+        return f"{round(value / factor, decimals) + 0.0:.{decimals}f}".replace("-", "−")  # no -0
 
     if bars is None:
-        shown = [number(value / factor) for value in values]
-        return f"{shown[0] if len(shown) == 1 else f'({", ".join(shown)})'}{NARROW}{prefixed}"
-    return f"{listed(values)} ± {listed(bars)}{NARROW}{prefixed}"
+        return f"{listed([number(value / factor) for value in values])}{NARROW}{prefixed}"
+    small = [rounded_off(bar) if round(bar / factor, decimals) else number(bar / factor, 2) for bar in bars]
+    return f"{listed([rounded_off(value) for value in values])} ± {listed(small)}{NARROW}{prefixed}"
 
 
 def compared_in_words(summary: Mapping[str, Any]) -> str:
