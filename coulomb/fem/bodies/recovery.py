@@ -24,7 +24,7 @@ A projection onto continuous functions of the elements by least squares (L2) is 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -136,11 +136,12 @@ def stress_error(body: LoadedBody, u: FloatArray, change: FloatArray | None = No
     for of_material in _by_material(body, cells.count, cells.heated):
         polynomials = _recovered(cells, of_material)
         for part in _parts(of_material):
-            y, stress, volume = cells.at(part, X)
+            terms, stress, volume = cells.at(part, X)
             vertices = cells.vertices[part]
-            terms = cells.monomials(y[:, None] - cells.x[vertices][:, :, None]) * N.T[:, :, None]
-            terms = terms.transpose(0, 2, 1, 3).reshape(*y.shape[:2], -1)
-            difference = terms @ polynomials[vertices].reshape(len(part), terms.shape[2], 6) - stress
+            about = _moved(polynomials[vertices], cells.origins(part)[:, None] - cells.x[vertices], body.degree)
+            between = N @ about.reshape(len(part), N.shape[1], -1)
+            recovered = np.einsum("cqm,cqmk->cqk", terms, between.reshape(*terms.shape, 6))
+            difference = recovered - stress
             volume *= weights
             for row, values in enumerate((cells.energy(part, difference), cells.energy(part, stress), 1.0)):
                 found[row, part] = np.sum(values * volume, axis=1)
@@ -164,6 +165,31 @@ def _by_material(body: LoadedBody, count: int, heated: bool) -> list[IntArray]:
 def _parts(cells: IntArray) -> Iterator[IntArray]:
     for first in range(0, len(cells), _AT_ONCE):
         yield cells[first : first + _AT_ONCE]
+
+
+def _monomials(y: FloatArray, degree: int) -> FloatArray:
+    """Those of places y (..., 3) up to a degree: 1, x, y, z, and in second order the products of `PAIRS`; shape (..., 4
+    or 10)."""
+    products = [y[..., i] * y[..., j] for i, j in PAIRS] if degree == 2 else []
+    return np.stack([np.ones(y.shape[:-1]), *np.moveaxis(y, -1, 0), *products], axis=-1)
+
+
+def _move_products(rows: FloatArray, d: FloatArray) -> None:
+    """Change rows (..., m, w) for monomials at places y into those for y + d, d (..., 3)."""
+    for row, (i, j) in zip(range(4, rows.shape[-2]), PAIRS, strict=False):
+        product = d[..., i, None] * (rows[..., 1 + j, :] + d[..., j, None] * rows[..., 0, :])
+        rows[..., row, :] += product + d[..., j, None] * rows[..., 1 + i, :]
+    rows[..., 1:4, :] += d[..., None] * rows[..., :1, :]
+
+
+def _moved(c: FloatArray, d: FloatArray, degree: int) -> FloatArray:
+    """Coefficients (..., m, 6) of polynomials in y + d as such in y, d (..., 3)."""
+    moved = c.copy()
+    moved[..., 0, :] = np.einsum("...m,...mk->...k", _monomials(d, degree), c)
+    for row, (i, j) in zip(range(4, c.shape[-2]), PAIRS, strict=False):
+        moved[..., 1 + i, :] += d[..., j, None] * c[..., row, :]
+        moved[..., 1 + j, :] += d[..., i, None] * c[..., row, :]
+    return moved
 
 
 def _points(cells: _Cells, degree: int) -> tuple[FloatArray, FloatArray]:
@@ -225,22 +251,26 @@ class _Cells:
         return rows if width > 1 else rows[:, 0]
 
     def at(self, cells: IntArray, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """At q points X of the reference cell their places (c, q, 3), stresses (c, q, 6) in the order of `PAIRS`, and
-        volumes over those of the reference cell (c, q)."""
+        """At q points X of the reference cell their places from the cells' origins, by their `_monomials` (c, q, m),
+        stresses (c, q, 6) in the order of `PAIRS`, and volumes over those of the reference cell (c, q)."""
         N, slopes = (of(self.kind, self.degree, X) for of in (lagrange_values, lagrange_slopes))
-        x = self._x[self._points[cells]]
-        both = np.concatenate([x, self._u[self._nodes[cells]]], axis=2)
-        along = (slopes.reshape(3 * len(X), -1) @ both).reshape(len(cells), 3, len(X), 6).transpose(1, 3, 0, 2)
-        edges, stretches = along[:, :3], along[:, 3:]  # derivatives along the axes of the reference cell
-        normals = np.stack([_cross(edges[a - 2], edges[a - 1]) for a in range(3)])
-        volume = np.einsum("icq,icq->cq", edges[0], normals[0])
-        slope = np.einsum("aicq,ajcq->ijcq", normals, stretches) / volume
-        strain = np.stack([slope[i, i] if i == j else slope[i, j] + slope[j, i] for i, j in PAIRS], axis=-1)
-        stress = self._hooke(cells, strain)
+        x = self._x[self._points[cells]] - self.origins(cells)[:, None]
+        both = np.concatenate([x, self._u[self._nodes[cells]]], axis=2).transpose(1, 2, 0)
+        along = (slopes.reshape(3 * len(X), -1) @ both.reshape(len(both), -1)).reshape(3, len(X), 6, len(cells))
+        edges, stretches = along[:, :, :3].swapaxes(1, 2), along[:, :, 3:].swapaxes(1, 2)  # along the reference axes
+        normals = [_cross(edges[a - 2], edges[a - 1]) for a in range(3)]
+        volume = sum(edges[0, i] * normals[0][i] for i in range(3))
+        slope = [[sum(normals[a][i] * stretches[a, j] for a in range(3)) for j in range(3)] for i in range(3)]
+        strain = np.stack([slope[i][i] if i == j else slope[i][j] + slope[j][i] for i, j in PAIRS]) / volume
+        stress = self._hooke(cells, strain.transpose(2, 1, 0))
         if self.heated:
             kelvin = self._kelvin[self._nodes[cells]] @ N.T
             stress -= kelvin[:, :, None] * self._per_kelvin[cells][:, None]
-        return N @ x, stress, np.abs(volume)
+        return _monomials(N @ x, self.degree), stress, np.abs(volume.T)
+
+    def origins(self, cells: IntArray) -> FloatArray:
+        """The first vertex of each cell, metres, shape (c, 3): places in a cell are taken from there."""
+        return self.x[self.vertices[cells, 0]]
 
     def _hooke(self, cells: IntArray, strain: FloatArray) -> FloatArray:
         if self._stiffness is not None:
@@ -266,12 +296,6 @@ class _Cells:
         for constant, (i, j) in zip(self._stiffness[cells].T, UPPER, strict=True):
             full[:, i, j] = full[:, j, i] = constant
         return full
-
-    def monomials(self, y: FloatArray) -> FloatArray:
-        """Of order up to that of the elements at places y (..., 3) from a vertex: 1, x, y, z, and in second order the
-        products of `PAIRS`; shape (..., 4 or 10)."""
-        products = [y[..., i] * y[..., j] for i, j in PAIRS] if self.degree == 2 else []
-        return np.stack([np.ones(y.shape[:-1]), *np.moveaxis(y, -1, 0), *products], axis=-1)
 
     def summed(self, rows: FloatArray) -> FloatArray:
         """Rows of this rank's vertices (v, ...), added up over all ranks; collective."""
@@ -303,11 +327,14 @@ def _recovered(cells: _Cells, own: IntArray) -> FloatArray:
     size = 4 if cells.degree == 1 else 10
     moments = np.zeros((len(cells.x), size, size + 6))
     for part in _parts(own):
-        y, stress, _ = cells.at(part, X)
+        terms, stress, _ = cells.at(part, X)
         vertices = cells.vertices[part]
-        terms = cells.monomials(y[:, None] - cells.x[vertices][:, :, None])
-        values = np.concatenate([terms, np.broadcast_to(stress[:, None], (*terms.shape[:3], 6))], axis=3)
-        _add(moments, vertices, (terms * weights[:, None]).swapaxes(2, 3) @ values)
+        about = (terms * weights[:, None]).swapaxes(1, 2) @ np.concatenate([terms, stress], axis=2)
+        shift = cells.origins(part)[:, None] - cells.x[vertices]
+        about = np.repeat(about[:, None], vertices.shape[1], axis=1)
+        _move_products(about, shift)
+        _move_products(about[..., :size].swapaxes(2, 3), shift)
+        _add(moments, vertices, about)
     moments = cells.summed(moments)
     polynomials, quality = np.zeros((len(cells.x), size, 6)), np.zeros(len(cells.x))
     here = moments[:, 0, 0] > 0.0
@@ -317,7 +344,7 @@ def _recovered(cells: _Cells, own: IntArray) -> FloatArray:
         vertices = cells.vertices[part]
         cell, i, j = np.nonzero(quality[vertices][:, None, :] > _BETTER * quality[vertices][:, :, None])
         at, of = vertices[cell, i], vertices[cell, j]
-        moved = _moved(polynomials[of], cells.x[at] - cells.x[of], cells.monomials)
+        moved = _moved(polynomials[of], cells.x[at] - cells.x[of], cells.degree)
         rows = np.column_stack([np.ones(len(of)), moved.reshape(len(of), 6 * size)])
         _add(others, at, quality[of, None] * rows)
     others = cells.summed(others)
@@ -338,35 +365,16 @@ def _fitted(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     size = moments.shape[1]
     moments = moments / moments[:, :1, :1]
-    a, squares = moments[:, 1:, 0], moments[:, 1:, 1:size]
-    scale = 1.0 / np.sqrt(np.einsum("vii->vi", squares))
-    quality = 1.0 - _explained(a[:, :3] * scale[:, :3], _scaled(squares[:, :3, :3], scale[:, :3]))
+    mean = moments[:, 1:, 0]
+    scale = 1.0 / np.sqrt(np.einsum("vii->vi", moments[:, 1:, 1:size]))
     scale[:, 3:] *= _SECOND
-    centred = moments[:, 1:, 1:] - a[:, :, None] * moments[:, :1, 1:]
-    inverse = np.linalg.pinv(_scaled(centred[:, :, : size - 1], scale), _SINGULAR, hermitian=True)
-    slopes = scale[:, :, None] * (inverse @ (scale[:, :, None] * centred[:, :, size - 1 :]))
-    constant = moments[:, :1, size:] - a[:, None] @ slopes
-    return np.concatenate([constant, slopes], axis=1), np.maximum(quality, 1e-9)
-
-
-def _scaled(squares: FloatArray, scale: FloatArray) -> FloatArray:
-    return squares * scale[:, :, None] * scale[:, None]
-
-
-def _explained(a: FloatArray, squares: FloatArray) -> FloatArray:
-    """z/(1 + z) of the z of the module, by the mean and the mean squares of places from the vertex, (v, 3) and (v, 3,
-    3)."""
-    return np.einsum("vi,vij,vj->v", a, np.linalg.pinv(squares, _SINGULAR, hermitian=True), a)
-
-
-def _moved(c: FloatArray, d: FloatArray, monomials: Callable[[FloatArray], FloatArray]) -> FloatArray:
-    """Coefficients about places that are d (n, 3) from those of coefficients c (n, m, 6)."""
-    moved = c.copy()
-    moved[:, 0] = np.einsum("nm,nmk->nk", monomials(d), c)
-    for product, (i, j) in zip(c[:, 4:].swapaxes(0, 1), PAIRS, strict=False):
-        moved[:, 1 + i] += d[:, j, None] * product
-        moved[:, 1 + j] += d[:, i, None] * product
-    return moved
+    centred = scale[:, :, None] * (moments[:, 1:, 1:] - mean[:, :, None] * moments[:, :1, 1:])
+    scatter = centred[:, :, : size - 1] * scale[:, None]
+    slopes = scale[:, :, None] * (np.linalg.pinv(scatter, _SINGULAR, hermitian=True) @ centred[:, :, size - 1 :])
+    constant = moments[:, :1, size:] - mean[:, None] @ slopes
+    linear, place = scatter[:, :3, :3] + _SINGULAR * np.eye(3), (mean * scale)[:, :3, None]
+    z = place.swapaxes(1, 2) @ np.linalg.solve(linear, place)
+    return np.concatenate([constant, slopes], axis=1), 1.0 / (1.0 + z[:, 0, 0])
 
 
 def _add(total: FloatArray, at: npt.NDArray[np.integer[Any]], rows: FloatArray) -> None:
