@@ -42,8 +42,9 @@ from .elasticity import LoadedBody
 from .materials import PAIRS, UPPER, CellMaterials, by_group
 
 _FINE = 1e-3
-"""Weight of the other points of hexahedra in the fit.  Without them nothing is known of the slope across a single layer
-of cells, and the bending stress there counts as an error."""
+"""Weight in a fit of the points of the integrals, beside the best ones with 1.  It has a unique solution by them in a
+single cell, too.  Without them nothing is known of the slope across a single layer of cells, and the bending stress
+there counts as an error."""
 
 _BETTER = 1.5
 """Ratio of the qualities from which on a polynomial is mixed with another."""
@@ -52,12 +53,6 @@ _OWN = 3.0
 """Share of its own in a mixed polynomial, over its quality and that of the others.  With 0 a coarse mesh of hexahedra
 of second order, two along each edge, has 3.5 times the error instead of 2.6; without the others eta is too small, 0.87
 of the error on four linear hexahedra along an edge, and 0.8 in second order on fine meshes, too."""
-
-_SECOND = 0.1
-"""Factor of the monomials of second order by which linear ones are preferred."""
-
-_SINGULAR = 1e-9
-"""Eigenvalue of a fit, of 1, below which its points say nothing of a polynomial: it is left out."""
 
 _AT_ONCE = 2000
 """Cells at a time, so that little memory is needed: 40 kB for each."""
@@ -130,8 +125,7 @@ def stress_error(body: LoadedBody, u: FloatArray, change: FloatArray | None = No
         )
     cells = _Cells(body, u, change)
     found = np.zeros((3, cells.count))
-    # Exact for differences linear in each direction, or of the order of the elements: more points change eta by 1e-3.
-    X, weights = _points(cells, 2 * body.degree + (1 if cells.kind.name == "hexahedron" else 0))
+    X, weights = cells.integration()
     N = lagrange_values(cells.kind, 1, X)
     for of_material in _by_material(body, cells.count, cells.heated):
         polynomials = _recovered(cells, of_material)
@@ -143,8 +137,9 @@ def stress_error(body: LoadedBody, u: FloatArray, change: FloatArray | None = No
             recovered = np.einsum("cqm,cqmk->cqk", terms, between.reshape(*terms.shape, 6))
             difference = recovered - stress
             volume *= weights
-            for row, values in enumerate((cells.energy(part, difference), cells.energy(part, stress), 1.0)):
-                found[row, part] = np.sum(values * volume, axis=1)
+            for row, of in enumerate((difference, stress)):
+                found[row, part] = np.sum(cells.energy(part, of) * volume, axis=1)
+            found[2, part] = volume.sum(axis=1)
     total, norm = np.sqrt(body.comm.allreduce(found[:2].sum(axis=1), op=MPI.SUM))
     return StressError(found[0], found[2], cells.modulus, float(total), float(norm))
 
@@ -156,7 +151,8 @@ def _by_material(body: LoadedBody, count: int, heated: bool) -> list[IntArray]:
     """
     found: dict[str, list[IntArray]] = {}
     for name, material in by_group(body.materials or {}):
-        elastic = replace(material, density=None, conductivity=None, **({} if heated else {"expansion": None}))
+        expansion = material.expansion if heated else None
+        elastic = replace(cast(Any, material), density=None, conductivity=None, expansion=expansion)
         here = np.arange(count) if name is None else body.mesh.group(name, "material")
         found.setdefault(repr(elastic), []).append(np.asarray(here, dtype=np.int64))
     return [np.concatenate(cells) for cells in found.values()]
@@ -268,6 +264,10 @@ class _Cells:
             stress -= kelvin[:, :, None] * self._per_kelvin[cells][:, None]
         return _monomials(N @ x, self.degree), stress, np.abs(volume.T)
 
+    def integration(self) -> tuple[FloatArray, FloatArray]:
+        """Points (q, 3) and weights (q,) of the integrals: more of them change eta by 1e-3 of itself."""
+        return _points(self, 2 * self.degree + (self.kind.name == "hexahedron"))
+
     def origins(self, cells: IntArray) -> FloatArray:
         """The first vertex of each cell, metres, shape (c, 3): places in a cell are taken from there."""
         return self.x[self.vertices[cells, 0]]
@@ -311,19 +311,12 @@ class _Cells:
         return total
 
 
-def _samples(cells: _Cells) -> tuple[FloatArray, FloatArray]:
-    """Points of the reference cell to which stresses are fitted, (q, 3), and their weights (q,)."""
-    if cells.kind.name == "tetrahedron":
-        points, _ = _points(cells, cells.degree)
-        return points, np.ones(len(points))
-    best, all_ = (_points(cells, 2 * cells.degree + shift)[0] for shift in (-1, 1))
-    return np.concatenate([best, all_]), np.repeat([1.0, _FINE], [len(best), len(all_)])
-
-
 def _recovered(cells: _Cells, own: IntArray) -> FloatArray:
     """Coefficients of the polynomials of this rank's vertices in the cells of one material, `own`, by their
     `monomials`, shape (v, m, 6), 0 at vertices elsewhere; collective."""
-    X, weights = _samples(cells)
+    best, _ = _points(cells, cells.degree if cells.kind.name == "tetrahedron" else 2 * cells.degree - 1)
+    fine, _ = cells.integration()
+    X, weights = np.concatenate([best, fine]), np.repeat([1.0, _FINE], [len(best), len(fine)])
     size = 4 if cells.degree == 1 else 10
     moments = np.zeros((len(cells.x), size, size + 6))
     for part in _parts(own):
@@ -359,21 +352,19 @@ def _fitted(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Polynomials (v, m, 6) of least squares, and their qualities (v,), of the weighted sums (v, m, m + 6) of products
     of the monomials with themselves and with the stress.
 
-    The mean over the points is taken off both, so that a constant is exact however few the points are; each monomial is
-    divided by its size, so that the unit does not matter, and those of second order count for less where points cannot
-    tell them from linear ones.
+    The mean over the points is taken off both, so that a constant stress is exact; each monomial is divided by its
+    size, so that the unit does not matter.
     """
     size = moments.shape[1]
     moments = moments / moments[:, :1, :1]
     mean = moments[:, 1:, 0]
     scale = 1.0 / np.sqrt(np.einsum("vii->vi", moments[:, 1:, 1:size]))
-    scale[:, 3:] *= _SECOND
     centred = scale[:, :, None] * (moments[:, 1:, 1:] - mean[:, :, None] * moments[:, :1, 1:])
     scatter = centred[:, :, : size - 1] * scale[:, None]
-    slopes = scale[:, :, None] * (np.linalg.pinv(scatter, _SINGULAR, hermitian=True) @ centred[:, :, size - 1 :])
+    slopes = scale[:, :, None] * (np.linalg.solve(scatter, centred[:, :, size - 1 :]))
     constant = moments[:, :1, size:] - mean[:, None] @ slopes
-    linear, place = scatter[:, :3, :3] + _SINGULAR * np.eye(3), (mean * scale)[:, :3, None]
-    z = place.swapaxes(1, 2) @ np.linalg.solve(linear, place)
+    place = (mean * scale)[:, :3, None]
+    z = place.swapaxes(1, 2) @ np.linalg.solve(scatter[:, :3, :3], place)
     return np.concatenate([constant, slopes], axis=1), 1.0 / (1.0 + z[:, 0, 0])
 
 
@@ -383,4 +374,4 @@ def _add(total: FloatArray, at: npt.NDArray[np.integer[Any]], rows: FloatArray) 
     sums = scipy.sparse.csr_matrix(
         (np.ones(at.size), (inverse.ravel(), np.arange(at.size))), shape=(len(numbers), at.size)
     )
-    total[numbers] += (sums @ rows.reshape(at.size, -1)).reshape(len(numbers), *total.shape[1:])
+    total[numbers] += (sums @ rows.reshape(at.size, total[0].size)).reshape(len(numbers), *total.shape[1:])
