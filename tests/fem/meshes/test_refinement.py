@@ -236,3 +236,19 @@ def test_what_cannot_be_refined():
         refined(hexahedra, np.array([0]))
     with pytest.raises(ValueError, match="27-node hexahedra cannot be refined"):
         refined(coulomb.second_order(hexahedra))
+
+
+def test_local_refinement_is_that_of_dolfinx():
+    """The same cells, found there in C++."""
+    mesh = coulomb.box((2.0, 1.0, 1.0), (4, 3, 2), "tetrahedron", MPI.COMM_SELF, bend)
+    marked = near(mesh, (1.0, 0.5, 0.5), 0.4)
+    mesh.domain.topology.create_entities(1)
+    mesh.domain.topology.create_connectivity(3, 1)
+    edges = np.unique(mesh.domain.topology.connectivity(3, 1).array.reshape(-1, 6)[marked])
+    found = dolfinx_mesh.refine(mesh.domain, edges)
+    expected = coulomb.NamedMesh(found[0] if isinstance(found, tuple) else found, {})  # until 0.8
+    middles = [
+        cells[np.lexsort(cells.round(9).T)]
+        for cells in (corners(m).mean(axis=1) for m in (refined(mesh, marked), expected))
+    ]
+    assert len(middles[0]) > 144 + 7 * marked.sum() and np.abs(middles[0] - middles[1]).max() < 1e-12
