@@ -1,5 +1,5 @@
 """Meshes with named groups of cells and facets: built (`box_mesh`), read from files (`read_mesh`), inspected, moved,
-joined and made second order.  Nodal fields in files belong here as well.
+joined, refined and made of first or second order.  Nodal fields in files belong here as well.
 """
 
 from .comparison import comparison_meshes

@@ -146,6 +146,12 @@ def lagrange_slopes(cell: Any, degree: int, X: FloatArray) -> FloatArray:
     return np.asarray(_element(cell.name, degree).tabulate(1, X))[1:, :, :, 0]
 
 
+def corners_to_nodes(cell: Any) -> FloatArray:
+    """Matrix from values at the corners of a cell to those at the nodes of its second-order Lagrange functions, shape
+    (nodes, corners): exactly 1, 1/2, 1/4 or 1/8."""
+    return np.round(8.0 * lagrange_values(cell, 1, lagrange_points(cell, 2))) / 8.0
+
+
 @functools.cache
 def facet_columns(cell: Any, degree: int) -> npt.NDArray[np.int64]:
     """Columns of a cell's nodes that are on each of its facets, shape (facets, nodes of a facet): a facet's nodes in

@@ -25,11 +25,10 @@ from .inspection import FLAT, InspectedMesh, inspect
 from .lagrange import (
     CORNERS,
     corner_geometry,
+    corners_to_nodes,
     in_dolfinx_order,
     is_second_order,
     jacobians,
-    lagrange_points,
-    lagrange_values,
 )
 from .mesh_file import MeshFile
 from .mesh_parts import corners_of, local_cells, local_facets
@@ -115,8 +114,7 @@ def _of_order(order: Callable[[NamedMesh], NamedMesh], mesh: NamedMesh, domain: 
 
 def _points(domain: Any, dofs: npt.NDArray[np.int32], owned: int) -> FloatArray:
     """Places of this rank's own nodes, shape (owned, 3), the corners exactly those of the mesh."""
-    kind = domain.topology.cell_type
-    weights = np.round(8.0 * lagrange_values(kind, 1, lagrange_points(kind, 2))) / 8.0  # 1, 1/2, 1/4, 1/8
+    weights = corners_to_nodes(domain.topology.cell_type)
     in_cells = np.einsum("nc,kci->kni", weights, domain.geometry.x[corner_geometry(domain)])
     points = np.empty((owned, 3))
     mine = dofs < owned

@@ -12,7 +12,7 @@ import coulomb
 from coulomb.fem import compat
 from coulomb.fem.compat import mesh as dolfinx_mesh
 from coulomb.fem.meshes import aspects, first_order, refined
-from coulomb.fem.meshes.lagrange import corner_geometry
+from coulomb.fem.meshes.lagrange import corner_geometry, corners_to_nodes
 
 CELLS = ("hexahedron", "tetrahedron")
 
@@ -114,7 +114,7 @@ def test_coarser_boxes_of_other_order_and_at_other_places():
     assert first_order(coulomb.second_order(half)).coarser().coarser is None
 
 
-KINDS = (("hexahedron", 1), ("tetrahedron", 1), ("tetrahedron", 2))
+KINDS = (("hexahedron", 1), ("hexahedron", 2), ("tetrahedron", 1), ("tetrahedron", 2))
 
 
 @pytest.mark.parametrize(("cell", "degree"), KINDS)
@@ -148,13 +148,13 @@ def test_local_refinement(degree):
     assert number_of_cells(refined(mesh, np.empty(0, dtype=np.int32))) == number_of_cells(mesh)
 
 
-@pytest.mark.parametrize("local", [False, True])
-def test_new_nodes_are_on_the_quadratic_map_of_their_parents(local):
+@pytest.mark.parametrize(("cell", "local"), [("hexahedron", False), ("tetrahedron", False), ("tetrahedron", True)])
+def test_new_nodes_are_on_the_quadratic_map_of_their_parents(cell, local):
     """Where the place is a quadratic function of the regular box, its inverse makes cells straight."""
     bent = coulomb.box(
         (2.0, 1.0, 1.0),
         (2, 1, 1),
-        "tetrahedron",
+        cell,
         place=lambda x: np.array([x[0], x[1] + 0.1 * x[0] ** 2, x[2] + 0.2 * x[0] * x[2]]),
         degree=2,
     )
@@ -164,8 +164,8 @@ def test_new_nodes_are_on_the_quadratic_map_of_their_parents(local):
     flat = np.column_stack([x, y - 0.1 * x**2, z / (1.0 + 0.2 * x)])
     assert np.abs(8.0 * flat - np.round(8.0 * flat)).max() < 1e-14
     cells = flat[compat.cell_geometry(bent.domain)]
-    middles = cells[:, [[2, 3], [1, 3], [1, 2], [0, 3], [0, 2], [0, 1]]].mean(axis=2)
-    assert np.abs(cells[:, 4:] - middles).max() < 1e-14
+    straight = corners_to_nodes(bent.domain.topology.cell_type) @ cells[:, : 8 if cell == "hexahedron" else 4]
+    assert np.abs(cells - straight).max() < 1e-14
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -234,5 +234,19 @@ def test_what_cannot_be_refined():
     hexahedra = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1))
     with pytest.raises(ValueError, match="hexahedra cannot be marked"):
         refined(hexahedra, np.array([0]))
-    with pytest.raises(ValueError, match="27-node hexahedra cannot be refined"):
-        refined(coulomb.second_order(hexahedra))
+
+
+def test_local_refinement_is_that_of_dolfinx():
+    """The same cells, found there in C++."""
+    mesh = coulomb.box((2.0, 1.0, 1.0), (4, 3, 2), "tetrahedron", MPI.COMM_SELF, bend)
+    marked = near(mesh, (1.0, 0.5, 0.5), 0.4)
+    mesh.domain.topology.create_entities(1)
+    mesh.domain.topology.create_connectivity(3, 1)
+    edges = np.unique(mesh.domain.topology.connectivity(3, 1).array.reshape(-1, 6)[marked])
+    found = dolfinx_mesh.refine(mesh.domain, edges)
+    expected = coulomb.NamedMesh(found[0] if isinstance(found, tuple) else found, {})  # until 0.8
+    middles = [
+        cells[np.lexsort(cells.round(9).T)]
+        for cells in (corners(m).mean(axis=1) for m in (refined(mesh, marked), expected))
+    ]
+    assert len(middles[0]) > 144 + 7 * marked.sum() and np.abs(middles[0] - middles[1]).max() < 1e-12
