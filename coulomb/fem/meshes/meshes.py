@@ -32,7 +32,7 @@ from .lagrange import (
 )
 from .mesh_file import MeshFile
 from .mesh_parts import corners_of, local_cells, local_facets
-from .named_mesh import NamedMesh
+from .named_mesh import Grid, NamedMesh, Planes
 
 
 def second_order(mesh: NamedMesh) -> NamedMesh:
@@ -109,6 +109,7 @@ def _of_order(order: Callable[[NamedMesh], NamedMesh], mesh: NamedMesh, domain: 
         faces=local_facets(domain, rows),
         cells=local_cells(domain, starts, cells),
         coarser=None if coarser is None else lambda: order(coarser()),
+        grid=None,
     )
 
 
@@ -155,8 +156,17 @@ def box(
         raise ValueError(f"box: cell must be one of {', '.join(CELLS)}, but is {cell!r}")
     if degree not in (1, 2):
         raise ValueError(f"box: degree must be 1 or 2, but is {degree!r}")
-    corner = np.array(lengths, dtype=np.float64)
-    domain = mesh.create_box(comm, [np.zeros(3), corner], [int(n) for n in cells], cell_type=CELLS[cell])
+    ends = zip(lengths, cells, strict=True)
+    planes = [np.linspace(0.0, float(length), int(n) + 1) for length, n in ends]
+    return _box((planes[0], planes[1], planes[2]), cell, comm, place, degree)
+
+
+def _box(
+    planes: Planes, cell: str, comm: MPI.Comm, place: Callable[[FloatArray], FloatArray] | None, degree: int
+) -> NamedMesh:
+    """The box with these planes between its cells; arguments as of `box`."""
+    cells, corner = [len(along) - 1 for along in planes], np.array([along[-1] for along in planes])
+    domain = mesh.create_box(comm, [np.zeros(3), corner], cells, cell_type=CELLS[cell])
     near = 1e-6 * corner / np.asarray(cells)
     faces = {}
     for name, (axis, end) in BOX_FACES.items():
@@ -164,14 +174,28 @@ def box(
             domain, 2, lambda x, i=axis, e=end: np.abs(x[i] - e * corner[i]) < near[i]
         )
     made = NamedMesh(domain, faces) if degree == 1 else second_order(NamedMesh(domain, faces))
-    if max(cells) > 1:
-        half = [math.ceil(n / 2) for n in cells]
-        made = replace(made, coarser=lambda: box(tuple(corner), half, cell, comm, place, degree))
+    x, own = made.domain.geometry.x, made.domain.topology.index_map(3).size_local
+    middles = x[corner_geometry(made.domain)[:own]].mean(axis=1) / corner
+    slabs = np.floor(middles * cells).astype(np.int64).T
+    even = [np.linspace(0.0, along[-1], len(along)) for along in planes]
+    if not all(map(np.array_equal, planes, even)):
+        x[:] = np.stack([np.interp(x[:, k], even[k], planes[k]) for k in range(3)], axis=1)
     if place is not None:
-        x = made.domain.geometry.x
         x[:] = evaluate_vectors(place, x.copy(), "box: place", comm)
         refuse_flat_cells(x[compat.cell_geometry(made.domain)], "box: place", comm)
-    return made
+
+    def make(planes: Planes) -> NamedMesh:
+        return _box(planes, cell, comm, place, degree)
+
+    coarser = None if max(cells) == 1 else lambda: make(resampled(planes, [math.ceil(n / 2) for n in cells]))
+    return replace(made, coarser=coarser, grid=Grid(planes, slabs, make))
+
+
+def resampled(planes: Planes, cells: Sequence[int]) -> Planes:
+    """Planes for other numbers of cells, graded as the given ones."""
+    at = [np.linspace(0.0, len(along) - 1.0, n + 1) for along, n in zip(planes, cells, strict=True)]
+    found = [np.interp(where, np.arange(len(along)), along) for where, along in zip(at, planes, strict=True)]
+    return found[0], found[1], found[2]
 
 
 _UNEVEN = 1e-3

@@ -16,6 +16,24 @@ from .. import compat
 from ..geometry import Point, RigidMotion, Rotation, Turn, check_point
 from .lagrange import corner_geometry
 
+Planes = tuple[FloatArray, FloatArray, FloatArray]
+"""Of a box, the coordinates of the planes between its cells along x, y and z, ends included, metres."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """How a box was made.
+
+    Attributes:
+        planes: Before it was placed or moved.
+        slabs: Of this rank's own cells the slabs between planes along x, y and z, shape (3, k).
+        make: Makes it with other planes; collective.
+    """
+
+    planes: Planes
+    slabs: npt.NDArray[np.int64]
+    make: Callable[[Planes], NamedMesh]
+
 
 @dataclass(frozen=True)
 class NamedMesh:
@@ -31,6 +49,7 @@ class NamedMesh:
             (k, 3).
         coarser: Makes the same body with about half as many cells along each edge, collectively; None where there is
             no such mesh.  ValueError if its cells would be flat.
+        grid: Of a box, how it was made.
     """
 
     domain: Any
@@ -40,6 +59,7 @@ class NamedMesh:
     components: int = 1
     touching: FloatArray = field(default_factory=lambda: np.empty((0, 3)), repr=False)
     coarser: Callable[[], NamedMesh] | None = field(default=None, repr=False, compare=False)
+    grid: Grid | None = field(default=None, repr=False, compare=False)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -120,12 +140,13 @@ def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None =
     motion = motion_of(translate, rotate)
     domain = compat.copied_mesh(mesh.domain)
     domain.geometry.x[:] = placed(motion, domain.geometry.x)
-    coarser = mesh.coarser
+    coarser, grid = mesh.coarser, mesh.grid
     return replace(
         mesh,
         domain=domain,
         touching=placed(motion, mesh.touching),
         coarser=None if coarser is None else lambda: moved(coarser(), translate, rotate),
+        grid=None if grid is None else replace(grid, make=lambda planes: moved(grid.make(planes), translate, rotate)),
     )
 
 

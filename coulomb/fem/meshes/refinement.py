@@ -234,6 +234,7 @@ def _made(
         components=components,
         touching=touching,
         coarser=lambda: mesh,
+        grid=None,
     )
 
 

@@ -1,0 +1,109 @@
+"""Meshes that refine themselves until the totals that are asked for are known well enough."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..fem.bodies import Deformable, relative_error, stress_errors
+from ..fem.contact import interpolated_forces
+from ..fem.meshes import finer
+from ..model.problem import ContactProblem
+from ..model.solution import Solution
+from ..solvers.friction_problem import Solver
+from ..solvers.results import ProgressCallback
+from .accuracy import TOLERANCE
+from .error_bars import ErrorBar, ErrorBars, NoErrorBars, answer_of, bars_of
+
+UNKNOWNS = 300_000
+"""Displacement unknowns that a finer mesh may have by default."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """An answer on a mesh that was refined for it.
+
+    Attributes:
+        solution: The answer on the last mesh.
+        bars: Its error bars, by the meshes before.
+        largest: The largest error bar of the totals asked for, over the total.
+        reached: Whether it is as small as was asked for.
+    """
+
+    solution: Solution
+    bars: ErrorBars
+    largest: float
+    reached: bool
+
+
+def refine(
+    problem: ContactProblem,
+    to: float,
+    totals: Sequence[str] = (),
+    unknowns: int = UNKNOWNS,
+    tolerance: float = TOLERANCE,
+    solver: Solver | None = None,
+    progress: ProgressCallback | None = None,
+    said: Callable[[ContactProblem, float, float], None] = lambda *_: None,
+) -> Refined:
+    """Solve a problem on finer and finer meshes (`fem.meshes.finer`), each started from the forces on the one before,
+    until the error bars of some totals, by the last three meshes, are small enough; collective.
+
+    Args:
+        problem: The problem, on a coarse mesh.
+        to: Error bar over total, at most, as 0.02.
+        totals: Places of the totals in summary.json; by default the force on every contact face, the strain energy and
+            the largest displacement.
+        unknowns: Displacement unknowns that no finer mesh may exceed.
+        tolerance: Of the solver.
+        solver: As of `ContactProblem.solve`.
+        progress: Called after every step of a solver.
+        said: Called on every mesh with the problem, the error of the stress over the stress in the energy norm
+            (Zienkiewicz and Zhu), and the largest error bar of the totals over the total, inf on the first.
+
+    Raises:
+        NoErrorBars: If the problem cannot be posed on another mesh, or a total is unknown.
+        ValueError, NotConverged: As of `ContactProblem.solve`.
+    """
+    if isinstance(problem.made_of, Deformable):
+        raise NoErrorBars("a Body of your own forms cannot be posed on a finer mesh from here")
+    posed, start, answers = problem, None, []
+    while True:
+        solution = posed.solve(tolerance, solver, progress, start)
+        heated = solution.problem.loading.temperature
+        change = None if heated is None else heated.change
+        stress = stress_errors(solution.problem.elasticity, solution.displacement, change)
+        answers.insert(0, replace(answer_of(solution, tolerance)))
+        asked = _asked(answers[0].totals, totals)
+        bars, largest = None, math.inf
+        if len(answers) > 1:
+            bars = bars_of(answers[:3])
+            largest = max(_relative(bars[name]) for name in asked)
+        said(posed, relative_error(stress.values()), largest)
+        if bars is not None and largest <= to:
+            return Refined(solution, bars, largest, True)
+        mesh = posed.made_of
+        assert not isinstance(mesh, Deformable)
+        next_one = problem.on(finer(mesh, {name: one.squared for name, one in stress.items()}))
+        if bars is not None and next_one.unknowns["displacement"] > unknowns:
+            return Refined(solution, bars, largest, False)
+        start = interpolated_forces(solution.contact_force, solution.problem.surface, next_one.surface)
+        posed = next_one
+
+
+def _asked(known: Sequence[str], totals: Sequence[str]) -> list[str]:
+    if unknown := [name for name in totals if name not in known]:
+        raise NoErrorBars(f"there is no total {unknown[0]!r}; there are {', '.join(known)}")
+    forces = [name for name in known if name.startswith(("totals", "faces")) and name.endswith(".force")]
+    return list(totals) or [*forces, "strain_energy", "maximum.displacement"]
+
+
+def _relative(bar: ErrorBar) -> float:
+    """Error bar over total; inf where it does not converge."""
+    size, error = float(np.linalg.norm(bar.value)), float(np.linalg.norm(bar.bar))
+    if not math.isfinite(error):
+        return math.inf
+    return error / size if size > 0.0 else math.copysign(math.inf, error) if error > 0.0 else 0.0
