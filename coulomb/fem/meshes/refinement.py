@@ -40,7 +40,7 @@ def refined(
     """The mesh with smaller cells of the same body: eight for one, or fewer round marked ones; collective.
 
     The body keeps its shape: new nodes are where the map of the old cells has them, which may be curved in those of
-    second order.  Cells are distributed among the ranks anew.
+    second order.  Cells are distributed among the ranks anew.  The `coarser` of the result gives the mesh given here.
 
     Args:
         mesh: A mesh of any order with its named faces and groups of cells, which are kept.
