@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import ProgressCallback
 from .accuracy import TOLERANCE
-from .error_bars import ErrorBar, ErrorBars, NoErrorBars, answer_of, bars_of
+from .error_bars import Answer, ErrorBar, ErrorBars, NoErrorBars, answer_of, bars_of
 
 UNKNOWNS = 300_000
 """Displacement unknowns that a finer mesh may have by default."""
@@ -70,13 +70,14 @@ def refine(
     """
     if isinstance(problem.made_of, Deformable):
         raise NoErrorBars("a Body of your own forms cannot be posed on a finer mesh from here")
-    posed, start, answers = problem, None, []
+    posed, start = problem, None
+    answers: list[Answer] = []
     while True:
         solution = posed.solve(tolerance, solver, progress, start)
         heated = solution.problem.loading.temperature
         change = None if heated is None else heated.change
         stress = stress_errors(solution.problem.elasticity, solution.displacement, change)
-        answers.insert(0, replace(answer_of(solution, tolerance)))
+        answers.insert(0, answer_of(solution, tolerance))
         asked = _asked(answers[0].totals, totals)
         bars, largest = None, math.inf
         if len(answers) > 1:
@@ -94,7 +95,7 @@ def refine(
         posed = next_one
 
 
-def _asked(known: Sequence[str], totals: Sequence[str]) -> list[str]:
+def _asked(known: Iterable[str], totals: Sequence[str]) -> list[str]:
     if unknown := [name for name in totals if name not in known]:
         raise NoErrorBars(f"there is no total {unknown[0]!r}; there are {', '.join(known)}")
     forces = [name for name in known if name.startswith(("totals", "faces")) and name.endswith(".force")]
@@ -106,4 +107,4 @@ def _relative(bar: ErrorBar) -> float:
     size, error = float(np.linalg.norm(bar.value)), float(np.linalg.norm(bar.bar))
     if not math.isfinite(error):
         return math.inf
-    return error / size if size > 0.0 else math.copysign(math.inf, error) if error > 0.0 else 0.0
+    return error / size if size > 0.0 else (math.inf if error > 0.0 else 0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -68,8 +69,12 @@ def finer(mesh: NamedMesh | JoinedMesh, squared: Mapping[str, FloatArray]) -> Na
             found[name] = refined(one, mine >= least)
         else:
             found[name] = refined(one)
-    kept = {name: replace(one, coarser=lambda one=bodies[name]: one) for name, one in found.items()}
+    kept = {name: replace(one, coarser=partial(_itself, bodies[name])) for name, one in found.items()}
     return JoinedMesh(kept) if isinstance(mesh, JoinedMesh) else kept[""]
+
+
+def _itself(mesh: NamedMesh) -> NamedMesh:
+    return mesh
 
 
 def _graded(mesh: NamedMesh, grid: Grid, squared: FloatArray) -> NamedMesh:
