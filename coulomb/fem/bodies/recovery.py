@@ -36,7 +36,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray, IntArray
 from .. import compat
 from ..compat import basix
-from ..meshes import Exchange, lagrange_slopes, lagrange_values, owner_of, starts_of
+from ..meshes import Exchange, corner_geometry, lagrange_slopes, lagrange_values, owner_of, starts_of
 from .deformable import Deformable
 from .elasticity import LoadedBody
 from .materials import PAIRS, UPPER, CellMaterials, by_group
@@ -49,13 +49,8 @@ there counts as an error."""
 _BETTER = 1.5
 """Ratio of the qualities from which on a polynomial is mixed with another."""
 
-_OWN = 3.0
-"""Share of its own in a mixed polynomial, over its quality and that of the others.  With 0 a coarse mesh of hexahedra
-of second order, two along each edge, has 3.5 times the error instead of 2.6; without the others eta is too small, 0.87
-of the error on four linear hexahedra along an edge, and 0.8 in second order on fine meshes, too."""
-
 _AT_ONCE = 2000
-"""Cells at a time, so that little memory is needed: 40 kB for each."""
+"""Cells at a time, so that little memory is needed: some 40 kB for each."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +113,7 @@ def stress_error(body: LoadedBody, u: FloatArray, change: FloatArray | None = No
     Raises:
         ValueError: If the stress is not known: of a body from the user's forms, or for large motions.
     """
-    if body.materials is None or not isinstance(getattr(body, "constants", None), dict):
+    if not hasattr(body, "constants"):
         raise ValueError(
             "the error of the stress is known of linear elastic materials only: for a body from your own forms, or for "
             "large motions, it is not known which stress belongs to a strain"
@@ -223,11 +218,11 @@ class _Cells:
             of[: self.count] for of in (compat.cell_geometry(domain), compat.cell_dofs(body.V))
         )
         self._x, self._u = domain.geometry.x, body.function(u).x.array.reshape(-1, 3)
-        corners = len(basix.geometry(getattr(basix.CellType, self.kind.name)))
-        self.vertices = topology.connectivity(3, 0).array.reshape(-1, corners)[: self.count]
+        corners = corner_geometry(domain)[: self.count]
+        self.vertices = topology.connectivity(3, 0).array.reshape(-1, corners.shape[1])[: self.count]
         self.of_vertices = topology.index_map(0)
         self.x = np.zeros((self.of_vertices.size_local + self.of_vertices.num_ghosts, 3))
-        self.x[self.vertices] = self._x[self._points[:, :corners]]
+        self.x[self.vertices] = self._x[corners]
         material = CellMaterials.of_fields({name: self._own(given) for name, given in body.constants.items()})
         of_cells, stiffness = material.directional, material.stiffness
         self.modulus = material.young if of_cells is None else 3.0 / np.sum(1.0 / of_cells.young, axis=1)
@@ -343,7 +338,7 @@ def _recovered(cells: _Cells, own: IntArray) -> FloatArray:
     others = cells.summed(others)
     mixed = others[:, 0] > 0.0
     mean = (others[mixed, 1:] / others[mixed, :1]).reshape(-1, size, 6)
-    share = _OWN * quality[mixed][:, None, None]
+    share = quality[mixed][:, None, None]
     polynomials[mixed] = (mean + share * polynomials[mixed]) / (1.0 + share)
     return polynomials
 
@@ -353,15 +348,15 @@ def _fitted(moments: FloatArray) -> tuple[FloatArray, FloatArray]:
     of the monomials with themselves and with the stress.
 
     The mean over the points is taken off both, so that a constant stress is exact; each monomial is divided by its
-    size, so that the unit does not matter.
+    size, so that the unit does not matter.  A number at the size of rounding errors lets cells be as flat as they like.
     """
     size = moments.shape[1]
     moments = moments / moments[:, :1, :1]
     mean = moments[:, 1:, 0]
     scale = 1.0 / np.sqrt(np.einsum("vii->vi", moments[:, 1:, 1:size]))
     centred = scale[:, :, None] * (moments[:, 1:, 1:] - mean[:, :, None] * moments[:, :1, 1:])
-    scatter = centred[:, :, : size - 1] * scale[:, None]
-    slopes = scale[:, :, None] * (np.linalg.solve(scatter, centred[:, :, size - 1 :]))
+    scatter = centred[:, :, : size - 1] * scale[:, None] + 1e-14 * np.eye(size - 1)
+    slopes = scale[:, :, None] * np.linalg.solve(scatter, centred[:, :, size - 1 :])
     constant = moments[:, :1, size:] - mean[:, None] @ slopes
     place = (mean * scale)[:, :3, None]
     z = place.swapaxes(1, 2) @ np.linalg.solve(scatter[:, :3, :3], place)
