@@ -71,6 +71,17 @@ def run(
     error: Annotated[
         bool, typer.Option("--error", help="Error bars: solve on other meshes as well, as output.error = true.")
     ] = False,
+    refine_to: Annotated[
+        str | None,
+        typer.Option("--refine-to", help="Refine the mesh until the error bars are this part of the totals, as 2%."),
+    ] = None,
+    refine_for: Annotated[
+        list[str] | None,
+        typer.Option("--refine-for", help="A total, as totals.normal_force; by default forces, energy, displacement."),
+    ] = None,
+    most_unknowns: Annotated[
+        int, typer.Option("--most-unknowns", min=1, help="Displacement unknowns that a refined mesh may have.")
+    ] = 300_000,
     quiet: Quiet = False,
     log_file: LogFile = None,
     force: Force = False,
@@ -87,12 +98,29 @@ def run(
         with bad_input():
             asked = {"output.report=true": page, "output.error=true": error}
             settings = read_case(case, [*(changes or ()), *(change for change, given in asked.items() if given)])
+            wanted = None if refine_to is None else (_part(refine_to), refine_for or [], most_unknowns)
+            if wanted is not None and settings.history is not None:
+                raise ValueError("--refine-to is for single runs: refine the mesh for the loads of one time")
+            if refine_for and wanted is None:
+                raise ValueError("--refine-for says which totals --refine-to is about: give both")
 
         with drawing_soon(settings) as renderer:
             from .run_case import compute
 
             target = directory or Path(settings.output.directory)
-            compute(session, settings, case, target, force, overwrite=overwrite, renderer=renderer)
+            compute(session, settings, case, target, force, overwrite=overwrite, renderer=renderer, refinement=wanted)
+
+
+def _part(text: str) -> float:
+    """A part of 1, given as in "2%" or "0.02"; ValueError if it is none between 0 and 1."""
+    number, percent, rest = text.partition("%")
+    try:
+        value = float(number) / (100.0 if percent else 1.0)
+    except ValueError:
+        value = 0.0
+    if rest.strip() or not 0.0 < value < 1.0:
+        raise ValueError(f'--refine-to {text}: must be a part of the totals as in "2%" or "0.02"')
+    return value
 
 
 @app.command()

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import gc
+import json
+import math
 import os
+import shutil
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import typer
 from mpi4py import MPI
@@ -17,13 +23,16 @@ from threadpoolctl import threadpool_limits
 from ..case.case import Case
 from ..contact_names import normal_forces
 from ..fem.compilation import announce
+from ..fem.meshes import NamedMesh, gathered
+from ..fem.meshes import write as write_mesh
 from ..io import output
 from ..io.accuracy import accuracy
-from ..io.atomic_output import discard, locked, set_aside, settle
+from ..io.atomic_output import PARTIAL, discard, locked, set_aside, settle
 from ..io.case_record import case_record, case_text, refuse_another_case, write_case
 from ..io.error_bars import Companions, NoErrorBars, error_of
 from ..io.history_files import HistoryFiles, read_summary, steps_on_disk, whole_history
-from ..io.run_directory import CASE, PICTURE, RunDirectory
+from ..io.refinement import Refined, refine
+from ..io.run_directory import CASE, MESH, PICTURE, RunDirectory
 from ..io.summary import summary
 from ..linalg.factors import NotPositiveDefinite
 from ..model.load_history import StepFailed
@@ -52,6 +61,9 @@ from .terminal import (
     warn,
 )
 
+Refinement = tuple[float, list[str], int]
+"""What is asked for: error bar over total, the totals, and the largest number of unknowns."""
+
 SOLVED_WHILE_LOADING = 20_000
 """Displacement unknowns up to which a case is solved before the drawing process has loaded its libraries.  On two
 processors a second thread of BLAS then delays both: 2.3 s in place of 2.0 s for demos/block.toml."""
@@ -66,12 +78,14 @@ def compute(
     resume: bool = False,
     overwrite: bool = False,
     renderer: DrawingProcess | None = None,
+    refinement: Refinement | None = None,
 ) -> None:
     """Pose the problem of a case and solve it, or continue its load history from the steps in the directory of the
     results (`resume`); ends the command with its exit code.
 
     `source` is the file or directory of the case as given by the user.  If forced, case.json says that strains outside
-    the theory are accepted.  `renderer` is the drawing process, if it has been started already.
+    the theory are accepted.  `renderer` is the drawing process, if it has been started already.  With a `refinement`
+    the mesh is refined.
     """
     if not gc.get_freeze_count():  # once in a process: what is garbage then stays for ever
         gc.freeze()  # the modules loaded so far, which are no garbage and take long to search
@@ -91,7 +105,7 @@ def compute(
                 _take_steps(session, settings, problem, target, resume, overwrite)
             else:
                 with threadpool_limits(limits=_threads(problem, renderer)):
-                    _solve_once(session, settings, problem, target, overwrite, renderer)
+                    _solve_once(session, settings, problem, target, overwrite, renderer, refinement)
 
 
 def _threads(problem: ContactProblem, renderer: DrawingProcess | None) -> int | None:
@@ -121,18 +135,65 @@ def _solve_once(
     target: Path,
     overwrite: bool,
     renderer: DrawingProcess | None,
+    refinement: Refinement | None = None,
 ) -> None:
     """Solve, certify, write and report; ends the command with its exit code."""
-    files = case_record(settings, problem.comm)["files"]
-    solution, trouble = _solve(session, settings, problem)
+    with ExitStack() as stack:
+        if refinement is None:
+            solution, trouble = _solve(session, settings, problem)
+            files, mesh, bars = case_record(settings, problem.comm)["files"], None, dict[str, Any]()
+        else:
+            refined = _refine(session, settings, problem, refinement)
+            solution, trouble, bars = refined.solution, refined.trouble, {"error": refined.bars.entry()}
+            settings, files, mesh = stack.enter_context(refined_case(settings, solution, target))
+        _write_and_report(session, settings, solution, trouble, target, overwrite, renderer, bars, files, mesh)
+
+
+def _refine(session: Session, settings: Case, problem: ContactProblem, refinement: Refinement) -> Refined:
+    """The answer on a mesh refined until its error bars are small enough."""
+    to, totals, unknowns = refinement
+    display = Display(session.console, by_step=True)
+
+    def say(posed: ContactProblem, stress: float, largest: float) -> None:
+        known = f", error bars up to {100.0 * largest:.2g} % of the totals" if math.isfinite(largest) else ""
+        session.console.out(
+            f"mesh of {posed.unknowns['displacement']} displacement and {posed.unknowns['contact']} contact unknowns: "
+            f"error of the stress {100.0 * stress:.2g} %{known}"
+        )
+
+    with display, bad_input():
+        solver, progress = settings.contact_solver(), session.progress(display)
+        try:
+            found = refine(problem, to, totals, unknowns, settings.solver.tolerance, solver, progress, say)
+        except NotConverged as failure:
+            fail(f"{failure}; no mesh was refined", FAILED)
+    if found.trouble:
+        reason = f"error bars of {100.0 * found.largest:.2g} %, {100.0 * to:.2g} % was asked for: {found.trouble}"
+        return replace(found, trouble=reason)
+    return found
+
+
+def _write_and_report(
+    session: Session,
+    settings: Case,
+    solution: Solution,
+    trouble: str,
+    target: Path,
+    overwrite: bool,
+    renderer: DrawingProcess | None,
+    bars: dict[str, Any],
+    files: dict[str, str],
+    mesh: Path | None,
+) -> None:
+    problem, asked = solution.problem, settings.output.error and not trouble and not bars
     interrupted = solution.result.status is Status.INTERRUPTED
-    bars = _error_bars(session, settings, solution) if settings.output.error and not trouble else {}
+    bars = _error_bars(session, settings, solution) if asked else bars
     problem.seconds["total"] = time.perf_counter() - session.began
     written = True
     stopped = session.interruption
     try:
         extra = {"message": trouble, **({"mesh_files": files} if files else {}), **bars}
-        contents = output.write(solution, target, extra, {CASE: case_text(settings)}, overwrite)
+        contents = output.write(solution, target, extra, {CASE: case_text(settings)}, overwrite, mesh=mesh)
         if overwrite:
             on_rank_0(problem.comm, lambda: discard(target))
         if settings.output.picture and not stopped.asked():
@@ -156,6 +217,48 @@ def _solve_once(
         raise typer.Exit(INTERRUPTED)
     if trouble or not solution.valid:
         raise typer.Exit(FAILED)
+
+
+def _written(mesh: InspectedMesh, path: Path) -> str:
+    write_mesh(mesh, path)
+    return ""
+
+
+@contextmanager
+def refined_case(
+    settings: Case, solution: Solution, target: Path
+) -> Iterator[tuple[Case, dict[str, str], Path | None]]:
+    """The case with the meshes of an answer, the digests of their files, and the directory that has them until it is
+    moved to its place in the results; collective."""
+    comm, made = solution.problem.comm, cast(ContactProblem, solution.problem).made_of
+    assert isinstance(made, NamedMesh | JoinedMesh)  # of a case
+    meshes = {"": made} if isinstance(made, NamedMesh) else made.bodies
+
+    def begin() -> str:
+        target.mkdir(parents=True, exist_ok=True)
+        return tempfile.mkdtemp(prefix=PARTIAL, dir=target)
+
+    def case_in(place: Path) -> Case:
+        tables = settings.model_dump(mode="json", exclude_unset=True)
+        named = {name: str((place / f"{name or 'mesh'}.xdmf").absolute()) for name in meshes}
+        if settings.mesh is not None:
+            tables["mesh"] = {"file": named[""]}
+        for table in tables.get("body", ()):
+            kept = {key: table[key] for key in ("name", "material", "gravity") if key in table}
+            table.clear()
+            table.update(kept, file=named[kept["name"]])
+        if tables.pop("auto_contact", None) is not None:
+            tables["contact"] = [one.model_dump(mode="json", exclude_unset=True) for one in settings.contacts.values()]
+        return Case.model_validate_json(json.dumps(tables))
+
+    folder = Path(on_rank_0(comm, begin))
+    try:
+        for name, one in meshes.items():
+            on_rank_0(comm, partial(_written, gathered(one), folder / f"{name or 'mesh'}.xdmf"))
+        yield case_in(target / MESH), case_record(case_in(folder), comm)["files"], folder
+    finally:
+        if comm.rank == 0:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[Solution, str]:

@@ -29,7 +29,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..ranks import on_rank_0
-from .run_directory import CASE, FAILED, FIELDS, HISTORY, LOCK, PICTURE, REPORT, STEPS, SUMMARY, RunDirectory, read_json
+from .run_directory import (
+    CASE,
+    FAILED,
+    FIELDS,
+    HISTORY,
+    LOCK,
+    MESH,
+    PICTURE,
+    REPORT,
+    STEPS,
+    SUMMARY,
+    RunDirectory,
+    read_json,
+)
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -192,13 +205,13 @@ class Present:
         for name in self.names:
             path = self.folder / name
             yield path
-            if name in (STEPS, FAILED) and not path.is_symlink():
+            if name in (STEPS, FAILED, MESH) and not path.is_symlink():
                 yield from sorted(path.rglob("*"))
 
 
 def present(folder: Path) -> Present:
     """What there is in a directory, which need not exist."""
-    names = tuple(name for name in (*_FILES, STEPS, FAILED) if os.path.lexists(folder / name))
+    names = tuple(name for name in (*_FILES, STEPS, FAILED, MESH) if os.path.lexists(folder / name))
     files = RunDirectory(folder)
     steps = len(files.complete_steps) if files.is_history else 0
     return Present(folder, names, steps, steps > 0 or _says(files.summary) or _says(files.case))
@@ -216,12 +229,13 @@ def _says(path: Path) -> bool:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether a path below `steps` or `failed` is of the format."""
+    """Whether a path below `steps`, `failed` or `mesh` is of the format."""
     if any(part.startswith((PARTIAL, _COMPLETE)) for part in path.parts):
         return True
     if path.is_dir() and not path.is_symlink():
         return path.name == FAILED or bool(re.fullmatch(r"\d{4,}", path.name))
-    return path.name.lstrip(".") in _FILES or path.name == LOCK
+    of_mesh = path.parent.name == MESH and path.suffix in (".xdmf", ".h5")
+    return of_mesh or path.name.lstrip(".") in _FILES or path.name == LOCK
 
 
 # --- a single answer ----------------------------------------------------------------------------------------------

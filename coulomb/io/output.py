@@ -28,7 +28,7 @@ from ..solvers.results import OuterStep, QPStep
 from .atomic_output import PARTIAL, commit, present
 from .grid_file import write_grids
 from .result_grids import body_grids, collections, contact_facets, contact_grids
-from .run_directory import CONTACT, HISTORY, SOLUTION, SUMMARY
+from .run_directory import CONTACT, HISTORY, MESH, SOLUTION, SUMMARY
 from .summary import summary
 
 
@@ -39,6 +39,7 @@ def write(
     texts: Mapping[str, str] | None = None,
     overwrite: bool = False,
     fields: Mapping[str, Any] | None = None,
+    mesh: Path | None = None,
 ) -> dict[str, Any]:
     """Write all results into a directory; existing files are replaced only when all new ones are complete.
 
@@ -49,6 +50,7 @@ def write(
         texts: Contents of additional files, by name.
         overwrite: Whether load steps in the directory are removed.
         fields: The user's functions to be written beside, by name (`user_fields.interpolated`).
+        mesh: Directory of meshes that is moved there (`MESH`).
 
     Returns:
         The summary, with the seconds of the output added.
@@ -81,6 +83,8 @@ def write(
             write_json(contents, folder / SUMMARY)
             for name, text in (texts or {}).items():
                 (folder / name).write_text(text, encoding="utf-8")
+            if mesh is not None:
+                os.rename(mesh, folder / MESH)
             commit(folder, target)
             return json.dumps(contents)
 

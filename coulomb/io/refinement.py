@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..fem.meshes import finer
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
-from ..solvers.results import ProgressCallback
+from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
 from .error_bars import Answer, ErrorBar, ErrorBars, NoErrorBars, answer_of, bars_of
 
@@ -30,13 +30,13 @@ class Refined:
         solution: The answer on the last mesh.
         bars: Its error bars, by the meshes before.
         largest: The largest error bar of the totals asked for, over the total.
-        reached: Whether it is as small as was asked for.
+        trouble: Why it is not as small as was asked for; empty if it is.
     """
 
     solution: Solution
     bars: ErrorBars
     largest: float
-    reached: bool
+    trouble: str
 
 
 def refine(
@@ -72,8 +72,14 @@ def refine(
         raise NoErrorBars("a Body of your own forms cannot be posed on a finer mesh from here")
     posed, start = problem, None
     answers: list[Answer] = []
+    best: Refined | None = None
     while True:
-        solution = posed.solve(tolerance, solver, progress, start)
+        try:
+            solution = posed.solve(tolerance, solver, progress, start)
+        except NotConverged as failure:
+            if best is None:
+                raise
+            return replace(best, trouble=f"the next mesh, {posed.unknowns['displacement']} unknowns: {failure}")
         heated = solution.problem.loading.temperature
         change = None if heated is None else heated.change
         stress = stress_errors(solution.problem.elasticity, solution.displacement, change)
@@ -84,13 +90,15 @@ def refine(
             bars = bars_of(answers[:3])
             largest = max(_relative(bars[name]) for name in asked)
         said(posed, relative_error(stress.values()), largest)
-        if bars is not None and largest <= to:
-            return Refined(solution, bars, largest, True)
+        if bars is not None:
+            best = Refined(solution, bars, largest, "")
+            if largest <= to:
+                return best
         mesh = posed.made_of
         assert not isinstance(mesh, Deformable)
         next_one = problem.on(finer(mesh, {name: one.squared for name, one in stress.items()}))
-        if bars is not None and next_one.unknowns["displacement"] > unknowns:
-            return Refined(solution, bars, largest, False)
+        if best is not None and (many := next_one.unknowns["displacement"]) > unknowns:
+            return replace(best, trouble=f"the next mesh would have {many} unknowns, more than {unknowns}")
         start = interpolated_forces(solution.contact_force, solution.problem.surface, next_one.surface)
         posed = next_one
 

@@ -36,6 +36,9 @@ LOCK = "run.lock"
 STEPS, FAILED = "steps", "failed"
 """Directories of the load steps, and of the last iterate of one that failed."""
 
+MESH = "mesh"
+"""Directory of the meshes that a run has made itself by refinement, .xdmf with .h5, which its case names."""
+
 OLD = "incomplete, or written by another version of coulomb: run the case again"
 
 

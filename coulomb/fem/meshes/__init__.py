@@ -4,7 +4,7 @@ joined, refined and made of first or second order.  Nodal fields in files belong
 
 from .comparison import comparison_meshes, finer
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
-from .inspection import inspect
+from .inspection import InspectedMesh, inspect
 from .lagrange import (
     corner_geometry,
     facet_columns,
@@ -21,4 +21,4 @@ from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume
 from .nodal_field import NodalField
 from .refinement import refined
 from .xdmf_format import FACETS, SOLIDS
-from .xdmf_writing import HDF5Target, write
+from .xdmf_writing import HDF5Target, gathered, write

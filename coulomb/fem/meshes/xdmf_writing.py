@@ -14,7 +14,11 @@ import h5py
 import numpy as np
 
 from ...arrays import FloatArray, IntArray
+from .. import compat
 from .inspection import InspectedMesh
+from .lagrange import in_vtk_order
+from .mesh_parts import corners_of
+from .named_mesh import NamedMesh
 from .xdmf_format import FACETS, NAMES, SOLIDS
 
 
@@ -62,6 +66,29 @@ class HDF5Target:
         except OSError as error:
             self._fault = self._fault or error.strerror or str(error)
             return None
+
+
+def gathered(mesh: NamedMesh) -> InspectedMesh:
+    """A mesh on rank 0, for `write`; on the others without points, cells and facets; collective."""
+    domain, comm = mesh.domain, mesh.comm
+    own, points = domain.topology.index_map(3).size_local, domain.geometry.index_map()
+    local = np.arange(points.size_local + points.num_ghosts, dtype=np.int32)
+    number = np.asarray(points.local_to_global(local), dtype=np.int64)
+    first = domain.topology.index_map(3).local_range[0]
+
+    def whole(rows: Any) -> Any:
+        parts = comm.gather(rows)
+        return np.concatenate(parts) if parts is not None else rows[:0]
+
+    rows = in_vtk_order(number[compat.cell_geometry(domain)[:own]], "dolfinx")
+    of_faces = {name: np.sort(number[corners_of(domain, facets)], axis=1) for name, facets in mesh.faces.items()}
+    return InspectedMesh(
+        whole(domain.geometry.x[: points.size_local]),
+        whole(rows),
+        {name: whole(first + np.asarray(cells, dtype=np.int64)) for name, cells in mesh.cells.items()},
+        {name: np.unique(whole(corners), axis=0) for name, corners in of_faces.items()},
+        {},
+    )
 
 
 def write(mesh: InspectedMesh, path: Path) -> None:
