@@ -92,7 +92,7 @@ def relative_error(errors: Iterable[StressError]) -> float:
     """eta of several bodies over the norm of their stresses; 0 without any stress."""
     squares = np.array([(one.total, one.norm) for one in errors]) ** 2
     error, norm = np.sqrt(squares.sum(axis=0))
-    return float(error / norm) if norm != 0.0 else float(error)
+    return float(error / norm) if norm != 0.0 else 0.0
 
 
 def stress_errors(bodies: Deformable, u: FloatArray, change: FloatArray | None = None) -> dict[str, StressError]:
