@@ -60,7 +60,7 @@ there counts as an error."""
 _BETTER = 1.5
 """Ratio of the qualities from which on a polynomial is mixed with another."""
 
-_AT_ONCE = 2000
+_AT_ONCE = 1000
 """Cells at a time, so that little memory is needed: some 40 kB for each."""
 
 
