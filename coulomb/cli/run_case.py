@@ -23,7 +23,7 @@ from threadpoolctl import threadpool_limits
 from ..case.case import Case
 from ..contact_names import normal_forces
 from ..fem.compilation import announce
-from ..fem.meshes import NamedMesh, gathered
+from ..fem.meshes import InspectedMesh, JoinedMesh, NamedMesh, gathered
 from ..fem.meshes import write as write_mesh
 from ..io import output
 from ..io.accuracy import accuracy

@@ -45,7 +45,7 @@ from .materials import (
     midpoints,
 )
 from .mesh_components import mesh_components, unjoined_parts
-from .recovery import relative_error, stress_errors
+from .recovery import StressError, relative_error, stress_error, stress_errors
 from .rigid_modes import (
     RigidPart,
     component_modes,

@@ -290,6 +290,8 @@ def test_scales():
     assert millimetres.relative == pytest.approx(metres.relative)
     assert 1e6 * millimetres.stress == pytest.approx(metres.stress)
     assert metres.stress == pytest.approx(np.sqrt(2e11 * metres.squared / metres.volume))
+    wood = stress_error(body("tetrahedron", 1, WOOD, (1, 1, 1)), np.zeros((8, 3)))
+    assert wood.modulus == pytest.approx(1.0 / np.mean([1.0 / young for young in WOOD.young]))
 
 
 def test_several_bodies_and_those_without_a_stress():
