@@ -33,7 +33,7 @@ def plot(
         typer.Option(
             help=f"{', '.join(name for name in names() if name not in names(shown=''))}, displacement, "
             "von_mises_stress, stress_xx (_yy, _zz, _yz, _xz, _xy), principal_stress_1 (_2, _3), temperature_change, "
-            "peel_stress, shear_stress; "
+            "peel_stress, shear_stress, stress_error; "
             "of vectors with _x, _y or _z a component."
         ),
     ] = "pressure",

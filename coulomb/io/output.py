@@ -12,13 +12,13 @@ import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
 from ..contact_fields import names
 from ..fem import compat
-from ..fem.bodies import SingleBody
+from ..fem.bodies import Elasticity, SingleBody, stress_errors
 from ..fem.meshes import facet_columns
 from ..model.discrete_problem import DiscreteProblem
 from ..model.provenance import moment, now, provenance
@@ -30,6 +30,10 @@ from .grid_file import write_grids
 from .result_grids import body_grids, collections, contact_facets, contact_grids
 from .run_directory import CONTACT, HISTORY, MESH, SOLUTION, SUMMARY
 from .summary import summary
+
+
+STRESS_ERROR = "stress_error"
+"""Estimated error of the stress in a cell, pascals (`fem.bodies.recovery`), beside error bars."""
 
 
 def write(
@@ -71,7 +75,7 @@ def write(
     folder = Path(on_rank_0(comm, begin))
     try:
         refuse_full_disk(problem, folder)
-        _write_fields(solution, folder, fields or {})
+        _write_fields(solution, folder, fields or {}, "error" in (extra or {}))
         contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **(extra or {})}
         contents["run"] = provenance(problem.started, comm)
 
@@ -96,10 +100,19 @@ def write(
     return contents
 
 
-def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any]) -> None:
-    """solution.xdmf and contact.xdmf with their HDF5 files."""
+def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any], error: bool) -> None:
+    """solution.xdmf and contact.xdmf with their HDF5 files; with the `error` of the stress where it is known."""
     problem, (bodies, faces) = solution.problem, collections(solution.problem)
-    write_grids(problem.comm, folder / SOLUTION, body_grids(solution, given), problem.time, bodies)
+    grids = body_grids(solution, given)
+    if error and all(isinstance(member.body, Elasticity) for member in problem.elasticity.members):
+        temperature = problem.loading.temperature
+        change = None if temperature is None else temperature.change
+        errors = stress_errors(problem.elasticity, solution.displacement, change)
+        grids = [
+            replace(grid, on_cells={**grid.on_cells, STRESS_ERROR: one.stress})
+            for grid, one in zip(grids, errors.values(), strict=True)
+        ]
+    write_grids(problem.comm, folder / SOLUTION, grids, problem.time, bodies)
     write_grids(problem.comm, folder / CONTACT, contact_grids(solution), problem.time, faces)
 
 

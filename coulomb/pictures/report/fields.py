@@ -110,6 +110,7 @@ FIELDS = (
     Field("temperature_change", "solution", "temperature change", "K", SIGNED),
     Field("peel_stress", "solution", "normal stress of ties", "Pa", SIGNED),
     Field("shear_stress", "solution", "shear stress of ties", "Pa"),
+    Field("stress_error", "solution", "error of the stress", "Pa"),
 )
 
 

@@ -32,6 +32,7 @@ PICTURES = (
     ("von_mises_stress", "iso"),
     ("principal_stress_1", "iso"),
     ("principal_stress_3", "iso"),
+    ("stress_error", "iso"),
 )
 """Fields and views of the pictures."""
 
@@ -162,8 +163,11 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
     step = run.steps[-1]
     for name, view in (*PICTURES, *(OF_HISTORIES if run.is_history else ())):
         field = named(name)
-        if field.name.startswith(("von_mises", "principal")) and field.name not in step.grid(field.file).fields:
-            continue  # the stress of the user's forms is not known
+        if (
+            field.name.startswith(("von_mises", "principal", "stress_error"))
+            and field.name not in step.grid(field.file).fields
+        ):
+            continue  # the stress of the user's forms is not known, its error only beside error bars
         limits = limits_of(run, field)
         shot = cropped([shoot(step, Look(field, limits, scale, view), (1050, 780))])[0]
         file = io.BytesIO()
