@@ -60,6 +60,7 @@ supplied.update(
     write=_later(".pictures.picture_of_run", "write_with_picture"),
     faces=_later(".io.result_grids", "face_answers"),
     error=_later(".io.error_bars", "error_of"),
+    refine=_later(".io.refinement", "refine"),
     plot=_later(".pictures.picture_of_run", "plot_solution"),
     picture=_later(".pictures.picture_of_run", "picture"),
     plot_history=_later(".pictures.picture_of_run", "plot_history"),

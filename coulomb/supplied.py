@@ -9,5 +9,5 @@ from collections.abc import Callable
 from typing import Any
 
 supplied: dict[str, Callable[..., Any]] = {}
-"""By name: `write`, `faces`, `error`, `plot`, `picture`, `plot_history`, which take a `Solution` first; `large` and
-`nonlinear_body` give the classes of problems and bodies of large motions."""
+"""By name: `write`, `faces`, `error`, `plot`, `picture`, `plot_history`, which take a `Solution` first; `refine`, which
+takes a problem; `large` and `nonlinear_body` give the classes of problems and bodies of large motions."""

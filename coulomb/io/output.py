@@ -31,7 +31,6 @@ from .result_grids import body_grids, collections, contact_facets, contact_grids
 from .run_directory import CONTACT, HISTORY, MESH, SOLUTION, SUMMARY
 from .summary import summary
 
-
 STRESS_ERROR = "stress_error"
 """Estimated error of the stress in a cell, pascals (`fem.bodies.recovery`), beside error bars."""
 

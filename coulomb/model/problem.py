@@ -249,11 +249,8 @@ class ContactProblem(DiscreteProblem):
         return cast(NamedMesh | JoinedMesh | Deformable, arguments[0] if arguments else others["mesh"])
 
     def on(self, mesh: NamedMesh | JoinedMesh | Deformable) -> Self:
-        """The same problem on another mesh (or another `Body`), as it was first posed; collective.
-
-        Raises:
-            ValueError: On every rank, as of `ContactProblem`: if it has not the faces and groups of cells.
-        """
+        """The same problem on another mesh (or another `Body`), as it was first posed; ValueError on every rank if
+        that has not the faces and groups of cells; collective."""
         arguments, others = self._given
         if arguments:
             return type(self)(mesh, *arguments[1:], **others)
@@ -346,6 +343,11 @@ class ContactProblem(DiscreteProblem):
         if not self.silent:
             warn(answer)
         return answer
+
+    def refine(self, to: float, totals: Sequence[str] = (), unknowns: int = 300_000) -> Any:
+        """Solve on finer and finer meshes until the error bars of some totals are at most `to` of them, as 0.02;
+        `.solution` is the last answer, `.bars` are its error bars; arguments and errors: `io.refinement.refine`."""
+        return supplied["refine"](self, to, totals, unknowns)
 
     def _heated(
         self,
