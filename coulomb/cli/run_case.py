@@ -271,7 +271,7 @@ def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[S
         return problem.solution(failure.result), str(failure)
 
 
-def _bars_of_steps(settings: Case, problem: ContactProblem) -> Callable[[LoadStep], dict[str, Any]]:
+def _bars_of_steps(session: Session, settings: Case, problem: ContactProblem) -> Callable[[LoadStep], dict[str, Any]]:
     """Gives the entry `error` of the summary of a load step, if they are asked for; a warning says once why not."""
     said = set[str]()
 
@@ -284,7 +284,8 @@ def _bars_of_steps(settings: Case, problem: ContactProblem) -> Callable[[LoadSte
     if not settings.output.error:
         return lambda _: {}
     try:
-        companions = Companions(problem, settings.load_history(), settings.solver.tolerance)
+        progress = session.progress(Display(session.console, by_step=True))
+        companions = Companions(problem, settings.load_history(), settings.solver.tolerance, progress)
     except NoErrorBars as reason:
         without(reason)
         return lambda _: {}
@@ -396,7 +397,7 @@ def _take_recorded_steps(
             display.expect(remaining)
         return session.interruption.asked() and left > 0
 
-    files = HistoryFiles(target, resume=resume, case=record, entries=_bars_of_steps(settings, problem))
+    files = HistoryFiles(target, resume=resume, case=record, entries=_bars_of_steps(session, settings, problem))
     try:
         write_case(settings, target, comm)
         with display, bad_input():

@@ -210,14 +210,21 @@ class Companions:
         problem: The problem.
         history: Its load steps.
         tolerance: Of the solver.
+        progress: Called after every step of a solver.
 
     Raises:
         NoErrorBars: As of `error_of`.
     """
 
-    def __init__(self, problem: ContactProblem, history: LoadHistory, tolerance: float):
+    def __init__(
+        self,
+        problem: ContactProblem,
+        history: LoadHistory,
+        tolerance: float,
+        progress: ProgressCallback | None = None,
+    ):
         self._tolerance, problems = tolerance, compared(problem)
-        self._steps = [history.steps(one, progress=lambda _: None) for one in problems]
+        self._steps = [history.steps(one, progress=progress) for one in problems]
         self._latest: list[LoadStep | None] = [None] * len(problems)
         self._refusal = ""
 
