@@ -8,6 +8,7 @@ safety factor and "grid convergence index" these are; Eca and Hoekstra, J. Compu
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +19,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable
-from ..fem.meshes import comparison_meshes
+from ..fem.meshes import coarser_meshes, other_order
 from ..linalg.reductions import Reductions
 from ..model.discrete_problem import DiscreteProblem
 from ..model.problem import ContactProblem
@@ -27,6 +28,8 @@ from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE, accuracy
 from .summary import summary
+
+_log = logging.getLogger(__name__)
 
 SAFETY = 1.5
 """Safety factor of an error estimated from three meshes, between Roache's 1.25 and 3."""
@@ -174,23 +177,38 @@ def error_of(
             try:
                 answer = problem.solve(tolerance, solver, progress)
             except (NotConverged, ValueError) as error:
+                if len(found) > 1:
+                    break  # one coarser mesh will do
                 raise NoErrorBars(f"on another mesh ({problem.unknowns['displacement']} unknowns): {error}") from None
             found.append(replace(answer_of(answer, tolerance), seconds=time.perf_counter() - began))
     return bars_of(found)
 
 
 def compared(problem: DiscreteProblem) -> list[ContactProblem]:
-    """The same problem on the meshes for comparison (`comparison_meshes`); collective."""
+    """The same problem on up to two coarser meshes, or else on the same cells with elements of the other order;
+    collective.
+
+    A mesh on which it cannot be posed is left out: supports hold all nodes of a single cell, curved cells may become
+    flat, and faces or groups that were added to a box are not on coarser ones.
+    """
     if not isinstance(problem, ContactProblem) or isinstance(mesh := problem.made_of, Deformable):
         raise NoErrorBars(
             "a Body of your own forms cannot be posed on another mesh from here: solve it on another one too, and give "
             "the answers: solution.error(coarser)"
         )
-    meshes = comparison_meshes(mesh)
-    if not meshes:
-        raise NoErrorBars("there is no mesh to compare with: bodies of first and second order, or a single cell")
+    found = []
     try:
-        return [problem.on(one) for one in meshes]
+        for coarser in coarser_meshes(mesh):
+            found.append(problem.on(coarser))
+    except ValueError as error:
+        _log.info("error bars: no coarser mesh: %s", error)
+    if found:
+        return found
+    other = other_order(mesh)
+    if other is None:
+        raise NoErrorBars("there is no mesh to compare with: bodies of first and second order")
+    try:
+        return [problem.on(other)]
     except ValueError as error:
         raise NoErrorBars(f"the problem has no other mesh: {error}") from None
 

@@ -2,7 +2,7 @@
 joined and made second order.  Nodal fields in files belong here as well.
 """
 
-from .comparison import comparison_meshes
+from .comparison import coarser_meshes, other_order
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
 from .inspection import inspect
 from .lagrange import (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from .meshes import first_order, second_order
 from .named_mesh import JoinedMesh, NamedMesh
@@ -11,15 +11,32 @@ COARSER = 2
 """Number of coarser meshes, of which each costs an eighth of the one before: two show the order of convergence."""
 
 
-def comparison_meshes(mesh: NamedMesh | JoinedMesh) -> list[NamedMesh | JoinedMesh]:
-    """Two coarser meshes, from fine to coarse, or one, where every body has them; else the same cells with elements
-    of the other order; none for bodies of both orders; collective."""
-    bodies = mesh.bodies if isinstance(mesh, JoinedMesh) else {"": mesh}
-    found: list[dict[str, NamedMesh]] = []
-    while len(found) < COARSER and all(one.coarser is not None for one in bodies.values()):
+def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
+    """Up to two coarser meshes, from fine to coarse, as far as every body has them; collective.
+
+    Raises:
+        ValueError: As of `NamedMesh.coarser`.
+    """
+    bodies = _bodies(mesh)
+    for _ in range(COARSER):
+        if any(one.coarser is None for one in bodies.values()):
+            return
         bodies = {name: one.coarser() for name, one in bodies.items() if one.coarser is not None}
-        found.append(bodies)
-    if not found and len(orders := {one.degree for one in bodies.values()}) == 1:
-        other: Callable[[NamedMesh], NamedMesh] = second_order if orders == {1} else first_order
-        found.append({name: other(one) for name, one in bodies.items()})
-    return [JoinedMesh(one) if isinstance(mesh, JoinedMesh) else one[""] for one in found]
+        yield _like(mesh, bodies)
+
+
+def other_order(mesh: NamedMesh | JoinedMesh) -> NamedMesh | JoinedMesh | None:
+    """The same cells with elements of the other order; None for bodies of both orders; collective."""
+    bodies = _bodies(mesh)
+    if len(orders := {one.degree for one in bodies.values()}) > 1:
+        return None
+    other: Callable[[NamedMesh], NamedMesh] = second_order if orders == {1} else first_order
+    return _like(mesh, {name: other(one) for name, one in bodies.items()})
+
+
+def _bodies(mesh: NamedMesh | JoinedMesh) -> dict[str, NamedMesh]:
+    return dict(mesh.bodies) if isinstance(mesh, JoinedMesh) else {"": mesh}
+
+
+def _like(mesh: NamedMesh | JoinedMesh, bodies: dict[str, NamedMesh]) -> NamedMesh | JoinedMesh:
+    return JoinedMesh(bodies) if isinstance(mesh, JoinedMesh) else bodies[""]
