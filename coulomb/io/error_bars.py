@@ -39,9 +39,12 @@ SLOWEST, FASTEST = 0.7, 1.5
 (there u ~ r^(3/2), and half a cell of it is where the state changes), and about 1/3 at edges of clamped faces.  The
 bounds are from measurement (docs/measurements.md): with the order 2 of smooth answers, one number in ten is outside."""
 
-OF_THE_FINER, OF_THE_COARSER = 0.5, 2.0
-"""Error of the answer of second order, and of that of first order on the same cells, over the difference of the two:
-twice what edges of clamped faces cause."""
+OF_THE_FINER, OF_THE_COARSER = 1.0, 2.0
+"""Error of the answer of second order, and of that of first order on the same cells, over the difference of the two.
+
+Where the places of the nodes decide, as at edges of held faces that are in contact and at the border of the contact,
+errors go with their distance, which is half as large with second order: it is the difference, and that of first order
+is twice the difference.  Smooth answers of second order are better by far, which two answers do not tell."""
 
 DIVERGING = 0.25
 """Order up to which a largest pressure is taken for singular: it does not converge."""
