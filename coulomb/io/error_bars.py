@@ -46,6 +46,13 @@ Where the places of the nodes decide, as at edges of held faces that are in cont
 errors go with their distance, which is half as large with second order: it is the difference, and that of first order
 is twice the difference.  Smooth answers of second order are better by far, which two answers do not tell."""
 
+COMPONENT = 0.1
+"""Least bar of a component, over the largest one of its vector: the errors of the components have the same causes, and
+the differences of one may be small by accident."""
+
+ROUNDING = 1e-12
+"""Of numbers of which the solver decides only whether a node counts (areas), and of angles and powers, relative."""
+
 DIVERGING = 0.25
 """Order up to which a largest pressure is taken for singular: it does not converge."""
 
@@ -279,7 +286,7 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         else:
             factor = OF_THE_FINER if first.order > compared[0].order else OF_THE_COARSER
             order, bar = math.nan, factor * np.abs(values[0] - value)
-        bar = bar + first.least.get(unit, 0.0)
+        bar = np.maximum(bar, COMPONENT * np.max(bar)) + first.least.get(unit, ROUNDING * float(np.max(np.abs(value))))
         if name.endswith("contact_area"):
             bar = bar + first.border
         bars.append(ErrorBar(name, unit, value, _unless_singular(name, value, bar, order), order))
