@@ -46,6 +46,10 @@ Where the places of the nodes decide, as at edges of held faces that are in cont
 errors go with their distance, which is half as large with second order: it is the difference, and that of first order
 is twice the difference.  Smooth answers of second order are better by far, which two answers do not tell."""
 
+OF_EXTREMES = 1.0
+"""Order at most of largest pressures and slips: they are at edges of the face as a rule, where nodes represent the mean
+over half a cell, or are held.  Both orders have this error there: bars of two answers are twice as large."""
+
 COMPONENT = 0.1
 """Least bar of a component, over the largest one of its vector: the errors of the components have the same causes, and
 the differences of one may be small by accident."""
@@ -280,12 +284,14 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         if not all(name in one.totals for one in compared):
             continue
         values = [one.totals[name][0] for one in compared]
+        extreme = name.endswith(("greatest_pressure", "greatest_slip"))
         if chain:
             sizes = [one.size for one in compared]
-            order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)])
+            fastest = OF_EXTREMES if extreme else FASTEST
+            order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], fastest)
         else:
             factor = OF_THE_FINER if first.order > compared[0].order else OF_THE_COARSER
-            order, bar = math.nan, factor * np.abs(values[0] - value)
+            order, bar = math.nan, factor * (2.0 if extreme else 1.0) * np.abs(values[0] - value)
         bar = np.maximum(bar, COMPONENT * np.max(bar)) + first.least.get(unit, ROUNDING * float(np.max(np.abs(value))))
         if name.endswith("contact_area"):
             bar = bar + first.border
@@ -293,10 +299,10 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
     return ErrorBars(tuple(bars), tuple(answers))
 
 
-def extrapolated(chain: Sequence[tuple[float, FloatArray]]) -> tuple[float, FloatArray]:
+def extrapolated(chain: Sequence[tuple[float, FloatArray]], fastest: float = FASTEST) -> tuple[float, FloatArray]:
     """Observed order and error of the first of two or three values (k,) on cells of given sizes, from fine to coarse.
 
-    The order is that of the vector as a whole; bounded by SLOWEST and FASTEST for the errors, of which each component
+    The order is that of the vector as a whole; bounded by SLOWEST and `fastest` for the errors, of which each component
     is the larger one that the two differences imply.  Of two values the order is nan, and SLOWEST for the error.
     """
     (h1, fine), (h2, middle), *rest = chain
@@ -311,7 +317,7 @@ def extrapolated(chain: Sequence[tuple[float, FloatArray]]) -> tuple[float, Floa
         seen = np.log(np.linalg.norm(far)) - np.log(np.linalg.norm(near))
     growth[np.abs(orders) < 1e-9] = np.log(np.log(h3 / h2) / np.log(h2 / h1))
     order = float(np.interp(seen, growth, orders)) if np.isfinite(seen) else math.nan
-    q = min(max(order, SLOWEST), FASTEST) if math.isfinite(order) else FASTEST
+    q = min(max(order, SLOWEST), fastest) if math.isfinite(order) else fastest
     step = h2**q - h1**q
     implied = np.maximum(near / step, far / (h3**q - h2**q))
     return order, SAFETY * h1**q * implied
