@@ -19,7 +19,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable
-from ..fem.meshes import coarser_meshes, other_order
+from ..fem.meshes import coarser_meshes, same_cells
 from ..linalg.reductions import Reductions
 from ..model.discrete_problem import DiscreteProblem
 from ..model.problem import ContactProblem
@@ -39,12 +39,15 @@ SLOWEST, FASTEST = 0.7, 1.5
 (there u ~ r^(3/2), and half a cell of it is where the state changes), and about 1/3 at edges of clamped faces.  The
 bounds are from measurement (docs/measurements.md): with the order 2 of smooth answers, one number in ten is outside."""
 
-OF_THE_FINER, OF_THE_COARSER = 1.0, 2.0
-"""Error of the answer of second order, and of that of first order on the same cells, over the difference of the two.
+OF_THE_FINER, OF_THE_COARSER, OF_EQUALS = 1.0, 2.0, 2.0
+"""Error of the answer of second order, and of that of first order on the same cells, over the difference of the two;
+and that of second order over the difference from first order on the same nodes.
 
 Where the places of the nodes decide, as at edges of held faces that are in contact and at the border of the contact,
 errors go with their distance, which is half as large with second order: it is the difference, and that of first order
-is twice the difference.  Smooth answers of second order are better by far, which two answers do not tell."""
+is twice the difference.  But 10-node tetrahedra have contact points at vertices alone, as 4-node ones: where contact
+points decide, only first order on the same nodes, with contact points at half the distance, has half the error.  Smooth
+answers of second order are better by far, which these answers do not tell."""
 
 OF_EXTREMES = 1.0
 """Order at most of largest pressures and slips: they are at edges of the face as a rule, where nodes represent the mean
@@ -199,8 +202,8 @@ def error_of(
 
 
 def compared(problem: DiscreteProblem) -> list[ContactProblem]:
-    """The same problem on up to two coarser meshes, or else on the same cells with elements of the other order;
-    collective.
+    """The same problem on up to two coarser meshes, or else on the same cells with elements of the other order
+    (`same_cells`); collective.
 
     A mesh on which it cannot be posed is left out: supports hold all nodes of a single cell, curved cells may become
     flat, and faces or groups that were added to a box are not on coarser ones.
@@ -218,13 +221,13 @@ def compared(problem: DiscreteProblem) -> list[ContactProblem]:
         _log.info("error bars: no coarser mesh: %s", error)
     if found:
         return found
-    other = other_order(mesh)
-    if other is None:
-        raise NoErrorBars("there is no mesh to compare with: bodies of first and second order")
     try:
-        return [problem.on(other)]
+        found = [problem.on(other) for other in same_cells(mesh)]
     except ValueError as error:
         raise NoErrorBars(f"the problem has no other mesh: {error}") from None
+    if not found:
+        raise NoErrorBars("there is no mesh to compare with: bodies of first and second order")
+    return found
 
 
 def answer_of(solution: Solution, tolerance: float) -> Answer:
@@ -276,7 +279,7 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
     first, *others = answers
     chain = sorted((one for one in others if one.order == first.order), key=lambda one: one.size)
     chain = [one for one in chain if abs(math.log(one.size / first.size)) > 0.1][:2]  # else the same cells
-    compared = chain or [one for one in others if one.order != first.order][:1]
+    compared = chain or [one for one in others if one.order != first.order][:2]
     if not compared:
         raise NoErrorBars("the answers are on the same cells with elements of the same order")
     bars = []
@@ -290,13 +293,20 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
             fastest = OF_EXTREMES if extreme else FASTEST
             order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], fastest)
         else:
-            factor = OF_THE_FINER if first.order > compared[0].order else OF_THE_COARSER
-            order, bar = math.nan, factor * (2.0 if extreme else 1.0) * np.abs(values[0] - value)
+            off = [_part(first, one) * np.abs(other - value) for one, other in zip(compared, values, strict=True)]
+            order, bar = math.nan, (2.0 if extreme else 1.0) * np.max(off, axis=0)
         bar = np.maximum(bar, COMPONENT * np.max(bar)) + first.least.get(unit, ROUNDING * float(np.max(np.abs(value))))
         if name.endswith("contact_area"):
             bar = bar + first.border
         bars.append(ErrorBar(name, unit, value, _unless_singular(name, value, bar, order), order))
     return ErrorBars(tuple(bars), tuple(answers))
+
+
+def _part(first: Answer, other: Answer) -> float:
+    """Error of an answer over its difference from one of another order."""
+    if first.order < other.order:
+        return OF_THE_COARSER
+    return OF_EQUALS if other.size < 0.9 * first.size else OF_THE_FINER
 
 
 def extrapolated(chain: Sequence[tuple[float, FloatArray]], fastest: float = FASTEST) -> tuple[float, FloatArray]:

@@ -2,7 +2,7 @@
 joined and made second order.  Nodal fields in files belong here as well.
 """
 
-from .comparison import coarser_meshes, other_order
+from .comparison import coarser_meshes, same_cells
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
 from .inspection import inspect
 from .lagrange import (
@@ -19,5 +19,6 @@ from .mesh_parts import SAME_PLACE, corners_of, local_facets
 from .meshes import box, distributed, first_order, known_format, read_file, read_mesh, read_xdmf, second_order
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume
 from .nodal_field import NodalField
+from .splitting import split
 from .xdmf_format import FACETS, SOLIDS
 from .xdmf_writing import HDF5Target, write

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 from .meshes import first_order, second_order
 from .named_mesh import JoinedMesh, NamedMesh
+from .splitting import split
 
 COARSER = 2
 """Number of coarser meshes, of which each costs an eighth of the one before: two show the order of convergence."""
@@ -25,13 +26,14 @@ def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedM
         yield _like(mesh, bodies)
 
 
-def other_order(mesh: NamedMesh | JoinedMesh) -> NamedMesh | JoinedMesh | None:
-    """The same cells with elements of the other order; None for bodies of both orders; collective."""
+def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
+    """The same cells with elements of the other order; where this is the first, also first-order cells on the same
+    nodes.  None for bodies of both orders; collective."""
     bodies = _bodies(mesh)
-    if len(orders := {one.degree for one in bodies.values()}) > 1:
-        return None
-    other: Callable[[NamedMesh], NamedMesh] = second_order if orders == {1} else first_order
-    return _like(mesh, {name: other(one) for name, one in bodies.items()})
+    orders = {one.degree for one in bodies.values()}
+    others: dict[int, tuple[Callable[[NamedMesh], NamedMesh], ...]] = {1: (second_order,), 2: (first_order, split)}
+    for other in others[orders.pop()] if len(orders) == 1 else ():
+        yield _like(mesh, {name: other(one) for name, one in bodies.items()})
 
 
 def _bodies(mesh: NamedMesh | JoinedMesh) -> dict[str, NamedMesh]:
