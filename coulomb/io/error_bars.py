@@ -53,7 +53,7 @@ OF_EXTREMES = 1.0
 """Order at most of largest pressures and slips: they are at edges of the face as a rule, where nodes represent the mean
 over half a cell, or are held.  Both orders have this error there: bars of two answers are twice as large."""
 
-COMPONENT = 0.1
+COMPONENT = 0.05
 """Least bar of a component, over the largest one of its vector: the errors of the components have the same causes, and
 the differences of one may be small by accident."""
 

@@ -27,13 +27,21 @@ def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedM
 
 
 def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
-    """The same cells with elements of the other order; where this is the first, also first-order cells on the same
-    nodes.  None for bodies of both orders; collective."""
+    """The same cells with elements of the other order, the second one with a smooth boundary; where it is the first,
+    also first-order cells on the same nodes.  None for bodies of both orders; collective."""
     bodies = _bodies(mesh)
     orders = {one.degree for one in bodies.values()}
-    others: dict[int, tuple[Callable[[NamedMesh], NamedMesh], ...]] = {1: (second_order,), 2: (first_order, split)}
+    others: dict[int, tuple[Callable[[NamedMesh], NamedMesh], ...]] = {1: (_curved,), 2: (first_order, split)}
     for other in others[orders.pop()] if len(orders) == 1 else ():
         yield _like(mesh, {name: other(one) for name, one in bodies.items()})
+
+
+def _curved(mesh: NamedMesh) -> NamedMesh:
+    """Second order with a smooth boundary, or with the given one if cells would become flat."""
+    try:
+        return second_order(mesh, curved=True)
+    except ValueError:
+        return second_order(mesh)
 
 
 def _bodies(mesh: NamedMesh | JoinedMesh) -> dict[str, NamedMesh]:

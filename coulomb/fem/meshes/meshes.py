@@ -19,6 +19,7 @@ from .. import compat, mesh_formats
 from ..compat import mesh
 from ..geometry import evaluate_vectors
 from ..mesh_formats import BOX_FACES
+from .curving import arcs
 from .cuts import apart, cut
 from .exchange import on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
@@ -36,7 +37,7 @@ from .mesh_parts import corners_of, local_cells, local_facets
 from .named_mesh import NamedMesh
 
 
-def second_order(mesh: NamedMesh) -> NamedMesh:
+def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
     """The mesh with 10-node tetrahedra or 27-node hexahedra of the same corners; collective.
 
     The shape of the body does not change: the new nodes are at the middles of the straight edges, and those of
@@ -44,9 +45,11 @@ def second_order(mesh: NamedMesh) -> NamedMesh:
 
     Args:
         mesh: A first-order mesh with its named faces and groups of cells, which are kept.
+        curved: Whether the boundary becomes the smooth surface for which its facets stand (`arcs`), and the new nodes
+            in the middles of faces and cells follow its edges (as Coons's).
 
     Raises:
-        ValueError: If the mesh is of second order already.
+        ValueError: If the mesh is of second order already, or curved cells become flat.
     """
     old, comm = mesh.domain, mesh.comm
     if mesh.degree != 1:
@@ -58,7 +61,11 @@ def second_order(mesh: NamedMesh) -> NamedMesh:
     number = np.asarray(nodes.local_to_global(local), dtype=np.int64)
     kind = old.topology.cell_type
     points = _points(old, dofs, nodes.size_local)
+    if curved:
+        points[dofs[dofs < nodes.size_local]] += _off_chords(mesh)[dofs < nodes.size_local]
     domain = compat.create_mesh(comm, kind.name, number[dofs[:own]], points, degree=2)
+    if curved:
+        _refuse_flat_cells(domain, 2, "second_order: the curved boundary")
 
     corners = corner_geometry(old)
     of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
@@ -124,6 +131,31 @@ def _points(domain: Any, dofs: npt.NDArray[np.int32], owned: int) -> FloatArray:
     return points
 
 
+def _off_chords(mesh: NamedMesh) -> FloatArray:
+    """How far the nodes of curved second-order cells are off those of straight ones, shape (cells, nodes, 3)."""
+    domain = mesh.domain
+    kind, corners = domain.topology.cell_type, corner_geometry(domain)
+    edges, off = arcs(mesh)
+    global_number = domain.geometry.index_map().local_to_global(corners.ravel().astype(np.int32))
+    number = np.asarray(global_number, dtype=np.int64).reshape(corners.shape)
+    key, largest = edges[:, 0], int(edges.max(initial=0)) + 1
+    key = key * largest + edges[:, 1]
+    between = [frozenset(np.flatnonzero(w > 1e-9)) for w in lagrange_values(kind, 1, lagrange_points(kind, 2))]
+    found = np.zeros((len(corners), len(between), 3))
+    for column, ends in enumerate(between):
+        if len(ends) == 2:
+            pair = np.sort(number[:, list(ends)], axis=1)
+            wanted = np.where(pair[:, 1] < largest, pair[:, 0] * largest + pair[:, 1], -1)
+            at = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
+            found[:, column] = np.where((key[at] == wanted)[:, None], off[at], 0.0)
+    for size, parts in ((4, {2: 0.5}), (8, {4: 0.5, 2: -0.25})):
+        for column, ends in enumerate(between):
+            if len(ends) == size:
+                of = [(k, parts[len(part)]) for k, part in enumerate(between) if len(part) in parts and part < ends]
+                found[:, column] = sum(weight * found[:, k] for k, weight in of)
+    return found
+
+
 CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron}
 
 
@@ -172,7 +204,7 @@ def box(
     if place is not None:
         x = made.domain.geometry.x
         x[:] = evaluate_vectors(place, x.copy(), "box: place", comm)
-        _refuse_flat_cells(made.domain, degree)
+        _refuse_flat_cells(made.domain, degree, "box: place")
     return made
 
 
@@ -181,7 +213,7 @@ _UNEVEN = 1e-3
 not positive definite to rounding."""
 
 
-def _refuse_flat_cells(domain: Any, degree: int) -> None:
+def _refuse_flat_cells(domain: Any, degree: int, what: str) -> None:
     """Raises ValueError on every rank if a cell is flat at one of its nodes, or cells are turned inside out."""
     comm, cells = domain.comm, domain.geometry.x[compat.cell_geometry(domain)]
     jacobian, size = jacobians(cells)
@@ -194,7 +226,7 @@ def _refuse_flat_cells(domain: Any, degree: int) -> None:
     if found:
         at = ", ".join(f"{coordinate:.6g}" for coordinate in found[0])
         middles = "; the nodes between corners must stay near the middle" if degree == 2 else ""
-        raise ValueError(f"box: place makes the cell at x = {at} flat, or turns it inside out{middles}")
+        raise ValueError(f"{what} makes the cell at x = {at} flat, or turns it inside out{middles}")
 
 
 def read_xdmf(
