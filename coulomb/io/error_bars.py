@@ -277,9 +277,10 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         NoErrorBars: If no other answer has other cells or another order.
     """
     first, *others = answers
-    chain = sorted((one for one in others if one.order == first.order), key=lambda one: one.size)
-    chain = [one for one in chain if abs(math.log(one.size / first.size)) > 0.1][:2]  # else the same cells
-    compared = chain or [one for one in others if one.order != first.order][:2]
+    chain = [one for one in others if one.order == first.order and one.size > 1.1 * first.size]
+    chain = sorted(chain, key=lambda one: one.size)[:2]
+    beside = [one for one in others if one.order != first.order or one.size < 0.9 * first.size]  # else the same cells
+    compared = chain or beside[:2]
     if not compared:
         raise NoErrorBars("the answers are on the same cells with elements of the same order")
     bars = []
@@ -303,7 +304,9 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
 
 
 def _part(first: Answer, other: Answer) -> float:
-    """Error of an answer over its difference from one of another order."""
+    """Error of an answer over its difference from one of another order, or on smaller cells."""
+    if first.order == other.order:
+        return 1.0 / (1.0 - math.pow(other.size / first.size, SLOWEST))
     if first.order < other.order:
         return OF_THE_COARSER
     return OF_EQUALS if other.size < 0.9 * first.size else OF_THE_FINER

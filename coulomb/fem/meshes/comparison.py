@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from .meshes import first_order, second_order
 from .named_mesh import JoinedMesh, NamedMesh
@@ -27,13 +27,19 @@ def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedM
 
 
 def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
-    """The same cells with elements of the other order, the second one with a smooth boundary; where it is the first,
-    also first-order cells on the same nodes.  None for bodies of both orders; collective."""
+    """The same cells with elements of the other order, the second one with a smooth boundary; and first-order cells on
+    the nodes of second order, but beside first-order hexahedra, whose second order has as many contact points.  None
+    for bodies of both orders; collective."""
     bodies = _bodies(mesh)
     orders = {one.degree for one in bodies.values()}
-    others: dict[int, tuple[Callable[[NamedMesh], NamedMesh], ...]] = {1: (_curved,), 2: (first_order, split)}
-    for other in others[orders.pop()] if len(orders) == 1 else ():
-        yield _like(mesh, {name: other(one) for name, one in bodies.items()})
+    if len(orders) > 1:
+        return
+    first = orders == {1}
+    other = {name: _curved(one) if first else first_order(one) for name, one in bodies.items()}
+    yield _like(mesh, other)
+    second = other if first else bodies
+    if not first or any(one.domain.topology.cell_type.name == "tetrahedron" for one in bodies.values()):
+        yield _like(mesh, {name: split(one) for name, one in second.items()})
 
 
 def _curved(mesh: NamedMesh) -> NamedMesh:
