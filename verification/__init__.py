@@ -12,6 +12,7 @@ from . import (
     bolted,
     cattaneo_mindlin,
     curved_pairs,
+    error_bars,
     glued,
     hertz,
     hertz_elements,
@@ -58,6 +59,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "nafems-cb2": nafems_cb2.verify,
     "ssnp121": ssnp121.verify,
     "curved-pairs": curved_pairs.verify,
+    "error_bars": error_bars.verify,
 }
 
 COARSE: dict[str, Callable[[], Verified]] = {

@@ -12,6 +12,7 @@ import logging
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable
-from ..fem.meshes import comparison_meshes
+from ..fem.meshes import JoinedMesh, NamedMesh, coarser_meshes, same_cells
 from ..linalg.reductions import Reductions
 from ..model.discrete_problem import DiscreteProblem
 from ..model.load_history import LoadHistory
@@ -39,9 +40,26 @@ SLOWEST, FASTEST = 0.7, 1.5
 (there u ~ r^(3/2), and half a cell of it is where the state changes), and about 1/3 at edges of clamped faces.  The
 bounds are from measurement (docs/measurements.md): with the order 2 of smooth answers, one number in ten is outside."""
 
-OF_THE_FINER, OF_THE_COARSER = 0.5, 2.0
-"""Error of the answer of second order, and of that of first order on the same cells, over the difference of the two:
-twice what edges of clamped faces cause."""
+OF_THE_FINER, OF_THE_COARSER, OF_EQUALS = 1.0, 2.0, 2.0
+"""Error of the answer of second order, and of that of first order on the same cells, over the difference of the two;
+and that of second order over the difference from first order on the same nodes.
+
+Where the places of the nodes decide, as at edges of held faces that are in contact and at the border of the contact,
+errors go with their distance, which is half as large with second order: it is the difference, and that of first order
+is twice the difference.  But 10-node tetrahedra have contact points at vertices alone, as 4-node ones: where contact
+points decide, only first order on the same nodes, with contact points at half the distance, has half the error.  Smooth
+answers of second order are better by far, which these answers do not tell."""
+
+OF_EXTREMES = 1.0
+"""Order at most of largest pressures and slips: they are at edges of the face as a rule, where nodes represent the mean
+over half a cell, or are held.  Both orders have this error there: bars of two answers are twice as large."""
+
+COMPONENT = 0.05
+"""Least bar of a component, over the largest one of its vector: the errors of the components have the same causes, and
+the differences of one may be small by accident."""
+
+ROUNDING = 1e-12
+"""Of numbers of which the solver decides only whether a node counts (areas), and of angles and powers, relative."""
 
 DIVERGING = 0.25
 """Order up to which a largest pressure is taken for singular: it does not converge."""
@@ -177,28 +195,55 @@ def error_of(
             try:
                 answer = problem.solve(tolerance, solver, progress)
             except (NotConverged, ValueError) as error:
+                if len(found) > 1:
+                    break  # one coarser mesh will do
                 raise NoErrorBars(f"on another mesh ({problem.unknowns['displacement']} unknowns): {error}") from None
             found.append(replace(answer_of(answer, tolerance), seconds=time.perf_counter() - began))
     return bars_of(found)
 
 
 def compared(problem: DiscreteProblem) -> list[ContactProblem]:
-    """The same problem on the meshes for comparison (`comparison_meshes`); collective."""
+    """The same problem on up to two coarser meshes, or else on the same cells with elements of the other order
+    (`same_cells`); collective.
+
+    A mesh on which it cannot be posed is left out: supports hold all nodes of a single cell, curved cells may become
+    flat, and faces or groups that were added to a box are not on coarser ones.
+    """
     if not isinstance(problem, ContactProblem) or isinstance(mesh := problem.made_of, Deformable):
         raise NoErrorBars(
             "a Body of your own forms cannot be posed on another mesh from here: solve it on another one too, and give "
             "the answers: solution.error(coarser)"
         )
-    meshes = comparison_meshes(mesh)
-    if not meshes:
-        raise NoErrorBars("there is no mesh to compare with: bodies of first and second order, or a single cell")
+    with _without_remarks():
+        return _posed_again(problem, mesh)
+
+
+def _posed_again(problem: ContactProblem, mesh: NamedMesh | JoinedMesh) -> list[ContactProblem]:
+    found = []
+    try:
+        for coarser in coarser_meshes(mesh):
+            found.append(problem.on(coarser))
+    except ValueError:
+        pass  # the same cells will do
+    if found:
+        return found
+    try:
+        found = [problem.on(other) for other in same_cells(mesh)]
+    except ValueError as error:
+        raise NoErrorBars(f"the problem has no other mesh: {error}") from None
+    if not found:
+        raise NoErrorBars("there is no mesh to compare with: bodies of first and second order")
+    return found
+
+
+@contextmanager
+def _without_remarks() -> Iterator[None]:
+    """Remarks on the input were made on the mesh of the answer."""
     log = logging.getLogger(__package__.partition(".")[0])
     level = log.level
-    log.setLevel(logging.ERROR)  # remarks on the input were made on the mesh of the answer
+    log.setLevel(logging.ERROR)
     try:
-        return [problem.on(one) for one in meshes]
-    except ValueError as error:
-        raise NoErrorBars(f"the problem cannot be posed on another mesh: {error}") from None
+        yield
     finally:
         log.setLevel(level)
 
@@ -299,9 +344,10 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         NoErrorBars: If no other answer has other cells or another order.
     """
     first, *others = answers
-    chain = sorted((one for one in others if one.order == first.order), key=lambda one: one.size)
-    chain = [one for one in chain if abs(math.log(one.size / first.size)) > 0.1][:2]  # else the same cells
-    compared = chain or [one for one in others if one.order != first.order][:1]
+    chain = [one for one in others if one.order == first.order and one.size > 1.1 * first.size]
+    chain = sorted(chain, key=lambda one: one.size)[:2]
+    beside = [one for one in others if one.order != first.order or one.size < 0.9 * first.size]  # else the same cells
+    compared = chain or beside[:2]
     if not compared:
         raise NoErrorBars("the answers are on the same cells with elements of the same order")
     bars = []
@@ -309,23 +355,34 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         if not all(name in one.totals for one in compared):
             continue
         values = [one.totals[name][0] for one in compared]
+        extreme = name.endswith(("greatest_pressure", "greatest_slip"))
         if chain:
             sizes = [one.size for one in compared]
-            order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)])
+            fastest = OF_EXTREMES if extreme else FASTEST
+            order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], fastest)
         else:
-            factor = OF_THE_FINER if first.order > compared[0].order else OF_THE_COARSER
-            order, bar = math.nan, factor * np.abs(values[0] - value)
-        bar = bar + first.least.get(unit, 0.0)
+            off = [_part(first, one) * np.abs(other - value) for one, other in zip(compared, values, strict=True)]
+            order, bar = math.nan, (2.0 if extreme else 1.0) * np.max(off, axis=0)
+        bar = np.maximum(bar, COMPONENT * np.max(bar)) + first.least.get(unit, ROUNDING * float(np.max(np.abs(value))))
         if name.endswith("contact_area"):
             bar = bar + first.border
         bars.append(ErrorBar(name, unit, value, _unless_singular(name, value, bar, order), order))
     return ErrorBars(tuple(bars), tuple(answers))
 
 
-def extrapolated(chain: Sequence[tuple[float, FloatArray]]) -> tuple[float, FloatArray]:
+def _part(first: Answer, other: Answer) -> float:
+    """Error of an answer over its difference from one of another order, or on smaller cells."""
+    if first.order == other.order:
+        return 1.0 / (1.0 - math.pow(other.size / first.size, SLOWEST))
+    if first.order < other.order:
+        return OF_THE_COARSER
+    return OF_EQUALS if other.size < 0.9 * first.size else OF_THE_FINER
+
+
+def extrapolated(chain: Sequence[tuple[float, FloatArray]], fastest: float = FASTEST) -> tuple[float, FloatArray]:
     """Observed order and error of the first of two or three values (k,) on cells of given sizes, from fine to coarse.
 
-    The order is that of the vector as a whole; bounded by SLOWEST and FASTEST for the errors, of which each component
+    The order is that of the vector as a whole; bounded by SLOWEST and `fastest` for the errors, of which each component
     is the larger one that the two differences imply.  Of two values the order is nan, and SLOWEST for the error.
     """
     (h1, fine), (h2, middle), *rest = chain
@@ -340,7 +397,7 @@ def extrapolated(chain: Sequence[tuple[float, FloatArray]]) -> tuple[float, Floa
         seen = np.log(np.linalg.norm(far)) - np.log(np.linalg.norm(near))
     growth[np.abs(orders) < 1e-9] = np.log(np.log(h3 / h2) / np.log(h2 / h1))
     order = float(np.interp(seen, growth, orders)) if np.isfinite(seen) else math.nan
-    q = min(max(order, SLOWEST), FASTEST) if math.isfinite(order) else FASTEST
+    q = min(max(order, SLOWEST), fastest) if math.isfinite(order) else fastest
     step = h2**q - h1**q
     implied = np.maximum(near / step, far / (h3**q - h2**q))
     return order, SAFETY * h1**q * implied

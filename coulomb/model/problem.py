@@ -73,6 +73,8 @@ SHORTEST, LONGEST = 0.1, 3.0
 ROUNDS = 50
 """Maximum number of rounds of contact and conduction."""
 
+_POSITIONAL = ("mesh", "material", "clamps", "contact", "tractions", "body_force", "springs")
+
 
 class HeatNotConverged(NotConverged):
     """Contact and heat do not agree, or nothing fixes the temperature of a body."""
@@ -245,16 +247,16 @@ class ContactProblem(DiscreteProblem):
     @property
     def made_of(self) -> NamedMesh | JoinedMesh | Deformable:
         """Its first argument."""
-        arguments, others = self._given
-        return cast(NamedMesh | JoinedMesh | Deformable, arguments[0] if arguments else others["mesh"])
+        return cast(NamedMesh | JoinedMesh | Deformable, [*self._given[0], self._given[1].get("mesh")][0])
 
     def on(self, mesh: NamedMesh | JoinedMesh | Deformable) -> Self:
-        """The same problem on another mesh (or another `Body`), as it was first posed; ValueError on every rank if
-        that has not the faces and groups of cells; collective."""
-        arguments, others = self._given
-        if arguments:
-            return type(self)(mesh, *arguments[1:], **others)
-        return type(self)(**{**others, "mesh": mesh})
+        """The same problem on another mesh (or another `Body`), at the same time, with the contact points of pairs on
+        the same faces; ValueError on every rank if that has not the faces and groups of cells; collective."""
+        given = {**dict(zip(_POSITIONAL, self._given[0], strict=False)), **self._given[1]}
+        if isinstance(self.made_of, Deformable):  # the material may be the contact
+            given["material"] = None
+        contacts = [replace(one, slave=one.against is not None) for one in self.body.contacts]
+        return type(self)(**{**given, "mesh": mesh, "contact": contacts, "time": self.time})
 
     def in_state(
         self,
@@ -345,8 +347,8 @@ class ContactProblem(DiscreteProblem):
         return answer
 
     def refine(self, to: float, totals: Sequence[str] = (), unknowns: int = 300_000) -> Any:
-        """Solve on finer and finer meshes until the error bars of some totals are at most `to` of them, as 0.02;
-        `.solution` is the last answer, `.bars` are its error bars; arguments and errors: `io.refinement.refine`."""
+        """Solve on finer and finer meshes until the error bars of some totals are at most `to` of them, as 0.02: see
+        `io.refinement.refine`."""
         return supplied["refine"](self, to, totals, unknowns)
 
     def _heated(

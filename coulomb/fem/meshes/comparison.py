@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -12,6 +12,7 @@ from ...arrays import FloatArray
 from .meshes import first_order, second_order
 from .named_mesh import Grid, JoinedMesh, NamedMesh
 from .refinement import refined
+from .splitting import split
 
 COARSER = 2
 """Number of coarser meshes, of which each costs an eighth of the one before: two show the order of convergence."""
@@ -27,18 +28,42 @@ STEEPEST = 3.0
 """Factor by which the width of a slab of a box changes at most in one refinement, over that of all others."""
 
 
-def comparison_meshes(mesh: NamedMesh | JoinedMesh) -> list[NamedMesh | JoinedMesh]:
-    """Two coarser meshes, from fine to coarse, or one, where every body has them; else the same cells with elements
-    of the other order; none for bodies of both orders; collective."""
+def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
+    """Up to two coarser meshes, from fine to coarse, as far as every body has them; collective.
+
+    Raises:
+        ValueError: As of `NamedMesh.coarser`.
+    """
     bodies = _bodies(mesh)
-    found: list[dict[str, NamedMesh]] = []
-    while len(found) < COARSER and all(one.coarser is not None for one in bodies.values()):
+    for _ in range(COARSER):
+        if any(one.coarser is None for one in bodies.values()):
+            return
         bodies = {name: one.coarser() for name, one in bodies.items() if one.coarser is not None}
-        found.append(bodies)
-    if not found and len(orders := {one.degree for one in bodies.values()}) == 1:
-        other: Callable[[NamedMesh], NamedMesh] = second_order if orders == {1} else first_order
-        found.append({name: other(one) for name, one in bodies.items()})
-    return [JoinedMesh(one) if isinstance(mesh, JoinedMesh) else one[""] for one in found]
+        yield _like(mesh, bodies)
+
+
+def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
+    """The same cells with elements of the other order, the second one with a smooth boundary; and first-order cells on
+    the nodes of second order, but beside first-order hexahedra, whose second order has as many contact points.  None
+    for bodies of both orders; collective."""
+    bodies = _bodies(mesh)
+    orders = {one.degree for one in bodies.values()}
+    if len(orders) > 1:
+        return
+    first = orders == {1}
+    other = {name: _curved(one) if first else first_order(one) for name, one in bodies.items()}
+    yield _like(mesh, other)
+    second = other if first else bodies
+    if not first or any(one.domain.topology.cell_type.name == "tetrahedron" for one in bodies.values()):
+        yield _like(mesh, {name: split(one) for name, one in second.items()})
+
+
+def _curved(mesh: NamedMesh) -> NamedMesh:
+    """Second order with a smooth boundary, or with the given one if cells would become flat."""
+    try:
+        return second_order(mesh, curved=True)
+    except ValueError:
+        return second_order(mesh)
 
 
 def finer(mesh: NamedMesh | JoinedMesh, squared: Mapping[str, FloatArray]) -> NamedMesh | JoinedMesh:
@@ -94,4 +119,8 @@ def _graded(mesh: NamedMesh, grid: Grid, squared: FloatArray) -> NamedMesh:
 
 
 def _bodies(mesh: NamedMesh | JoinedMesh) -> dict[str, NamedMesh]:
-    return mesh.bodies if isinstance(mesh, JoinedMesh) else {"": mesh}
+    return dict(mesh.bodies) if isinstance(mesh, JoinedMesh) else {"": mesh}
+
+
+def _like(mesh: NamedMesh | JoinedMesh, bodies: dict[str, NamedMesh]) -> NamedMesh | JoinedMesh:
+    return JoinedMesh(bodies) if isinstance(mesh, JoinedMesh) else bodies[""]

@@ -19,6 +19,7 @@ from .. import compat, mesh_formats
 from ..compat import mesh
 from ..geometry import evaluate_vectors
 from ..mesh_formats import BOX_FACES
+from .curving import arcs
 from .cuts import apart, cut
 from .exchange import on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
@@ -35,7 +36,7 @@ from .mesh_parts import corners_of, local_cells, local_facets
 from .named_mesh import Grid, NamedMesh, Planes
 
 
-def second_order(mesh: NamedMesh) -> NamedMesh:
+def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
     """The mesh with 10-node tetrahedra or 27-node hexahedra of the same corners; collective.
 
     The shape of the body does not change: the new nodes are at the middles of the straight edges, and those of
@@ -43,9 +44,11 @@ def second_order(mesh: NamedMesh) -> NamedMesh:
 
     Args:
         mesh: A first-order mesh with its named faces and groups of cells, which are kept.
+        curved: Whether the boundary becomes the smooth surface for which its facets stand (`arcs`), and the new nodes
+            in the middles of faces and cells follow its edges (as Coons's).
 
     Raises:
-        ValueError: If the mesh is of second order already.
+        ValueError: If the mesh is of second order already, or curved cells become flat.
     """
     old, comm = mesh.domain, mesh.comm
     if mesh.degree != 1:
@@ -57,7 +60,11 @@ def second_order(mesh: NamedMesh) -> NamedMesh:
     number = np.asarray(nodes.local_to_global(local), dtype=np.int64)
     kind = old.topology.cell_type
     points = _points(old, dofs, nodes.size_local)
+    if curved:
+        points[dofs[dofs < nodes.size_local]] += _off_chords(mesh)[dofs < nodes.size_local]
     domain = compat.create_mesh(comm, kind.name, number[dofs[:own]], points, degree=2)
+    if curved:
+        refuse_flat_cells(domain.geometry.x[compat.cell_geometry(domain)], "second_order: the curved boundary", comm)
 
     corners = corner_geometry(old)
     of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
@@ -121,6 +128,31 @@ def _points(domain: Any, dofs: npt.NDArray[np.int32], owned: int) -> FloatArray:
     mine = dofs < owned
     points[dofs[mine]] = in_cells[mine]
     return points
+
+
+def _off_chords(mesh: NamedMesh) -> FloatArray:
+    """How far the nodes of curved second-order cells are off those of straight ones, shape (cells, nodes, 3)."""
+    domain = mesh.domain
+    kind, corners = domain.topology.cell_type, corner_geometry(domain)
+    edges, off = arcs(mesh)
+    global_number = domain.geometry.index_map().local_to_global(corners.ravel().astype(np.int32))
+    number = np.asarray(global_number, dtype=np.int64).reshape(corners.shape)
+    key, largest = edges[:, 0], int(edges.max(initial=0)) + 1
+    key = key * largest + edges[:, 1]
+    between = [frozenset(np.flatnonzero(w > 1e-9)) for w in corners_to_nodes(kind)]
+    found = np.zeros((len(corners), len(between), 3))
+    for column, ends in enumerate(between):
+        if len(ends) == 2:
+            pair = np.sort(number[:, list(ends)], axis=1)
+            wanted = np.where(pair[:, 1] < largest, pair[:, 0] * largest + pair[:, 1], -1)
+            at = np.minimum(np.searchsorted(key, wanted), len(key) - 1)
+            found[:, column] = np.where((key[at] == wanted)[:, None], off[at], 0.0)
+    for size, parts in ((4, {2: 0.5}), (8, {4: 0.5, 2: -0.25})):
+        for column, ends in enumerate(between):
+            if len(ends) == size:
+                of = [(k, parts[len(part)]) for k, part in enumerate(between) if len(part) in parts and part < ends]
+                found[:, column] = sum(weight * found[:, k] for k, weight in of)
+    return found
 
 
 CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron}
