@@ -59,7 +59,6 @@ from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
 
 _log = logging.getLogger(__name__)
 
-
 KINEMATICS = ("small", "large")
 """Theories of a problem."""
 
