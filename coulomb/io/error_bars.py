@@ -61,6 +61,9 @@ the differences of one may be small by accident."""
 ROUNDING = 1e-12
 """Of numbers of which the solver decides only whether a node counts (areas), and of angles and powers, relative."""
 
+SINGULAR, UNRESOLVED = "singular, does not converge", "not resolved, perhaps singular"
+"""Remarks on totals without a bar, by three meshes and by two."""
+
 DIVERGING = 0.25
 """Order up to which a largest pressure is taken for singular: it does not converge."""
 
@@ -103,7 +106,7 @@ class ErrorBar:
             "value": _plain(self.value),
             "error": _plain(self.bar) if known else None,
             "order": self.order if math.isfinite(self.order) else None,
-            **({} if known else {"remark": "singular, does not converge"}),
+            **({} if known else {"remark": SINGULAR if math.isfinite(self.order) else UNRESOLVED}),
         }
 
 

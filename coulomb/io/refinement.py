@@ -54,7 +54,7 @@ def refine(
 
     Args:
         problem: The problem, on a coarse mesh.
-        to: Error bar over total, at most, as 0.02.
+        to: Error bar over total, at most, as 0.02; over the largest of those in the same unit.
         totals: Places of the totals in summary.json; by default the force on every contact face, the strain energy and
             the largest displacement.
         unknowns: Displacement unknowns that no finer mesh may exceed.
@@ -88,7 +88,7 @@ def refine(
         bars, largest = None, math.inf
         if len(answers) > 1:
             bars = bars_of(answers[:3])
-            largest = max(_relative(bars[name]) for name in asked)
+            largest = _relative([bars[name] for name in asked])
         said(posed, relative_error(stress.values()), largest)
         if bars is not None:
             best = Refined(solution, bars, largest, "")
@@ -110,9 +110,10 @@ def _asked(known: Iterable[str], totals: Sequence[str]) -> list[str]:
     return list(totals) or [*forces, "strain_energy", "maximum.displacement"]
 
 
-def _relative(bar: ErrorBar) -> float:
-    """Error bar over total; inf where it does not converge."""
-    size, error = float(np.linalg.norm(bar.value)), float(np.linalg.norm(bar.bar))
-    if not math.isfinite(error):
-        return math.inf
-    return error / size if size > 0.0 else (math.inf if error > 0.0 else 0.0)
+def _relative(bars: Sequence[ErrorBar]) -> float:
+    """The largest error bar, over the largest of the totals in the same unit; inf where one does not converge."""
+    sizes: dict[str, float] = {}
+    for one in bars:
+        sizes[one.unit] = max(sizes.get(one.unit, 0.0), float(np.linalg.norm(one.value)))
+    parts = [float(np.linalg.norm(one.bar)) / (sizes[one.unit] or 1.0) for one in bars]
+    return max(part if math.isfinite(part) else math.inf for part in parts)

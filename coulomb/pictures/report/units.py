@@ -116,12 +116,15 @@ def compared_in_words(summary: Mapping[str, Any]) -> str:
 
 
 def bars_in_words(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Name, value with error bar, and observed order of every total in the entry `error` of a summary."""
+    """Name, value with error bar, and observed order of every total that is not 0 in the entry `error` of a
+    summary."""
     for bar in (summary.get("error") or {}).get("bars", ()):
         place, _, name = bar["quantity"].removeprefix("totals.").rpartition(".")
         of = place.partition(".")[2]
         value, error, order = bar["value"], bar["error"], bar["order"]
         values, bars = ([one] if isinstance(one, float) else one for one in (value, error))
+        if not any(values):
+            continue
         remark = f", {bar['remark']}" if "remark" in bar else ""
         shown = with_bar(values, bars, bar["unit"]) + remark
         yield f"{name.replace('_', ' ')}{f' of {of}' if of else ''}", shown, "–" if order is None else number(order, 2)
