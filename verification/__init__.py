@@ -73,5 +73,6 @@ COARSE: dict[str, Callable[[], Verified]] = {
     "nafems-cb1": partial(nafems_cb1.verify, (10, 8)),
     "curved-pairs": partial(curved_pairs.verify, (1,), (12, 16), ("first-order hexahedra", "10-node tetrahedra")),
     "nafems-cb2": partial(nafems_cb2.verify, (4, 5)),
+    "error_bars": partial(error_bars.verify, ("sliding, held top, distorted cells",)),
 }
 """Cases on coarser meshes than those of the table, for the tests."""

@@ -1,0 +1,69 @@
+"""Meshes on which a problem is solved again: smooth boundaries, smaller cells on the same nodes, coarser boxes."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from coulomb import Clamp, Elasticity, Material
+from coulomb.fem.meshes import box, coarser_meshes, same_cells, second_order, split
+from verification.array_mesh import in_layers, quarter_ring
+
+INNER, OUTER, LENGTH = 0.5, 1.0, 0.6
+STEEL = Material(2.1e11, 0.3)
+
+
+def volume(mesh):
+    """Of curved cells too."""
+    space = Elasticity(mesh, STEEL, [Clamp("left")])
+    return space.comm.allreduce(float(space.volume_load(np.tile([1.0, 0.0, 0.0], (len(space.x), 1))).sum()), op=MPI.SUM)
+
+
+def ring(n, cell):
+    return quarter_ring(INNER, OUTER, LENGTH, (2, n, 2), cell)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_smooth_boundaries_have_the_fourth_order(cell):
+    exact = 0.25 * math.pi * (OUTER**2 - INNER**2) * LENGTH
+    errors = [abs(volume(second_order(ring(n, cell), curved=True)) / exact - 1.0) for n in (4, 8)]
+    chords = [abs(volume(ring(n, cell)) / exact - 1.0) for n in (4, 8)]
+    assert math.log2(chords[0] / chords[1]) == pytest.approx(2.0, abs=0.05)
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.1)
+    assert errors[1] < 0.01 * chords[1]
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_plane_boundaries_stay(cell):
+    mesh = box((1.0, 2.0, 3.0), (2, 3, 4), cell)
+    curved, straight = second_order(mesh, curved=True), second_order(mesh)
+    assert np.abs(curved.domain.geometry.x - straight.domain.geometry.x).max(initial=0.0) < 1e-14
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_eight_cells_in_place_of_each(cell):
+    whole = in_layers(box((1.0, 2.0, 3.0), (2, 3, 4), cell, degree=2), 1.5, "below", "above")
+    fine = split(whole)
+    total = fine.comm.allreduce
+    assert fine.degree == 1
+    assert fine.domain.topology.index_map(3).size_global == 8 * whole.domain.topology.index_map(3).size_global
+    assert volume(fine) == pytest.approx(6.0)
+    assert [total(len(fine.cells[name])) for name in ("below", "above")] == [
+        8 * total(len(whole.cells[name])) for name in ("below", "above")
+    ]
+    body = Elasticity(fine, STEEL, [Clamp("left")])
+    for face, area in {"left": 6.0, "right": 6.0, "front": 3.0, "back": 3.0, "bottom": 2.0, "top": 2.0}.items():
+        assert total(float(body.area_of(fine.facets(face, "test")).sum())) == pytest.approx(area)
+
+
+def test_what_is_compared():
+    mesh = box((1.0, 1.0, 1.0), (6, 2, 4), "tetrahedron")
+    sizes = [one.domain.topology.index_map(3).size_global for one in coarser_meshes(mesh)]
+    assert sizes == [6 * 3 * 1 * 2, 6 * 2 * 1 * 1]
+    from_file = replace(mesh, coarser=None)
+    assert list(coarser_meshes(from_file)) == []
+    assert [one.degree for one in same_cells(from_file)] == [2, 1]
+    assert [one.degree for one in same_cells(second_order(from_file))] == [1, 1]
+    assert [one.degree for one in same_cells(box((1.0, 1.0, 1.0), (2, 2, 2)))] == [2]
