@@ -88,7 +88,8 @@ class ErrorBar:
         unit: Of the value and its bar.
         value: A number, or the three components of a vector, shape (1,) or (3,).
         bar: Estimated bound of |value - exact value|, of each component; nan where the total does not converge.
-        order: Order of convergence q, as observed within its bounds; nan if two meshes do not tell.
+        order: Order of convergence q, as observed; nan if two meshes do not tell.
+        values: On all meshes that are compared, the value itself first.
     """
 
     quantity: str
@@ -96,6 +97,7 @@ class ErrorBar:
     value: FloatArray
     bar: FloatArray
     order: float
+    values: tuple[FloatArray, ...]
 
     def entry(self) -> dict[str, Any]:
         """As in summary.json."""
@@ -106,6 +108,7 @@ class ErrorBar:
             "value": _plain(self.value),
             "error": _plain(self.bar) if known else None,
             "order": self.order if math.isfinite(self.order) else None,
+            "on_meshes": [_plain(value) for value in self.values],
             **({} if known else {"remark": SINGULAR if math.isfinite(self.order) else UNRESOLVED}),
         }
 
@@ -369,8 +372,9 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         bar = np.maximum(bar, COMPONENT * np.max(bar)) + first.least.get(unit, ROUNDING * float(np.max(np.abs(value))))
         if name.endswith("contact_area"):
             bar = bar + first.border
-        bars.append(ErrorBar(name, unit, value, _unless_singular(name, value, bar, order), order))
-    return ErrorBars(tuple(bars), tuple(answers))
+        bar = _unless_singular(name, value, bar, order)
+        bars.append(ErrorBar(name, unit, value, bar, order, (value, *values)))
+    return ErrorBars(tuple(bars), (first, *compared))
 
 
 def _part(first: Answer, other: Answer) -> float:

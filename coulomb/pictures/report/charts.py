@@ -272,6 +272,24 @@ def _drive(run: Run) -> tuple[Any, str]:
     return max(found, key=lambda entry: float(np.max(np.ptp(entry[0], axis=0))), default=(None, ""))
 
 
+def meshes(run: Run) -> str:
+    """Totals on the meshes that error bars compare, over those of the run, with their bars; empty without them."""
+    bars = (run.summary.get("error") or {}).get("bars", ())
+    wanted = ("normal_force", "strain_energy", "greatest_slip", "maximum.displacement")
+    shown = [bar for bar in bars if bar["quantity"].endswith(wanted) and bar["value"] and bar["error"] is not None]
+    if not shown:
+        return ""
+    figure, (axis,) = _figure(1)
+    unknowns = [mesh["unknowns"] for mesh in run.summary["error"]["meshes"]]
+    for bar, (colour, style) in zip(shown, _CURVES, strict=False):
+        size, label = bar["value"], bar["quantity"].removeprefix("totals.").replace("_", " ")
+        axis.plot(unknowns, [one / size for one in bar["on_meshes"]], style, color=colour, markersize=4, label=label)
+        axis.errorbar(unknowns[0], 1.0, abs(bar["error"] / size), color=colour, capsize=4)
+    axis.set(xlabel="displacement unknowns", ylabel="over that of this run", xscale="log")
+    _legend(axis)
+    return _svg(figure, "Totals on several meshes, with error bars")
+
+
 def effort(run: Run) -> str:
     """For a load history: path-following steps and residual per load step."""
     figure, (left, right) = _figure(2)
@@ -337,7 +355,7 @@ def _figure(count: int) -> tuple[Any, Any]:
     colours = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _INK)
     with matplotlib.rc_context({**colours, "font.size": 9.5}):
         figure = Figure(figsize=(4.3 * count, 3.3), layout="constrained", facecolor="none")
-        axes = figure.subplots(1, count)
+        axes = figure.subplots(1, count, squeeze=False)[0]
     for axis in axes:
         axis.set_facecolor("none")
         axis.spines[["top", "right"]].set_visible(False)
