@@ -73,9 +73,6 @@ SHORTEST, LONGEST = 0.1, 3.0
 ROUNDS = 50
 """Maximum number of rounds of contact and conduction."""
 
-_POSITIONAL = ("mesh", "material", "clamps", "contact", "tractions", "body_force", "springs")
-"""The arguments of `ContactProblem` that may be given without their names."""
-
 
 class HeatNotConverged(NotConverged):
     """Contact and heat do not agree, or nothing fixes the temperature of a body."""
@@ -252,14 +249,14 @@ class ContactProblem(DiscreteProblem):
         return cast(NamedMesh | JoinedMesh | Deformable, arguments[0] if arguments else others["mesh"])
 
     def on(self, mesh: NamedMesh | JoinedMesh | Deformable) -> Self:
-        """The same problem on another mesh (or another `Body`), at the same time, with the contact points of pairs on
-        the same faces; collective.
+        """The same problem on another mesh (or `Body`), with contact points of pairs on the same faces; collective.
 
         Raises:
             ValueError: On every rank, as of `ContactProblem`: if it has not the faces and groups of cells.
         """
         arguments, others = self._given
-        given = {**dict(zip(_POSITIONAL, arguments, strict=False)), **others}
+        names = ("mesh", "material", "clamps", "contact", "tractions", "body_force", "springs")
+        given = {**dict(zip(names, arguments, strict=False)), **others}
         if isinstance(self.made_of, Deformable):
             given["material"] = None  # it may be the contact
         contacts = [replace(one, slave=one.against is not None) for one in self.body.contacts]
