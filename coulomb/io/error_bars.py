@@ -199,7 +199,8 @@ def error_of(
         for problem in compared(solution.problem):
             began = time.perf_counter()
             try:
-                answer = problem.solve(tolerance, solver, progress)
+                with _without_remarks():
+                    answer = problem.solve(tolerance, solver, progress)
             except (NotConverged, ValueError) as error:
                 if len(found) > 1:
                     break  # one coarser mesh will do
@@ -244,7 +245,7 @@ def _posed_again(problem: ContactProblem, mesh: NamedMesh | JoinedMesh) -> list[
 
 @contextmanager
 def _without_remarks() -> Iterator[None]:
-    """Remarks on the input were made on the mesh of the answer."""
+    """Remarks on input and answer are about the mesh of the answer."""
     log = logging.getLogger(__package__.partition(".")[0])
     level = log.level
     log.setLevel(logging.ERROR)
@@ -291,8 +292,9 @@ class Companions:
         for number, steps in enumerate(self._steps):
             latest = self._latest[number]
             try:
-                while latest is None or latest.state.time < now - 1e-12 * abs(now):
-                    latest = self._latest[number] = next(steps)
+                with _without_remarks():
+                    while latest is None or latest.state.time < now - 1e-12 * abs(now):
+                        latest = self._latest[number] = next(steps)
             except (NotConverged, ValueError, StopIteration) as error:
                 self._refusal = f"the load history failed on another mesh: {error}"
                 raise NoErrorBars(self._refusal) from None
