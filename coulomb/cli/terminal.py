@@ -231,8 +231,11 @@ def report(
 
 def show_error_bars(console: Console, contents: dict[str, Any]) -> None:
     """Print totals with their error bars, if the summary has them."""
-    ascii_only = str.maketrans({NARROW: " ", "\u2212": "-", "\u00b1": "+-", "\u00b2": "^2"})
-    rows = [(name, shown.translate(ascii_only)) for name, shown, _ in bars_in_words(contents)]
+    plain = str.maketrans(f"{NARROW}−µ⁻⁰¹²³⁴⁵⁶⁷⁸⁹", " -u-0123456789") | str.maketrans({"±": "+-"})
+    rows = [
+        (name, shown.replace("m²", "m^2").replace("×10", "e").translate(plain))
+        for name, shown, _ in bars_in_words(contents)
+    ]
     if rows:
         console.out(f"error bars of the mesh, from {compared_in_words(contents)}:")
     for name, shown in rows[:_LINES]:
