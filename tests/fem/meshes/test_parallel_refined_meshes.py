@@ -1,6 +1,6 @@
 """Other discretisations of a mesh that is distributed.
 
-Run alone, or as `mpirun -n 3 python -m pytest tests/fem/meshes/test_parallel_refinement.py`.
+Run alone, or as `mpirun -n 3 python -m pytest tests/fem/meshes/test_parallel_refined_meshes.py`.
 """
 
 import numpy as np
@@ -8,7 +8,7 @@ import pytest
 from mesh_files import BoxFile, integral
 from mpi4py import MPI
 from ranks import same_error
-from test_refinement import CELLS, KINDS, bend, near, number_of_cells, sizes, unnamed_facets, with_group
+from test_refined_meshes import CELLS, KINDS, bend, near, number_of_cells, sizes, unnamed_facets, with_group
 
 import coulomb
 from coulomb.fem.meshes import first_order, refined
