@@ -16,7 +16,7 @@ from ..io.history_files import steps_left
 from ..io.output import refuse_full_disk, size_on_disk
 from ..io.run_directory import CASE, RunDirectory
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
-from ..model.memory import least_memory, least_room, memory_needed, most_unknowns
+from ..model.memory import least_memory, least_room, memory_of, most_unknowns, nodes_of_cell
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
 from ..regular_file import unwritable
@@ -110,17 +110,9 @@ def _refusal(case: Case, digests: dict[str, str], found: Present) -> str:
 # --- memory -------------------------------------------------------------------------------------------------------
 
 
-def memory_of(problem: ContactProblem, method: tuple[LinearSolver, bool] | None = None) -> float:
-    """Bytes that a problem needs (`memory_needed`), by default with its own method; collective."""
-    body, nodes = problem.body, _nodes_of_cell(problem)
-    linear_solver, explicit = method or (body.stiffness.linear_solver, body.stiffness.explicit)
-    n, ranks = problem.unknowns["displacement"], problem.comm.size
-    return memory_needed(n, body.stiffness.interface, ranks, linear_solver, explicit, nodes, body.stiffness.in_double)
-
-
 def refuse_too_large(problem: ContactProblem) -> None:
     """A ValueError on every rank if a node has too little free memory, with what would fit; collective."""
-    needed, fits = memory_of(problem), least_room(problem.comm)
+    needed, fits = memory_of(problem.body), least_room(problem.comm)
     if needed <= fits:
         return
     size, body = problem.unknowns, problem.body
@@ -130,9 +122,9 @@ def refuse_too_large(problem: ContactProblem) -> None:
     would = [
         f'solver.linear_solver = "{name}" with solver.compliance = "matrix-free" ({gigabytes(other)})'
         for name, solver in others
-        if (other := memory_of(problem, (solver, False))) <= fits
+        if (other := memory_of(problem.body, (solver, False))) <= fits
     ]
-    most = most_unknowns(fits, problem.comm.size, _nodes_of_cell(problem))
+    most = most_unknowns(fits, problem.comm.size, nodes_of_cell(problem.body))
     advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
     raise ValueError(
         f"too little memory: {size['displacement']} displacement and {size['contact']} contact unknowns ({methods}) "
@@ -169,10 +161,6 @@ def unknowns_of_box(cells: tuple[int, int, int], degree: int) -> int:
     return 3 * (degree * cells[0] + 1) * (degree * cells[1] + 1) * (degree * cells[2] + 1)
 
 
-def _nodes_of_cell(problem: ContactProblem) -> int:
-    return max(int(member.body.V.dofmap.dof_layout.num_dofs) for member in problem.elasticity.members)
-
-
 def gigabytes(size: float) -> str:
     return f"{size / 1e9:.2g} GB" if size < 99.5e9 else f"{size / 1e9:.0f} GB"
 
@@ -203,7 +191,7 @@ def expected(settings: Case, problem: ContactProblem) -> list[str]:
         lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times if it fails")
     disk = steps * size_on_disk(problem)
     lines.append(
-        f"about {gigabytes(memory_of(problem))} of memory on {f'{ranks} ranks' if ranks > 1 else 'one rank'}, "
+        f"about {gigabytes(memory_of(problem.body))} of memory on {f'{ranks} ranks' if ranks > 1 else 'one rank'}, "
         f"accurate to a factor of two, and {gigabytes(disk)} on disk"
     )
     return lines

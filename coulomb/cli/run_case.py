@@ -187,13 +187,15 @@ def _write_and_report(
 ) -> None:
     problem, asked = solution.problem, settings.output.error and not trouble and not bars
     interrupted = solution.result.status is Status.INTERRUPTED
-    bars = _error_bars(session, settings, solution) if asked else bars
     problem.seconds["total"] = time.perf_counter() - session.began
     written = True
     stopped = session.interruption
     try:
         extra = {"message": trouble, **({"mesh_files": files} if files else {}), **bars}
         contents = output.write(solution, target, extra, {CASE: case_text(settings)}, overwrite, mesh=mesh)
+        if asked and (bars := _error_bars(session, settings, solution)):  # the answer is safe
+            problem.seconds["total"] = time.perf_counter() - session.began
+            contents = output.write(solution, target, extra | bars, {CASE: case_text(settings)}, overwrite)
         if overwrite:
             on_rank_0(problem.comm, lambda: discard(target))
         if settings.output.picture and not stopped.asked():

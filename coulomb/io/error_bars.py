@@ -25,6 +25,7 @@ from ..linalg.reductions import Reductions
 from ..model.discrete_problem import DiscreteProblem
 from ..model.load_history import LoadHistory
 from ..model.load_step import LoadStep
+from ..model.memory import least_room, memory_of
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
@@ -199,6 +200,7 @@ def error_of(
         for problem in compared(solution.problem):
             began = time.perf_counter()
             try:
+                refuse_too_large(problem)
                 with _without_remarks():
                     answer = problem.solve(tolerance, solver, progress)
             except (NotConverged, ValueError) as error:
@@ -243,6 +245,13 @@ def _posed_again(problem: ContactProblem, mesh: NamedMesh | JoinedMesh) -> list[
     return found
 
 
+def refuse_too_large(problem: ContactProblem) -> None:
+    """A ValueError on every rank if a node has too little free memory; collective."""
+    needed, fits = memory_of(problem.body), least_room(problem.comm)
+    if needed > fits:
+        raise NoErrorBars(f"it needs about {needed / 1e9:.2g} GB of memory, and {fits / 1e9:.2g} GB are free")
+
+
 @contextmanager
 def _without_remarks() -> Iterator[None]:
     """Remarks on input and answer are about the mesh of the answer."""
@@ -276,6 +285,8 @@ class Companions:
         progress: ProgressCallback | None = None,
     ):
         self._tolerance, problems = tolerance, compared(problem)
+        for one in problems:
+            refuse_too_large(one)
         self._steps = [history.steps(one, progress=progress) for one in problems]
         self._latest: list[LoadStep | None] = [None] * len(problems)
         self._refusal = ""

@@ -16,7 +16,7 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
-from .error_bars import Answer, ErrorBar, ErrorBars, NoErrorBars, answer_of, bars_of
+from .error_bars import Answer, ErrorBar, ErrorBars, NoErrorBars, answer_of, bars_of, refuse_too_large
 
 UNKNOWNS = 300_000
 """Displacement unknowns that a finer mesh may have by default."""
@@ -75,8 +75,10 @@ def refine(
     best: Refined | None = None
     while True:
         try:
+            if best is not None:
+                refuse_too_large(posed)
             solution = posed.solve(tolerance, solver, progress, start)
-        except NotConverged as failure:
+        except (NotConverged, NoErrorBars) as failure:
             if best is None:
                 raise
             return replace(best, trouble=f"the next mesh, {posed.unknowns['displacement']} unknowns: {failure}")

@@ -15,12 +15,12 @@ from conftest import ROOT, make_block, run_coulomb, run_script
 import coulomb
 from benchmarks.estimates import measure
 from coulomb.cli import app as cli
-from coulomb.cli.preparation import gigabytes, memory_of
+from coulomb.cli.preparation import gigabytes
 from coulomb.fem.meshes.named_mesh import volume
 from coulomb.linalg.compliance.predicted_cost import DIRECT_UP_TO, chosen
 from coulomb.linalg.compliance.stiffness import DirectSolver, IterativeSolver
 from coulomb.model.conditioning import slenderness_of
-from coulomb.model.memory import free_memory, memory_needed
+from coulomb.model.memory import free_memory, memory_needed, memory_of
 
 SMALL = {
     "block": "mesh.cells=[9,3,3]",
@@ -110,10 +110,10 @@ def test_estimates_against_measurements():
 
 def test_estimates_follow_the_method():
     direct, iterative = make_block(4), make_block(4, linear_solver=IterativeSolver)
-    before = memory_of(direct)
-    assert before > memory_of(iterative)
+    before = memory_of(direct.body)
+    assert before > memory_of(iterative.body)
     direct.body.stiffness.expect_load_steps(24)
-    assert memory_of(direct) > before
+    assert memory_of(direct.body) > before
     assert gigabytes(2.34e8) == "0.23 GB" and gigabytes(1.234e11) == "123 GB"
 
 

@@ -164,3 +164,11 @@ def test_every_load_step_has_error_bars(tmp_path):
         forces.append(bars["totals.normal_force"])
     assert forces[0]["value"] < forces[1]["value"] and 0.0 < forces[0]["error"] < forces[1]["error"]
     assert run("check", results).returncode == 0
+
+
+def test_a_comparison_that_does_not_fit_is_refused_and_the_answer_kept(tmp_path, monkeypatch):
+    """Second order has eight times the unknowns: it must not end a run that has its answer."""
+    alone = block(2).on(replace(block(2).made_of, coarser=None)).solve()
+    monkeypatch.setattr("coulomb.io.error_bars.least_room", lambda comm: 1e8)
+    with pytest.raises(NoErrorBars, match=r"needs about [0-9.]+ GB of memory, and 0.1 GB are free"):
+        alone.error()
