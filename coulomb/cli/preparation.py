@@ -16,7 +16,7 @@ from ..io.history_files import steps_left
 from ..io.output import refuse_full_disk, size_on_disk
 from ..io.run_directory import CASE, RunDirectory
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
-from ..model.memory import least_memory, least_room, memory_of, most_unknowns, nodes_of_cell
+from ..model.memory import least_memory, least_room, most_unknowns
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
 from ..regular_file import unwritable
@@ -112,7 +112,7 @@ def _refusal(case: Case, digests: dict[str, str], found: Present) -> str:
 
 def refuse_too_large(problem: ContactProblem) -> None:
     """A ValueError on every rank if a node has too little free memory, with what would fit; collective."""
-    needed, fits = memory_of(problem.body), least_room(problem.comm)
+    needed, fits = problem.body.memory(), least_room(problem.comm)
     if needed <= fits:
         return
     size, body = problem.unknowns, problem.body
@@ -122,9 +122,9 @@ def refuse_too_large(problem: ContactProblem) -> None:
     would = [
         f'solver.linear_solver = "{name}" with solver.compliance = "matrix-free" ({gigabytes(other)})'
         for name, solver in others
-        if (other := memory_of(problem.body, (solver, False))) <= fits
+        if (other := problem.body.memory((solver, False))) <= fits
     ]
-    most = most_unknowns(fits, problem.comm.size, nodes_of_cell(problem.body))
+    most = most_unknowns(fits, problem.comm.size, problem.body.nodes_of_cell)
     advice = f"take {' or '.join(would)}" if would else f"by multigrid {most} displacement unknowns would fit"
     raise ValueError(
         f"too little memory: {size['displacement']} displacement and {size['contact']} contact unknowns ({methods}) "
@@ -191,7 +191,7 @@ def expected(settings: Case, problem: ContactProblem) -> list[str]:
         lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times if it fails")
     disk = steps * size_on_disk(problem)
     lines.append(
-        f"about {gigabytes(memory_of(problem.body))} of memory on {f'{ranks} ranks' if ranks > 1 else 'one rank'}, "
+        f"about {gigabytes(problem.body.memory())} of memory on {f'{ranks} ranks' if ranks > 1 else 'one rank'}, "
         f"accurate to a factor of two, and {gigabytes(disk)} on disk"
     )
     return lines

@@ -25,7 +25,7 @@ from ..linalg.reductions import Reductions
 from ..model.discrete_problem import DiscreteProblem
 from ..model.load_history import LoadHistory
 from ..model.load_step import LoadStep
-from ..model.memory import least_room, memory_of
+from ..model.memory import least_room
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
@@ -247,7 +247,7 @@ def _posed_again(problem: ContactProblem, mesh: NamedMesh | JoinedMesh) -> list[
 
 def refuse_too_large(problem: ContactProblem) -> None:
     """A ValueError on every rank if a node has too little free memory; collective."""
-    needed, fits = memory_of(problem.body), least_room(problem.comm)
+    needed, fits = problem.body.memory(), least_room(problem.comm)
     if needed > fits:
         raise NoErrorBars(f"it needs about {needed / 1e9:.2g} GB of memory, and {fits / 1e9:.2g} GB are free")
 

@@ -25,6 +25,7 @@ from .contact import Contact
 from .contact_faces import ContactFaces, oriented
 from .contact_stiffness import ContactStiffness
 from .heat import Heat, HeatProblem
+from .memory import memory_needed
 from .nodal_answer import Accumulated
 from .probes import LocatedProbes, Part, Probe
 from .provenance import timed
@@ -200,6 +201,18 @@ class ContactBody:
         faces = [self.elasticity.face(contact.face, "contact") for contact in self.contacts]
         parts = [Part(member.name, member.body, member.nodes) for member in members]
         return LocatedProbes(probes, parts, [(member.name, facets) for member, facets in faces])
+
+    def memory(self, method: tuple[LinearSolver, bool] | None = None) -> float:
+        """Bytes that it needs over all ranks (`memory_needed`), by default with its own method; collective."""
+        stiffness = self.stiffness
+        linear_solver, explicit = method or (stiffness.linear_solver, stiffness.explicit)
+        sizes = self.unknowns["displacement"], stiffness.interface, self.comm.size
+        return memory_needed(*sizes, linear_solver, explicit, self.nodes_of_cell, stiffness.in_double)
+
+    @property
+    def nodes_of_cell(self) -> int:
+        """The largest number of nodes of a cell."""
+        return max(int(member.body.V.dofmap.dof_layout.num_dofs) for member in self.elasticity.members)
 
     def replace(self, elasticity: Deformable) -> None:
         """Take another stiffness (a tangent), loads and supports with the same nodes and held directions; states that

@@ -8,14 +8,10 @@ complement on the contact nodes is a dense matrix m x m, and multigrid is linear
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
 from ..linalg.compliance import DirectSolver, LinearSolver
-
-if TYPE_CHECKING:
-    from .contact_body import ContactBody
 
 # bytes
 _BASE = 1.4e8  # per rank without a mesh: Python, DOLFINx, PETSc
@@ -56,20 +52,6 @@ def memory_needed(
     factor: float = (2.0 if double else 1.0) * (_FRONTS if explicit else _FACTOR) * n ** (4 / 3)
     dense = ((2.0 if double else 1.0) * _DENSE + (_COLUMNS if double else 0.0)) * m**2 if explicit else 0.0
     return least + factor + dense
-
-
-def memory_of(body: ContactBody, method: tuple[LinearSolver, bool] | None = None) -> float:
-    """Bytes that a body needs over all ranks (`memory_needed`), by default with its own method; collective."""
-    stiffness = body.stiffness
-    linear_solver, explicit = method or (stiffness.linear_solver, stiffness.explicit)
-    n, ranks = body.unknowns["displacement"], body.comm.size
-    interface, double = stiffness.interface, stiffness.in_double
-    return memory_needed(n, interface, ranks, linear_solver, explicit, nodes_of_cell(body), double)
-
-
-def nodes_of_cell(body: ContactBody) -> int:
-    """The largest number of nodes of a cell."""
-    return max(int(member.body.V.dofmap.dof_layout.num_dofs) for member in body.elasticity.members)
 
 
 def least_memory(displacement: int, ranks: int, nodes: int = 8) -> float:

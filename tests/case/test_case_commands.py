@@ -20,7 +20,7 @@ from coulomb.fem.meshes.named_mesh import volume
 from coulomb.linalg.compliance.predicted_cost import DIRECT_UP_TO, chosen
 from coulomb.linalg.compliance.stiffness import DirectSolver, IterativeSolver
 from coulomb.model.conditioning import slenderness_of
-from coulomb.model.memory import free_memory, memory_needed, memory_of
+from coulomb.model.memory import free_memory, memory_needed
 
 SMALL = {
     "block": "mesh.cells=[9,3,3]",
@@ -110,10 +110,10 @@ def test_estimates_against_measurements():
 
 def test_estimates_follow_the_method():
     direct, iterative = make_block(4), make_block(4, linear_solver=IterativeSolver)
-    before = memory_of(direct.body)
-    assert before > memory_of(iterative.body)
+    before = direct.body.memory()
+    assert before > iterative.body.memory()
     direct.body.stiffness.expect_load_steps(24)
-    assert memory_of(direct.body) > before
+    assert direct.body.memory() > before
     assert gigabytes(2.34e8) == "0.23 GB" and gigabytes(1.234e11) == "123 GB"
 
 

@@ -14,7 +14,7 @@ from coulomb.fem.contact.surface import contact_surface, interpolated_forces
 from coulomb.io.output import size_on_disk
 from coulomb.io.recheck import check
 from coulomb.linalg.compliance.stiffness import IterativeSolver
-from coulomb.model.memory import memory_needed, memory_of
+from coulomb.model.memory import memory_needed
 from coulomb.model.nodal_answer import OPEN
 from coulomb.pictures.report.fields import zone_counts
 from coulomb.pictures.report.files import read_run
@@ -176,6 +176,6 @@ def test_estimates_count_all_nodes(written):
     as_first = memory_needed(
         n, problem.body.stiffness.interface, 1, problem.body.stiffness.linear_solver, problem.body.stiffness.explicit
     )
-    assert (memory_of(problem.body) > as_first) == (cell == "hexahedron")
+    assert (problem.body.memory() > as_first) == (cell == "hexahedron")
     taken = sum((folder / f"{name}.h5").stat().st_size for name in ("solution", "contact"))
     assert 0.5 * taken < size_on_disk(problem) < 3.0 * taken + 1.1e5
