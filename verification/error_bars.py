@@ -412,7 +412,7 @@ def verify(chosen: Sequence[str] | None = None) -> Verified:
 
 def _panel(found: Mapping[str, Sequence[Number]]) -> Panel:
     """Bars over errors; both relative to the largest value of the number, so that cases are beside each other."""
-    curves, ends = [], np.array([1e-9, 1.0])
+    curves, ends = [], np.array([1e-8, 1e3])
     for name, some in found.items():
         shown = [one for one in some if math.isfinite(one.bar) and not one.exact]
         scale = np.array([one.scale for one in shown])

@@ -38,5 +38,6 @@ def draw(panels: Sequence[Panel], path: Path) -> None:
         axis.set_xlabel(panel.xlabel)
         axis.set_ylabel(panel.ylabel)
         axis.grid(alpha=0.3)
-        axis.legend(fontsize="small")
+        outside = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)} if len(panel.curves) > 8 else {}
+        axis.legend(fontsize="small", **outside)
     figure.savefig(path, dpi=110)
