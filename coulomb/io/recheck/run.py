@@ -208,6 +208,8 @@ def check_run(
 def _compare_error_bars(run: WrittenRun, found: Comparison) -> None:
     """Compare the values that have error bars with the totals of the summary; the bars are those of the run."""
     bars = (run.summary.get("error") or {}).get("bars", ())
+    if not bars:
+        return
     said = {bar["quantity"]: np.atleast_1d(bar["value"]).tolist() for bar in bars}
     totals = {name: value.tolist() for name, value, _ in totals_in(run.summary) if name in said}
     found.tree(f"{SUMMARY}: error", {name: said[name] for name in totals}, totals, source=ANSWER)
