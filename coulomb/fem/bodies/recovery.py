@@ -324,7 +324,7 @@ def _recovered(cells: _Cells, own: IntArray) -> FloatArray:
     fine, _ = cells.integration()
     X, weights = np.concatenate([best, fine]), np.repeat([1.0, _FINE], [len(best), len(fine)])
     size = 4 if cells.degree == 1 else 10
-    moments = np.zeros((len(cells.x), size, size + 6))
+    moments: FloatArray = np.zeros((len(cells.x), size, size + 6))
     for part in _parts(own):
         terms, stress, _ = cells.at(part, X)
         vertices = cells.vertices[part]
@@ -338,7 +338,7 @@ def _recovered(cells: _Cells, own: IntArray) -> FloatArray:
     polynomials, quality = np.zeros((len(cells.x), size, 6)), np.zeros(len(cells.x))
     here = moments[:, 0, 0] > 0.0
     polynomials[here], quality[here] = _fitted(moments[here])
-    others = np.zeros((len(cells.x), 1 + 6 * size))
+    others: FloatArray = np.zeros((len(cells.x), 1 + 6 * size))
     for part in _parts(own):
         vertices = cells.vertices[part]
         cell, i, j = np.nonzero(quality[vertices][:, None, :] > _BETTER * quality[vertices][:, :, None])

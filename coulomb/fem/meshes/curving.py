@@ -53,7 +53,7 @@ def arcs(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     first = np.cumsum(around) - around
     other = order[np.repeat(starts[corners.ravel()], around) + np.arange(len(corner)) - np.repeat(first, around)]
     near = np.einsum("pi,pi->p", normal[corner // width], normal[other // width]) > math.cos(CREASE)
-    N = np.zeros((facets * width, 3))
+    N: FloatArray = np.zeros((facets * width, 3))
     np.add.at(N, corner[near], (angle.ravel()[:, None] * normal[np.arange(facets * width) // width])[other[near]])
     N = _unit(N).reshape(x.shape)
 

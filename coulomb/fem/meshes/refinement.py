@@ -110,7 +110,7 @@ def _order_of_divided(domain: Any, marked: npt.NDArray[np.bool_]) -> IntArray:
     starts = starts_of(comm, edges.size_local)
 
     ends = domain.geometry.x[corner_geometry(domain)][:, _EDGES]
-    key = np.empty((len(number), 4))  # of equal length: by place
+    key: FloatArray = np.empty((len(number), 4))  # of equal length: by place
     key[of_cell, 0] = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
     key[of_cell, 1:] = ends.mean(axis=2)
     key = fetched(comm, starts, number, key[: edges.size_local])  # since roundings can be others on another rank
@@ -120,7 +120,7 @@ def _order_of_divided(domain: Any, marked: npt.NDArray[np.bool_]) -> IntArray:
     of_cell = of_cell[:own]
     triangles = of_cell[:, _AROUND]
     longest = np.take_along_axis(triangles, np.argmax(order[triangles], axis=2)[..., None], axis=2)[..., 0]
-    divided = np.zeros(len(number), dtype=bool)
+    divided: npt.NDArray[np.bool_] = np.zeros(len(number), dtype=bool)
     divided[of_cell[marked]] = True
     owners = Exchange(comm, owner_of(starts, number))
     at = owners.send(number) - starts[comm.rank]

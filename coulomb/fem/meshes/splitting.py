@@ -70,6 +70,6 @@ def _pattern(cell: Any) -> tuple[IntArray, IntArray]:
     sides = facet_columns(cell, 1)
     on_facets = [
         [[part[k] for k in side] for part in parts for side in sides if {part[k] for k in side} <= set(nodes)]
-        for nodes in facet_columns(cell, 2).tolist()
+        for nodes in facet_columns(cell, 2)
     ]
     return np.array(parts, dtype=np.int64), np.array(on_facets, dtype=np.int64)
