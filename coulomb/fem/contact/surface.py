@@ -144,8 +144,8 @@ def interpolated_forces(x: FloatArray, coarse: ContactSurface, fine: ContactSurf
     comm = fine.B.getComm().tompi4py()
     tractions = coarse.vectors(x.reshape(-1, 3)) / coarse.area[:, None]
     points, values = (np.concatenate(comm.allgather(part)) for part in (coarse.x, tractions))
-    distance, near = tree_of(points).query(fine.x, k=min(4, len(points)))
-    distance, near = distance.reshape(len(fine.x), -1), near.reshape(len(fine.x), -1)
+    nearest = min(4, len(points))
+    distance, near = (of.reshape(len(fine.x), nearest) for of in tree_of(points).query(fine.x, k=nearest))
     weight = 1.0 / np.maximum(distance, 1e-9 * np.max(distance, initial=1e-300)) ** 2
     weight /= weight.sum(axis=1)[:, None]
     averaged = np.einsum("ij,ijk->ik", weight, values[near])
