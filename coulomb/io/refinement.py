@@ -16,7 +16,7 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
-from .error_bars import Answer, ErrorBar, ErrorBars, NoErrorBars, answer_of, bars_of, refuse_too_large
+from .error_bars import Answer, ErrorBar, ErrorBars, NoErrorBars, answer_of, bars_of, error_of, refuse_too_large
 
 UNKNOWNS = 300_000
 """Displacement unknowns that a finer mesh may have by default."""
@@ -99,8 +99,13 @@ def refine(
         mesh = posed.made_of
         assert not isinstance(mesh, Deformable)
         next_one = problem.on(finer(mesh, {name: one.squared for name, one in stress.items()}))
-        if best is not None and (many := next_one.unknowns["displacement"]) > unknowns:
-            return replace(best, trouble=f"the next mesh would have {many} unknowns, more than {unknowns}")
+        if (many := next_one.unknowns["displacement"]) > unknowns:
+            if best is None:  # no finer mesh: others tell
+                bars = error_of(solution, tolerance=tolerance, solver=solver, progress=progress)
+                best = Refined(solution, bars, _relative([bars[name] for name in asked]), "")
+            enough = best.largest <= to
+            trouble = "" if enough else f"the next mesh would have {many} unknowns, more than {unknowns}"
+            return replace(best, trouble=trouble)
         start = interpolated_forces(solution.contact_force, solution.problem.surface, next_one.surface)
         posed = next_one
 

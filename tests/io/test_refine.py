@@ -35,6 +35,19 @@ def test_a_box_with_equal_errors_stays_even():
     assert cells(found.coarser()) == 24
 
 
+def test_a_body_without_any_error_is_divided_evenly():
+    found = finer(box((1.0, 1.0, 1.0), (2, 2, 2)), {"": np.zeros(8)})
+    np.testing.assert_allclose(found.grid.planes[0], np.linspace(0.0, 1.0, 4), atol=1e-12)
+
+
+def test_no_mesh_has_more_unknowns_than_are_allowed():
+    """Also the second; the bars are then those of `Solution.error`."""
+    found = block(box((3.0, 1.0, 1.0), (6, 2, 2))).refine(1e-6, unknowns=200)
+    assert found.solution.problem.unknowns["displacement"] == 162 and "more than 200" in found.trouble
+    bar = found.solution.error()["totals.normal_force"].bar
+    assert found.bars["totals.normal_force"].bar == pytest.approx(bar, rel=1e-6)
+
+
 def test_planes_are_where_the_error_is():
     mesh = box((1.0, 1.0, 1.0), (4, 4, 4))
     found = finer(mesh, {"": np.where(mesh.grid.slabs[0] == 0, 8.0, 1e-3)})

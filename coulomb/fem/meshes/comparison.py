@@ -82,6 +82,8 @@ def finer(mesh: NamedMesh | JoinedMesh, squared: Mapping[str, FloatArray]) -> Na
     bodies, comm = _bodies(mesh), mesh.comm
     errors = np.sort(np.concatenate([part for one in squared.values() for part in comm.allgather(one)]))[::-1]
     total = np.cumsum(errors)
+    if total[-1] == 0.0:  # nothing is loaded: all cells alike
+        return finer(mesh, {name: np.ones_like(one) for name, one in squared.items()})
     least = errors[np.searchsorted(total, SHARE * total[-1])]
     found = {}
     for name, one in bodies.items():
