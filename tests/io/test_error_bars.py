@@ -1,13 +1,12 @@
 """Error bars: Richardson's extrapolation on sequences with known errors, and contact problems with known answers."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import ufl
+from conftest import run_coulomb
 from user_forms import Script
 
 import coulomb
@@ -126,14 +125,10 @@ error = true
 """
 
 
-def run(*arguments):
-    return subprocess.run([sys.executable, "-m", "coulomb", *map(str, arguments)], capture_output=True, text=True)
-
-
 def test_a_run_says_writes_and_checks_its_error_bars(tmp_path):
     case, results = tmp_path / "case.toml", tmp_path / "results"
     case.write_text(CASE.replace("AMPLITUDE", ""))
-    done = run("run", case, "--output", results, "--report")
+    done = run_coulomb("run", case, "--output", results, "--report")
     assert done.returncode == 0, done.stderr
     assert "error bars of the mesh, from meshes of" in done.stdout
     assert "normal force  " in done.stdout and " +- " in done.stdout
@@ -142,10 +137,10 @@ def test_a_run_says_writes_and_checks_its_error_bars(tmp_path):
     assert [one["order"] for one in summary["error"]["meshes"]] == [1, 1, 1]
     bars = {bar["quantity"]: bar for bar in summary["error"]["bars"]}
     assert bars["totals.normal_force"]["value"] == summary["totals"]["normal_force"]
-    assert run("check", results).returncode == 0
+    assert run_coulomb("check", results).returncode == 0
     bars["totals.normal_force"]["value"] *= 1.001
     (results / "summary.json").write_text(json.dumps(summary))
-    checked = run("check", results)
+    checked = run_coulomb("check", results)
     assert checked.returncode == 1 and "error.totals.normal_force" in checked.stdout
 
 
@@ -154,7 +149,7 @@ def test_every_load_step_has_error_bars(tmp_path):
     case.write_text(
         CASE.replace("AMPLITUDE", "amplitude = [[0.0, 0.0], [2.0, 1.0]]") + "[history]\ntimes = [1.0, 2.0]\n"
     )
-    done = run("run", case, "--output", results)
+    done = run_coulomb("run", case, "--output", results)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("error bars of the mesh") == 1
     forces = []
@@ -163,7 +158,7 @@ def test_every_load_step_has_error_bars(tmp_path):
         bars = {bar["quantity"]: bar for bar in summary["error"]["bars"]}
         forces.append(bars["totals.normal_force"])
     assert forces[0]["value"] < forces[1]["value"] and 0.0 < forces[0]["error"] < forces[1]["error"]
-    assert run("check", results).returncode == 0
+    assert run_coulomb("check", results).returncode == 0
 
 
 def test_a_comparison_that_does_not_fit_is_refused_and_the_answer_kept(tmp_path, monkeypatch):

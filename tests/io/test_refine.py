@@ -1,12 +1,11 @@
 """Meshes that refine themselves: finer where the error is, until error bars are small enough."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
@@ -108,22 +107,18 @@ picture = false
 """
 
 
-def run(*arguments):
-    return subprocess.run([sys.executable, "-m", "coulomb", *map(str, arguments)], capture_output=True, text=True)
-
-
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_a_run_keeps_its_mesh_and_is_checked_and_run_again(tmp_path, cell):
     case, results = tmp_path / "case.toml", tmp_path / "results"
     case.write_text(CASE.replace("CELL", cell))
-    done = run("run", case, "--refine-to", "10%", "--output", results)
+    done = run_coulomb("run", case, "--refine-to", "10%", "--output", results)
     assert done.returncode == 0, done.stderr
     assert "error of the stress" in done.stdout and "error bars of the mesh" in done.stdout
     summary = json.loads((results / "summary.json").read_text())
     meshes = [one["unknowns"] for one in summary["error"]["meshes"]]
     assert meshes[0] == summary["unknowns"]["displacement"] > meshes[1]
     assert (results / "mesh" / "mesh.xdmf").exists()
-    checked = run("check", results)
+    checked = run_coulomb("check", results)
     assert checked.returncode == 0, checked.stdout
     again = tmp_path / "again.toml"
     again.write_text(
@@ -131,16 +126,16 @@ def test_a_run_keeps_its_mesh_and_is_checked_and_run_again(tmp_path, cell):
         .replace("box = [3.0, 1.0, 1.0]\ncells = [6, 2, 2]\n", "")
         .replace(f'cell = "{cell}"', f'file = "{results / "mesh" / "mesh.xdmf"}"')
     )
-    assert run("run", again, "--output", tmp_path / "again", "--quiet").returncode == 0
+    assert run_coulomb("run", again, "--output", tmp_path / "again", "--quiet").returncode == 0
     other = json.loads((tmp_path / "again" / "summary.json").read_text())
     assert other["totals"]["normal_force"] == pytest.approx(summary["totals"]["normal_force"], rel=1e-7)
-    assert run("run", case, "--refine-to", "10%", "--output", results, "--overwrite").returncode == 0
+    assert run_coulomb("run", case, "--refine-to", "10%", "--output", results, "--overwrite").returncode == 0
 
 
 def test_a_budget_that_does_not_suffice_is_an_error_with_results(tmp_path):
     case, results = tmp_path / "case.toml", tmp_path / "results"
     case.write_text(CASE.replace("CELL", "hexahedron"))
-    done = run("run", case, "--refine-to", "0.01%", "--most-unknowns", "2000", "--output", results)
+    done = run_coulomb("run", case, "--refine-to", "0.01%", "--most-unknowns", "2000", "--output", results)
     assert done.returncode == 1
     assert "0.01 % was asked for: the next mesh would have" in done.stderr
     assert json.loads((results / "summary.json").read_text())["valid"]
@@ -159,6 +154,6 @@ def test_a_budget_that_does_not_suffice_is_an_error_with_results(tmp_path):
 def test_wrong_options_are_refused(tmp_path, options, said):
     case, results = tmp_path / "case.toml", tmp_path / "results"
     case.write_text(CASE.replace("CELL", "hexahedron"))
-    done = run("run", case, *options, "--output", results)
+    done = run_coulomb("run", case, *options, "--output", results)
     assert done.returncode == 2 and said in done.stderr.replace("\n", " ")
     assert not (results / "summary.json").exists()
