@@ -9,13 +9,24 @@ from functools import partial
 import numpy as np
 
 from ...arrays import FloatArray
-from .meshes import first_order, second_order
+from .meshes import first_order, smooth_second_order
 from .named_mesh import Grid, JoinedMesh, NamedMesh
 from .refinement import refined
+from .remeshing import remeshed
 from .splitting import split
 
 COARSER = 2
 """Number of coarser meshes, of which each costs an eighth of the one before: two show the order of convergence."""
+
+LONGER, LEAST = 2.0, 1.3
+"""Factor of the lengths of edges of coarser tetrahedra, and the least ratio of sizes that has to come of it."""
+
+FEW = 1_000
+"""Corners of tetrahedra, over the ranks, up to which second order on the same cells, with about eight times as many
+unknowns, takes seconds: its bars are half as wide as those from coarser tetrahedra."""
+
+REFINED, COARSENED = 0.25, 1.0
+"""Bounds of the factor of sizes of tetrahedra in one refinement."""
 
 GROWTH = 1.45
 """Factor of the cells along each edge of a box that becomes finer: three times as many in all."""
@@ -29,17 +40,37 @@ STEEPEST = 3.0
 
 
 def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
-    """Up to two coarser meshes, from fine to coarse, as far as every body has them; collective.
+    """Up to two coarser meshes, from fine to coarse, as far as every body has them: those from which it was refined,
+    boxes with fewer cells, and first-order tetrahedra `remeshed`, but for FEW; collective.
 
     Raises:
-        ValueError: As of `NamedMesh.coarser`.
+        ValueError: As of `NamedMesh.coarser` and `remeshed`.
     """
     bodies = _bodies(mesh)
-    for _ in range(COARSER):
-        if any(one.coarser is None for one in bodies.values()):
+    if any(one.coarser is None for one in bodies.values()):
+        if sum(one.domain.topology.index_map(0).size_global for one in bodies.values()) <= FEW:
             return
-        bodies = {name: one.coarser() for name, one in bodies.items() if one.coarser is not None}
+    for _ in range(COARSER):
+        if not all(one.coarser or _first_order_tetrahedra(one) for one in bodies.values()):
+            return
+        bodies = {name: _coarsened(one) if one.coarser is None else one.coarser() for name, one in bodies.items()}
         yield _like(mesh, bodies)
+
+
+def _coarsened(mesh: NamedMesh) -> NamedMesh:
+    cells = mesh.domain.topology.index_map(3)
+    made = remeshed(mesh, np.full(cells.size_local, LONGER))
+    if cells.size_global < LEAST**3 * made.domain.topology.index_map(3).size_global:
+        raise ValueError("there is no coarser mesh: a body is a cell thick")
+    return made
+
+
+def _of_tetrahedra(mesh: NamedMesh) -> bool:
+    return bool(mesh.domain.topology.cell_type.name == "tetrahedron")
+
+
+def _first_order_tetrahedra(mesh: NamedMesh) -> bool:
+    return mesh.degree == 1 and _of_tetrahedra(mesh)
 
 
 def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
@@ -51,26 +82,19 @@ def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]
     if len(orders) > 1:
         return
     first = orders == {1}
-    other = {name: _curved(one) if first else first_order(one) for name, one in bodies.items()}
+    other = {name: smooth_second_order(one) if first else first_order(one) for name, one in bodies.items()}
     yield _like(mesh, other)
     second = other if first else bodies
-    if not first or any(one.domain.topology.cell_type.name == "tetrahedron" for one in bodies.values()):
+    if not first or any(_of_tetrahedra(one) for one in bodies.values()):
         yield _like(mesh, {name: split(one) for name, one in second.items()})
-
-
-def _curved(mesh: NamedMesh) -> NamedMesh:
-    """Second order with a smooth boundary, or with the given one if cells would become flat."""
-    try:
-        return second_order(mesh, curved=True)
-    except ValueError:
-        return second_order(mesh)
 
 
 def finer(mesh: NamedMesh | JoinedMesh, squared: Mapping[str, FloatArray]) -> NamedMesh | JoinedMesh:
     """A mesh with smaller cells where the error is, of which the given one is the `coarser`; collective.
 
     Boxes have more planes, so that slabs between them have equal errors: their edges attract planes, at little cost.
-    Of other bodies of tetrahedra the marked ones are divided (SHARE), other hexahedra are all divided.
+    Other bodies of tetrahedra are `remeshed`, without MMG the marked cells are divided (SHARE); other hexahedra are all
+    divided.
 
     Args:
         mesh: The bodies.
@@ -92,12 +116,24 @@ def finer(mesh: NamedMesh | JoinedMesh, squared: Mapping[str, FloatArray]) -> Na
             found[name] = one
         elif one.grid is not None:
             found[name] = _graded(one, one.grid, mine)
-        elif one.domain.topology.cell_type.name == "tetrahedron":
-            found[name] = refined(one, mine >= least)
+        elif _of_tetrahedra(one):
+            found[name] = _finer_tetrahedra(one, mine, least)
         else:
             found[name] = refined(one)
     kept = {name: replace(one, coarser=partial(_itself, bodies[name])) for name, one in found.items()}
     return JoinedMesh(kept) if isinstance(mesh, JoinedMesh) else kept[""]
+
+
+def _finer_tetrahedra(mesh: NamedMesh, squared: FloatArray, least: float) -> NamedMesh:
+    """With about GROWTH^3 times as many cells, which have equal errors: the squared error of a cell of size h is about
+    h^(2 p + 3) times a density, with elements of order p."""
+    parts = squared ** (3.0 / (2.0 * mesh.degree + 3.0))
+    whole, cells = mesh.comm.allreduce(float(parts.sum())), mesh.domain.topology.index_map(3).size_global
+    factor = (GROWTH**3 * cells / whole * parts).clip(COARSENED**-3, REFINED**-3) ** (-1.0 / 3.0)
+    try:
+        return remeshed(mesh, factor)
+    except ValueError:
+        return refined(mesh, squared >= least)
 
 
 def _itself(mesh: NamedMesh) -> NamedMesh:

@@ -72,6 +72,14 @@ def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
     return _of_order(second_order, mesh, domain, of_point)
 
 
+def smooth_second_order(mesh: NamedMesh) -> NamedMesh:
+    """`second_order` with a smooth boundary, or with the given one if cells would become flat."""
+    try:
+        return second_order(mesh, curved=True)
+    except ValueError:
+        return second_order(mesh)
+
+
 def first_order(mesh: NamedMesh) -> NamedMesh:
     """The mesh with 4-node tetrahedra or 8-node hexahedra of the same corners, where curved edges and faces become
     straight; collective.
@@ -338,6 +346,11 @@ def read_mesh(
         str(path),
         lambda: apart(inspect(cut(read_file(str(path), names or {}, cell_names or {}), cuts), scale, MPI.COMM_SELF)),
     )
+    return from_first_rank(comm, path, sound)
+
+
+def from_first_rank(comm: MPI.Comm, path: str | Path, sound: InspectedMesh | None) -> NamedMesh:
+    """Distribute a mesh that rank 0 has, None on the others; errors begin with `path`; collective."""
     shape = None
     if sound is not None:
         corners = {name: rows.shape[1] for name, rows in sound.face_groups.items()}

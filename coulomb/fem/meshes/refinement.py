@@ -65,7 +65,7 @@ def refined(
     if tetrahedra:
         chosen = on_all_ranks(lambda: _chosen(marked, own), "refined: marked", comm)
         parent, corners = _bisected(_order_of_divided(old, chosen))
-        first, kind = _distinct(corners)
+        first, kind = distinct(corners)
         kinds = _middles(old.topology.cell_type)[corners[first]]
     else:
         parent, kind = np.divmod(np.arange(8 * own), 8)
@@ -242,16 +242,16 @@ def _numbered(comm: MPI.Comm, names: IntArray) -> tuple[IntArray, IntArray, npt.
     """Numbers of nodes with the keys `names` (k, n, m), in any order, shape (k, n): the same for the same key on all
     ranks; the first number of every rank; and which of this rank's are not of one thing m times; collective."""
     keys = np.sort(names, axis=2).reshape(-1, names.shape[2])
-    first, at = _distinct(keys)
+    first, at = distinct(keys)
     hubs = Exchange(comm, keys[first, 0] % comm.size)
     there = hubs.send(keys[first])
-    first, number = _distinct(there)
+    first, number = distinct(there)
     starts = starts_of(comm, len(first))
     numbers = hubs.reply(starts[comm.rank] + number)[at].reshape(names.shape[:2])
     return numbers, starts, there[first, 0] != there[first, -1]
 
 
-def _distinct(rows: IntArray) -> tuple[IntArray, IntArray]:
+def distinct(rows: IntArray) -> tuple[IntArray, IntArray]:
     """Where each distinct row of whole numbers >= 0 (k, m) is first, in their order, and the number of every row among
     them, shape (k,): as `np.unique`, in less than half its time."""
     number, count = rows[:, 0], rows.max(initial=0) + 1
