@@ -41,7 +41,7 @@ SLOWEST, FASTEST = 0.7, 1.5
 """Bounds of the order q: totals have twice the order of the energy norm, which is at most 3/4 at the edge of a contact
 (there u ~ r^(3/2), and half a cell of it is where the state changes), and about 1/3 at edges of clamped faces.  The
 bounds are from measurement (docs/measurements.md): with the order 2 of smooth answers, one number in ten is outside.
-Of even contact (`even_contact`) the error of the stress tells the order (`_fastest`)."""
+Of even contact (`even_contact`) the errors of the stress tell them (`_bounds`)."""
 
 OF_THE_FINER, OF_THE_COARSER, OF_EQUALS = 1.0, 2.0, 2.0
 """Error of the answer of second order, and of that of first order on the same cells, over the difference of the two;
@@ -386,8 +386,8 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         extreme = name.endswith(("greatest_pressure", "greatest_slip"))
         if chain:
             sizes = [one.size for one in compared]
-            fastest = OF_EXTREMES if extreme else _fastest(first, chain[0])
-            order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], fastest)
+            bounds = (SLOWEST, OF_EXTREMES) if extreme else _bounds(first, chain[0])
+            order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], *bounds)
         else:
             parts = [_part(first, one) * (2.0 if extreme else _better(first, one)) for one in compared]
             off = [part * np.abs(other - value) for part, other in zip(parts, values, strict=True)]
@@ -416,13 +416,15 @@ def _between_nodes(bars: ErrorBars) -> ErrorBars:
     return replace(bars, bars=tuple(found))
 
 
-def _fastest(first: Answer, coarser: Answer) -> float:
-    """Bound of the order of totals: twice that of the energy norm (Aubin and Nitsche), by the errors of the stress on
-    two meshes, but at most that of the displacement; FASTEST at least, and where these are not known."""
+def _bounds(first: Answer, coarser: Answer) -> tuple[float, float]:
+    """Of the order of totals: that of the energy norm, by the errors of the stress on two meshes, and twice that (Aubin
+    and Nitsche), but at most that of the displacement; not below SLOWEST and FASTEST, which they are if the errors are
+    not known."""
     if not (first.stress_error > 0.0 and coarser.stress_error > 0.0):
-        return FASTEST
+        return SLOWEST, FASTEST
     order = math.log(coarser.stress_error / first.stress_error) / math.log(coarser.size / first.size)
-    return min(max(2.0 * order, FASTEST), first.order + 1.0)
+    fastest = max(min(2.0 * order, first.order + 1.0), FASTEST)
+    return min(max(order, SLOWEST), fastest), fastest
 
 
 def _better(first: Answer, other: Answer) -> float:
@@ -442,16 +444,19 @@ def _part(first: Answer, other: Answer) -> float:
     return OF_EQUALS if other.size < 0.9 * first.size else OF_THE_FINER
 
 
-def extrapolated(chain: Sequence[tuple[float, FloatArray]], fastest: float = FASTEST) -> tuple[float, FloatArray]:
+def extrapolated(
+    chain: Sequence[tuple[float, FloatArray]], slowest: float = SLOWEST, fastest: float = FASTEST
+) -> tuple[float, FloatArray]:
     """Observed order and error of the first of two or three values (k,) on cells of given sizes, from fine to coarse.
 
-    The order is that of the vector as a whole; bounded by SLOWEST and `fastest` for the errors, of which each component
-    is the larger one that the two differences imply.  Of two values the order is nan, and SLOWEST for the error.
+    The order is that of the vector as a whole; bounded by `slowest` and `fastest` for the errors, of which each
+    component is the larger one that the two differences imply.  Of two values the order is nan, and `slowest` for the
+    error.
     """
     (h1, fine), (h2, middle), *rest = chain
     near = np.abs(fine - middle)
     if not rest:
-        return math.nan, SAFETY * near / np.abs((h2 / h1) ** SLOWEST - 1.0)
+        return math.nan, SAFETY * near / np.abs((h2 / h1) ** slowest - 1.0)
     h3, coarse = rest[0]
     far = np.abs(middle - coarse)
     orders = np.linspace(-2.0, 4.0, 601)
@@ -460,7 +465,7 @@ def extrapolated(chain: Sequence[tuple[float, FloatArray]], fastest: float = FAS
         seen = np.log(np.linalg.norm(far)) - np.log(np.linalg.norm(near))
     growth[np.abs(orders) < 1e-9] = np.log(np.log(h3 / h2) / np.log(h2 / h1))
     order = float(np.interp(seen, growth, orders)) if np.isfinite(seen) else math.nan
-    q = min(max(order, SLOWEST), fastest) if math.isfinite(order) else fastest
+    q = min(max(order, slowest), fastest) if math.isfinite(order) else fastest
     step = h2**q - h1**q
     implied = np.maximum(near / step, far / (h3**q - h2**q))
     return order, SAFETY * h1**q * implied

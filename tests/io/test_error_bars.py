@@ -52,16 +52,22 @@ def answer(size, force, stress_error=np.nan, order=2, single=False, largest=1.0,
     return Answer(totals, size, order, 0, {}, 0.0, stress_error, single, 0.0)
 
 
-@pytest.mark.parametrize(("order", "q", "bound"), [(1, 1.0, 2.0), (2, 1.2, 2.4), (2, 2.0, 3.0), (2, 0.5, FASTEST)])
-def test_the_error_of_the_stress_bounds_the_order_of_totals(order, q, bound):
-    """By twice its order q, and the order of the elements and one more; extremes keep their own bound."""
+@pytest.mark.parametrize(
+    ("order", "q", "slowest", "fastest"),
+    [(1, 1.0, 1.0, 2.0), (2, 1.2, 1.2, 2.4), (2, 2.0, 2.0, 3.0), (2, 0.5, SLOWEST, FASTEST), (2, 4.0, 3.0, 3.0)],
+)
+def test_the_errors_of_the_stress_bound_the_order_of_totals(order, q, slowest, fastest):
+    """By their order q and twice it, and that of the displacement; those of extremes stay."""
     sizes = (0.1, 0.2, 0.4)
-    bars = bars_of([answer(h, 1.0 + h**4, 0.3 * h**q, order) for h in sizes])
-    unknown = bars_of([answer(h, 1.0 + h**4, order=order) for h in sizes])
-    chain = [(h, np.array([1.0 + h**4])) for h in sizes]
-    assert bars["totals.force"].bar[0] == pytest.approx(extrapolated(chain, bound)[1][0], rel=1e-6)
-    assert unknown["totals.force"].bar[0] == pytest.approx(extrapolated(chain, FASTEST)[1][0], rel=1e-6)
-    assert bars["totals.greatest_slip"].bar[0] == unknown["totals.greatest_slip"].bar[0]
+    for true in (0.3, 4.0):
+        bars = bars_of([answer(h, 1.0 + h**true, 0.3 * h**q, order) for h in sizes])
+        unknown = bars_of([answer(h, 1.0 + h**true, order=order) for h in sizes])
+        chain = [(h, np.array([1.0 + h**true])) for h in sizes]
+        assert bars["totals.force"].bar == pytest.approx(extrapolated(chain, slowest, fastest)[1], rel=1e-6)
+        assert unknown["totals.force"].bar == pytest.approx(extrapolated(chain, SLOWEST, FASTEST)[1], rel=1e-6)
+        assert bars["totals.greatest_slip"].bar == unknown["totals.greatest_slip"].bar
+    two = bars_of([answer(h, h, 0.3 * h**q, order) for h in sizes[:2]])
+    assert two["totals.force"].bar == pytest.approx(SAFETY * 0.1 / (2.0**slowest - 1.0))
 
 
 def test_the_error_of_the_stress_tells_how_much_better_second_order_is():
