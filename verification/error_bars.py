@@ -398,12 +398,11 @@ def rows_of(found: Mapping[str, Sequence[Number]]) -> list[Row]:
     """Shares and widths by case, by way and order, and over all."""
     rows = []
     whole = [one for some in found.values() for one in some]
-    of_order = {k: [one for one in whole if one.mesh.endswith(f"order {k}")] for k in (1, 2)}
-    sums = {"all of first order": of_order[1], "all of second order": of_order[2], "all": whole}
-    groups = {**found, **_by_way(whole), **sums}
+    first, second = ([one for one in whole if one.mesh.endswith(f"order {k}")] for k in (1, 2))
+    groups = {**found, **_by_way(whole), "all of first order": first, "all of second order": second, "all": whole}
     for name, some in ((name, some) for name, some in groups.items() if some):
-        width, strict = median_width(some), name in sums and some is not of_order[2]
-        less = 0.0 if name in sums else 0.08
+        width, strict = median_width(some), some is first or some is whole
+        less = 0.0 if strict else 0.08
         rows.append(at_least(f"{name}: share of {len(some)} numbers inside", INSIDE, share_inside(some), less, _SHARE))
         title, spare = f"{name}: median of error over bar", 0.0 if strict else 1.0 / WIDE
         rows.append(at_least(title, 1.0 / WIDE, 1.0 / width, spare, _FIRST if strict else _REPORT))
