@@ -31,6 +31,7 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE, accuracy
+from .even_contact import deciding_stress_error
 from .summary import summary
 
 SAFETY = 1.5
@@ -39,7 +40,8 @@ SAFETY = 1.5
 SLOWEST, FASTEST = 0.7, 1.5
 """Bounds of the order q: totals have twice the order of the energy norm, which is at most 3/4 at the edge of a contact
 (there u ~ r^(3/2), and half a cell of it is where the state changes), and about 1/3 at edges of clamped faces.  The
-bounds are from measurement (docs/measurements.md): with the order 2 of smooth answers, one number in ten is outside."""
+bounds are from measurement (docs/measurements.md): with the order 2 of smooth answers, one number in ten is outside.
+Of even contact (`even_contact`) the errors of the stress tell them (`_bounds`)."""
 
 OF_THE_FINER, OF_THE_COARSER, OF_EQUALS = 1.0, 2.0, 2.0
 """Error of the answer of second order, and of that of first order on the same cells, over the difference of the two;
@@ -48,8 +50,8 @@ and that of second order over the difference from first order on the same nodes.
 Where the places of the nodes decide, as at edges of held faces that are in contact and at the border of the contact,
 errors go with their distance, which is half as large with second order: it is the difference, and that of first order
 is twice the difference.  But 10-node tetrahedra have contact points at vertices alone, as 4-node ones: where contact
-points decide, only first order on the same nodes, with contact points at half the distance, has half the error.  Smooth
-answers of second order are better by far, which these answers do not tell."""
+points decide, only first order on the same nodes, with contact points at half the distance, has half the error.  Of
+even contact nothing but the stress decides, and its estimated errors tell how much better second order is."""
 
 OF_EXTREMES = 1.0
 """Order at most of largest pressures and slips: they are at edges of the face as a rule, where nodes represent the mean
@@ -125,6 +127,8 @@ class Answer:
         unknowns: Of the displacement.
         least: Error that the tolerance of the solver leaves, by unit.
         border: Error of the contact area from the half cells along the border of the contact, m^2.
+        stress_error: As of `deciding_stress_error`: relative, nan where the contact decides.
+        single: Whether the largest displacement is that of a single node, so that it may be larger between nodes.
         seconds: That the answer took.
     """
 
@@ -134,6 +138,8 @@ class Answer:
     unknowns: int
     least: Mapping[str, float]
     border: float
+    stress_error: float
+    single: bool
     seconds: float
 
 
@@ -323,6 +329,7 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     cells = sum(member.body.domain.topology.index_map(3).size_global for member in members)
     closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
     inside = 0 < contents["nodes"]["open"] and closed > 0
+    sizes, largest = np.linalg.norm(u, axis=1), contents["maximum"]["displacement"]
     return Answer(
         totals={name: (value, unit) for name, value, unit in totals_in(contents)},
         size=cells ** (-1.0 / 3.0),
@@ -330,6 +337,8 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
         unknowns=problem.unknowns["displacement"],
         least=accuracy(contents, tolerance),
         border=0.5 * area * math.sqrt(math.pi / closed) if inside else 0.0,
+        stress_error=deciding_stress_error(solution, contents["nodes"]),
+        single=over.sum(float(np.sum(sizes > (1.0 - 1e-9) * largest))) == 1.0,
         seconds=problem.seconds.get("total", sum(problem.seconds.values())),
     )
 
@@ -377,17 +386,53 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         extreme = name.endswith(("greatest_pressure", "greatest_slip"))
         if chain:
             sizes = [one.size for one in compared]
-            fastest = OF_EXTREMES if extreme else FASTEST
-            order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], fastest)
+            bounds = (SLOWEST, OF_EXTREMES) if extreme else _bounds(first, chain[0])
+            order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], *bounds)
         else:
-            off = [_part(first, one) * np.abs(other - value) for one, other in zip(compared, values, strict=True)]
-            order, bar = math.nan, (2.0 if extreme else 1.0) * np.max(off, axis=0)
+            parts = [_part(first, one) * (2.0 if extreme else _better(first, one)) for one in compared]
+            off = [part * np.abs(other - value) for part, other in zip(parts, values, strict=True)]
+            order, bar = math.nan, np.max(off, axis=0)
         bar = np.maximum(bar, COMPONENT * np.max(bar)) + first.least.get(unit, ROUNDING * float(np.max(np.abs(value))))
         if name.endswith("contact_area"):
             bar = bar + first.border
         bar = _unless_singular(name, value, bar, order)
         bars.append(ErrorBar(name, unit, value, bar, order, (value, *values)))
-    return ErrorBars(tuple(bars), (first, *compared))
+    found = ErrorBars(tuple(bars), (first, *compared))
+    return _between_nodes(found) if first.single else found
+
+
+def _between_nodes(bars: ErrorBars) -> ErrorBars:
+    """With a least bar of the largest displacement, which may be between nodes that all meshes share: their difference
+    is then 0.  The strain energy is that of the loads on their displacements (Clapeyron), so that these have errors as
+    it has: its relative bar."""
+    energy = bars["strain_energy"]
+    if energy.value[0] <= 0.0:
+        return bars
+    part = min(1.0, float(energy.bar[0] / energy.value[0]))
+    found = [
+        replace(one, bar=np.maximum(one.bar, part * one.value)) if one.quantity == "maximum.displacement" else one
+        for one in bars.bars
+    ]
+    return replace(bars, bars=tuple(found))
+
+
+def _bounds(first: Answer, coarser: Answer) -> tuple[float, float]:
+    """Of the order of totals: that of the energy norm, by the errors of the stress on two meshes, and twice that (Aubin
+    and Nitsche), but at most that of the displacement; not below SLOWEST and FASTEST, which they are if the errors are
+    not known."""
+    if not (first.stress_error > 0.0 and coarser.stress_error > 0.0):
+        return SLOWEST, FASTEST
+    order = math.log(coarser.stress_error / first.stress_error) / math.log(coarser.size / first.size)
+    fastest = max(min(2.0 * order, first.order + 1.0), FASTEST)
+    return min(max(order, SLOWEST), fastest), fastest
+
+
+def _better(first: Answer, other: Answer) -> float:
+    """By how much the error of second order is less than the difference from first order, where the errors of the
+    stress tell: totals have errors between those of the energy norm and their squares, and the safe one counts."""
+    if first.order <= other.order or not other.stress_error > 0.0 or math.isnan(first.stress_error):
+        return 1.0
+    return min(1.0, SAFETY * first.stress_error / other.stress_error)
 
 
 def _part(first: Answer, other: Answer) -> float:
@@ -399,16 +444,19 @@ def _part(first: Answer, other: Answer) -> float:
     return OF_EQUALS if other.size < 0.9 * first.size else OF_THE_FINER
 
 
-def extrapolated(chain: Sequence[tuple[float, FloatArray]], fastest: float = FASTEST) -> tuple[float, FloatArray]:
+def extrapolated(
+    chain: Sequence[tuple[float, FloatArray]], slowest: float = SLOWEST, fastest: float = FASTEST
+) -> tuple[float, FloatArray]:
     """Observed order and error of the first of two or three values (k,) on cells of given sizes, from fine to coarse.
 
-    The order is that of the vector as a whole; bounded by SLOWEST and `fastest` for the errors, of which each component
-    is the larger one that the two differences imply.  Of two values the order is nan, and SLOWEST for the error.
+    The order is that of the vector as a whole; bounded by `slowest` and `fastest` for the errors, of which each
+    component is the larger one that the two differences imply.  Of two values the order is nan, and `slowest` for the
+    error.
     """
     (h1, fine), (h2, middle), *rest = chain
     near = np.abs(fine - middle)
     if not rest:
-        return math.nan, SAFETY * near / np.abs((h2 / h1) ** SLOWEST - 1.0)
+        return math.nan, SAFETY * near / np.abs((h2 / h1) ** slowest - 1.0)
     h3, coarse = rest[0]
     far = np.abs(middle - coarse)
     orders = np.linspace(-2.0, 4.0, 601)
@@ -417,7 +465,7 @@ def extrapolated(chain: Sequence[tuple[float, FloatArray]], fastest: float = FAS
         seen = np.log(np.linalg.norm(far)) - np.log(np.linalg.norm(near))
     growth[np.abs(orders) < 1e-9] = np.log(np.log(h3 / h2) / np.log(h2 / h1))
     order = float(np.interp(seen, growth, orders)) if np.isfinite(seen) else math.nan
-    q = min(max(order, SLOWEST), fastest) if math.isfinite(order) else fastest
+    q = min(max(order, slowest), fastest) if math.isfinite(order) else fastest
     step = h2**q - h1**q
     implied = np.maximum(near / step, far / (h3**q - h2**q))
     return order, SAFETY * h1**q * implied

@@ -11,7 +11,8 @@ from user_forms import Script
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, Traction, box
-from coulomb.io.error_bars import FASTEST, SAFETY, SLOWEST, NoErrorBars, extrapolated
+from coulomb.io.accuracy import TOLERANCE
+from coulomb.io.error_bars import FASTEST, SAFETY, SLOWEST, Answer, NoErrorBars, answer_of, bars_of, extrapolated
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 
@@ -38,6 +39,76 @@ def test_outside_the_bounds_of_the_order_the_bar_is_larger_than_the_error_it_is_
 def test_equal_values_have_no_error_and_no_order():
     order, bar = extrapolated([(h, np.array([2.0, 0.0])) for h in (0.1, 0.2, 0.4)])
     assert np.isnan(order) and not np.any(bar)
+
+
+def answer(size, force, stress_error=np.nan, order=2, single=False, largest=1.0, energy=1.0):
+    """With a force alone, beside the largest displacement and the strain energy."""
+    totals = {
+        "totals.force": (np.array([force]), "N"),
+        "totals.greatest_slip": (np.array([force]), "m"),
+        "maximum.displacement": (np.array([largest]), "m"),
+        "strain_energy": (np.array([energy]), "J"),
+    }
+    return Answer(totals, size, order, 0, {}, 0.0, stress_error, single, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("order", "q", "slowest", "fastest"),
+    [(1, 1.0, 1.0, 2.0), (2, 1.2, 1.2, 2.4), (2, 2.0, 2.0, 3.0), (2, 0.5, SLOWEST, FASTEST), (2, 4.0, 3.0, 3.0)],
+)
+def test_the_errors_of_the_stress_bound_the_order_of_totals(order, q, slowest, fastest):
+    """By their order q and twice it, and that of the displacement; those of extremes stay."""
+    sizes = (0.1, 0.2, 0.4)
+    for true in (0.3, 4.0):
+        bars = bars_of([answer(h, 1.0 + h**true, 0.3 * h**q, order) for h in sizes])
+        unknown = bars_of([answer(h, 1.0 + h**true, order=order) for h in sizes])
+        chain = [(h, np.array([1.0 + h**true])) for h in sizes]
+        assert bars["totals.force"].bar == pytest.approx(extrapolated(chain, slowest, fastest)[1], rel=1e-6)
+        assert unknown["totals.force"].bar == pytest.approx(extrapolated(chain, SLOWEST, FASTEST)[1], rel=1e-6)
+        assert bars["totals.greatest_slip"].bar == unknown["totals.greatest_slip"].bar
+    two = bars_of([answer(h, h, 0.3 * h**q, order) for h in sizes[:2]])
+    assert two["totals.force"].bar == pytest.approx(SAFETY * 0.1 / (2.0**slowest - 1.0))
+
+
+def test_the_error_of_the_stress_tells_how_much_better_second_order_is():
+    """Not if it is as large, or not known of one of them."""
+    for second, first, part in ((0.01, 0.1, 0.1 * SAFETY), (0.1, 0.1, 1.0), (np.nan, 0.1, 1.0), (0.01, np.nan, 1.0)):
+        bars = bars_of([answer(0.1, 1.0, second), answer(0.1, 1.5, first, order=1)])
+        assert bars["totals.force"].bar[0] == pytest.approx(0.5 * part, rel=1e-6)
+        assert bars["totals.greatest_slip"].bar[0] == pytest.approx(1.0, rel=1e-6)
+    worse = bars_of([answer(0.1, 1.5, 0.1, order=1), answer(0.1, 1.0, 0.01)])
+    assert worse["totals.force"].bar[0] == pytest.approx(1.0, rel=1e-6)
+
+
+def test_the_largest_displacement_may_be_between_nodes():
+    """Where it is that of a single node; then it has at least the relative bar of the strain energy."""
+    for single in (True, False):
+        one, other = (answer(h, 1.0, single=single, largest=3.0, energy=e) for h, e in ((0.1, 2.0), (0.2, 2.2)))
+        bars = bars_of([one, other])
+        part = bars["strain_energy"].bar[0] / 2.0
+        expected = pytest.approx(3.0 * part if single else 0.0, abs=1e-9)
+        assert part > 0.1 and bars["maximum.displacement"].bar[0] == expected
+
+
+def test_the_error_of_the_stress_counts_where_contact_is_even():
+    """All of it slips: it counts.  Not where a part opens or sticks, nor where a held face meets the contact face."""
+    mesh = box((1.0, 1.0, 0.5), (4, 4, 2))
+
+    def stress_error(*supports, load=(), friction=0.0):
+        solution = ContactProblem(mesh, STEEL, supports, Contact("bottom", friction), load).solve()
+        found = answer_of(solution, TOLERANCE)
+        error = coulomb.fem.bodies.stress_errors(solution.problem.elasticity, solution.displacement)
+        return found, coulomb.fem.bodies.relative_error(error.values())
+
+    pressed = PrescribedDisplacement("top", (0.0, 0.0, -1e-4))
+    even, error = stress_error(pressed)
+    assert even.stress_error == error > 0.0 and not even.single
+    bent = PrescribedDisplacement("top", lambda x: np.stack([0.0 * x[0], 0.0 * x[0], 1e-4 * (x[0] - 0.5)]))
+    opens, held = stress_error(bent)[0], stress_error(pressed, Clamp("left"))[0]
+    sticks_in_part = stress_error(pressed, load=[Traction("right", (1e7, 0.0, 0.0))], friction=0.2)[0]
+    assert np.all(np.isnan([one.stress_error for one in (opens, held, sticks_in_part)])) and opens.border > 0.0
+    assert sticks_in_part.border == 0.0
+    assert np.isfinite(stress_error(pressed, Clamp("left", "x"))[0].stress_error)  # a plane of symmetry
 
 
 def block(cells, degree=1, **others):

@@ -21,6 +21,7 @@ from .pair import (
     Pair,
     Shape,
     bulges_at_points,
+    clamped_nodes,
     curved_patch,
     held_on_both,
     lost_nodes,
