@@ -119,6 +119,9 @@ for name in ("numpy", "scipy", "h5py", "mpi4py", "petsc4py"):
         pass
 PY
 .venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint .venv/platform.txt --editable ".$extras"
+# MMG makes other meshes of tetrahedra.  It is called as a program: mmgpy's Python, which needs a newer numpy, is not used.
+.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --only-binary :all: --upgrade --target .venv/mmg \
+    'mmgpy>=0.17,<1' || say "no MMG for this machine: --refine-to and --error do without, tetrahedra in more time"
 # Where Python may not write bytecode (PYTHONDONTWRITEBYTECODE), it would compile coulomb at every start: 0.15 s.
 .venv/bin/python -m compileall -q coulomb || true
 printf '%s' "$stamp" > .venv/installed

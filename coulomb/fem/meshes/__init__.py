@@ -20,6 +20,7 @@ from .meshes import box, distributed, first_order, known_format, read_file, read
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume
 from .nodal_field import NodalField
 from .refinement import refined
+from .remeshing import remeshed
 from .splitting import split
 from .xdmf_format import FACETS, SOLIDS
 from .xdmf_writing import HDF5Target, gathered, write

@@ -1,8 +1,9 @@
 """Other meshes of bodies of tetrahedra, finer or coarser, by MMG's `mmg3d_O3`: a program of its own that PyPI's package
 mmgpy has (https://www.mmgtools.org; C. Dapogny, C. Dobrzynski and P. Frey, J. Comput. Phys. 262, 2014).
 
-MMG keeps borders of faces and of groups of cells, edges and corners, and moves nodes of the boundary on the smooth
-surface for which the facets stand.
+MMG keeps borders of faces and of groups of cells, edges and corners.  Where cells become larger it moves nodes of the
+boundary on the smooth surface for which the facets stand; where none does, all corners on the boundary stay, and new
+ones are on the facets.
 """
 
 from __future__ import annotations
@@ -17,12 +18,15 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray
-from .curving import CREASE
+from .. import compat
+from .curving import CREASE, arcs
 from .exchange import on_first_rank
 from .inspection import InspectedMesh
-from .meshes import first_order, from_first_rank, smooth_second_order
+from .lagrange import corner_geometry, corners_to_nodes
+from .meshes import first_order, from_first_rank, second_order
 from .named_mesh import NamedMesh
 from .refinement import distinct
 from .xdmf_writing import gathered
@@ -40,17 +44,29 @@ def remeshed(mesh: NamedMesh, factor: FloatArray) -> NamedMesh:
     Rank 0 makes it, and needs the memory for all of it.
 
     Args:
-        mesh: Tetrahedra of first or second order with named faces and groups of cells, which are kept.
+        mesh: Tetrahedra of first order, or of second order with straight edges, with named faces and groups of cells,
+            which are kept.
         factor: Of the lengths of edges, at this rank's own cells, shape (k,).
 
     Raises:
-        ValueError: On every rank, if there is no MMG, or it fails.
+        ValueError: On every rank, if there is no MMG, or it fails, or cells are curved.
     """
-    whole = gathered(mesh if mesh.degree == 1 else first_order(mesh))
-    every = mesh.comm.gather(factor)
-    sound = on_first_rank(mesh.comm, "other tetrahedra", lambda: _by_mmg(whole, np.concatenate(every)))
+    if mesh.degree == 2 and _curved(mesh):
+        raise ValueError("MMG takes straight edges, but some of the second-order cells are curved")
+    straight = mesh if mesh.degree == 1 else first_order(mesh)
+    off = float(np.linalg.norm(arcs(straight)[1], axis=1).max(initial=0.0))
+    whole, every = gathered(straight), mesh.comm.gather(factor)
+    sound = on_first_rank(mesh.comm, "other tetrahedra", lambda: _by_mmg(whole, np.concatenate(every or []), off))
     made = from_first_rank(mesh.comm, "other tetrahedra", sound)
-    return made if mesh.degree == 1 else smooth_second_order(made)
+    return made if mesh.degree == 1 else second_order(made)
+
+
+def _curved(mesh: NamedMesh) -> bool:
+    domain = mesh.domain
+    chords = corners_to_nodes(domain.topology.cell_type) @ domain.geometry.x[corner_geometry(domain)]
+    off = np.linalg.norm(domain.geometry.x[compat.cell_geometry(domain)] - chords, axis=2).max(initial=0.0)
+    size = np.ptp(chords, axis=1).max(initial=0.0)
+    return bool(mesh.comm.allreduce(float(off), op=MPI.MAX) > 1e-6 * mesh.comm.allreduce(float(size), op=MPI.MAX))
 
 
 def mmg() -> Path | None:
@@ -60,10 +76,11 @@ def mmg() -> Path | None:
     return Path(found) if found else ours if ours.exists() else None
 
 
-def _by_mmg(mesh: InspectedMesh, factor: FloatArray) -> InspectedMesh:
+def _by_mmg(mesh: InspectedMesh, factor: FloatArray, off: float) -> InspectedMesh:
     program = mmg()
     if program is None:
         raise ValueError("other tetrahedra are made by MMG, whose mmg3d_O3 is not on the PATH")
+    mesh, factor = _sorted(mesh, factor)
     x, cells = mesh.points, mesh.cells
     sides = np.sort(cells[:, _SIDES].reshape(-1, 3), axis=1)
     first, number = distinct(sides)
@@ -73,7 +90,6 @@ def _by_mmg(mesh: InspectedMesh, factor: FloatArray) -> InspectedMesh:
     length = np.linalg.norm(x[cells[:, _ENDS[:, 0]]] - x[cells[:, _ENDS[:, 1]]], axis=2).mean(axis=1)
     at, wanted = cells.ravel(), np.repeat(np.log(factor * length), 4)
     size = np.exp(np.bincount(at, wanted, len(x)) / np.maximum(np.bincount(at, minlength=len(x)), 1))
-    # Corners on the boundary stay, unless there shall be fewer: they are on the surface, which others only approximate.
     kept = np.unique(facets) if np.max(factor) <= 1.0 else facets[:0, 0]
     none = np.empty((len(kept), 0), dtype=np.int64)
     parts = {
@@ -88,7 +104,9 @@ def _by_mmg(mesh: InspectedMesh, factor: FloatArray) -> InspectedMesh:
         _write(sizes, {"SolAtVertices": (np.empty((len(x), 0)), size)}, "1 1\n")
         libraries = os.pathsep.join([str(program.parent.parent / "lib64"), os.environ.get("LD_LIBRARY_PATH", "")])
         most = int(np.sum(np.maximum(factor**-3.0, 1.0)))
-        extent = float(np.ptp(x, axis=0).max())  # of the distance from the surface that sizes obey
+        # How far new edges may be off the smooth surface: their middles, four times as far since MMG takes half of it.
+        larger = float(factor.max())
+        near = max(off * (4.0 * larger**2 if larger > 1.0 else 1.0), 1e-3 * float(np.ptp(x, axis=0).max()))
         ran = subprocess.run(
             [
                 str(program),
@@ -97,7 +115,7 @@ def _by_mmg(mesh: InspectedMesh, factor: FloatArray) -> InspectedMesh:
                 "-hgrad",
                 repr(GRADATION),
                 "-hausd",
-                repr(extent),
+                repr(near),
                 "-ar",
                 repr(np.degrees(CREASE)),
             ]
@@ -124,6 +142,31 @@ def _by_mmg(mesh: InspectedMesh, factor: FloatArray) -> InspectedMesh:
         {name: facets[of_face[:, k]] for k, name in enumerate(mesh.face_groups)},
         {},
     )
+
+
+def _sorted(mesh: InspectedMesh, factor: FloatArray) -> tuple[InspectedMesh, FloatArray]:
+    """With points and cells in an order that does not depend on the number of ranks, on which what MMG makes depends."""
+    order = np.lexsort(mesh.points.T)
+    x, number = mesh.points[order], _inverse(order)
+    cells = np.sort(number[mesh.cells], axis=1)
+    order = np.lexsort(cells.T[::-1])
+    cells, place = cells[order], _inverse(order)
+    edges = x[cells[:, 1:]] - x[cells[:, :1]]
+    mirrored = np.linalg.det(edges) < 0.0
+    cells[mirrored, 2:] = cells[mirrored, :1:-1]
+    return InspectedMesh(
+        x,
+        cells,
+        {name: np.sort(place[members]) for name, members in mesh.cell_groups.items()},
+        {name: np.sort(number[rows], axis=1) for name, rows in mesh.face_groups.items()},
+        {},
+    ), factor[order]
+
+
+def _inverse(order: IntArray) -> IntArray:
+    found = np.empty_like(order)
+    found[order] = np.arange(len(order))
+    return found
 
 
 def _places(rows: IntArray, some: IntArray) -> IntArray:
