@@ -7,8 +7,9 @@ a block with even contact and singular edges, and Hertz, beside second order on 
 only numbers count whose error is ten times that of the reference.
 
 Every problem is solved on three meshes, of hexahedra and tetrahedra of first and of second order, and has bars in two
-ways: from coarser meshes, and as meshes from files have them, from the same cells with the other order.  The meshes are
-coarse, as far from the limit of small cells as those of a first try.
+ways: from coarser meshes, and as meshes from files have them, from the same cells with the other order; boxes of
+tetrahedra a third time with irregular ones, from coarser ones by MMG, as large meshes of files.  The meshes are coarse,
+as far from the limit of small cells as those of a first try.
 
 A number is a component of a total.  Numbers that are exact to rounding, as forces that follow from equilibrium and
 those of homogeneous states, are inside or not, but have no ratio of bar to error.  Largest pressures that the bars say
@@ -28,7 +29,8 @@ import numpy as np
 
 from coulomb.arrays import FloatArray
 from coulomb.fem.bodies import Clamp, Material, PrescribedDisplacement, Traction, join
-from coulomb.fem.meshes import JoinedMesh, NamedMesh, box, moved, second_order
+from coulomb.fem.meshes import JoinedMesh, NamedMesh, box, coarsened, moved, second_order
+from coulomb.fem.meshes.named_mesh import Grid
 from coulomb.io.accuracy import TOLERANCE
 from coulomb.io.error_bars import ErrorBars, answer_of, extrapolated
 from coulomb.model.contact import Contact
@@ -52,7 +54,11 @@ CELLS = {1: (3, 4, 6), 2: (2, 3, 4)}
 
 KINDS = tuple((cell, degree) for degree in (1, 2) for cell in ("hexahedron", "tetrahedron"))
 
-WAYS = {"coarser": "from coarser meshes", "order": "from the other order"}
+WAYS = {
+    "coarser": "from coarser meshes",
+    "order": "from the other order",
+    "remeshed": "from coarser tetrahedra by MMG",
+}
 
 STEEL, ALUMINIUM, PLASTIC = Material(2.1e11, 0.3), Material(7e10, 0.33), Material(2e9, 0.35)
 
@@ -129,6 +135,21 @@ def numbers(problem: Problem) -> Iterator[Number]:
         for way, one in (("coarser", solution), ("order", other)):
             if way == "order" or _has_coarser(bodies):
                 yield from _numbers(problem.name, mesh, way, one.error(), known, uncertain)
+        if isinstance(bodies, NamedMesh) and bodies.grid is not None and mesh.endswith("tetrahedron, order 1"):
+            irregular = posed.on(_by_mmg(bodies.grid)).solve()
+            yield from _numbers(problem.name, mesh, "remeshed", irregular.error(), known, uncertain)
+
+
+def _by_mmg(grid: Grid) -> NamedMesh:
+    """A box of irregular tetrahedra of the size of those of the grid, and coarser ones, as large meshes of files have."""
+    planes = [np.interp(np.arange(2 * len(along) - 1) / 2.0, np.arange(len(along)), along) for along in grid.planes]
+    mesh = coarsened(grid.make((planes[0], planes[1], planes[2])))
+    return replace(mesh, coarser=lambda: _coarsened_again(mesh))
+
+
+def _coarsened_again(mesh: NamedMesh) -> NamedMesh:
+    coarser = coarsened(mesh)
+    return replace(coarser, coarser=lambda: coarsened(coarser))
 
 
 def _numbers(case: str, mesh: str, way: str, bars: ErrorBars, known: Known, uncertain: Known) -> Iterator[Number]:

@@ -2,7 +2,7 @@
 joined, refined and made of first or second order.  Nodal fields in files belong here as well.
 """
 
-from .comparison import coarser_meshes, finer, same_cells
+from .comparison import coarsened, coarser_meshes, finer, same_cells
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
 from .inspection import InspectedMesh, inspect
 from .lagrange import (

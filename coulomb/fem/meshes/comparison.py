@@ -53,11 +53,12 @@ def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedM
     for _ in range(COARSER):
         if not all(one.coarser or _first_order_tetrahedra(one) for one in bodies.values()):
             return
-        bodies = {name: _coarsened(one) if one.coarser is None else one.coarser() for name, one in bodies.items()}
+        bodies = {name: coarsened(one) if one.coarser is None else one.coarser() for name, one in bodies.items()}
         yield _like(mesh, bodies)
 
 
-def _coarsened(mesh: NamedMesh) -> NamedMesh:
+def coarsened(mesh: NamedMesh) -> NamedMesh:
+    """The body with tetrahedra about twice as large; ValueError without many fewer, or as `remeshed`; collective."""
     cells = mesh.domain.topology.index_map(3)
     made = remeshed(mesh, np.full(cells.size_local, LONGER))
     if cells.size_global < LEAST**3 * made.domain.topology.index_map(3).size_global:
