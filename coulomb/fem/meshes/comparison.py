@@ -160,7 +160,7 @@ def _more_planes(boxes: Sequence[_Slabs]) -> None:
     wanted = GROWTH * sum(box.cells for box in boxes)
     while sum(box.cells for box in boxes) < wanted:
         best = max(boxes, key=lambda box: box.gains.max())
-        best.counts[np.argmax(best.gains)] += 1
+        best.counts[np.argmax(best.gains > (1.0 - 1e-9) * best.gains.max())] += 1  # on any ranks the first of equals
 
 
 def _bodies(mesh: NamedMesh | JoinedMesh) -> dict[str, NamedMesh]:
