@@ -21,7 +21,7 @@ import numpy as np
 from coulomb.arrays import FloatArray
 from coulomb.fem.bodies import Deformable, stress_errors
 from coulomb.fem.contact import interpolated_forces
-from coulomb.fem.meshes import NamedMesh, box, finer, second_order
+from coulomb.fem.meshes import JoinedMesh, NamedMesh, box, finer, second_order
 from coulomb.io.accuracy import TOLERANCE
 from coulomb.io.error_bars import answer_of
 from coulomb.model.problem import ContactProblem
@@ -99,7 +99,7 @@ def _extrapolated(problem: ContactProblem) -> Totals:
     problems: list[ContactProblem] = []
     while problem.unknowns["displacement"] <= REFERENCE:
         problems.append(problem)
-        problem = _finer(problem, problem.solve())
+        problem = problem.on(_finer(problem, problem.solve()))
     return error_bars.reference([partial(_itself, one) for one in problems[-3:]])[0]
 
 
@@ -174,26 +174,31 @@ def measure(name: str, unknowns: int = 60_000, sizes: Sequence[float] | None = N
         for row in _rows(one, name, "uniform", problem, solution, exact, seconds, seconds):
             uniform.append(row)
             yield row
-    problem, start, before = one.make(one.start), None, 0.0
-    while problem.unknowns["displacement"] <= unknowns:
+    problem, before, start, last = one.make(one.start), 0.0, None, None
+    mesh = problem.made_of
+    while not isinstance(mesh, Deformable):
         began = time.process_time()
-        solution = one.at_load(problem).solve(start=start)
+        problem = problem.on(mesh)
+        if problem.unknowns["displacement"] > unknowns:
+            return
+        if last is not None:
+            start = interpolated_forces(last.contact_force, last.problem.surface, one.at_load(problem).surface)
+        last = one.at_load(problem).solve(start=start)
         seconds = time.process_time() - began
         before += seconds
-        for row in _rows(one, name, "refined", problem, solution, exact, seconds, before):
-            yield _beside([other for other in uniform if other.total == row.total], row)
+        for row in _rows(one, name, "refined", problem, last, exact, seconds, before):
+            yield beside([other for other in uniform if other.total == row.total], row)
         began = time.process_time()
-        problem = _finer(problem, solution)
+        mesh = _finer(problem, last)
         before += time.process_time() - began
-        start = interpolated_forces(solution.contact_force, solution.problem.surface, one.at_load(problem).surface)
 
 
-def _finer(problem: ContactProblem, solution: Solution) -> ContactProblem:
+def _finer(problem: ContactProblem, solution: Solution) -> NamedMesh | JoinedMesh:
     """As in `coulomb.io.refinement.refine`."""
     mesh = problem.made_of
     assert not isinstance(mesh, Deformable)
     errors = stress_errors(solution.problem.elasticity, solution.displacement)
-    return problem.on(finer(mesh, {body: of.squared if of.along is None else of.along for body, of in errors.items()}))
+    return finer(mesh, {body: of.squared if of.along is None else of.along for body, of in errors.items()})
 
 
 def _rows(
@@ -211,7 +216,7 @@ def _rows(
         yield Row(name, mesh, problem.unknowns["displacement"], seconds, all_seconds, total, error)
 
 
-def _beside(uniform: Sequence[Row], row: Row) -> Row:
+def beside(uniform: Sequence[Row], row: Row) -> Row:
     """The row with its ratios, interpolated in the logarithms, or extrapolated by the line of the finest meshes."""
     unknowns, seconds, errors = np.log([(one.unknowns, one.seconds, one.error) for one in uniform]).T
     error = math.log(row.error)
