@@ -195,6 +195,23 @@ def elements(
 
 
 @app.command()
+def refinement(
+    problems: Annotated[
+        list[str] | None, typer.Option("--problem", help="block, hertz or two-blocks; also -tetrahedra; repeat.")
+    ] = None,
+    unknowns: Annotated[int, typer.Option("--unknowns", min=300, help="Of refined meshes, at most.")] = 60_000,
+    directory: Output = None,
+) -> None:
+    """Meshes that refine themselves, beside uniform ones: unknowns and processor time for the same error."""
+    from .refinement import PROBLEMS, measure
+
+    for name in problems or ():
+        one_of("--problem", name, tuple(PROBLEMS))
+    rows = (row._asdict() for name in problems or PROBLEMS for row in measure(name, unknowns))
+    table("refinement", rows, directory)
+
+
+@app.command()
 def conditioning(
     p: Annotated[int, typer.Option("--p", min=1, max=5, help="Cells per metre of the block: dense algebra.")] = 3,
     directory: Output = None,

@@ -141,7 +141,7 @@ def numbers(problem: Problem) -> Iterator[Number]:
 
 
 def _by_mmg(grid: Grid) -> NamedMesh:
-    """A box of irregular tetrahedra of the size of those of the grid, and coarser ones, as large meshes of files have."""
+    """A box of irregular tetrahedra as large as those of the grid, and coarser ones, as large meshes of files have."""
     planes = [np.interp(np.arange(2 * len(along) - 1) / 2.0, np.arange(len(along)), along) for along in grid.planes]
     mesh = coarsened(grid.make((planes[0], planes[1], planes[2])))
     return replace(mesh, coarser=lambda: _coarsened_again(mesh))

@@ -98,7 +98,9 @@ def refine(
                 return best
         mesh = posed.made_of
         assert not isinstance(mesh, Deformable)
-        next_one = problem.on(finer(mesh, {name: one.squared for name, one in stress.items()}))
+        next_one = problem.on(
+            finer(mesh, {name: one.squared if one.along is None else one.along for name, one in stress.items()})
+        )
         if (many := next_one.unknowns["displacement"]) > unknowns:
             if best is None:  # no finer mesh: others tell
                 bars = error_of(solution, tolerance=tolerance, solver=solver, progress=progress)

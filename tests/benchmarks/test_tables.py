@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks import peers
+from benchmarks import peers, refinement
 from benchmarks.__main__ import app, table
 from benchmarks.cluster import cells_per_metre
 from benchmarks.peers import OURS, Row, Skipped
 from benchmarks.peers.answer import Figures
+from benchmarks.refinement import Row as RefinedRow
+from benchmarks.refinement import beside
 from benchmarks.scaling import Row as ScalingRow
 from benchmarks.scaling import exponent
 
@@ -74,6 +76,26 @@ def test_conditioning(benchmark):
     _, rows = benchmark("conditioning", "--p", 2)
     assert float(rows[-1]["J_AM"]) > 1e8 > 1e4 > float(rows[-1]["P_AM^-1 J_AM"])
     assert all(float(row["P_SC^-1 J_SC"]) <= float(row["bound"]) for row in rows)
+
+
+def test_refinement(monkeypatch):
+    """The first mesh is a uniform one: as many unknowns.  Later ones have fewer, and times that add up."""
+    monkeypatch.setattr("benchmarks.refinement.REFERENCE", 4000)
+    rows = [row for row in refinement.measure("block", 1200, (2, 3, 4, 6)) if row.total == "totals.normal_force"]
+    uniform, refined = ([row for row in rows if row.mesh == mesh] for mesh in ("uniform", "refined"))
+    assert [row.unknowns for row in uniform] == [9 * p * (p + 1) ** 2 for p in (2, 3, 4, 6)]
+    assert refined[0].error == uniform[0].error and refined[0].fewer == pytest.approx(1.0)
+    assert len(refined) == 3 and 1.0 < refined[1].fewer < refined[2].fewer < 6.0
+    assert refined[2].all_seconds > sum(row.seconds for row in refined)
+
+
+def test_same_error_on_a_uniform_mesh():
+    """Errors 1/n and seconds 1e-3 n of n unknowns: 1e-3 needs 1000; beyond the finest mesh it is extrapolated."""
+    uniform = [RefinedRow("", "uniform", n, 1e-3 * n, 1e-3 * n, "", 1.0 / n) for n in (10, 100, 5000)]
+    found = [beside(uniform, RefinedRow("", "refined", 50, 0.1, 0.2, "", 1.0 / n)) for n in (1000, 50_000)]
+    assert [row.fewer for row in found] == pytest.approx([20.0, 1000.0])
+    assert [row.faster for row in found] == pytest.approx([5.0, 250.0])
+    assert [row.extrapolated for row in found] == [False, True]
 
 
 def test_elements(benchmark, tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -28,12 +28,17 @@ unknowns, takes seconds: its bars are half as wide as those from coarser tetrahe
 REFINED, COARSENED = 0.25, 1.0
 """Bounds of the factor of sizes of tetrahedra in one refinement."""
 
-GROWTH = 1.45
-"""Factor of the cells along each edge of a box that becomes finer: three times as many in all."""
+GROWTH = 3.0
+"""Factor of the number of cells of bodies that become finer, of boxes all together."""
 
 SHARE = 0.5
 """Part of the squared error that marked cells have: the largest errors first (Doerfler, SIAM J. Numer. Anal. 33, 1996).
 What is less than a hundredth of it leaves a body as it is."""
+
+STEEPER = 1.2
+"""Power of the density of parts of a slab, over that with which all parts have equal errors.  Forces converge faster
+with more than 1, as they depend on singular edges more than the energy does; from 1.3 on the rest becomes too coarse
+(docs/measurements.md, "Error bars")."""
 
 STEEPEST = 3.0
 """Factor by which the width of a slab of a box changes at most in one refinement, over that of all others."""
@@ -99,38 +104,41 @@ def finer(mesh: NamedMesh | JoinedMesh, squared: Mapping[str, FloatArray]) -> Na
 
     Args:
         mesh: The bodies.
-        squared: Of each body, by name ("" if it is alone), the squared errors of this rank's own cells.
+        squared: Of each body, by name ("" if it is alone), the squared errors of this rank's own c cells, shape (c,);
+            of a box the parts that planes across x, across y and across z make smaller, shape (3, c).
 
     Raises:
         ValueError: On every rank, as `refined`.
     """
     bodies, comm = _bodies(mesh), mesh.comm
-    errors = np.sort(np.concatenate([part for one in squared.values() for part in comm.allgather(one)]))[::-1]
+    of_cells = {name: np.atleast_2d(one).sum(axis=0) for name, one in squared.items()}
+    errors = np.sort(np.concatenate([part for one in of_cells.values() for part in comm.allgather(one)]))[::-1]
     total = np.cumsum(errors)
     if total[-1] == 0.0:  # nothing is loaded: all cells alike
         return finer(mesh, {name: np.ones_like(one) for name, one in squared.items()})
     least = errors[np.searchsorted(total, SHARE * total[-1])]
-    found = {}
+    found, graded = {}, {}
     for name, one in bodies.items():
-        mine = squared[name]
-        if comm.allreduce(float(mine.sum())) < 0.01 * total[-1]:
+        if comm.allreduce(float(of_cells[name].sum())) < 0.01 * total[-1]:
             found[name] = one
         elif one.grid is not None:
-            found[name] = _graded(one, one.grid, mine)
+            graded[name] = _Slabs(one, one.grid, squared[name])
         elif _of_tetrahedra(one):
-            found[name] = _finer_tetrahedra(one, mine, least)
+            found[name] = _finer_tetrahedra(one, of_cells[name], least)
         else:
             found[name] = refined(one)
-    kept = {name: replace(one, coarser=partial(_itself, bodies[name])) for name, one in found.items()}
+    _more_planes(list(graded.values()))
+    found |= {name: slabs.made() for name, slabs in graded.items()}
+    kept = {name: replace(found[name], coarser=partial(_itself, one)) for name, one in bodies.items()}
     return JoinedMesh(kept) if isinstance(mesh, JoinedMesh) else kept[""]
 
 
 def _finer_tetrahedra(mesh: NamedMesh, squared: FloatArray, least: float) -> NamedMesh:
-    """With about GROWTH^3 times as many cells, which have equal errors: the squared error of a cell of size h is about
+    """With about GROWTH times as many cells, which have equal errors: the squared error of a cell of size h is about
     h^(2 p + 3) times a density, with elements of order p."""
     parts = squared ** (3.0 / (2.0 * mesh.degree + 3.0))
     whole, cells = mesh.comm.allreduce(float(parts.sum())), mesh.domain.topology.index_map(3).size_global
-    factor = (GROWTH**3 * cells / whole * parts).clip(COARSENED**-3, REFINED**-3) ** (-1.0 / 3.0)
+    factor = (GROWTH * cells / whole * parts).clip(COARSENED**-3, REFINED**-3) ** (-1.0 / 3.0)
     try:
         return remeshed(mesh, factor)
     except ValueError:
@@ -141,20 +149,55 @@ def _itself(mesh: NamedMesh) -> NamedMesh:
     return mesh
 
 
-def _graded(mesh: NamedMesh, grid: Grid, squared: FloatArray) -> NamedMesh:
-    """A box with GROWTH times as many planes, by the squared errors of this rank's own cells.
+class _Slabs:
+    """The slabs of a box with their squared errors, summed over all ranks, and how many there will be; collective.
 
-    The squared error of a slab of width w is about w^(2 p + 1) times a density, with elements of order p: as many parts
-    of the slab as its root of this order have equal errors.
+    The squared error of a slab of width w is w^(2 p + 1) times a density, with elements of order p.  As many parts of
+    the slab as its root of this order have equal errors; n slabs in all, n^(-2 p) times the power 2 p + 1 of the sum of
+    these roots.
+
+    Attributes:
+        counts: Numbers of slabs across x, y and z, to be made.
     """
-    planes = []
-    for along, slab in zip(grid.planes, grid.slabs, strict=True):
-        of_slab = mesh.comm.allreduce(np.bincount(slab, squared, minlength=len(along) - 1))
-        parts = (of_slab / of_slab.mean()) ** (1.0 / (2.0 * mesh.degree + 1.0))
-        ends = np.concatenate([[0.0], np.cumsum(np.clip(parts, 1.0 / STEEPEST, STEEPEST))])
-        cells = int(np.ceil(GROWTH * len(parts)))
-        planes.append(np.interp(np.linspace(0.0, ends[-1], cells + 1), ends, along))
-    return grid.make((planes[0], planes[1], planes[2]))
+
+    def __init__(self, mesh: NamedMesh, grid: Grid, squared: FloatArray):
+        self._grid, self._order = grid, 2.0 * mesh.degree + 1.0
+        self._roots = [
+            mesh.comm.allreduce(np.bincount(slab, part, minlength=len(along) - 1)) ** (1.0 / self._order)
+            for along, slab, part in zip(grid.planes, grid.slabs, squared, strict=True)
+        ]
+        self.counts = np.array([len(roots) for roots in self._roots])
+        self._single = np.array([roots.sum() ** self._order for roots in self._roots])
+
+    @property
+    def cells(self) -> int:
+        """Number of bricks that are to be made."""
+        return int(np.prod(self.counts))
+
+    @property
+    def gains(self) -> FloatArray:
+        """Of one plane more across x, y and z, the decrease of the squared error over the further cells, but for a
+        factor."""
+        errors: FloatArray = self._single * self.counts ** (1.0 - self._order)
+        return errors / self.cells
+
+    def made(self) -> NamedMesh:
+        """The box with the planes."""
+        planes = []
+        for along, roots, count in zip(self._grid.planes, self._roots, self.counts, strict=True):
+            width = np.diff(along)
+            parts = width * (roots / width) ** STEEPER
+            ends = np.concatenate([[0.0], np.cumsum(np.clip(parts / parts.mean(), 1.0 / STEEPEST, STEEPEST))])
+            planes.append(np.interp(np.linspace(0.0, ends[-1], count + 1), ends, along))
+        return self._grid.make((planes[0], planes[1], planes[2]))
+
+
+def _more_planes(boxes: Sequence[_Slabs]) -> None:
+    """Count planes one after another where they gain most, until boxes have GROWTH times the cells in all."""
+    wanted = GROWTH * sum(box.cells for box in boxes)
+    while sum(box.cells for box in boxes) < wanted:
+        best = max(boxes, key=lambda box: box.gains.max())
+        best.counts[np.argmax(best.gains > (1.0 - 1e-9) * best.gains.max())] += 1  # on any ranks the first of equals
 
 
 def _bodies(mesh: NamedMesh | JoinedMesh) -> dict[str, NamedMesh]:

@@ -215,8 +215,8 @@ def _box(
         )
     made = NamedMesh(domain, faces) if degree == 1 else second_order(NamedMesh(domain, faces))
     x, own = made.domain.geometry.x, made.domain.topology.index_map(3).size_local
-    middles = x[corner_geometry(made.domain)[:own]].mean(axis=1) / corner
-    slabs = np.floor(middles * cells).astype(np.int64).T
+    on_planes = np.rint(x[corner_geometry(made.domain)[:own]] / corner * cells).astype(np.int64)
+    slabs = on_planes.min(axis=1)
     even = [np.linspace(0.0, along[-1], len(along)) for along in planes]
     if not all(map(np.array_equal, planes, even)):
         x[:] = np.stack([np.interp(x[:, k], even[k], planes[k]) for k in range(3)], axis=1)
@@ -228,7 +228,7 @@ def _box(
         return _box(planes, cell, comm, place, degree)
 
     coarser = None if max(cells) == 1 else lambda: make(resampled(planes, [math.ceil(n / 2) for n in cells]))
-    return replace(made, coarser=coarser, grid=Grid(planes, slabs, make))
+    return replace(made, coarser=coarser, grid=Grid(planes, slabs.T, on_planes - slabs[:, None], make))
 
 
 def resampled(planes: Planes, cells: Sequence[int]) -> Planes:

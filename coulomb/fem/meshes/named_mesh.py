@@ -27,11 +27,13 @@ class Grid:
     Attributes:
         planes: Before it was placed or moved.
         slabs: Of this rank's own cells the slabs between planes along x, y and z, shape (3, k).
+        corners: Their corners on the planes before (0) and behind (1) the slab, shape (k, 4 or 8, 3).
         make: Makes it with other planes; collective.
     """
 
     planes: Planes
     slabs: npt.NDArray[np.int64]
+    corners: npt.NDArray[np.int64]
     make: Callable[[Planes], NamedMesh]
 
 

@@ -145,7 +145,7 @@ def _by_mmg(mesh: InspectedMesh, factor: FloatArray, off: float) -> InspectedMes
 
 
 def _sorted(mesh: InspectedMesh, factor: FloatArray) -> tuple[InspectedMesh, FloatArray]:
-    """With points and cells in an order that does not depend on the number of ranks, as what MMG makes depends on it."""
+    """With points and cells in an order that does not depend on the number of ranks: what MMG makes depends on it."""
     order = np.lexsort(mesh.points.T)
     x, number = mesh.points[order], _inverse(order)
     cells = np.sort(number[mesh.cells], axis=1)

@@ -166,6 +166,27 @@ def test_singular_edges(cell, degree):
     assert 0.7 < found.total / true < 1.3
 
 
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize(("cell", "degree"), KINDS)
+def test_the_direction_in_which_more_planes_are_needed(cell, degree, moved):
+    """u_x = x^2, or x^3 in second order: the error of the strain is 2 x or 3 x^2 less its mean, or its line, in every
+    cell, across the planes of x alone, here also those of the box's y."""
+    n, lengths = 6, (2.0, 1.0, 1.0)
+    mesh = coulomb.box(lengths, (n, n, n), cell, degree=degree)
+    if moved:
+        lengths = (1.0, 2.0, 1.0)
+        mesh = coulomb.box(lengths, (n, n, n), cell, degree=degree, place=lambda x: x[[1, 2, 0]])
+    given, power = Elasticity(mesh, SOFT, [Clamp("left")]), degree + 1
+    h, modulus = 2.0 / n, SOFT.young * 0.7 / (1.3 * 0.4)
+    found = stress_error(given, given.x**power * [1.0, 0.0, 0.0])
+    inside = np.all(np.abs(midpoints(mesh.domain)[: len(found.squared)] - [1.0, 0.5, 0.5]) < [0.6, 0.3, 0.3], axis=1)
+    slope = {1: 4.0 * h**2 / 12.0, 2: 9.0 * h**4 / 180.0}[degree]
+    along, axis = found.along[:, inside], int(moved)
+    np.testing.assert_allclose(along[axis], modulus * slope * found.volume[inside], rtol=0.1)
+    others = np.delete(along, axis, axis=0)
+    assert others.max() < 1e-3 * along[axis].max()
+
+
 # --- what has none ----------------------------------------------------------------------------------------------------
 
 
