@@ -2,7 +2,8 @@
 joined, refined and made of first or second order.  Nodal fields in files belong here as well.
 """
 
-from .comparison import coarsened, coarser_meshes, finer, same_cells
+from .coarsening import coarsened
+from .comparison import coarser_meshes, finer, same_cells
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
 from .inspection import InspectedMesh, inspect
 from .lagrange import (
@@ -20,7 +21,6 @@ from .meshes import box, distributed, first_order, known_format, read_file, read
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume
 from .nodal_field import NodalField
 from .refinement import refined
-from .remeshing import remeshed
 from .splitting import split
 from .xdmf_format import FACETS, SOLIDS
 from .xdmf_writing import HDF5Target, gathered, write

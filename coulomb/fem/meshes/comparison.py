@@ -9,27 +9,21 @@ from functools import partial
 import numpy as np
 
 from ...arrays import FloatArray
+from .coarsening import coarsened
 from .meshes import first_order, smooth_second_order
 from .named_mesh import Grid, JoinedMesh, NamedMesh
 from .refinement import refined
-from .remeshing import remeshed
 from .splitting import split
 
 COARSER = 2
 """Number of coarser meshes, of which each costs an eighth of the one before: two show the order of convergence."""
 
-LONGER, LEAST = 2.0, 1.3
-"""Factor of the lengths of edges of coarser tetrahedra, and the least ratio of sizes that has to come of it."""
-
 FEW = 1_000
 """Corners of tetrahedra, over the ranks, up to which second order on the same cells, with about eight times as many
 unknowns, takes seconds: its bars are half as wide as those from coarser tetrahedra."""
 
-REFINED, COARSENED = 0.25, 1.0
-"""Bounds of the factor of sizes of tetrahedra in one refinement."""
-
 GROWTH = 3.0
-"""Factor of the number of cells of bodies that become finer, of boxes all together."""
+"""Factor of the cells of boxes that become finer, all together."""
 
 SHARE = 0.5
 """Part of the squared error that marked cells have: the largest errors first (Doerfler, SIAM J. Numer. Anal. 33, 1996).
@@ -46,10 +40,10 @@ STEEPEST = 3.0
 
 def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
     """Up to two coarser meshes, from fine to coarse, as far as every body has them: those from which it was refined,
-    boxes with fewer cells, and first-order tetrahedra `remeshed`, but for FEW; collective.
+    boxes with fewer cells, and first-order tetrahedra `coarsened`, but for FEW; collective.
 
     Raises:
-        ValueError: As of `NamedMesh.coarser` and `remeshed`.
+        ValueError: As of `NamedMesh.coarser` and `coarsened`.
     """
     bodies = _bodies(mesh)
     if any(one.coarser is None for one in bodies.values()):
@@ -60,15 +54,6 @@ def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedM
             return
         bodies = {name: coarsened(one) if one.coarser is None else one.coarser() for name, one in bodies.items()}
         yield _like(mesh, bodies)
-
-
-def coarsened(mesh: NamedMesh) -> NamedMesh:
-    """The body with tetrahedra about twice as large; ValueError without many fewer, or as `remeshed`; collective."""
-    cells = mesh.domain.topology.index_map(3)
-    made = remeshed(mesh, np.full(cells.size_local, LONGER))
-    if cells.size_global < LEAST**3 * made.domain.topology.index_map(3).size_global:
-        raise ValueError("there is no coarser mesh: a body is a cell thick")
-    return made
 
 
 def _of_tetrahedra(mesh: NamedMesh) -> bool:
@@ -99,8 +84,7 @@ def finer(mesh: NamedMesh | JoinedMesh, squared: Mapping[str, FloatArray]) -> Na
     """A mesh with smaller cells where the error is, of which the given one is the `coarser`; collective.
 
     Boxes have more planes, so that slabs between them have equal errors: their edges attract planes, at little cost.
-    Other bodies of tetrahedra are `remeshed`, without MMG the marked cells are divided (SHARE); other hexahedra are all
-    divided.
+    Of other bodies of tetrahedra the marked ones are divided (SHARE), other hexahedra are all divided.
 
     Args:
         mesh: The bodies.
@@ -124,25 +108,13 @@ def finer(mesh: NamedMesh | JoinedMesh, squared: Mapping[str, FloatArray]) -> Na
         elif one.grid is not None:
             graded[name] = _Slabs(one, one.grid, squared[name])
         elif _of_tetrahedra(one):
-            found[name] = _finer_tetrahedra(one, of_cells[name], least)
+            found[name] = refined(one, of_cells[name] >= least)
         else:
             found[name] = refined(one)
     _more_planes(list(graded.values()))
     found |= {name: slabs.made() for name, slabs in graded.items()}
     kept = {name: replace(found[name], coarser=partial(_itself, one)) for name, one in bodies.items()}
     return JoinedMesh(kept) if isinstance(mesh, JoinedMesh) else kept[""]
-
-
-def _finer_tetrahedra(mesh: NamedMesh, squared: FloatArray, least: float) -> NamedMesh:
-    """With about GROWTH times as many cells, which have equal errors: the squared error of a cell of size h is about
-    h^(2 p + 3) times a density, with elements of order p."""
-    parts = squared ** (3.0 / (2.0 * mesh.degree + 3.0))
-    whole, cells = mesh.comm.allreduce(float(parts.sum())), mesh.domain.topology.index_map(3).size_global
-    factor = (GROWTH * cells / whole * parts).clip(COARSENED**-3, REFINED**-3) ** (-1.0 / 3.0)
-    try:
-        return remeshed(mesh, factor)
-    except ValueError:
-        return refined(mesh, squared >= least)
 
 
 def _itself(mesh: NamedMesh) -> NamedMesh:

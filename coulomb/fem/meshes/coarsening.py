@@ -1,9 +1,8 @@
-"""Other meshes of bodies of tetrahedra, finer or coarser, by MMG's `mmg3d_O3`: a program of its own that PyPI's package
+"""Coarser meshes of bodies of first-order tetrahedra, by MMG's `mmg3d_O3`: a program of its own that PyPI's package
 mmgpy has (https://www.mmgtools.org; C. Dapogny, C. Dobrzynski and P. Frey, J. Comput. Phys. 262, 2014).
 
-MMG keeps borders of faces and of groups of cells, edges and corners.  Where cells become larger it moves nodes of the
-boundary on the smooth surface for which the facets stand; where none does, all corners on the boundary stay, and new
-ones are on the facets.
+MMG keeps borders of faces and of groups of cells, edges and corners, and moves nodes of the boundary on the smooth
+surface for which the facets stand.
 """
 
 from __future__ import annotations
@@ -18,18 +17,21 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray
-from .. import compat
 from .curving import CREASE, arcs
 from .exchange import on_first_rank
 from .inspection import InspectedMesh
-from .lagrange import corner_geometry, corners_to_nodes
-from .meshes import first_order, from_first_rank, second_order
+from .meshes import from_first_rank
 from .named_mesh import NamedMesh
 from .refinement import distinct
 from .xdmf_writing import gathered
+
+LONGER = 2.0
+"""Factor of the lengths of edges."""
+
+LEAST = 1.3
+"""Least ratio of cell sizes, (cells/coarser cells)^(1/3): a body that is a cell thick has no coarser tetrahedra."""
 
 GRADATION = 1.5
 """Largest ratio of the lengths of two edges at one corner."""
@@ -38,35 +40,21 @@ _SIDES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 _ENDS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 
-def remeshed(mesh: NamedMesh, factor: FloatArray) -> NamedMesh:
-    """The body with other tetrahedra; collective.
+def coarsened(mesh: NamedMesh) -> NamedMesh:
+    """The body with tetrahedra about twice as large, of small ones and large ones; collective.
 
     Rank 0 makes it, and needs the memory for all of it.
 
     Args:
-        mesh: Tetrahedra of first order, or of second order with straight edges, with named faces and groups of cells,
-            which are kept.
-        factor: Of the lengths of edges, at this rank's own cells, shape (k,).
+        mesh: First-order tetrahedra with named faces and groups of cells, which are kept.
 
     Raises:
-        ValueError: On every rank, if there is no MMG, or it fails, or cells are curved.
+        ValueError: On every rank, if there is no MMG, or it fails, or finds hardly fewer cells.
     """
-    if mesh.degree == 2 and _curved(mesh):
-        raise ValueError("MMG takes straight edges, but some of the second-order cells are curved")
-    straight = mesh if mesh.degree == 1 else first_order(mesh)
-    off = float(np.linalg.norm(arcs(straight)[1], axis=1).max(initial=0.0))
-    whole, every = gathered(straight), mesh.comm.gather(factor)
-    sound = on_first_rank(mesh.comm, "other tetrahedra", lambda: _by_mmg(whole, np.concatenate(every or []), off))
-    made = from_first_rank(mesh.comm, "other tetrahedra", sound)
-    return made if mesh.degree == 1 else second_order(made)
-
-
-def _curved(mesh: NamedMesh) -> bool:
-    domain = mesh.domain
-    chords = corners_to_nodes(domain.topology.cell_type) @ domain.geometry.x[corner_geometry(domain)]
-    off = np.linalg.norm(domain.geometry.x[compat.cell_geometry(domain)] - chords, axis=2).max(initial=0.0)
-    size = np.ptp(chords, axis=1).max(initial=0.0)
-    return bool(mesh.comm.allreduce(float(off), op=MPI.MAX) > 1e-6 * mesh.comm.allreduce(float(size), op=MPI.MAX))
+    off = float(np.linalg.norm(arcs(mesh)[1], axis=1).max(initial=0.0))
+    whole = gathered(mesh)
+    sound = on_first_rank(mesh.comm, "a coarser mesh", lambda: _by_mmg(whole, off))
+    return from_first_rank(mesh.comm, "a coarser mesh", sound)
 
 
 def mmg() -> Path | None:
@@ -76,11 +64,11 @@ def mmg() -> Path | None:
     return Path(found) if found else ours if ours.exists() else None
 
 
-def _by_mmg(mesh: InspectedMesh, factor: FloatArray, off: float) -> InspectedMesh:
+def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
     program = mmg()
     if program is None:
-        raise ValueError("other tetrahedra are made by MMG, whose mmg3d_O3 is not on the PATH")
-    mesh, factor = _sorted(mesh, factor)
+        raise ValueError("coarser tetrahedra are made by MMG, whose mmg3d_O3 is not on the PATH")
+    mesh = _sorted(mesh)
     x, cells = mesh.points, mesh.cells
     sides = np.sort(cells[:, _SIDES].reshape(-1, 3), axis=1)
     first, number = distinct(sides)
@@ -88,25 +76,16 @@ def _by_mmg(mesh: InspectedMesh, factor: FloatArray, off: float) -> InspectedMes
     face_of, faces = _sets(len(facets), {name: _places(facets, rows) for name, rows in mesh.face_groups.items()})
     group_of, groups = _sets(len(cells), mesh.cell_groups)
     length = np.linalg.norm(x[cells[:, _ENDS[:, 0]]] - x[cells[:, _ENDS[:, 1]]], axis=2).mean(axis=1)
-    at, wanted = cells.ravel(), np.repeat(np.log(factor * length), 4)
+    at, wanted = cells.ravel(), np.repeat(np.log(LONGER * length), 4)
     size = np.exp(np.bincount(at, wanted, len(x)) / np.maximum(np.bincount(at, minlength=len(x)), 1))
-    kept = np.unique(facets) if np.max(factor) <= 1.0 else facets[:0, 0]
-    none = np.empty((len(kept), 0), dtype=np.int64)
-    parts = {
-        "Vertices": (x, np.zeros(len(x))),
-        "Tetrahedra": (cells + 1, group_of),
-        "Triangles": (facets + 1, face_of),
-        "RequiredVertices": (none, kept + 1),
-    }
+    parts = {"Vertices": (x, np.zeros(len(x))), "Tetrahedra": (cells + 1, group_of), "Triangles": (facets + 1, face_of)}
     with tempfile.TemporaryDirectory() as folder:
         old, new, sizes = (Path(folder, name) for name in ("old.mesh", "new.mesh", "old.sol"))
         _write(old, parts)
         _write(sizes, {"SolAtVertices": (np.empty((len(x), 0)), size)}, "1 1\n")
         libraries = os.pathsep.join([str(program.parent.parent / "lib64"), os.environ.get("LD_LIBRARY_PATH", "")])
-        most = int(np.sum(np.maximum(factor**-3.0, 1.0)))
-        # How far new edges may be off the smooth surface: their middles, four times as far since MMG takes half of it.
-        larger = float(factor.max())
-        near = max(off * (4.0 * larger**2 if larger > 1.0 else 1.0), 1e-3 * float(np.ptp(x, axis=0).max()))
+        # How far new edges may be off the smooth surface: as their middles; MMG then takes half of their length, so 4 times.
+        near = max(4.0 * LONGER**2 * off, 1e-3 * float(np.ptp(x, axis=0).max()))
         ran = subprocess.run(
             [
                 str(program),
@@ -119,20 +98,22 @@ def _by_mmg(mesh: InspectedMesh, factor: FloatArray, off: float) -> InspectedMes
                 "-ar",
                 repr(np.degrees(CREASE)),
             ]
-            + ["-m", str(200 + most // 250), "-in", str(old), "-sol", str(sizes), "-out", str(new)],
+            + ["-m", str(200 + len(cells) // 250), "-in", str(old), "-sol", str(sizes), "-out", str(new)],
             capture_output=True,
             text=True,
             errors="replace",
             env={**os.environ, "LD_LIBRARY_PATH": libraries},
         )
         if ran.returncode or not new.exists():
-            raise ValueError(f"MMG found no other tetrahedra: {(ran.stderr or ran.stdout).strip()[-300:]}")
+            raise ValueError(f"MMG found no coarser tetrahedra: {(ran.stderr or ran.stdout).strip()[-300:]}")
         text = new.read_text()
     points, tetrahedra, triangles = (
         _rows(text, "Vertices", 4),
         _rows(text, "Tetrahedra", 5),
         _rows(text, "Triangles", 4),
     )
+    if len(cells) < LEAST**3 * len(tetrahedra):
+        raise ValueError(f"MMG found {len(tetrahedra)} coarser tetrahedra for {len(cells)}, hardly fewer")
     facets = np.sort(triangles[:, :3].astype(np.int64) - 1, axis=1)
     of_face, of_group = faces[triangles[:, -1].astype(np.int64)], groups[tetrahedra[:, -1].astype(np.int64)]
     return InspectedMesh(
@@ -144,7 +125,7 @@ def _by_mmg(mesh: InspectedMesh, factor: FloatArray, off: float) -> InspectedMes
     )
 
 
-def _sorted(mesh: InspectedMesh, factor: FloatArray) -> tuple[InspectedMesh, FloatArray]:
+def _sorted(mesh: InspectedMesh) -> InspectedMesh:
     """With points and cells in an order that does not depend on the number of ranks: what MMG makes depends on it."""
     order = np.lexsort(mesh.points.T)
     x, number = mesh.points[order], _inverse(order)
@@ -160,7 +141,7 @@ def _sorted(mesh: InspectedMesh, factor: FloatArray) -> tuple[InspectedMesh, Flo
         {name: np.sort(place[members]) for name, members in mesh.cell_groups.items()},
         {name: np.sort(number[rows], axis=1) for name, rows in mesh.face_groups.items()},
         {},
-    ), factor[order]
+    )
 
 
 def _inverse(order: IntArray) -> IntArray:
