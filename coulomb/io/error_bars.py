@@ -31,6 +31,7 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE, accuracy
+from .energy_error import StressOfAnswer, relative_stress_error, stress_of
 from .summary import summary
 
 SAFETY = 1.5
@@ -126,6 +127,7 @@ class Answer:
         least: Error that the tolerance of the solver leaves, by unit.
         border: Error of the contact area from the half cells along the border of the contact, m^2.
         seconds: That the answer took.
+        stress: None where it is not known.
     """
 
     totals: Mapping[str, tuple[FloatArray, str]]
@@ -135,6 +137,7 @@ class Answer:
     least: Mapping[str, float]
     border: float
     seconds: float
+    stress: StressOfAnswer | None = None
 
 
 @dataclass(frozen=True)
@@ -144,10 +147,12 @@ class ErrorBars:
     Attributes:
         bars: Of every total.
         answers: What was compared: the answer itself, then the others.
+        relative_stress_error: Error of the stress over the stress, in the energy norm; None where it is not known.
     """
 
     bars: tuple[ErrorBar, ...]
     answers: tuple[Answer, ...]
+    relative_stress_error: float | None = None
 
     def __getitem__(self, quantity: str) -> ErrorBar:
         """That of a total, by its place in summary.json; KeyError with all places if there is none."""
@@ -164,6 +169,7 @@ class ErrorBars:
                 for one in self.answers
             ],
             "bars": [bar.entry() for bar in self.bars],
+            "relative_stress_error": self.relative_stress_error,
         }
 
 
@@ -323,14 +329,16 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     cells = sum(member.body.domain.topology.index_map(3).size_global for member in members)
     closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
     inside = 0 < contents["nodes"]["open"] and closed > 0
+    size, order = cells ** (-1.0 / 3.0), max(member.body.degree for member in members)
     return Answer(
         totals={name: (value, unit) for name, value, unit in totals_in(contents)},
-        size=cells ** (-1.0 / 3.0),
-        order=max(member.body.degree for member in members),
+        size=size,
+        order=order,
         unknowns=problem.unknowns["displacement"],
         least=accuracy(contents, tolerance),
         border=0.5 * area * math.sqrt(math.pi / closed) if inside else 0.0,
         seconds=problem.seconds.get("total", sum(problem.seconds.values())),
+        stress=stress_of(solution, size, order),
     )
 
 
@@ -387,7 +395,8 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
             bar = bar + first.border
         bar = _unless_singular(name, value, bar, order)
         bars.append(ErrorBar(name, unit, value, bar, order, (value, *values)))
-    return ErrorBars(tuple(bars), (first, *compared))
+    stress = relative_stress_error(first.stress, [one.stress for one in compared])
+    return ErrorBars(tuple(bars), (first, *compared), stress)
 
 
 def _part(first: Answer, other: Answer) -> float:
