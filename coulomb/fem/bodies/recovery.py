@@ -221,7 +221,7 @@ class StressedCells:
     """
 
     def __init__(self, body: LoadedBody, u: FloatArray, change: FloatArray | None):
-        domain = body.domain
+        domain = self._domain = body.domain  # keeps the communicator alive
         topology = domain.topology
         self.kind, self.degree, self.comm = topology.cell_type, body.degree, domain.comm
         self.count = int(topology.index_map(3).size_local)

@@ -23,6 +23,9 @@ _AT_ONCE = 20_000
 
 _NEWTON_STEPS = 8
 
+_ROUNDING = 1e-6
+"""Reference coordinates outside the reference cell by less are inside it."""
+
 _OUTSIDE = 0.5
 """How far outside the reference cell the strain is extrapolated, where a curved boundary is outside the other mesh."""
 
@@ -56,9 +59,9 @@ def stress_difference(cells: StressedCells, other: StressedCells) -> StressDiffe
         part = np.arange(first, min(first + at_once, cells.count))
         terms, stress, volume = cells.at(part, X)
         x = terms[..., 1:4] + cells.origins(part)[:, None]
-        of_points, strain = elsewhere.strain(x.reshape(-1, 3))
+        of_points, strain = elsewhere.strain(x)
         density = cells.energy(part, stress - cells.hooke(part, strain.reshape(stress.shape)))
-        across = np.ptp(of_points.reshape(len(part), -1), axis=1) > 0
+        across = np.ptp(of_points, axis=1) > 0
         found += np.sum(density * volume * weights), len(part), np.sum(across)
     squared, count, across = cells.comm.allreduce(found)
     return StressDifference(float(squared), int(count), int(across))
@@ -75,26 +78,40 @@ class _Elsewhere:
         low, high = self._x.min(axis=1), self._x.max(axis=1)
         margin = (1e-6 if self._order == 1 else 0.1) * np.max(high - low, axis=1, keepdims=True)
         self._low, self._high = low - margin, high + margin
+        self._middle = np.full((1, 3), 0.25 if self._simplex else 0.5)
+        self._centre = np.einsum("n,cni->ci", lagrange_values(self._kind, self._order, self._middle)[0], self._x)
+        self._inverse = np.linalg.inv(self._slopes(self._middle, self._order) @ self._x)
 
-    def strain(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Cells of points (p, 3), shape (p,), and strains there, shape (p, 6) in the order of `PAIRS`."""
-        cell, X = self._containing(points)
+    def strain(self, x: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Of points (c, q, 3), of which q are near each other, the cells, shape (c, q), and the strains there, shape
+        (c q, 6) in the order of `PAIRS`."""
+        cell, X = self._containing(x)
         jacobian = self._slopes(X, self._order) @ self._x[cell]
         degree = 1 if self._u.shape[1] in (4, 8) else 2
         gradient = np.linalg.solve(jacobian, self._slopes(X, degree) @ self._u[cell])
-        return cell, np.stack([gradient[:, i, j] + (i != j) * gradient[:, j, i] for i, j in PAIRS], axis=1)
+        strain: FloatArray = np.stack([gradient[:, i, j] + (i != j) * gradient[:, j, i] for i, j in PAIRS], axis=1)
+        return cell.reshape(x.shape[:2]), strain
 
-    def _containing(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
-        """The cell of each point, and its reference coordinates there; of points outside all, a cell nearby."""
+    def _containing(self, x: FloatArray) -> tuple[IntArray, FloatArray]:
+        """The cell of each point, and its reference coordinates there: most are in the cell of their mean."""
+        points = x.reshape(-1, 3)
+        cell = np.repeat(self._found(x.mean(axis=1))[0], x.shape[1])
+        X, outside = self._local(cell, points)
+        others = np.flatnonzero(outside > _ROUNDING)
+        if len(others):
+            cell[others], X[others] = self._found(points[others])
+        return cell, X
+
+    def _found(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
+        """The cell of each point (p, 3), and its reference coordinates; of points outside all, a cell nearby."""
         point, cell = self._near(points)
-        if self._order == 2 or not self._simplex:
-            close = self._reference(cell, points[point], 1)[1] < 0.9 * _OUTSIDE
-            point, cell = point[close], cell[close]
-        X, outside = self._reference(cell, points[point])
-        alone = np.setdiff1d(np.arange(len(points)), point[outside < 1e-6])
+        close = self._estimated(cell, points[point])[1] < 0.9 * _OUTSIDE
+        point, cell = point[close], cell[close]
+        X, outside = self._local(cell, points[point])
+        alone = np.setdiff1d(np.arange(len(points)), point[outside < _ROUNDING])
         if len(alone):
-            nearest = np.asarray(tree_of(self._x.mean(axis=1)).query(points[alone])[1])
-            at, beyond = self._reference(nearest, points[alone])
+            nearest = np.asarray(tree_of(self._centre).query(points[alone])[1])
+            at, beyond = self._estimated(nearest, points[alone])
             point, cell = np.concatenate([point, alone]), np.concatenate([cell, nearest])
             X, outside = np.concatenate([X, at]), np.concatenate([outside, beyond])
         order = np.lexsort([outside, point])
@@ -124,20 +141,33 @@ class _Elsewhere:
         inside = np.all((self._low[cell] <= points[point]) & (points[point] <= self._high[cell]), axis=1)
         return point[inside], cell[inside]
 
-    def _reference(
-        self, cell: IntArray, points: FloatArray, steps: int = _NEWTON_STEPS
-    ) -> tuple[FloatArray, FloatArray]:
-        """Reference coordinates (p, 3) of points in cells by Newton's method, and how far they are outside, (p,)."""
-        nodes, X = self._x[cell], np.full((len(points), 3), 0.25 if self._simplex else 0.5)
-        for _ in range(steps):
+    def _estimated(self, cell: IntArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Reference coordinates (p, 3) by the slopes in the middle of the cell, and how far they are outside, (p,)."""
+        X = self._middle + np.einsum("pi,pij->pj", points - self._centre[cell], self._inverse[cell])
+        return self._bounded(X)
+
+    def _local(self, cell: IntArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same exactly, by Newton's method."""
+        X, outside = self._estimated(cell, points)
+        if self._simplex and self._order == 1:
+            return X, outside
+        nodes = self._x[cell]
+        for _ in range(_NEWTON_STEPS):
             residual = points - np.einsum("pn,pni->pi", lagrange_values(self._kind, self._order, X), nodes)
+            if np.max(np.abs(residual), initial=0.0) < 1e-9 * np.max(np.abs(nodes), initial=0.0):
+                break
             jacobian = self._slopes(X, self._order) @ nodes
             step = np.linalg.solve(jacobian.swapaxes(1, 2), residual[:, :, None])[:, :, 0]
-            X = np.clip(X + step, -_OUTSIDE, 1.0 + _OUTSIDE)
-            if (self._simplex and self._order == 1) or np.max(np.abs(step), initial=0.0) < 1e-9:
-                break
+            X, outside = self._bounded(X + step)
+        return X, outside
+
+    def _bounded(self, X: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Near the cell, and how far outside."""
+        X = np.clip(X, -_OUTSIDE, 1.0 + _OUTSIDE)
         beyond = 1.0 - X.sum(axis=1) if self._simplex else np.min(1.0 - X, axis=1)
         return X, np.maximum(-np.minimum(X.min(axis=1), beyond), 0.0)
 
     def _slopes(self, X: FloatArray, degree: int) -> FloatArray:
-        return lagrange_slopes(self._kind, degree, X).swapaxes(0, 1)
+        """Of the Lagrange functions, shape (p, 3, functions), or (1, 3, 4) where they are the same everywhere."""
+        same = self._simplex and degree == 1
+        return lagrange_slopes(self._kind, degree, X[:1] if same else X).swapaxes(0, 1)
