@@ -29,8 +29,9 @@ singular edges at its clamp, n = 2, 4, 8 (1, 2, 4 in second order):
     10-node tetrahedra 2      0.92 to 1.13  6    0.96 to 1.00  0.78, 0.79, 0.66        0.56, 0.76, 0.83
 
 Near singular edges, where meshes are coarse for the stress, and where elements lock, eta is too small; in a single cell
-it is zero.  A projection onto continuous functions of the elements by least squares is no choice: in second order its
-eta is 0.2 to 0.7 of the error, and on hexahedra tends to 0.
+it is zero: answers on other meshes tell more (`io.energy_error`).  Where a few graded cells of second order have a peak
+it is much too large (Hertz on two cells under the contact: 18).  A projection onto continuous functions of the elements
+by least squares is no choice: in second order its eta is 0.2 to 0.7 of the error, and on hexahedra tends to 0.
 """
 
 from __future__ import annotations
