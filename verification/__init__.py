@@ -30,6 +30,7 @@ from . import (
     ssnp121,
     ssnv128,
     stack,
+    stress_error,
     thermal,
 )
 from .table import Verified
@@ -60,6 +61,7 @@ CASES: dict[str, Callable[[], Verified]] = {
     "ssnp121": ssnp121.verify,
     "curved-pairs": curved_pairs.verify,
     "error_bars": error_bars.verify,
+    "stress_error": stress_error.verify,
 }
 
 COARSE: dict[str, Callable[[], Verified]] = {
@@ -74,5 +76,6 @@ COARSE: dict[str, Callable[[], Verified]] = {
     "curved-pairs": partial(curved_pairs.verify, (1,), (12, 16), ("first-order hexahedra", "10-node tetrahedra")),
     "nafems-cb2": partial(nafems_cb2.verify, (4, 5)),
     "error_bars": partial(error_bars.verify, ("sliding, held top, distorted cells",)),
+    "stress_error": partial(stress_error.verify, ("sliding, held top, distorted cells",)),
 }
 """Cases on coarser meshes than those of the table, for the tests."""

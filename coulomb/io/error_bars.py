@@ -31,7 +31,8 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE, accuracy
-from .even_contact import deciding_stress_error
+from .energy_error import StressOfAnswer, relative_stress_error, stress_of
+from .even_contact import even_contact
 from .summary import summary
 
 SAFETY = 1.5
@@ -127,9 +128,10 @@ class Answer:
         unknowns: Of the displacement.
         least: Error that the tolerance of the solver leaves, by unit.
         border: Error of the contact area from the half cells along the border of the contact, m^2.
-        stress_error: As of `deciding_stress_error`: relative, nan where the contact decides.
+        stress_error: By recovery, over the stress; nan where it is not known or does not decide (`even_contact`).
         single: Whether the largest displacement is that of a single node, so that it may be larger between nodes.
         seconds: That the answer took.
+        stress: None where it is not known.
     """
 
     totals: Mapping[str, tuple[FloatArray, str]]
@@ -141,6 +143,7 @@ class Answer:
     stress_error: float
     single: bool
     seconds: float
+    stress: StressOfAnswer | None = None
 
 
 @dataclass(frozen=True)
@@ -150,10 +153,12 @@ class ErrorBars:
     Attributes:
         bars: Of every total.
         answers: What was compared: the answer itself, then the others.
+        relative_stress_error: Error of the stress over the stress, in the energy norm; None where it is not known.
     """
 
     bars: tuple[ErrorBar, ...]
     answers: tuple[Answer, ...]
+    relative_stress_error: float | None = None
 
     def __getitem__(self, quantity: str) -> ErrorBar:
         """That of a total, by its place in summary.json; KeyError with all places if there is none."""
@@ -170,6 +175,7 @@ class ErrorBars:
                 for one in self.answers
             ],
             "bars": [bar.entry() for bar in self.bars],
+            "relative_stress_error": self.relative_stress_error,
         }
 
 
@@ -330,16 +336,20 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
     inside = 0 < contents["nodes"]["open"] and closed > 0
     sizes, largest = np.linalg.norm(u, axis=1), contents["maximum"]["displacement"]
+    size, order = cells ** (-1.0 / 3.0), max(member.body.degree for member in members)
+    stress = stress_of(solution, size, order)
+    decides = stress is not None and even_contact(problem, contents["nodes"])
     return Answer(
         totals={name: (value, unit) for name, value, unit in totals_in(contents)},
-        size=cells ** (-1.0 / 3.0),
-        order=max(member.body.degree for member in members),
+        size=size,
+        order=order,
         unknowns=problem.unknowns["displacement"],
         least=accuracy(contents, tolerance),
         border=0.5 * area * math.sqrt(math.pi / closed) if inside else 0.0,
-        stress_error=deciding_stress_error(solution, contents["nodes"]),
+        stress_error=stress.relative if stress is not None and decides else math.nan,
         single=over.sum(float(np.sum(sizes > (1.0 - 1e-9) * largest))) == 1.0,
         seconds=problem.seconds.get("total", sum(problem.seconds.values())),
+        stress=stress,
     )
 
 
@@ -397,7 +407,8 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
             bar = bar + first.border
         bar = _unless_singular(name, value, bar, order)
         bars.append(ErrorBar(name, unit, value, bar, order, (value, *values)))
-    found = ErrorBars(tuple(bars), (first, *compared))
+    stress = relative_stress_error(first.stress, [one.stress for one in compared])
+    found = ErrorBars(tuple(bars), (first, *compared), stress)
     return _between_nodes(found) if first.single else found
 
 

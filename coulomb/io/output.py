@@ -18,7 +18,7 @@ from typing import Any
 
 from ..contact_fields import names
 from ..fem import compat
-from ..fem.bodies import Elasticity, SingleBody, stress_errors
+from ..fem.bodies import Elasticity, SingleBody, relative_error, stress_errors
 from ..fem.meshes import facet_columns
 from ..model.discrete_problem import DiscreteProblem
 from ..model.provenance import moment, now, provenance
@@ -74,7 +74,7 @@ def write(
     folder = Path(on_rank_0(comm, begin))
     try:
         refuse_full_disk(problem, folder)
-        _write_fields(solution, folder, fields or {}, "error" in (extra or {}))
+        _write_fields(solution, folder, fields or {}, (extra or {}).get("error"))
         contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **(extra or {})}
         contents["run"] = provenance(problem.started, comm)
 
@@ -99,16 +99,19 @@ def write(
     return contents
 
 
-def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any], error: bool) -> None:
-    """solution.xdmf and contact.xdmf with their HDF5 files; with the `error` of the stress where it is known."""
+def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any], bars: Mapping[str, Any] | None) -> None:
+    """solution.xdmf and contact.xdmf with their HDF5 files; beside error bars with the error of the stress where it is
+    known: by recovery, scaled to that of all cells together in the bars."""
     problem, (bodies, faces) = solution.problem, collections(solution.problem)
     grids = body_grids(solution, given)
-    if error and all(isinstance(member.body, Elasticity) for member in problem.elasticity.members):
+    if bars is not None and all(isinstance(member.body, Elasticity) for member in problem.elasticity.members):
         temperature = problem.loading.temperature
         change = None if temperature is None else temperature.change
         errors = stress_errors(problem.elasticity, solution.displacement, change)
+        recovered, known = relative_error(errors.values()), bars.get("relative_stress_error")
+        scale = known / recovered if known and recovered > 0.01 * known else 1.0
         grids = [
-            replace(grid, on_cells={**grid.on_cells, STRESS_ERROR: one.stress})
+            replace(grid, on_cells={**grid.on_cells, STRESS_ERROR: scale * one.stress})
             for grid, one in zip(grids, errors.values(), strict=True)
         ]
     write_grids(problem.comm, folder / SOLUTION, grids, problem.time, bodies)

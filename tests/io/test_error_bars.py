@@ -1,11 +1,13 @@
 """Error bars: Richardson's extrapolation on sequences with known errors, and contact problems with known answers."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import ufl
+from check_runs import read_grid
 from conftest import run_coulomb
 from user_forms import Script
 
@@ -203,10 +205,14 @@ def test_a_run_says_writes_and_checks_its_error_bars(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "error bars of the mesh, from meshes of" in done.stdout
     assert "normal force  " in done.stdout and " +- " in done.stdout
+    assert re.search(r"^  stress, energy norm +\+- [0-9.]+ %$", done.stdout, re.MULTILINE)
     assert "How far from the continuum" in (results / "report.html").read_text()
     summary = json.loads((results / "summary.json").read_text())
     assert [one["order"] for one in summary["error"]["meshes"]] == [1, 1, 1]
     bars = {bar["quantity"]: bar for bar in summary["error"]["bars"]}
+    squared = np.sum(read_grid(results / "solution.xdmf").fields["stress_error"] ** 2) * 0.5 / 32 / 2e11
+    norm = np.sqrt(2.0 * bars["strain_energy"]["value"])
+    assert summary["error"]["relative_stress_error"] == pytest.approx(np.sqrt(squared) / norm, rel=1e-6)
     assert bars["totals.normal_force"]["value"] == summary["totals"]["normal_force"]
     assert run_coulomb("check", results).returncode == 0
     bars["totals.normal_force"]["value"] *= 1.001

@@ -45,7 +45,7 @@ from .materials import (
     midpoints,
 )
 from .mesh_components import mesh_components, unjoined_parts
-from .recovery import StressError, relative_error, stress_error, stress_errors
+from .recovery import StressedCells, StressError, relative_error, stress_error, stress_errors
 from .rigid_modes import (
     RigidPart,
     component_modes,
@@ -56,5 +56,6 @@ from .rigid_modes import (
     of_part,
     rigid_modes,
 )
+from .stress_difference import StressDifference, stress_difference
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane
 from .wrapped_bodies import WrappedBodies

@@ -29,8 +29,9 @@ singular edges at its clamp, n = 2, 4, 8 (1, 2, 4 in second order):
     10-node tetrahedra 2      0.92 to 1.13  6    0.96 to 1.00  0.78, 0.79, 0.66        0.56, 0.76, 0.83
 
 Near singular edges, where meshes are coarse for the stress, and where elements lock, eta is too small; in a single cell
-it is zero.  A projection onto continuous functions of the elements by least squares is no choice: in second order its
-eta is 0.2 to 0.7 of the error, and on hexahedra tends to 0.
+it is zero: answers on other meshes tell more (`io.energy_error`).  Where a few graded cells of second order have a peak
+it is much too large (Hertz on two cells under the contact: 18).  A projection onto continuous functions of the elements
+by least squares is no choice: in second order its eta is 0.2 to 0.7 of the error, and on hexahedra tends to 0.
 """
 
 from __future__ import annotations
@@ -133,7 +134,7 @@ def stress_error(body: LoadedBody, u: FloatArray, change: FloatArray | None = No
             "the error of the stress is known of linear elastic materials only: for a body from your own forms, or for "
             "large motions, it is not known which stress belongs to a strain"
         )
-    cells = _Cells(body, u, change)
+    cells = StressedCells(body, u, change)
     found = np.zeros((3, cells.count))
     grid = body.mesh.grid
     along = None if grid is None else np.zeros((3, cells.count))
@@ -223,7 +224,7 @@ def _moved(c: FloatArray, d: FloatArray, degree: int) -> FloatArray:
     return moved
 
 
-def _points(cells: _Cells, degree: int) -> tuple[FloatArray, FloatArray]:
+def _points(cells: StressedCells, degree: int) -> tuple[FloatArray, FloatArray]:
     """Points of the reference cell (q, 3) and weights (q,) that integrate polynomials up to a degree."""
     points, weights = basix.make_quadrature(getattr(basix.CellType, cells.kind.name), degree)
     return np.asarray(points), np.asarray(weights)
@@ -239,8 +240,8 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.stack([a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)])
 
 
-class _Cells:
-    """This rank's own cells with displacements of their nodes.
+class StressedCells:
+    """This rank's own cells with displacements of their nodes; no thermal stress without a change of temperature.
 
     Attributes:
         vertices: Of every cell, by this rank's numbers of them, ghosts included, shape (c, 4 or 8).
@@ -250,7 +251,7 @@ class _Cells:
     """
 
     def __init__(self, body: LoadedBody, u: FloatArray, change: FloatArray | None):
-        domain = body.domain
+        domain = self._domain = body.domain  # keeps the communicator alive
         topology = domain.topology
         self.kind, self.degree, self.comm = topology.cell_type, body.degree, domain.comm
         self.count = int(topology.index_map(3).size_local)
@@ -281,6 +282,10 @@ class _Cells:
         rows: FloatArray = given.x.array.reshape(-1, width)[compat.cell_dofs(given.function_space)[: self.count, 0]]
         return rows if width > 1 else rows[:, 0]
 
+    def nodal(self) -> tuple[FloatArray, FloatArray]:
+        """Places and displacements of the nodes of every cell, metres, shapes (c, n, 3)."""
+        return self._x[self._points], self._u[self._nodes]
+
     def at(self, cells: IntArray, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """At q points X of the reference cell their places from the cells' origins, by their `_monomials` (c, q, m),
         stresses (c, q, 6) in the order of `PAIRS`, and volumes over those of the reference cell (c, q)."""
@@ -293,21 +298,24 @@ class _Cells:
         volume = sum(edges[0, i] * normals[0][i] for i in range(3))
         slope = [[sum(normals[a][i] * stretches[a, j] for a in range(3)) for j in range(3)] for i in range(3)]
         strain = np.stack([slope[i][i] if i == j else slope[i][j] + slope[j][i] for i, j in PAIRS]) / volume
-        stress = self._hooke(cells, strain.transpose(2, 1, 0))
+        stress = self.hooke(cells, strain.transpose(2, 1, 0))
         if self.heated:
             kelvin = self._kelvin[self._nodes[cells]] @ N.T
             stress -= kelvin[:, :, None] * self._per_kelvin[cells][:, None]
         return _monomials(N @ x, self.degree), stress, np.abs(volume.T)
 
-    def integration(self) -> tuple[FloatArray, FloatArray]:
-        """Points (q, 3) and weights (q,) of the integrals: more of them change eta by 1e-3 of itself."""
-        return _points(self, 2 * self.degree + (self.kind.name == "hexahedron"))
+    def integration(self, of_slopes: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Points (q, 3) and weights (q,) of the integrals: more of them change eta by 1e-3 of itself; those for squares
+        `of_slopes` are inside the cell."""
+        tetrahedron = self.kind.name == "tetrahedron"
+        return _points(self, 2 if tetrahedron and of_slopes else 2 * self.degree + (not tetrahedron))
 
     def origins(self, cells: IntArray) -> FloatArray:
         """The first vertex of each cell, metres, shape (c, 3): places in a cell are taken from there."""
         return self.x[self.vertices[cells, 0]]
 
-    def _hooke(self, cells: IntArray, strain: FloatArray) -> FloatArray:
+    def hooke(self, cells: IntArray, strain: FloatArray) -> FloatArray:
+        """The stresses of strains (c, q, 6), without a thermal stress."""
         if self._stiffness is not None:
             return strain @ self._matrix(cells)
         young, poisson = (of[cells][:, None, None] for of in (self._young, self._poisson))
@@ -346,7 +354,7 @@ class _Cells:
         return total
 
 
-def _recovered(cells: _Cells, own: IntArray) -> FloatArray:
+def _recovered(cells: StressedCells, own: IntArray) -> FloatArray:
     """Coefficients of the polynomials of this rank's vertices in the cells of one material, `own`, by `_monomials` of
     places from the vertex, shape (v, m, 6), 0 at vertices elsewhere; collective."""
     best, _ = _points(cells, cells.degree if cells.kind.name == "tetrahedron" else 2 * cells.degree - 1)

@@ -84,7 +84,7 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
         _write(old, parts)
         _write(sizes, {"SolAtVertices": (np.empty((len(x), 0)), size)}, "1 1\n")
         libraries = os.pathsep.join([str(program.parent.parent / "lib64"), os.environ.get("LD_LIBRARY_PATH", "")])
-        # How far new edges may be off the smooth surface: as their middles; MMG then takes half of their length, so 4 times.
+        # How far new edges may be off the smooth surface: four times their middles, since MMG takes half the length.
         near = max(4.0 * LONGER**2 * off, 1e-3 * float(np.ptp(x, axis=0).max()))
         ran = subprocess.run(
             [

@@ -116,9 +116,12 @@ def compared_in_words(summary: Mapping[str, Any]) -> str:
 
 
 def bars_in_words(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Name, value with error bar, and observed order of every total that is not 0 in the entry `error` of a
-    summary."""
-    for bar in (summary.get("error") or {}).get("bars", ()):
+    """Name, value with error bar, and observed order of every total that is not 0 in the entry `error` of a summary;
+    before them the error of the stress as a part of it."""
+    found = summary.get("error") or {}
+    if (stress := found.get("relative_stress_error")) is not None:
+        yield "stress, energy norm", f"± {number(100.0 * stress, 2)}{NARROW}%", "–"
+    for bar in found.get("bars", ()):
         place, _, name = bar["quantity"].removeprefix("totals.").rpartition(".")
         of = place.partition(".")[2]
         value, error, order = bar["value"], bar["error"], bar["order"]
