@@ -21,6 +21,9 @@ from .recovery import StressedCells
 _AT_ONCE = 20_000
 """Points at a time, so that little memory is needed: some 2 kB for each."""
 
+_NEAREST = 8
+"""Cells whose middles are nearest to a point that are tried first: of well-shaped cells one of them has it."""
+
 _NEWTON_STEPS = 8
 
 _ROUNDING = 1e-6
@@ -104,19 +107,35 @@ class _Elsewhere:
 
     def _found(self, points: FloatArray) -> tuple[IntArray, FloatArray]:
         """The cell of each point (p, 3), and its reference coordinates; of points outside all, a cell nearby."""
-        point, cell = self._near(points)
+        every, few = np.arange(len(points)), min(_NEAREST, len(self._centre))
+        nearest = np.asarray(tree_of(self._centre).query(points, few)[1], dtype=np.int64).reshape(-1, few)
+        cell, X, outside = self._best(points, np.repeat(every, few), nearest.ravel())
+        left = every[outside > _ROUNDING]
+        if len(left):
+            known, places, beyond = self._best(points[left], *self._near(points[left]))
+            better = beyond < outside[left]
+            cell[left[better]], X[left[better]], outside[left[better]] = known[better], places[better], beyond[better]
+        alone = every[np.isinf(outside)]
+        cell[alone] = nearest[alone, 0]
+        X[alone] = self._estimated(cell[alone], points[alone])[0]
+        return cell, X
+
+    def _best(self, points: FloatArray, point: IntArray, cell: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Of pairs of a point and a cell, for every point the cell that it is inside or least outside of, its reference
+        coordinates, and how far outside, inf where it is far from all of its cells."""
         close = self._estimated(cell, points[point])[1] < 0.9 * _OUTSIDE
         point, cell = point[close], cell[close]
         X, outside = self._local(cell, points[point])
-        alone = np.setdiff1d(np.arange(len(points)), point[outside < _ROUNDING])
-        if len(alone):
-            nearest = np.asarray(tree_of(self._centre).query(points[alone])[1])
-            at, beyond = self._estimated(nearest, points[alone])
-            point, cell = np.concatenate([point, alone]), np.concatenate([cell, nearest])
-            X, outside = np.concatenate([X, at]), np.concatenate([outside, beyond])
         order = np.lexsort([outside, point])
-        best = order[np.unique(point[order], return_index=True)[1]]
-        return cell[best], X[best]
+        known, first = np.unique(point[order], return_index=True)
+        best = order[first]
+        cells, places, beyond = (
+            np.zeros(len(points), dtype=np.int64),
+            np.zeros(points.shape),
+            np.full(len(points), np.inf),
+        )
+        cells[known], places[known], beyond[known] = cell[best], X[best], outside[best]
+        return cells, places, beyond
 
     def _near(self, points: FloatArray) -> tuple[IntArray, IntArray]:
         """Pairs of a point and a cell whose bounding box has it.
