@@ -447,16 +447,17 @@ def verify(chosen: Sequence[str] | None = None) -> Verified:
 
 
 def _panel(found: Mapping[str, Sequence[Number]]) -> Panel:
-    """Bars over errors; both relative to the largest value of the number, so that cases are beside each other."""
-    curves, ends = [], np.array([1e-8, 1e3])
-    for name, some in found.items():
-        shown = [one for one in some if math.isfinite(one.bar) and not one.exact]
-        scale = np.array([one.scale for one in shown])
-        curves.append(
-            Curve(name, np.array([one.error for one in shown]) / scale, np.array([one.bar for one in shown]) / scale)
-        )
-    line = (Curve("bar = error", ends, ends, formula=True), Curve("4 times", ends, WIDE * ends, formula=True))
-    return Panel("error bars", "error", "bar", (*line, *curves), logarithmic=True)
+    """Share of the numbers whose bar is at most so many times the error."""
+    curves, ends, shares = [], np.array([0.0, 1.0]), np.linspace(0.01, 0.99, 50)
+    for name, some in _by_way([one for every in found.values() for one in every]).items():
+        ratios = [one.bar / one.error for one in some if math.isfinite(one.bar) and not one.exact]
+        if ratios:
+            curves.append(Curve(name, np.log10(np.quantile(ratios, shares)), shares))
+    lines = [Curve(name, np.full(2, math.log10(at)), ends, formula=True) for name, at in _LINES.items()]
+    return Panel("error bars", "log10(bar over error)", "share of the numbers", (*lines, *curves))
+
+
+_LINES = {"bar = error: 5 % may be left of it": 1.0, "4 times: half may be right of it": WIDE}
 
 
 if __name__ == "__main__":
