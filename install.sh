@@ -119,9 +119,13 @@ for name in ("numpy", "scipy", "h5py", "mpi4py", "petsc4py"):
         pass
 PY
 .venv/bin/python -m pip install --quiet --disable-pip-version-check --constraint .venv/platform.txt --editable ".$extras"
-# MMG makes other meshes of tetrahedra.  It is called as a program: mmgpy's Python, which needs a newer numpy, is not used.
-.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --only-binary :all: --upgrade --target .venv/mmg \
-    'mmgpy>=0.17,<1' || say "no MMG for this machine: --refine-to and --error do without, tetrahedra in more time"
+# MMG makes coarser tetrahedra.  Its program alone is taken from mmgpy's wheel, whose Python needs a newer numpy.
+{
+    .venv/bin/python -m pip download --quiet --disable-pip-version-check --no-deps --only-binary :all: \
+        --dest .venv/mmg 'mmgpy>=0.17,<1' &&
+        .venv/bin/python -m zipfile -e .venv/mmg/mmgpy-*.whl .venv/mmg && chmod +x .venv/mmg/bin/mmg3d_O3 &&
+        rm .venv/mmg/mmgpy-*.whl
+} || say "no MMG for this machine: coulomb run --error takes longer for large meshes of tetrahedra"
 # Where Python may not write bytecode (PYTHONDONTWRITEBYTECODE), it would compile coulomb at every start: 0.15 s.
 .venv/bin/python -m compileall -q coulomb || true
 printf '%s' "$stamp" > .venv/installed

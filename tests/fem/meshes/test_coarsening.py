@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mesh_files import integral
-from mpi4py import MPI
 
 from coulomb import Clamp, Contact, ContactProblem, Material
 from coulomb.fem.meshes import coarsened, coarsening, comparison, corners_of
@@ -36,16 +35,6 @@ def test_faces_and_groups_are_kept():
     np.testing.assert_allclose(sizes(found), sizes(mesh), rtol=1e-9)
     assert list(found.faces) == list(mesh.faces) and list(found.cells) == list(mesh.cells)
     assert 0.06 * cells(mesh) < cells(found) < 0.3 * cells(mesh)
-
-
-def test_the_mesh_does_not_depend_on_the_number_of_ranks():
-    def made(comm):
-        mesh = replace(box((1.0, 2.0, 3.0), (4, 6, 8), "tetrahedron", comm=comm), coarser=None, grid=None)
-        found = coarsened(mesh)
-        return np.concatenate(comm.allgather(found.domain.geometry.x[: found.domain.geometry.index_map().size_local]))
-
-    ours, alone = (one[np.lexsort(one.T)] for one in (made(MPI.COMM_WORLD), made(MPI.COMM_SELF)))
-    np.testing.assert_array_equal(ours, alone)
 
 
 def test_coarser_meshes_have_nodes_near_the_surface():

@@ -17,7 +17,7 @@ from coulomb.cli.app import app
 from coulomb.fem import compat
 from coulomb.fem.compat import io
 from coulomb.fem.mesh_formats import BOX_FACES
-from coulomb.fem.meshes import xdmf_format
+from coulomb.fem.meshes import coarsened, xdmf_format
 from coulomb.fem.meshes.exchange import Slabs
 from coulomb.fem.meshes.inspection import inspect
 from coulomb.fem.meshes.mesh_parts import corners_of
@@ -153,3 +153,12 @@ def test_ranks_without_cells(cell, degree):
     body = Elasticity(mesh, STEEL, [Clamp("left")])
     for name in AREAS:
         assert comm.allreduce(body.area_of(mesh.faces[name]).sum()) == pytest.approx(1.0, rel=1e-12), name
+
+
+def test_coarser_tetrahedra_do_not_depend_on_the_number_of_ranks():
+    def made(comm):
+        found = coarsened(coulomb.box((1.0, 2.0, 3.0), (4, 6, 8), "tetrahedron", comm=comm))
+        return np.concatenate(comm.allgather(found.domain.geometry.x[: found.domain.geometry.index_map().size_local]))
+
+    ours, alone = (one[np.lexsort(one.T)] for one in (made(comm), made(MPI.COMM_SELF)))
+    np.testing.assert_array_equal(ours, alone)
