@@ -7,6 +7,7 @@ surface for which the facets stand.
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import subprocess
@@ -96,7 +97,7 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
                 "-hausd",
                 repr(near),
                 "-ar",
-                repr(np.degrees(CREASE)),
+                repr(math.degrees(CREASE)),
             ]
             + ["-m", str(200 + len(cells) // 250), "-in", str(old), "-sol", str(sizes), "-out", str(new)],
             capture_output=True,
