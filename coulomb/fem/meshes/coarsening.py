@@ -171,12 +171,12 @@ def _write(
     path: Path, parts: Mapping[str, tuple[npt.NDArray[np.generic], npt.NDArray[np.generic]]], kind: str = ""
 ) -> None:
     """A file of MMG: rows of each part with a last column, whole numbers but for the places of vertices."""
-    with path.open("w") as file:
-        file.write("MeshVersionFormatted 2\nDimension 3\n")
+    with path.open("wb") as file:
+        file.write(b"MeshVersionFormatted 2\nDimension 3\n")
         for name, (rows, last) in parts.items():
-            file.write(f"{name}\n{len(rows)}\n{kind}")
+            file.write(f"{name}\n{len(rows)}\n{kind}".encode())
             np.savetxt(file, np.column_stack([rows, last]), fmt="%d" if rows.dtype.kind == "i" else "%.17g")
-        file.write("End\n")
+        file.write(b"End\n")
 
 
 def _rows(text: str, name: str, width: int) -> FloatArray:
