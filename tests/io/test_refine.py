@@ -39,6 +39,18 @@ def test_a_box_with_equal_errors_stays_even():
     assert cells(found.coarser()) == 24
 
 
+def test_slabs_across_a_direction_without_error_stay_even():
+    """Whose error is 0, or rounding."""
+    mesh = box((1.0, 1.0, 1.0), (4, 4, 4))
+    rng = np.random.default_rng(0)
+    for noise in (np.zeros(64), 1e-30 * rng.random(64)):
+        across_x = np.where(mesh.grid.slabs[0] == 0, 1.0, 0.01)
+        planes = finer(mesh, {"": np.stack([across_x, noise, noise])}).grid.planes
+        assert np.ptp(np.diff(planes[0])) > 0.05 and len(planes[0]) > 5
+        for others in planes[1:]:
+            np.testing.assert_allclose(np.diff(others), 1.0 / (len(others) - 1), rtol=1e-9)
+
+
 def test_a_body_without_any_error_is_divided_evenly():
     found = finer(box((1.0, 1.0, 1.0), (2, 2, 2)), {"": np.zeros((3, 8))})
     np.testing.assert_allclose(found.grid.planes[0], np.linspace(0.0, 1.0, 4), atol=1e-12)

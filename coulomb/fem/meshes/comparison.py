@@ -32,7 +32,7 @@ What is less than a hundredth of it leaves a body as it is."""
 STEEPER = 1.2
 """Power of the density of parts of a slab, over that with which all parts have equal errors.  Forces converge faster
 with more than 1, as they depend on singular edges more than the energy does; from 1.3 on the rest becomes too coarse
-(docs/measurements.md, "Error bars")."""
+(docs/measurements.md, "Meshes that refine themselves")."""
 
 STEEPEST = 3.0
 """Factor by which the width of a slab of a box changes at most in one refinement, over that of all others."""
@@ -134,10 +134,12 @@ class _Slabs:
 
     def __init__(self, mesh: NamedMesh, grid: Grid, squared: FloatArray):
         self._grid, self._order = grid, 2.0 * mesh.degree + 1.0
-        self._roots = [
-            mesh.comm.allreduce(np.bincount(slab, part, minlength=len(along) - 1)) ** (1.0 / self._order)
+        of_slabs = [
+            mesh.comm.allreduce(np.bincount(slab, part, minlength=len(along) - 1))
             for along, slab, part in zip(grid.planes, grid.slabs, squared, strict=True)
         ]
+        least = 1e-6 * sum(of.sum() for of in of_slabs)  # across a direction without any error slabs are even
+        self._roots = [(of + least / len(of)) ** (1.0 / self._order) for of in of_slabs]
         self.counts = np.array([len(roots) for roots in self._roots])
         self._single = np.array([roots.sum() ** self._order for roots in self._roots])
 
