@@ -127,15 +127,13 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
 
 
 def _sorted(mesh: InspectedMesh) -> InspectedMesh:
-    """With points and cells in an order that does not depend on the number of ranks: what MMG makes depends on it."""
+    """With points and cells in an order that does not depend on the number of ranks, as what MMG makes depends on it;
+    MMG turns tetrahedra that are mirrored."""
     order = np.lexsort(mesh.points.T)
     x, number = mesh.points[order], _inverse(order)
     cells = np.sort(number[mesh.cells], axis=1)
     order = np.lexsort(cells.T[::-1])
     cells, place = cells[order], _inverse(order)
-    edges = x[cells[:, 1:]] - x[cells[:, :1]]
-    mirrored = np.linalg.det(edges) < 0.0
-    cells[mirrored, 2:] = cells[mirrored, :1:-1]
     return InspectedMesh(
         x,
         cells,
