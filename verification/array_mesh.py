@@ -143,6 +143,32 @@ def quarter_ring(
     return box((1.0, 1.0, 1.0), cells, cell, place=place, degree=degree)
 
 
+def cored_box(lengths: tuple[float, float, float], n: int, layers: int) -> NamedMesh:
+    """A box of hexahedra as of files, along z in layers: in each a skew core of n x n cells, and between each of its
+    sides and one of the box as many; collective.  Faces as of `box`."""
+    outer = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
+    core = np.array([(0.25, 0.35), (0.7, 0.25), (0.75, 0.65), (0.3, 0.75)])
+    around = [np.array([outer[k], outer[k - 3], core[k - 3], core[k]]) for k in range(4)]
+    t = np.linspace(0.0, 1.0, n + 1)
+    x, y = (one[..., None] for one in np.meshgrid(t, t))
+    blocks = [(1 - x) * (1 - y) * a + x * (1 - y) * b + x * y * c + (1 - x) * y * d for a, b, c, d in [core, *around]]
+    every = np.concatenate([block.reshape(-1, 2) for block in blocks])
+    _, first, number = np.unique(np.round(every, 9), axis=0, return_index=True, return_inverse=True)
+    quads = np.concatenate([_between(part) for part in number.reshape(len(blocks), n + 1, n + 1)])
+    plane, k = every[first], len(first)
+    z = np.repeat(np.linspace(0.0, 1.0, layers + 1), k)
+    points = np.column_stack([np.tile(plane, (layers + 1, 1)), z])
+    cells = np.concatenate([np.hstack([quads + k * layer, quads + k * (layer + 1)]) for layer in range(layers)])
+    sides = np.concatenate([cells[:, side] for side in SIDES])
+    at = points[sides]
+    faces = {
+        name: sides[np.all(np.abs(at[:, :, axis] - end) < 1e-9, axis=1)]
+        for axis, names in enumerate((("left", "right"), ("front", "back"), ("bottom", "top")))
+        for end, name in enumerate(names)
+    }
+    return mesh_of_arrays(np.array(lengths) * points, cells, faces)
+
+
 def in_layers(mesh: NamedMesh, z: float, below: str, above: str) -> NamedMesh:
     """With two groups of cells, below and above z."""
     own = midpoints(mesh.domain)[: mesh.domain.topology.index_map(3).size_local, 2]

@@ -7,9 +7,9 @@ a block with even contact and singular edges, and Hertz, beside second order on 
 only numbers count whose error is ten times that of the reference.
 
 Every problem is solved on three meshes, of hexahedra and tetrahedra of first and of second order, and has bars in two
-ways: from coarser meshes, and as meshes from files have them, from the same cells with the other order; boxes of
-tetrahedra a third time with irregular ones, from coarser ones by MMG, as large meshes of files.  The meshes are coarse,
-as far from the limit of small cells as those of a first try.
+ways: from coarser meshes, and as meshes from files have them, from the same cells with the other order; boxes of first
+order a third time with irregular cells, from coarser ones as of large meshes of files (`coarsened`).  The meshes are
+coarse, as far from the limit of small cells as those of a first try.
 
 A number is a component of a total.  Numbers that are exact to rounding, as forces that follow from equilibrium and
 those of homogeneous states, are inside or not, but have no ratio of bar to error.  Largest pressures that the bars say
@@ -29,7 +29,7 @@ import numpy as np
 
 from coulomb.arrays import FloatArray
 from coulomb.fem.bodies import Clamp, Material, PrescribedDisplacement, Traction, join
-from coulomb.fem.meshes import JoinedMesh, NamedMesh, box, coarsened, moved, second_order
+from coulomb.fem.meshes import JoinedMesh, NamedMesh, box, coarsened, moved, second_order, volume
 from coulomb.fem.meshes.named_mesh import Grid
 from coulomb.io.accuracy import TOLERANCE
 from coulomb.io.error_bars import ErrorBars, answer_of, extrapolated
@@ -38,7 +38,7 @@ from coulomb.model.probes import Probe
 from coulomb.model.problem import ContactProblem
 
 from . import hertz, manufactured, press_fit, ring_pair
-from .array_mesh import quarter_ring
+from .array_mesh import cored_box, quarter_ring
 from .manufactured import Manufactured
 from .table import Curve, Panel, Row, Verified, at_least
 
@@ -57,7 +57,8 @@ KINDS = tuple((cell, degree) for degree in (1, 2) for cell in ("hexahedron", "te
 WAYS = {
     "coarser": "from coarser meshes",
     "order": "from the other order",
-    "remeshed": "from coarser tetrahedra by MMG",
+    "mmg": "from coarser tetrahedra by MMG",
+    "sheets": "from coarser hexahedra without sheets",
 }
 
 STEEL, ALUMINIUM, PLASTIC = Material(2.1e11, 0.3), Material(7e10, 0.33), Material(2e9, 0.35)
@@ -135,9 +136,22 @@ def numbers(problem: Problem) -> Iterator[Number]:
         for way, one in (("coarser", solution), ("order", other)):
             if way == "order" or _has_coarser(bodies):
                 yield from _numbers(problem.name, mesh, way, one.error(), known, uncertain)
-        if isinstance(bodies, NamedMesh) and bodies.grid is not None and mesh.endswith("tetrahedron, order 1"):
-            irregular = posed.on(_by_mmg(bodies.grid)).solve()
-            yield from _numbers(problem.name, mesh, "remeshed", irregular.error(), known, uncertain)
+        if mesh.endswith("order 1") and isinstance(bodies, NamedMesh) and bodies.grid is not None:
+            tetrahedra = bodies.domain.topology.cell_type.name == "tetrahedron"
+            irregular = _by_mmg(bodies.grid) if tetrahedra else _cored(bodies, bodies.grid)
+            if irregular is not None:
+                found, way = posed.on(irregular).solve(), "mmg" if tetrahedra else "sheets"
+                yield from _numbers(problem.name, mesh, way, found.error(), known, uncertain)
+
+
+def _cored(mesh: NamedMesh, grid: Grid) -> NamedMesh | None:
+    """A box of irregular hexahedra, and coarser ones, as large meshes of files have; None for curved bodies."""
+    lengths = [float(along[-1] - along[0]) for along in grid.planes]
+    if not math.isclose(volume(mesh), math.prod(lengths), rel_tol=1e-9):
+        return None
+    n = max(len(along) - 1 for along in grid.planes[:2])
+    irregular = cored_box((lengths[0], lengths[1], lengths[2]), (n + 1) // 2 + 1, len(grid.planes[2]) - 1)
+    return replace(irregular, coarser=lambda: _coarsened_again(irregular))
 
 
 def _by_mmg(grid: Grid) -> NamedMesh:
@@ -149,7 +163,7 @@ def _by_mmg(grid: Grid) -> NamedMesh:
 
 def _coarsened_again(mesh: NamedMesh) -> NamedMesh:
     coarser = coarsened(mesh)
-    return replace(coarser, coarser=lambda: coarsened(coarser))
+    return replace(coarser, coarser=lambda: coarsened(coarser, again=True))
 
 
 def _numbers(case: str, mesh: str, way: str, bars: ErrorBars, known: Known, uncertain: Known) -> Iterator[Number]:

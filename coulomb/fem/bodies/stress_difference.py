@@ -16,7 +16,7 @@ from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
 from ..meshes import lagrange_slopes, lagrange_values
 from .materials import PAIRS
-from .recovery import StressedCells
+from .recovery import StressedCells, inverses
 
 _AT_ONCE = 20_000
 """Points at a time, so that little memory is needed: some 2 kB for each."""
@@ -83,7 +83,7 @@ class _Elsewhere:
         self._low, self._high = low - margin, high + margin
         self._middle = np.full((1, 3), 0.25 if self._simplex else 0.5)
         self._centre = np.einsum("n,cni->ci", lagrange_values(self._kind, self._order, self._middle)[0], self._x)
-        self._inverse = np.linalg.inv(self._slopes(self._middle, self._order) @ self._x)
+        self._inverse = inverses(self._slopes(self._middle, self._order) @ self._x)
 
     def strain(self, x: FloatArray) -> tuple[IntArray, FloatArray]:
         """Of points (c, q, 3), of which q are near each other, the cells, shape (c, q), and the strains there, shape
@@ -91,7 +91,7 @@ class _Elsewhere:
         cell, X = self._containing(x)
         jacobian = self._slopes(X, self._order) @ self._x[cell]
         degree = 1 if self._u.shape[1] in (4, 8) else 2
-        gradient = np.linalg.solve(jacobian, self._slopes(X, degree) @ self._u[cell])
+        gradient = inverses(jacobian) @ (self._slopes(X, degree) @ self._u[cell])
         strain: FloatArray = np.stack([gradient[:, i, j] + (i != j) * gradient[:, j, i] for i, j in PAIRS], axis=1)
         return cell.reshape(x.shape[:2]), strain
 
@@ -170,14 +170,17 @@ class _Elsewhere:
         X, outside = self._estimated(cell, points)
         if self._simplex and self._order == 1:
             return X, outside
-        nodes = self._x[cell]
+        left = np.arange(len(points))
         for _ in range(_NEWTON_STEPS):
-            residual = points - np.einsum("pn,pni->pi", lagrange_values(self._kind, self._order, X), nodes)
-            if np.max(np.abs(residual), initial=0.0) < 1e-9 * np.max(np.abs(nodes), initial=0.0):
+            nodes = self._x[cell[left]]
+            places = np.einsum("pn,pni->pi", lagrange_values(self._kind, self._order, X[left]), nodes)
+            residual = points[left] - places
+            off = np.max(np.abs(residual), axis=1) >= 1e-9 * np.max(np.abs(nodes), axis=(1, 2))
+            if not np.any(off):
                 break
-            jacobian = self._slopes(X, self._order) @ nodes
-            step = np.linalg.solve(jacobian.swapaxes(1, 2), residual[:, :, None])[:, :, 0]
-            X, outside = self._bounded(X + step)
+            left, nodes, residual = left[off], nodes[off], residual[off]
+            inverse = inverses(self._slopes(X[left], self._order) @ nodes)
+            X[left], outside[left] = self._bounded(X[left] + np.einsum("pi,pij->pj", residual, inverse))
         return X, outside
 
     def _bounded(self, X: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,5 +1,6 @@
-"""Coarser meshes of bodies of first-order tetrahedra, by MMG's `mmg3d_O3`: a program of its own that PyPI's package
-mmgpy has (https://www.mmgtools.org; C. Dapogny, C. Dobrzynski and P. Frey, J. Comput. Phys. 262, 2014).
+"""Coarser meshes of bodies of first order: of hexahedra by taking out sheets (`without_sheets`), of tetrahedra by MMG's
+`mmg3d_O3`, a program of its own that PyPI's package mmgpy has (https://www.mmgtools.org; C. Dapogny, C. Dobrzynski and
+P. Frey, J. Comput. Phys. 262, 2014).
 
 MMG keeps borders of faces and of groups of cells, edges and corners, and moves nodes of the boundary on the smooth
 surface for which the facets stand.
@@ -25,14 +26,16 @@ from .exchange import on_first_rank
 from .inspection import InspectedMesh
 from .meshes import from_first_rank
 from .named_mesh import NamedMesh
-from .refinement import distinct
+from .rows import distinct, places, sets
+from .sheets import without_sheets
 from .xdmf_writing import gathered
 
 LONGER = 2.0
 """Factor of the lengths of edges."""
 
-LEAST = 1.3
-"""Least ratio of cell sizes, (cells/coarser cells)^(1/3): a body that is a cell thick has no coarser tetrahedra."""
+LEAST = {4: 1.3, 8: 1.05}
+"""Least ratio of cell sizes, (cells/coarser cells)^(1/3), by corners of a cell: where a body is a cell thick tetrahedra
+stay, as hexahedra do by `sheets.SEEN`."""
 
 GRADATION = 1.5
 """Largest ratio of the lengths of two edges at one corner."""
@@ -41,21 +44,32 @@ _SIDES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 _ENDS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 
-def coarsened(mesh: NamedMesh) -> NamedMesh:
-    """The body with tetrahedra about twice as large, of small ones and large ones; collective.
+def coarsened(mesh: NamedMesh, again: bool = False) -> NamedMesh:
+    """The body with cells about twice as large, of small ones and large ones; collective.
 
     Rank 0 makes it, and needs the memory for all of it.
 
     Args:
-        mesh: First-order tetrahedra with named faces and groups of cells, which are kept.
+        mesh: First-order cells with named faces and groups of cells, which are kept.
+        again: Whether it is one that this function made.
 
     Raises:
-        ValueError: On every rank, if there is no MMG, or it fails, or finds hardly fewer cells.
+        ValueError: On every rank, if hardly fewer cells are found, or for tetrahedra if there is no MMG, or it fails.
     """
+    if mesh.domain.topology.cell_type.name == "hexahedron":
+        whole = gathered(mesh)
+        sound = on_first_rank(mesh.comm, "a coarser mesh", lambda: _fewer(whole, without_sheets(_sorted(whole), again)))
+        return from_first_rank(mesh.comm, "a coarser mesh", sound)
     off = float(np.linalg.norm(arcs(mesh)[1], axis=1).max(initial=0.0))
     whole = gathered(mesh)
-    sound = on_first_rank(mesh.comm, "a coarser mesh", lambda: _by_mmg(whole, off))
+    sound = on_first_rank(mesh.comm, "a coarser mesh", lambda: _fewer(whole, _by_mmg(whole, off)))
     return from_first_rank(mesh.comm, "a coarser mesh", sound)
+
+
+def _fewer(mesh: InspectedMesh, coarser: InspectedMesh) -> InspectedMesh:
+    if len(mesh.cells) < LEAST[mesh.cells.shape[1]] ** 3 * len(coarser.cells):
+        raise ValueError(f"{len(coarser.cells)} coarser cells for {len(mesh.cells)} are hardly fewer")
+    return coarser
 
 
 def mmg() -> Path | None:
@@ -74,8 +88,8 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
     sides = np.sort(cells[:, _SIDES].reshape(-1, 3), axis=1)
     first, number = distinct(sides)
     facets = sides[first][np.bincount(number) == 1]
-    face_of, faces = _sets(len(facets), {name: _places(facets, rows) for name, rows in mesh.face_groups.items()})
-    group_of, groups = _sets(len(cells), mesh.cell_groups)
+    face_of, faces = sets(len(facets), {name: places(facets, rows) for name, rows in mesh.face_groups.items()})
+    group_of, groups = sets(len(cells), mesh.cell_groups)
     length = np.linalg.norm(x[cells[:, _ENDS[:, 0]]] - x[cells[:, _ENDS[:, 1]]], axis=2).mean(axis=1)
     at, wanted = cells.ravel(), np.repeat(np.log(LONGER * length), 4)
     size = np.exp(np.bincount(at, wanted, len(x)) / np.maximum(np.bincount(at, minlength=len(x)), 1))
@@ -113,8 +127,6 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
         _rows(text, "Tetrahedra", 5),
         _rows(text, "Triangles", 4),
     )
-    if len(cells) < LEAST**3 * len(tetrahedra):
-        raise ValueError(f"MMG found {len(tetrahedra)} coarser tetrahedra for {len(cells)}, hardly fewer")
     facets = np.sort(triangles[:, :3].astype(np.int64) - 1, axis=1)
     of_face, of_group = faces[triangles[:, -1].astype(np.int64)], groups[tetrahedra[:, -1].astype(np.int64)]
     return InspectedMesh(
@@ -127,13 +139,14 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
 
 
 def _sorted(mesh: InspectedMesh) -> InspectedMesh:
-    """With points and cells in an order that does not depend on the number of ranks, as what MMG makes depends on it;
-    MMG turns tetrahedra that are mirrored."""
+    """With points and cells in an order that does not depend on the number of ranks, as what is made depends on it; and
+    with corners of tetrahedra in ascending order: MMG turns those that are mirrored."""
     order = np.lexsort(mesh.points.T)
     x, number = mesh.points[order], _inverse(order)
-    cells = np.sort(number[mesh.cells], axis=1)
-    order = np.lexsort(cells.T[::-1])
-    cells, place = cells[order], _inverse(order)
+    cells = number[mesh.cells]
+    ascending = np.sort(cells, axis=1)
+    order = np.lexsort(ascending.T[::-1])
+    cells, place = (ascending if cells.shape[1] == 4 else cells)[order], _inverse(order)
     return InspectedMesh(
         x,
         cells,
@@ -147,22 +160,6 @@ def _inverse(order: IntArray) -> IntArray:
     found = np.empty_like(order)
     found[order] = np.arange(len(order))
     return found
-
-
-def _places(rows: IntArray, some: IntArray) -> IntArray:
-    """Where some rows are among distinct rows."""
-    first, number = distinct(np.vstack([rows, some]))
-    return first[number[len(rows) :]]
-
-
-def _sets(count: int, groups: Mapping[str, IntArray]) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-    """Of so many things with groups of some, the number of the set of groups that each is in, shape (count,), and which
-    groups are in each set, shape (sets, groups)."""
-    member = np.zeros((count, len(groups)), dtype=bool)
-    for k, some in enumerate(groups.values()):
-        member[some, k] = True
-    first, number = distinct(np.column_stack([np.zeros((count, 2), dtype=np.int64), member]))
-    return number, member[first]
 
 
 def _write(

@@ -19,8 +19,8 @@ COARSER = 2
 """Number of coarser meshes, of which each costs an eighth of the one before: two show the order of convergence."""
 
 FEW = 1_000
-"""Corners of tetrahedra, over the ranks, up to which second order on the same cells, with about eight times as many
-unknowns, takes seconds: its bars are half as wide as those from coarser tetrahedra."""
+"""Corners of cells, over the ranks, up to which second order on the same cells, with about eight times as many
+unknowns, takes seconds: its bars are half as wide as those from coarser meshes."""
 
 GROWTH = 3.0
 """Factor of the cells of boxes that become finer, all together."""
@@ -40,7 +40,7 @@ STEEPEST = 3.0
 
 def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
     """Up to two coarser meshes, from fine to coarse, as far as every body has them: those from which it was refined,
-    boxes with fewer cells, and first-order tetrahedra `coarsened`, but for FEW; collective.
+    boxes with fewer cells, and others of first order `coarsened`, but for FEW; collective.
 
     Raises:
         ValueError: As of `NamedMesh.coarser` and `coarsened`.
@@ -49,19 +49,18 @@ def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedM
     if any(one.coarser is None for one in bodies.values()):
         if sum(one.domain.topology.index_map(0).size_global for one in bodies.values()) <= FEW:
             return
-    for _ in range(COARSER):
-        if not all(one.coarser or _first_order_tetrahedra(one) for one in bodies.values()):
+    for made in range(COARSER):
+        if not all(one.coarser or one.degree == 1 for one in bodies.values()):
             return
-        bodies = {name: coarsened(one) if one.coarser is None else one.coarser() for name, one in bodies.items()}
+        bodies = {
+            name: coarsened(one, again=made > 0) if one.coarser is None else one.coarser()
+            for name, one in bodies.items()
+        }
         yield _like(mesh, bodies)
 
 
 def _of_tetrahedra(mesh: NamedMesh) -> bool:
     return bool(mesh.domain.topology.cell_type.name == "tetrahedron")
-
-
-def _first_order_tetrahedra(mesh: NamedMesh) -> bool:
-    return mesh.degree == 1 and _of_tetrahedra(mesh)
 
 
 def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
