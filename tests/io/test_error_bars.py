@@ -14,7 +14,8 @@ from user_forms import Script
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, Traction, box
 from coulomb.io.accuracy import TOLERANCE
-from coulomb.io.error_bars import FASTEST, SAFETY, SLOWEST, Answer, NoErrorBars, answer_of, bars_of, extrapolated
+from coulomb.io.answer import Answer, answer_of
+from coulomb.io.error_bars import FASTEST, SAFETY, SLOWEST, NoErrorBars, bars_of, extrapolated
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 
@@ -51,7 +52,7 @@ def answer(size, force, stress_error=np.nan, order=2, single=False, largest=1.0,
         "maximum.displacement": (np.array([largest]), "m"),
         "strain_energy": (np.array([energy]), "J"),
     }
-    return Answer(totals, size, order, 0, {}, 0.0, stress_error, single, 0.0)
+    return Answer(totals, dict.fromkeys(totals, 0.0), size, order, 0, 0.0, stress_error, single, 0.0)
 
 
 @pytest.mark.parametrize(
