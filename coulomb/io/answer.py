@@ -1,11 +1,12 @@
 """What is compared of an answer for its error bars, and what the tolerance of the solver leaves of its totals.
 
 The algebraic part of a total is the solver's residual, or its tolerance if that is larger, times the natural scale of
-the total (`accuracy`).  Of few totals more is needed.  Centres of pressure are quotients c = M/F, with the error
-(dM + |c| dF)/F.  With a residual of r, |x - P(x - w/a)| is r |x|, with a the mean diagonal of A, and the error of x
-about three times as large, since x^T A x >= 0.3 a |x|^2 on elastic bodies; a single node may have all of it.  This is
-what a largest pressure is uncertain by, and areas and largest slips by the nodes that it does not tell to be open or
-closed: closed ones with a small force x_n, and open ones with a small gap w_n.
+the total (`accuracy`).  Of few totals more is needed.  Moments about the origin have the errors of forces times their
+distance from it; centres of pressure, quotients c = M/F, the error (dM + |c| dF)/F.  With a residual of r,
+|x - P(x - w/a)| is r |x|, with a the mean diagonal of A, and the error of x about three times as large, since
+x^T A x >= 0.3 a |x|^2 on elastic bodies; a single node may have all of it.  This is what a largest pressure is
+uncertain by, and areas and largest slips by the nodes that it does not tell to be open or closed: closed ones with a
+small force x_n, and open ones with a small gap w_n.
 """
 
 from __future__ import annotations
@@ -29,9 +30,6 @@ from .summary import summary
 
 OF_A_NODE = 3.0
 """Of r |x|: the error of the force on a node; and x_n and w_n/a up to which it may be open as well as closed."""
-
-ROUNDING = 1e-12
-"""Of areas, relative."""
 
 UNIT_OF = {
     **dict.fromkeys(("force", "normal_force", "opposite_force", "contact_force", "shear"), "N"),
@@ -113,8 +111,9 @@ def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, 
     least = accuracy(contents, residual)
     flows = [abs(flow["power"]) for flow in heat.get("flows", ())]
     spins = [abs(face.get("angular_velocity") or 0.0) for face in contents["faces"]]
-    least["W"] = residual * max(flows, default=0.0) + least["N m"] * max(spins, default=0.0)
     x = solution.problem.elasticity.x
+    least["N m"] = max(least["N m"], least["N"] * over.max(np.linalg.norm(x, axis=1)))
+    least["W"] = residual * max(flows, default=0.0) + least["N m"] * max(spins, default=0.0)
     narrowest = min(over.max(along) + over.max(-along) for along in x.T)
     turned = [float(np.max(np.abs(face["rotation"]))) for face in contents.get("rigid_faces", ())]
     least["rad"] = residual * max(turned, default=0.0) + least["m"] / narrowest
@@ -127,7 +126,7 @@ def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, 
             far = float(np.max(np.abs(value)))
             found[name] = (least["N m"] + far * least["N"]) / float(totals[f"{place}.normal_force"][0][0])
         elif what == "contact_area":
-            found[name] = area + ROUNDING * float(value[0])
+            found[name] = area + residual * float(value[0])
         else:
             found[name] = least[unit] + (slip if what == "greatest_slip" else 0.0)
     return found
