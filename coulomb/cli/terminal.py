@@ -253,7 +253,7 @@ def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float
     share, total = share_of_tolerance(contents) or (0.0, "")
     if share > 0.01:
         part = f"{100.0 * share:.2g} % of the error bar of {total}"
-        console.out(f"  the solver's tolerance {tolerance:g} leaves {part}: give a smaller one")
+        console.out(f"  the solver's tolerance {tolerance:g} leaves up to {part}: give a smaller one")
 
 
 def forces_in_a_step(row: dict[str, Any], least: float) -> str:

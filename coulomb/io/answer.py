@@ -1,12 +1,14 @@
 """What is compared of an answer for its error bars, and what the tolerance of the solver leaves of its totals.
 
-The algebraic part of a total is the solver's residual, or its tolerance if that is larger, times the natural scale of
-the total (`accuracy`).  Of few totals more is needed.  Moments about the origin have the errors of forces times their
-distance from it; centres of pressure, quotients c = M/F, the error (dM + |c| dF)/F.  With a residual of r,
-|x - P(x - w/a)| is r |x|, with a the mean diagonal of A, and the error of x about three times as large, since
-x^T A x >= 0.3 a |x|^2 on elastic bodies; a single node may have all of it.  This is what a largest pressure is
-uncertain by, and areas and largest slips by the nodes that it does not tell to be open or closed: closed ones with a
-small force x_n, and open ones with a small gap w_n.
+With a residual of r, |x - P(x - w/a)| is r |x|, with a the mean diagonal of A.  The error of the force on a node is
+larger by a over its own entry of the diagonal, that of all by the root mean square k of these.  k is 1 to 3 as a rule,
+and up to a hundred where bodies of very different stiffness are in contact.
+
+The algebraic part of a total is k r times its natural scale (`accuracy`), where r is the solver's tolerance, or its
+residual if that is larger.  Of few totals more is needed.  Moments about the origin have the errors of forces times
+their distance from it; centres of pressure, quotients c = M/F, the error (dM + |c| dF)/F.  A single node may have all
+of the error of x: so has a largest pressure.  Areas and largest slips are uncertain by the nodes that the residual does
+not tell to be open or closed, closed ones with a small force x_n, and open ones with a small gap w_n.
 """
 
 from __future__ import annotations
@@ -27,9 +29,6 @@ from .accuracy import accuracy
 from .energy_error import StressOfAnswer, stress_of
 from .even_contact import even_contact
 from .summary import summary
-
-OF_A_NODE = 3.0
-"""Of r |x|: the error of the force on a node; and x_n and w_n/a up to which it may be open as well as closed."""
 
 UNIT_OF = {
     **dict.fromkeys(("force", "normal_force", "opposite_force", "contact_force", "shear"), "N"),
@@ -105,19 +104,21 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
 
 def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, residual: float) -> dict[str, float]:
     """Error of every total that the residual of the solver leaves, in its unit; collective."""
-    heat, over = contents.get("heat") or {}, Reductions(solution.problem.comm)
-    if heat:
-        residual = max(residual, AGREEMENT)
-    least = accuracy(contents, residual)
+    heat, problem, over = contents.get("heat") or {}, solution.problem, Reductions(solution.problem.comm)
+    diagonal = problem.A.diagonal()
+    inverse = 1.0 / diagonal[diagonal > 0.0]
+    k = problem.mean_compliance * over.norm(inverse) / math.sqrt(over.sum(float(len(inverse))))
+    part = k * max(residual, AGREEMENT if heat else 0.0)
+    least = accuracy(contents, part)
     flows = [abs(flow["power"]) for flow in heat.get("flows", ())]
     spins = [abs(face.get("angular_velocity") or 0.0) for face in contents["faces"]]
-    x = solution.problem.elasticity.x
+    x = problem.elasticity.x
     least["N m"] = max(least["N m"], least["N"] * over.max(np.linalg.norm(x, axis=1)))
-    least["W"] = residual * max(flows, default=0.0) + least["N m"] * max(spins, default=0.0)
+    least["W"] = part * max(flows, default=0.0) + least["N m"] * max(spins, default=0.0)
     narrowest = min(over.max(along) + over.max(-along) for along in x.T)
     turned = [float(np.max(np.abs(face["rotation"]))) for face in contents.get("rigid_faces", ())]
-    least["rad"] = residual * max(turned, default=0.0) + least["m"] / narrowest
-    area, slip, pressure = _of_nodes(solution, residual)
+    least["rad"] = part * max(turned, default=0.0) + least["m"] / narrowest
+    area, slip, pressure = _of_nodes(solution, part)
     least["Pa"] = max(least["Pa"], pressure)
     found = {}
     for name, (value, unit) in totals.items():
@@ -126,19 +127,19 @@ def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, 
             far = float(np.max(np.abs(value)))
             found[name] = (least["N m"] + far * least["N"]) / float(totals[f"{place}.normal_force"][0][0])
         elif what == "contact_area":
-            found[name] = area + residual * float(value[0])
+            found[name] = area + part * float(value[0])
         else:
             found[name] = least[unit] + (slip if what == "greatest_slip" else 0.0)
     return found
 
 
-def _of_nodes(solution: Solution, residual: float) -> tuple[float, float, float]:
-    """What the residual leaves uncertain of the nodes: the area in m^2 of those that may be open as well as closed, by
-    how much at most they change the largest slip of a contact face, metres, and a largest pressure, pascals;
-    collective."""
+def _of_nodes(solution: Solution, part: float) -> tuple[float, float, float]:
+    """What an error of the forces x, relative to |x|, leaves uncertain of the nodes: the area in m^2 of those that may
+    be open as well as closed, by how much at most they change the largest slip of a contact face, metres, and a largest
+    pressure, pascals; collective."""
     problem, at, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
     gap = problem.surface.gap - problem.closure(solution.change)[:, 0]
-    small = OF_A_NODE * residual * over.norm(solution.contact_force)
+    small = part * over.norm(solution.contact_force)
     closed = at.status != OPEN
     either = np.where(closed, at.force[:, 0] <= small, gap <= small * problem.mean_compliance)
     moving, slip, pressure = np.linalg.norm(at.slip, axis=1), 0.0, 0.0

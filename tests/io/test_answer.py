@@ -22,17 +22,34 @@ def two_bodies():
     return ContactProblem(mesh, STEEL, [Clamp("lower:bottom")], contact, [load])
 
 
+def soft_and_hard():
+    """A plate of steel on a pad of rubber and one of steel: A has entries of very different size."""
+    rubber, pad = Material(young=2e8, poisson=0.4), box((0.6, 1.0, 0.2), (3, 4, 2))
+    bodies = {
+        "base": box((2.0, 1.0, 0.4), (6, 3, 2)),
+        "soft": moved(pad, (0.1, 0.0, 0.4)),
+        "hard": moved(pad, (1.3, 0.0, 0.4)),
+        "plate": moved(box((2.0, 1.0, 0.4), (7, 4, 2)), (0.0, 0.0, 0.6)),
+    }
+    materials = {name: rubber if name == "soft" else STEEL for name in bodies}
+    below = [Contact(f"{pad}:bottom", 0.3, against="base:top") for pad in ("soft", "hard")]
+    above = [Contact(f"{pad}:top", 0.3, against="plate:bottom") for pad in ("soft", "hard")]
+    held, load = [Clamp("base:bottom"), Clamp("plate:right", "xy")], Traction("plate:top", (0.0, 0.0, -1e7))
+    return ContactProblem(join(**bodies), materials, held, [*below, *above], [load])
+
+
 CASES = {
     "block": lambda: block(box((3.0, 1.0, 1.0), (12, 4, 4))),
     "second order": lambda: block(second_order(box((3.0, 1.0, 1.0), (9, 3, 3)))),
     "two bodies": two_bodies,
+    "soft and hard": soft_and_hard,
     "Hertz": lambda: hertz.problem(3, 8.0 * hertz.A).at(1.0),
 }
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_algebraic_part_is_the_error_that_the_tolerance_leaves_at_most(case):
-    """At 1e-3 and 1e-4 some nodes are neither open nor closed; at 1e-6 and less it is beyond the fourth digit."""
+    """At 1e-3 and 1e-4 some nodes are neither open nor closed; from 1e-6 on it is not much more than the tolerance."""
     problem = CASES[case]()
     exact = answer_of(problem.solve(1e-11), 1e-11).totals
     for tolerance in (1e-3, 1e-4, 1e-6, 1e-8):
@@ -41,8 +58,8 @@ def test_the_algebraic_part_is_the_error_that_the_tolerance_leaves_at_most(case)
         for name, (value, unit) in answer.totals.items():
             error, size = (float(np.max(np.abs(one))) for one in (value - exact[name][0], value))
             assert error <= answer.algebraic[name], (tolerance, name, unit, error, answer.algebraic[name])
-            if tolerance <= 1e-6 and name.endswith(("normal_force", "strain_energy", "area", "maximum.displacement")):
-                assert answer.algebraic[name] <= 300.0 * tolerance * size
+            wide = case == "soft and hard" or not name.endswith(("normal_force", "area", "maximum.displacement"))
+            assert wide or tolerance > 1e-6 or answer.algebraic[name] <= 30.0 * tolerance * size, name
 
 
 def test_the_residual_of_an_answer_counts_if_it_is_more_than_the_tolerance():

@@ -271,7 +271,7 @@ def test_a_tolerance_that_leaves_more_than_a_hundredth_of_a_bar_is_said(capsys):
     for tolerance, said in ((1e-2, True), (1e-8, False)):
         bars = error_of(block(2).solve(tolerance), tolerance=tolerance).entry()
         show_error_bars(Console(width=200), {"error": bars}, tolerance)
-        words = r"the solver's tolerance 0.01 leaves [0-9.]+ % of the error bar of .*: give a smaller one"
+        words = r"the solver's tolerance 0.01 leaves up to [0-9.]+ % of the error bar of .*: give a smaller one"
         shown = capsys.readouterr().out
         assert bool(re.search(words, shown)) == ("the solver's tolerance" in shown) == said
 
