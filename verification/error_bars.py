@@ -155,14 +155,17 @@ def _coarsened_again(mesh: NamedMesh) -> NamedMesh:
 
 def _numbers(case: str, mesh: str, way: str, bars: ErrorBars, known: Known, uncertain: Known) -> Iterator[Number]:
     first, *others = bars.answers
+    scales = dict[str, float]()
+    for name, (value, unit) in first.totals.items():
+        if not name.endswith("centre_of_pressure"):  # as displacements
+            scales[unit] = max(scales.get(unit, 0.0), float(np.max(np.abs(value))))
     for bar in bars.bars:
         if bar.quantity not in known:
             continue
         compared = [one.totals[bar.quantity][0] for one in (first, *others) if bar.quantity in one.totals]
         for k, exact in enumerate(known[bar.quantity]):
             values = tuple(float(value[k] - exact) for value in compared)
-            own = bar.unit in ("m²", "rad", "W")
-            scale = abs(float(exact)) if own else first.algebraic[bar.quantity] / TOLERANCE
+            scale = scales[bar.unit]
             rounding = ROUNDING * scale
             doubt = float(uncertain[bar.quantity][k]) if uncertain else 0.0
             at_rounding = abs(values[0]) <= rounding

@@ -2,7 +2,7 @@
 
 With a residual of r, |x - P(x - w/a)| is r |x|, with a the mean diagonal of A.  The error of the force on a node is
 larger by a over its own entry of the diagonal, that of all by the root mean square k of these.  k is 1 to 3 as a rule,
-and up to a hundred where bodies of very different stiffness are in contact.
+and hundreds where bodies of very different stiffness are in contact.
 
 The algebraic part of a total is k r times its natural scale (`accuracy`), where r is the solver's tolerance, or its
 residual if that is larger.  Of few totals more is needed.  Moments about the origin have the errors of forces times
@@ -106,7 +106,7 @@ def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, 
     """Error of every total that the residual of the solver leaves, in its unit; collective."""
     heat, problem, over = contents.get("heat") or {}, solution.problem, Reductions(solution.problem.comm)
     diagonal = problem.A.diagonal()
-    inverse = 1.0 / diagonal[diagonal > 0.0]
+    inverse = 1.0 / diagonal[diagonal > 1e-8 * problem.mean_compliance]  # others are known
     k = problem.mean_compliance * over.norm(inverse) / math.sqrt(over.sum(float(len(inverse))))
     part = k * max(residual, AGREEMENT if heat else 0.0)
     least = accuracy(contents, part)
@@ -133,13 +133,13 @@ def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, 
     return found
 
 
-def _of_nodes(solution: Solution, part: float) -> tuple[float, float, float]:
+def _of_nodes(solution: Solution, error: float) -> tuple[float, float, float]:
     """What an error of the forces x, relative to |x|, leaves uncertain of the nodes: the area in m^2 of those that may
     be open as well as closed, by how much at most they change the largest slip of a contact face, metres, and a largest
     pressure, pascals; collective."""
     problem, at, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
     gap = problem.surface.gap - problem.closure(solution.change)[:, 0]
-    small = part * over.norm(solution.contact_force)
+    small = error * over.norm(solution.contact_force)
     closed = at.status != OPEN
     either = np.where(closed, at.force[:, 0] <= small, gap <= small * problem.mean_compliance)
     moving, slip, pressure = np.linalg.norm(at.slip, axis=1), 0.0, 0.0
