@@ -23,7 +23,7 @@ from coulomb.fem.bodies import Deformable, stress_errors
 from coulomb.fem.contact import interpolated_forces
 from coulomb.fem.meshes import JoinedMesh, NamedMesh, box, finer, second_order
 from coulomb.io.accuracy import TOLERANCE
-from coulomb.io.error_bars import answer_of
+from coulomb.io.answer import answer_of
 from coulomb.model.problem import ContactProblem
 from coulomb.model.solution import Solution
 from verification import error_bars, hertz

@@ -32,7 +32,8 @@ from coulomb.fem.bodies import Clamp, Material, PrescribedDisplacement, Traction
 from coulomb.fem.meshes import JoinedMesh, NamedMesh, box, coarsened, moved, second_order, volume
 from coulomb.fem.meshes.named_mesh import Grid
 from coulomb.io.accuracy import TOLERANCE
-from coulomb.io.error_bars import ErrorBars, answer_of, extrapolated
+from coulomb.io.answer import answer_of
+from coulomb.io.error_bars import ErrorBars, extrapolated
 from coulomb.model.contact import Contact
 from coulomb.model.probes import Probe
 from coulomb.model.problem import ContactProblem
@@ -168,14 +169,17 @@ def _coarsened_again(mesh: NamedMesh) -> NamedMesh:
 
 def _numbers(case: str, mesh: str, way: str, bars: ErrorBars, known: Known, uncertain: Known) -> Iterator[Number]:
     first, *others = bars.answers
-    scales = {unit: least / TOLERANCE for unit, least in first.least.items()}
+    scales = dict[str, float]()
+    for name, (value, unit) in first.totals.items():
+        if not name.endswith("centre_of_pressure"):  # as displacements
+            scales[unit] = max(scales.get(unit, 0.0), float(np.max(np.abs(value))))
     for bar in bars.bars:
         if bar.quantity not in known:
             continue
         compared = [one.totals[bar.quantity][0] for one in (first, *others) if bar.quantity in one.totals]
         for k, exact in enumerate(known[bar.quantity]):
             values = tuple(float(value[k] - exact) for value in compared)
-            scale = scales.get(bar.unit, abs(float(exact)))
+            scale = scales[bar.unit]
             rounding = ROUNDING * scale
             doubt = float(uncertain[bar.quantity][k]) if uncertain else 0.0
             at_rounding = abs(values[0]) <= rounding

@@ -424,7 +424,7 @@ def _take_recorded_steps(
         if settings.output.report:
             _draw(session, lambda stop: write_report(target, stop))
         last = RunDirectory(target).step(history["steps"])
-        show_error_bars(console, read_summary(last.path, comm))
+        show_error_bars(console, read_summary(last.path, comm), settings.solver.tolerance)
         report_history(console, history, taken, time.perf_counter() - began, target, settings.solver.tolerance)
     if not trouble and session.interruption.asked():
         fail(_cut_short(settings, target), INTERRUPTED)

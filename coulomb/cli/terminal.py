@@ -24,7 +24,14 @@ from ..model.input_echo import contacts_of, loads_of, supports_of, ties_of
 from ..model.nodal_answer import law_numbers
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
-from ..pictures.report.units import NARROW, bars_in_words, compared_in_words, friction_in_words, scale_of
+from ..pictures.report.units import (
+    NARROW,
+    bars_in_words,
+    compared_in_words,
+    friction_in_words,
+    scale_of,
+    share_of_tolerance,
+)
 from ..process import animated
 from ..solvers.results import Progress
 from .console import bad_input, errors
@@ -217,7 +224,7 @@ def report(
     )
     for number, line in enumerate(lines):
         if number == 3:
-            show_error_bars(console, contents)
+            show_error_bars(console, contents, tolerance)
         console.out(line)
     strain = solution.small_strain
     warn(*contents["remarks"], *(strain.mere_warnings if solution.outside else strain.warnings))
@@ -229,8 +236,9 @@ def report(
         console.out(f"results in {target}{os.sep}")
 
 
-def show_error_bars(console: Console, contents: dict[str, Any]) -> None:
-    """Print totals with their error bars, if the summary has them."""
+def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float) -> None:
+    """Print totals with their error bars, if the summary has them, and whether the tolerance of the solver leaves more
+    than a hundredth of one."""
     plain = str.maketrans(f"{NARROW}−µ⁻⁰¹²³⁴⁵⁶⁷⁸⁹", " -u-0123456789") | str.maketrans({"±": "+-"})
     rows = [
         (name, shown.replace("m²", "m^2").replace("×10", "e").translate(plain))
@@ -242,6 +250,10 @@ def show_error_bars(console: Console, contents: dict[str, Any]) -> None:
         console.out(f"  {name:<30} {shown}")
     if len(rows) > _LINES:
         console.out(f"  and {len(rows) - _LINES} more, in summary.json")
+    share, total = share_of_tolerance(contents) or (0.0, "")
+    if share > 0.01:
+        part = f"{100.0 * share:.2g} % of the error bar of {total}"
+        console.out(f"  the solver's tolerance {tolerance:g} leaves up to {part}: give a smaller one")
 
 
 def forces_in_a_step(row: dict[str, Any], least: float) -> str:

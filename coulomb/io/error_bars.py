@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,7 +21,6 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable
 from ..fem.meshes import JoinedMesh, NamedMesh, coarser_meshes, same_cells
-from ..linalg.reductions import Reductions
 from ..model.discrete_problem import DiscreteProblem
 from ..model.load_history import LoadHistory
 from ..model.load_step import LoadStep
@@ -30,10 +29,9 @@ from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
-from .accuracy import TOLERANCE, accuracy
-from .energy_error import StressOfAnswer, relative_stress_error, stress_of
-from .even_contact import even_contact
-from .summary import summary
+from .accuracy import TOLERANCE
+from .answer import Answer, answer_of
+from .energy_error import relative_stress_error
 
 SAFETY = 1.5
 """Safety factor of an error estimated from three meshes, between Roache's 1.25 and 3."""
@@ -62,25 +60,11 @@ COMPONENT = 0.05
 """Least bar of a component, over the largest one of its vector: the errors of the components have the same causes, and
 the differences of one may be small by accident."""
 
-ROUNDING = 1e-12
-"""Of numbers of which the solver decides only whether a node counts (areas), and of angles and powers, relative."""
-
 SINGULAR, UNRESOLVED = "singular, does not converge", "not resolved, perhaps singular"
 """Remarks on totals without a bar, by three meshes and by two."""
 
 DIVERGING = 0.25
 """Order up to which a largest pressure is taken for singular: it does not converge."""
-
-UNIT_OF = {
-    **dict.fromkeys(("force", "normal_force", "opposite_force", "contact_force", "shear"), "N"),
-    **dict.fromkeys(("moment", "opposite_moment", "contact_moment", "torque", "bending", "torsion"), "N m"),
-    **dict.fromkeys(("displacement", "slip", "greatest_slip", "centre_of_pressure"), "m"),
-    **dict.fromkeys(("translation", "shortening"), "m"),
-    **dict.fromkeys(("greatest_pressure", "pressure"), "Pa"),
-    **dict.fromkeys(("dissipated_energy", "strain_energy"), "J"),
-    **{"contact_area": "m²", "rotation": "rad", "power": "W"},
-}
-"""The totals of summary.json that have error bars, and their units."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +75,9 @@ class ErrorBar:
         quantity: Where it is in summary.json: "totals.normal_force", "reactions.clamp_left.force".
         unit: Of the value and its bar.
         value: A number, or the three components of a vector, shape (1,) or (3,).
-        bar: Estimated bound of |value - exact value|, of each component; nan where the total does not converge.
+        discretisation: Its part by the mesh, of each component; nan where the total does not converge.
+        contact: Its part by half the cells along the border of the contact, of areas of contact; else 0.
+        algebraic: Its part that the tolerance of the solver leaves.
         order: Order of convergence q, as observed; nan if two meshes do not tell.
         values: On all meshes that are compared, the value itself first.
     """
@@ -99,13 +85,22 @@ class ErrorBar:
     quantity: str
     unit: str
     value: FloatArray
-    bar: FloatArray
+    discretisation: FloatArray
+    contact: FloatArray
+    algebraic: FloatArray
     order: float
     values: tuple[FloatArray, ...]
+
+    @property
+    def bar(self) -> FloatArray:
+        """Estimated bound of |value - exact value|, of each component: the sum of the parts; nan where the total does
+        not converge."""
+        return self.discretisation + self.contact + self.algebraic
 
     def entry(self) -> dict[str, Any]:
         """As in summary.json."""
         known = bool(np.all(np.isfinite(self.bar)))
+        parts = {name: _plain(getattr(self, name)) for name in ("discretisation", "contact", "algebraic")}
         return {
             "quantity": self.quantity,
             "unit": self.unit,
@@ -113,37 +108,8 @@ class ErrorBar:
             "error": _plain(self.bar) if known else None,
             "order": self.order if math.isfinite(self.order) else None,
             "on_meshes": [_plain(value) for value in self.values],
-            **({} if known else {"remark": SINGULAR if math.isfinite(self.order) else UNRESOLVED}),
+            **({"parts": parts} if known else {"remark": SINGULAR if math.isfinite(self.order) else UNRESOLVED}),
         }
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What is compared of an answer.
-
-    Attributes:
-        totals: Value (1,) or (3,) and unit of every total, by its place in summary.json.
-        size: Edge of a cube with the mean volume of a cell, relative to that of the bodies: cells^(-1/3).
-        order: Of the elements.
-        unknowns: Of the displacement.
-        least: Error that the tolerance of the solver leaves, by unit.
-        border: Error of the contact area from the half cells along the border of the contact, m^2.
-        stress_error: By recovery, over the stress; nan where it is not known or does not decide (`even_contact`).
-        single: Whether the largest displacement is that of a single node, so that it may be larger between nodes.
-        seconds: That the answer took.
-        stress: None where it is not known.
-    """
-
-    totals: Mapping[str, tuple[FloatArray, str]]
-    size: float
-    order: int
-    unknowns: int
-    least: Mapping[str, float]
-    border: float
-    stress_error: float
-    single: bool
-    seconds: float
-    stress: StressOfAnswer | None = None
 
 
 @dataclass(frozen=True)
@@ -196,7 +162,7 @@ def error_of(
         solution: The answer.
         others: Answers of the same problem on other meshes.  By default the problem is solved again: on two coarser
             meshes where they are known, which is so for boxes, else on the same cells with elements of the other order.
-        tolerance: Of the solver.
+        tolerance: Of the solver; of an answer with a larger residual, that counts.
         solver: For the other answers, as of `ContactProblem.solve`.
         progress: Called after every step of a solver.
 
@@ -327,54 +293,6 @@ class Companions:
         return bars_of(answers)
 
 
-def answer_of(solution: Solution, tolerance: float) -> Answer:
-    """What is compared of an answer; collective."""
-    contents, problem, u = summary(solution), solution.problem, solution.displacement
-    members, over = problem.elasticity.members, Reductions(problem.comm)
-    contents["strain_energy"] = 0.5 * over.sum(np.sum(problem.elasticity.internal_force(u) * u, axis=1))
-    cells = sum(member.body.domain.topology.index_map(3).size_global for member in members)
-    closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
-    inside = 0 < contents["nodes"]["open"] and closed > 0
-    sizes, largest = np.linalg.norm(u, axis=1), contents["maximum"]["displacement"]
-    size, order = cells ** (-1.0 / 3.0), max(member.body.degree for member in members)
-    stress = stress_of(solution, size, order)
-    decides = stress is not None and even_contact(problem, contents["nodes"])
-    return Answer(
-        totals={name: (value, unit) for name, value, unit in totals_in(contents)},
-        size=size,
-        order=order,
-        unknowns=problem.unknowns["displacement"],
-        least=accuracy(contents, tolerance),
-        border=0.5 * area * math.sqrt(math.pi / closed) if inside else 0.0,
-        stress_error=stress.relative if stress is not None and decides else math.nan,
-        single=over.sum(float(np.sum(sizes > (1.0 - 1e-9) * largest))) == 1.0,
-        seconds=problem.seconds.get("total", sum(problem.seconds.values())),
-        stress=stress,
-    )
-
-
-def totals_in(contents: Mapping[str, Any]) -> Iterator[tuple[str, FloatArray, str]]:
-    """Place, value and unit of every total in a summary that has an error bar."""
-    one_face = len(contents["faces"]) == 1
-    sections = ["totals" if one_face else "faces", "reactions", "ties", "rigid_faces", "bolts", "bodies", "probes"]
-    for section in sections:
-        yield from _totals_in(section, contents.get(section, ()))
-    yield from _totals_in("heat.flows", (contents.get("heat") or {}).get("flows", ()))
-    yield from _totals_in("maximum", {"displacement": contents["maximum"]["displacement"]})
-    if "strain_energy" in contents:  # in the files it is among the error bars alone
-        yield "strain_energy", np.array([contents["strain_energy"]]), "J"
-
-
-def _totals_in(place: str, part: Any) -> Iterator[tuple[str, FloatArray, str]]:
-    if not isinstance(part, Mapping):
-        for one in part:
-            yield from _totals_in(f"{place}.{one.get('name') or one.get('face') or one['faces'][0]}", one)
-        return
-    for name, unit in UNIT_OF.items():
-        if (value := part.get(name)) is not None:
-            yield f"{place}.{name}", np.atleast_1d(np.array(value, dtype=np.float64)), unit
-
-
 def bars_of(answers: Sequence[Answer]) -> ErrorBars:
     """The error bars of the first of several answers of the same problem.
 
@@ -397,16 +315,15 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         if chain:
             sizes = [one.size for one in compared]
             bounds = (SLOWEST, OF_EXTREMES) if extreme else _bounds(first, chain[0])
-            order, bar = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], *bounds)
+            order, off = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], *bounds)
         else:
             parts = [_part(first, one) * (2.0 if extreme else _better(first, one)) for one in compared]
-            off = [part * np.abs(other - value) for part, other in zip(parts, values, strict=True)]
-            order, bar = math.nan, np.max(off, axis=0)
-        bar = np.maximum(bar, COMPONENT * np.max(bar)) + first.least.get(unit, ROUNDING * float(np.max(np.abs(value))))
-        if name.endswith("contact_area"):
-            bar = bar + first.border
-        bar = _unless_singular(name, value, bar, order)
-        bars.append(ErrorBar(name, unit, value, bar, order, (value, *values)))
+            apart = [part * np.abs(other - value) for part, other in zip(parts, values, strict=True)]
+            order, off = math.nan, np.max(apart, axis=0)
+        off = _unless_singular(name, value, np.maximum(off, COMPONENT * np.max(off)), order)
+        border = np.full_like(value, first.border if name.endswith("contact_area") else 0.0)
+        algebraic = np.full_like(value, max(one.algebraic[name] for one in (first, *compared)))
+        bars.append(ErrorBar(name, unit, value, off, border, algebraic, order, (value, *values)))
     stress = relative_stress_error(first.stress, [one.stress for one in compared])
     found = ErrorBars(tuple(bars), (first, *compared), stress)
     return _between_nodes(found) if first.single else found
@@ -419,9 +336,11 @@ def _between_nodes(bars: ErrorBars) -> ErrorBars:
     energy = bars["strain_energy"]
     if energy.value[0] <= 0.0:
         return bars
-    part = min(1.0, float(energy.bar[0] / energy.value[0]))
+    part = min(1.0, float(energy.discretisation[0] / energy.value[0]))
     found = [
-        replace(one, bar=np.maximum(one.bar, part * one.value)) if one.quantity == "maximum.displacement" else one
+        replace(one, discretisation=np.maximum(one.discretisation, part * one.value))
+        if one.quantity == "maximum.displacement"
+        else one
         for one in bars.bars
     ]
     return replace(bars, bars=tuple(found))
@@ -483,8 +402,8 @@ def extrapolated(
 
 
 def _unless_singular(name: str, value: FloatArray, bar: FloatArray, order: float) -> FloatArray:
-    """A bar; nan for a largest pressure that does not converge: its order is about 0, or it is not known, and the bar
-    is a fifth of it or more."""
+    """A bar of the mesh; nan for a largest pressure that does not converge: its order is about 0, or it is not known,
+    and the bar is a fifth of it or more."""
     if not name.endswith("greatest_pressure"):
         return bar
     if not np.any(value):

@@ -16,7 +16,8 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
-from .error_bars import Answer, ErrorBar, ErrorBars, NoErrorBars, answer_of, bars_of, error_of, refuse_too_large
+from .answer import Answer, answer_of
+from .error_bars import ErrorBar, ErrorBars, NoErrorBars, bars_of, error_of, refuse_too_large
 
 UNKNOWNS = 300_000
 """Displacement unknowns that a finer mesh may have by default."""

@@ -9,12 +9,17 @@ import pytest
 import ufl
 from check_runs import read_grid
 from conftest import run_coulomb
+from report_pages import words_of
+from rich.console import Console
 from user_forms import Script
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, Traction, box
+from coulomb.cli.terminal import show_error_bars
 from coulomb.io.accuracy import TOLERANCE
-from coulomb.io.error_bars import FASTEST, SAFETY, SLOWEST, Answer, NoErrorBars, answer_of, bars_of, extrapolated
+from coulomb.io.answer import Answer, answer_of
+from coulomb.io.error_bars import FASTEST, SAFETY, SLOWEST, ErrorBar, NoErrorBars, bars_of, error_of, extrapolated
+from coulomb.pictures.report.units import share_of_tolerance
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 
@@ -51,7 +56,7 @@ def answer(size, force, stress_error=np.nan, order=2, single=False, largest=1.0,
         "maximum.displacement": (np.array([largest]), "m"),
         "strain_energy": (np.array([energy]), "J"),
     }
-    return Answer(totals, size, order, 0, {}, 0.0, stress_error, single, 0.0)
+    return Answer(totals, dict.fromkeys(totals, 0.0), size, order, 0, 0.0, stress_error, single, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -111,6 +116,38 @@ def test_the_error_of_the_stress_counts_where_contact_is_even():
     assert np.all(np.isnan([one.stress_error for one in (opens, held, sticks_in_part)])) and opens.border > 0.0
     assert sticks_in_part.border == 0.0
     assert np.isfinite(stress_error(pressed, Clamp("left", "x"))[0].stress_error)  # a plane of symmetry
+
+
+def test_the_parts_of_a_bar():
+    """That of the mesh; half the cells along the border, for areas alone; what the solver leaves, the most of all."""
+    area = {"totals.contact_area": (np.array([2.0]), "m²"), "strain_energy": (np.array([1.0]), "J")}
+    found = []
+    for h, least in ((0.1, 0.01), (0.2, 0.03)):
+        one = answer(h, np.sqrt(h))
+        totals = {**one.totals, **area}
+        found.append(replace(one, totals=totals, algebraic=dict.fromkeys(totals, least), border=0.4))
+    force, contact = (bars_of(found)[name] for name in ("totals.force", "totals.contact_area"))
+    expected = SAFETY * (np.sqrt(0.2) - np.sqrt(0.1)) / (2.0**SLOWEST - 1.0)
+    parts = {"discretisation": pytest.approx(expected), "contact": 0.0, "algebraic": 0.03}
+    assert force.entry()["parts"] == parts and force.bar[0] == pytest.approx(expected + 0.03)
+    assert contact.entry()["parts"] == {"discretisation": 0.0, "contact": 0.4, "algebraic": 0.03}
+    assert contact.entry()["error"] == pytest.approx(0.43)
+    singular = ErrorBar("totals.greatest_pressure", "Pa", *np.array([[1.0], [np.nan], [0.0], [1.0]]), 0.1, ())
+    assert "parts" not in singular.entry() and singular.entry()["error"] is None
+
+
+def test_how_much_the_tolerance_leaves_is_said_of_the_totals_that_count():
+    """Not of one that is 0 but for it, nor of one whose bar is beyond the fourth digit."""
+
+    def bar(name, value, error, part):
+        return {"quantity": name, "value": value, "error": error, "parts": {"algebraic": part}}
+
+    zero, exact = bar("totals.moment", [0.5, 0.0, 0.0], [1.0] * 3, [0.9] * 3), bar("totals.force", 1.0, 9e-5, 9e-5)
+    whole, slip = bar("totals.normal_force", 1.0, 0.1, 1e-4), bar("faces.bottom.greatest_slip", 1.0, 0.2, 0.01)
+    singular = {"quantity": "totals.greatest_pressure", "value": 1.0, "error": None}
+    summary = {"error": {"bars": [singular, zero, exact, whole, slip]}}
+    assert share_of_tolerance(summary) == (pytest.approx(0.05), "greatest slip of bottom")
+    assert share_of_tolerance({}) is None and share_of_tolerance({"error": {"bars": [zero, singular]}}) is None
 
 
 def block(cells, degree=1, **others):
@@ -206,7 +243,10 @@ def test_a_run_says_writes_and_checks_its_error_bars(tmp_path):
     assert "error bars of the mesh, from meshes of" in done.stdout
     assert "normal force  " in done.stdout and " +- " in done.stdout
     assert re.search(r"^  stress, energy norm +\+- [0-9.]+ %$", done.stdout, re.MULTILINE)
-    assert "How far from the continuum" in (results / "report.html").read_text()
+    report = words_of(results)
+    assert "How far from the continuum" in report
+    assert re.search(r"tolerance, 1×10⁻⁸, leaves at most 0\.0\d+ % of an error bar, that of [a-z ]+;", report)
+    assert "the solver's tolerance" not in done.stdout
     summary = json.loads((results / "summary.json").read_text())
     assert [one["order"] for one in summary["error"]["meshes"]] == [1, 1, 1]
     bars = {bar["quantity"]: bar for bar in summary["error"]["bars"]}
@@ -217,8 +257,23 @@ def test_a_run_says_writes_and_checks_its_error_bars(tmp_path):
     assert run_coulomb("check", results).returncode == 0
     bars["totals.normal_force"]["value"] *= 1.001
     (results / "summary.json").write_text(json.dumps(summary))
+    (results / "summary.json").write_text(json.dumps(summary))
     checked = run_coulomb("check", results)
     assert checked.returncode == 1 and "error.totals.normal_force" in checked.stdout
+    bars["totals.normal_force"]["value"] /= 1.001
+    bars["totals.normal_force"]["parts"]["algebraic"] += 0.1 * bars["totals.normal_force"]["error"]
+    (results / "summary.json").write_text(json.dumps(summary))
+    checked = run_coulomb("check", results)
+    assert checked.returncode == 1 and "error bar.totals.normal_force" in checked.stdout
+
+
+def test_a_tolerance_that_leaves_more_than_a_hundredth_of_a_bar_is_said(capsys):
+    for tolerance, said in ((1e-2, True), (1e-8, False)):
+        bars = error_of(block(2).solve(tolerance), tolerance=tolerance).entry()
+        show_error_bars(Console(width=200), {"error": bars}, tolerance)
+        words = r"the solver's tolerance 0.01 leaves up to [0-9.]+ % of the error bar of .*: give a smaller one"
+        shown = capsys.readouterr().out
+        assert bool(re.search(words, shown)) == ("the solver's tolerance" in shown) == said
 
 
 def test_every_load_step_has_error_bars(tmp_path):

@@ -10,7 +10,8 @@ from conftest import run_coulomb
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
 from coulomb.fem.meshes import finer, second_order, volume
-from coulomb.io.error_bars import NoErrorBars, answer_of
+from coulomb.io.answer import answer_of
+from coulomb.io.error_bars import NoErrorBars
 from verification import hertz
 
 STEEL = Material(young=2.119e11, poisson=0.277)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from ...contact_fields import ANSWER, names
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
-from ..error_bars import totals_in
+from ..answer import totals_in
 from ..field_files import data_of
 from ..result_grids import BETWEEN, OURS, middle
 from ..run_directory import CASE, CONTACT, FIELDS, SOLUTION, SUMMARY
@@ -206,13 +207,20 @@ def check_run(
 
 
 def _compare_error_bars(run: WrittenRun, found: Comparison) -> None:
-    """Compare the values that have error bars with the totals of the summary; the bars are those of the run."""
+    """Compare the values that have error bars with the totals of the summary, and the bars with the sums of their
+    parts, which are those of the run."""
     bars = (run.summary.get("error") or {}).get("bars", ())
     if not bars:
         return
     said = {bar["quantity"]: np.atleast_1d(bar["value"]).tolist() for bar in bars}
     totals = {name: value.tolist() for name, value, _ in totals_in(run.summary) if name in said}
     found.tree(f"{SUMMARY}: error", {name: said[name] for name in totals}, totals, source=ANSWER)
+    whole, parts = dict[str, Any](), dict[str, Any]()
+    for bar in bars:
+        if "parts" in bar:  # runs of earlier versions have none
+            whole[bar["quantity"]] = np.atleast_1d(bar["error"]).tolist()
+            parts[bar["quantity"]] = np.sum([np.atleast_1d(part) for part in bar["parts"].values()], axis=0).tolist()
+    found.tree(f"{SUMMARY}: error bar", whole, parts, source="its parts")
 
 
 def _facets_of_faces(

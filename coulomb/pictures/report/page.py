@@ -104,6 +104,7 @@ def render(run: Run) -> str:
             "stresses": results.stresses(run),
         },
         error_meshes=compared_in_words(run.summary),
+        left_by_tolerance=results.left_by_tolerance(run),
         checks=results.checks(run),
         pictures=_pictures(run, scale),
         charts=_charts(run),

@@ -12,7 +12,7 @@ from ...contact_names import named_faces, sides_of
 from .fields import FIELDS, zone_counts
 from .files import Run
 from .grids import blocks_of
-from .units import bars_in_words, in_seconds, number, quantity, vector
+from .units import NARROW, bars_in_words, in_seconds, number, quantity, share_of_tolerance, vector
 
 Facts = list[tuple[str, str]]
 Table = tuple[tuple[str, ...], list[tuple[str, ...]]]
@@ -298,6 +298,15 @@ def probes(run: Run) -> Table:
 def error_bars(run: Run) -> Table:
     """Every total with its error bar, and the observed order of convergence; empty if they were not asked for."""
     return ("total", "value and error of the mesh", "order"), list(bars_in_words(run.summary))
+
+
+def left_by_tolerance(run: Run) -> str:
+    """What part of the error bars the tolerance of the solver leaves, as a sentence; empty without error bars."""
+    if (found := share_of_tolerance(run.summary)) is None:
+        return ""
+    share, total = found
+    part = f"{number(100.0 * share, 2)}{NARROW}% of an error bar, that of {total}"
+    return f"The solver's tolerance, {number(run.tolerance)}, leaves at most {part}; the rest is of the mesh."
 
 
 def stresses(run: Run) -> Table:

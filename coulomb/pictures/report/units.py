@@ -13,6 +13,7 @@ NARROW = "\u202f"
 """Non-breaking space between a number and its unit."""
 
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+_DIGITS = 1e-4
 _AREAS = ((1.0, "m²"), (1e-4, "cm²"), (1e-6, "mm²"), (1e-12, "µm²"))
 
 
@@ -122,15 +123,37 @@ def bars_in_words(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     if (stress := found.get("relative_stress_error")) is not None:
         yield "stress, energy norm", f"± {number(100.0 * stress, 2)}{NARROW}%", "–"
     for bar in found.get("bars", ()):
-        place, _, name = bar["quantity"].removeprefix("totals.").rpartition(".")
-        of = place.partition(".")[2]
         value, error, order = bar["value"], bar["error"], bar["order"]
         values, bars = ([one] if isinstance(one, float) else one for one in (value, error))
         if not any(values):
             continue
         remark = f", {bar['remark']}" if "remark" in bar else ""
         shown = with_bar(values, bars, bar["unit"]) + remark
-        yield f"{name.replace('_', ' ')}{f' of {of}' if of else ''}", shown, "–" if order is None else number(order, 2)
+        yield _total_in_words(bar["quantity"]), shown, "–" if order is None else number(order, 2)
+
+
+def share_of_tolerance(summary: Mapping[str, Any]) -> tuple[float, str] | None:
+    """The largest part of an error bar that the tolerance of the solver leaves, over the bar, and the total that has
+    it; None without any.
+
+    Totals that are less than this part, and those with a bar beyond their fourth digit, do not count: some are 0 and
+    some exact on any mesh, as forces that follow from the loads alone, and have no error but this one.
+    """
+    found = []
+    for bar in (summary.get("error") or {}).get("bars", ()):
+        if "parts" in bar:
+            of_all = (bar["value"], bar["error"], bar["parts"]["algebraic"])
+            value, error, part = (math.hypot(*([of] if isinstance(of, float) else of)) for of in of_all)
+            if part < value and error > _DIGITS * value:
+                found.append((part / error, _total_in_words(bar["quantity"])))
+    return max(found, default=None)
+
+
+def _total_in_words(quantity: str) -> str:
+    """Of its place in summary.json: normal force, force of clamp_left."""
+    place, _, name = quantity.removeprefix("totals.").rpartition(".")
+    of = place.partition(".")[2]
+    return f"{name.replace('_', ' ')}{f' of {of}' if of else ''}"
 
 
 def in_prefixed(values: Sequence[float], unit: str) -> str:

@@ -1,0 +1,174 @@
+"""What is compared of an answer for its error bars, and what the tolerance of the solver leaves of its totals.
+
+With a residual of r, |x - P(x - w/a)| is r |x|, with a the mean diagonal of A.  The error of the force on a node is
+larger by a over its own entry of the diagonal, that of all by the root mean square k of these.  k is 1 to 3 as a rule,
+and hundreds where bodies of very different stiffness are in contact.
+
+The algebraic part of a total is k r times its natural scale (`accuracy`), where r is the solver's tolerance, or its
+residual if that is larger.  Of few totals more is needed.  Moments about the origin have the errors of forces times
+their distance from it; centres of pressure, quotients c = M/F, the error (dM + |c| dF)/F.  A single node may have all
+of the error of x: so has a largest pressure.  Areas and largest slips are uncertain by the nodes that the residual does
+not tell to be open or closed, closed ones with a small force x_n, and open ones with a small gap w_n.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
+from ..model.nodal_answer import OPEN
+from ..model.problem import AGREEMENT
+from ..model.solution import Solution
+from .accuracy import accuracy
+from .energy_error import StressOfAnswer, stress_of
+from .even_contact import even_contact
+from .summary import summary
+
+UNIT_OF = {
+    **dict.fromkeys(("force", "normal_force", "opposite_force", "contact_force", "shear"), "N"),
+    **dict.fromkeys(("moment", "opposite_moment", "contact_moment", "torque", "bending", "torsion"), "N m"),
+    **dict.fromkeys(("displacement", "slip", "greatest_slip", "centre_of_pressure"), "m"),
+    **dict.fromkeys(("translation", "shortening"), "m"),
+    **dict.fromkeys(("greatest_pressure", "pressure"), "Pa"),
+    **dict.fromkeys(("dissipated_energy", "strain_energy"), "J"),
+    **{"contact_area": "m²", "rotation": "rad", "power": "W"},
+}
+"""The totals of summary.json that have error bars, and their units."""
+
+
+Totals = Mapping[str, tuple[FloatArray, str]]
+"""Value (1,) or (3,) and unit of every total, by its place in summary.json."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is compared of an answer.
+
+    Attributes:
+        totals: Values and units.
+        algebraic: Error of every total that the tolerance of the solver leaves, in its unit, by its place.
+        size: Edge of a cube with the mean volume of a cell, relative to that of the bodies: cells^(-1/3).
+        order: Of the elements.
+        unknowns: Of the displacement.
+        border: Error of the contact area from the half cells along the border of the contact, m^2.
+        stress_error: By recovery, over the stress; nan where it is not known or does not decide (`even_contact`).
+        single: Whether the largest displacement is that of a single node, so that it may be larger between nodes.
+        seconds: That the answer took.
+        stress: None where it is not known.
+    """
+
+    totals: Totals
+    algebraic: Mapping[str, float]
+    size: float
+    order: int
+    unknowns: int
+    border: float
+    stress_error: float
+    single: bool
+    seconds: float
+    stress: StressOfAnswer | None = None
+
+
+def answer_of(solution: Solution, tolerance: float) -> Answer:
+    """What is compared of an answer, of a solver with this tolerance; collective."""
+    contents, problem, u = summary(solution), solution.problem, solution.displacement
+    members, over = problem.elasticity.members, Reductions(problem.comm)
+    contents["strain_energy"] = 0.5 * over.sum(np.sum(problem.elasticity.internal_force(u) * u, axis=1))
+    cells = sum(member.body.domain.topology.index_map(3).size_global for member in members)
+    closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
+    inside = 0 < contents["nodes"]["open"] and closed > 0
+    sizes, largest = np.linalg.norm(u, axis=1), contents["maximum"]["displacement"]
+    size, order = cells ** (-1.0 / 3.0), max(member.body.degree for member in members)
+    stress = stress_of(solution, size, order)
+    decides = stress is not None and even_contact(problem, contents["nodes"])
+    totals = {name: (value, unit) for name, value, unit in totals_in(contents)}
+    return Answer(
+        totals=totals,
+        algebraic=_algebraic(totals, contents, solution, max(tolerance, solution.result.residual)),
+        size=size,
+        order=order,
+        unknowns=problem.unknowns["displacement"],
+        border=0.5 * area * math.sqrt(math.pi / closed) if inside else 0.0,
+        stress_error=stress.relative if stress is not None and decides else math.nan,
+        single=over.sum(float(np.sum(sizes > (1.0 - 1e-9) * largest))) == 1.0,
+        seconds=problem.seconds.get("total", sum(problem.seconds.values())),
+        stress=stress,
+    )
+
+
+def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, residual: float) -> dict[str, float]:
+    """Error of every total that the residual of the solver leaves, in its unit; collective."""
+    heat, problem, over = contents.get("heat") or {}, solution.problem, Reductions(solution.problem.comm)
+    diagonal = problem.A.diagonal()
+    inverse = 1.0 / diagonal[diagonal > 1e-8 * problem.mean_compliance]  # others are known
+    k = problem.mean_compliance * over.norm(inverse) / math.sqrt(over.sum(float(len(inverse))))
+    part = k * max(residual, AGREEMENT if heat else 0.0)
+    least = accuracy(contents, part)
+    flows = [abs(flow["power"]) for flow in heat.get("flows", ())]
+    spins = [abs(face.get("angular_velocity") or 0.0) for face in contents["faces"]]
+    x = problem.elasticity.x
+    least["N m"] = max(least["N m"], least["N"] * over.max(np.linalg.norm(x, axis=1)))
+    least["W"] = part * max(flows, default=0.0) + least["N m"] * max(spins, default=0.0)
+    narrowest = min(over.max(along) + over.max(-along) for along in x.T)
+    turned = [float(np.max(np.abs(face["rotation"]))) for face in contents.get("rigid_faces", ())]
+    least["rad"] = part * max(turned, default=0.0) + least["m"] / narrowest
+    area, slip, pressure = _of_nodes(solution, part)
+    least["Pa"] = max(least["Pa"], pressure)
+    found = {}
+    for name, (value, unit) in totals.items():
+        place, _, what = name.rpartition(".")
+        if what == "centre_of_pressure":
+            far = float(np.max(np.abs(value)))
+            found[name] = (least["N m"] + far * least["N"]) / float(totals[f"{place}.normal_force"][0][0])
+        elif what == "contact_area":
+            found[name] = area + part * float(value[0])
+        else:
+            found[name] = least[unit] + (slip if what == "greatest_slip" else 0.0)
+    return found
+
+
+def _of_nodes(solution: Solution, error: float) -> tuple[float, float, float]:
+    """What an error of the forces x, relative to |x|, leaves uncertain of the nodes: the area in m^2 of those that may
+    be open as well as closed, by how much at most they change the largest slip of a contact face, metres, and a largest
+    pressure, pascals; collective."""
+    problem, at, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
+    gap = problem.surface.gap - problem.closure(solution.change)[:, 0]
+    small = error * over.norm(solution.contact_force)
+    closed = at.status != OPEN
+    either = np.where(closed, at.force[:, 0] <= small, gap <= small * problem.mean_compliance)
+    moving, slip, pressure = np.linalg.norm(at.slip, axis=1), 0.0, 0.0
+    for part in range(len(at.faces)):
+        here = at.part == part
+        most, least = (over.max(moving[here & who]) for who in (closed | either, closed & ~either))
+        slip = max(slip, most - max(least, 0.0))
+        most, least = (over.max(at.pressure[here] + add / at.area[here]) for add in (small, 0.0))
+        pressure = max(pressure, most - least)
+    return over.sum(at.area[either]), slip, pressure
+
+
+def totals_in(contents: Mapping[str, Any]) -> Iterator[tuple[str, FloatArray, str]]:
+    """Place, value and unit of every total in a summary that has an error bar."""
+    one_face = len(contents["faces"]) == 1
+    sections = ["totals" if one_face else "faces", "reactions", "ties", "rigid_faces", "bolts", "bodies", "probes"]
+    for section in sections:
+        yield from _totals_in(section, contents.get(section, ()))
+    yield from _totals_in("heat.flows", (contents.get("heat") or {}).get("flows", ()))
+    yield from _totals_in("maximum", {"displacement": contents["maximum"]["displacement"]})
+    if "strain_energy" in contents:  # in the files it is among the error bars alone
+        yield "strain_energy", np.array([contents["strain_energy"]]), "J"
+
+
+def _totals_in(place: str, part: Any) -> Iterator[tuple[str, FloatArray, str]]:
+    if not isinstance(part, Mapping):
+        for one in part:
+            yield from _totals_in(f"{place}.{one.get('name') or one.get('face') or one['faces'][0]}", one)
+        return
+    for name, unit in UNIT_OF.items():
+        if (value := part.get(name)) is not None:
+            yield f"{place}.{name}", np.atleast_1d(np.array(value, dtype=np.float64)), unit
