@@ -33,6 +33,7 @@ from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE, accuracy
 from .energy_error import StressOfAnswer, relative_stress_error, stress_of
 from .even_contact import even_contact
+from .largest_displacement import FREE, largest_free, with_largest
 from .summary import summary
 
 SAFETY = 1.5
@@ -339,8 +340,9 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     size, order = cells ** (-1.0 / 3.0), max(member.body.degree for member in members)
     stress = stress_of(solution, size, order)
     decides = stress is not None and even_contact(problem, contents["nodes"])
+    totals = {name: (value, unit) for name, value, unit in totals_in(contents)}
     return Answer(
-        totals={name: (value, unit) for name, value, unit in totals_in(contents)},
+        totals={**totals, FREE: (largest_free(problem.elasticity, u), "m")},
         size=size,
         order=order,
         unknowns=problem.unknowns["displacement"],
@@ -408,23 +410,7 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         bar = _unless_singular(name, value, bar, order)
         bars.append(ErrorBar(name, unit, value, bar, order, (value, *values)))
     stress = relative_stress_error(first.stress, [one.stress for one in compared])
-    found = ErrorBars(tuple(bars), (first, *compared), stress)
-    return _between_nodes(found) if first.single else found
-
-
-def _between_nodes(bars: ErrorBars) -> ErrorBars:
-    """With a least bar of the largest displacement, which may be between nodes that all meshes share: their difference
-    is then 0.  The strain energy is that of the loads on their displacements (Clapeyron), so that these have errors as
-    it has: its relative bar."""
-    energy = bars["strain_energy"]
-    if energy.value[0] <= 0.0:
-        return bars
-    part = min(1.0, float(energy.bar[0] / energy.value[0]))
-    found = [
-        replace(one, bar=np.maximum(one.bar, part * one.value)) if one.quantity == "maximum.displacement" else one
-        for one in bars.bars
-    ]
-    return replace(bars, bars=tuple(found))
+    return with_largest(ErrorBars(tuple(bars), (first, *compared), stress), first.single, SAFETY)
 
 
 def _bounds(first: Answer, coarser: Answer) -> tuple[float, float]:
