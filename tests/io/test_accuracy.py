@@ -58,6 +58,16 @@ def test_natural_scales_of_several_contacts():
     assert found["m"] == pytest.approx(1e-8 * 1e-6 * 300.0 / 2.0)
 
 
+def test_the_scale_of_moments_about_the_middle_of_a_contact():
+    """Loads and contact act at the origin: their moments are rounding, beside the force at the edge of the contact."""
+    moment = {"moment": [1e-15, 0.0, 0.0]}
+    totals = {"centre_of_pressure": [1e-18, 0.0, 0.0], "contact_area": 0.01, **moment}
+    found = accuracy({"totals": totals, "loads": [{"force": [0.0, 0.0, -1e3], **moment}]}, 1e-8)
+    assert found["N m"] == pytest.approx(1e-8 * 1e3 * 0.1)
+    found = accuracy({"faces": [{**totals, "force": [0.0, 0.0, 1e3], "normal_force": 1e3}]}, 1e-8)
+    assert found["N m"] == pytest.approx(1e-8 * 1e3 * 0.1)
+
+
 def test_steps_of_several_contacts():
     """With the normal force of each, and the force on the body if there is one."""
     row = {"a against b_normal_force": 3.0, "c_normal_force": 2e-9, "c_force_x": 7.0}
