@@ -67,10 +67,14 @@ ROUNDING = 1e-12
 """Of numbers of which the solver decides only whether a node counts (areas), and of angles and powers, relative."""
 
 SINGULAR, UNRESOLVED = "singular, does not converge", "not resolved, perhaps singular"
-"""Remarks on totals without a bar, by three meshes and by two."""
+"""Remarks on totals without a bar, by three meshes, and by two or three among which it goes up and down."""
 
 DIVERGING = 0.25
 """Order up to which a largest pressure is taken for singular: it does not converge."""
+
+SMOOTH = 2.0
+"""Order, of smooth answers, below which a largest pressure that goes up and down on three meshes tells nothing: it is
+as the cells at an edge happen to be (of 15 such ones 4 were inside their bars, docs/measurements.md)."""
 
 UNIT_OF = {
     **dict.fromkeys(("force", "normal_force", "opposite_force", "contact_force", "shear"), "N"),
@@ -407,7 +411,8 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
         bar = np.maximum(bar, COMPONENT * np.max(bar)) + first.least.get(unit, ROUNDING * float(np.max(np.abs(value))))
         if name.endswith("contact_area"):
             bar = bar + first.border
-        bar = _unless_singular(name, value, bar, order)
+        if name.endswith("greatest_pressure"):
+            order, bar = _unless_singular((value, *values), bar, order, first.least.get(unit, 0.0))
         bars.append(ErrorBar(name, unit, value, bar, order, (value, *values)))
     stress = relative_stress_error(first.stress, [one.stress for one in compared])
     return with_largest(ErrorBars(tuple(bars), (first, *compared), stress), first.single, SAFETY)
@@ -468,15 +473,21 @@ def extrapolated(
     return order, SAFETY * h1**q * implied
 
 
-def _unless_singular(name: str, value: FloatArray, bar: FloatArray, order: float) -> FloatArray:
-    """A bar; nan for a largest pressure that does not converge: its order is about 0, or it is not known, and the bar
-    is a fifth of it or more."""
-    if not name.endswith("greatest_pressure"):
-        return bar
+def _unless_singular(
+    values: Sequence[FloatArray], bar: FloatArray, order: float, least: float
+) -> tuple[float, FloatArray]:
+    """Order and bar of a largest pressure by its values (1,) on the meshes, from fine to coarse; nan as bar if it does
+    not converge: its order is about 0, or it is not known, and the bar is a fifth of it or more.  Both are nan if it
+    goes up and down by more than the solver leaves, and settles more slowly than smooth answers."""
+    value = values[0]
     if not np.any(value):
-        return bar
+        return order, bar
+    if math.isfinite(order):
+        near, far = -np.diff(np.concatenate(values))
+        if near * far < 0.0 and order < SMOOTH and abs(near) > least:
+            return math.nan, np.full_like(bar, math.nan)
     singular = order < DIVERGING if math.isfinite(order) else bool(np.any(bar > 0.2 * np.abs(value)))
-    return np.full_like(bar, math.nan) if singular else bar
+    return order, np.full_like(bar, math.nan) if singular else bar
 
 
 def _plain(values: FloatArray) -> float | list[float]:
