@@ -14,7 +14,7 @@ from coulomb.cli.terminal import forces_in_a_step
 from coulomb.io.accuracy import accuracy, rounded
 from coulomb.pictures.report import picture
 from coulomb.pictures.report.picture import plot
-from coulomb.pictures.report.units import quantity, vector
+from coulomb.pictures.report.units import NARROW, quantity, vector, with_bar
 
 STUCK = ("mesh.cells=[6,2,2]", "contact.friction=0.9", "traction.1.value=[0,0,0]", "output.picture=false")
 """A block that is pressed straight down and sticks: nothing acts across it, and nothing slips."""
@@ -66,6 +66,12 @@ def test_the_scale_of_moments_about_the_middle_of_a_contact():
     assert found["N m"] == pytest.approx(1e-8 * 1e3 * 0.1)
     found = accuracy({"faces": [{**totals, "force": [0.0, 0.0, 1e3], "normal_force": 1e3}]}, 1e-8)
     assert found["N m"] == pytest.approx(1e-8 * 1e3 * 0.1)
+
+
+def test_the_prefix_of_a_value_with_an_error_bar_suits_the_larger_one():
+    assert with_bar([1.04e8], [5.9e5], "N") == f"104.00 ± 0.59{NARROW}MN"
+    assert with_bar([1e-20], [1.795e-6], "m") == f"0.0 ± 1.8{NARROW}µm"
+    assert with_bar([0.0, 1e-3], None, "N") == f"(0, 1){NARROW}mN"
 
 
 def test_steps_of_several_contacts():
