@@ -33,7 +33,7 @@ from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE, accuracy
 from .energy_error import StressOfAnswer, relative_stress_error, stress_of
 from .even_contact import even_contact
-from .largest_displacement import FREE, largest_free, with_largest
+from .largest_displacement import FREE, LARGEST, largest_free, least_bar
 from .summary import summary
 
 SAFETY = 1.5
@@ -415,7 +415,11 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
             order, bar = _unless_singular((value, *values), bar, order, first.least.get(unit, 0.0))
         bars.append(ErrorBar(name, unit, value, bar, order, (value, *values)))
     stress = relative_stress_error(first.stress, [one.stress for one in compared])
-    return with_largest(ErrorBars(tuple(bars), (first, *compared), stress), first.single, SAFETY)
+    found = {one.quantity: one for one in bars}
+    free, energy = ((one.value, one.bar) for one in (found.pop(FREE), found["strain_energy"]))
+    least = least_bar(found[LARGEST].value, energy, free, first.single, SAFETY)
+    found[LARGEST] = replace(found[LARGEST], bar=np.maximum(found[LARGEST].bar, least))
+    return ErrorBars(tuple(found.values()), (first, *compared), stress)
 
 
 def _bounds(first: Answer, coarser: Answer) -> tuple[float, float]:

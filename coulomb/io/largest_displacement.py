@@ -3,17 +3,14 @@ whose displacement is prescribed."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable
 from ..linalg.reductions import Reductions
 
-if TYPE_CHECKING:
-    from .error_bars import ErrorBars
+ValueAndBar = tuple[FloatArray, FloatArray]
+"""Shapes (1,)."""
 
 LARGEST = "maximum.displacement"
 
@@ -29,19 +26,23 @@ def largest_free(elasticity: Deformable, u: FloatArray) -> FloatArray:
     return np.array([max(largest, 0.0)])
 
 
-def with_largest(bars: ErrorBars, single: bool, safety: float) -> ErrorBars:
-    """With the least bar of the largest displacement, and without that of FREE.
+def least_bar(value: FloatArray, energy: ValueAndBar, free: ValueAndBar, single: bool, safety: float) -> FloatArray:
+    """The least bar of the largest displacement, shape (1,).
 
     Where a single node has the largest displacement, it may be between nodes that all meshes share: their difference is
     then 0.  The strain energy is that of the loads on their displacements (Clapeyron), so that these have errors as it
     has: its relative bar.  Where a prescribed displacement is the largest, all meshes agree on it as well, but free
     nodes may have more on finer ones: by (bar/safety) - (prescribed - free), extrapolated, times the safety factor, and
     at most that bar.
+
+    Args:
+        value: The largest displacement.
+        energy: The strain energy and its bar.
+        free: The largest displacement of free nodes and its bar.
+        single: Whether a single node has the largest displacement.
+        safety: The factor in all bars.
     """
-    found = {one.quantity: one for one in bars.bars}
-    free, one, energy = found.pop(FREE), found[LARGEST], found["strain_energy"]
-    if energy.value[0] > 0.0:
-        least = one.value * np.minimum(1.0, energy.bar / energy.value)
-        beyond = free.bar - safety * (one.value - free.value)
-        found[LARGEST] = replace(one, bar=np.maximum(one.bar, least if single else np.minimum(least, beyond)))
-    return replace(bars, bars=tuple(found.values()))
+    if not energy[0][0] > 0.0:
+        return np.zeros(1)
+    least: FloatArray = value * np.minimum(1.0, energy[1] / energy[0])
+    return least if single else np.clip(free[1] - safety * (value - free[0]), 0.0, least)
