@@ -18,8 +18,9 @@ def accuracy(
 ) -> dict[str, float]:
     """The tolerance times the natural scale of the answer, by unit.
 
-    The scales: of forces and moments the largest load, reaction or contact force; of lengths the largest displacement
-    or slip, or what a nodal contact force does at its node, with which solvers compare gap and slip; of stresses the
+    The scales: of forces and moments the largest load, reaction or contact force, at the distance of the centre of
+    pressure from the origin or across the contact, which may be centred there; of lengths the largest displacement or
+    slip, or what a nodal contact force does at its node, with which solvers compare gap and slip; of stresses the
     largest contact pressure; of energies their products.
 
     Args:
@@ -32,7 +33,8 @@ def accuracy(
     parts = [*summary.get("loads", ()), *summary.get("reactions", ()), *faces]
     pressing = [face.get("normal_force") for face in faces] or [(summary.get("force_on_body") or {}).get("normal")]
     force = _largest(forces, pressing, *(part["force"] for part in parts))
-    arm = _largest(*(part.get("centre_of_pressure") or () for part in (totals, *faces)))
+    areas = [part.get("contact_area") or 0.0 for part in (totals, *faces)]
+    arm = _largest(*(part.get("centre_of_pressure") or () for part in (totals, *faces)), map(math.sqrt, areas))
     moment = _largest([force * arm], *(part["moment"] for part in parts))
     nodes, compliance = (summary.get("nodes") or {}).get("contact") or 1, summary.get("mean_compliance") or 0.0
     at_node = compliance * sum(_largest([normal]) for normal in pressing) / math.sqrt(nodes)

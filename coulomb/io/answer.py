@@ -28,6 +28,7 @@ from ..model.solution import Solution
 from .accuracy import accuracy
 from .energy_error import StressOfAnswer, stress_of
 from .even_contact import even_contact
+from .largest_displacement import FREE, largest_free
 from .summary import summary
 
 UNIT_OF = {
@@ -88,6 +89,7 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     stress = stress_of(solution, size, order)
     decides = stress is not None and even_contact(problem, contents["nodes"])
     totals = {name: (value, unit) for name, value, unit in totals_in(contents)}
+    totals[FREE] = largest_free(problem.elasticity, u), "m"
     return Answer(
         totals=totals,
         algebraic=_algebraic(totals, contents, solution, max(tolerance, solution.result.residual)),

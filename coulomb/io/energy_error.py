@@ -111,8 +111,8 @@ def _extrapolated(chain: Sequence[StressOfAnswer]) -> float:
     first, second, last = chain[0], chain[1], chain[-1]
     h1, h2, h3 = first.size, second.size, last.size
     near, contained = _difference(first, second)
-    if not contained:
-        return 0.5 * near
+    if not contained:  # equally wrong, or more where sizes are so alike that the fastest order leaves more
+        return near * max(0.5, 1.0 / (math.pow(h2 / h1, 2.0 * first.order) - 1.0))
     twice_q = float(first.order)
     if (h3 / h2) ** 2 > h2 / h1 and near > 0.0:
         far = _difference(first, last)[0] - near

@@ -32,6 +32,7 @@ from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
 from .answer import Answer, answer_of
 from .energy_error import relative_stress_error
+from .largest_displacement import FREE, LARGEST, least_bar
 
 SAFETY = 1.5
 """Safety factor of an error estimated from three meshes, between Roache's 1.25 and 3."""
@@ -61,10 +62,14 @@ COMPONENT = 0.05
 the differences of one may be small by accident."""
 
 SINGULAR, UNRESOLVED = "singular, does not converge", "not resolved, perhaps singular"
-"""Remarks on totals without a bar, by three meshes and by two."""
+"""Remarks on totals without a bar, by three meshes, and by two or three among which it goes up and down."""
 
 DIVERGING = 0.25
 """Order up to which a largest pressure is taken for singular: it does not converge."""
+
+SMOOTH = 2.0
+"""Order, of smooth answers, below which a largest pressure that goes up and down on three meshes tells nothing: it is
+as the cells at an edge happen to be (of 15 such ones 4 were inside their bars, docs/measurements.md)."""
 
 
 @dataclass(frozen=True)
@@ -320,30 +325,19 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
             parts = [_part(first, one) * (2.0 if extreme else _better(first, one)) for one in compared]
             apart = [part * np.abs(other - value) for part, other in zip(parts, values, strict=True)]
             order, off = math.nan, np.max(apart, axis=0)
-        off = _unless_singular(name, value, np.maximum(off, COMPONENT * np.max(off)), order)
+        off = np.maximum(off, COMPONENT * np.max(off))
         border = np.full_like(value, first.border if name.endswith("contact_area") else 0.0)
         algebraic = np.full_like(value, max(one.algebraic[name] for one in (first, *compared)))
+        if name.endswith("greatest_pressure"):
+            order, off = _unless_singular((value, *values), off, order, float(algebraic[0]))
         bars.append(ErrorBar(name, unit, value, off, border, algebraic, order, (value, *values)))
     stress = relative_stress_error(first.stress, [one.stress for one in compared])
-    found = ErrorBars(tuple(bars), (first, *compared), stress)
-    return _between_nodes(found) if first.single else found
-
-
-def _between_nodes(bars: ErrorBars) -> ErrorBars:
-    """With a least bar of the largest displacement, which may be between nodes that all meshes share: their difference
-    is then 0.  The strain energy is that of the loads on their displacements (Clapeyron), so that these have errors as
-    it has: its relative bar."""
-    energy = bars["strain_energy"]
-    if energy.value[0] <= 0.0:
-        return bars
-    part = min(1.0, float(energy.discretisation[0] / energy.value[0]))
-    found = [
-        replace(one, discretisation=np.maximum(one.discretisation, part * one.value))
-        if one.quantity == "maximum.displacement"
-        else one
-        for one in bars.bars
-    ]
-    return replace(bars, bars=tuple(found))
+    found = {one.quantity: one for one in bars}
+    free, energy = ((one.value, one.discretisation) for one in (found.pop(FREE), found["strain_energy"]))
+    largest = found[LARGEST]
+    least = least_bar(largest.value, energy, free, first.single, SAFETY)
+    found[LARGEST] = replace(largest, discretisation=np.maximum(largest.discretisation, least))
+    return ErrorBars(tuple(found.values()), (first, *compared), stress)
 
 
 def _bounds(first: Answer, coarser: Answer) -> tuple[float, float]:
@@ -401,15 +395,21 @@ def extrapolated(
     return order, SAFETY * h1**q * implied
 
 
-def _unless_singular(name: str, value: FloatArray, bar: FloatArray, order: float) -> FloatArray:
-    """A bar of the mesh; nan for a largest pressure that does not converge: its order is about 0, or it is not known,
-    and the bar is a fifth of it or more."""
-    if not name.endswith("greatest_pressure"):
-        return bar
+def _unless_singular(
+    values: Sequence[FloatArray], bar: FloatArray, order: float, least: float
+) -> tuple[float, FloatArray]:
+    """Order and bar of a largest pressure by its values (1,) on the meshes, from fine to coarse; nan as bar if it does
+    not converge: its order is about 0, or it is not known, and the bar is a fifth of it or more.  Both are nan if it
+    goes up and down by more than the solver leaves, and settles more slowly than smooth answers."""
+    value = values[0]
     if not np.any(value):
-        return bar
+        return order, bar
+    if math.isfinite(order):
+        near, far = -np.diff(np.concatenate(values))
+        if near * far < 0.0 and order < SMOOTH and abs(near) > least:
+            return math.nan, np.full_like(bar, math.nan)
     singular = order < DIVERGING if math.isfinite(order) else bool(np.any(bar > 0.2 * np.abs(value)))
-    return np.full_like(bar, math.nan) if singular else bar
+    return order, np.full_like(bar, math.nan) if singular else bar
 
 
 def _plain(values: FloatArray) -> float | list[float]:

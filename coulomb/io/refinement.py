@@ -18,6 +18,7 @@ from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
 from .answer import Answer, answer_of
 from .error_bars import ErrorBar, ErrorBars, NoErrorBars, bars_of, error_of, refuse_too_large
+from .largest_displacement import FREE
 
 UNKNOWNS = 300_000
 """Displacement unknowns that a finer mesh may have by default."""
@@ -87,7 +88,7 @@ def refine(
         change = None if heated is None else heated.change
         stress = stress_errors(solution.problem.elasticity, solution.displacement, change)
         answers.insert(0, answer_of(solution, tolerance))
-        asked = _asked(answers[0].totals, totals)
+        asked = _asked([name for name in answers[0].totals if name != FREE], totals)
         bars, largest = None, math.inf
         if len(answers) > 1:
             bars = bars_of(answers[:3])

@@ -14,7 +14,7 @@ from coulomb.cli.terminal import forces_in_a_step
 from coulomb.io.accuracy import accuracy, rounded
 from coulomb.pictures.report import picture
 from coulomb.pictures.report.picture import plot
-from coulomb.pictures.report.units import quantity, vector
+from coulomb.pictures.report.units import NARROW, quantity, vector, with_bar
 
 STUCK = ("mesh.cells=[6,2,2]", "contact.friction=0.9", "traction.1.value=[0,0,0]", "output.picture=false")
 """A block that is pressed straight down and sticks: nothing acts across it, and nothing slips."""
@@ -56,6 +56,22 @@ def test_natural_scales_of_several_contacts():
     found = accuracy(summary, 1e-8)
     assert found["N"] == pytest.approx(2e-6) and found["N m"] == pytest.approx(4e-7)
     assert found["m"] == pytest.approx(1e-8 * 1e-6 * 300.0 / 2.0)
+
+
+def test_the_scale_of_moments_about_the_middle_of_a_contact():
+    """Loads and contact act at the origin: their moments are rounding, beside the force at the edge of the contact."""
+    moment = {"moment": [1e-15, 0.0, 0.0]}
+    totals = {"centre_of_pressure": [1e-18, 0.0, 0.0], "contact_area": 0.01, **moment}
+    found = accuracy({"totals": totals, "loads": [{"force": [0.0, 0.0, -1e3], **moment}]}, 1e-8)
+    assert found["N m"] == pytest.approx(1e-8 * 1e3 * 0.1)
+    found = accuracy({"faces": [{**totals, "force": [0.0, 0.0, 1e3], "normal_force": 1e3}]}, 1e-8)
+    assert found["N m"] == pytest.approx(1e-8 * 1e3 * 0.1)
+
+
+def test_the_prefix_of_a_value_with_an_error_bar_suits_the_larger_one():
+    assert with_bar([1.04e8], [5.9e5], "N") == f"104.00 ± 0.59{NARROW}MN"
+    assert with_bar([1e-20], [1.795e-6], "m") == f"0.0 ± 1.8{NARROW}µm"
+    assert with_bar([0.0, 1e-3], None, "N") == f"(0, 1){NARROW}mN"
 
 
 def test_steps_of_several_contacts():

@@ -89,8 +89,8 @@ def vector(
 
 def with_bar(values: Sequence[float], bars: Sequence[float] | None, unit: str) -> str:
     """A number, or the components of a vector, with error bars in two digits: 104.42 ± 0.59 MN; without bars in four
-    digits.  At most six decimals."""
-    factor, prefixed = scale_of(max(map(abs, values)), unit)
+    digits.  At most six decimals; the prefix suits the larger one: 0.0 ± 1.8 µm."""
+    factor, prefixed = scale_of(max(map(abs, [*values, *(bars or ())])), unit)
     largest = 0.0 if bars is None else max(bars) / factor
     decimals = min(max(1 - math.floor(math.log10(largest)), 0), 6) if 0.0 < largest < math.inf else 4
 

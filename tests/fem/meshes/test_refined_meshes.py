@@ -13,6 +13,7 @@ from coulomb.fem import compat
 from coulomb.fem.compat import mesh as dolfinx_mesh
 from coulomb.fem.meshes import aspects, first_order, refined
 from coulomb.fem.meshes.lagrange import corner_geometry, corners_to_nodes
+from coulomb.fem.meshes.meshes import fewer
 
 CELLS = ("hexahedron", "tetrahedron")
 
@@ -90,7 +91,7 @@ def test_orders_there_and_back(cell):
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("degree", [1, 2])
 def test_coarser_boxes(cell, degree):
-    """Half as many cells along an edge, rounded up, down to one, by the same places."""
+    """Half as many cells along an edge, in proportion, down to one, by the same places."""
     mesh = coulomb.box((2.0, 1.0, 1.0), (5, 2, 1), cell, place=bend, degree=degree)
     for cells in ((3, 1, 1), (2, 1, 1), (1, 1, 1)):
         mesh = mesh.coarser()
@@ -98,6 +99,22 @@ def test_coarser_boxes(cell, degree):
         assert nodes(mesh) == nodes(made) and mesh.degree == degree
         assert integral(mesh, "top") == pytest.approx(integral(made, "top"), rel=1e-13)
     assert mesh.coarser is None
+
+
+def test_coarser_boxes_are_similar():
+    """About half as many cells along each edge: of all such numbers those with the most equal ratios, and then nearest
+    to 2.  Edges of one cell keep it."""
+    assert fewer([10, 10, 5]) == [6, 6, 3] and fewer([6, 6, 3]) == [4, 4, 2] and fewer([4, 4, 2]) == [2, 2, 1]
+    assert fewer([30, 10, 10]) == [15, 5, 5] and fewer([15, 5, 5]) == [9, 3, 3] and fewer([9, 3, 3]) == [6, 2, 2]
+    assert fewer([60, 1, 2]) == [30, 1, 1] and fewer([7, 1, 1]) == [4, 1, 1]
+    for n in range(2, 30):
+        assert fewer([n, n, n]) == [(n + 1) // 2] * 3
+    for cells in ((7, 5, 3), (12, 9, 2), (40, 6, 4), (11, 13, 8)):
+        found = np.array(fewer(cells))
+        ratios = np.array(cells) / found
+        assert np.all((found >= 1) & (ratios >= 1.3) & (ratios <= 3.0))
+        halved = np.array(cells) / np.ceil(np.array(cells) / 2.0)
+        assert ratios.max() / ratios.min() <= halved.max() / halved.min() + 1e-9
 
 
 def test_coarser_boxes_of_other_order_and_at_other_places():
