@@ -20,7 +20,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable
-from ..fem.meshes import JoinedMesh, NamedMesh, coarser_meshes, same_cells
+from ..fem.meshes import coarser_meshes, same_cells
 from ..model.discrete_problem import DiscreteProblem
 from ..model.load_history import LoadHistory
 from ..model.load_step import LoadStep
@@ -179,24 +179,27 @@ def error_of(
     found = [answer_of(solution, tolerance)]
     if others:
         found += [answer_of(other, tolerance) for other in others]
-    else:
-        for problem in compared(solution.problem):
+        return bars_of(found)
+    refusals = []
+    for way in _ways(solution.problem):
+        for problem in way:
             began = time.perf_counter()
             try:
                 refuse_too_large(problem)
                 with _without_remarks():
                     answer = problem.solve(tolerance, solver, progress)
             except (NotConverged, ValueError) as error:
-                if len(found) > 1:
-                    break  # one coarser mesh will do
-                raise NoErrorBars(f"on another mesh ({problem.unknowns['displacement']} unknowns): {error}") from None
+                refusals.append(f"on another mesh ({problem.unknowns['displacement']} unknowns): {error}")
+                break
             found.append(replace(answer_of(answer, tolerance), seconds=time.perf_counter() - began))
-    return bars_of(found)
+        if len(found) > 1:  # one other mesh will do
+            return bars_of(found)
+    raise NoErrorBars(refusals[0])
 
 
-def compared(problem: DiscreteProblem) -> list[ContactProblem]:
-    """The same problem on up to two coarser meshes, or else on the same cells with elements of the other order
-    (`same_cells`); collective.
+def _ways(problem: DiscreteProblem) -> Iterator[list[ContactProblem]]:
+    """The same problem on up to two coarser meshes, and on the same cells with elements of the other order
+    (`same_cells`), if that is needed; one at least, else a NoErrorBars on every rank; collective.
 
     A mesh on which it cannot be posed is left out: supports hold all nodes of a single cell, curved cells may become
     flat, and faces or groups that were added to a box are not on coarser ones.
@@ -206,26 +209,29 @@ def compared(problem: DiscreteProblem) -> list[ContactProblem]:
             "a Body of your own forms cannot be posed on another mesh from here: solve it on another one too, and give "
             "the answers: solution.error(coarser)"
         )
-    with _without_remarks():
-        return _posed_again(problem, mesh)
+    refusal, posed = "there is no mesh to compare with: bodies of first and second order", False
+    for others in (coarser_meshes, same_cells):
+        found = []
+        with _without_remarks():
+            try:
+                for other in others(mesh):
+                    found.append(problem.on(other))
+            except ValueError as error:
+                refusal = f"the problem has no other mesh: {error}"
+        if found:
+            posed = True
+            yield found
+    if not posed:
+        raise NoErrorBars(refusal)
 
 
-def _posed_again(problem: ContactProblem, mesh: NamedMesh | JoinedMesh) -> list[ContactProblem]:
-    found = []
-    try:
-        for coarser in coarser_meshes(mesh):
-            found.append(problem.on(coarser))
-    except ValueError:
-        pass  # the same cells will do
-    if found:
-        return found
-    try:
-        found = [problem.on(other) for other in same_cells(mesh)]
-    except ValueError as error:
-        raise NoErrorBars(f"the problem has no other mesh: {error}") from None
-    if not found:
-        raise NoErrorBars("there is no mesh to compare with: bodies of first and second order")
-    return found
+def compared(problem: DiscreteProblem) -> list[ContactProblem]:
+    """The same problem on one or two other meshes, the first of `_ways`; collective.
+
+    Raises:
+        NoErrorBars: If it cannot be posed on any.
+    """
+    return next(_ways(problem))
 
 
 def refuse_too_large(problem: ContactProblem) -> None:

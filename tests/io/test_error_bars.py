@@ -270,6 +270,36 @@ def test_without_coarser_meshes_the_other_order_is_compared():
     assert bars["totals.normal_force"].bar[0] == pytest.approx(2.0 * apart, rel=1e-5)
 
 
+def test_the_other_order_is_compared_if_coarser_meshes_have_no_answer(monkeypatch):
+    solved, answer = ContactProblem.solve, block(2).solve()
+
+    def solve(problem, *given):
+        if problem.unknowns["displacement"] < answer.problem.unknowns["displacement"]:
+            raise ValueError("too coarse")
+        return solved(problem, *given)
+
+    monkeypatch.setattr(ContactProblem, "solve", solve)
+    assert [one.order for one in answer.error().answers] == [1, 2]
+    monkeypatch.setattr(ContactProblem, "solve", lambda *_: (_ for _ in ()).throw(ValueError("too coarse")))
+    with pytest.raises(NoErrorBars, match=r"on another mesh \(36 unknowns\): too coarse"):
+        answer.error()
+
+
+def test_tied_nodes_are_on_the_same_face_of_all_meshes():
+    """With half as many cells the other face would be the finer one, and the force of the tie the opposite one."""
+    low, up = box((1.0, 1.0, 0.5), (4, 4, 2)), box((1.0, 1.0, 0.5), (3, 3, 2))
+    posed = ContactProblem(
+        coulomb.join(low=low, up=coulomb.moved(up, translate=(0.0, 0.0, 0.5))),
+        STEEL,
+        [Clamp("low:bottom", "xy")],
+        Contact("low:bottom", 0.3),
+        [Traction("up:top", (0.0, 0.0, -1e6))],
+        ties=[coulomb.Tied("up:bottom", "low:top")],
+    )
+    bar = next(one for one in posed.solve().error().bars if one.quantity.startswith("ties.") and one.unit == "N")
+    np.testing.assert_allclose([value[2] for value in bar.values], -1e6, rtol=1e-6)
+
+
 def test_a_body_of_own_forms_needs_another_answer():
     def answer(cells):
         mesh = box((1.0, 1.0, 1.0), (cells, cells, cells))

@@ -117,15 +117,16 @@ def compared_in_words(summary: Mapping[str, Any]) -> str:
 
 
 def bars_in_words(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
-    """Name, value with error bar, and observed order of every total that is not 0 in the entry `error` of a summary;
-    before them the error of the stress as a part of it."""
+    """Name, value with error bar, and observed order of every total in the entry `error` of a summary, but of those
+    that are 0 to the tolerance of the solver; before them the error of the stress as a part of it."""
     found = summary.get("error") or {}
     if (stress := found.get("relative_stress_error")) is not None:
         yield "stress, energy norm", f"± {number(100.0 * stress, 2)}{NARROW}%", "–"
     for bar in found.get("bars", ()):
         value, error, order = bar["value"], bar["error"], bar["order"]
         values, bars = ([one] if isinstance(one, float) else one for one in (value, error))
-        if not any(values):
+        left = bar.get("parts", {}).get("algebraic", math.inf)
+        if not any(values) and (bars is None or max(bars) <= 2.0 * (left if isinstance(left, float) else max(left))):
             continue
         remark = f", {bar['remark']}" if "remark" in bar else ""
         shown = with_bar(values, bars, bar["unit"]) + remark
