@@ -152,7 +152,7 @@ def _solve_once(
 def _refine(session: Session, settings: Case, problem: ContactProblem, refinement: Refinement) -> Refined:
     """The answer on a mesh refined until its error bars are small enough."""
     to, totals, unknowns = refinement
-    display = Display(session.console, by_step=True)
+    display = Display(session.console, changing=True)
 
     def say(posed: ContactProblem, stress: float, largest: float) -> None:
         known = f", error bars up to {100.0 * largest:.2g} % of the totals" if math.isfinite(largest) else ""
@@ -286,7 +286,7 @@ def _bars_of_steps(session: Session, settings: Case, problem: ContactProblem) ->
     if not settings.output.error:
         return lambda _: {}
     try:
-        progress = session.progress(Display(session.console, by_step=True))
+        progress = session.progress(Display(session.console, changing=True))
         companions = Companions(problem, settings.load_history(), settings.solver.tolerance, progress)
     except NoErrorBars as reason:
         without(reason)
@@ -304,7 +304,7 @@ def _bars_of_steps(session: Session, settings: Case, problem: ContactProblem) ->
 
 def _error_bars(session: Session, settings: Case, solution: Solution) -> dict[str, Any]:
     """The entry `error` of summary.json; without it, and a warning, if there are none."""
-    display = Display(session.console)
+    display = Display(session.console, changing=True)
     try:
         with display, timed(solution.problem.seconds, "error bars"):
             solver, progress = settings.contact_solver(), session.progress(display)
@@ -366,7 +366,7 @@ def _take_recorded_steps(
 ) -> None:
     console, comm = session.console, problem.comm
     began, trouble, code = time.perf_counter(), "", FAILED
-    display = Display(console, by_step=True)
+    display = Display(console, changing=True)
     warned: tuple[str, ...] = ()
     taken = 0
     forces: list[float] = []

@@ -160,11 +160,11 @@ def _vector(values: FloatArray) -> str:
 
 
 class Display:
-    """Progress: one line that changes on a terminal, elsewhere a line for each Tresca problem (or path-following step),
-    unless load steps are printed (`by_step`)."""
+    """Progress: one line that changes on a terminal, elsewhere a line for each Tresca problem (or path-following step)
+    but for load steps and other meshes, of which there is that line alone (`changing`)."""
 
-    def __init__(self, console: Console, by_step: bool = False):
-        self._console, self._by_step, self._expected = console, by_step, ""
+    def __init__(self, console: Console, changing: bool = False):
+        self._console, self._changing, self._expected = console, changing, ""
         self._status = console.status("K^-1 and A") if animated() and not console.quiet else None
         self._last: Progress | None = None
 
@@ -190,7 +190,7 @@ class Display:
         self._expected = text
 
     def _line(self) -> None:
-        if self._last is not None and self._status is None and not self._by_step:
+        if self._last is not None and self._status is None and not self._changing:
             self._console.out(str(self._last))
 
 
