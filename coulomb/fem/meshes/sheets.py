@@ -17,7 +17,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse.csgraph import connected_components, dijkstra
 
 from ...arrays import FloatArray, IntArray
 from .curving import CREASE
@@ -71,7 +71,8 @@ def without_sheets(mesh: InspectedMesh, again: bool = False) -> InspectedMesh:
     by_sheet = np.split(np.argsort(sheet, kind="stable"), np.cumsum(np.bincount(sheet))[:-1])
     seen: Mask = np.zeros(len(by_sheet), dtype=bool)
     merged, alive = np.arange(len(x)), np.ones(len(cells), dtype=bool)  # node in place of each, cells that are left
-    for number, across in enumerate(by_sheet):
+    for number in _inwards(ends, of_cell, sheet, of_node[ends] == of_edge[:, None]):
+        across = by_sheet[number]
         pairs, on = _distinct_pairs(merged[ends[across]], of_edge[across])
         moves = of_node[pairs] == on[:, None]
         if np.bincount(pairs.ravel()).max() > 1 or not np.all(np.any(moves, axis=1)):
@@ -116,6 +117,25 @@ def _sheets(cells: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     ends[turned] = ends[turned, ::-1]
     _, at, sheet = np.unique(label.min(axis=1), return_index=True, return_inverse=True)
     return ends, of_cell, np.argsort(np.argsort(at))[sheet]
+
+
+def _inwards(ends: IntArray, of_cell: IntArray, sheet: IntArray, moves: Mask) -> IntArray:
+    """The sheets in the order in which they are looked at: first those at the boundary, where one end alone of an edge
+    across them may move, then those beside them, and so on.  Without each second one no single sheet stays there, where
+    contact begins and bodies are held."""
+    count, sheets = int(sheet.max()) + 1, sheet[of_cell[:, :, 0]]
+    pairs = []
+    for number in range(count):
+        touched, inside = np.zeros(int(ends.max()) + 1, dtype=bool), np.zeros(len(ends), dtype=bool)
+        touched[ends[sheet == number]] = True
+        inside[of_cell[np.any(sheets == number, axis=1)]] = True
+        beside = np.unique(sheet[np.any(touched[ends], axis=1) & ~inside])
+        pairs.append(np.stack([np.full(len(beside), number), beside]))
+    start, end = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.ones(len(start)), (start, end)), shape=(count, count)).tocsr()
+    outermost = np.unique(sheet[moves[:, 0] != moves[:, 1]])
+    depth = dijkstra(graph, indices=outermost, unweighted=True, min_only=True) if len(outermost) else np.zeros(count)
+    return np.argsort(depth, kind="stable")
 
 
 def _patches(mesh: InspectedMesh, ends: IntArray) -> tuple[IntArray, IntArray, Mask, FloatArray]:

@@ -1,5 +1,6 @@
 """Coarser meshes of hexahedra, from which every second sheet is taken out."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,13 +29,30 @@ def planes(mesh):
     return [np.unique(np.round(x, 9)) for x in mesh.domain.geometry.x.T]
 
 
-@pytest.mark.parametrize("n", [(6, 4, 2), (7, 5, 3)])
-def test_an_even_box_is_that_of_half_as_many_cells(n):
-    """Of an odd number the last sheet stays."""
-    found = coarsened(box((1.0, 2.0, 3.0), n))
-    assert cells(found) == np.prod((np.array(n) + 1) // 2)
-    for length, count, plane in zip((1.0, 2.0, 3.0), n, planes(found), strict=True):
-        np.testing.assert_allclose(plane, [*np.arange(0.0, count, 2.0) * length / count, length], atol=1e-9)
+def test_an_even_box_is_that_of_half_as_many_cells():
+    found = coarsened(box((1.0, 2.0, 3.0), (6, 4, 2)))
+    for length, count, plane in zip((1.0, 2.0, 3.0), (3, 2, 1), planes(found), strict=True):
+        np.testing.assert_allclose(plane, np.linspace(0.0, length, count + 1), atol=1e-9)
+
+
+def test_of_an_odd_number_one_stays_as_it_is_inside():
+    """Not at the boundary, where contact begins and bodies are held."""
+    found = coarsened(box((7.0, 5.0, 3.0), (7, 5, 3)))
+    assert [sorted(np.diff(plane)) for plane in planes(found)] == [[1.0, 2.0, 2.0, 2.0], [1.0, 2.0, 2.0], [1.0, 2.0]]
+    for plane in planes(found)[:2]:
+        assert np.diff(plane)[0] == np.diff(plane)[-1] == 2.0
+
+
+def test_sheets_are_taken_out_from_the_boundary_inwards():
+    """Of half a ring, whose lowest nodes, those with the first numbers, are halfway between its ends."""
+
+    def place(k):
+        angle, r = math.pi * (k[0] / 16.0 - 1.0), 1.0 + k[1] / 8.0
+        return np.stack([r * np.cos(angle), k[2], r * np.sin(angle)])
+
+    x = coarsened(box((16.0, 4.0, 4.0), (16, 4, 4), place=place)).domain.geometry.x
+    angles = np.unique(np.round(np.arctan2(x[:, 0], -x[:, 2]), 9))
+    np.testing.assert_allclose(np.diff(angles), math.pi / 8.0, rtol=1e-6)
 
 
 def test_mirrored_cells():
