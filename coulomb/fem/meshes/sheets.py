@@ -142,7 +142,7 @@ def _patches(mesh: InspectedMesh, ends: IntArray) -> tuple[IntArray, IntArray, M
     """On how many patches every node is, many for those that must not move, and every edge; which nodes may be moved to
     other places, in the body and on plane patches, and the normals of these, shape (nodes, 3), otherwise 0."""
     x, cells = mesh.points, mesh.cells
-    corners = cells[:, _FACES].reshape(-1, 4)
+    corners: IntArray = cells[:, _FACES].reshape(-1, 4)
     first, number = distinct(np.sort(corners, axis=1))
     group, _ = sets(len(cells), mesh.cell_groups)
     low, high = np.full(len(first), len(cells)), np.full(len(first), -1)
@@ -227,7 +227,7 @@ def _rounded(x: FloatArray, cells: IntArray, changed: Mask, free: Mask, normal: 
         moves[near[flat]] = True
         moves &= free
         changed = changed | np.any(moves[cells], axis=1)
-        edges = cells[changed][:, _ACROSS].reshape(-1, 2)
+        edges: IntArray = cells[changed][:, _ACROSS].reshape(-1, 2)
         edges = np.concatenate([edges, edges[:, ::-1]])
         edges = edges[moves[edges[:, 0]]]
         step = np.zeros_like(x)
