@@ -43,7 +43,6 @@ EXCEPTIONS: dict[tuple[str, str], tuple[float, str]] = {
     ("sliding, held top, distorted cells", "order"): (0.09, _SMOOTH),
     ("partly open, held left and top", "order"): (0.25, _OPENS),
     ("ring, held right", "coarser"): (0.09, _SMOOTH),
-    ("clamped block, nu = 0.49", "coarser"): (0.09, "9 x 3 x 3 27-node hexahedra beside 6 x 2 x 2: 0.78"),
 }
 """By case and way: the share of meshes outside the bounds, and why."""
 
