@@ -27,7 +27,7 @@ from ..fem.bodies import (
     distributed_bodies,
     vanishes,
 )
-from ..fem.contact import ContactSurface, RigidFace, Tied, TiedBodies
+from ..fem.contact import ContactSurface, RigidFace, Tied, TiedBodies, with_slaves
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -249,19 +249,13 @@ class ContactProblem(DiscreteProblem):
         return cast(NamedMesh | JoinedMesh | Deformable, [*self._given[0], self._given[1].get("mesh")][0])
 
     def on(self, mesh: NamedMesh | JoinedMesh | Deformable) -> Self:
-        """The same problem on another mesh (or another `Body`), at the same time, with the contact points of pairs and
-        the tied nodes on the same faces; ValueError on every rank if that has not the faces and groups of cells;
-        collective."""
+        """The same problem on another mesh (or another `Body`), at the same time, with contact points of pairs and tied
+        nodes on the same faces; ValueError on every rank if that has not the faces and groups of cells; collective."""
         given = {**dict(zip(_POSITIONAL, self._given[0], strict=False)), **self._given[1]}
-        if isinstance(self.made_of, Deformable):  # the material may be the contact
-            given["material"] = None
+        given |= {"material": None} if isinstance(self.made_of, Deformable) else {}  # it may be the contact
         contacts = [replace(one, slave=one.against is not None) for one in self.body.contacts]
-        sides = {frozenset((tie.face, tie.against)): (tie.face, tie.against) for tie in self.elasticity.ties}
-        ties = list(given.get("ties", ()))
-        for k, one in enumerate(ties):
-            if type(one) is Tied and (found := sides.get(frozenset((one.face, one.against)))):
-                ties[k] = replace(one, face=found[0], against=found[1], slave=True)
-        return type(self)(**{**given, "mesh": mesh, "contact": contacts, "ties": ties, "time": self.time})
+        given["ties"] = with_slaves(given.get("ties", ()), self.elasticity.ties)
+        return type(self)(**{**given, "mesh": mesh, "contact": contacts, "time": self.time})
 
     def in_state(
         self,

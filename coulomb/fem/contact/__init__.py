@@ -46,4 +46,4 @@ from .surface import (
     plane_of_face,
 )
 from .tied_bodies import TiedBodies
-from .ties import CyclicSymmetry, Tied
+from .ties import CyclicSymmetry, Tied, with_slaves

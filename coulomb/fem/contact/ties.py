@@ -10,6 +10,7 @@ both bodies together are free of forces.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -230,6 +231,13 @@ _ALL_HELD = 2.5
 
 _TOGETHER = 1e-13
 """Distance between a slave node and the point it follows, over the coordinates, that is a rounding error."""
+
+
+def with_slaves(given: Iterable[Tied], made: Iterable[Tie]) -> list[Tied]:
+    """Ties with the slaves that they have as they were made, whatever the meshes."""
+    sides = {frozenset((one.face, one.against)): (one.face, one.against) for one in made}
+    known = [(one, sides.get(frozenset((one.face, one.against))) if type(one) is Tied else None) for one in given]
+    return [replace(one, face=of[0], against=of[1], slave=True) if of else one for one, of in known]
 
 
 def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
