@@ -166,7 +166,8 @@ def error_of(
     Args:
         solution: The answer.
         others: Answers of the same problem on other meshes.  By default the problem is solved again: on two coarser
-            meshes where they are known, which is so for boxes, else on the same cells with elements of the other order.
+            meshes where they can be made (of boxes, and of large first-order meshes), else on the same cells with
+            elements of the other order.
         tolerance: Of the solver; of an answer with a larger residual, that counts.
         solver: For the other answers, as of `ContactProblem.solve`.
         progress: Called after every step of a solver.

@@ -307,8 +307,8 @@ class Solution:
 
         Args:
             others: Answers of the same problem on other meshes, best on two coarser ones.  By default the problem is
-                solved again: on two coarser meshes where they are known, which is so for boxes, else on the same cells
-                with elements of the other order.
+                solved again: on two coarser meshes where they can be made (of boxes, and of large first-order meshes),
+                else on the same cells with elements of the other order.
 
         Raises:
             ValueError: On every rank, if the problem cannot be posed or solved on another mesh (a `Body` of the user's

@@ -42,7 +42,7 @@ def arcs(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     count = int(corners.max(initial=-1)) + 1
     before, after = np.roll(x, 1, axis=1) - x, np.roll(x, -1, axis=1) - x
     crossed = np.cross(after, before)
-    normal = _unit(crossed.sum(axis=1))
+    normal = unit_vectors(crossed.sum(axis=1))
     angle = np.arctan2(np.linalg.norm(crossed, axis=2), np.einsum("fki,fki->fk", before, after))
 
     # pairs of the corner of a facet, and a facet at the same vertex
@@ -55,13 +55,13 @@ def arcs(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     near = np.einsum("pi,pi->p", normal[corner // width], normal[other // width]) > math.cos(CREASE)
     N: FloatArray = np.zeros((facets * width, 3))
     np.add.at(N, corner[near], (angle.ravel()[:, None] * normal[np.arange(facets * width) // width])[other[near]])
-    N = _unit(N).reshape(x.shape)
+    N = unit_vectors(N).reshape(x.shape)
 
     creased = np.zeros(facets * width, dtype=bool)
     creased[corner[~near]] = True
     N, Nb = _completed(N, np.roll(N, -1, axis=1), after, creased.reshape(facets, width))
     off = (np.einsum("fki,fki,fkj->fkj", after, Nb, Nb) - np.einsum("fki,fki,fkj->fkj", after, N, N)) / 8.0
-    side = _unit((N + Nb).reshape(-1, 3))
+    side = unit_vectors((N + Nb).reshape(-1, 3))
     ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     edges, number = np.unique(ends, axis=0, return_inverse=True)
     return edges, _shortest(len(edges), number.ravel(), side, off.reshape(-1, 3))
@@ -72,7 +72,7 @@ def _completed(
 ) -> tuple[FloatArray, FloatArray]:
     """The normals at both ends of edges d, shape (f, k, 3), with those at the ends of a surface as mirror images;
     `creased` are the corners at a crease, shape (f, k)."""
-    along = _unit(d)
+    along = unit_vectors(d)
     a, b = (np.einsum("fki,fki->fk", along, N) for N in (Na, Nb))
     flat_a = creased & (np.abs(a) < 0.1 * np.abs(b))
     flat_b = np.roll(creased, -1, axis=1) & (np.abs(b) < 0.1 * np.abs(a))
@@ -112,6 +112,7 @@ def _boundary(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     return np.concatenate(comm.allgather(number)), np.concatenate(comm.allgather(x))
 
 
-def _unit(vectors: FloatArray) -> FloatArray:
+def unit_vectors(vectors: FloatArray) -> FloatArray:
+    """Vectors (..., 3) over their lengths; 0 remains."""
     found: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
     return found

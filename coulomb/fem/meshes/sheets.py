@@ -20,7 +20,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
 from ...arrays import FloatArray, IntArray
-from .curving import CREASE
+from .curving import CREASE, unit_vectors
 from .inspection import InspectedMesh
 from .rows import distinct, places, sets
 
@@ -157,9 +157,9 @@ def _patches(mesh: InspectedMesh, ends: IntArray) -> tuple[IntArray, IntArray, M
     around = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     edge = places(np.sort(ends, axis=1), around)
     facet = np.repeat(np.arange(len(corners)), 4)
-    along = _unit(x[around[:, 1]] - x[around[:, 0]])
+    along = unit_vectors(x[around[:, 1]] - x[around[:, 0]])
     into = np.repeat(x[corners].mean(axis=1), 4, axis=0) - x[around].mean(axis=1)
-    into = _unit(into - np.einsum("ki,ki->k", into, along)[:, None] * along)
+    into = unit_vectors(into - np.einsum("ki,ki->k", into, along)[:, None] * along)
     _, kind = distinct(np.column_stack([edge, name[facet], low[facets][facet], high[facets][facet] + 1]))
     order = np.argsort(kind, kind="stable")
     two = np.flatnonzero(np.bincount(kind) == 2)
@@ -173,13 +173,13 @@ def _patches(mesh: InspectedMesh, ends: IntArray) -> tuple[IntArray, IntArray, M
     of_node = _counted(len(x), corners.ravel(), np.repeat(patch, 4))
     of_edge = _counted(len(ends), edge, patch[facet])
     crease = ends[of_edge > 1]
-    directions, step = np.zeros_like(x), _unit(x[crease[:, 1]] - x[crease[:, 0]])
+    directions, step = np.zeros_like(x), unit_vectors(x[crease[:, 1]] - x[crease[:, 0]])
     np.add.at(directions, crease, np.stack([step, -step], axis=1))
     meeting = np.bincount(crease.ravel(), minlength=len(x))
     bent = np.linalg.norm(directions, axis=1) > 2.0 * math.sin(0.5 * CREASE)
     of_node[(of_node > 1) & ((meeting != 2) | bent)] = len(corners) + 1
 
-    across = _unit(np.cross(x[corners[:, 2]] - x[corners[:, 0]], x[corners[:, 3]] - x[corners[:, 1]]))
+    across = unit_vectors(np.cross(x[corners[:, 2]] - x[corners[:, 0]], x[corners[:, 3]] - x[corners[:, 1]]))
     spread = np.zeros((patch.max(initial=-1) + 1, 3, 3))
     np.add.at(spread, patch, across[:, :, None] * across[:, None, :])
     sizes, axes = np.linalg.eigh(spread)
@@ -202,7 +202,7 @@ def _distinct_pairs(pairs: IntArray, counts: IntArray) -> tuple[IntArray, IntArr
 
 def _growth(x: FloatArray, before: IntArray, after: IntArray, length: FloatArray) -> float:
     """How much longer edges became, in the mean, of which one end was merged into another node, or both if they are
-    those of a single cell inside a ring; ends (e, 2)."""
+    those of a single cell inside a ring; `before` and `after` are the ends of all edges, shape (e, 2)."""
     ends = np.where(after[:, 0] != after[:, 1], np.count_nonzero(before != after, axis=1), 0)
     longer = ends == (1 if np.any(ends == 1) else 2)
     return float(_length(x, after[longer]).sum() / max(length[longer].sum(), 1e-300))
@@ -269,9 +269,4 @@ def _counted(count: int, at: IntArray, patch: IntArray) -> IntArray:
 
 def _length(x: FloatArray, ends: IntArray) -> FloatArray:
     found: FloatArray = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
-    return found
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    found: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
     return found
