@@ -134,7 +134,7 @@ def scaling(
     ranks: Annotated[list[int] | None, typer.Option("--ranks", min=1, help="Ranks to run on; repeat.")] = None,
     coefficient: Annotated[float, typer.Option("--friction", min=0.0)] = 0.3,
     tolerance: Tolerance = 1e-8,
-    method: Annotated[str, typer.Option("--method", help="auto, direct or iterative.")] = "auto",
+    method: Annotated[str, typer.Option("--method", help="auto, direct, iterative, mumps or gamg.")] = "auto",
     cell: Annotated[str, typer.Option("--cell", help="hexahedron or tetrahedron.")] = "hexahedron",
     degree: Annotated[int, typer.Option("--degree", min=1, max=2, help="Order of the elements.")] = 1,
     problem: Annotated[str, typer.Option("--problem", help="block, or two-blocks: aluminium on steel.")] = "block",
@@ -264,7 +264,8 @@ def parts(
         list[float] | None, typer.Option("--clscale", min=0.01, max=100.0, help="Factor of all mesh sizes; repeat.")
     ] = None,
     methods: Annotated[
-        list[str] | None, typer.Option("--method", help="direct, iterative or auto; repeat; by default all.")
+        list[str] | None,
+        typer.Option("--method", help="direct, iterative, auto, mumps or gamg; repeat; by default the first three."),
     ] = None,
     steps: Annotated[
         list[int] | None, typer.Option("--steps", min=1, max=1000, help="Number of load steps; repeat; by default 1.")
@@ -277,10 +278,11 @@ def parts(
 
     `ratio`: processor seconds of the chosen method over those of the faster one.
     """
+    from .petsc_solvers import PETSC
     from .real_parts import METHODS, SCALES, Failure, Row, measure, over_better, parts_in
 
     for method in methods or ():
-        one_of("--method", method, METHODS)
+        one_of("--method", method, (*METHODS, *PETSC))
     results: list[Row | Failure] = []
 
     def rows() -> Iterator[Fields | str]:

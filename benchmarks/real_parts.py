@@ -22,6 +22,7 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
+from unittest import mock
 
 from mpi4py import MPI
 
@@ -29,6 +30,7 @@ from coulomb.case.case import read_case
 from coulomb.linalg.compliance import (
     EXPLICIT_UP_TO,
     PREDICTED_UP_TO,
+    DirectSolver,
     IterativeSolver,
     seconds_direct,
     seconds_multigrid,
@@ -40,10 +42,13 @@ from coulomb.model.solution import Solution
 from coulomb.process import peak_memory
 from coulomb.solvers.results import NotConverged
 
+from .petsc_solvers import PETSC
 from .processes import alone
 
 PARTS = Path(__file__).parent / "parts"
 METHODS = ("direct", "iterative", "auto")
+"""Those that are compared by default; there are those of PETSC besides."""
+
 SCALES = (1.0, 0.5)
 LIMIT = 120.0
 """Seconds after which a run is ended."""
@@ -95,7 +100,7 @@ class Failure(NamedTuple):
         part: Name of the part.
         clscale: Factor of its mesh sizes.
         load_steps: Their number.
-        method: Of METHODS; empty if there is no mesh.
+        method: Of METHODS or PETSC; empty if there is no mesh.
         reason: What happened.
     """
 
@@ -160,7 +165,7 @@ def measure(
     Args:
         parts: The case files, see `parts_in`.
         scales: Factors of all mesh sizes.
-        methods: Of METHODS.
+        methods: Of METHODS or PETSC.
         tolerance: Coulomb residual to stop at.
         limit: Seconds after which a run is ended.
         steps: Numbers of load steps.
@@ -235,11 +240,14 @@ def run(case: Path, settings: Sequence[str], method: str, tolerance: float, step
         StepFailed: If one of several load steps fails.
     """
     raised = _raised(case, steps) if steps > 1 else []
-    given = read_case(case, [*settings, *raised, f'solver.linear_solver="{method}"'])
+    given = read_case(
+        case, [*settings, *raised, f'solver.linear_solver="{"iterative" if method in PETSC else method}"']
+    )
     times = (0.0,) if given.history is None else given.history.ends
     if len(times) < steps:
         raise ValueError(f"{case}: its history has {len(times)} load steps, fewer than {steps}")
-    problem = given.problem(MPI.COMM_SELF)
+    with mock.patch("coulomb.linalg.compliance.IterativeSolver", PETSC.get(method, IterativeSolver)):
+        problem = given.problem(MPI.COMM_SELF)
     body = problem.body
     body.stiffness.expect_load_steps(steps)
     entries, predicted = int(body.elasticity.K.getInfo()["nz_used"]), _predicted(problem, steps)
@@ -265,7 +273,7 @@ def run(case: Path, settings: Sequence[str], method: str, tolerance: float, step
         stick=nodes["stick"],
         slip=nodes["slip"],
         method=method,
-        path="iterative" if body.stiffness.linear_solver is IterativeSolver else "direct",
+        path="direct" if body.stiffness.linear_solver is DirectSolver else "iterative",
         path_following=sum(result.newton_steps for result in results),
         products=sum(result.products for result in results),
         multigrid_iterations=solver.iterations,

@@ -27,11 +27,12 @@ from coulomb.process import peak_memory
 from coulomb.solvers.results import NotConverged
 
 from .block import block
+from .petsc_solvers import PETSC
 from .processes import several
 from .two_blocks import two_blocks
 
 SIZES = (8, 16, 24, 32, 46)
-METHODS = ("auto", "direct", "iterative")
+METHODS = ("auto", "direct", "iterative", *PETSC)
 CELLS = ("hexahedron", "tetrahedron")
 PROBLEMS = ("block", "two-blocks")
 
@@ -103,6 +104,7 @@ def run(p: int, friction: float, tolerance: float, method: str, cell: str, degre
         "auto": {},
         "direct": {"linear_solver": DirectSolver},
         "iterative": {"linear_solver": IterativeSolver, "explicit": False},
+        **{name: {"linear_solver": solver, "explicit": False} for name, solver in PETSC.items()},
     }
     if problem == "block":
         body = block(p, friction, cell, degree, **options[method])

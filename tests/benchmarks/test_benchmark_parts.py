@@ -32,6 +32,14 @@ def test_both_methods_find_the_same_contact():
     assert rows[1].multigrid_iterations > rows[1].products > 0
 
 
+def test_petscs_solvers_find_the_same_contact():
+    case, cells = PARTS / "two-blocks.toml", ["body.0.cells=[6,3,2]", "body.1.cells=[5,3,2]"]
+    ours, mumps, gamg = (run(case, cells, method, 1e-8) for method in ("direct", "mumps", "gamg"))
+    assert ours[2:8] == mumps[2:8] == gamg[2:8] and mumps.certified and gamg.certified
+    assert [row.method for row in (mumps, gamg)] == ["mumps", "gamg"]
+    assert gamg.multigrid_iterations > gamg.products > 0 == mumps.multigrid_iterations
+
+
 @pytest.mark.parametrize("method", ["direct", "iterative"])
 def test_load_steps(method):
     """The work of all of them; their loads grow to those of the single problem in four, and on in the fifth."""

@@ -122,11 +122,11 @@ def test_counts_of_two_ranks(benchmark):
     ("arguments", "message"),
     [
         (("table1", "--p", 4, "--solver", "PF"), "there is no solver 'PF' in the table; it has PF(0.3,0.99)"),
-        (("scaling", "--method", "magic"), "--method is auto, direct or iterative, not 'magic'"),
+        (("scaling", "--method", "magic"), "--method is auto, direct, iterative, mumps or gamg, not 'magic'"),
         (("scaling", "--problem", "two-blocks", "--degree", 2), "--degree are for block"),
         (("elements", "--element", "P3"), "--element is P1, P2, Q1 or Q2, not 'P3'"),
         (("peers", "--problem", "history"), "--problem is block, two-blocks or second-order, not 'history'"),
-        (("parts", "--method", "magic"), "--method is direct, iterative or auto, not 'magic'"),
+        (("parts", "--method", "magic"), "--method is direct, iterative, auto, mumps or gamg, not 'magic'"),
         (("parts", "--part", "wheel"), "there is no part 'wheel'"),
         (("fclib",), "give a folder of problems, or --generated SEED"),
         (("fclib", "--generated", 0, "--only", "zzz"), "--only zzz: no problem has this in its name"),

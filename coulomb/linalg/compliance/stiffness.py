@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
@@ -96,7 +97,8 @@ class DirectSolver:
 
     A contact problem that is to be solved with this class takes that by nested dissection instead
     (`MultifrontalSolver`, `DistributedMultifrontalSolver`); this one is an independent factorisation for K u = f
-    without contact: for verification, the matrices that other programs get, and tests.
+    without contact: for verification, the matrices that other programs get, benchmarks with other options of PETSc, and
+    tests.
     """
 
     name = "direct (MUMPS Cholesky)"
@@ -104,8 +106,8 @@ class DirectSolver:
     tolerance = 0.0
     iterations = 0
 
-    def __init__(self, K: PETSc.Mat):
-        self._ksp = configured_ksp(K, "preonly", CHOLESKY)
+    def __init__(self, K: PETSc.Mat, options: Mapping[str, object] = CHOLESKY):
+        self._ksp = configured_ksp(K, "preonly", options)
 
     @property
     def factor(self) -> PETSc.Mat:
