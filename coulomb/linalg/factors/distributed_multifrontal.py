@@ -114,8 +114,9 @@ class DistributedFactors:
                 continue
             self._add_entries(columns_of, entries)
             below = [*front.parts, *(count + child for child in front.children)]
-            columns_of.add_updates([updates.pop(child) for child in below])
-            updates[count + number] = columns_of.factorise()
+            with np.errstate(all="ignore"):  # above the diagonal is anything, and everywhere after a failure
+                columns_of.add_updates([updates.pop(child) for child in below])
+                updates[count + number] = columns_of.factorise()
             failed |= columns_of.failed
         self._refuse(failed)
 
