@@ -299,14 +299,7 @@ class _PositivePart(BilinearForm):
         return self._kept.duplicate(copy=True)
 
     def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
-        given, result = self.matrix(values).createVecs()
-        given.array[:] = u.ravel()
-        assert self._kept is not None
-        self._kept.mult(given, result)
-        forces: FloatArray = result.array_r.reshape(-1, 3).copy()
-        given.destroy()
-        result.destroy()
-        return forces
+        return self._product(values, u)
 
     def _assembled(self, values: FormValues) -> PETSc.Mat:
         K = self._inside.matrix(values)

@@ -22,7 +22,7 @@ from .. import compat
 from ..compat import fem, ufl
 from ..geometry import Amplitude, Coefficient, evaluate_amplitude, evaluate_signed_numbers, on_all_ranks
 from .body import cell_measure
-from .constraints import distributed_rows
+from .constraints import distributed_rows, local_rows
 from .deformable import Deformable, Member
 from .elasticity import LoadedBody
 from .materials import conductivity_of_cells
@@ -217,6 +217,4 @@ def _scalars(member: Member) -> object:
 
 def _rows(form: object) -> scipy.sparse.csr_matrix:
     """This rank's rows of the matrix of a form."""
-    matrix = compat.assemble_matrix(form)
-    indptr, columns, values = matrix.getValuesCSR()
-    return scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, matrix.getSize()[1]))
+    return local_rows(compat.assemble_matrix(form))

@@ -65,11 +65,8 @@ def anchors_of(
         moved = rows(at)
         count = moved.shape[2]
         _, R, order = scipy.linalg.qr(moved.reshape(-1, count).T, mode="economic", pivoting=True)
-        chosen = order[:count]
-        found.append([])
-        for place, axis in (divmod(int(dof), 3) for dof in chosen):
-            x_there, rank, node = extremes[place]
-            found[-1].append(Anchor(rank, node, axis, x_there))
+        dofs = [divmod(int(dof), 3) for dof in order[:count]]
+        found.append([Anchor(*extremes[place][1:], axis, extremes[place][0]) for place, axis in dofs])
         quality.append(float(np.abs(R[count - 1, count - 1])) if len(R) >= count else 0.0)
     if not found:
         raise ValueError(
@@ -94,10 +91,7 @@ def _extremes(x: FloatArray, nodes: npt.NDArray[np.int64], comm: MPI.Comm) -> li
         if given:
             _, place, node, rank = max(given, key=lambda one: one[0])
             found[rank, node] = place
-    return sorted(
-        ((place, rank, node) for (rank, node), place in found.items()),
-        key=lambda one: (float(one[0][0]), float(one[0][1]), float(one[0][2])),
-    )
+    return sorted(((place, *owner) for owner, place in found.items()), key=lambda one: one[0].tolist())
 
 
 _PURE = 1e-6
@@ -282,8 +276,7 @@ class FreeMotions:
         for row, anchor in enumerate(anchors):
             if anchor.rank == self.comm.rank:
                 E[row] = R[anchor.node, anchor.axis]
-        found: FloatArray = self.comm.allreduce(E, op=MPI.SUM)
-        return found
+        return self.comm.allreduce(E, op=MPI.SUM)
 
 
 def free_motions(

@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ..geometry import Amplitude, Coefficient, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh
-from .constraints import HeldDirections, Numbering, distributed_rows
+from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
 from .deformable import Deformable, Loading, Member, SingleBody
 from .displacement_space import INTERPOLATION, HeldSpace, attach_interpolation, attach_rigid_body_modes
 from .elasticity import refuse_others
@@ -214,18 +214,12 @@ class JoinedBodies(Deformable):
     """
 
     def __init__(self, bodies: Mapping[str, SingleBody]):
-        if not bodies:
-            raise ValueError("join: give at least one body")
-        parts = tuple(bodies.values())
-        comm = parts[0].comm
-        for name, body in bodies.items():
-            if MPI.Comm.Compare(comm, body.comm) == MPI.UNEQUAL:
-                raise ValueError(f"join: body {name!r} is on other ranks than the first; make all on one communicator")
-        self._names, self._bodies = tuple(bodies), parts
         self._mesh = JoinedMesh({name: body.mesh for name, body in bodies.items()})
+        parts = tuple(bodies.values())
+        self._names, self._bodies = tuple(bodies), parts
         ends = np.cumsum([0, *(len(body.x) for body in parts)])
         self._slices = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
-        self._numbers = _Numbers(comm, [(body.numbering.first, body.numbering.local) for body in parts])
+        self._numbers = _Numbers(self.comm, [(body.numbering.first, body.numbering.local) for body in parts])
         self.x: FloatArray = np.concatenate([body.x for body in parts])
         self.held = _joined_held([body.held for body in parts], self._slices)
         self.contradictions = tuple(
@@ -285,11 +279,10 @@ class JoinedBodies(Deformable):
     _K: tuple[list[PETSc.Mat], PETSc.Mat] | None = None
 
     def _joined(self, parts: list[PETSc.Mat]) -> PETSc.Mat:
-        blocks = []
-        for member, part in zip(self.members, parts, strict=True):
-            indptr, columns, values = part.getValuesCSR()
-            rows = scipy.sparse.csr_matrix((values, columns, indptr), _shape(part))
-            blocks.append(_in_joined_numbers(rows, partial(self.numbers_of, member), self.numbering.total))
+        blocks = [
+            _in_joined_numbers(local_rows(part), partial(self.numbers_of, member), self.numbering.total)
+            for member, part in zip(self.members, parts, strict=True)
+        ]
         rows = scipy.sparse.vstack(blocks, format="csr")
         K = distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
         K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -305,15 +298,12 @@ class JoinedBodies(Deformable):
             make = K.getAttr(INTERPOLATION)
             if make is None:
                 first, last = K.getOwnershipRange()
-                columns = np.arange(first, last)
-                ones = (np.ones(len(columns)), columns, np.arange(len(columns) + 1))
-                blocks.append(scipy.sparse.csr_matrix(ones, (len(columns), K.getSize()[1])))
+                blocks.append(scipy.sparse.eye(last - first, K.getSize()[1], first, format="csr"))
                 places.append(body.x)
             else:
                 P = make()
                 first, last = P.getOwnershipRangeColumn()
-                indptr, of_P, values = P.getValuesCSR()
-                blocks.append(scipy.sparse.csr_matrix((values, of_P, indptr), _shape(P)))
+                blocks.append(local_rows(P))
                 places.append(body.vertices.space.x)
                 P.destroy()
             sizes.append((first // 3, (last - first) // 3))
@@ -468,10 +458,6 @@ def _in_joined_numbers(
     widened = scipy.sparse.csr_matrix((rows.data, 3 * number(node) + axis, rows.indptr), (rows.shape[0], 3 * total))
     widened.sort_indices()
     return widened
-
-
-def _shape(matrix: PETSc.Mat) -> tuple[int, int]:
-    return int(matrix.getLocalSize()[0]), int(matrix.getSize()[1])
 
 
 def _joined_held(parts: Sequence[HeldDirections], slices: Sequence[slice]) -> HeldDirections:

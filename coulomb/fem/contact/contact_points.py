@@ -16,7 +16,7 @@ and vertices that touch are not inside the foundation.  Measured: `docs/theory.m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -28,7 +28,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows
+from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows, local_rows
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import facet_patch
 
@@ -98,7 +98,7 @@ def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) ->
     P = body.projection()
     product = B.matMult(P)
     P.destroy()
-    whole, free = (_local(matrix) for matrix in (B, product))
+    whole, free = (local_rows(matrix) for matrix in (B, product))
     product.destroy()
     largest = abs(whole).max(axis=1).toarray().ravel()
     free.data[np.abs(free.data) <= _ROUNDING * np.repeat(largest, np.diff(free.indptr))] = 0.0
@@ -111,7 +111,7 @@ def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) ->
 def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
     """Products of the three rows of every contact point with each other, over the sum of the squares of the point's
     weights: 1 on the diagonal, if nothing is held; shape (m, 3, 3)."""
-    rows = _local(B)
+    rows = local_rows(B)
     weights = points.difference
     square = np.asarray(weights.multiply(weights).sum(axis=1)).ravel()
     products = np.empty((len(points.nodes), 3, 3))
@@ -123,43 +123,12 @@ def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
     return products
 
 
-def _local(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
-    indptr, columns, values = matrix.getValuesCSR()
-    rows = scipy.sparse.csr_matrix((values, columns, indptr), shape=(len(indptr) - 1, matrix.getSize()[1]))
-    rows.sort_indices()
-    return rows
-
-
 def _distributed(rows: scipy.sparse.csr_matrix, points: ContactPoints) -> PETSc.Mat:
     rows.sort_indices()
     size = points.space.numbering
     B = distributed_rows(rows, (3 * size.local, 3 * size.total), points.space, None)
     B.assemble()
     return B
-
-
-def rows_of(B: PETSc.Mat, u: FloatArray) -> FloatArray:
-    """B u in metres, shape (m, 3), of displacements u of this rank's nodes, shape (k, 3); collective."""
-    displacement, image = B.createVecs()
-    return _product(B.mult, u, displacement, image)
-
-
-def at_nodes_of(B: PETSc.Mat, x: FloatArray) -> FloatArray:
-    """B^T x in newtons, this rank's nodes, shape (k, 3), of forces x, shape (m, 3) or (3 m,); collective."""
-    spread, forces = B.createVecs()
-    return _product(B.multTranspose, x, forces, spread)
-
-
-def _product(
-    multiply: Callable[[PETSc.Vec, PETSc.Vec], None], values: FloatArray, given: PETSc.Vec, result: PETSc.Vec
-) -> FloatArray:
-    """A product of B or B^T with values, shape (rows, 3); the two vectors are destroyed."""
-    given.array[:] = values.ravel()
-    multiply(given, result)
-    product: FloatArray = result.array_r.reshape(-1, 3).copy()
-    given.destroy()
-    result.destroy()
-    return product
 
 
 FUNCTIONS: FloatArray = 2.5 * np.eye(3) - 0.5

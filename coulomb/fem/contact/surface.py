@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...nearest import tree_of
-from ..bodies import Deformable
+from ..bodies import Deformable, at_nodes_of, rows_of
 from ..geometry import (
     HELD_BEYOND,
     FrictionAxes,
@@ -28,12 +28,10 @@ from ..geometry import (
 )
 from .contact_points import (
     ContactPoints,
-    at_nodes_of,
     contact_matrix,
     contact_points,
     free_contact_matrix,
     joined_points,
-    rows_of,
 )
 
 Normals = Literal["foundation", "body"]
