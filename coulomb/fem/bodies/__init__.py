@@ -61,6 +61,7 @@ from .rigid_modes import (
     RigidPart,
     component_modes,
     direction_in_words,
+    displacements_of,
     in_units,
     null_space,
     of_components,

@@ -15,7 +15,7 @@ from ...arrays import FloatArray
 from .. import compat, compat_forms
 from ..compat import mesh, ufl
 from ..geometry import on_all_ranks
-from ..meshes import NamedMesh
+from ..meshes import NamedMesh, boundary_facets
 
 SYMMETRIC = 1e-10
 """Largest difference of a(u, v) and a(v, u), relative to their size."""
@@ -141,12 +141,11 @@ def named_mesh(domain: Any, faces: Any) -> NamedMesh:
     Raises:
         ValueError: On every rank, if facets are not on the boundary of the mesh, or the argument is something else.
     """
-    domain.topology.create_connectivity(2, 3)
     if isinstance(faces, NamedMesh):
         if compat_forms.cpp_of(faces.domain) is not compat_forms.cpp_of(domain):
             raise ValueError("Body: faces is a NamedMesh of another mesh than that of a")
         return NamedMesh(domain, faces.faces, faces.cells, faces.refused)
-    boundary = np.asarray(mesh.exterior_facet_indices(domain.topology))
+    boundary = boundary_facets(domain)
     if _is_tags(faces):
         return _of_tags(domain, faces, boundary)
     if not isinstance(faces, Mapping):

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ..compat import cell_dofs, cell_geometry, geometry_degree, mesh
-from ..meshes import corner_geometry, lagrange_points, lagrange_slopes, lagrange_values
+from ..compat import cell_dofs, cell_geometry, geometry_degree
+from ..meshes import boundary_facets, corner_geometry, lagrange_points, lagrange_slopes, lagrange_values
 from .displacement_space import DisplacementSpace
 
 SNAP = 0.05
@@ -72,8 +72,7 @@ def locate(
         ValueError: On every rank, if a point is outside the mesh, with its name, the nearest point and its distance.
     """
     comm, cells = body.domain.comm, _Cells(body)
-    body.domain.topology.create_connectivity(2, 3)
-    boundary = cells.facets(np.asarray(mesh.exterior_facet_indices(body.domain.topology)))
+    boundary = cells.facets(boundary_facets(body.domain))
     contact = [cells.facets(np.asarray(facets)) for facets in faces]
     count, corners = len(points), cells.dofs.shape[1]
     x, on_face = points.copy(), np.full(count, -1)

@@ -77,16 +77,11 @@ class KeptMatrix:
 
 def _blocks(weights: scipy.sparse.csr_matrix, frames: FloatArray) -> scipy.sparse.csr_matrix:
     """Weights (m, nodes) times the rows of frames (m, 3, 3), shape (3 m, 3 nodes)."""
-    axes = np.arange(3)
-    columns = (3 * weights.indices[:, None] + axes).astype(PETSc.IntType)
     of = np.repeat(np.arange(len(frames)), np.diff(weights.indptr))
-    entries = weights.data[:, None, None] * frames[of]
-    row = np.broadcast_to(3 * of[:, None, None] + axes[:, None], entries.shape)
-    present = entries != 0.0
-    return scipy.sparse.csr_matrix(
-        (entries[present], (row[present], np.broadcast_to(columns[:, None, :], entries.shape)[present])),
-        shape=(3 * len(frames), 3 * weights.shape[1]),
-    )
+    entries = weights.data[:, None, None] * frames[of], weights.indices, weights.indptr
+    rows = scipy.sparse.bsr_matrix(entries, (3 * len(frames), 3 * weights.shape[1])).tocsr()
+    rows.eliminate_zeros()
+    return rows
 
 
 def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) -> PETSc.Mat:

@@ -20,9 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray, IntArray
-from ..compat import mesh as dolfinx_mesh
+from .exchange import global_numbers
 from .lagrange import corner_geometry
-from .mesh_parts import corners_of
+from .mesh_parts import boundary_facets, corners_of
 from .named_mesh import NamedMesh
 
 CREASE = math.radians(40.0)
@@ -86,21 +86,19 @@ def _shortest(edges: int, number: IntArray, side: FloatArray, off: FloatArray) -
     matrices, right = np.zeros((edges, 3, 3)), np.zeros((edges, 3))
     np.add.at(matrices, number, side[:, :, None] * side[:, None, :])
     np.add.at(right, number, side * np.einsum("ki,ki->k", side, off)[:, None])
-    found: FloatArray = np.einsum("eij,ej->ei", np.linalg.pinv(matrices, rcond=0.1, hermitian=True), right)
-    return found
+    return np.einsum("eij,ej->ei", np.linalg.pinv(matrices, rcond=0.1, hermitian=True), right)
 
 
 def _boundary(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     """Corners of all boundary facets in cyclic order, with normals outwards, shape (f, 3 or 4), and their places, shape
     (f, 3 or 4, 3); the same on every rank; collective."""
     domain, comm = mesh.domain, mesh.comm
-    domain.topology.create_connectivity(2, 3)
-    facets = np.sort(dolfinx_mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
+    facets = boundary_facets(domain)
     cell_of = domain.topology.connectivity(2, 3)
     cells = cell_of.array[cell_of.offsets[facets]]
     own = cells < domain.topology.index_map(3).size_local
     facets, cells = facets[own], cells[own]
-    local, nodes = corners_of(domain, facets), domain.geometry.index_map()
+    local = corners_of(domain, facets)
     if local.shape[1] == 4:
         local = local[:, [0, 1, 3, 2]]
     x = domain.geometry.x[local]
@@ -108,11 +106,10 @@ def _boundary(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     outward = np.cross(x[:, 1] - x[:, 0], x[:, -1] - x[:, 0])
     inwards = np.einsum("fi,fi->f", outward, out) < 0.0
     local[inwards], x[inwards] = local[inwards, ::-1], x[inwards, ::-1]
-    number = np.asarray(nodes.local_to_global(local.ravel().astype(np.int32)), dtype=np.int64).reshape(local.shape)
+    number = global_numbers(domain.geometry.index_map())[local]
     return np.concatenate(comm.allgather(number)), np.concatenate(comm.allgather(x))
 
 
 def unit_vectors(vectors: FloatArray) -> FloatArray:
     """Vectors (..., 3) over their lengths; 0 remains."""
-    found: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
-    return found
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)

@@ -200,8 +200,8 @@ class _Cells:
     def __init__(self, points: FloatArray, rows: IntArray):
         x = points[rows]
         edges = x[:, 1:] - x[:, :1]
-        pairs = [(i, j) for i in range(4) for j in range(i)]
-        edge = np.mean([np.linalg.norm(x[:, i] - x[:, j], axis=1) for i, j in pairs], axis=0)
+        i, j = np.triu_indices(4, 1)
+        edge = np.linalg.norm(x[:, i] - x[:, j], axis=2).mean(axis=1)
         solid = np.abs(np.linalg.det(edges)) > 1e-12 * edge**3
         self.rows, self._edge = rows[solid], edge[solid]
         self._corners, self._inverse = x[solid], np.linalg.inv(edges[solid].transpose(0, 2, 1))
