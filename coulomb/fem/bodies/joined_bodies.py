@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Any, TypeVar, cast, overload
+from typing import Any, NamedTuple, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -35,8 +35,7 @@ Kind = TypeVar("Kind", bound=HeldSpace)
 NOTHING = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class BodyArguments:
+class BodyArguments(NamedTuple):
     """What one body is made of: the arguments of `LoadedBody` and of `Elasticity`, in their order."""
 
     mesh: NamedMesh
@@ -104,7 +103,7 @@ def build_bodies(kind: Callable[..., Kind], bodies: Mapping[str, BodyArguments])
     found = {}
     for name, given in bodies.items():
         try:
-            found[name] = kind(*(getattr(given, field.name) for field in fields(given)))
+            found[name] = kind(*given)
         except ValueError as error:
             raise ValueError(f"body {name!r}: {error}") from None
     return found
@@ -388,9 +387,8 @@ class JoinedBodies(Deformable):
 
     def forms(self) -> Mapping[str, Any] | None:
         """By the name of the body."""
-        found = {name: body.forms() for name, body in zip(self._names, self._bodies, strict=True)}
-        given = {name: forms for name, forms in found.items() if forms is not None}
-        return given or None
+        each = zip(self._names, self._bodies, strict=True)
+        return {name: forms for name, body in each if (forms := body.forms()) is not None} or None
 
     @property
     def ground(self) -> FloatArray | None:

@@ -142,7 +142,8 @@ class _Cells:
         return best if best[2] <= _ROUNDING else (-1, np.zeros(3), np.inf)
 
     def reference(self, cell: int, point: FloatArray) -> tuple[FloatArray, float]:
-        """Reference coordinates of a point in a cell by Newton's method, and how far they are outside the cell."""
+        """Reference coordinates of a point in a cell by Newton's method, and how far they are outside the cell.
+        DOLFINx's `pull_back` ends with steps of 1e-6, and raises where it does not converge."""
         nodes, corners = self._x[self._nodes[cell]], self._corners.shape[1]
         size = float(np.max(np.ptp(nodes, axis=0)))
         X: FloatArray = np.full(3, 0.25 if corners == 4 else 0.5)

@@ -240,10 +240,6 @@ class ContactPoints:
         nodes = (member.nodes.start + self.nodes).astype(np.int32)
         return replace(self, space=whole, nodes=nodes, weights=among_all(self.weights, member, whole))
 
-    def against(self, opposite: scipy.sparse.csr_matrix, mirrored: FloatArray | None = None) -> ContactPoints:
-        """The points with averages over another face, (m, nodes)."""
-        return replace(self, opposite=opposite, mirrored=mirrored)
-
     @cached_property
     def _matrix(self) -> PETSc.Mat:
         size = self.space.numbering
@@ -270,22 +266,16 @@ def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> C
     collective."""
     key = space.key_of(facets)
     if key not in space.points_of_faces:
-        space.points_of_faces[key] = _contact_points(space, facets)
+        space.points_of_faces[key] = (_nodal if space.positive else _weighted)(space, facets)
     return space.points_of_faces[key]
 
 
-def _contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
-    if space.positive:
-        nodes = space.nodes_of(facets)
-        return ContactPoints(space, nodes, space.area_of(facets)[nodes], nodal_weights(space, nodes), True)
-    return _weighted(space, facets)
-
-
-def nodal_weights(space: DisplacementSpace, nodes: npt.NDArray[np.int32]) -> scipy.sparse.csr_matrix:
-    """The weights of contact points that are nodes."""
-    index_map, rows = space.V.dofmap.index_map, np.arange(len(nodes) + 1)
-    shape = (len(nodes), index_map.size_global)
-    return scipy.sparse.csr_matrix((np.ones(len(nodes)), index_map.local_range[0] + nodes, rows), shape=shape)
+def _nodal(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+    """Nodes, each by itself."""
+    nodes, numbering = space.nodes_of(facets), space.numbering
+    entries = np.ones(len(nodes)), numbering.first + nodes, np.arange(len(nodes) + 1)
+    weights = scipy.sparse.csr_matrix(entries, (len(nodes), numbering.total))
+    return ContactPoints(space, nodes, space.area_of(facets)[nodes], weights, True)
 
 
 def joined_points(parts: Sequence[ContactPoints]) -> ContactPoints:

@@ -22,11 +22,7 @@ with bound / interpolant):
     of 10-node tetrahedra          4.94, 1.15, 0.18 %  /  3.59, 1.08, 0.17 %  /  7.83, 1.79, 1.09 %
     crossed cylinders of these     4.79, 1.01, 0.13 %  /  3.48, 0.94, 0.12 %  /  7.45, 1.78, 1.14 %
 
-and of the pressure of two rings of hexahedra, with 2, 4 and 8 cells along the radius of the outer one (averages /
-interpolant / the larger of both), as they are and on the cylinders that they stand for:
-
-    as they are                    1101, 305, 78 %     /  2047, 558, 145 %    /  as averages
-    on cylinders                   6.6, 0.47, 0.08 %   /  18.3, 1.17, 0.14 %  /  as averages
+and of the pressure of two rings (docs/several-bodies.md) by the interpolant alone about twice those by averages.
 """
 
 from __future__ import annotations

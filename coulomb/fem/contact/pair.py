@@ -338,19 +338,16 @@ def pair_of(
     n = within(rows.normal, planes)
     points = points.of(slave, elasticity)
     mirrors = mirrored(points, planes, opposite, elasticity)
-    points = points.against(opposite, mirrors)
+    points = replace(points, opposite=opposite, mirrored=mirrors)
     x = rows.x
     if mirrors is not None:
         x = x + np.einsum("mij,mj->mi", mirrors, elasticity.x[points.nodes] - x)
     gap = rows.gap(n)
     rounding = _ROUNDING * near.size
     gap = np.where(np.abs(gap) <= max(adjust, rounding), 0.0, gap)
-    deepest = -float(comm.allreduce(float(np.min(gap, initial=0.0)), op=MPI.MIN))
-    seen = _SEEN * near.extent
-    deepest = deepest if deepest > seen else 0.0
     off, between = bulges_at_points(rows, gap, near.slave, near.master)
-    uncertain = float(comm.allreduce(float(np.max(off, initial=0.0)), op=MPI.MAX))
-    uncertain = uncertain if uncertain > seen else 0.0
+    largest = (comm.allreduce(float(np.max(of, initial=0.0)), op=MPI.MAX) for of in (-gap, off))
+    deepest, uncertain = (size if size > _SEEN * near.extent else 0.0 for size in largest)
     remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, uncertain, comm)
     return Pair(face, against, points, x, n, gap, held, np.max([off, between, rows.chord], axis=0), remarks)
 

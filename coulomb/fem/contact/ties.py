@@ -195,9 +195,7 @@ def tied_rows(slave: FacetPatch, master: FacetPatch, left_out: npt.NDArray[np.bo
     tied[node] = True
     weights = -scale @ own @ scipy.sparse.diags((~tied).astype(np.float64))
     opposite = scale @ summed @ spread @ parts.coupling
-    way = (
-        scale @ summed @ spread @ np.column_stack([*parts.separation.reshape(-1, 3).T, *parts.normal.reshape(-1, 3).T])
-    )
+    way = scale @ summed @ spread @ np.concatenate([parts.separation, parts.normal], axis=2).reshape(-1, 6)
     distance = np.einsum("mi,mi->m", way[:, :3], way[:, 3:])
     at_nodes, at_values = _between_functions(slave)
     every = scipy.sparse.identity(size, format="csr")
@@ -251,9 +249,8 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     face, against, why = given.face, given.against, "it was given as the slave"
     clamped = [_clamped(body, name, taken) for name in (face, against)]
     if not given.slave and np.count_nonzero(clamped) == 1:
-        face, against, why = (
-            (against, face, "the other is clamped") if clamped[0] else (face, against, "the other is clamped")
-        )
+        face, against = (against, face) if clamped[0] else (face, against)
+        why = "the other is clamped"
     elif not given.slave:
         face, against, why = slave_side(body, face, against)
     (slave, on_slave), (master, on_master) = body.face(face, "tie"), body.face(against, "tie")

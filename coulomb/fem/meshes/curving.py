@@ -24,6 +24,7 @@ from .exchange import global_numbers
 from .lagrange import corner_geometry
 from .mesh_parts import boundary_facets, corners_of
 from .named_mesh import NamedMesh
+from .rows import distinct
 
 CREASE = math.radians(40.0)
 """Angle between facets from which on they are of different surfaces; a circle of ten chords is still smooth."""
@@ -63,8 +64,8 @@ def arcs(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     off = (np.einsum("fki,fki,fkj->fkj", after, Nb, Nb) - np.einsum("fki,fki,fkj->fkj", after, N, N)) / 8.0
     side = unit_vectors((N + Nb).reshape(-1, 3))
     ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    edges, number = np.unique(ends, axis=0, return_inverse=True)
-    return edges, _shortest(len(edges), number.ravel(), side, off.reshape(-1, 3))
+    first, number = distinct(ends)
+    return ends[first], _shortest(len(first), number, side, off.reshape(-1, 3))
 
 
 def _completed(
