@@ -269,17 +269,13 @@ class HeldDirections:
     @staticmethod
     def of_fields(diagonal: FloatArray, others: FloatArray | None) -> HeldDirections:
         """The held directions of `fields`, shapes (k, 3), all entries rounded to those of the nearest projector."""
-        H = np.zeros((len(diagonal), 3, 3))
-        H[:, [0, 1, 2], [0, 1, 2]] = np.round(diagonal)
-        turned = np.flatnonzero(np.any(others != 0.0, axis=1)) if others is not None else np.empty(0, dtype=np.int64)
-        if others is not None and len(turned):
-            given = np.zeros((len(turned), 3, 3))
-            given[:, [0, 1, 2], [0, 1, 2]] = diagonal[turned]
-            given[:, [1, 0, 0], [2, 2, 1]] = given[:, [2, 2, 1], [1, 0, 0]] = others[turned]
-            sizes, axes = np.linalg.eigh(given)
-            H[turned] = np.einsum("kia,ka,kja->kij", axes, np.clip(np.round(sizes), 0.0, 1.0), axes)
-        nodes = np.flatnonzero(np.any(H != 0.0, axis=(1, 2)))
-        return HeldDirections(len(diagonal), nodes, H[nodes])
+        nodes = np.flatnonzero(np.any(diagonal > 0.3, axis=1))  # of a projector one entry is at least 1/3
+        H = diagonal[nodes][:, :, None] * np.eye(3)
+        if others is not None:
+            H[:, [1, 0, 0], [2, 2, 1]] = H[:, [2, 2, 1], [1, 0, 0]] = others[nodes]
+        sizes, axes = np.linalg.eigh(H)
+        H = np.einsum("kia,ka,kja->kij", axes, np.clip(np.round(sizes), 0.0, 1.0), axes)
+        return HeldDirections(len(diagonal), nodes, H)
 
 
 @dataclass(frozen=True)

@@ -179,12 +179,12 @@ class FreeMotions:
         """E: the rows of R at the anchors, shape (q, q)."""
         if self.of_openings is not None:
             return self.of_openings
-        E = np.zeros((len(self.anchors), len(self.motions)))
-        for column, motion in enumerate(self.motions):
-            for row, anchor in enumerate(self.anchors):
-                if self.motions[row].component == motion.component:
-                    E[row, column] = motion.at(anchor.x[None])[0, anchor.axis]
-        return E
+        each = zip(self.anchors, self.motions, strict=True)
+        rows = [
+            [one.at(at.x[None])[0, at.axis] if one.component == own.component else 0.0 for one in self.motions]
+            for at, own in each
+        ]
+        return np.array(rows).reshape(len(self), len(self))
 
     def amounts(self, u: FloatArray) -> FloatArray:
         """The amounts (q,) of the motions in displacements u (k, 3) that would be 0 at the anchors without them;
@@ -204,12 +204,9 @@ class FreeMotions:
         """The motion of every component that can move, for amounts alpha (q,) of the motions."""
         found: dict[int, FreeMotion] = {}
         for amount, motion in zip(alpha, self.motions, strict=True):
-            zero = FreeMotion(motion.component, motion.part, np.zeros(3), np.zeros(3))
-            last = found.get(motion.component, zero)
-            found[motion.component] = FreeMotion(
-                *(motion.component, motion.part),
-                *(last.translation + amount * motion.translation, last.rotation + amount * motion.rotation),
-            )
+            last = found.get(motion.component, replace(motion, translation=np.zeros(3), rotation=np.zeros(3)))
+            way, turn = last.translation + amount * motion.translation, last.rotation + amount * motion.rotation
+            found[motion.component] = replace(motion, translation=way, rotation=turn)
         return tuple(found.values())
 
     def resultants(self, e: FloatArray) -> tuple[RigidLoad, ...]:

@@ -18,6 +18,7 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 
 from ...arrays import FloatArray, IntArray
 from .exchange import global_numbers
@@ -39,28 +40,20 @@ def arcs(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
         vectors in metres, shape (e, 3).  Corners have the numbers of `domain.geometry`.
     """
     corners, x = _boundary(mesh)
-    facets, width = corners.shape
-    count = int(corners.max(initial=-1)) + 1
+    width = corners.shape[1]
     before, after = np.roll(x, 1, axis=1) - x, np.roll(x, -1, axis=1) - x
     crossed = np.cross(after, before)
     normal = unit_vectors(crossed.sum(axis=1))
     angle = np.arctan2(np.linalg.norm(crossed, axis=2), np.einsum("fki,fki->fk", before, after))
 
-    # pairs of the corner of a facet, and a facet at the same vertex
-    order = np.argsort(corners.ravel(), kind="stable")
-    starts = np.searchsorted(corners.ravel()[order], np.arange(count + 1))
-    around = np.diff(starts)[corners.ravel()]
-    corner = np.repeat(np.arange(facets * width), around)
-    first = np.cumsum(around) - around
-    other = order[np.repeat(starts[corners.ravel()], around) + np.arange(len(corner)) - np.repeat(first, around)]
-    near = np.einsum("pi,pi->p", normal[corner // width], normal[other // width]) > math.cos(CREASE)
-    N: FloatArray = np.zeros((facets * width, 3))
-    np.add.at(N, corner[near], (angle.ravel()[:, None] * normal[np.arange(facets * width) // width])[other[near]])
-    N = unit_vectors(N).reshape(x.shape)
-
-    creased = np.zeros(facets * width, dtype=bool)
-    creased[corner[~near]] = True
-    N, Nb = _completed(N, np.roll(N, -1, axis=1), after, creased.reshape(facets, width))
+    at_vertex = scipy.sparse.csr_matrix((np.ones(corners.size), corners.ravel(), np.arange(corners.size + 1)))
+    around = (at_vertex @ at_vertex.T).tocoo()  # pairs of corners of facets at the same vertex
+    near = np.einsum("pi,pi->p", normal[around.row // width], normal[around.col // width]) > math.cos(CREASE)
+    creased = np.zeros(corners.shape, dtype=bool)
+    creased.ravel()[around.row[~near]] = True
+    around.data *= near
+    N = unit_vectors(around.tocsr() @ (angle[:, :, None] * normal[:, None]).reshape(-1, 3)).reshape(x.shape)
+    N, Nb = _completed(N, np.roll(N, -1, axis=1), after, creased)
     off = (np.einsum("fki,fki,fkj->fkj", after, Nb, Nb) - np.einsum("fki,fki,fkj->fkj", after, N, N)) / 8.0
     side = unit_vectors((N + Nb).reshape(-1, 3))
     ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)

@@ -219,12 +219,8 @@ class _Cells:
         best, cell = np.full(len(x), np.inf), np.full(len(x), -1)
         weights = np.zeros((len(x), 4))
         for tree, own, radius in self._classes:
-            near = tree.query_ball_point(x, radius)
-            count = np.array([len(found) for found in near])
-            if not count.sum():
-                continue
-            point = np.repeat(np.arange(len(x)), count)
-            tetrahedron = own[np.concatenate([np.array(found, dtype=np.int64) for found in near if found])]
+            near = tree_of(x).sparse_distance_matrix(tree, radius, output_type="ndarray")
+            point, tetrahedron = near["i"], own[near["j"]]
             shares = self._nearest(x[point], tetrahedron)
             at = np.einsum("pi,pij->pj", shares, self._corners[tetrahedron])
             beyond = np.linalg.norm(x[point] - at, axis=1)
