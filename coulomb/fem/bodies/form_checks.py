@@ -27,9 +27,9 @@ def space_of_forms(a: Any, L: Any, space: Any) -> Any:
     Raises:
         ValueError: If there are not one or two arguments, or the space is not one of displacements in 3D.
     """
-    _refuse_rank(a, 2, "a", "exchange a and L")
+    _refuse_rank(a, 2, "a")
     if L is not None:
-        _refuse_rank(L, 1, "L", "exchange a and L")
+        _refuse_rank(L, 1, "L")
     spaces = [*_spaces(a, "a"), *([] if L is None else _spaces(L, "L"))]
     python = [one for one in spaces if isinstance(one, ufl.FunctionSpace)]
     if space is not None and not isinstance(space, ufl.FunctionSpace):
@@ -49,7 +49,7 @@ def space_of_forms(a: Any, L: Any, space: Any) -> Any:
     return chosen
 
 
-def _refuse_rank(form: Any, rank: int, what: str, hint: str) -> None:
+def _refuse_rank(form: Any, rank: int, what: str) -> None:
     if isinstance(form, ufl.Form):
         try:
             found = len(form.arguments())
@@ -69,7 +69,7 @@ def _refuse_rank(form: Any, rank: int, what: str, hint: str) -> None:
     if found != rank:
         kinds = {0: "no argument", 1: "one argument (linear)", 2: "two arguments (bilinear)"}
         needed = "a bilinear form of a trial and a test function" if rank == 2 else "a linear form of a test function"
-        raise ValueError(f"Body: {what} must be {needed}, but has {kinds[found]}; {hint}?")
+        raise ValueError(f"Body: {what} must be {needed}, but has {kinds[found]}; exchange a and L?")
 
 
 def _spaces(form: Any, what: str) -> list[Any]:

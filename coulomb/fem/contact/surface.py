@@ -26,13 +26,7 @@ from ..geometry import (
     on_all_ranks,
     supported_frames,
 )
-from .contact_points import (
-    ContactPoints,
-    contact_matrix,
-    contact_points,
-    free_contact_matrix,
-    joined_points,
-)
+from .contact_points import ContactPoints, contact_matrix, contact_points, free_contact_matrix, joined_points
 
 Normals = Literal["foundation", "body"]
 """Source of the normals of the contact frames."""
