@@ -24,7 +24,7 @@ from ..model.problem_evidence import gather_evidence
 from ..model.small_strain import Bound, SmallStrain, deformation_of, small_strain
 from ..model.solution import Solution
 from .nonlinear_body import NonlinearBody
-from .slip import FaceMotion, at_start
+from .slip import FaceMotion, foot_points
 
 _STIFFER = 10.0
 """Stiffness of the springs of `supported` over the mean diagonal of K at their nodes."""
@@ -60,7 +60,7 @@ class Linearised(ContactProblem):
     def _evidence(self, x: FloatArray, du: FloatArray, compliance: float) -> Evidence:
         """With the residual F(u) + dF(u) du, and loads with the resultants of it (`balanced_load`); collective."""
         e, body = gather_evidence(self.body, self.state, x, du, compliance, None), self.elasticity
-        here, over = place_of(body), Reductions(self.comm)
+        here, over = np.concatenate([nonlinear(one.body).place.u for one in body.members]), Reductions(self.comm)
         residual = e.internal - e.load
         load, rigid = balanced_load(body, residual, over), rigid_part(body, here, over)
         return replace(
@@ -80,11 +80,6 @@ def curvature(foundation: RigidFoundation, x: FloatArray) -> FloatArray:
     columns = [(foundation.normal(x + h * e) - foundation.normal(x - h * e)) / (2.0 * h) for e in np.eye(3)]
     bent: FloatArray = np.stack(columns, axis=2)
     return 0.5 * (bent + bent.transpose(0, 2, 1))
-
-
-def place_of(body: Deformable) -> FloatArray:
-    """The displacement from which bodies are linearised, metres, shape (k, 3)."""
-    return np.concatenate([nonlinear(one.body).place.u for one in body.members])
 
 
 class Iterate:
@@ -183,8 +178,9 @@ class Iterate:
         return each(body, lambda one, nodes: one.made_positive())
 
     def start(self) -> FaceMotion:
-        state = self.problem.state
-        return at_start(self.body, state.surface, state.rigid_motions, self.foundations)
+        """The start of a load step from here; collective."""
+        surface, motions = self.problem.state.surface, self.problem.state.rigid_motions
+        return FaceMotion(*foot_points(self.body, surface.faces, motions, self.foundations), surface, motions)
 
 
 @dataclass

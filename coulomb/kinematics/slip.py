@@ -78,13 +78,6 @@ class FaceMotion:
         return slip
 
 
-def at_start(
-    body: Deformable, surface: ContactSurface, motions: Sequence[RigidMotion], foundations: Foundations
-) -> FaceMotion:
-    """The start of a load step of a body at its present place; collective."""
-    return FaceMotion(*foot_points(body, surface.faces, motions, foundations), surface, motions)
-
-
 def foot_points(
     body: Deformable, faces: Sequence[str], motions: Sequence[RigidMotion], foundations: Foundations
 ) -> tuple[FloatArray, FloatArray]:

@@ -77,7 +77,8 @@ class LoadedBody(ElasticBody, HeldSpace):
         self.materials: Materials | None = materials
         self.supports = tuple(clamps)
         self._set_held_directions()
-        self._set_springs(springs)
+        self.springs, self._sprung_by = tuple(springs), fem.Function(self.V)
+        self._spring_forms = [fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs]
         volume: list[Load] = [] if vanishes(body_force) else [BodyForce(body_force, body_force_amplitude)]
         volume += [] if vanishes(gravity) else [Weight(gravity, materials, gravity_amplitude)]
         self.thermal, heat = thermal, []
@@ -167,10 +168,6 @@ class LoadedBody(ElasticBody, HeldSpace):
 
         face = SupportedFace(nodes, self.x[nodes], self.mesh.comm, integrals)
         return SupportedNodes(support, nodes, support.directions(face), support.displacement(face))
-
-    def _set_springs(self, springs: Sequence[Spring]) -> None:
-        self.springs, self._sprung_by = tuple(springs), fem.Function(self.V)
-        self._spring_forms = [fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs]
 
     def spring_form(self, spring: Spring, u: Any) -> Any:
         """UFL's form of the integral over its face of a spring's stiffness times u, a Function or trial function."""

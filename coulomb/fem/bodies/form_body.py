@@ -40,11 +40,6 @@ class FormValues:
         return equal and np.array_equal(self.constants, other.constants)
 
 
-def values_of(form: Any) -> FormValues:
-    functions = tuple(np.array(function.x.array) for function in compat_forms.functions_in(form))
-    return FormValues(functions, compat_forms.packed_constants(form))
-
-
 def compiled(form: Any, what: str, comm: MPI.Comm) -> Any:
     """A form, compiled by DOLFINx unless it is already; ValueError on every rank, beginning with `what`, if it cannot
     be; collective."""
@@ -74,7 +69,8 @@ class BilinearForm:
 
     @property
     def values(self) -> FormValues:
-        return values_of(self.compiled)
+        functions = tuple(np.array(function.x.array) for function in compat_forms.functions_in(self.compiled))
+        return FormValues(functions, compat_forms.packed_constants(self.compiled))
 
     def suspects(self, values: FormValues) -> str:
         """Which of these values make a vanish or are not finite, for the end of a message; collective."""

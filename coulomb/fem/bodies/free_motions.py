@@ -303,7 +303,8 @@ def free_motions(
         found = [FreeMotion(number, part, column[:3], column[3:] / part.radius) for column in basis.T]
         motions += found
         anchors += anchors_of(x, [here & suited for suited in places], partial(_displacements_at, found), comm)
-    bodies = tuple(f"component {k} of the body, {_location_in_words(part)}" for k, part in enumerate(parts, 1))
+    centres = (", ".join(f"{value:.3g}" for value in tidy(part.centre, part.radius)) for part in parts)
+    bodies = tuple(f"component {k} of the body, around ({centre})" for k, centre in enumerate(centres, 1))
     return FreeMotions(comm, component, tuple(motions), tuple(anchors), bodies if len(parts) > 1 else ("the body",))
 
 
@@ -371,7 +372,3 @@ def motions_in_words(free: FreeMotions, combinations: FloatArray) -> tuple[str, 
         moving = [one.tidy(SMALL) for one in free.of(column)]
         said.append(" while ".join(f"{free.bodies[one.component]} {one}" for one in moving if one.moves))
     return tuple(said)
-
-
-def _location_in_words(part: RigidPart) -> str:
-    return f"around ({', '.join(f'{value:.3g}' for value in tidy(part.centre, part.radius))})"

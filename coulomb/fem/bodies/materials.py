@@ -385,7 +385,11 @@ def material_of_cells(mesh: NamedMesh, materials: Materials, heated: bool = Fals
     of_cells = Directional(young, poisson, shear, np.zeros((count, 3, 3)))
     expansion = np.zeros((count, 3))
     for material, cells in _with_cells(mesh, materials):
-        young[cells], poisson[cells], shear[cells] = material.young, material.poisson, _shear(material)
+        young[cells], poisson[cells] = material.young, material.poisson
+        if isinstance(material, OrthotropicMaterial):
+            shear[cells] = material.shear
+        else:
+            shear[cells] = material.young / (2.0 * (1.0 + material.poisson))
         expansion[cells] = 0.0 if material.expansion is None else material.expansion
         if directional:
             of_cells.axes[cells] = _axes(mesh, material, cells)
@@ -439,12 +443,6 @@ def _refuse_without(materials: Materials, name: str, needs: str, key: str) -> No
     if without:
         of = "" if without == [None] else f" of {', '.join(map(str, without))}"
         raise ValueError(f"{needs} of every material, but the material{of} has none: {key}")
-
-
-def _shear(material: AnyMaterial) -> float | tuple[float, float, float]:
-    if isinstance(material, OrthotropicMaterial):
-        return material.shear
-    return material.young / (2.0 * (1.0 + material.poisson))
 
 
 def _axes(mesh: NamedMesh, material: AnyMaterial, cells: Cells) -> FloatArray:

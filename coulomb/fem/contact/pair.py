@@ -330,7 +330,8 @@ def pair_of(
         )
     local = (near.slave.numbers[rows.node] - numbering.first).astype(np.int32)
     weights = numbered(rows.weights, near.slave, numbering.total)
-    points = ContactPoints(body, local, rows.area, weights, _at_nodes(rows.weights, rows.node, comm))
+    nodal = comm.allreduce(np.array_equal(rows.weights.indices, rows.node), op=MPI.LAND)
+    points = ContactPoints(body, local, rows.area, weights, nodal)
     theirs = numbered(rows.opposite, near.master, master.body.numbering.total)
     opposite = among_all(theirs, master, elasticity)
     held = body.held.projector_at(local)
@@ -408,11 +409,6 @@ def _remarks(
 def numbered(rows: scipy.sparse.csr_matrix, face: NearFace, total: int) -> scipy.sparse.csr_matrix:
     """Rows over the nodes of a face near as rows over all nodes of the body."""
     return scipy.sparse.csr_matrix((rows.data, face.numbers[rows.indices], rows.indptr), shape=(rows.shape[0], total))
-
-
-def _at_nodes(weights: scipy.sparse.csr_matrix, node: npt.NDArray[np.int64], comm: MPI.Comm) -> bool:
-    alone = weights.nnz == len(node) and bool(np.all(weights.indices == node))
-    return bool(comm.allreduce(alone, op=MPI.LAND))
 
 
 def pair_surface(

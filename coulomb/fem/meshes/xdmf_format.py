@@ -1,6 +1,7 @@
 """XDMF meshes with numbered groups of facets and cells, as DOLFINx, meshio and `coulomb convert` write them.
 
-The arrays are in HDF5 files, of which every rank reads its share: no rank has the whole mesh.
+The arrays are in HDF5 files, of which every rank reads its share: no rank has the whole mesh.  DOLFINx's XDMFFile reads
+numbers only on a mesh that is made already, whose faults are to be found before, and knows no names of them.
 """
 
 from __future__ import annotations
