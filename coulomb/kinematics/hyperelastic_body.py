@@ -159,9 +159,7 @@ class HyperelasticBody(NonlinearBody):
 
     def _acting(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
         inside, *_ = super()._acting(u, time)
-        dead, load = self._loaded.at(time), np.zeros_like(u)
-        for following in self._following():
-            load += following.forces
+        dead, load = self._loaded.at(time), sum((one.forces for one in self._following()), np.zeros_like(u))
         spring = self._loaded.spring_force(u)
         return Loading(time, inside.load + dead.load, dead.prescribed), dead.load + load, spring
 

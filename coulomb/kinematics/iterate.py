@@ -24,7 +24,7 @@ from ..model.problem_evidence import gather_evidence
 from ..model.small_strain import Bound, SmallStrain, deformation_of, small_strain
 from ..model.solution import Solution
 from .nonlinear_body import NonlinearBody
-from .slip import FaceMotion, at_start
+from .slip import FaceMotion, foot_points
 
 _STIFFER = 10.0
 """Stiffness of the springs of `supported` over the mean diagonal of K at their nodes."""
@@ -51,21 +51,16 @@ class Linearised(ContactProblem):
         """The evidence of the nonlinear problem for forces x (3 m,) at the displacement from which it is linearised;
         `compliance` is the mean diagonal of A; collective."""
         body = self.elasticity
-        e, places = (
-            self._evidence(x, np.zeros_like(body.x), compliance),
-            [nonlinear(m.body).place for m in body.members],
-        )
-        spring = np.concatenate([place.spring for place in places])
-        given = [
-            e.load[m.nodes] if place.load is None else place.load for m, place in zip(body.members, places, strict=True)
-        ]
-        load = np.concatenate(given)
+        e = self._evidence(x, np.zeros_like(body.x), compliance)
+        places = [(member.nodes, nonlinear(member.body).place) for member in body.members]
+        spring = np.concatenate([place.spring for _, place in places])
+        load = np.concatenate([e.load[nodes] if place.load is None else place.load for nodes, place in places])
         return replace(e, internal=e.internal - e.load + load + spring, load=load, spring=spring)
 
     def _evidence(self, x: FloatArray, du: FloatArray, compliance: float) -> Evidence:
         """With the residual F(u) + dF(u) du, and loads with the resultants of it (`balanced_load`); collective."""
         e, body = gather_evidence(self.body, self.state, x, du, compliance, None), self.elasticity
-        here, over = place_of(body), Reductions(self.comm)
+        here, over = np.concatenate([nonlinear(one.body).place.u for one in body.members]), Reductions(self.comm)
         residual = e.internal - e.load
         load, rigid = balanced_load(body, residual, over), rigid_part(body, here, over)
         return replace(
@@ -85,12 +80,6 @@ def curvature(foundation: RigidFoundation, x: FloatArray) -> FloatArray:
     columns = [(foundation.normal(x + h * e) - foundation.normal(x - h * e)) / (2.0 * h) for e in np.eye(3)]
     bent: FloatArray = np.stack(columns, axis=2)
     return 0.5 * (bent + bent.transpose(0, 2, 1))
-
-
-def place_of(body: Deformable) -> FloatArray:
-    """The displacement from which bodies are linearised, metres, shape (k, 3)."""
-    u: FloatArray = np.concatenate([nonlinear(one.body).place.u for one in body.members])
-    return u
 
 
 class Iterate:
@@ -119,25 +108,22 @@ class Iterate:
         start: FaceMotion | None,
     ):
         self.u, self.time = u, time
-        self._before, self._number, self._start = before, number, start
-        self._pose_first(linearised(body, u, time), pose)
+        self._before, self._number, self.body = before, number, linearised(body, u, time)
+        posed = pose(self.body)
+        there, self.foundations = posed.state, posed.body.foundations
+        at = number[there.surface.nodes]
+        then = replace(there, slip_rate=before.slip_rate[at], accumulated=before.accumulated.at(at))
+        if start is not None:
+            slip = start.slip(self.body, there.surface, there.rigid_motions, self.foundations)
+            spins = map(spin, there.rigid_motions, start.motions, repeat(time - before.time))
+            then = replace(then, slip_origin=-there.surface.components(slip), spins=tuple(spins))
+        self.problem = posed.in_state(then, posed.body.seconds, before)
 
     def pose(self, body: Deformable) -> None:
         """The linear problem of these bodies, which are those before with another tangent and load; collective."""
         self.problem.body.replace(body)
         state = replace(self.problem.state, elasticity=body, loading=body.at(self.time))
         self.body, self.problem = body, self.problem.in_state(state, self.problem.seconds, self._before)
-
-    def _pose_first(self, body: Deformable, pose: Callable[[Deformable], Linearised]) -> None:
-        posed = pose(body)
-        there, foundations = posed.state, posed.body.foundations
-        at, before = self._number[there.surface.nodes], self._before
-        then = replace(there, slip_rate=before.slip_rate[at], accumulated=before.accumulated.at(at))
-        if self._start is not None:
-            slip = self._start.slip(body, there.surface, there.rigid_motions, foundations)
-            spins = map(spin, there.rigid_motions, self._start.motions, repeat(self.time - before.time))
-            then = replace(then, slip_origin=-there.surface.components(slip), spins=tuple(spins))
-        self.body, self.problem, self.foundations = body, posed.in_state(then, posed.body.seconds, before), foundations
 
     def tangent(self, body: Deformable, x: FloatArray) -> Deformable:
         """The bodies with the change of normal forces x (3 m,) as normals turn on curved foundations: -x_n times the
@@ -192,8 +178,9 @@ class Iterate:
         return each(body, lambda one, nodes: one.made_positive())
 
     def start(self) -> FaceMotion:
-        state = self.problem.state
-        return at_start(self.body, state.surface, state.rigid_motions, self.foundations)
+        """The start of a load step from here; collective."""
+        surface, motions = self.problem.state.surface, self.problem.state.rigid_motions
+        return FaceMotion(*foot_points(self.body, surface.faces, motions, self.foundations), surface, motions)
 
 
 @dataclass

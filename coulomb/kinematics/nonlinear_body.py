@@ -22,6 +22,7 @@ from ..arrays import FloatArray
 from ..fem import compat, compat_forms
 from ..fem.bodies import BilinearForm, Body, FormValues, FreeMotions, Loading, free_earlier_bodies
 from ..fem.compat import fem, ufl
+from ..fem.meshes import boundary_facets
 
 
 @dataclass(frozen=True)
@@ -174,8 +175,7 @@ class NonlinearBody(Body):
     @cached_property
     def boundary(self) -> npt.NDArray[np.int32]:
         """This rank's nodes on the boundary, sorted; collective."""
-        self.domain.topology.create_connectivity(2, 3)
-        return self.nodes_of(compat.mesh.exterior_facet_indices(self.domain.topology))
+        return self.nodes_of(boundary_facets(self.domain))
 
     def least_volume_ratio(self, u: FloatArray) -> float:
         """Smallest det(I + grad u) of all cells, at the nodes of each: negative where one is inside out; collective."""
@@ -299,14 +299,7 @@ class _PositivePart(BilinearForm):
         return self._kept.duplicate(copy=True)
 
     def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
-        given, result = self.matrix(values).createVecs()
-        given.array[:] = u.ravel()
-        assert self._kept is not None
-        self._kept.mult(given, result)
-        forces: FloatArray = result.array_r.reshape(-1, 3).copy()
-        given.destroy()
-        result.destroy()
-        return forces
+        return self._product(values, u)
 
     def _assembled(self, values: FormValues) -> PETSc.Mat:
         K = self._inside.matrix(values)

@@ -21,7 +21,7 @@ from coulomb import (
     Traction,
     box,
 )
-from coulomb.fem.contact.contact_points import KeptMatrix, contact_matrix, rows_of
+from coulomb.fem.contact import KeptMatrix, contact_matrix, rows_of
 from coulomb.linalg.compliance.low_rank import (
     LinearResponseCache,
     LowRankApproximation,

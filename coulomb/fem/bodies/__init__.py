@@ -4,7 +4,18 @@ matrix K, the load f, and the nodal forces of a displacement.  Several bodies ar
 
 from .body import LOCKING_ABOVE, STRESSES, ElasticBody, cell_measure
 from .conduction import Conduction, HeatLoad
-from .constraints import HELD_OBLIQUE, HeldDirections, HeldNodes, Nodes, Numbering, distributed_rows
+from .constraints import (
+    HELD_OBLIQUE,
+    HeldDirections,
+    HeldNodes,
+    Nodes,
+    Numbering,
+    at_nodes_of,
+    block_diagonal,
+    distributed_rows,
+    local_rows,
+    rows_of,
+)
 from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie
 from .displacement_space import INTERPOLATION, DisplacementSpace, attach_interpolation, attach_rigid_body_modes
 from .elasticity import Elasticity, LoadedBody
@@ -50,6 +61,7 @@ from .rigid_modes import (
     RigidPart,
     component_modes,
     direction_in_words,
+    displacements_of,
     in_units,
     null_space,
     of_components,

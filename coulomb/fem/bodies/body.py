@@ -172,10 +172,9 @@ def cell_measure(domain: Any) -> Any:
 
     Hexahedra of first order have 2 x 2 x 2 points, exact up to degree 3 in each direction.  The nodal forces of a
     constant stress have degree 2 there on cells of any shape, so that patch tests hold to rounding; so has the
-    stiffness of a parallelepiped.  On other cells the stiffness is rational.  27 points, UFL's choice, change the
-    answer there by 7e-6 of itself if nodes are moved at random by up to 15 % of an edge, and by 5e-5 if by 30 %: less
-    than a hundredth of the error of the mesh, and its error in energy by 1e-5 (docs/measurements.md).  8 points leave
-    no motion but the rigid ones without energy, and take a third of the time.
+    stiffness of a parallelepiped.  On other cells the stiffness is rational, and 27 points, UFL's choice, change the
+    answer by less than a hundredth of the error of the mesh (docs/measurements.md).  8 points leave no motion but the
+    rigid ones without energy, and take a third of the time.
 
     On linear tetrahedra the points are UFL's choice, one.  In second order the rule is exact for a constant stress on
     curved cells (degree 3 on tetrahedra, in each direction 5 on hexahedra): UFL would take up to five times as many

@@ -8,7 +8,7 @@ part H v and the free part v - H v.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -80,12 +80,15 @@ class HeldNodes(Nodes, Protocol):
 
     def projection(self) -> PETSc.Mat:
         """P, the projection on the free directions of the nodes: block diagonal, shape (n, n), distributed."""
-        nodes, numbering = self.held.count, self.numbering
-        number, blocks = np.arange(nodes), np.broadcast_to(np.eye(3), (nodes, 3, 3)).copy()
-        blocks[self.held.nodes] -= self.held.projector
-        shape = (3 * nodes, 3 * numbering.total)
-        rows = scipy.sparse.bsr_matrix((blocks, numbering.first + number, np.arange(nodes + 1)), shape=shape).tocsr()
-        return distributed_rows(rows, shape, self)
+        rows = block_diagonal(np.eye(3) - self.held.projector_at(np.arange(self.held.count)), self)
+        return distributed_rows(rows, rows.shape, self)
+
+
+def block_diagonal(blocks: FloatArray, nodes: Nodes) -> scipy.sparse.csr_matrix:
+    """This rank's rows of the matrix with these blocks (k, 3, 3) on its diagonal."""
+    count, numbering = len(blocks), nodes.numbering
+    entries = (blocks, numbering.first + np.arange(count), np.arange(count + 1))
+    return scipy.sparse.bsr_matrix(entries, shape=(3 * count, 3 * numbering.total)).tocsr()
 
 
 def distributed_rows(
@@ -101,6 +104,36 @@ def distributed_rows(
     )
     matrix.setAttr("mesh", nodes.lifetime)  # keeps it alive: see compat.assemble_matrix
     return matrix
+
+
+def local_rows(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
+    """This rank's rows of a matrix, with global numbers of columns."""
+    indptr, columns, values = matrix.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, matrix.getSize()[1]))
+
+
+def rows_of(B: PETSc.Mat, u: FloatArray) -> FloatArray:
+    """B u in metres, shape (m, 3), of displacements u of this rank's nodes, shape (k, 3); collective."""
+    displacement, image = B.createVecs()
+    return _product(B.mult, u, displacement, image)
+
+
+def at_nodes_of(B: PETSc.Mat, x: FloatArray) -> FloatArray:
+    """B^T x in newtons, this rank's nodes, shape (k, 3), of forces x, shape (m, 3) or (3 m,); collective."""
+    spread, forces = B.createVecs()
+    return _product(B.multTranspose, x, forces, spread)
+
+
+def _product(
+    multiply: Callable[[PETSc.Vec, PETSc.Vec], None], values: FloatArray, given: PETSc.Vec, result: PETSc.Vec
+) -> FloatArray:
+    """A product of B or B^T with values, shape (rows, 3); the two vectors are destroyed."""
+    given.array[:] = values.ravel()
+    multiply(given, result)
+    product: FloatArray = result.array_r.reshape(-1, 3).copy()
+    given.destroy()
+    result.destroy()
+    return product
 
 
 class DirichletConditions:
@@ -192,9 +225,7 @@ class HeldDirections:
 
     def free_part(self, v: FloatArray) -> FloatArray:
         """The part of nodal vectors along free directions; shapes as for `held_part`."""
-        part = v.copy()
-        part[self.nodes] -= np.einsum("kij,kj...->ki...", self.projector, v[self.nodes])
-        return part
+        return v - self.held_part(v)
 
     def projector_at(self, nodes: npt.NDArray[np.integer[Any]]) -> FloatArray:
         """H of some nodes, shape (q, 3, 3); zero for a free node."""
@@ -238,17 +269,13 @@ class HeldDirections:
     @staticmethod
     def of_fields(diagonal: FloatArray, others: FloatArray | None) -> HeldDirections:
         """The held directions of `fields`, shapes (k, 3), all entries rounded to those of the nearest projector."""
-        H = np.zeros((len(diagonal), 3, 3))
-        H[:, [0, 1, 2], [0, 1, 2]] = np.round(diagonal)
-        turned = np.flatnonzero(np.any(others != 0.0, axis=1)) if others is not None else np.empty(0, dtype=np.int64)
-        if others is not None and len(turned):
-            given = np.zeros((len(turned), 3, 3))
-            given[:, [0, 1, 2], [0, 1, 2]] = diagonal[turned]
-            given[:, [1, 0, 0], [2, 2, 1]] = given[:, [2, 2, 1], [1, 0, 0]] = others[turned]
-            sizes, axes = np.linalg.eigh(given)
-            H[turned] = np.einsum("kia,ka,kja->kij", axes, np.clip(np.round(sizes), 0.0, 1.0), axes)
-        nodes = np.flatnonzero(np.any(H != 0.0, axis=(1, 2)))
-        return HeldDirections(len(diagonal), nodes, H[nodes])
+        nodes = np.flatnonzero(np.any(diagonal > 0.3, axis=1))  # of a projector one entry is at least 1/3
+        H = diagonal[nodes][:, :, None] * np.eye(3)
+        if others is not None:
+            H[:, [1, 0, 0], [2, 2, 1]] = H[:, [2, 2, 1], [1, 0, 0]] = others[nodes]
+        sizes, axes = np.linalg.eigh(H)
+        H = np.einsum("kia,ka,kja->kij", axes, np.clip(np.round(sizes), 0.0, 1.0), axes)
+        return HeldDirections(len(diagonal), nodes, H)
 
 
 @dataclass(frozen=True)
@@ -276,14 +303,9 @@ class PrescribedRows:
         np.add.at(u, self.node, values[:, None] * self.dual)
         return u
 
-    def forces(self, reaction: FloatArray) -> FloatArray:
-        """The force of each row in a reaction (k, 3) along held directions, shape (r, 3)."""
-        sizes = np.einsum("ri,ri->r", self.dual, reaction[self.node])
-        return sizes[:, None] * self.direction
-
     def shares(self, reaction: FloatArray, supports: int) -> Iterator[FloatArray]:
         """The forces of every support by itself, shape (k, 3), in a reaction (k, 3) along held directions."""
-        forces = self.forces(reaction)
+        forces = np.einsum("ri,ri->r", self.dual, reaction[self.node])[:, None] * self.direction
         for number in range(supports):
             here, share = self.support == number, np.zeros_like(reaction)
             np.add.at(share, self.node[here], forces[here])

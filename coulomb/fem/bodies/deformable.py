@@ -151,9 +151,25 @@ class Deformable(HeldNodes, ABC):
     def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Global numbers of nodes, of any rank, from their global numbers in the space of a body alone."""
 
-    @abstractmethod
+    @property
+    def comm(self) -> MPI.Comm:
+        return self.members[0].body.comm
+
+    @property
+    def lifetime(self) -> object:
+        return tuple(member.body.lifetime for member in self.members)
+
+    def linear_between_vertices(self, values: FloatArray) -> FloatArray:
+        """Of bodies of 10-node tetrahedra; on others every node has its value."""
+        field = values.copy()
+        for member in self.members:
+            if not member.body.positive:
+                field[member.nodes] = member.body.linear_between_vertices(values[member.nodes])
+        return field
+
     def largest_gradient(self, u: FloatArray) -> float:
         """Largest norm of the displacement gradient of u (k, 3), over all ranks; collective."""
+        return float(np.max([member.body.largest_gradient(u[member.nodes]) for member in self.members]))
 
     @property
     @abstractmethod
@@ -316,7 +332,7 @@ class Deformable(HeldNodes, ABC):
 
 
 class SingleBody(HeldSpace, Deformable):
-    """A body on one mesh; held directions as in `HeldSpace`."""
+    """A body on one mesh; held directions as in `HeldSpace`, whose methods come before those of `Deformable`."""
 
     @property
     @abstractmethod

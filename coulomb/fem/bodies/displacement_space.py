@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from .. import compat, compat_forms
 from ..compat import fem, ufl
-from ..meshes import NamedMesh, facet_columns, lagrange_points, lagrange_values
+from ..meshes import NamedMesh, boundary_facets, facet_columns, lagrange_points, lagrange_values
 from .constraints import HeldDirections, HeldNodes, Numbering, distributed_rows
 from .garbage import free_earlier_bodies
 
@@ -286,8 +286,7 @@ class HeldSpace(DisplacementSpace, HeldNodes):
         everywhere = np.ones(self._owned, dtype=bool)
         along_axes, inside = everywhere.copy(), everywhere.copy()
         along_axes[self.held.nodes[self.held.oblique]] = False
-        self.domain.topology.create_connectivity(2, 3)
-        inside[self.nodes_of(compat.mesh.exterior_facet_indices(self.domain.topology))] = False
+        inside[self.nodes_of(boundary_facets(self.domain))] = False
         return inside & along_axes, along_axes, everywhere
 
     def eliminated(self, K: PETSc.Mat) -> tuple[PETSc.Mat, FloatArray]:

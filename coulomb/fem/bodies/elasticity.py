@@ -77,7 +77,8 @@ class LoadedBody(ElasticBody, HeldSpace):
         self.materials: Materials | None = materials
         self.supports = tuple(clamps)
         self._set_held_directions()
-        self._set_springs(springs)
+        self.springs, self._sprung_by = tuple(springs), fem.Function(self.V)
+        self._spring_forms = [fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs]
         volume: list[Load] = [] if vanishes(body_force) else [BodyForce(body_force, body_force_amplitude)]
         volume += [] if vanishes(gravity) else [Weight(gravity, materials, gravity_amplitude)]
         self.thermal, heat = thermal, []
@@ -96,17 +97,14 @@ class LoadedBody(ElasticBody, HeldSpace):
         """Make the stiffness, of a body that has one."""
 
     def at(self, time: float) -> Loading:
-        load = np.zeros((self._owned, 3))
-        for part in self.loads_at(time):
-            load += part.forces
+        load = sum((part.forces for part in self.loads_at(time)), np.zeros((self._owned, 3)))
         prescribed = self._rows.displacement(self.prescribed_values(time))
         return Loading(time, load, prescribed, self._temperature_at(time))
 
     def prescribed_values(self, time: float) -> FloatArray:
         """The prescribed displacements along the held directions at a time, metres; collective."""
         factors = [self._factor(support.amplitude, time, support.what) for support in self.supports]
-        values: FloatArray = np.array([0.0, *factors])[1 + self._rows.support] * self._values
-        return values
+        return np.array([0.0, *factors])[1 + self._rows.support] * self._values
 
     def blocked_displacement(self, loading: Loading) -> float:
         return 0.0 if loading.temperature is None else loading.temperature.displacement
@@ -161,22 +159,15 @@ class LoadedBody(ElasticBody, HeldSpace):
         self.contradictions = contradictions(given, self._rows, self._values, self.x, self.mesh.comm)
 
     def _supported_nodes(self, support: Support) -> SupportedNodes:
-        face = self._supported_face(support)
-        return SupportedNodes(support, face.nodes, support.directions(face), support.displacement(face))
-
-    def _supported_face(self, support: Support) -> SupportedFace:
-        nodes = self.nodes(support.face, support.kind)
         facets = self.mesh.facets(support.face, support.kind)
+        nodes = self.nodes_of(facets)
 
         def integrals() -> tuple[FloatArray, FloatArray]:
             area, normal = self.positive_weights(facets)
             return area[nodes], normal[nodes]
 
-        return SupportedFace(nodes, self.x[nodes], self.mesh.comm, integrals)
-
-    def _set_springs(self, springs: Sequence[Spring]) -> None:
-        self.springs, self._sprung_by = tuple(springs), fem.Function(self.V)
-        self._spring_forms = [fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs]
+        face = SupportedFace(nodes, self.x[nodes], self.mesh.comm, integrals)
+        return SupportedNodes(support, nodes, support.directions(face), support.displacement(face))
 
     def spring_form(self, spring: Spring, u: Any) -> Any:
         """UFL's form of the integral over its face of a spring's stiffness times u, a Function or trial function."""
@@ -209,10 +200,7 @@ class LoadedBody(ElasticBody, HeldSpace):
             yield NodalForces(support.kind.replace(" ", "_"), support.face, share)
 
     def spring_force(self, u: FloatArray) -> FloatArray:
-        total = np.zeros_like(u)
-        for one in self.spring_forces(u):
-            total += one.forces
-        return total
+        return sum((one.forces for one in self.spring_forces(u)), np.zeros_like(u))
 
     @cached_property
     def ground(self) -> FloatArray | None:

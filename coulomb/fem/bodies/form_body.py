@@ -17,7 +17,7 @@ from ...supplied import supplied
 from .. import compat, compat_forms
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
-from .constraints import DirichletConditions
+from .constraints import DirichletConditions, rows_of
 from .deformable import Loading, SingleBody
 from .displacement_space import summed
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
@@ -38,11 +38,6 @@ class FormValues:
         pairs = zip(self.functions, other.functions, strict=True)
         equal = all(np.array_equal(one, two) for one, two in pairs)
         return equal and np.array_equal(self.constants, other.constants)
-
-
-def values_of(form: Any) -> FormValues:
-    functions = tuple(np.array(function.x.array) for function in compat_forms.functions_in(form))
-    return FormValues(functions, compat_forms.packed_constants(form))
 
 
 def compiled(form: Any, what: str, comm: MPI.Comm) -> Any:
@@ -74,7 +69,8 @@ class BilinearForm:
 
     @property
     def values(self) -> FormValues:
-        return values_of(self.compiled)
+        functions = tuple(np.array(function.x.array) for function in compat_forms.functions_in(self.compiled))
+        return FormValues(functions, compat_forms.packed_constants(self.compiled))
 
     def suspects(self, values: FormValues) -> str:
         """Which of these values make a vanish or are not finite, for the end of a message; collective."""
@@ -105,12 +101,8 @@ class BilinearForm:
 
     def _product(self, values: FormValues, u: FloatArray) -> FloatArray:
         K = self.matrix(values)
-        given, result = K.createVecs()
-        given.array[:] = u.ravel()
-        K.mult(given, result)
-        forces: FloatArray = result.array_r.reshape(-1, 3).copy()
-        for done in (K, given, result):
-            done.destroy()
+        forces = rows_of(K, u)
+        K.destroy()
         return forces
 
     @contextmanager

@@ -15,7 +15,7 @@ from ...arrays import FloatArray
 from .. import compat, compat_forms
 from ..compat import mesh, ufl
 from ..geometry import on_all_ranks
-from ..meshes import NamedMesh
+from ..meshes import NamedMesh, boundary_facets
 
 SYMMETRIC = 1e-10
 """Largest difference of a(u, v) and a(v, u), relative to their size."""
@@ -27,9 +27,9 @@ def space_of_forms(a: Any, L: Any, space: Any) -> Any:
     Raises:
         ValueError: If there are not one or two arguments, or the space is not one of displacements in 3D.
     """
-    _refuse_rank(a, 2, "a", "exchange a and L")
+    _refuse_rank(a, 2, "a")
     if L is not None:
-        _refuse_rank(L, 1, "L", "exchange a and L")
+        _refuse_rank(L, 1, "L")
     spaces = [*_spaces(a, "a"), *([] if L is None else _spaces(L, "L"))]
     python = [one for one in spaces if isinstance(one, ufl.FunctionSpace)]
     if space is not None and not isinstance(space, ufl.FunctionSpace):
@@ -49,7 +49,7 @@ def space_of_forms(a: Any, L: Any, space: Any) -> Any:
     return chosen
 
 
-def _refuse_rank(form: Any, rank: int, what: str, hint: str) -> None:
+def _refuse_rank(form: Any, rank: int, what: str) -> None:
     if isinstance(form, ufl.Form):
         try:
             found = len(form.arguments())
@@ -69,7 +69,7 @@ def _refuse_rank(form: Any, rank: int, what: str, hint: str) -> None:
     if found != rank:
         kinds = {0: "no argument", 1: "one argument (linear)", 2: "two arguments (bilinear)"}
         needed = "a bilinear form of a trial and a test function" if rank == 2 else "a linear form of a test function"
-        raise ValueError(f"Body: {what} must be {needed}, but has {kinds[found]}; {hint}?")
+        raise ValueError(f"Body: {what} must be {needed}, but has {kinds[found]}; exchange a and L?")
 
 
 def _spaces(form: Any, what: str) -> list[Any]:
@@ -141,12 +141,11 @@ def named_mesh(domain: Any, faces: Any) -> NamedMesh:
     Raises:
         ValueError: On every rank, if facets are not on the boundary of the mesh, or the argument is something else.
     """
-    domain.topology.create_connectivity(2, 3)
     if isinstance(faces, NamedMesh):
         if compat_forms.cpp_of(faces.domain) is not compat_forms.cpp_of(domain):
             raise ValueError("Body: faces is a NamedMesh of another mesh than that of a")
         return NamedMesh(domain, faces.faces, faces.cells, faces.refused)
-    boundary = np.asarray(mesh.exterior_facet_indices(domain.topology))
+    boundary = boundary_facets(domain)
     if _is_tags(faces):
         return _of_tags(domain, faces, boundary)
     if not isinstance(faces, Mapping):

@@ -36,10 +36,7 @@ class Anchor:
 
 
 def anchors_of(
-    x: FloatArray,
-    places: Sequence[npt.NDArray[np.bool_]],
-    rows: Callable[[FloatArray], FloatArray],
-    comm: MPI.Comm,
+    x: FloatArray, places: Sequence[npt.NDArray[np.bool_]], rows: Callable[[FloatArray], FloatArray], comm: MPI.Comm
 ) -> list[Anchor]:
     """As many degrees of freedom of a component as it has free motions, which these determine well; collective.
 
@@ -65,11 +62,8 @@ def anchors_of(
         moved = rows(at)
         count = moved.shape[2]
         _, R, order = scipy.linalg.qr(moved.reshape(-1, count).T, mode="economic", pivoting=True)
-        chosen = order[:count]
-        found.append([])
-        for place, axis in (divmod(int(dof), 3) for dof in chosen):
-            x_there, rank, node = extremes[place]
-            found[-1].append(Anchor(rank, node, axis, x_there))
+        dofs = [divmod(int(dof), 3) for dof in order[:count]]
+        found.append([Anchor(*extremes[place][1:], axis, extremes[place][0]) for place, axis in dofs])
         quality.append(float(np.abs(R[count - 1, count - 1])) if len(R) >= count else 0.0)
     if not found:
         raise ValueError(
@@ -94,10 +88,7 @@ def _extremes(x: FloatArray, nodes: npt.NDArray[np.int64], comm: MPI.Comm) -> li
         if given:
             _, place, node, rank = max(given, key=lambda one: one[0])
             found[rank, node] = place
-    return sorted(
-        ((place, rank, node) for (rank, node), place in found.items()),
-        key=lambda one: (float(one[0][0]), float(one[0][1]), float(one[0][2])),
-    )
+    return sorted(((place, *owner) for owner, place in found.items()), key=lambda one: one[0].tolist())
 
 
 _PURE = 1e-6
@@ -185,12 +176,12 @@ class FreeMotions:
         """E: the rows of R at the anchors, shape (q, q)."""
         if self.of_openings is not None:
             return self.of_openings
-        E = np.zeros((len(self.anchors), len(self.motions)))
-        for column, motion in enumerate(self.motions):
-            for row, anchor in enumerate(self.anchors):
-                if self.motions[row].component == motion.component:
-                    E[row, column] = motion.at(anchor.x[None])[0, anchor.axis]
-        return E
+        each = zip(self.anchors, self.motions, strict=True)
+        rows = [
+            [one.at(at.x[None])[0, at.axis] if one.component == own.component else 0.0 for one in self.motions]
+            for at, own in each
+        ]
+        return np.array(rows).reshape(len(self), len(self))
 
     def amounts(self, u: FloatArray) -> FloatArray:
         """The amounts (q,) of the motions in displacements u (k, 3) that would be 0 at the anchors without them;
@@ -210,12 +201,9 @@ class FreeMotions:
         """The motion of every component that can move, for amounts alpha (q,) of the motions."""
         found: dict[int, FreeMotion] = {}
         for amount, motion in zip(alpha, self.motions, strict=True):
-            zero = FreeMotion(motion.component, motion.part, np.zeros(3), np.zeros(3))
-            last = found.get(motion.component, zero)
-            found[motion.component] = FreeMotion(
-                *(motion.component, motion.part),
-                *(last.translation + amount * motion.translation, last.rotation + amount * motion.rotation),
-            )
+            last = found.get(motion.component, replace(motion, translation=np.zeros(3), rotation=np.zeros(3)))
+            way, turn = last.translation + amount * motion.translation, last.rotation + amount * motion.rotation
+            found[motion.component] = replace(motion, translation=way, rotation=turn)
         return tuple(found.values())
 
     def resultants(self, e: FloatArray) -> tuple[RigidLoad, ...]:
@@ -282,8 +270,7 @@ class FreeMotions:
         for row, anchor in enumerate(anchors):
             if anchor.rank == self.comm.rank:
                 E[row] = R[anchor.node, anchor.axis]
-        found: FloatArray = self.comm.allreduce(E, op=MPI.SUM)
-        return found
+        return self.comm.allreduce(E, op=MPI.SUM)
 
 
 def free_motions(
@@ -316,7 +303,8 @@ def free_motions(
         found = [FreeMotion(number, part, column[:3], column[3:] / part.radius) for column in basis.T]
         motions += found
         anchors += anchors_of(x, [here & suited for suited in places], partial(_displacements_at, found), comm)
-    bodies = tuple(f"component {k} of the body, {_location_in_words(part)}" for k, part in enumerate(parts, 1))
+    centres = (", ".join(f"{value:.3g}" for value in tidy(part.centre, part.radius)) for part in parts)
+    bodies = tuple(f"component {k} of the body, around ({centre})" for k, centre in enumerate(centres, 1))
     return FreeMotions(comm, component, tuple(motions), tuple(anchors), bodies if len(parts) > 1 else ("the body",))
 
 
@@ -384,7 +372,3 @@ def motions_in_words(free: FreeMotions, combinations: FloatArray) -> tuple[str, 
         moving = [one.tidy(SMALL) for one in free.of(column)]
         said.append(" while ".join(f"{free.bodies[one.component]} {one}" for one in moving if one.moves))
     return tuple(said)
-
-
-def _location_in_words(part: RigidPart) -> str:
-    return f"around ({', '.join(f'{value:.3g}' for value in tidy(part.centre, part.radius))})"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Any, TypeVar, cast, overload
+from typing import Any, NamedTuple, TypeVar, cast, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ..geometry import Amplitude, Coefficient, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh
-from .constraints import HeldDirections, Numbering, distributed_rows
+from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
 from .deformable import Deformable, Loading, Member, SingleBody
 from .displacement_space import INTERPOLATION, HeldSpace, attach_interpolation, attach_rigid_body_modes
 from .elasticity import refuse_others
@@ -35,8 +35,7 @@ Kind = TypeVar("Kind", bound=HeldSpace)
 NOTHING = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class BodyArguments:
+class BodyArguments(NamedTuple):
     """What one body is made of: the arguments of `LoadedBody` and of `Elasticity`, in their order."""
 
     mesh: NamedMesh
@@ -104,7 +103,7 @@ def build_bodies(kind: Callable[..., Kind], bodies: Mapping[str, BodyArguments])
     found = {}
     for name, given in bodies.items():
         try:
-            found[name] = kind(*(getattr(given, field.name) for field in fields(given)))
+            found[name] = kind(*given)
         except ValueError as error:
             raise ValueError(f"body {name!r}: {error}") from None
     return found
@@ -214,20 +213,15 @@ class JoinedBodies(Deformable):
     """
 
     def __init__(self, bodies: Mapping[str, SingleBody]):
-        if not bodies:
-            raise ValueError("join: give at least one body")
-        parts = tuple(bodies.values())
-        comm = parts[0].comm
-        for name, body in bodies.items():
-            if MPI.Comm.Compare(comm, body.comm) == MPI.UNEQUAL:
-                raise ValueError(f"join: body {name!r} is on other ranks than the first; make all on one communicator")
-        self._names, self._bodies = tuple(bodies), parts
         self._mesh = JoinedMesh({name: body.mesh for name, body in bodies.items()})
+        parts = tuple(bodies.values())
         ends = np.cumsum([0, *(len(body.x) for body in parts)])
-        self._slices = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
-        self._numbers = _Numbers(comm, [(body.numbering.first, body.numbering.local) for body in parts])
+        slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+        self._members = tuple(map(Member, bodies, parts, slices))
+        self._numbers = _Numbers(self.comm, [(body.numbering.first, body.numbering.local) for body in parts])
         self.x: FloatArray = np.concatenate([body.x for body in parts])
-        self.held = _joined_held([body.held for body in parts], self._slices)
+        nodes = np.concatenate([body.held.nodes + own.start for body, own in zip(parts, slices, strict=True)])
+        self.held = HeldDirections(len(self.x), nodes, np.concatenate([body.held.projector for body in parts]))
         self.contradictions = tuple(
             f"body {name!r}: {text}" for name, body in bodies.items() for text in body.contradictions
         )
@@ -237,59 +231,39 @@ class JoinedBodies(Deformable):
     # --- nodes ------------------------------------------------------------------------------------------------------
 
     @property
-    def comm(self) -> MPI.Comm:
-        return self._bodies[0].comm
-
-    @property
     def numbering(self) -> Numbering:
         return Numbering(self._numbers.first_of(self.comm.rank), len(self.x), self._numbers.total)
 
     @property
-    def lifetime(self) -> object:
-        return tuple(body.lifetime for body in self._bodies)
-
-    @property
     def members(self) -> tuple[Member, ...]:
-        return tuple(map(Member, self._names, self._bodies, self._slices))
+        return self._members
 
     def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
         of, own = self._mesh.split(name, what)
-        member = self.members[self._names.index(of)]
+        member = next(member for member in self._members if member.name == of)
         return member, member.body.mesh.facets(own, what)
 
     def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        return self._numbers.of(self._names.index(member.name), numbers)
-
-    def linear_between_vertices(self, values: FloatArray) -> FloatArray:
-        """Of bodies of 10-node tetrahedra; on others every node has its value."""
-        field = values.copy()
-        for body, nodes in zip(self._bodies, self._slices, strict=True):
-            if not body.positive:
-                field[nodes] = body.linear_between_vertices(values[nodes])
-        return field
-
-    def largest_gradient(self, u: FloatArray) -> float:
-        return float(np.max([body.largest_gradient(part) for body, part in self._each(u)]))
+        return self._numbers.of([one.name for one in self._members].index(member.name), numbers)
 
     # --- stiffness ----------------------------------------------------------------------------------------------------
 
     @property
     def K(self) -> PETSc.Mat:
-        parts = [body.K for body in self._bodies]
+        parts = [member.body.K for member in self._members]
         if self._K is None or any(one is not other for one, other in zip(parts, self._K[0], strict=True)):
             self._K = (parts, joined := self._joined(parts))
-            if any(body.degree == 2 for body in self._bodies):
+            if any(member.body.degree == 2 for member in self._members):
                 attach_interpolation(joined, self._interpolation)
         return self._K[1]
 
     _K: tuple[list[PETSc.Mat], PETSc.Mat] | None = None
 
     def _joined(self, parts: list[PETSc.Mat]) -> PETSc.Mat:
-        blocks = []
-        for member, part in zip(self.members, parts, strict=True):
-            indptr, columns, values = part.getValuesCSR()
-            rows = scipy.sparse.csr_matrix((values, columns, indptr), _shape(part))
-            blocks.append(_in_joined_numbers(rows, partial(self.numbers_of, member), self.numbering.total))
+        blocks = [
+            _in_joined_numbers(local_rows(part), partial(self.numbers_of, member), self.numbering.total)
+            for member, part in zip(self._members, parts, strict=True)
+        ]
         rows = scipy.sparse.vstack(blocks, format="csr")
         K = distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
         K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -300,20 +274,17 @@ class JoinedBodies(Deformable):
     def _interpolation(self) -> PETSc.Mat:
         """From linear displacements to those of second order; displacements of first order stay as they are."""
         blocks, places, sizes = [], [], []
-        for body in self._bodies:
+        for body in (member.body for member in self._members):
             K = body.K
             make = K.getAttr(INTERPOLATION)
             if make is None:
                 first, last = K.getOwnershipRange()
-                columns = np.arange(first, last)
-                ones = (np.ones(len(columns)), columns, np.arange(len(columns) + 1))
-                blocks.append(scipy.sparse.csr_matrix(ones, (len(columns), K.getSize()[1])))
+                blocks.append(scipy.sparse.eye(last - first, K.getSize()[1], first, format="csr"))
                 places.append(body.x)
             else:
                 P = make()
                 first, last = P.getOwnershipRangeColumn()
-                indptr, of_P, values = P.getValuesCSR()
-                blocks.append(scipy.sparse.csr_matrix((values, of_P, indptr), _shape(P)))
+                blocks.append(local_rows(P))
                 places.append(body.vertices.space.x)
                 P.destroy()
             sizes.append((first // 3, (last - first) // 3))
@@ -328,54 +299,54 @@ class JoinedBodies(Deformable):
 
     @cached_property
     def free(self) -> FreeMotions:
-        return joined_motions([body.free for body in self._bodies], self._names, self._slices)
+        names, bodies, slices = zip(*((one.name, one.body.free, one.nodes) for one in self._members), strict=True)
+        return joined_motions(bodies, names, slices)
 
     @property
     def anchoring(self) -> FloatArray:
-        return np.concatenate([body.anchoring for body in self._bodies])
+        return np.concatenate([member.body.anchoring for member in self._members])
 
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
     def at_time(self, time: float) -> JoinedBodies:
         """Itself, if no body has changed; the same for the same bodies."""
-        bodies = [body.at_time(time) for body in self._bodies]
+        bodies = {member.name: cast(SingleBody, member.body.at_time(time)) for member in self._members}
         for known in (self, self._changed):
-            if known is not None and all(one is other for one, other in zip(bodies, known._bodies, strict=True)):
+            if known is not None and all(bodies[member.name] is member.body for member in known.members):
                 return known
-        singles = [body for body in bodies if isinstance(body, SingleBody)]
-        self._changed = JoinedBodies(dict(zip(self._names, singles, strict=True)))
+        self._changed = JoinedBodies(bodies)
         return self._changed
 
     _changed: JoinedBodies | None = None
 
     def at(self, time: float) -> Loading:
-        return self._together(time, tuple(body.at(time) for body in self._bodies))
+        return self._together(time, tuple(member.body.at(time) for member in self._members))
 
     def heated(self, loading: Loading, change: FloatArray) -> Loading:
-        each = zip(self._each(change), loading.parts, strict=True)
-        return self._together(loading.time, tuple(body.heated(part, own) for (body, own), part in each))
+        each = zip(self._members, loading.parts, strict=True)
+        return self._together(loading.time, tuple(one.body.heated(part, change[one.nodes]) for one, part in each))
 
     def _together(self, time: float, parts: tuple[Loading, ...]) -> Loading:
         load, prescribed = (np.concatenate([getattr(part, name) for part in parts]) for name in ("load", "prescribed"))
-        temperature = joined_temperatures([part.temperature for part in parts], self._slices)
+        temperature = joined_temperatures([part.temperature for part in parts], [one.nodes for one in self._members])
         return Loading(time, load, prescribed, temperature, parts)
 
     def f(self, loading: Loading) -> PETSc.Vec:
         f = self.K.createVecRight()
-        for body, part, nodes in zip(self._bodies, loading.parts, self._slices, strict=True):
-            own = body.f(part)
-            f.array[3 * nodes.start : 3 * nodes.stop] = own.array_r
+        for member, part in zip(self._members, loading.parts, strict=True):
+            own = member.body.f(part)
+            f.array[3 * member.nodes.start : 3 * member.nodes.stop] = own.array_r
             own.destroy()
         return f
 
     def outdated(self, loading: Loading) -> bool:
-        return any([body.outdated(part) for body, part in zip(self._bodies, loading.parts, strict=True)])
+        return any([one.body.outdated(part) for one, part in zip(self._members, loading.parts, strict=True)])
 
     def internal_force(self, u: FloatArray) -> FloatArray:
-        return np.concatenate([body.internal_force(part) for body, part in self._each(u)])
+        return np.concatenate([one.body.internal_force(u[one.nodes]) for one in self._members])
 
     def spring_force(self, u: FloatArray) -> FloatArray:
-        return np.concatenate([body.spring_force(part) for body, part in self._each(u)])
+        return np.concatenate([one.body.spring_force(u[one.nodes]) for one in self._members])
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
         for member, part in zip(self.members, loading.parts, strict=True):
@@ -394,17 +365,15 @@ class JoinedBodies(Deformable):
         return [{**one, "face": member.called(one["face"])} for member, one in given]
 
     def blocked_displacement(self, loading: Loading) -> float:
-        return max(body.blocked_displacement(part) for body, part in zip(self._bodies, loading.parts, strict=True))
+        return max(one.body.blocked_displacement(part) for one, part in zip(self._members, loading.parts, strict=True))
 
     def forms(self) -> Mapping[str, Any] | None:
         """By the name of the body."""
-        found = {name: body.forms() for name, body in zip(self._names, self._bodies, strict=True)}
-        given = {name: forms for name, forms in found.items() if forms is not None}
-        return given or None
+        return {one.name: forms for one in self._members if (forms := one.body.forms()) is not None} or None
 
     @property
     def ground(self) -> FloatArray | None:
-        parts = [body.ground for body in self._bodies]
+        parts = [member.body.ground for member in self._members]
         if all(part is None for part in parts):
             return None
         whole, ground = rigid_modes(self.x, self.comm), np.zeros((len(self.x), 3, 6))
@@ -414,10 +383,6 @@ class JoinedBodies(Deformable):
                 gram, right = self.comm.allreduce(own.T @ own), self.comm.allreduce(own.T @ given)
                 ground[member.nodes] = part @ np.linalg.lstsq(gram, right, rcond=None)[0]
         return ground
-
-    def _each(self, values: FloatArray) -> Iterator[tuple[SingleBody, FloatArray]]:
-        for body, nodes in zip(self._bodies, self._slices, strict=True):
-            yield body, values[nodes]
 
     def _among_all_nodes(self, member: Member, values: FloatArray) -> FloatArray:
         lifted = np.zeros((len(self.x), *values.shape[1:]))
@@ -468,15 +433,6 @@ def _in_joined_numbers(
     widened = scipy.sparse.csr_matrix((rows.data, 3 * number(node) + axis, rows.indptr), (rows.shape[0], 3 * total))
     widened.sort_indices()
     return widened
-
-
-def _shape(matrix: PETSc.Mat) -> tuple[int, int]:
-    return int(matrix.getLocalSize()[0]), int(matrix.getSize()[1])
-
-
-def _joined_held(parts: Sequence[HeldDirections], slices: Sequence[slice]) -> HeldDirections:
-    nodes = np.concatenate([part.nodes + where.start for part, where in zip(parts, slices, strict=True)])
-    return HeldDirections(slices[-1].stop, nodes, np.concatenate([part.projector for part in parts]))
 
 
 def _materials(bodies: Mapping[str, SingleBody]) -> dict[str, AnyMaterial]:

@@ -28,6 +28,7 @@ from ..meshes import NamedMesh
 from .body import ElasticBody
 from .displacement_space import DisplacementSpace
 from .materials import Materials, density_of_cells, three
+from .rigid_modes import displacements_of
 
 
 @dataclass(frozen=True)
@@ -189,18 +190,13 @@ class PointLoad:
         sums = comm.allreduce(np.append(area @ body.x, area.sum()), op=MPI.SUM)
         middle = sums[:3] / sums[3]
         point = middle if self.point is None else np.asarray(self.point, dtype=np.float64)
-        r, parts = body.x - middle, []
-        for axis in np.eye(3):
-            parts.append(body.surface_load(np.broadcast_to(axis, r.shape), facets))
-        for axis in np.eye(3):
-            parts.append(body.surface_load(np.cross(axis, r), facets))
-        own = np.array([[*part.sum(axis=0), *np.cross(r, part).sum(axis=0)] for part in parts])
-        resultants = comm.allreduce(own, op=MPI.SUM)
+        modes = displacements_of(body.x - middle, np.ones(len(body.x)))
+        parts = np.array([body.surface_load(mode, facets) for mode in np.moveaxis(modes, 2, 0)])
+        resultants = comm.allreduce(np.einsum("pki,kij->pj", parts, modes), op=MPI.SUM)
         force = np.asarray(self.force, dtype=np.float64)
         moment = np.asarray(self.moment, dtype=np.float64) + np.cross(point - middle, force)
         amounts = np.linalg.solve(resultants.T, np.append(force, moment))
-        forces: FloatArray = np.einsum("p,pki->ki", amounts, np.array(parts))
-        return forces
+        return np.einsum("p,pki->ki", amounts, parts)
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ..compat import cell_dofs, cell_geometry, geometry_degree, mesh
-from ..meshes import corner_geometry, lagrange_points, lagrange_slopes, lagrange_values
+from ..compat import cell_dofs, cell_geometry, geometry_degree
+from ..meshes import boundary_facets, corner_geometry, lagrange_points, lagrange_slopes, lagrange_values
 from .displacement_space import DisplacementSpace
 
 SNAP = 0.05
@@ -72,8 +72,7 @@ def locate(
         ValueError: On every rank, if a point is outside the mesh, with its name, the nearest point and its distance.
     """
     comm, cells = body.domain.comm, _Cells(body)
-    body.domain.topology.create_connectivity(2, 3)
-    boundary = cells.facets(np.asarray(mesh.exterior_facet_indices(body.domain.topology)))
+    boundary = cells.facets(boundary_facets(body.domain))
     contact = [cells.facets(np.asarray(facets)) for facets in faces]
     count, corners = len(points), cells.dofs.shape[1]
     x, on_face = points.copy(), np.full(count, -1)
@@ -126,14 +125,8 @@ class _Cells:
         self._order, self._degree = geometry_degree(domain), body.degree
         self._x: FloatArray = domain.geometry.x
         self._nodes, self._corners, self.dofs = cell_geometry(domain), corner_geometry(domain), cell_dofs(body.V)
-        self._own = domain.topology.index_map(3).size_local
-        own = self._nodes[: self._own]
-        first = self._x[own[:, 0]] if len(own) else np.empty((0, 3))
-        self._low: FloatArray = first.copy()
-        self._high: FloatArray = first.copy()
-        for node in own.T:
-            np.minimum(self._low, self._x[node], out=self._low)
-            np.maximum(self._high, self._x[node], out=self._high)
+        own = self._x[self._nodes[: domain.topology.index_map(3).size_local]]
+        self._low, self._high = own.min(axis=1), own.max(axis=1)
 
     def containing(self, point: FloatArray) -> tuple[int, FloatArray, float]:
         """This rank's own cell that holds a point: its number, the reference coordinates, and how far these are outside
@@ -149,7 +142,8 @@ class _Cells:
         return best if best[2] <= _ROUNDING else (-1, np.zeros(3), np.inf)
 
     def reference(self, cell: int, point: FloatArray) -> tuple[FloatArray, float]:
-        """Reference coordinates of a point in a cell by Newton's method, and how far they are outside the cell."""
+        """Reference coordinates of a point in a cell by Newton's method, and how far they are outside the cell.
+        DOLFINx's `pull_back` ends with steps of 1e-6, and raises where it does not converge."""
         nodes, corners = self._x[self._nodes[cell]], self._corners.shape[1]
         size = float(np.max(np.ptp(nodes, axis=0)))
         X: FloatArray = np.full(3, 0.25 if corners == 4 else 0.5)
@@ -190,9 +184,8 @@ class _Cells:
         own = of_facet.array.reshape(-1, 3 if self._corners.shape[1] == 4 else 4)[facets]
         corners = np.any(vertices[:, :, None] == own[:, None, :], axis=2)
         x = self._x[self._corners[cell]]
-        pairs = [(i, j) for i in range(x.shape[1]) for j in range(i)]
-        apart = [np.linalg.norm(x[:, i] - x[:, j], axis=1) for i, j in pairs]
-        return _Facets(x, cell, corners, np.min(apart, axis=0))
+        i, j = np.triu_indices(x.shape[1], 1)
+        return _Facets(x, cell, corners, np.linalg.norm(x[:, i] - x[:, j], axis=2).min(axis=1))
 
 
 class _Facets:
@@ -207,9 +200,8 @@ class _Facets:
 
     def __init__(self, x: FloatArray, cell: Ints, corners: npt.NDArray[np.bool_], size: FloatArray):
         self.cell, self.corners, self.size = cell, corners, size
-        own = x[corners].reshape(
-            len(x), 3 if x.shape[1] == 4 else 4, 3
-        )  # of a quadrilateral in the order (0, 0), (1, 0), (0, 1), (1, 1)
+        # of a quadrilateral in the order (0, 0), (1, 0), (0, 1), (1, 1)
+        own = x[corners].reshape(len(x), 3 if x.shape[1] == 4 else 4, 3)
         halves = [(0, 1, 2)] if own.shape[1] == 3 else [(0, 1, 3), (0, 3, 2)]
         self._triangles = np.concatenate([own[:, half] for half in halves])
 

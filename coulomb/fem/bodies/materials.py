@@ -16,7 +16,7 @@ strain energy is positive if |nu_ij| < sqrt(E_i/E_j), and the determinant of the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,7 +93,7 @@ class CellMaterials:
             pressure: FloatArray = self.young * self.expansion / (1.0 - 2.0 * self.poisson)
             return pressure, 3.0 * pressure * self.expansion
         strain = thermal_strain(self.expansion, self.directional.axes)
-        stress = stress_of(constants, strain)
+        stress = np.einsum("cij,cj->ci", symmetric(constants), strain)
         return stress, np.einsum("ci,ci->c", stress, strain)
 
     @property
@@ -174,14 +174,12 @@ class OrthotropicMaterial:
     conductivity: float | None = None
 
     def __post_init__(self) -> None:
-        _refuse_conductivity(self.conductivity)
+        _refuse_not_positive(self)
         for name, unit in (("young", "Young's moduli in pascals"), ("shear", "shear moduli in pascals")):
             if not np.all(three(getattr(self, name), f"material: {name}", unit) > 0.0):
                 raise ValueError(f"material: {name} must be three positive {unit}, but is {getattr(self, name)!r}")
         three(self.poisson, "material: poisson", "Poisson's ratios")
         refuse_indefinite(np.array([self.young]), np.array([self.poisson]))
-        if self.density is not None and not (is_number(self.density) and self.density > 0.0):
-            raise ValueError(f"material: density must be a positive number of kg/m^3, but is {self.density!r}")
         if self.expansion is not None and not _finite(self.expansion):
             raise ValueError(f"material: expansion must be a finite number in 1/K, or three, but is {self.expansion!r}")
         if not isinstance(self.directions, Sequence) or len(self.directions) != 2:
@@ -271,12 +269,10 @@ def stiffness(young: FloatArray, poisson: FloatArray, shear: FloatArray, axes: F
     arguments as of `Directional`."""
     i, j = np.array(UPPER).T
     found = np.empty((len(young), 21))
-
-    def part(here: slice) -> None:
+    for first in range(0, len(young), _AT_ONCE):
+        here = slice(first, first + _AT_ONCE)
         T = strain_rotation(axes[here])
         found[here] = (T.transpose(0, 2, 1) @ along_directions(young[here], poisson[here], shear[here]) @ T)[:, i, j]
-
-    _in_parts(part, len(young))
     return found
 
 
@@ -297,31 +293,22 @@ def thermal_strain(expansion: FloatArray, axes: FloatArray) -> FloatArray:
     return np.stack([(1.0 if i == j else 2.0) * strain[:, i, j] for i, j in PAIRS], axis=1)
 
 
-def stress_of(constants: FloatArray, strain: FloatArray) -> FloatArray:
-    """Stiffness, the 21 constants of each cell (c, 21), times strain (c, 6); shape (c, 6)."""
-    stress = np.zeros((len(constants), 6))
-    for number, (i, j) in enumerate(UPPER):
-        stress[:, i] += constants[:, number] * strain[:, j]
-        if i != j:
-            stress[:, j] += constants[:, number] * strain[:, i]
-    return stress
+def symmetric(constants: FloatArray) -> FloatArray:
+    """The stiffness of cells by its 21 constants (c, 21), shape (c, 6, 6)."""
+    i, j = np.array(UPPER).T
+    full = np.empty((len(constants), 6, 6))
+    full[:, i, j] = full[:, j, i] = constants
+    return full
 
 
 def strain_rotation(axes: FloatArray) -> FloatArray:
     """T with strain along the directions = T strain in space, shape (c, 6, 6); rows d1, d2, d3 in axes (c, 3, 3)."""
-    T = np.empty((len(axes), 6, 6))
-    for row, (i, j) in enumerate(PAIRS):
-        for column, (k, m) in enumerate(PAIRS):
-            a = axes[:, i, k] * axes[:, j, m]
-            if k != m:  # a shear strain in space counts twice in the sum, and is doubled
-                a = 0.5 * (a + axes[:, i, m] * axes[:, j, k])
-            T[:, row, column] = a if i == j else 2.0 * a
+    i, j = np.array(PAIRS).T
+    one, other = axes[:, i], axes[:, j]
+    # a shear strain in space counts twice in the sum, and is doubled
+    T = 0.5 * (one[:, :, i] * other[:, :, j] + one[:, :, j] * other[:, :, i])
+    T[:, 3:] *= 2.0
     return T
-
-
-def _in_parts(act: Callable[[slice], None], count: int) -> None:
-    for first in range(0, count, _AT_ONCE):
-        act(slice(first, first + _AT_ONCE))
 
 
 def _finite(expansion: object) -> bool:
@@ -354,13 +341,11 @@ class Material:
     conductivity: float | None = None
 
     def __post_init__(self) -> None:
-        _refuse_conductivity(self.conductivity)
+        _refuse_not_positive(self)
         if not (is_number(self.young) and self.young > 0.0):
             raise ValueError(f"material: young must be a positive number of pascals, but is {self.young!r}")
         if not (is_number(self.poisson, -1.0) and -1.0 < self.poisson < 0.5):
             raise ValueError(f"material: poisson must be a number in (-1, 0.5), but is {self.poisson!r}")
-        if self.density is not None and not (is_number(self.density) and self.density > 0.0):
-            raise ValueError(f"material: density must be a positive number of kg/m^3, but is {self.density!r}")
         if self.expansion is not None and not is_number(self.expansion, -math.inf):
             raise ValueError(f"material: expansion must be a finite number in 1/K, but is {self.expansion!r}")
 
@@ -395,44 +380,48 @@ def material_of_cells(mesh: NamedMesh, materials: Materials, heated: bool = Fals
     _refuse_wrong_cells(mesh, materials, count)
     if heated:
         _refuse_without(materials, "expansion", "a temperature needs the thermal expansion", "expansion, 1/K")
-    young, poisson = np.zeros((2, count))
     directional = any(isinstance(material, OrthotropicMaterial) for _, material in by_group(materials))
-    young3, poisson3, shear3 = np.zeros((3, count, 3))
-    of_cells = Directional(young3, poisson3, shear3, np.zeros((count, 3, 3)))
+    young, poisson, shear = np.zeros((3, count, 3))
+    of_cells = Directional(young, poisson, shear, np.zeros((count, 3, 3)))
     expansion = np.zeros((count, 3))
     for material, cells in _with_cells(mesh, materials):
-        of_cells.young[cells], of_cells.poisson[cells] = material.young, material.poisson
-        of_cells.shear[cells] = _shear(material)
-        young[cells], poisson[cells] = of_cells.young[cells, 0], of_cells.poisson[cells, 0]
+        young[cells], poisson[cells] = material.young, material.poisson
+        if isinstance(material, OrthotropicMaterial):
+            shear[cells] = material.shear
+        else:
+            shear[cells] = material.young / (2.0 * (1.0 + material.poisson))
         expansion[cells] = 0.0 if material.expansion is None else material.expansion
         if directional:
             of_cells.axes[cells] = _axes(mesh, material, cells)
     along = expansion if directional else expansion[:, 0]
-    return CellMaterials(young, poisson, of_cells if directional else None, along if heated else None)
+    orthotropic = of_cells if directional else None
+    return CellMaterials(young[:, 0], poisson[:, 0], orthotropic, along if heated else None)
 
 
 def density_of_cells(mesh: NamedMesh, materials: Materials) -> FloatArray:
     """Density of this rank's own cells in kg/m^3, shape (c,); ValueError on every rank if a material has none."""
-    _refuse_without(materials, "density", "gravity needs the density", "density, kg/m^3")
-    density = np.zeros(mesh.domain.topology.index_map(3).size_local)
-    for material, cells in _with_cells(mesh, materials):
-        density[cells] = material.density
-    return density
+    return _of_cells(mesh, materials, "density", "gravity", "kg/m^3")
 
 
 def conductivity_of_cells(mesh: NamedMesh, materials: Materials) -> FloatArray:
     """Thermal conductivity of this rank's own cells in W/(m K), shape (c,); ValueError on every rank if a material has
     none."""
-    _refuse_without(materials, "conductivity", "heat needs the conductivity", "conductivity, W/(m K)")
-    conductivity = np.zeros(mesh.domain.topology.index_map(3).size_local)
+    return _of_cells(mesh, materials, "conductivity", "heat", "W/(m K)")
+
+
+def _of_cells(mesh: NamedMesh, materials: Materials, name: str, what: str, unit: str) -> FloatArray:
+    _refuse_without(materials, name, f"{what} needs the {name}", f"{name}, {unit}")
+    values = np.zeros(mesh.domain.topology.index_map(3).size_local)
     for material, cells in _with_cells(mesh, materials):
-        conductivity[cells] = material.conductivity
-    return conductivity
+        values[cells] = getattr(material, name)
+    return values
 
 
-def _refuse_conductivity(given: float | None) -> None:
-    if given is not None and not (is_number(given) and given > 0.0):
-        raise ValueError(f"material: conductivity must be a positive number of W/(m K), but is {given!r}")
+def _refuse_not_positive(material: AnyMaterial) -> None:
+    for name, unit in (("density", "kg/m^3"), ("conductivity", "W/(m K)")):
+        given = getattr(material, name)
+        if given is not None and not (is_number(given) and given > 0.0):
+            raise ValueError(f"material: {name} must be a positive number of {unit}, but is {given!r}")
 
 
 def _refuse_wrong_cells(mesh: NamedMesh, materials: Materials, count: int) -> None:
@@ -454,12 +443,6 @@ def _refuse_without(materials: Materials, name: str, needs: str, key: str) -> No
     if without:
         of = "" if without == [None] else f" of {', '.join(map(str, without))}"
         raise ValueError(f"{needs} of every material, but the material{of} has none: {key}")
-
-
-def _shear(material: AnyMaterial) -> float | tuple[float, float, float]:
-    if isinstance(material, OrthotropicMaterial):
-        return material.shear
-    return material.young / (2.0 * (1.0 + material.poisson))
 
 
 def _axes(mesh: NamedMesh, material: AnyMaterial, cells: Cells) -> FloatArray:

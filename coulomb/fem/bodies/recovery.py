@@ -52,7 +52,7 @@ from ..compat import basix
 from ..meshes import Exchange, corner_geometry, lagrange_slopes, lagrange_values, owner_of, starts_of
 from .deformable import Deformable
 from .elasticity import LoadedBody
-from .materials import PAIRS, UPPER, CellMaterials, by_group
+from .materials import PAIRS, CellMaterials, by_group, symmetric
 
 _FINE = 1e-3
 """Weight in a fit of the points of the integrals, beside the best ones with 1.  It has a unique solution by them in a
@@ -100,8 +100,7 @@ class StressError:
         It is in the unit of the von Mises stress and can be read beside it, does not become small merely because a cell
         is, and is largest where a finer mesh is needed most.
         """
-        found: FloatArray = np.sqrt(self.modulus * self.squared / self.volume)
-        return found
+        return np.sqrt(self.modulus * self.squared / self.volume)
 
 
 def relative_error(errors: Iterable[StressError]) -> float:
@@ -230,11 +229,6 @@ def _points(cells: StressedCells, degree: int) -> tuple[FloatArray, FloatArray]:
     return np.asarray(points), np.asarray(weights)
 
 
-def _trace(s: FloatArray) -> FloatArray:
-    trace: FloatArray = s[..., 0] + s[..., 1] + s[..., 2]
-    return trace
-
-
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """Products of vectors (3, ...), in a tenth of the time of `np.cross`."""
     return np.stack([a[i - 2] * b[i - 1] - a[i - 1] * b[i - 2] for i in range(3)])
@@ -324,28 +318,20 @@ class StressedCells:
     def hooke(self, cells: IntArray, strain: FloatArray) -> FloatArray:
         """The stresses of strains (c, q, 6), without a thermal stress."""
         if self._stiffness is not None:
-            return strain @ self._matrix(cells)
+            return strain @ symmetric(self._stiffness[cells])
         young, poisson = (of[cells][:, None, None] for of in (self._young, self._poisson))
         mu = young / (2.0 * (1.0 + poisson))
         stress: FloatArray = mu * strain * np.repeat([2.0, 1.0], 3)
-        stress[..., :3] += 2.0 * mu * poisson / (1.0 - 2.0 * poisson) * _trace(strain)[..., None]
+        stress[..., :3] += 2.0 * mu * poisson / (1.0 - 2.0 * poisson) * strain[..., :3].sum(axis=-1, keepdims=True)
         return stress
 
     def energy(self, cells: IntArray, stress: FloatArray) -> FloatArray:
         """s : C^-1 : s of stresses (c, q, 6), J/m^3, shape (c, q)."""
         if self._stiffness is not None:
-            return np.einsum("cqi,cqi->cq", stress, stress @ np.linalg.inv(self._matrix(cells)))
+            return np.einsum("cqi,cqi->cq", stress, stress @ np.linalg.inv(symmetric(self._stiffness[cells])))
         young, poisson = (of[cells][:, None] for of in (self._young, self._poisson))
         squares = stress**2 @ np.repeat([1.0, 2.0], 3)
-        return ((1.0 + poisson) * squares - poisson * _trace(stress) ** 2) / young
-
-    def _matrix(self, cells: IntArray) -> FloatArray:
-        """The stiffness of orthotropic cells, pascals, shape (c, 6, 6)."""
-        assert self._stiffness is not None
-        full = np.empty((len(cells), 6, 6))
-        for constant, (i, j) in zip(self._stiffness[cells].T, UPPER, strict=True):
-            full[:, i, j] = full[:, j, i] = constant
-        return full
+        return ((1.0 + poisson) * squares - poisson * stress[..., :3].sum(axis=-1) ** 2) / young
 
     def summed(self, rows: FloatArray) -> FloatArray:
         """Rows of this rank's vertices (v, ...), added up over all ranks; collective."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -91,10 +90,7 @@ def rigid_modes(x: FloatArray, comm: MPI.Comm) -> FloatArray:
 
     Each has the size 1: the translations at every node, the rotations in the root mean square of all nodes.
     """
-    count = comm.allreduce(len(x), op=MPI.SUM)
-    r = x - comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
-    size = math.sqrt(comm.allreduce(float(np.sum(r**2)), op=MPI.SUM) / count) or 1.0
-    return displacements_of(r, np.full(len(r), size))
+    return component_modes(x, np.zeros(len(x), dtype=np.int64), comm)[0]
 
 
 def displacements_of(r: FloatArray, size: FloatArray) -> FloatArray:
@@ -130,15 +126,13 @@ def of_components(
 ) -> FloatArray:
     """Forces of the motions of each node's component (`component_modes`), from those of the body as a whole
     (`rigid_modes`), linear in them, shapes (k, 3, 6); collective."""
-    count = comm.allreduce(len(x), op=MPI.SUM)
-    centre = comm.allreduce(x.sum(axis=0), op=MPI.SUM) / count
-    size = float(np.sqrt(comm.allreduce(float(np.sum((x - centre) ** 2)), op=MPI.SUM) / count)) or 1.0
+    _, (whole,) = component_modes(x, np.zeros(len(x), dtype=np.int64), comm)
     of = np.zeros_like(forces)
     for number, part in enumerate(parts):
         here = component == number
-        moved = np.cross(np.eye(3), centre - part.centre) / part.radius  # of the body's centre, by unit rotations
+        moved = np.cross(np.eye(3), whole.centre - part.centre) / part.radius  # of the body's centre, by unit rotations
         of[here, :, :3] = forces[here, :, :3]
-        of[here, :, 3:] = size / part.radius * forces[here, :, 3:] + forces[here, :, :3] @ moved.T
+        of[here, :, 3:] = whole.radius / part.radius * forces[here, :, 3:] + forces[here, :, :3] @ moved.T
     return of
 
 

@@ -193,11 +193,7 @@ class Clamp(PrescribedDisplacement):
     kind = "clamp"
 
     def __init__(
-        self,
-        face: str,
-        components: str = "xyz",
-        direction: Field | None = None,
-        surface: RigidFoundation | None = None,
+        self, face: str, components: str = "xyz", direction: Field | None = None, surface: RigidFoundation | None = None
     ):
         super().__init__(face, (0.0, 0.0, 0.0), components, direction=direction, surface=surface)
 
@@ -386,19 +382,17 @@ class SupportedFace:
         area, outward = self._integrals
 
         def unit() -> FloatArray:
-            if surface is not None:
-                return exact() if len(self.x) else np.zeros((0, 3))
             length = np.linalg.norm(outward, axis=1)
-            folded = length < _FOLDED * area
-            if np.any(folded):
-                at = first_place(self.x, folded)
-                raise ValueError(f"the face has an edge at x = {at}, and no normal there; name its sides separately")
-            return _clean(outward)
-
-        def exact() -> FloatArray:
-            n = surface.normal(self.x) if surface is not None else outward
-            along = np.abs(np.einsum("ki,ki->k", n, outward))
-            other = ~(along > _SAME_SIDE * np.linalg.norm(outward, axis=1))  # also where it is not finite
+            if surface is None:
+                folded = length < _FOLDED * area
+                if np.any(folded):
+                    at = first_place(self.x, folded)
+                    raise ValueError(
+                        f"the face has an edge at x = {at}, and no normal there; name its sides separately"
+                    )
+                return _clean(outward)
+            n = surface.normal(self.x) if len(self.x) else outward
+            other = ~(np.abs(np.einsum("ki,ki->k", n, outward)) > _SAME_SIDE * length)  # also where it is not finite
             if np.any(other):
                 at = first_place(self.x, other)
                 raise ValueError(f"the face is no part of the surface: at x = {at} their normals are far apart")
@@ -416,8 +410,7 @@ class SupportedFace:
         r = self.x - centre
         extent = self.comm.allreduce(float(np.max(np.abs(r), initial=0.0)), op=MPI.MAX)
         n: FloatArray = _clean(mean[None, :] if np.any(mean) else np.ones((1, 3)))[0]
-        off = np.abs(r @ n) if len(r) else np.zeros(0)
-        furthest = self.comm.allreduce(float(np.max(off, initial=0.0)), op=MPI.MAX)
+        furthest = self.comm.allreduce(float(np.max(np.abs(r @ n), initial=0.0)), op=MPI.MAX)
         if np.linalg.norm(mean) < _FOLDED or furthest > _OFF_PLANE * extent:
             raise ValueError(
                 f"{what}: the face must be plane, but its nodes are up to {furthest:.3g} m off its mean plane; "

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
 from ...arrays import FloatArray
 from .constraints import Numbering
@@ -33,32 +32,18 @@ class WrappedBodies(Deformable):
         return self.bodies.free.component
 
     @property
-    def comm(self) -> MPI.Comm:
-        return self.bodies.comm
-
-    @property
     def numbering(self) -> Numbering:
         return self.bodies.numbering
 
     @property
-    def lifetime(self) -> object:
-        return self.bodies.lifetime
-
-    @property
     def members(self) -> tuple[Member, ...]:
         return self.bodies.members
-
-    def linear_between_vertices(self, values: FloatArray) -> FloatArray:
-        return self.bodies.linear_between_vertices(values)
 
     def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
         return self.bodies.face(name, what)
 
     def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         return self.bodies.numbers_of(member, numbers)
-
-    def largest_gradient(self, u: FloatArray) -> float:
-        return self.bodies.largest_gradient(u)
 
     def internal_force(self, u: FloatArray) -> FloatArray:
         return self.bodies.internal_force(u)

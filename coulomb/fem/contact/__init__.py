@@ -2,17 +2,16 @@
 deformable faces by dual mortar elements (`pair_of`), and the sparse matrix B from displacements to contact points.
 """
 
+from ..bodies import at_nodes_of, rows_of
 from .auto_pairs import FoundPair, FoundPairs, auto_pairs
 from .contact_points import (
     ContactPoints,
     KeptMatrix,
-    at_nodes_of,
     bounded_gap,
     contact_matrix,
     contact_points,
     joined_points,
     row_products,
-    rows_of,
 )
 from .mortar import MortarRows, mortar_rows
 from .near_facets import FaceSamples, NearFace, face_samples, whole_face

@@ -20,7 +20,7 @@ from ...arrays import FloatArray, IntArray, is_number
 from .. import compat
 from ..bodies import DisplacementSpace, mesh_components
 from ..geometry import on_all_ranks
-from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, fetched, starts_of
+from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, boundary_facets, fetched, starts_of
 from .facet_patch import FacetKind, facet_patch, functions_at
 from .mortar_parts import FACING, Cells, SphereTree, sphere_tree
 
@@ -107,12 +107,12 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
     given = mesh.bodies if isinstance(mesh, JoinedMesh) else {"": mesh}
     bodies = [_OuterFacets.of(one) for one in given.values()]
     every = _Names(given, [body.groups for body in bodies], mesh.comm)
-    opposite = _opposite(every, bodies, distance)
-    if not len(opposite.pairs):
+    opposite, facets = _opposite(every, bodies, distance)
+    if not opposite:
         raise ValueError(_nothing(every, bodies, distance))
     pairs: dict[frozenset[str], FoundPair] = {}
     made: dict[tuple[int, str], list[IntArray]] = {}
-    for first, second, area, low, high in opposite.pairs:
+    for first, second, area, low, high in opposite:
         sides = (first, second)
         same = every.side(first)[::2] == every.side(second)[::2]  # one name for faces of two components
         named = []
@@ -122,8 +122,8 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
                 named.append(every.called(body, face))
                 continue
             own = every.facing(side, against)
-            of_side = (opposite.facets[:, 0] == side) & (opposite.facets[:, 1] == against)
-            made.setdefault((body, own), []).append(opposite.facets[of_side, 2])
+            of_side = (facets[:, 0] == side) & (facets[:, 1] == against)
+            made.setdefault((body, own), []).append(facets[of_side, 2])
             named.append(every.called(body, own))
         known = pairs.get(frozenset(named))
         if known is not None:
@@ -172,8 +172,7 @@ class _OuterFacets(NamedTuple):
     def of(cls, mesh: NamedMesh) -> _OuterFacets:
         domain, comm = mesh.domain, mesh.comm
         space = DisplacementSpace(compat.functionspace(domain, mesh.degree, (3,)))
-        domain.topology.create_connectivity(2, 3)
-        outer = np.sort(compat.mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
+        outer = boundary_facets(domain)
         facet = outer[outer < domain.topology.index_map(2).size_local]
         patch = facet_patch(space, facet)
         cells = compat.cell_dofs(space.V)[: domain.topology.index_map(3).size_local, 0]
@@ -204,8 +203,7 @@ def _groups(mesh: NamedMesh, component: IntArray) -> list[str]:
     count = 1 + mesh.comm.allreduce(int(np.max(component, initial=0)), op=MPI.MAX)
 
     def sizes(of: IntArray) -> IntArray:
-        found: IntArray = mesh.comm.allreduce(np.bincount(of, minlength=count))
-        return found
+        return mesh.comm.allreduce(np.bincount(of, minlength=count))
 
     inside = {name: sizes(component[cells]) for name, cells in mesh.cells.items()}
     whole, named = sizes(component), [""] * count
@@ -226,8 +224,7 @@ class _Names:
 
     def sides(self, body: int, of: _OuterFacets) -> IntArray:
         """The sides of the polygons of a body, shape (c,)."""
-        found: IntArray = ((self._first[body] + of.component) * self.width + of.face)[of.cells.facet]
-        return found
+        return ((self._first[body] + of.component) * self.width + of.face)[of.cells.facet]
 
     def side(self, number: int) -> tuple[int, int, str]:
         """Body, component, and name of the face in the body."""
@@ -269,20 +266,11 @@ class _Names:
         return repr(self.called(body, face) if face else self.part(side))
 
 
-class _Opposite(NamedTuple):
-    """What is opposite to what.
-
-    Attributes:
-        pairs: Sides, area, smallest and largest gap, ascending.
-        facets: Rows (side, side opposite, number over all ranks of a facet of the first), shape (k, 3).
-    """
-
-    pairs: list[tuple[int, int, float, float, float]]
-    facets: IntArray
-
-
-def _opposite(names: _Names, bodies: list[_OuterFacets], distance: float) -> _Opposite:
-    """Pairs of sides within a distance; collective, the same on every rank."""
+def _opposite(
+    names: _Names, bodies: list[_OuterFacets], distance: float
+) -> tuple[list[tuple[int, int, float, float, float]], IntArray]:
+    """Pairs of sides within a distance, with area, smallest and largest gap, ascending; and rows (side, side opposite,
+    number over all ranks of a facet of the first), shape (k, 3); collective, the same on every rank."""
     comm = names.comm
     every = _all_facets(names, bodies)
     found = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance)), "auto_pairs", comm)
@@ -302,7 +290,7 @@ def _opposite(names: _Names, bodies: list[_OuterFacets], distance: float) -> _Op
         finer = max(ways, key=lambda way: way[:, 0].sum())
         of_both = np.concatenate(ways)
         pairs.append((int(a), int(b), float(finer[:, 1].sum()), float(of_both[:, 2].min()), float(of_both[:, 3].max())))
-    return _Opposite(pairs, facets)
+    return pairs, facets
 
 
 @dataclass(frozen=True)
@@ -429,17 +417,18 @@ def _points(corners: int) -> FloatArray:
     if corners == 3:
         upright = [(i + 1 / 3, j + 1 / 3) for i in range(n) for j in range(n - i)]
         turned = [(i + 2 / 3, j + 2 / 3) for i in range(n - 1) for j in range(n - 1 - i)]
-        r, s = np.array([*upright, *turned]).T / n
-        return np.column_stack([1.0 - r - s, r, s])
-    r, s = np.array([(i + 0.5, j + 0.5) for i in range(n) for j in range(n)]).T / n
-    return np.column_stack([(1.0 - r) * (1.0 - s), r * (1.0 - s), r * s, (1.0 - r) * s])
+        places = upright + turned
+    else:
+        places = [(i + 0.5, j + 0.5) for i in range(n) for j in range(n)]
+    r, s = np.array(places).T / n
+    return np.stack(FacetKind(corners, 1).values(r, s), axis=1)
 
 
 def _nothing(names: _Names, bodies: list[_OuterFacets], distance: float) -> str:
     """Why nothing was found; collective."""
     x = [body.cells.corners.reshape(-1, 3) for body in bodies]
     ends = np.concatenate(names.comm.allgather(np.concatenate(x)))
-    far = _opposite(names, bodies, float(np.linalg.norm(np.ptp(ends, axis=0)))).pairs
+    far, _ = _opposite(names, bodies, float(np.linalg.norm(np.ptp(ends, axis=0))))
 
     def least(low: float, high: float) -> float:
         return 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))

@@ -16,7 +16,7 @@ and vertices that touch are not inside the foundation.  Measured: `docs/theory.m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -28,7 +28,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows
+from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows, local_rows
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import facet_patch
 
@@ -77,16 +77,11 @@ class KeptMatrix:
 
 def _blocks(weights: scipy.sparse.csr_matrix, frames: FloatArray) -> scipy.sparse.csr_matrix:
     """Weights (m, nodes) times the rows of frames (m, 3, 3), shape (3 m, 3 nodes)."""
-    axes = np.arange(3)
-    columns = (3 * weights.indices[:, None] + axes).astype(PETSc.IntType)
     of = np.repeat(np.arange(len(frames)), np.diff(weights.indptr))
-    entries = weights.data[:, None, None] * frames[of]
-    row = np.broadcast_to(3 * of[:, None, None] + axes[:, None], entries.shape)
-    present = entries != 0.0
-    return scipy.sparse.csr_matrix(
-        (entries[present], (row[present], np.broadcast_to(columns[:, None, :], entries.shape)[present])),
-        shape=(3 * len(frames), 3 * weights.shape[1]),
-    )
+    entries = weights.data[:, None, None] * frames[of], weights.indices, weights.indptr
+    rows = scipy.sparse.bsr_matrix(entries, (3 * len(frames), 3 * weights.shape[1])).tocsr()
+    rows.eliminate_zeros()
+    return rows
 
 
 def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) -> PETSc.Mat:
@@ -98,7 +93,7 @@ def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) ->
     P = body.projection()
     product = B.matMult(P)
     P.destroy()
-    whole, free = (_local(matrix) for matrix in (B, product))
+    whole, free = (local_rows(matrix) for matrix in (B, product))
     product.destroy()
     largest = abs(whole).max(axis=1).toarray().ravel()
     free.data[np.abs(free.data) <= _ROUNDING * np.repeat(largest, np.diff(free.indptr))] = 0.0
@@ -111,7 +106,7 @@ def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) ->
 def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
     """Products of the three rows of every contact point with each other, over the sum of the squares of the point's
     weights: 1 on the diagonal, if nothing is held; shape (m, 3, 3)."""
-    rows = _local(B)
+    rows = local_rows(B)
     weights = points.difference
     square = np.asarray(weights.multiply(weights).sum(axis=1)).ravel()
     products = np.empty((len(points.nodes), 3, 3))
@@ -123,43 +118,12 @@ def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
     return products
 
 
-def _local(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
-    indptr, columns, values = matrix.getValuesCSR()
-    rows = scipy.sparse.csr_matrix((values, columns, indptr), shape=(len(indptr) - 1, matrix.getSize()[1]))
-    rows.sort_indices()
-    return rows
-
-
 def _distributed(rows: scipy.sparse.csr_matrix, points: ContactPoints) -> PETSc.Mat:
     rows.sort_indices()
     size = points.space.numbering
     B = distributed_rows(rows, (3 * size.local, 3 * size.total), points.space, None)
     B.assemble()
     return B
-
-
-def rows_of(B: PETSc.Mat, u: FloatArray) -> FloatArray:
-    """B u in metres, shape (m, 3), of displacements u of this rank's nodes, shape (k, 3); collective."""
-    displacement, image = B.createVecs()
-    return _product(B.mult, u, displacement, image)
-
-
-def at_nodes_of(B: PETSc.Mat, x: FloatArray) -> FloatArray:
-    """B^T x in newtons, this rank's nodes, shape (k, 3), of forces x, shape (m, 3) or (3 m,); collective."""
-    spread, forces = B.createVecs()
-    return _product(B.multTranspose, x, forces, spread)
-
-
-def _product(
-    multiply: Callable[[PETSc.Vec, PETSc.Vec], None], values: FloatArray, given: PETSc.Vec, result: PETSc.Vec
-) -> FloatArray:
-    """A product of B or B^T with values, shape (rows, 3); the two vectors are destroyed."""
-    given.array[:] = values.ravel()
-    multiply(given, result)
-    product: FloatArray = result.array_r.reshape(-1, 3).copy()
-    given.destroy()
-    result.destroy()
-    return product
 
 
 FUNCTIONS: FloatArray = 2.5 * np.eye(3) - 0.5
@@ -276,10 +240,6 @@ class ContactPoints:
         nodes = (member.nodes.start + self.nodes).astype(np.int32)
         return replace(self, space=whole, nodes=nodes, weights=among_all(self.weights, member, whole))
 
-    def against(self, opposite: scipy.sparse.csr_matrix, mirrored: FloatArray | None = None) -> ContactPoints:
-        """The points with averages over another face, (m, nodes)."""
-        return replace(self, opposite=opposite, mirrored=mirrored)
-
     @cached_property
     def _matrix(self) -> PETSc.Mat:
         size = self.space.numbering
@@ -306,22 +266,16 @@ def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> C
     collective."""
     key = space.key_of(facets)
     if key not in space.points_of_faces:
-        space.points_of_faces[key] = _contact_points(space, facets)
+        space.points_of_faces[key] = (_nodal if space.positive else _weighted)(space, facets)
     return space.points_of_faces[key]
 
 
-def _contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
-    if space.positive:
-        nodes = space.nodes_of(facets)
-        return ContactPoints(space, nodes, space.area_of(facets)[nodes], nodal_weights(space, nodes), True)
-    return _weighted(space, facets)
-
-
-def nodal_weights(space: DisplacementSpace, nodes: npt.NDArray[np.int32]) -> scipy.sparse.csr_matrix:
-    """The weights of contact points that are nodes."""
-    index_map, rows = space.V.dofmap.index_map, np.arange(len(nodes) + 1)
-    shape = (len(nodes), index_map.size_global)
-    return scipy.sparse.csr_matrix((np.ones(len(nodes)), index_map.local_range[0] + nodes, rows), shape=shape)
+def _nodal(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+    """Nodes, each by itself."""
+    nodes, numbering = space.nodes_of(facets), space.numbering
+    entries = np.ones(len(nodes)), numbering.first + nodes, np.arange(len(nodes) + 1)
+    weights = scipy.sparse.csr_matrix(entries, (len(nodes), numbering.total))
+    return ContactPoints(space, nodes, space.area_of(facets)[nodes], weights, True)
 
 
 def joined_points(parts: Sequence[ContactPoints]) -> ContactPoints:

@@ -22,11 +22,7 @@ with bound / interpolant):
     of 10-node tetrahedra          4.94, 1.15, 0.18 %  /  3.59, 1.08, 0.17 %  /  7.83, 1.79, 1.09 %
     crossed cylinders of these     4.79, 1.01, 0.13 %  /  3.48, 0.94, 0.12 %  /  7.45, 1.78, 1.14 %
 
-and of the pressure of two rings of hexahedra, with 2, 4 and 8 cells along the radius of the outer one (averages /
-interpolant / the larger of both), as they are and on the cylinders that they stand for:
-
-    as they are                    1101, 305, 78 %     /  2047, 558, 145 %    /  as averages
-    on cylinders                   6.6, 0.47, 0.08 %   /  18.3, 1.17, 0.14 %  /  as averages
+and of the pressure of two rings (docs/several-bodies.md) by the interpolant alone about twice those by averages.
 """
 
 from __future__ import annotations
@@ -131,9 +127,7 @@ def _nearest(slave: FacetPatch, nodes: IntArray, bare: IntArray, standing: npt.N
     around = (on[bare] @ on.T @ on).tocoo()
     candidate = standing[around.col]
     row, node = around.row[candidate], around.col[candidate].astype(np.int64)
-    x = np.zeros((slave.size, 3))
-    x[slave.nodes] = slave.x
-    away = np.linalg.norm(x[node] - slave.x[bare].mean(axis=1)[row], axis=1)
+    away = np.linalg.norm(slave.places[node] - slave.x[bare].mean(axis=1)[row], axis=1)
     order = np.lexsort((node, away, row))
     first, at = np.unique(row[order], return_index=True)
     target = np.full(len(bare), -1, dtype=np.int64)
@@ -246,9 +240,7 @@ def mortar_rows(
     gone = np.zeros(slave.size, dtype=bool)
     if left_out is not None:
         gone[left_out] = True
-    hats: FloatArray = (
-        np.einsum("jn,fn->fj", slave.kind.vertex_functions, slave.whole) if slave.kind.width == 6 else slave.whole
-    )
+    hats = slave.whole @ slave.kind.vertex_functions.T if slave.kind.width == 6 else slave.whole
     whole = nodal_sums(nodes, hats, slave.size)
     sizes = np.einsum("fjn,fn->fj", found, mass)
     weak = weak_nodes(nodes, sizes, whole, gone)
@@ -305,7 +297,7 @@ def _rows(
     normal = spread @ parts.normal.reshape(-1, 3) / area[node][:, None]
     length = np.linalg.norm(normal, axis=1)
     if np.any(length < 0.1):
-        where = ", ".join(f"{c:.6g}" for c in _node_coordinates(slave, slave.size)[node[np.argmin(length)]])
+        where = ", ".join(f"{c:.6g}" for c in slave.places[node[np.argmin(length)]])
         raise ValueError(f"the outward normals of the facets around x = {where} cancel: no contact normal is defined")
     normal /= length[:, None]
     separation = spread @ parts.separation.reshape(-1, 3) / area[node][:, None]
@@ -322,7 +314,7 @@ def _rows(
     counted = (first >= owned[0]) & (first < owned[1])  # every facet on one rank
     lost = float((parts.share * slave.areas)[functions.lost][counted[functions.lost]].sum())
     layered = int(np.count_nonzero(parts.doubled & counted))
-    x = weights @ _node_coordinates(slave, slave.size)
+    x = weights @ slave.places
     return MortarRows(
         node, area[node], whole[node], normal, x, separation, chord, overlap, weights, opposite, mine, lost, layered
     )
@@ -374,13 +366,6 @@ def _averages(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
 def nodal_sums(nodes: IntArray, values: FloatArray, size: int) -> FloatArray:
     """Sums over the facets of values (f, j) at their nodes (f, j), shape (size,)."""
     return np.bincount(nodes.ravel(), values.ravel(), size).astype(np.float64)
-
-
-def _node_coordinates(patch: FacetPatch, size: int) -> FloatArray:
-    """Coordinates of the nodes of a patch, 0 of all others, shape (size, 3)."""
-    x = np.zeros((size, 3))
-    x[patch.nodes] = patch.x
-    return x
 
 
 def _no_rows(slave: int, master: int) -> MortarRows:

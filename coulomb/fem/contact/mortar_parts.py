@@ -198,9 +198,7 @@ class Cells:
     def area_vector(self) -> FloatArray:
         """Mean outward normal times the area in its plane, shape (c, 3)."""
         x = self.corners
-        far = x[:, 3] - x[:, 1] if x.shape[1] == 4 else x[:, 2] - x[:, 1]
-        base = x[:, 2] - x[:, 0] if x.shape[1] == 4 else x[:, 1] - x[:, 0]
-        return 0.5 * np.cross(base, far)
+        return 0.5 * np.cross(x[:, 2] - x[:, 0], x[:, -1] - x[:, 1])
 
     @cached_property
     def area(self) -> FloatArray:

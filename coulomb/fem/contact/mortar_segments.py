@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -81,22 +80,19 @@ def segments(slave: FacetPatch, master: FacetPatch, depth: float, reach: float) 
     share = np.bincount(cells.facet, covered, facets) / np.bincount(cells.facet, cells.area, facets)
     doubled = np.zeros(facets, dtype=bool)
     doubled[cells.facet[twice]] = True
-    mass, normal, coupling, separation, at_corners, reached, least = _Integrals(slave, master, cells, others).over(
-        parts
-    )
-    return Segments(mass, normal, coupling, separation, at_corners, reached, least, share, doubled)
+    return _Integrals(slave, master, cells, others).over(parts, share, doubled)
 
 
 class _Integrals:
-    """The first seven attributes of `Segments`."""
+    """Integrals over the common parts of the cells of two faces."""
 
     def __init__(self, slave: FacetPatch, master: FacetPatch, cells: Cells, others: Cells):
         self._slave, self._master, self._cells, self._others = slave, master, cells, others
         own = slave.kind.polynomial_degree
         self._degree = own + max(own, master.kind.polynomial_degree)
 
-    def over(self, parts: Parts) -> tuple[Any, ...]:
-        """Sums over all parts."""
+    def over(self, parts: Parts, share: FloatArray, doubled: npt.NDArray[np.bool_]) -> Segments:
+        """Sums over all parts; the other arguments as of `Segments`."""
         facets, n, m = len(self._slave), self._slave.kind.width, self._master.kind.width
         mass, vectors, least = np.zeros((facets, n, n)), np.zeros((facets, n, 6)), np.full(facets, np.inf)
         corners = np.zeros((facets, self._slave.kind.corners, 4))
@@ -125,7 +121,8 @@ class _Integrals:
             coupling = scipy.sparse.csr_matrix(triplets, shape=coupling.shape)
         number = corners[:, :, 3]
         at_corners = corners[:, :, :3] / np.maximum(number, 1.0)[:, :, None]
-        return mass, vectors[:, :, :3], coupling, vectors[:, :, 3:], at_corners, number > 0.0, least
+        normal, separation, reached = vectors[:, :, :3], vectors[:, :, 3:], number > 0.0
+        return Segments(mass, normal, coupling, separation, at_corners, reached, least, share, doubled)
 
     def _add_corners(self, corners: FloatArray, one: IntArray, triangle: FloatArray, distance: FloatArray) -> None:
         """Add to sums (f, corners, 4) the ways to the master, by the distances (t, 3) in the corners of triangles (t,
@@ -154,12 +151,7 @@ class _Integrals:
                 yield at, more == 0, rule
 
     def _products(
-        self,
-        one: IntArray,
-        other: IntArray,
-        triangle: FloatArray,
-        straight: bool,
-        rule: tuple[FloatArray, FloatArray],
+        self, one: IntArray, other: IntArray, triangle: FloatArray, straight: bool, rule: tuple[FloatArray, FloatArray]
     ) -> tuple[FloatArray, FloatArray]:
         """Integrals over triangles (t, 3, 2) in slave cells and before master cells of each slave function times all
         slave functions, all master functions, the outward normal and the way to the master, shape (t, n, n + m + 6);

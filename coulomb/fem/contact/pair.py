@@ -12,10 +12,9 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from .. import compat
 from ..bodies import Deformable, DisplacementSpace, HeldDirections, SingleBody
 from ..geometry import HELD_BEYOND, FrictionAxes, RigidFoundation, held_length, on_all_ranks, supported_frames
-from ..meshes import Exchange, fetched, owner_of, starts_of
+from ..meshes import Exchange, boundary_facets, fetched, owner_of, starts_of, unit_vectors
 from .contact_points import ContactPoints, among_all
 from .facet_patch import FacetPatch, facet_patch
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
@@ -92,9 +91,8 @@ def slave_side(elasticity: Deformable, face: str, against: str) -> tuple[str, st
 def clamped_nodes(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
     """This rank's nodes on facets whose displacement along the normal is prescribed; collective."""
     nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
-    n: FloatArray = outward[nodes]
-    n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
-    return nodes[held_length(n, body.held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
+    held = held_length(unit_vectors(outward[nodes]), body.held.projector_at(nodes))
+    return nodes[held > HELD_BEYOND].astype(np.int64)
 
 
 def _side(elasticity: Deformable, face: str) -> _Side:
@@ -115,8 +113,7 @@ def _stiffness(elasticity: Deformable, face: str) -> float:
     """
     member, facets = elasticity.face(face, "contact")
     body, nodes = member.body, member.body.nodes_of(facets)
-    body.domain.topology.create_connectivity(2, 3)
-    outward = body.normal_of(compat.mesh.exterior_facet_indices(body.domain.topology).astype(np.int32))[nodes]
+    outward = body.normal_of(boundary_facets(body.domain))[nodes]
     work = np.zeros(2)
     for A in _STRAINS:
         forces, expected = body.internal_force(body.x @ A)[nodes], outward @ A
@@ -176,8 +173,7 @@ def smooth_normals(
         patch, nodes=to.send(np.repeat(patch.nodes, width, axis=0)), x=to.send(np.repeat(patch.x, width, axis=0))
     )
     node, which = np.unique(to.send(nodes), return_index=True)
-    own = to.send(n)[which]
-    own = own / np.maximum(np.linalg.norm(own, axis=1, keepdims=True), 1e-300)
+    own = unit_vectors(to.send(n)[which])
     local = node - starts[comm.rank]
     planes = np.zeros((int(starts[comm.rank + 1] - starts[comm.rank]), 3, 3))
     planes[local] = planes_of_symmetry(own, held.projector_at(local), node, around)
@@ -311,11 +307,10 @@ def pair_of(
     near = near_pair(patches[0], patches[1], (numbering.local, master.body.numbering.local), comm)
     on_one, on_other = near.slave.patch, near.master.patch
     starts = starts_of(comm, numbering.local)
-    on_slave_face = _on_face(patches[0], starts, comm)
     gone = np.zeros(numbering.local, dtype=bool)
     gone[np.union1d(clamped, twice)] = True
     if slave.body is master.body:  # at the tip of a crack the two faces cannot part
-        gone |= on_slave_face & _on_face(patches[1], starts, comm)
+        gone[np.intersect1d(on_face, body.nodes_of(on_master))] = True
     left_out = np.flatnonzero(fetched(comm, starts, near.slave.numbers, gone))
     rows = on_all_ranks(
         lambda: mortar_rows(on_one, on_other, near.owned, left_out=left_out, search=near.search),
@@ -323,7 +318,7 @@ def pair_of(
         comm,
     )
     if comm.allreduce(len(rows.node), op=MPI.SUM) == 0:
-        nodes, left, what = comm.allreduce(on_slave_face.sum()), comm.allreduce(gone.sum()), f"contact face {face!r}"
+        nodes, left, what = comm.allreduce(len(on_face)), comm.allreduce(gone.sum()), f"contact face {face!r}"
         if nodes and left == nodes:
             raise ValueError(
                 f"{what}: all of its nodes are clamped, or contact points of another face, and none is left against "
@@ -334,28 +329,26 @@ def pair_of(
             "opposite directions"
         )
     local = (near.slave.numbers[rows.node] - numbering.first).astype(np.int32)
-    weights = _numbered(rows.weights, near.slave, numbering.total)
-    points = ContactPoints(body, local, rows.area, weights, _at_nodes(rows.weights, rows.node, comm))
-    theirs = _numbered(rows.opposite, near.master, master.body.numbering.total)
+    weights = numbered(rows.weights, near.slave, numbering.total)
+    nodal = comm.allreduce(np.array_equal(rows.weights.indices, rows.node), op=MPI.LAND)
+    points = ContactPoints(body, local, rows.area, weights, nodal)
+    theirs = numbered(rows.opposite, near.master, master.body.numbering.total)
     opposite = among_all(theirs, master, elasticity)
     held = body.held.projector_at(local)
     planes = planes_of_symmetry(rows.normal, held, rows.node, on_one)
     n = within(rows.normal, planes)
     points = points.of(slave, elasticity)
     mirrors = mirrored(points, planes, opposite, elasticity)
-    points = points.against(opposite, mirrors)
+    points = replace(points, opposite=opposite, mirrored=mirrors)
     x = rows.x
     if mirrors is not None:
         x = x + np.einsum("mij,mj->mi", mirrors, elasticity.x[points.nodes] - x)
     gap = rows.gap(n)
     rounding = _ROUNDING * near.size
     gap = np.where(np.abs(gap) <= max(adjust, rounding), 0.0, gap)
-    deepest = -float(comm.allreduce(float(np.min(gap, initial=0.0)), op=MPI.MIN))
-    seen = _SEEN * near.extent
-    deepest = deepest if deepest > seen else 0.0
     off, between = bulges_at_points(rows, gap, near.slave, near.master)
-    uncertain = float(comm.allreduce(float(np.max(off, initial=0.0)), op=MPI.MAX))
-    uncertain = uncertain if uncertain > seen else 0.0
+    largest = (comm.allreduce(float(np.max(of, initial=0.0)), op=MPI.MAX) for of in (-gap, off))
+    deepest, uncertain = (size if size > _SEEN * near.extent else 0.0 for size in largest)
     remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, uncertain, comm)
     return Pair(face, against, points, x, n, gap, held, np.max([off, between, rows.chord], axis=0), remarks)
 
@@ -413,22 +406,9 @@ def _remarks(
     return tuple(f"contact face {face!r}: {text}" for text in found)
 
 
-def _on_face(patch: FacetPatch, starts: npt.NDArray[np.int64], comm: MPI.Comm) -> npt.NDArray[np.bool_]:
-    """Which of this rank's nodes are on facets of any rank; collective."""
-    nodes = np.unique(patch.nodes)
-    found = np.zeros(int(starts[comm.rank + 1] - starts[comm.rank]), dtype=bool)
-    found[Exchange(comm, owner_of(starts, nodes)).send(nodes) - starts[comm.rank]] = True
-    return found
-
-
-def _numbered(rows: scipy.sparse.csr_matrix, face: NearFace, total: int) -> scipy.sparse.csr_matrix:
+def numbered(rows: scipy.sparse.csr_matrix, face: NearFace, total: int) -> scipy.sparse.csr_matrix:
     """Rows over the nodes of a face near as rows over all nodes of the body."""
     return scipy.sparse.csr_matrix((rows.data, face.numbers[rows.indices], rows.indptr), shape=(rows.shape[0], total))
-
-
-def _at_nodes(weights: scipy.sparse.csr_matrix, node: npt.NDArray[np.int64], comm: MPI.Comm) -> bool:
-    alone = weights.nnz == len(node) and bool(np.all(weights.indices == node))
-    return bool(comm.allreduce(alone, op=MPI.LAND))
 
 
 def pair_surface(

@@ -22,7 +22,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
-from ..bodies import Deformable, Tie, anchors_of, null_space
+from ..bodies import Deformable, Tie, anchors_of, displacements_of, null_space
 from ..geometry import Amplitude, Point, check_point, evaluate_amplitude, on_all_ranks
 from ..meshes import starts_of
 
@@ -187,15 +187,12 @@ class FaceMotion:
         3) of the values (6,); collective."""
         there = [way @ (u[node] - t[node]) if node >= 0 else 0.0 for node, way in self.anchors]
         amounts = self.inverse @ comm.allreduce(np.array(there), op=MPI.SUM)
-        motion: FloatArray = values + self.motions @ amounts
-        return motion
+        return values + self.motions @ amounts
 
 
 def _moved(motions: FloatArray, r: FloatArray) -> FloatArray:
     """Displacements at r (p, 3) from the point in motions (6, q), shape (p, 3, q)."""
-    turned = np.cross(np.broadcast_to(motions[3:].T[None], (len(r), motions.shape[1], 3)), r[:, None, :])
-    found: FloatArray = motions[None, :3] + np.swapaxes(turned, 1, 2)
-    return found
+    return displacements_of(r, np.ones(len(r))) @ motions
 
 
 def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool_]) -> tuple[Tie, FaceMotion]:
@@ -252,8 +249,7 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
     frame[: len(ways)] = ways
 
     def along_ways(at: FloatArray) -> FloatArray:
-        rows: FloatArray = np.einsum("ij,pjq->piq", frame, _moved(motions, at - point))
-        return rows
+        return frame @ _moved(motions, at - point)
 
     anchors = anchors_of(body.x, [everywhere], along_ways, comm)
     first, directions = starts_of(comm, len(body.x)), np.tile(follow, (len(nodes), 1, 1))

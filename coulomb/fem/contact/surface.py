@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...nearest import tree_of
-from ..bodies import Deformable
+from ..bodies import Deformable, at_nodes_of, rows_of
 from ..geometry import (
     HELD_BEYOND,
     FrictionAxes,
@@ -26,15 +26,7 @@ from ..geometry import (
     on_all_ranks,
     supported_frames,
 )
-from .contact_points import (
-    ContactPoints,
-    at_nodes_of,
-    contact_matrix,
-    contact_points,
-    free_contact_matrix,
-    joined_points,
-    rows_of,
-)
+from .contact_points import ContactPoints, contact_matrix, contact_points, free_contact_matrix, joined_points
 
 Normals = Literal["foundation", "body"]
 """Source of the normals of the contact frames."""

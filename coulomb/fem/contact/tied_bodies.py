@@ -32,16 +32,19 @@ from ..bodies import (
     NodalForces,
     Tie,
     WrappedBodies,
+    at_nodes_of,
     attach_interpolation,
     attach_rigid_body_modes,
+    block_diagonal,
     component_modes,
     distributed_rows,
     free_motions,
+    local_rows,
     null_space,
     rigid_modes,
+    rows_of,
 )
 from ..meshes import fetched, starts_of
-from .contact_points import at_nodes_of, rows_of
 from .rigid_faces import FaceMotion, RigidFace
 from .sections import Section, openings
 from .ties import Tied
@@ -153,11 +156,11 @@ class TiedBodies(WrappedBodies):
             tied[tie.nodes] = np.einsum("mia,ma,mja->mij", directions, np.round(sizes), directions)
         return tied
 
-    def _block_diagonal(self, blocks: FloatArray) -> scipy.sparse.csr_matrix:
-        """This rank's rows of the matrix with these blocks (k, 3, 3) on its diagonal."""
-        count, numbering = len(self.x), self.numbering
-        entries = (blocks, numbering.first + np.arange(count), np.arange(count + 1))
-        return scipy.sparse.bsr_matrix(entries, shape=(3 * count, 3 * numbering.total)).tocsr()
+    def _not_following(self) -> PETSc.Mat:
+        """The matrix that keeps the displacements of nodes that follow no other."""
+        rows = block_diagonal(np.eye(3) - self._tied, self)
+        rows.eliminate_zeros()
+        return distributed_rows(rows, rows.shape, self)
 
     @cached_property
     def _rows(self) -> PETSc.Mat:
@@ -173,9 +176,7 @@ class TiedBodies(WrappedBodies):
     @cached_property
     def _follows(self) -> PETSc.Mat:
         """T, from the displacements of nodes that follow no other to those of all; collective."""
-        kept = self._block_diagonal(np.eye(3) - self._tied)
-        kept.eliminate_zeros()
-        E, W = distributed_rows(kept, (kept.shape[0], kept.shape[1]), self), self._rows
+        E, W = self._not_following(), self._rows
         T, change = E.copy(), 1.0
         for _ in range(_LONGEST_CHAIN):  # nodes that follow nodes that follow others
             then = W.matMult(T)
@@ -239,9 +240,7 @@ class TiedBodies(WrappedBodies):
         present = product.getDiagonal()
         anchoring: FloatArray = self.free.anchored(self.x.shape) * present.array_r.reshape(-1, 3)
         blocks[:, [0, 1, 2], [0, 1, 2]] += anchoring
-        indptr, columns, values = product.getValuesCSR()
-        rows = scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, product.getSize()[1]))
-        rows = rows + self._block_diagonal(blocks) + self._springs_in_K()
+        rows = local_rows(product) + block_diagonal(blocks, self) + self._springs_in_K()
         for thing in (S, diagonal, TP, product, present):
             thing.destroy()
         K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(self.x), rows.shape[1]), self)
@@ -271,9 +270,7 @@ class TiedBodies(WrappedBodies):
     def _interpolation(self) -> PETSc.Mat:
         """That of the bodies, without what follows other nodes."""
         P = self.bodies.K.getAttr(INTERPOLATION)()
-        rows = self._block_diagonal(np.eye(3) - self._tied)
-        rows.eliminate_zeros()
-        E = distributed_rows(rows, (rows.shape[0], rows.shape[1]), self)
+        E = self._not_following()
         product = E.matMult(P)
         product.setNearNullSpace(P.getNearNullSpace())
         product.setAttr("mesh", self.lifetime)

@@ -21,12 +21,13 @@ from mpi4py import MPI
 from ...arrays import FloatArray, IntArray, is_number
 from ..bodies import Deformable, Tie
 from ..geometry import Point, Turn, check_direction, check_point, on_all_ranks
-from ..meshes import Exchange, fetched, owner_of, starts_of
+from ..meshes import fetched, starts_of, unit_vectors
+from .contact_points import among_all
 from .facet_patch import FacetKind, FacetPatch, facet_patch
 from .mortar import LEAST_DUAL, Search, nodal_sums, slave_functions, weak_nodes, without_rounding
 from .mortar_segments import segments
 from .near_facets import near_pair
-from .pair import slave_side
+from .pair import numbered, slave_side
 
 
 @dataclass(frozen=True)
@@ -194,9 +195,7 @@ def tied_rows(slave: FacetPatch, master: FacetPatch, left_out: npt.NDArray[np.bo
     tied[node] = True
     weights = -scale @ own @ scipy.sparse.diags((~tied).astype(np.float64))
     opposite = scale @ summed @ spread @ parts.coupling
-    way = (
-        scale @ summed @ spread @ np.column_stack([*parts.separation.reshape(-1, 3).T, *parts.normal.reshape(-1, 3).T])
-    )
+    way = scale @ summed @ spread @ np.concatenate([parts.separation, parts.normal], axis=2).reshape(-1, 6)
     distance = np.einsum("mi,mi->m", way[:, :3], way[:, 3:])
     at_nodes, at_values = _between_functions(slave)
     every = scipy.sparse.identity(size, format="csr")
@@ -250,9 +249,8 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     face, against, why = given.face, given.against, "it was given as the slave"
     clamped = [_clamped(body, name, taken) for name in (face, against)]
     if not given.slave and np.count_nonzero(clamped) == 1:
-        face, against, why = (
-            (against, face, "the other is clamped") if clamped[0] else (face, against, "the other is clamped")
-        )
+        face, against = (against, face) if clamped[0] else (face, against)
+        why = "the other is clamped"
     elif not given.slave:
         face, against, why = slave_side(body, face, against)
     (slave, on_slave), (master, on_master) = body.face(face, "tie"), body.face(against, "tie")
@@ -265,14 +263,10 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     one, other = near.slave.patch, near.master.patch
     gone = taken[slave.nodes].copy()
     gone[space.held.nodes[np.trace(space.held.projector, axis1=1, axis2=2) > _ALL_HELD]] = True
-    on_both = np.zeros(space.numbering.local, dtype=bool)
+    on_both: IntArray = np.empty(0, dtype=np.int64)
     if space is master.body:
-        both = np.unique(patches[1].nodes)
-        on_both[Exchange(comm, owner_of(starts, both)).send(both) - starts[comm.rank]] = True
-        on_slave_face = np.zeros_like(on_both)
-        on_slave_face[space.nodes_of(on_slave)] = True
-        on_both &= on_slave_face
-        gone |= on_both
+        on_both = np.intersect1d(space.nodes_of(on_slave), space.nodes_of(on_master)).astype(np.int64)
+        gone[on_both] = True
     left_out = fetched(comm, starts, near.slave.numbers, gone)
     search = near.search or Search(0.0, 0.0)
     found = on_all_ranks(lambda: tied_rows(one, other, left_out, search), given.what, comm)
@@ -284,15 +278,15 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
         )
     node, area, distance = found.node[own], found.area[own], found.distance[own]
     parts = [
-        (found.weights[own], near.slave.numbers, _places(one), slave),
-        (found.opposite[own], near.master.numbers, _places(other), master),
+        (found.weights[own], near.slave.numbers, one.places, slave),
+        (found.opposite[own], near.master.numbers, other.places, master),
     ]
     columns = scipy.sparse.hstack([rows for rows, *_ in parts], format="csr")
     none = scipy.sparse.csr_matrix((one.size, one.size))
     beside = scipy.sparse.block_diag([none, _neighbours(other)], format="csr")
     x = np.concatenate([places for *_, places, _ in parts])
     numbers = np.concatenate([body.numbers_of(member, numbers.astype(np.int64)) for _, numbers, _, member in parts])
-    at = _places(one)[node]
+    at = one.places[node]
     size = float(comm.allreduce(float(np.max(np.abs(body.x), initial=0.0)), op=MPI.MAX))
     columns, blocks = _carrying(columns, beside, x, at, _TOGETHER * size)
     own_side = columns.indices < one.size
@@ -305,7 +299,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
         np.where(own_side[:, None, None], blocks, 0.0), columns, numbers, rows.shape[1] // 3, np.eye(3) - H
     )
     outward = space.positive_weights(on_slave)[1]
-    n = outward[nodes] / np.maximum(np.linalg.norm(outward[nodes], axis=1), 1e-300)[:, None]
+    n = unit_vectors(outward[nodes])
     remarks = []
     if clamped[0] and not clamped[1] and face == given.face:
         remarks.append(
@@ -327,12 +321,11 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
             f"{untied} nodes of {face!r} have less than a fifth of their area before {against!r} and are free"
         )
     named = tuple(f"{given.what}: {text}" for text in remarks)
-    traction = found.traction[own].tocsr()
-    there = body.numbers_of(slave, near.slave.numbers[traction.indices].astype(np.int64))
-    traction = scipy.sparse.csr_matrix((traction.data, there, traction.indptr), (len(nodes), body.numbering.total))
+    traction = numbered(found.traction[own].tocsr(), near.slave, space.numbering.total)
+    traction = among_all(traction, slave, body)
     nodes, directions = slave.nodes.start + nodes, np.broadcast_to(np.eye(3), (len(nodes), 3, 3))
     if turn is not None:  # nodes on the axis move along it
-        on_axis = slave.nodes.start + np.flatnonzero(on_both)
+        on_axis = slave.nodes.start + on_both
         count, across = len(on_axis), np.eye(3) - np.outer(turn.axis, turn.axis)
         nodes, directions = (
             np.concatenate([nodes, on_axis]),
@@ -359,15 +352,7 @@ def _clamped(body: Deformable, face: str, taken: npt.NDArray[np.bool_]) -> int:
 def _middle(patch: FacetPatch, comm: MPI.Comm) -> FloatArray:
     """Middle of a face, metres, shape (3,); collective."""
     sums = comm.allreduce(np.append(np.einsum("fn,fni->i", patch.whole, patch.x), patch.areas.sum()), op=MPI.SUM)
-    middle: FloatArray = sums[:3] / (sums[3] or 1.0)
-    return middle
-
-
-def _places(patch: FacetPatch) -> FloatArray:
-    """Coordinates of the nodes of a patch, shape (nodes, 3)."""
-    x = np.zeros((patch.size, 3))
-    x[patch.nodes] = patch.x
-    return x
+    return sums[:3] / (sums[3] or 1.0)
 
 
 def _neighbours(patch: FacetPatch) -> scipy.sparse.csr_matrix:
@@ -401,17 +386,10 @@ def _carrying(
     y = x[rows.indices] - (middle / np.maximum(count, 1)[:, None])[of]
     gram = np.zeros((len(at), 3, 3))
     np.add.at(gram, of, np.einsum("ei,ei->e", y, y)[:, None, None] * np.eye(3) - y[:, :, None] * y[:, None, :])
-    turn = np.linalg.pinv(gram, rcond=1e-8, hermitian=True)[of] @ _crossing(y)  # omega = turn u
-    blocks[apart[of]] -= (_crossing(offset)[of] @ turn)[apart[of]]
+    crossing, offsets = (np.cross(np.eye(3), vectors[:, None]) for vectors in (y, offset))  # matrices of y x, offset x
+    turn = np.linalg.pinv(gram, rcond=1e-8, hermitian=True)[of] @ crossing  # omega = turn u
+    blocks[apart[of]] -= (offsets[of] @ turn)[apart[of]]
     return rows, blocks
-
-
-def _crossing(a: FloatArray) -> FloatArray:
-    """The matrices of a x, for vectors a (k, 3), shape (k, 3, 3)."""
-    found = np.zeros((len(a), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        found[:, i, j], found[:, j, i] = -a[:, k], a[:, k]
-    return found
 
 
 def _global(
@@ -419,8 +397,8 @@ def _global(
 ) -> scipy.sparse.csr_matrix:
     """Rows over the displacements of all nodes, along the free directions (m, 3, 3) of the slave nodes."""
     of = np.repeat(np.arange(len(free)), np.diff(rows.indptr))
-    entries, axes = free[of] @ blocks, np.arange(3)
-    row = np.broadcast_to(3 * of[:, None, None] + axes[:, None], entries.shape)
-    column = np.broadcast_to(3 * numbers[rows.indices][:, None, None] + axes, entries.shape)
-    there = entries != 0.0
-    return scipy.sparse.csr_matrix((entries[there], (row[there], column[there])), (3 * len(free), 3 * total))
+    entries = free[of] @ blocks, numbers[rows.indices], rows.indptr
+    found = scipy.sparse.bsr_matrix(entries, (3 * len(free), 3 * total)).tocsr()
+    found.sum_duplicates()
+    found.eliminate_zeros()
+    return found

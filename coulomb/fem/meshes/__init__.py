@@ -4,6 +4,7 @@ joined, refined and made of first or second order.  Nodal fields in files belong
 
 from .coarsening import coarsened
 from .comparison import coarser_meshes, finer, same_cells
+from .curving import unit_vectors
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
 from .inspection import InspectedMesh, inspect
 from .lagrange import (
@@ -16,7 +17,7 @@ from .lagrange import (
     nodes_between,
 )
 from .mesh_file import MeshFile
-from .mesh_parts import SAME_PLACE, corners_of, local_facets
+from .mesh_parts import SAME_PLACE, boundary_facets, corners_of, local_facets
 from .meshes import box, distributed, first_order, known_format, read_file, read_mesh, read_xdmf, second_order
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume
 from .nodal_field import NodalField

@@ -20,6 +20,7 @@ from ...arrays import FloatArray, IntArray
 from ...regular_file import read_bytes
 from .lagrange import CORNERS
 from .mesh_file import FACETS, MeshFile, solid_nodes
+from .rows import distinct
 
 _SIDES = {
     4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
@@ -275,10 +276,8 @@ class _Reader:
         """Facets of these cells that no other cell of the mesh has."""
         table = np.array(FACETS[CORNERS[cells.shape[1]]])
         mine, everyone = (c[:, table].reshape(-1, table.shape[1]) for c in (cells, self._solids[:, 1:]))
-        both = np.vstack([mine, everyone])
-        _, number, count = np.unique(np.sort(both, axis=1), axis=0, return_inverse=True, return_counts=True)
-        of_everyone = np.bincount(number.ravel()[len(mine) :], minlength=len(count))
-        return mine[of_everyone[number.ravel()[: len(mine)]] == 1]
+        _, number = distinct(np.sort(np.vstack([mine, everyone]), axis=1))
+        return mine[np.bincount(number[len(mine) :])[number[: len(mine)]] == 1]
 
 
 def _lines(path: str, depth: int = 0) -> Iterator[tuple[str, str]]:

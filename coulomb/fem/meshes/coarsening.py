@@ -20,10 +20,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray
 from .curving import CREASE, arcs
 from .exchange import on_first_rank
 from .inspection import InspectedMesh
+from .mesh_file import FACETS
 from .meshes import from_first_rank
 from .named_mesh import NamedMesh
 from .rows import distinct, places, sets
@@ -40,7 +41,6 @@ stay, as hexahedra do by `sheets.SEEN`."""
 GRADATION = 1.5
 """Largest ratio of the lengths of two edges at one corner."""
 
-_SIDES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 _ENDS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 
@@ -85,7 +85,7 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
         raise ValueError("coarser tetrahedra are made by MMG, whose mmg3d_O3 is not on the PATH")
     mesh = _sorted(mesh)
     x, cells = mesh.points, mesh.cells
-    sides = np.sort(cells[:, _SIDES].reshape(-1, 3), axis=1)
+    sides = np.sort(cells[:, np.array(FACETS[4])].reshape(-1, 3), axis=1)
     first, number = distinct(sides)
     facets = sides[first][np.bincount(number) == 1]
     face_of, faces = sets(len(facets), {name: places(facets, rows) for name, rows in mesh.face_groups.items()})
@@ -101,19 +101,9 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
         libraries = os.pathsep.join([str(program.parent.parent / "lib64"), os.environ.get("LD_LIBRARY_PATH", "")])
         # How far new edges may be off the smooth surface: four times their middles, since MMG takes half the length.
         near = max(4.0 * LONGER**2 * off, 1e-3 * float(np.ptp(x, axis=0).max()))
+        options = f"-v 0 -hgrad {GRADATION} -hausd {near} -ar {math.degrees(CREASE)} -m {200 + len(cells) // 250}"
         ran = subprocess.run(
-            [
-                str(program),
-                "-v",
-                "0",
-                "-hgrad",
-                repr(GRADATION),
-                "-hausd",
-                repr(near),
-                "-ar",
-                repr(math.degrees(CREASE)),
-            ]
-            + ["-m", str(200 + len(cells) // 250), "-in", str(old), "-sol", str(sizes), "-out", str(new)],
+            [str(program), *options.split(), "-in", str(old), "-sol", str(sizes), "-out", str(new)],
             capture_output=True,
             text=True,
             errors="replace",
@@ -122,11 +112,8 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
         if ran.returncode or not new.exists():
             raise ValueError(f"MMG found no coarser tetrahedra: {(ran.stderr or ran.stdout).strip()[-300:]}")
         text = new.read_text()
-    points, tetrahedra, triangles = (
-        _rows(text, "Vertices", 4),
-        _rows(text, "Tetrahedra", 5),
-        _rows(text, "Triangles", 4),
-    )
+    widths = {"Vertices": 4, "Tetrahedra": 5, "Triangles": 4}
+    points, tetrahedra, triangles = (_rows(text, name, width) for name, width in widths.items())
     facets = np.sort(triangles[:, :3].astype(np.int64) - 1, axis=1)
     of_face, of_group = faces[triangles[:, -1].astype(np.int64)], groups[tetrahedra[:, -1].astype(np.int64)]
     return InspectedMesh(
@@ -142,11 +129,11 @@ def _sorted(mesh: InspectedMesh) -> InspectedMesh:
     """With points and cells in an order that does not depend on the number of ranks, as what is made depends on it; and
     with corners of tetrahedra in ascending order: MMG turns those that are mirrored."""
     order = np.lexsort(mesh.points.T)
-    x, number = mesh.points[order], _inverse(order)
+    x, number = mesh.points[order], np.argsort(order)
     cells = number[mesh.cells]
     ascending = np.sort(cells, axis=1)
     order = np.lexsort(ascending.T[::-1])
-    cells, place = (ascending if cells.shape[1] == 4 else cells)[order], _inverse(order)
+    cells, place = (ascending if cells.shape[1] == 4 else cells)[order], np.argsort(order)
     return InspectedMesh(
         x,
         cells,
@@ -154,12 +141,6 @@ def _sorted(mesh: InspectedMesh) -> InspectedMesh:
         {name: np.sort(number[rows], axis=1) for name, rows in mesh.face_groups.items()},
         {},
     )
-
-
-def _inverse(order: IntArray) -> IntArray:
-    found = np.empty_like(order)
-    found[order] = np.arange(len(order))
-    return found
 
 
 def _write(
@@ -178,5 +159,4 @@ def _rows(text: str, name: str, width: int) -> FloatArray:
     start = text.index("\n", text.index(f"\n{name}\n") + 1) + 1
     end = text.index("\n", start)
     count = int(text[start:end])
-    found: FloatArray = np.fromstring(text[end:], sep=" ", count=count * width)
-    return found.reshape(count, width)
+    return np.fromstring(text[end:], sep=" ", count=count * width).reshape(count, width)

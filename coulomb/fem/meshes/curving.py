@@ -18,12 +18,14 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 
 from ...arrays import FloatArray, IntArray
-from ..compat import mesh as dolfinx_mesh
+from .exchange import global_numbers
 from .lagrange import corner_geometry
-from .mesh_parts import corners_of
+from .mesh_parts import boundary_facets, corners_of
 from .named_mesh import NamedMesh
+from .rows import distinct
 
 CREASE = math.radians(40.0)
 """Angle between facets from which on they are of different surfaces; a circle of ten chords is still smooth."""
@@ -38,33 +40,25 @@ def arcs(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
         vectors in metres, shape (e, 3).  Corners have the numbers of `domain.geometry`.
     """
     corners, x = _boundary(mesh)
-    facets, width = corners.shape
-    count = int(corners.max(initial=-1)) + 1
+    width = corners.shape[1]
     before, after = np.roll(x, 1, axis=1) - x, np.roll(x, -1, axis=1) - x
     crossed = np.cross(after, before)
     normal = unit_vectors(crossed.sum(axis=1))
     angle = np.arctan2(np.linalg.norm(crossed, axis=2), np.einsum("fki,fki->fk", before, after))
 
-    # pairs of the corner of a facet, and a facet at the same vertex
-    order = np.argsort(corners.ravel(), kind="stable")
-    starts = np.searchsorted(corners.ravel()[order], np.arange(count + 1))
-    around = np.diff(starts)[corners.ravel()]
-    corner = np.repeat(np.arange(facets * width), around)
-    first = np.cumsum(around) - around
-    other = order[np.repeat(starts[corners.ravel()], around) + np.arange(len(corner)) - np.repeat(first, around)]
-    near = np.einsum("pi,pi->p", normal[corner // width], normal[other // width]) > math.cos(CREASE)
-    N: FloatArray = np.zeros((facets * width, 3))
-    np.add.at(N, corner[near], (angle.ravel()[:, None] * normal[np.arange(facets * width) // width])[other[near]])
-    N = unit_vectors(N).reshape(x.shape)
-
-    creased = np.zeros(facets * width, dtype=bool)
-    creased[corner[~near]] = True
-    N, Nb = _completed(N, np.roll(N, -1, axis=1), after, creased.reshape(facets, width))
+    at_vertex = scipy.sparse.csr_matrix((np.ones(corners.size), corners.ravel(), np.arange(corners.size + 1)))
+    around = (at_vertex @ at_vertex.T).tocoo()  # pairs of corners of facets at the same vertex
+    near = np.einsum("pi,pi->p", normal[around.row // width], normal[around.col // width]) > math.cos(CREASE)
+    creased = np.zeros(corners.shape, dtype=bool)
+    creased.ravel()[around.row[~near]] = True
+    around.data *= near
+    N = unit_vectors(around.tocsr() @ (angle[:, :, None] * normal[:, None]).reshape(-1, 3)).reshape(x.shape)
+    N, Nb = _completed(N, np.roll(N, -1, axis=1), after, creased)
     off = (np.einsum("fki,fki,fkj->fkj", after, Nb, Nb) - np.einsum("fki,fki,fkj->fkj", after, N, N)) / 8.0
     side = unit_vectors((N + Nb).reshape(-1, 3))
     ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    edges, number = np.unique(ends, axis=0, return_inverse=True)
-    return edges, _shortest(len(edges), number.ravel(), side, off.reshape(-1, 3))
+    first, number = distinct(ends)
+    return ends[first], _shortest(len(first), number, side, off.reshape(-1, 3))
 
 
 def _completed(
@@ -86,21 +80,19 @@ def _shortest(edges: int, number: IntArray, side: FloatArray, off: FloatArray) -
     matrices, right = np.zeros((edges, 3, 3)), np.zeros((edges, 3))
     np.add.at(matrices, number, side[:, :, None] * side[:, None, :])
     np.add.at(right, number, side * np.einsum("ki,ki->k", side, off)[:, None])
-    found: FloatArray = np.einsum("eij,ej->ei", np.linalg.pinv(matrices, rcond=0.1, hermitian=True), right)
-    return found
+    return np.einsum("eij,ej->ei", np.linalg.pinv(matrices, rcond=0.1, hermitian=True), right)
 
 
 def _boundary(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     """Corners of all boundary facets in cyclic order, with normals outwards, shape (f, 3 or 4), and their places, shape
     (f, 3 or 4, 3); the same on every rank; collective."""
     domain, comm = mesh.domain, mesh.comm
-    domain.topology.create_connectivity(2, 3)
-    facets = np.sort(dolfinx_mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
+    facets = boundary_facets(domain)
     cell_of = domain.topology.connectivity(2, 3)
     cells = cell_of.array[cell_of.offsets[facets]]
     own = cells < domain.topology.index_map(3).size_local
     facets, cells = facets[own], cells[own]
-    local, nodes = corners_of(domain, facets), domain.geometry.index_map()
+    local = corners_of(domain, facets)
     if local.shape[1] == 4:
         local = local[:, [0, 1, 3, 2]]
     x = domain.geometry.x[local]
@@ -108,11 +100,10 @@ def _boundary(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     outward = np.cross(x[:, 1] - x[:, 0], x[:, -1] - x[:, 0])
     inwards = np.einsum("fi,fi->f", outward, out) < 0.0
     local[inwards], x[inwards] = local[inwards, ::-1], x[inwards, ::-1]
-    number = np.asarray(nodes.local_to_global(local.ravel().astype(np.int32)), dtype=np.int64).reshape(local.shape)
+    number = global_numbers(domain.geometry.index_map())[local]
     return np.concatenate(comm.allgather(number)), np.concatenate(comm.allgather(x))
 
 
 def unit_vectors(vectors: FloatArray) -> FloatArray:
     """Vectors (..., 3) over their lengths; 0 remains."""
-    found: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
-    return found
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)

@@ -16,6 +16,7 @@ from ..mesh_formats import other_side
 from .inspection import InspectedMesh
 from .lagrange import CORNERS, nodes_of_facets
 from .mesh_file import FACETS, MeshFile
+from .rows import distinct
 
 _SAME, _APART = 1e-9, 4e-9
 """Distances over the extent of the mesh: up to which nodes are at one place, and by which they are then moved apart."""
@@ -74,8 +75,8 @@ def _cut(file: MeshFile, name: str) -> MeshFile:
     facets = file.cells[around][:, columns]  # (cells, facets of a cell, nodes)
     rows = np.sort(facets[..., :sides].reshape(-1, sides), axis=1)
     wanted = np.unique(np.sort(group, axis=1), axis=0)
-    _, number, count = np.unique(np.vstack([rows, wanted]), axis=0, return_inverse=True, return_counts=True)
-    number = number.ravel()
+    _, number = distinct(np.vstack([rows, wanted]))
+    count = np.bincount(number)
     in_cut = np.zeros(len(count), dtype=bool)
     in_cut[number[len(rows) :]] = True
     count[in_cut] -= 1
@@ -101,18 +102,15 @@ def _cut(file: MeshFile, name: str) -> MeshFile:
     twin[on_cut] = len(file.points) + np.arange(len(on_cut))
     turned = file.cells.copy()
     turned[around[other]] = twin[file.cells[around[other]]]
-    of_other = np.repeat(other, len(columns))
-    known: dict[tuple[int, ...], bool] = {}
-    for row, side in zip(rows, of_other, strict=True):
-        known[tuple(map(int, row))] = bool(side)
+    of_other = rows[np.repeat(other, len(columns))]
 
     def moved(members: IntArray) -> IntArray:
         """Facets of another group, those of cells on the other side with its nodes."""
-        found = members.copy()
-        for k in np.flatnonzero(np.any(near[members], axis=1)):
-            if known.get(tuple(sorted(map(int, members[k]))), False):
-                found[k] = twin[members[k]]
-        return found
+        if members.shape[1] != sides:
+            return members
+        _, number = distinct(np.vstack([of_other, np.sort(members, axis=1)]))
+        beyond = np.isin(number[len(of_other) :], number[: len(of_other)])
+        return np.where(beyond[:, None], twin[members], members)
 
     cut_rows = rows[both[apart, 0]]
     faces = {key: members if key == name else moved(members) for key, members in file.face_groups.items()}

@@ -78,6 +78,12 @@ def owner_of(starts: IntArray, numbers: npt.NDArray[np.integer[Any]]) -> IntArra
     return np.searchsorted(starts, numbers, side="right").astype(np.int64) - 1
 
 
+def global_numbers(index_map: Any) -> IntArray:
+    """Those of the entries of an index map of DOLFINx on this rank, ghosts included."""
+    local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    return np.asarray(index_map.local_to_global(local), dtype=np.int64)
+
+
 def fetched(
     comm: MPI.Comm, starts: IntArray, numbers: npt.NDArray[np.integer[Any]], rows: npt.NDArray[Any]
 ) -> npt.NDArray[Any]:

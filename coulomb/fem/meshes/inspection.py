@@ -17,6 +17,7 @@ from ...arrays import FloatArray, IntArray
 from .exchange import Exchange, even_starts, fetched, owner_of, starts_of
 from .lagrange import CORNERS, in_dolfinx_order, is_second_order, jacobians, nodes_of_facets, torn
 from .mesh_file import FACETS, MeshFile
+from .rows import distinct
 
 FLAT = 1e-12
 """Smallest admissible Jacobian at a node of a cell, over the cube of the longest derivative there."""
@@ -171,10 +172,10 @@ class _Facets:
         group = np.sort(group, axis=1)
         exchange = Exchange(self._comm, owner_of(self._hubs, group[:, 0]))
         there = exchange.send(group)
-        distinct, number, _ = _distinct(there)
+        once, number = distinct(there)
         first = np.zeros(len(there), dtype=bool)
-        first[np.unique(number, return_index=True)[1]] = True
-        times = _lookup(self._rows, self._count, distinct)[number]
+        first[once] = True
+        times = _lookup(self._rows, self._count, there[once])[number]
         answers = exchange.reply(np.column_stack([times, first]))
         mine = answers[:, 1] > 0
         every, missing, inside = (
@@ -237,12 +238,8 @@ def _from_smallest(quadrilaterals: IntArray) -> IntArray:
 
 def _distinct(rows: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """Distinct rows in lexicographic order, for every row the number of its own, and how often each occurs."""
-    order = np.lexsort(rows.T[::-1])
-    ordered = rows[order]
-    new = np.concatenate([[True], np.any(ordered[1:] != ordered[:-1], axis=1)])[: len(rows)]
-    number = np.empty(len(rows), dtype=np.int64)
-    number[order] = np.cumsum(new) - 1
-    return ordered[new], number, np.bincount(number).astype(np.int64)
+    first, number = distinct(rows)
+    return rows[first], number, np.bincount(number)
 
 
 def _lookup(rows: IntArray, values: IntArray, wanted: IntArray) -> IntArray:

@@ -17,6 +17,7 @@ from .. import compat
 from ..compat import mesh
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of
 from .lagrange import corner_geometry
+from .rows import distinct
 
 
 def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
@@ -28,8 +29,7 @@ def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.N
     if not groups:
         return {}
     comm = domain.comm
-    domain.topology.create_connectivity(2, 3)
-    boundary = np.sort(mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
+    boundary = boundary_facets(domain)
     in_file = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)  # without cells: empty, of any type
     mine = np.sort(in_file[corners_of(domain, boundary)], axis=1)
     largest = max(comm.allgather(int(max((rows.max(initial=0) for rows in (mine, *groups.values())), default=0))))
@@ -39,8 +39,7 @@ def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.N
     faces = {}
     for name, rows in groups.items():
         given = Exchange(comm, owner_of(hubs, rows[:, 0])).send(rows)
-        _, number = np.unique(np.vstack([given, asked]), axis=0, return_inverse=True)
-        number = number.ravel()
+        _, number = distinct(np.vstack([given, asked]))
         faces[name] = boundary[ask.reply(np.isin(number[len(given) :], number[: len(given)]))]
     return faces
 
@@ -61,6 +60,12 @@ def local_cells(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -
     ]
     here = fetched(comm, starts, original, member) if groups else member
     return {name: np.flatnonzero(here[:, column]).astype(np.int32) for column, name in enumerate(groups)}
+
+
+def boundary_facets(domain: Any) -> npt.NDArray[np.int32]:
+    """This rank's facets on the boundary of a mesh, ascending."""
+    domain.topology.create_connectivity(2, 3)
+    return np.sort(mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
 
 
 def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
@@ -113,7 +118,7 @@ def parts_of(domain: Any, path: str) -> tuple[int, FloatArray]:
         )
     of_node = np.zeros(len(numbers), dtype=np.int64)
     of_node[rows] = part[:, None]
-    corners = np.unique(corners_of(domain, mesh.exterior_facet_indices(topology)))
+    corners = np.unique(corners_of(domain, boundary_facets(domain)))
     return parts, _touching(domain.geometry.x[corners], numbers[corners], of_node[corners], comm)
 
 
@@ -158,13 +163,14 @@ def _components(domain: Any, own: int) -> tuple[int, IntArray]:
 def _hinges(cells: IntArray, part: IntArray, comm: MPI.Comm) -> npt.NDArray[np.bool_]:
     """Which nodes of cells (c, n) several components share, although they share no facet; collective."""
     nodes, parts = cells.ravel(), np.repeat(part, cells.shape[1])
-    pairs, inverse = np.unique(np.column_stack([nodes, parts]), axis=0, return_inverse=True)
-    exchange = Exchange(comm, pairs[:, 0] % comm.size)
-    there = exchange.send(pairs)
-    distinct, number = np.unique(there, axis=0, return_inverse=True)
-    _, of_pair, times = np.unique(distinct[:, 0], return_inverse=True, return_counts=True)
-    shared = exchange.reply((times > 1)[of_pair.ravel()[number.ravel()]])
-    return np.asarray(shared[inverse.ravel()].reshape(cells.shape), dtype=bool)
+    rows = np.column_stack([nodes, parts])
+    first, pair = distinct(rows)
+    exchange = Exchange(comm, rows[first, 0] % comm.size)
+    there = exchange.send(rows[first])
+    first, number = distinct(there)
+    _, of_pair, times = np.unique(there[first, 0], return_inverse=True, return_counts=True)
+    shared = exchange.reply((times > 1)[of_pair[number]])
+    return np.asarray(shared[pair].reshape(cells.shape), dtype=bool)
 
 
 def _touching(x: FloatArray, numbers: IntArray, part: IntArray, comm: MPI.Comm) -> FloatArray:

@@ -21,19 +21,13 @@ from ..geometry import evaluate_vectors
 from ..mesh_formats import BOX_FACES
 from .curving import arcs
 from .cuts import apart, cut
-from .exchange import on_first_rank, starts_of
+from .exchange import global_numbers, on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
-from .lagrange import (
-    CORNERS,
-    corner_geometry,
-    corners_to_nodes,
-    in_dolfinx_order,
-    is_second_order,
-    jacobians,
-)
+from .lagrange import CORNERS, corner_geometry, corners_to_nodes, in_dolfinx_order, is_second_order, jacobians
 from .mesh_file import MeshFile
-from .mesh_parts import corners_of, local_cells, local_facets
+from .mesh_parts import corners_of, local_cells, local_facets, parts_of
 from .named_mesh import Grid, NamedMesh, Planes
+from .xdmf_format import read as read_parts
 
 
 def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
@@ -56,8 +50,7 @@ def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
     own = old.topology.index_map(3).size_local
     V = compat.functionspace(old, 2)
     dofs, nodes = compat.cell_dofs(V), V.dofmap.index_map
-    local = np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32)
-    number = np.asarray(nodes.local_to_global(local), dtype=np.int64)
+    number = global_numbers(nodes)
     kind = old.topology.cell_type
     points = _points(old, dofs, nodes.size_local)
     if curved:
@@ -96,9 +89,8 @@ def first_order(mesh: NamedMesh) -> NamedMesh:
     old.topology.create_connectivity(3, 0)
     vertices, corners = old.topology.index_map(0), corner_geometry(old)
     of_cell = old.topology.connectivity(3, 0).array.reshape(corners.shape)
-    local = np.arange(vertices.size_local + vertices.num_ghosts, dtype=np.int32)
-    number = np.asarray(vertices.local_to_global(local), dtype=np.int64)
-    x = np.empty((len(local), 3))
+    number = global_numbers(vertices)
+    x = np.empty((len(number), 3))
     x[of_cell] = old.geometry.x[corners]
     own = old.topology.index_map(3).size_local
     cell = old.topology.cell_type.name
@@ -143,10 +135,9 @@ def _off_chords(mesh: NamedMesh) -> FloatArray:
     domain = mesh.domain
     kind, corners = domain.topology.cell_type, corner_geometry(domain)
     edges, off = arcs(mesh)
-    global_number = domain.geometry.index_map().local_to_global(corners.ravel().astype(np.int32))
-    number = np.asarray(global_number, dtype=np.int64).reshape(corners.shape)
-    key, largest = edges[:, 0], int(edges.max(initial=0)) + 1
-    key = key * largest + edges[:, 1]
+    number = global_numbers(domain.geometry.index_map())[corners]
+    largest = int(edges.max(initial=0)) + 1
+    key = edges[:, 0] * largest + edges[:, 1]
     between = [frozenset(np.flatnonzero(w > 1e-9)) for w in corners_to_nodes(kind)]
     found = np.zeros((len(corners), len(between), 3))
     for column, ends in enumerate(between):
@@ -304,12 +295,9 @@ def read_xdmf(
     Raises:
         ValueError: On every rank, if a file cannot be read, or its mesh cannot be used, with the reason.
     """
-
-    from . import xdmf_format
-
     check_scale(path, scale)
     on_facets, on_cells = (str(file) if file is not None else None for file in (facets, cells))
-    file = xdmf_format.read(str(path), on_facets, on_cells, names or {}, cell_names or {}, comm)
+    file = read_parts(str(path), on_facets, on_cells, names or {}, cell_names or {}, comm)
     return _named(comm, path, inspect(file, scale, comm))
 
 
@@ -394,16 +382,14 @@ def known_format(path: str | Path, named: bool = False) -> str:
 def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
     """What a mesh file holds, read on this rank alone; arguments and errors as of `read_mesh`, and OSError."""
     end = Path(path).suffix.lower()
-    module = import_module(f".{mesh_formats.FORMATS[end][1]}_format", __package__)  # a run needs at most one of them
     if end == ".xdmf":
-        return module.read(path, None, None, names, cell_names, MPI.COMM_SELF)
+        return read_parts(path, None, None, names, cell_names, MPI.COMM_SELF)
+    module = import_module(f".{mesh_formats.FORMATS[end][1]}_format", __package__)  # a run needs at most one of them
     return module.read(path, names, cell_names) if end in mesh_formats.NUMBERED else module.read(path)
 
 
 def _named(comm: MPI.Comm, path: str | Path, sound: InspectedMesh) -> NamedMesh:
     """Distribute a mesh of which each rank has some points, cells and members of groups; collective."""
-    from .mesh_parts import parts_of
-
     domain = distributed(comm, sound.points, sound.cells)
     components, touching = parts_of(domain, str(path))
     faces = local_facets(domain, sound.face_groups)

@@ -100,9 +100,7 @@ _SIX = ((0, 1, 3, 7), (0, 1, 7, 5), (0, 5, 7, 4), (0, 3, 2, 7), (0, 6, 4, 7), (0
 def aspects(named: NamedMesh) -> FloatArray:
     """Longest over shortest extent of this rank's own cells along their principal axes, by their corners, shape (k,):
     1 for a cube or a regular tetrahedron, 1 + sqrt(2) for six tetrahedra that fill a cube."""
-    domain = named.domain
-    owned = domain.topology.index_map(3).size_local
-    corners = domain.geometry.x[corner_geometry(domain)[:owned]]
+    corners = _own_corners(named.domain)
     from_middle = corners - corners.mean(axis=1, keepdims=True)
     squares = np.linalg.eigvalsh(np.einsum("kvi,kvj->kij", from_middle, from_middle))
     return np.sqrt(squares[:, 2] / squares[:, 0])
@@ -110,15 +108,17 @@ def aspects(named: NamedMesh) -> FloatArray:
 
 def volume(named: NamedMesh) -> float:
     """Volume in cubic metres of this rank's own cells by their corners; non-planar faces are split into triangles."""
-    domain = named.domain
-    owned = domain.topology.index_map(3).size_local
-    corners = domain.geometry.x[corner_geometry(domain)[:owned]]
+    corners = _own_corners(named.domain)
     parts = ((0, 1, 2, 3),) if corners.shape[1] == 4 else _SIX
     total = 0.0
     for a, b, c, d in parts:
         edges = corners[:, [b, c, d]] - corners[:, [a]]
         total += float(np.sum(np.abs(np.linalg.det(edges)))) / 6.0
     return total
+
+
+def _own_corners(domain: Any) -> FloatArray:
+    return domain.geometry.x[corner_geometry(domain)[: domain.topology.index_map(3).size_local]]
 
 
 NOWHERE = (0.0, 0.0, 0.0)

@@ -200,8 +200,8 @@ class _Cells:
     def __init__(self, points: FloatArray, rows: IntArray):
         x = points[rows]
         edges = x[:, 1:] - x[:, :1]
-        pairs = [(i, j) for i in range(4) for j in range(i)]
-        edge = np.mean([np.linalg.norm(x[:, i] - x[:, j], axis=1) for i, j in pairs], axis=0)
+        i, j = np.triu_indices(4, 1)
+        edge = np.linalg.norm(x[:, i] - x[:, j], axis=2).mean(axis=1)
         solid = np.abs(np.linalg.det(edges)) > 1e-12 * edge**3
         self.rows, self._edge = rows[solid], edge[solid]
         self._corners, self._inverse = x[solid], np.linalg.inv(edges[solid].transpose(0, 2, 1))
@@ -219,12 +219,8 @@ class _Cells:
         best, cell = np.full(len(x), np.inf), np.full(len(x), -1)
         weights = np.zeros((len(x), 4))
         for tree, own, radius in self._classes:
-            near = tree.query_ball_point(x, radius)
-            count = np.array([len(found) for found in near])
-            if not count.sum():
-                continue
-            point = np.repeat(np.arange(len(x)), count)
-            tetrahedron = own[np.concatenate([np.array(found, dtype=np.int64) for found in near if found])]
+            near = tree_of(x).sparse_distance_matrix(tree, radius, output_type="ndarray")
+            point, tetrahedron = near["i"], own[near["j"]]
             shares = self._nearest(x[point], tetrahedron)
             at = np.einsum("pi,pij->pj", shares, self._corners[tetrahedron])
             beyond = np.linalg.norm(x[point] - at, axis=1)

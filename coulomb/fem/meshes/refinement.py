@@ -25,7 +25,7 @@ from ...arrays import FloatArray, IntArray
 from .. import compat
 from ..compat import basix
 from ..geometry import evaluate_vectors, on_all_ranks
-from .exchange import Exchange, fetched, owner_of, starts_of
+from .exchange import Exchange, fetched, global_numbers, owner_of, starts_of
 from .lagrange import corner_geometry, corners_to_nodes, lagrange_points, lagrange_values
 from .mesh_parts import local_cells, local_facets, parts_of
 from .meshes import refuse_flat_cells
@@ -107,7 +107,7 @@ def _order_of_divided(domain: Any, marked: npt.NDArray[np.bool_]) -> IntArray:
     topology.create_connectivity(3, 1)
     edges = topology.index_map(1)
     of_cell = topology.connectivity(3, 1).array.reshape(-1, _NONE)
-    number = edges.local_to_global(np.arange(edges.size_local + edges.num_ghosts, dtype=np.int32)).astype(np.int64)
+    number = global_numbers(edges)
     starts = starts_of(comm, edges.size_local)
 
     ends = domain.geometry.x[corner_geometry(domain)][:, _EDGES]
@@ -186,9 +186,7 @@ def _made(
     corners = lagrange_points(cell, 1)
     for dim in (0, 2):
         topology.create_connectivity(3, dim)
-    vertices = topology.index_map(0)
-    number = vertices.local_to_global(np.arange(vertices.size_local + vertices.num_ghosts, dtype=np.int32))
-    of_cell = number.astype(np.int64)[topology.connectivity(3, 0).array.reshape(-1, len(corners))]
+    of_cell = global_numbers(topology.index_map(0))[topology.connectivity(3, 0).array.reshape(-1, len(corners))]
     names, X = of_cell[parent[:, None, None], kinds[kind]], corners[kinds].mean(axis=2)
     if degree == 2:
         names = _numbered(comm, names)[0][:, _middles(cell)]

@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from ...arrays import FloatArray, IntArray
 from .curving import CREASE, unit_vectors
 from .inspection import InspectedMesh
+from .mesh_file import FACETS
 from .rows import distinct, places, sets
 
 WORST = 0.1
@@ -44,7 +45,7 @@ _ACROSS = np.array(
 )
 """Edges of a cell in VTK's order, by direction."""
 
-_FACES = np.array([[0, 1, 2, 3], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]])
+_FACES = np.array(FACETS[8])
 
 _AT_CORNERS = np.array(
     [[0, 1, 3, 4], [1, 2, 0, 5], [2, 3, 1, 6], [3, 0, 2, 7], [4, 7, 5, 0], [5, 4, 6, 1], [6, 5, 7, 2], [7, 6, 4, 3]]
@@ -241,8 +242,7 @@ def _roundness(x: FloatArray, cells: IntArray) -> FloatArray:
     """Jacobians at the corners of cells over the products of the lengths of their edges, shape (c, 8)."""
     at = x[cells[:, _AT_CORNERS]]
     edges = at[:, :, 1:] - at[:, :, :1]
-    found: FloatArray = np.linalg.det(edges) / np.maximum(np.prod(np.linalg.norm(edges, axis=3), axis=2), 1e-300)
-    return found
+    return np.linalg.det(edges) / np.maximum(np.prod(np.linalg.norm(edges, axis=3), axis=2), 1e-300)
 
 
 def _made(mesh: InspectedMesh, x: FloatArray, cells: IntArray, merged: IntArray, alive: Mask) -> InspectedMesh:
@@ -262,11 +262,8 @@ def _made(mesh: InspectedMesh, x: FloatArray, cells: IntArray, merged: IntArray,
 
 def _counted(count: int, at: IntArray, patch: IntArray) -> IntArray:
     """The number of different patches at each of so many places."""
-    rows = np.column_stack([at, patch])
-    found: IntArray = np.bincount(at[distinct(rows)[0]], minlength=count)
-    return found
+    return np.bincount(at[distinct(np.column_stack([at, patch]))[0]], minlength=count)
 
 
 def _length(x: FloatArray, ends: IntArray) -> FloatArray:
-    found: FloatArray = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
-    return found
+    return np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)

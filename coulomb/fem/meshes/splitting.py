@@ -9,7 +9,7 @@ import numpy as np
 
 from ...arrays import IntArray
 from .. import compat
-from .exchange import starts_of
+from .exchange import global_numbers, starts_of
 from .lagrange import facet_columns, lagrange_points
 from .mesh_parts import local_cells, local_facets
 from .named_mesh import NamedMesh
@@ -24,10 +24,7 @@ def split(mesh: NamedMesh) -> NamedMesh:
     old, comm = mesh.domain, mesh.comm
     parts, on_facets = _pattern(old.topology.cell_type)
     nodes, own = old.geometry.index_map(), old.topology.index_map(3).size_local
-    number = np.asarray(
-        nodes.local_to_global(np.arange(nodes.size_local + nodes.num_ghosts, dtype=np.int32)), dtype=np.int64
-    )
-    of_cells = number[compat.cell_geometry(old)]
+    of_cells = global_numbers(nodes)[compat.cell_geometry(old)]
     cells, x = of_cells[:own, parts].reshape(-1, parts.shape[1]), old.geometry.x[: nodes.size_local].copy()
     domain = compat.create_mesh(comm, old.topology.cell_type.name, cells, x)
 

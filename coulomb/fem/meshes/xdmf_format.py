@@ -1,6 +1,7 @@
 """XDMF meshes with numbered groups of facets and cells, as DOLFINx, meshio and `coulomb convert` write them.
 
-The arrays are in HDF5 files, of which every rank reads its share: no rank has the whole mesh.
+The arrays are in HDF5 files, of which every rank reads its share: no rank has the whole mesh.  DOLFINx's XDMFFile reads
+numbers only on a mesh that is made already, whose faults are to be found before, and knows no names of them.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from ...regular_file import read_bytes, refuse_irregular
 from ..geometry import on_all_ranks
 from .exchange import Exchange, Slabs, even_starts, fetched, on_first_rank, owner_of, starts_of
 from .mesh_file import MeshFile, only_set, refuse_cells, titles
+from .rows import distinct
 
 NAMES = "coulomb:names"
 """Name of the Information element with the names of numbers, as {"faces": {"sole": 3}, "cells": {"steel": 1}}: the XDMF
@@ -355,9 +357,8 @@ def _rows_of_cells(grid: _Grid, mesh: _Grid) -> IntArray:
     here = Exchange(comm, owner_of(hubs, ours[:, 0]))
     there, number = here.send(ours), here.send(numbers)
     ask = Exchange(comm, owner_of(hubs, theirs[:, 0]))
-    both = np.vstack([there, ask.send(theirs)])
-    _, first, which = np.unique(both, axis=0, return_index=True, return_inverse=True)
-    found = first[which.ravel()][len(there) :]
+    first, which = distinct(np.vstack([there, ask.send(theirs)]))
+    found = first[which][len(there) :]
     known = found < len(there)
     cell = ask.reply(np.where(known, np.append(number, -1)[np.where(known, found, -1)], -1))
     if comm.allreduce(bool(np.any(cell < 0)), op=MPI.LOR):

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...arrays import FloatArray, IntArray
 from .. import compat
+from .exchange import global_numbers
 from .inspection import InspectedMesh
 from .lagrange import in_vtk_order
 from .mesh_parts import corners_of
@@ -72,8 +73,7 @@ def gathered(mesh: NamedMesh) -> InspectedMesh:
     """A mesh on rank 0, for `write`; on the others without points, cells and facets; collective."""
     domain, comm = mesh.domain, mesh.comm
     own, points = domain.topology.index_map(3).size_local, domain.geometry.index_map()
-    local = np.arange(points.size_local + points.num_ghosts, dtype=np.int32)
-    number = np.asarray(points.local_to_global(local), dtype=np.int64)
+    number = global_numbers(points)
     first = domain.topology.index_map(3).local_range[0]
 
     def whole(rows: Any) -> Any:
