@@ -10,8 +10,7 @@ from importlib import import_module
 
 from . import fem, model, solvers
 from .installation import Unusable
-from .lazy_names import stubbed
-from .supplied import supplied
+from .lazy_names import stubbed, supplied
 
 # Read when the library of OpenMP is loaded.  Threads that wait in busy loops, its default, make products of multigrid
 # ten times as slow where other programs need the processors too.  With GNU's library they look a thousand times, for

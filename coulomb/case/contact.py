@@ -36,8 +36,7 @@ from .values import (
 if TYPE_CHECKING:
     from ..fem.contact import FoundPair
     from ..fem.geometry import Coefficient, Rotation
-    from ..model.contact import Contact
-    from ..model.friction import SlipRateFriction
+    from ..model.contact import Contact, SlipRateFriction
 
 
 class FoundationTable(Table):
@@ -279,7 +278,7 @@ class ContactTable(Table):
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:
         """One coefficient, or two with a direction; by slip rate if the contact or a region has such a table."""
-        from ..model.friction import SlipRateFriction
+        from ..model.contact import SlipRateFriction
 
         if self.direction is not None:
             along, across = self._by_parts(_pair)

@@ -21,7 +21,7 @@ from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from ..case.case import Case
-from ..contact_names import normal_forces
+from ..contact_fields import normal_forces
 from ..fem.compilation import announce
 from ..fem.meshes import InspectedMesh, JoinedMesh, NamedMesh, gathered
 from ..fem.meshes import write as write_mesh

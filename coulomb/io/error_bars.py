@@ -30,9 +30,8 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
-from .answer import Answer, answer_of
+from .answer import FREE, LARGEST, Answer, answer_of, least_bar
 from .energy_error import relative_stress_error
-from .largest_displacement import FREE, LARGEST, least_bar
 
 SAFETY = 1.5
 """Safety factor of an error estimated from three meshes, between Roache's 1.25 and 3."""

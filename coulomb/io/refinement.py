@@ -16,9 +16,8 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
-from .answer import Answer, answer_of
+from .answer import FREE, Answer, answer_of
 from .error_bars import ErrorBar, ErrorBars, NoErrorBars, bars_of, error_of, refuse_too_large
-from .largest_displacement import FREE
 
 UNKNOWNS = 300_000
 """Displacement unknowns that a finer mesh may have by default."""

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..contact_fields import names as field_names
-from ..contact_names import sides_of
+from ..contact_fields import sides_of
 from ..fem import compat
 from ..fem.bodies import HELD_OBLIQUE, HeldDirections
 from ..fem.compat import mesh

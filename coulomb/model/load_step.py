@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..contact_names import named_faces
+from ..contact_fields import named_faces
 from ..fem.bodies import Deformable, HeldDirections
 from ..linalg.reductions import Reductions
 from .nodal_answer import Accumulated

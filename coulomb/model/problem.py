@@ -30,6 +30,7 @@ from ..fem.bodies import (
 from ..fem.contact import ContactSurface, RigidFace, Tied, TiedBodies, with_slaves
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
+from ..lazy_names import supplied
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
 from ..linalg.reductions import Reductions
 from ..linalg.unsolved import TooSlow, Unsolved
@@ -40,7 +41,6 @@ from ..solvers.friction_problem import Solver
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.newton_systems import DenseSystem
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
-from ..supplied import supplied
 from . import notebook
 from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState

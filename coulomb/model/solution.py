@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..fem.contact import face_samples
+from ..lazy_names import supplied
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
-from ..supplied import supplied
 from . import notebook
 from .certificate import Certificate
 from .discrete_problem import DiscreteProblem

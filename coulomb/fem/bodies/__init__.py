@@ -5,12 +5,17 @@ matrix K, the load f, and the nodal forces of a displacement.  Several bodies ar
 from .body import LOCKING_ABOVE, STRESSES, ElasticBody, cell_measure
 from .conduction import Conduction, HeatLoad
 from .constraints import HELD_OBLIQUE, HeldDirections, HeldNodes, Nodes, Numbering, distributed_rows
-from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie
-from .displacement_space import INTERPOLATION, DisplacementSpace, attach_interpolation, attach_rigid_body_modes
+from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie, WrappedBodies
+from .displacement_space import (
+    INTERPOLATION,
+    DisplacementSpace,
+    attach_interpolation,
+    attach_rigid_body_modes,
+    free_earlier_bodies,
+)
 from .elasticity import Elasticity, LoadedBody
 from .form_body import BilinearForm, Body, FormValues
 from .free_motions import FreeMotion, FreeMotions, anchors_of, free_motions, motions_in_words
-from .garbage import free_earlier_bodies
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .loads import (
     TEMPERATURE,
@@ -58,4 +63,3 @@ from .rigid_modes import (
 )
 from .stress_difference import StressDifference, stress_difference
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane
-from .wrapped_bodies import WrappedBodies

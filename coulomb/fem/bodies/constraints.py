@@ -20,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray, IntArray
-from .. import compat_forms
+from .. import compat
 from ..geometry import first_place, on_all_ranks
 from .supports import Support
 
@@ -126,7 +126,7 @@ class DirichletConditions:
         is not finite; collective."""
         values = np.zeros(self._dofs)
         for bc in self._bcs:
-            compat_forms.set_values(bc, values)
+            compat.set_values(bc, values)
         nodal = values[: self._x.size].reshape(-1, 3)
         held = np.zeros_like(self._x)
         held[self.rows.held.components] = nodal[self.rows.held.components]

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...native import address, kernels
-from .. import compat, compat_forms
+from .. import compat
 from ..compat import fem, ufl
 from ..geometry import Amplitude, Field, evaluate_amplitude, on_all_ranks
 from ..meshes import NamedMesh
@@ -256,7 +256,7 @@ _KEPT = 6  # KEPT of native/assembly.c
 
 def assembled_matrix(form: Any, V: Any) -> PETSc.Mat:
     """The matrix of a form with integrals over all cells only, on V x V, without boundary conditions; collective."""
-    kernel = compat_forms.cell_kernel(form)
+    kernel = compat.cell_kernel(form)
     if kernel is None or V.mesh.comm.size > 1 or np.dtype(PETSc.IntType) != np.int32:
         return compat.assemble_matrix(form)
     nodes, points = _table(compat.cell_dofs(V)), _table(compat.cell_geometry(V.mesh))

@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 
-from ...contact_names import normal_forces
+from ...contact_fields import normal_forces
 from .fields import ZONES, zone_counts
 from .files import Rows, Run
 from .grids import same_nodes
