@@ -7,8 +7,7 @@ from mpi4py import MPI
 
 from coulomb.fem.bodies.constraints import HeldDirections
 from coulomb.fem.bodies.rigid_modes import rigid_modes
-from coulomb.model.certificate import LIMIT
-from coulomb.model.evidence import Evidence
+from coulomb.model.certificate import LIMIT, Evidence
 
 U, F = 3e-4, 2e3
 """Scales of displacements in metres and of contact forces in newtons."""

@@ -17,9 +17,9 @@ from .contact import AutoContactTable, ContactTable, ContactTables
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .error_messages import fault_of, tables_of_several
 from .files import apply, named_files, parsed, read_text, rename_files
-from .heat import HeatTable, refuse_unfit_heat
 from .loads import (
     ClampTable,
+    HeatTable,
     LoadTable,
     PointLoadTable,
     PrescribedDisplacementTable,
@@ -30,6 +30,7 @@ from .loads import (
     SymmetryTable,
     TotalForceTable,
     TractionTable,
+    refuse_unfit_heat,
 )
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
 from .solver import OutputTable, ProbeTable, SolverTable

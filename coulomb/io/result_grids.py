@@ -29,8 +29,7 @@ from ..fem.compat import fem
 from ..fem.geometry import on_all_ranks
 from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, starts_of
 from ..model.discrete_problem import DiscreteProblem
-from ..model.master_fields import CARRIED, carried, carrying, spreading
-from ..model.nodal_answer import HELD
+from ..model.nodal_answer import CARRIED, HELD, carried, carrying, spreading
 from ..model.solution import FaceAnswer, Solution
 from .field_files import OPPOSITE
 from .grid_file import GridFields, GridPart

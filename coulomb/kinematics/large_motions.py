@@ -26,11 +26,10 @@ from ..fem.bodies import Deformable
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
-from ..model.certificate import Certificate, judge
+from ..model.certificate import Certificate, Evidence, judge
 from ..model.contact import Contact
 from ..model.contact_body import Before
 from ..model.discrete_problem import StatePoints
-from ..model.evidence import Evidence
 from ..model.load_step import Earlier, Energy, Forces, State
 from ..model.nodal_answer import Accumulated
 from ..model.probes import Probe, ProbeValue
@@ -40,9 +39,8 @@ from ..model.solution import Solution
 from ..model.stopping_criterion import StoppingCriterion
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
-from .hyperelastic_body import HyperelasticBody
-from .iterate import Iterate, LargeStrain, Linearised, fineness, linearised, nonlinear
-from .outer_iteration import NEAR, CarriedForces, Path
+from .hyperelastic import HyperelasticBody
+from .iterate import NEAR, CarriedForces, Iterate, LargeStrain, Linearised, Path, fineness, linearised, nonlinear
 from .slip import FaceMotion
 
 _log = logging.getLogger(__name__)

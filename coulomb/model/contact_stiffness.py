@@ -50,8 +50,8 @@ from ..linalg.factors import (
 )
 from ..linalg.reductions import Reductions
 from ..linalg.unsolved import Unsolved
+from .certificate import rounding_forces
 from .conditioning import ill_conditioned, measures_of, on_soft_springs, soft_motions
-from .evidence import rounding_forces
 from .memory import least_room
 from .provenance import timed
 
@@ -260,7 +260,7 @@ class ContactStiffness:
         return self.linear_solver.name
 
     def rounding_forces(self, elasticity: Deformable, u: FloatArray) -> FloatArray:
-        """`evidence.rounding_forces` of the body in a state, scaled by the largest displacement while K is the same;
+        """`rounding_forces` of the body in a state, scaled by the largest displacement while K is the same;
         collective."""
         motion = Reductions(self.comm).max(np.abs(u))
         if self._rounding is None or self._rounding[0] is not elasticity.K or not 0.0 < self._rounding[1] < math.inf:

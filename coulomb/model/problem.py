@@ -44,11 +44,10 @@ from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Stat
 from . import notebook
 from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState
-from .discrete_problem import DiscreteProblem
+from .discrete_problem import CountedProgress, DiscreteProblem, linear_solve_failed
 from .equilibrium import refuse_without_equilibrium
 from .heat import Heat, HeatProblem
 from .input_echo import contacts_of, loads_of, supports_of, ties_of
-from .linear_solve_failed import CountedProgress, linear_solve_failed
 from .load_step import State
 from .notebook import residuals_shown
 from .probes import Probe

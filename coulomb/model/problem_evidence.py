@@ -26,8 +26,8 @@ from ..fem.contact import (
 )
 from ..fem.geometry import HELD_BEYOND, RigidMotion, held_length, inverse_frames, on_all_ranks
 from ..solvers.laws import FrictionLaw
+from .certificate import Evidence, pair_actions
 from .contact_body import Before, ContactBody, ContactState
-from .evidence import Evidence, pair_actions
 from .nodal_answer import closure
 
 

@@ -20,9 +20,8 @@ from ..lazy_names import supplied
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
 from . import notebook
-from .certificate import Certificate
+from .certificate import Certificate, rounding_forces
 from .discrete_problem import DiscreteProblem
-from .evidence import rounding_forces
 from .heat import Heat
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue

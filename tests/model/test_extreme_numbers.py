@@ -8,8 +8,7 @@ from synthetic_evidence import BODY, CASES, failed, synthetic_evidence
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, Traction, certify
-from coulomb.model.certificate import SMALLEST, judge
-from coulomb.model.evidence import Evidence
+from coulomb.model.certificate import SMALLEST, Evidence, judge
 from coulomb.nearest import among
 
 OTHERS = ("comm", "held", "compliance", "averaged", "ground", "component", "bodies", "actions", "jump")

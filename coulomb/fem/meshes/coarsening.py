@@ -24,9 +24,9 @@ from ...arrays import FloatArray, IntArray
 from .curving import CREASE, arcs
 from .exchange import on_first_rank
 from .inspection import InspectedMesh
+from .mesh_parts import distinct, places, sets
 from .meshes import from_first_rank
 from .named_mesh import NamedMesh
-from .rows import distinct, places, sets
 from .sheets import without_sheets
 from .xdmf_writing import gathered
 

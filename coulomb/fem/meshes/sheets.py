@@ -22,7 +22,7 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from ...arrays import FloatArray, IntArray
 from .curving import CREASE, unit_vectors
 from .inspection import InspectedMesh
-from .rows import distinct, places, sets
+from .mesh_parts import distinct, places, sets
 
 WORST = 0.1
 """Least Jacobian at a corner of a cell that changes, over the product of the lengths of its edges; bricks have 1."""

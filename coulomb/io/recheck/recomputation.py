@@ -28,8 +28,7 @@ from ...fem.contact import face_samples
 from ...fem.geometry import RigidFoundation, Spin
 from ...fem.meshes import SEPARATOR
 from ...linalg.reductions import Reductions
-from ...model.certificate import Certificate, judge
-from ...model.evidence import Evidence, rounding_forces
+from ...model.certificate import Certificate, Evidence, judge, rounding_forces
 from ...model.load_step import Forces
 from ...model.nodal_answer import NodalAnswer
 from ...model.probes import LocatedProbes, Part, Probe
