@@ -39,12 +39,7 @@ class _MpiFirst:
 
 sys.meta_path.insert(0, _MpiFirst())
 
-_MOVED = {
-    "solvers": solvers.__all__,
-    "model": model.__all__,
-    "fem": fem.__all__,
-    "fem.meshes": ["read_xdmf"],
-}
+_MOVED = {"solvers": solvers.__all__, "model": model.__all__, "fem": fem.__all__, "fem.meshes": ["read_xdmf"]}
 """Names of the version before, by where they are now."""
 
 __all__, __getattr__ = stubbed(__name__, __file__, _MOVED, renamed={"raised": "second_order", "read_gmsh": "read_mesh"})

@@ -17,10 +17,7 @@ from typing import Any
 
 
 def stubbed(
-    package: str,
-    file: str,
-    moved: Mapping[str, Iterable[str]] | None = None,
-    renamed: Mapping[str, str] | None = None,
+    package: str, file: str, moved: Mapping[str, Iterable[str]] | None = None, renamed: Mapping[str, str] | None = None
 ) -> tuple[list[str], Callable[[str], object]]:
     """The `__all__` and the `__getattr__` of a package with this `__init__.py`.
 

@@ -48,12 +48,6 @@ def start_alone() -> None:
         os.environ.setdefault(name, value)
 
 
-def is_rank_0() -> bool:
-    """Whether this process is the first rank, or the only one."""
-    comm = launched()
-    return comm is None or comm.rank == 0
-
-
 def several() -> bool:
     """Whether a launcher has started more processes than this one."""
     comm = launched()

@@ -9,18 +9,7 @@ from pydantic import BeforeValidator, model_validator
 
 from .contact import FoundationTable, surface_of
 from .curves import AmplitudeTable, amplitude_of
-from .values import (
-    Direction,
-    Name,
-    Number,
-    SpatialNumber,
-    SpatialVector,
-    Stiffness,
-    Table,
-    Vector,
-    coefficient,
-    field,
-)
+from .values import Direction, Name, Number, SpatialNumber, SpatialVector, Stiffness, Table, Vector, coefficient, field
 
 if TYPE_CHECKING:
     from ..fem.bodies import (

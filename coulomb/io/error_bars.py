@@ -267,11 +267,7 @@ class Companions:
     """
 
     def __init__(
-        self,
-        problem: ContactProblem,
-        history: LoadHistory,
-        tolerance: float,
-        progress: ProgressCallback | None = None,
+        self, problem: ContactProblem, history: LoadHistory, tolerance: float, progress: ProgressCallback | None = None
     ):
         self._tolerance, problems = tolerance, compared(problem)
         for one in problems:

@@ -127,10 +127,8 @@ class Linearised(ContactProblem):
         """The evidence of the nonlinear problem for forces x (3 m,) at the displacement from which it is linearised;
         `compliance` is the mean diagonal of A; collective."""
         body = self.elasticity
-        e, places = (
-            self._evidence(x, np.zeros_like(body.x), compliance),
-            [nonlinear(m.body).place for m in body.members],
-        )
+        e = self._evidence(x, np.zeros_like(body.x), compliance)
+        places = [nonlinear(member.body).place for member in body.members]
         spring = np.concatenate([place.spring for place in places])
         given = [
             e.load[m.nodes] if place.load is None else place.load for m, place in zip(body.members, places, strict=True)

@@ -305,9 +305,7 @@ class LargeMotions(ContactProblem):
         diagonal.destroy()
         return self.judged(here, x, replace(result, x=x), compliance)
 
-    def recomputed(
-        self, displacement: FloatArray, force_on_body: FloatArray, compliance: float, result: SolverResult | None = None
-    ) -> LargeSolution:
+    def recomputed(self, displacement: FloatArray, force_on_body: FloatArray, compliance: float) -> LargeSolution:
         """What a displacement (k, 3) and contact forces at the points of states are as an answer of the load step,
         judged with this mean diagonal of A; collective."""
         state = self._state
@@ -315,7 +313,7 @@ class LargeMotions(ContactProblem):
         here = self._iterate(state, displacement, self.time, start)
         surface = here.problem.surface
         x = -surface.force_components(force_on_body[self._number[surface.nodes]]).ravel()
-        return self.judged(here, x, result or _without_answer(len(surface.nodes)), compliance)
+        return self.judged(here, x, _without_answer(len(surface.nodes)), compliance)
 
     def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: float) -> LargeSolution:
         """The answer of forces x (3 m,) at an iterate, judged with this mean diagonal of A; collective."""

@@ -50,11 +50,7 @@ class FaceMotion:
     motions: Sequence[RigidMotion]
 
     def slip(
-        self,
-        body: Deformable,
-        surface: ContactSurface,
-        motions: Sequence[RigidMotion],
-        foundations: Foundations,
+        self, body: Deformable, surface: ContactSurface, motions: Sequence[RigidMotion], foundations: Foundations
     ) -> FloatArray:
         """Slip since the start of the step at the contact points of a surface, space vectors in metres, shape (m, 3);
         0 at points that have been none at the start; collective."""
@@ -83,20 +79,14 @@ class FaceMotion:
 
 
 def at_start(
-    body: Deformable,
-    surface: ContactSurface,
-    motions: Sequence[RigidMotion],
-    foundations: Foundations,
+    body: Deformable, surface: ContactSurface, motions: Sequence[RigidMotion], foundations: Foundations
 ) -> FaceMotion:
     """The start of a load step of a body at its present place; collective."""
     return FaceMotion(*foot_points(body, surface.faces, motions, foundations), surface, motions)
 
 
 def foot_points(
-    body: Deformable,
-    faces: Sequence[str],
-    motions: Sequence[RigidMotion],
-    foundations: Foundations,
+    body: Deformable, faces: Sequence[str], motions: Sequence[RigidMotion], foundations: Foundations
 ) -> tuple[FloatArray, FloatArray]:
     """Foot points and normals of `FaceMotion`, of the present places of the nodes; collective."""
     feet, normals = np.full((2, *body.x.shape), np.nan)

@@ -47,11 +47,7 @@ _MOST = 4
 
 
 def refined(
-    elasticity: Deformable,
-    solver: StiffnessSolver,
-    loading: Loading,
-    on_body: FloatArray,
-    u: FloatArray,
+    elasticity: Deformable, solver: StiffnessSolver, loading: Loading, on_body: FloatArray, u: FloatArray
 ) -> FloatArray:
     """The displacement u (k, 3) in metres by iterative refinement (Wilkinson 1963), until loads, springs, reactions and
     the contact forces `on_body` (k, 3) balance; collective.

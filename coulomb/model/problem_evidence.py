@@ -32,12 +32,7 @@ from .nodal_answer import closure
 
 
 def gather_evidence(
-    body: ContactBody,
-    state: ContactState,
-    x: FloatArray,
-    u: FloatArray,
-    compliance: float,
-    before: Before | None,
+    body: ContactBody, state: ContactState, x: FloatArray, u: FloatArray, compliance: float, before: Before | None
 ) -> Evidence:
     """The evidence for an answer; collective.
 
@@ -83,11 +78,8 @@ def gather_evidence(
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
     closed = closure(rows_of(B, u), origin)
     bound = law.radius(force[:, 0])
-    internal, spring, bolts = (
-        elasticity.internal_force(u),
-        elasticity.spring_force(u),
-        elasticity.pretension(state.time),
-    )
+    internal, spring = elasticity.internal_force(u), elasticity.spring_force(u)
+    bolts = elasticity.pretension(state.time)
     load = state.loading.load - bolts
     on_body += elasticity.forces_of_ties(internal - load - spring - on_body - bolts) + bolts
     return Evidence(

@@ -36,10 +36,7 @@ class Anchor:
 
 
 def anchors_of(
-    x: FloatArray,
-    places: Sequence[npt.NDArray[np.bool_]],
-    rows: Callable[[FloatArray], FloatArray],
-    comm: MPI.Comm,
+    x: FloatArray, places: Sequence[npt.NDArray[np.bool_]], rows: Callable[[FloatArray], FloatArray], comm: MPI.Comm
 ) -> list[Anchor]:
     """As many degrees of freedom of a component as it has free motions, which these determine well; collective.
 

@@ -129,11 +129,8 @@ class _Elsewhere:
         order = np.lexsort([outside, point])
         known, first = np.unique(point[order], return_index=True)
         best = order[first]
-        cells, places, beyond = (
-            np.zeros(len(points), dtype=np.int64),
-            np.zeros(points.shape),
-            np.full(len(points), np.inf),
-        )
+        cells, places = np.zeros(len(points), dtype=np.int64), np.zeros(points.shape)
+        beyond = np.full(len(points), np.inf)
         cells[known], places[known], beyond[known] = cell[best], X[best], outside[best]
         return cells, places, beyond
 

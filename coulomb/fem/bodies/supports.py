@@ -193,11 +193,7 @@ class Clamp(PrescribedDisplacement):
     kind = "clamp"
 
     def __init__(
-        self,
-        face: str,
-        components: str = "xyz",
-        direction: Field | None = None,
-        surface: RigidFoundation | None = None,
+        self, face: str, components: str = "xyz", direction: Field | None = None, surface: RigidFoundation | None = None
     ):
         super().__init__(face, (0.0, 0.0, 0.0), components, direction=direction, surface=surface)
 

@@ -154,12 +154,7 @@ class _Integrals:
                 yield at, more == 0, rule
 
     def _products(
-        self,
-        one: IntArray,
-        other: IntArray,
-        triangle: FloatArray,
-        straight: bool,
-        rule: tuple[FloatArray, FloatArray],
+        self, one: IntArray, other: IntArray, triangle: FloatArray, straight: bool, rule: tuple[FloatArray, FloatArray]
     ) -> tuple[FloatArray, FloatArray]:
         """Integrals over triangles (t, 3, 2) in slave cells and before master cells of each slave function times all
         slave functions, all master functions, the outward normal and the way to the master, shape (t, n, n + m + 6);

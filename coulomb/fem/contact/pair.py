@@ -82,10 +82,8 @@ def slave_side(elasticity: Deformable, face: str, against: str) -> tuple[str, st
     else:
         stiffness = [_stiffness(elasticity, name) for name in (face, against)]
         softer = max(stiffness) > _SOFTER * min(stiffness)
-        exchanged, why = (
-            softer and stiffness[1] < stiffness[0],
-            "its body is softer" if softer else "it was named first",
-        )
+        exchanged = softer and stiffness[1] < stiffness[0]
+        why = "its body is softer" if softer else "it was named first"
     return (against, face, why) if exchanged else (face, against, why)
 
 

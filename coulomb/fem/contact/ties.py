@@ -334,10 +334,8 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     if turn is not None:  # nodes on the axis move along it
         on_axis = slave.nodes.start + np.flatnonzero(on_both)
         count, across = len(on_axis), np.eye(3) - np.outer(turn.axis, turn.axis)
-        nodes, directions = (
-            np.concatenate([nodes, on_axis]),
-            np.concatenate([directions, np.tile(across, (count, 1, 1))]),
-        )
+        nodes = np.concatenate([nodes, on_axis])
+        directions = np.concatenate([directions, np.tile(across, (count, 1, 1))])
         area, n = np.concatenate([area, np.zeros(count)]), np.concatenate([n, np.zeros((count, 3))])
         rows, beside_rows, traction = (
             scipy.sparse.vstack([of, scipy.sparse.csr_matrix((more * count, of.shape[1]))], format="csr")

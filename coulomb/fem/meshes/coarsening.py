@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray
 from .curving import CREASE, arcs
 from .exchange import on_first_rank
 from .inspection import InspectedMesh
@@ -56,20 +56,18 @@ def coarsened(mesh: NamedMesh, again: bool = False) -> NamedMesh:
     Raises:
         ValueError: On every rank, if hardly fewer cells are found, or for tetrahedra if there is no MMG, or it fails.
     """
-    if mesh.domain.topology.cell_type.name == "hexahedron":
-        whole = gathered(mesh)
-        sound = on_first_rank(mesh.comm, "a coarser mesh", lambda: _fewer(whole, without_sheets(_sorted(whole), again)))
-        return from_first_rank(mesh.comm, "a coarser mesh", sound)
-    off = float(np.linalg.norm(arcs(mesh)[1], axis=1).max(initial=0.0))
+    hexahedra, off = mesh.domain.topology.cell_type.name == "hexahedron", 0.0
+    if not hexahedra:
+        off = float(np.linalg.norm(arcs(mesh)[1], axis=1).max(initial=0.0))
     whole = gathered(mesh)
-    sound = on_first_rank(mesh.comm, "a coarser mesh", lambda: _fewer(whole, _by_mmg(whole, off)))
-    return from_first_rank(mesh.comm, "a coarser mesh", sound)
 
+    def coarser() -> InspectedMesh:
+        found = without_sheets(_sorted(whole), again) if hexahedra else _by_mmg(_sorted(whole), off)
+        if len(whole.cells) < LEAST[whole.cells.shape[1]] ** 3 * len(found.cells):
+            raise ValueError(f"{len(found.cells)} coarser cells for {len(whole.cells)} are hardly fewer")
+        return found
 
-def _fewer(mesh: InspectedMesh, coarser: InspectedMesh) -> InspectedMesh:
-    if len(mesh.cells) < LEAST[mesh.cells.shape[1]] ** 3 * len(coarser.cells):
-        raise ValueError(f"{len(coarser.cells)} coarser cells for {len(mesh.cells)} are hardly fewer")
-    return coarser
+    return from_first_rank(mesh.comm, "a coarser mesh", on_first_rank(mesh.comm, "a coarser mesh", coarser))
 
 
 def mmg() -> Path | None:
@@ -83,7 +81,6 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
     program = mmg()
     if program is None:
         raise ValueError("coarser tetrahedra are made by MMG, whose mmg3d_O3 is not on the PATH")
-    mesh = _sorted(mesh)
     x, cells = mesh.points, mesh.cells
     sides = np.sort(cells[:, _SIDES].reshape(-1, 3), axis=1)
     first, number = distinct(sides)
@@ -101,19 +98,10 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
         libraries = os.pathsep.join([str(program.parent.parent / "lib64"), os.environ.get("LD_LIBRARY_PATH", "")])
         # How far new edges may be off the smooth surface: four times their middles, since MMG takes half the length.
         near = max(4.0 * LONGER**2 * off, 1e-3 * float(np.ptp(x, axis=0).max()))
+        options: dict[str, object] = {"v": 0, "hgrad": GRADATION, "hausd": near, "ar": math.degrees(CREASE)}
+        options |= {"m": 200 + len(cells) // 250, "in": old, "sol": sizes, "out": new}
         ran = subprocess.run(
-            [
-                str(program),
-                "-v",
-                "0",
-                "-hgrad",
-                repr(GRADATION),
-                "-hausd",
-                repr(near),
-                "-ar",
-                repr(math.degrees(CREASE)),
-            ]
-            + ["-m", str(200 + len(cells) // 250), "-in", str(old), "-sol", str(sizes), "-out", str(new)],
+            [str(program), *(word for name, value in options.items() for word in (f"-{name}", str(value)))],
             capture_output=True,
             text=True,
             errors="replace",
@@ -122,11 +110,8 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
         if ran.returncode or not new.exists():
             raise ValueError(f"MMG found no coarser tetrahedra: {(ran.stderr or ran.stdout).strip()[-300:]}")
         text = new.read_text()
-    points, tetrahedra, triangles = (
-        _rows(text, "Vertices", 4),
-        _rows(text, "Tetrahedra", 5),
-        _rows(text, "Triangles", 4),
-    )
+    points, tetrahedra = _rows(text, "Vertices", 4), _rows(text, "Tetrahedra", 5)
+    triangles = _rows(text, "Triangles", 4)
     facets = np.sort(triangles[:, :3].astype(np.int64) - 1, axis=1)
     of_face, of_group = faces[triangles[:, -1].astype(np.int64)], groups[tetrahedra[:, -1].astype(np.int64)]
     return InspectedMesh(
@@ -142,11 +127,11 @@ def _sorted(mesh: InspectedMesh) -> InspectedMesh:
     """With points and cells in an order that does not depend on the number of ranks, as what is made depends on it; and
     with corners of tetrahedra in ascending order: MMG turns those that are mirrored."""
     order = np.lexsort(mesh.points.T)
-    x, number = mesh.points[order], _inverse(order)
+    x, number = mesh.points[order], np.argsort(order)
     cells = number[mesh.cells]
     ascending = np.sort(cells, axis=1)
     order = np.lexsort(ascending.T[::-1])
-    cells, place = (ascending if cells.shape[1] == 4 else cells)[order], _inverse(order)
+    cells, place = (ascending if cells.shape[1] == 4 else cells)[order], np.argsort(order)
     return InspectedMesh(
         x,
         cells,
@@ -154,12 +139,6 @@ def _sorted(mesh: InspectedMesh) -> InspectedMesh:
         {name: np.sort(number[rows], axis=1) for name, rows in mesh.face_groups.items()},
         {},
     )
-
-
-def _inverse(order: IntArray) -> IntArray:
-    found = np.empty_like(order)
-    found[order] = np.arange(len(order))
-    return found
 
 
 def _write(

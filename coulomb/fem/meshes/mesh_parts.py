@@ -40,8 +40,7 @@ def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.N
     faces = {}
     for name, rows in groups.items():
         given = Exchange(comm, owner_of(hubs, rows[:, 0])).send(rows)
-        _, number = np.unique(np.vstack([given, asked]), axis=0, return_inverse=True)
-        number = number.ravel()
+        _, number = distinct(np.vstack([given, asked]))
         faces[name] = boundary[ask.reply(np.isin(number[len(given) :], number[: len(given)]))]
     return faces
 

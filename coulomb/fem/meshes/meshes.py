@@ -23,14 +23,7 @@ from .curving import arcs
 from .cuts import apart, cut
 from .exchange import on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
-from .lagrange import (
-    CORNERS,
-    corner_geometry,
-    corners_to_nodes,
-    in_dolfinx_order,
-    is_second_order,
-    jacobians,
-)
+from .lagrange import CORNERS, corner_geometry, corners_to_nodes, in_dolfinx_order, is_second_order, jacobians
 from .mesh_file import MeshFile
 from .mesh_parts import corners_of, local_cells, local_facets
 from .named_mesh import Grid, NamedMesh, Planes

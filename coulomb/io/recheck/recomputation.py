@@ -15,15 +15,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...contact_fields import CONTACT_FIELDS
 from ...fem import compat
-from ...fem.bodies import (
-    EXPANSION,
-    ISOTROPIC,
-    ORTHOTROPIC,
-    ORTHOTROPIC_EXPANSION,
-    TEMPERATURE,
-    TIE_STRESSES,
-    range_of,
-)
+from ...fem.bodies import EXPANSION, ISOTROPIC, ORTHOTROPIC, ORTHOTROPIC_EXPANSION, TEMPERATURE, TIE_STRESSES, range_of
 from ...fem.contact import face_samples
 from ...fem.geometry import RigidFoundation, Spin
 from ...fem.meshes import SEPARATOR
