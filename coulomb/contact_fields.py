@@ -75,7 +75,9 @@ CONTACT_FIELDS = (
     ),
     ContactField("status", "zones", "", lambda at: at.status.astype(float), shown="report", between="least"),
     ContactField("slip", "slip", "m", lambda at: at.slip, vector=True, shown="report", opposite="reversed"),
-    ContactField("gap", "remaining gap", "m", lambda at: at.gap - at.closure[:, 0], shown="report", opposite="mean"),
+    ContactField(
+        "gap", "remaining gap", "m", lambda at: at.gap - at.relative_displacement[:, 0], shown="report", opposite="mean"
+    ),
     ContactField(
         "accumulated_slip",
         "slip accumulated since the start",

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 
-def stubbed(
+def lazily_loaded(
     package: str, file: str, moved: Mapping[str, Iterable[str]] | None = None, renamed: Mapping[str, str] | None = None
 ) -> tuple[list[str], Callable[[str], object]]:
     """The `__all__` and the `__getattr__` of a package with this `__init__.py`.
@@ -45,6 +45,6 @@ def stubbed(
     return sorted(homes), load
 
 
-supplied: dict[str, Callable[..., Any]] = {}
+late_bound: dict[str, Callable[..., Any]] = {}
 """By name: `write`, `faces`, `error`, `plot`, `picture`, `plot_history`, which take a `Solution` first; `refine`, which
 takes a problem; `large` and `nonlinear_body` give the classes of problems and bodies of large motions."""

@@ -71,13 +71,13 @@ def begin() -> None:
     _keep_caches_somewhere()
 
 
-def hear_signals_again() -> None:
+def restore_signal_handlers() -> None:
     """Restore signal handlers after the start of MPI: Open MPI 5 takes over SIGHUP and ignores it."""
     for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGUSR1):
         signal.signal(number, signal.getsignal(number))
 
 
-def go_on_unheard() -> None:
+def ignore_broken_pipes() -> None:
     """From here on a closed pipe does not end the process, which has results to write."""
     global _goes_on
     _goes_on = True

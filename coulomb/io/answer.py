@@ -141,7 +141,7 @@ def _of_nodes(solution: Solution, error: float) -> tuple[float, float, float]:
     be open as well as closed, by how much at most they change the largest slip of a contact face, metres, and a largest
     pressure, pascals; collective."""
     problem, at, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
-    gap = problem.surface.gap - problem.closure(solution.change)[:, 0]
+    gap = problem.surface.gap - problem.relative_displacement(solution.change)[:, 0]
     small = error * over.norm(solution.contact_force)
     closed = at.status != OPEN
     either = np.where(closed, at.force[:, 0] <= small, gap <= small * problem.mean_compliance)

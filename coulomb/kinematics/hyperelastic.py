@@ -247,7 +247,7 @@ def hyperelastic(material: object) -> Hyperelastic:
 _NOTHING = (0.0, 0.0, 0.0)
 
 
-class _Acting(LoadedBody):
+class _SupportedBody(LoadedBody):
     """Supports, springs and dead loads; prescribed rotations turn by finite angles."""
 
     def prescribed_values(self, time: float) -> FloatArray:
@@ -296,7 +296,7 @@ class HyperelasticBody(NonlinearBody):
         materials = {str(group): law for group, law in laws} if several else laws[0][1]
         self._follow = [load for load in tractions if isinstance(load, Pressure)]
         dead = [load for load in tractions if not isinstance(load, Pressure)]
-        self._loaded = loaded = _Acting(
+        self._loaded = loaded = _SupportedBody(
             *(mesh, materials, clamps, dead, body_force, springs, body_force_amplitude, gravity, gravity_amplitude)
         )
         u, v, w = fem.Function(loaded.V, name="displacement"), ufl.TestFunction(loaded.V), ufl.TrialFunction(loaded.V)
@@ -369,8 +369,8 @@ class HyperelasticBody(NonlinearBody):
         for factor, load in zip(self._factors, self._follow, strict=True):
             factor.value = evaluate_amplitude(load.amplitude, time, f"pressure on {load.face!r}")
 
-    def _acting(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
-        inside, *_ = super()._acting(u, time)
+    def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
+        inside, *_ = super()._outer_forces(u, time)
         dead, load = self._loaded.at(time), np.zeros_like(u)
         for following in self._following():
             load += following.forces
@@ -393,8 +393,8 @@ class HyperelasticBody(NonlinearBody):
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
         return self._loaded.spring_forces(u)
 
-    def supports_understood(self) -> list[dict[str, Any]]:
-        return self._loaded.supports_understood()
+    def support_entries(self) -> list[dict[str, Any]]:
+        return self._loaded.support_entries()
 
     def forms(self) -> None:
         return None

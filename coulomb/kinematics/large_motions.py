@@ -25,7 +25,7 @@ from ..arrays import FloatArray
 from ..fem.bodies import Deformable
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
-from ..linalg.unsolved import Unsolved
+from ..linalg.solve_errors import CGNotConverged
 from ..model.certificate import Certificate, Evidence, judge
 from ..model.contact import Contact
 from ..model.contact_body import Before
@@ -219,7 +219,7 @@ class LargeMotions(ContactProblem):
         state = self._state
         try:
             return self._whole_step(state, tolerance, partial(Linearised.solve, solver=solver, progress=progress))
-        except (Unsolved, ValueError, NotConverged) as failure:
+        except (CGNotConverged, ValueError, NotConverged) as failure:
             linearised(self.elasticity, state.displacement, state.time)  # the user's functions are of that state
             result = failure.result if isinstance(failure, NotConverged) else _without_answer(len(self._points.nodes))
             if result.status is Status.INTERRUPTED or isinstance(failure, StepCut):

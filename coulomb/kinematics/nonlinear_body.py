@@ -112,13 +112,13 @@ class NonlinearBody(Body):
         self._set(time)
         self._displacement.x.array[: u.size] = u.ravel()
         self._displacement.x.scatter_forward()
-        loading, load, spring = there._acting(u, time)
+        loading, load, spring = there._outer_forces(u, time)
         rest = loading.prescribed - self.held_part(u)
         values = self._a.values
         there._place = _Place(u.copy(), Loading(time, loading.load, rest), loading.prescribed, values, load, spring)
         return there
 
-    def _acting(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
+    def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
         """Minus the residual and the prescribed displacements at the present displacement u; loads and forces of
         springs in it, as of `_Place`; collective."""
         return super().at(time), None, np.zeros_like(u)

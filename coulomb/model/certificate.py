@@ -53,7 +53,7 @@ class Evidence:
         prescribed: The displacement along them, shape (k, 3).
         on_body: Contact forces on the body, and those of ties, shape (k, 3).
         force: The same at the contact nodes along n, t1, t2, with x_n >= 0 pressing, shape (m, 3).
-        closure: Displacement of the contact nodes along n, and their slip along t1, t2, shape (m, 3).
+        relative_displacement: Displacement of the contact nodes along n, and their slip along t1, t2, shape (m, 3).
         gap: Before deformation, shape (m,).
         bound: Slip bound of the law at these forces, shape (m,).
         rounding: Nodal forces due to rounding of the displacement (`rounding_forces`), shape (k, 3).
@@ -78,7 +78,7 @@ class Evidence:
     prescribed: FloatArray
     on_body: FloatArray
     force: FloatArray
-    closure: FloatArray
+    relative_displacement: FloatArray
     gap: FloatArray
     bound: FloatArray
     rounding: FloatArray
@@ -342,7 +342,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     # In units of the scales, so that no product of two of them overflows or vanishes.
     unit = scales.force or 1.0  # 0 only where all forces are
     force, g = e.force / unit, e.bound / unit
-    gap, slip = (e.gap - e.closure[:, 0]) / scales.length, e.closure[:, 1:] / scales.length
+    gap, slip = (e.gap - e.relative_displacement[:, 0]) / scales.length, e.relative_displacement[:, 1:] / scales.length
     pressing, friction, sliding = force[:, 0], np.hypot(force[:, 1], force[:, 2]), np.hypot(slip[:, 0], slip[:, 1])
     g_scale = over.max(g)
     early_slip = over.max(sliding * np.maximum(g - friction, 0.0))
@@ -355,10 +355,10 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     balance, drift, parts = rigid_balance(e, np.array(outer), scales.length, scales.turnover)
     each = ", of every body" if e.bodies else f", of each of {parts} components" if parts > 1 else ""
     sums = f"loads, springs, reactions, contact: forces and moments add to zero{each}"
-    remaining = np.column_stack([e.gap - e.closure[:, 0], -e.closure[:, 1:]])  # A x - b
+    remaining = np.column_stack([e.gap - e.relative_displacement[:, 0], -e.relative_displacement[:, 1:]])  # A x - b
     residual = _natural_residual(e, remaining.ravel(), scales, over)
     mean = f"; means around {'contact points' if e.actions is not None else 'vertices'}" if e.averaged else ""
-    deepest = worst(over.max(e.closure[:, 0] - e.gap), 0.0)
+    deepest = worst(over.max(e.relative_displacement[:, 0] - e.gap), 0.0)
 
     def relative(name: str, value: float, meaning: str) -> Check:
         return Check(name, worst(value, 0.0), LIMIT, "", meaning)
@@ -440,7 +440,7 @@ def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
         "prescribed displacements": e.prescribed,
         "contact forces on the body": e.on_body,
         "contact forces": e.force,
-        "closure": e.closure,
+        "relative displacements": e.relative_displacement,
         "gaps": e.gap,
         "slip bounds": e.bound,
         "rounding": e.rounding,

@@ -24,7 +24,7 @@ from ..fem.contact import (
     Pair,
     contact_surface,
     joined,
-    lost_nodes,
+    nodes_of_other_pairs,
     pair_of,
     pair_surface,
     rows_of,
@@ -87,7 +87,8 @@ class ContactFaces:
     def pair(self, number: int, elasticity: Deformable) -> Pair:
         """The pair of faces of a contact against a deformable face; all are found at once; collective.
 
-        Nodes of a face against a foundation are contact points there, others at the nearest master (`lost_nodes`).
+        Nodes of a face against a foundation are contact points there, others at the nearest master
+        (`nodes_of_other_pairs`).
         """
         if number not in self._pairs:
             self._pairs |= self._all_pairs(elasticity)
@@ -109,7 +110,7 @@ class ContactFaces:
                     elasticity, contact.face, contact.against, contact.adjust, left_out[each], contact.shape
                 )
             points = {each: (pair.points.nodes, pair.gap) for each, pair in found.items()}
-            lost = lost_nodes(points, len(taken), size)
+            lost = nodes_of_other_pairs(points, len(taken), size)
             changed = [each for each in lost if self._comm.allreduce(bool(np.any(lost[each])), op=MPI.LOR)]
             left_out |= {each: left_out[each] | lost[each] for each in changed}
         return found

@@ -49,7 +49,7 @@ from ..linalg.factors import (
     symbolic,
 )
 from ..linalg.reductions import Reductions
-from ..linalg.unsolved import Unsolved
+from ..linalg.solve_errors import CGNotConverged
 from .certificate import rounding_forces
 from .conditioning import ill_conditioned, measures_of, on_soft_springs, soft_motions
 from .memory import least_room
@@ -76,8 +76,8 @@ def explained(elasticity: Deformable) -> Iterator[None]:
     """Failures of K^-1 as errors in the form a, if K is made of the user's forms, or in the shape of cells."""
     try:
         yield
-    except (ValueError, PETSc.Error, Unsolved) as error:
-        slow = isinstance(error, Unsolved) and not error.indefinite
+    except (ValueError, PETSc.Error, CGNotConverged) as error:
+        slow = isinstance(error, CGNotConverged) and not error.indefinite
         if elasticity.forms() is not None and not slow:
             raise NotPositiveDefinite(
                 "Body: a is not positive definite where bcs hold nothing, to rounding: look at the signs of its terms "

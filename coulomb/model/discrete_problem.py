@@ -20,14 +20,14 @@ from ..fem.bodies import Deformable, Loading
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance, StiffnessSolver
 from ..linalg.reductions import Reductions
-from ..linalg.unsolved import Unsolved
+from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION, RigidMotions
 from .certificate import Evidence, lengths
 from .contact_body import Before, ContactBody, ContactState, rigid_motions
 from .contact_stiffness import FixedStiffness, explained
-from .nodal_answer import closure
+from .nodal_answer import relative_displacement
 from .problem_evidence import gather_evidence
 from .provenance import timed
 
@@ -100,7 +100,7 @@ def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accurac
     ended = False
     try:
         solver.solve(rhs, change, accuracy)
-    except Unsolved:  # what was reached may still be better than before
+    except CGNotConverged:  # what was reached may still be better than before
         ended = True
     values: FloatArray = size * change.array_r.reshape(-1, 3)
     rhs.destroy()
@@ -221,27 +221,27 @@ class DiscreteProblem:
 
         c is the gap along n, and along t1 and t2 the displacement from which slip counts.
         """
-        free = self.closure(self._free_displacement)
+        free = self.relative_displacement(self._free_displacement)
         free[:, 0] -= self.surface.gap
         return free.ravel()
 
-    def closure(self, u: FloatArray) -> FloatArray:
+    def relative_displacement(self, u: FloatArray) -> FloatArray:
         """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3); collective.
 
         Where supports prescribe slips, those of the size of rounding errors are exactly 0: friction would be along
         them.
         """
         rows = self.surface.rows(u)
-        closed = closure(rows, self.state.slip_origin)
+        closed = relative_displacement(rows, self.state.slip_origin)
         if self.surface.free_B is self.surface.B:  # no slip is prescribed
             return closed
         size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.state.slip_origin).max(axis=1, initial=0.0)
         closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
         return closed
 
-    def known_closure(self, x: FloatArray, alpha: FloatArray) -> FloatArray | None:
-        """`closure` of the displacement under forces x (3 m,) in newtons, moved by alpha, if it takes no solve with K;
-        None otherwise, and where slips are prescribed; collective."""
+    def known_relative_displacement(self, x: FloatArray, alpha: FloatArray) -> FloatArray | None:
+        """`relative_displacement` under forces x (3 m,) in newtons, moved by alpha, if it takes no solve with K; None
+        otherwise, and where slips are prescribed; collective."""
         if self.surface.free_B is not self.surface.B:
             return None
         product = self.A.known_product(x)
@@ -286,7 +286,10 @@ class DiscreteProblem:
 
         def solved() -> FloatArray:
             u = self.elasticity.K.createVecRight()
-            with suppress(Unsolved), explained(self.elasticity):  # with products by A its errors cancel (`under_load`)
+            with (
+                suppress(CGNotConverged),
+                explained(self.elasticity),
+            ):  # with products by A its errors cancel (`under_load`)
                 solver.solve(self.f, u, _BEFORE_REFINEMENT if solver.tolerance > 0.0 else 0.0)
             values = self._with_prescribed(u.array.reshape(-1, 3))
             u.destroy()
@@ -351,7 +354,7 @@ class CountedProgress:
 
 
 def linear_solve_failed(
-    posed: DiscreteProblem, problem: FrictionProblem, failure: Unsolved, progress: CountedProgress, method: str
+    posed: DiscreteProblem, problem: FrictionProblem, failure: CGNotConverged, progress: CountedProgress, method: str
 ) -> LinearSolveFailed:
     """The error of a contact problem in which a solve with K failed, with the last iterate; collective."""
     A, rigid = problem.A.matrix_free, NO_MOTION if problem.rigid is None else np.zeros(problem.rigid.count)

@@ -136,9 +136,9 @@ class NodalAnswer:
         return tangent_lengths(self.frames)
 
     @cached_property
-    def closure(self) -> FloatArray:
+    def relative_displacement(self) -> FloatArray:
         """Displacement along n, and slip along t1 and t2, shape (m, 3)."""
-        return closure(self.displacement, self.slip_origin)
+        return relative_displacement(self.displacement, self.slip_origin)
 
     @cached_property
     def bound(self) -> FloatArray:
@@ -164,7 +164,7 @@ class NodalAnswer:
     @cached_property
     def slip(self) -> FloatArray:
         """Slip from `slip_origin`, space vectors in the tangent plane, shape (m, 3)."""
-        slip = self.closure.copy()
+        slip = self.relative_displacement.copy()
         slip[:, 0] = 0.0
         return self._displacements(slip)
 
@@ -216,7 +216,7 @@ class NodalAnswer:
 
     @cached_property
     def _friction_work(self) -> FloatArray:
-        work: FloatArray = np.sum(self.force[:, 1:] * self.closure[:, 1:], axis=1)
+        work: FloatArray = np.sum(self.force[:, 1:] * self.relative_displacement[:, 1:], axis=1)
         return work
 
     @cached_property
@@ -253,7 +253,7 @@ class NodalAnswer:
         alone = part is not None or len(self.faces) == 1
         here = self.part == part if part is not None else np.ones(len(self.part), dtype=bool)
         over, force, x = Reductions(self.comm), self.force[here], self.x[here]
-        on_body, slip = self.on_body[here], (self.closure[:, 1:] / self.scale)[here]
+        on_body, slip = self.on_body[here], (self.relative_displacement[:, 1:] / self.scale)[here]
         closed = ~self._open[here]
         pressing = over.sum(force[:, 0])
         moving = np.hypot(slip[:, 0], slip[:, 1])
@@ -357,7 +357,7 @@ class NodalAnswer:
         return vectors
 
 
-def closure(displacement: FloatArray, slip_origin: FloatArray) -> FloatArray:
+def relative_displacement(displacement: FloatArray, slip_origin: FloatArray) -> FloatArray:
     """u_n, and slip along t1 and t2, metres; all along n, t1, t2, shapes (m, 3)."""
     closed = displacement.copy()
     closed[:, 1:] -= slip_origin[:, 1:]

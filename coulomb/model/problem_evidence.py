@@ -28,7 +28,7 @@ from ..fem.geometry import HELD_BEYOND, RigidMotion, held_length, inverse_frames
 from ..solvers.laws import FrictionLaw
 from .certificate import Evidence, pair_actions
 from .contact_body import Before, ContactBody, ContactState
-from .nodal_answer import closure
+from .nodal_answer import relative_displacement
 
 
 def gather_evidence(
@@ -76,7 +76,7 @@ def gather_evidence(
         origin = taken(surface.displacements(state.slip_origin), frames)
     else:
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
-    closed = closure(rows_of(B, u), origin)
+    closed = relative_displacement(rows_of(B, u), origin)
     bound = law.radius(force[:, 0])
     internal, spring = elasticity.internal_force(u), elasticity.spring_force(u)
     bolts = elasticity.pretension(state.time)
@@ -95,7 +95,7 @@ def gather_evidence(
         prescribed=state.loading.prescribed,
         on_body=on_body,
         force=np.concatenate([force, np.column_stack([-np.max(np.abs(stray), axis=1, initial=0.0), none, none])]),
-        closure=np.concatenate([closed, np.zeros((len(stray), 3))]),
+        relative_displacement=np.concatenate([closed, np.zeros((len(stray), 3))]),
         gap=np.concatenate([gap, none]),
         bound=np.concatenate([bound, none]),
         rounding=body.stiffness.rounding_forces(elasticity, u),

@@ -304,7 +304,7 @@ class Deformable(HeldNodes, ABC):
         return 0.0
 
     @abstractmethod
-    def supports_understood(self) -> list[dict[str, Any]]:
+    def support_entries(self) -> list[dict[str, Any]]:
         """Kind, face and what it holds of every support and spring."""
 
     def forms(self) -> Mapping[str, Any] | None:

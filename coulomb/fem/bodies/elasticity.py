@@ -221,7 +221,7 @@ class LoadedBody(ElasticBody, HeldSpace):
         modes = rigid_modes(self.x, self.mesh.comm)
         return -np.stack([self.spring_force(modes[:, :, k]) for k in range(6)], axis=2)
 
-    def supports_understood(self) -> list[dict[str, Any]]:
+    def support_entries(self) -> list[dict[str, Any]]:
         supports = [{"kind": support.kind, "face": support.face, "holds": support.holds} for support in self.supports]
         return supports + [{"kind": "spring", "face": spring.face, "holds": spring.holds} for spring in self.springs]
 

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ...lazy_names import supplied
+from ...lazy_names import late_bound
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
@@ -190,7 +190,7 @@ class Body(SingleBody):
 
     def __new__(cls, *arguments: Any, **named: Any) -> Self:
         large = cls is Body and not {"energy", "residual", "displacement"}.isdisjoint(named)
-        return cast(Self, object.__new__(supplied["nonlinear_body"]() if large else cls))
+        return cast(Self, object.__new__(late_bound["nonlinear_body"]() if large else cls))
 
     def __init__(
         self,
@@ -308,7 +308,7 @@ class Body(SingleBody):
         for share in self._conditions.rows.shares(reaction, self._conditions.count):
             yield NodalForces("dirichlet", None, share)
 
-    def supports_understood(self) -> list[dict[str, Any]]:
+    def support_entries(self) -> list[dict[str, Any]]:
         return self._conditions.words()
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:

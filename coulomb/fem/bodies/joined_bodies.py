@@ -389,8 +389,8 @@ class JoinedBodies(Deformable):
         for member in self.members:
             yield from self._named(member, member.body.spring_forces(u[member.nodes]))
 
-    def supports_understood(self) -> list[dict[str, Any]]:
-        given = [(member, one) for member in self.members for one in member.body.supports_understood()]
+    def support_entries(self) -> list[dict[str, Any]]:
+        given = [(member, one) for member in self.members for one in member.body.support_entries()]
         return [{**one, "face": member.called(one["face"])} for member, one in given]
 
     def blocked_displacement(self, loading: Loading) -> float:

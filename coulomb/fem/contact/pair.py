@@ -26,7 +26,7 @@ _AS_NEAR = 1e-9
 """Distances that differ by less than this part of the coordinates are the same."""
 
 
-def lost_nodes(
+def nodes_of_other_pairs(
     points: Mapping[int, tuple[npt.NDArray[np.integer[Any]], FloatArray]], count: int, size: float
 ) -> dict[int, npt.NDArray[np.bool_]]:
     """Which of `count` nodes every pair loses to another, by the number of the pair: a node counts at the nearest

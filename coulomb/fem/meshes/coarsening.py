@@ -1,4 +1,4 @@
-"""Coarser meshes of bodies of first order: of hexahedra by taking out sheets (`without_sheets`), of tetrahedra by MMG's
+"""Coarser meshes of bodies of first order: of hexahedra by taking out sheets (`extract_sheets`), of tetrahedra by MMG's
 `mmg3d_O3`, a program of its own that PyPI's package mmgpy has (https://www.mmgtools.org; C. Dapogny, C. Dobrzynski and
 P. Frey, J. Comput. Phys. 262, 2014).
 
@@ -27,7 +27,7 @@ from .inspection import InspectedMesh
 from .mesh_parts import distinct, places, sets
 from .meshes import from_first_rank
 from .named_mesh import NamedMesh
-from .sheets import without_sheets
+from .sheet_extraction import extract_sheets
 from .xdmf_writing import gathered
 
 LONGER = 2.0
@@ -35,7 +35,7 @@ LONGER = 2.0
 
 LEAST = {4: 1.3, 8: 1.05}
 """Least ratio of cell sizes, (cells/coarser cells)^(1/3), by corners of a cell: where a body is a cell thick tetrahedra
-stay, as hexahedra do by `sheets.SEEN`."""
+stay, as hexahedra do by `sheet_extraction.SEEN`."""
 
 GRADATION = 1.5
 """Largest ratio of the lengths of two edges at one corner."""
@@ -62,7 +62,7 @@ def coarsened(mesh: NamedMesh, again: bool = False) -> NamedMesh:
     whole = gathered(mesh)
 
     def coarser() -> InspectedMesh:
-        found = without_sheets(_sorted(whole), again) if hexahedra else _by_mmg(_sorted(whole), off)
+        found = extract_sheets(_sorted(whole), again) if hexahedra else _by_mmg(_sorted(whole), off)
         if len(whole.cells) < LEAST[whole.cells.shape[1]] ** 3 * len(found.cells):
             raise ValueError(f"{len(found.cells)} coarser cells for {len(whole.cells)} are hardly fewer")
         return found

@@ -30,8 +30,8 @@ from ...fem.contact import (
     distance_along,
     faces_away,
     held_on_both,
-    lost_nodes,
     mortar_rows,
+    nodes_of_other_pairs,
     planes_of_symmetry,
     shares,
     whole_face,
@@ -258,7 +258,7 @@ def _pairs(
             gap = found.gap(n)
             nodes = grids[number][0].part.nodes.start + found.node
             points[number] = nodes, np.where(np.abs(gap) <= adjust, 0.0, gap)
-        lost = lost_nodes(points, len(taken), float(np.max(np.abs(run.body.x))))
+        lost = nodes_of_other_pairs(points, len(taken), float(np.max(np.abs(run.body.x))))
         changed = [number for number in lost if np.any(lost[number])]
         left_out |= {number: left_out[number] | lost[number] for number in changed}
     return rows

@@ -127,7 +127,7 @@ class Recomputation:
                 prescribed=run.on_body["prescribed"],
                 on_body=on_body + of_ties,
                 force=judged.force,
-                closure=judged.closure,
+                relative_displacement=judged.relative_displacement,
                 gap=judged.gap,
                 bound=judged.bound,
                 rounding=rounded,
