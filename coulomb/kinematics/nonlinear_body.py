@@ -21,7 +21,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem import compat
-from ..fem.bodies import BilinearForm, Body, FormValues, FreeMotions, Loading, free_earlier_bodies
+from ..fem.bodies import BilinearForm, Body, FormValues, FreeMotions, Loading, free_earlier_bodies, matrix_product
 from ..fem.compat import fem, ufl
 
 
@@ -300,13 +300,9 @@ class _PositivePart(BilinearForm):
         return self._kept.duplicate(copy=True)
 
     def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
-        given, result = self.matrix(values).createVecs()
-        given.array[:] = u.ravel()
-        assert self._kept is not None
-        self._kept.mult(given, result)
-        forces: FloatArray = result.array_r.reshape(-1, 3).copy()
-        given.destroy()
-        result.destroy()
+        K = self.matrix(values)
+        forces = matrix_product(K, u).reshape(-1, 3)
+        K.destroy()
         return forces
 
     def _assembled(self, values: FormValues) -> PETSc.Mat:

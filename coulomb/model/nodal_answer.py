@@ -23,7 +23,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..contact_fields import CONTACT_FIELDS, names
-from ..fem.bodies import distributed_rows
+from ..fem.bodies import distributed_rows, matrix_product
 from ..fem.contact import ContactPoints
 from ..fem.geometry import Spin, inverse_frames, tangent_lengths
 from ..linalg.reductions import Reductions
@@ -438,15 +438,9 @@ def spreading(points: ContactPoints, matrix: scipy.sparse.csr_matrix) -> Spread:
     size = points.space.numbering
 
     def spread(values: FloatArray) -> FloatArray:
-        product = np.zeros((size.local, values.shape[1]))
         distributed = distributed_rows(matrix, (size.local, size.total), points.space, None)
-        at_nodes, at_points = distributed.createVecs()
-        for column, found in zip(values.T, product.T, strict=True):
-            at_points.array[:] = column
-            distributed.multTranspose(at_points, at_nodes)
-            found[:] = at_nodes.array_r
-        for one in (at_nodes, at_points, distributed):
-            one.destroy()
-        return product
+        columns = [matrix_product(distributed, column, transposed=True) for column in values.T]
+        distributed.destroy()
+        return np.column_stack(columns)
 
     return spread

@@ -4,7 +4,15 @@ matrix K, the load f, and the nodal forces of a displacement.  Several bodies ar
 
 from .body import LOCKING_ABOVE, STRESSES, ElasticBody, cell_measure
 from .conduction import Conduction, HeatLoad
-from .constraints import HELD_OBLIQUE, HeldDirections, HeldNodes, Nodes, Numbering, distributed_rows
+from .constraints import (
+    HELD_OBLIQUE,
+    HeldDirections,
+    HeldNodes,
+    Nodes,
+    Numbering,
+    distributed_rows,
+    matrix_product,
+)
 from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie, WrappedBodies
 from .displacement_space import (
     INTERPOLATION,

@@ -103,6 +103,17 @@ def distributed_rows(
     return matrix
 
 
+def matrix_product(A: PETSc.Mat, values: FloatArray, transposed: bool = False) -> FloatArray:
+    """A, or A^T, times this rank's values of any shape, those of the result in a row, shape (n,); collective."""
+    given, result = reversed(A.createVecs()) if transposed else A.createVecs()
+    given.array[:] = values.ravel()
+    (A.multTranspose if transposed else A.mult)(given, result)
+    product: FloatArray = result.array_r.copy()
+    given.destroy()
+    result.destroy()
+    return product
+
+
 class DirichletConditions:
     """Boundary conditions on a space of displacements or its components; where they meet, the later one applies.
 

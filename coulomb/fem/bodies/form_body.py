@@ -17,7 +17,7 @@ from ...lazy_names import late_bound
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
-from .constraints import DirichletConditions
+from .constraints import DirichletConditions, matrix_product
 from .deformable import Loading, SingleBody
 from .displacement_space import summed
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
@@ -105,12 +105,8 @@ class BilinearForm:
 
     def _product(self, values: FormValues, u: FloatArray) -> FloatArray:
         K = self.matrix(values)
-        given, result = K.createVecs()
-        given.array[:] = u.ravel()
-        K.mult(given, result)
-        forces: FloatArray = result.array_r.reshape(-1, 3).copy()
-        for done in (K, given, result):
-            done.destroy()
+        forces = matrix_product(K, u).reshape(-1, 3)
+        K.destroy()
         return forces
 
     @contextmanager

@@ -16,7 +16,7 @@ and vertices that touch are not inside the foundation.  Measured: `docs/theory.m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -28,7 +28,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows
+from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows, matrix_product
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import facet_patch
 
@@ -140,26 +140,12 @@ def _distributed(rows: scipy.sparse.csr_matrix, points: ContactPoints) -> PETSc.
 
 def rows_of(B: PETSc.Mat, u: FloatArray) -> FloatArray:
     """B u in metres, shape (m, 3), of displacements u of this rank's nodes, shape (k, 3); collective."""
-    displacement, image = B.createVecs()
-    return _product(B.mult, u, displacement, image)
+    return matrix_product(B, u).reshape(-1, 3)
 
 
 def at_nodes_of(B: PETSc.Mat, x: FloatArray) -> FloatArray:
     """B^T x in newtons, this rank's nodes, shape (k, 3), of forces x, shape (m, 3) or (3 m,); collective."""
-    spread, forces = B.createVecs()
-    return _product(B.multTranspose, x, forces, spread)
-
-
-def _product(
-    multiply: Callable[[PETSc.Vec, PETSc.Vec], None], values: FloatArray, given: PETSc.Vec, result: PETSc.Vec
-) -> FloatArray:
-    """A product of B or B^T with values, shape (rows, 3); the two vectors are destroyed."""
-    given.array[:] = values.ravel()
-    multiply(given, result)
-    product: FloatArray = result.array_r.reshape(-1, 3).copy()
-    given.destroy()
-    result.destroy()
-    return product
+    return matrix_product(B, x, transposed=True).reshape(-1, 3)
 
 
 FUNCTIONS: FloatArray = 2.5 * np.eye(3) - 0.5
@@ -212,15 +198,7 @@ class ContactPoints:
             return values[self.nodes]
         if values.ndim == 1:
             return self.average(values[:, None])[:, 0]
-        averages = np.empty((len(self.nodes), values.shape[1]))
-        given, result = self._matrix.createVecs()
-        for column, average in zip(values.T, averages.T, strict=True):
-            given.array[:] = column
-            self._matrix.mult(given, result)
-            average[:] = result.array_r
-        given.destroy()
-        result.destroy()
-        return averages
+        return np.column_stack([matrix_product(self._matrix, column) for column in values.T])
 
     def gap(self, values: FloatArray) -> FloatArray:
         """The gap of each point by those at this rank's nodes (k,), metres, shape (m,): their average, but no less than
