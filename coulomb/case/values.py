@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, in_words
 
 if TYPE_CHECKING:
     from ..fem.geometry import Coefficient
@@ -64,7 +64,7 @@ class Expression:
         values = np.broadcast_to(values, x.shape[1:]).copy()
         bad = ~np.isfinite(values)
         if np.any(bad):
-            place = ", ".join(f"{c:.6g}" for c in x[:, np.argmax(bad)])
+            place = in_words(x[:, np.argmax(bad)])
             raise ValueError(f"the expression {self.text!r} is {values[np.argmax(bad)]} at ({place})")
         return values
 

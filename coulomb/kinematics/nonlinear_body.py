@@ -21,7 +21,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem import compat
-from ..fem.bodies import BilinearForm, Body, FormValues, FreeMotions, Loading, free_earlier_bodies, matrix_product
+from ..fem.bodies import BilinearForm, Body, FormValues, FreeMotions, Loading, free_earlier_bodies
 from ..fem.compat import fem, ufl
 
 
@@ -300,10 +300,7 @@ class _PositivePart(BilinearForm):
         return self._kept.duplicate(copy=True)
 
     def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
-        K = self.matrix(values)
-        forces = matrix_product(K, u).reshape(-1, 3)
-        K.destroy()
-        return forces
+        return self._product(values, u)
 
     def _assembled(self, values: FormValues) -> PETSc.Mat:
         K = self._inside.matrix(values)

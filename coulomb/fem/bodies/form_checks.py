@@ -11,7 +11,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, in_words
 from .. import compat
 from ..compat import mesh, ufl
 from ..geometry import on_all_ranks
@@ -236,7 +236,7 @@ def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray, suspects: str) -> None:
     diagonal = K.getDiagonal()
     row, least = diagonal.min()
     first, last = diagonal.getOwnershipRange()
-    own = ", ".join(f"{value:.6g}" for value in x[(row - first) // 3]) if first <= row < last else ""
+    own = in_words(x[(row - first) // 3]) if first <= row < last else ""
     place = "".join(diagonal.comm.tompi4py().allgather(own))
     for done in (u, image, other, diagonal):
         done.destroy()

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, in_words, unit_vectors
 from .. import compat
 from ..bodies import DisplacementSpace
 from ..compat import basix
@@ -304,7 +304,7 @@ class FacetPatch:
         """`bulges` with the `mean_normals` at the nodes of each facet, shape (f, n, 3)."""
         if self.kind.degree == 2 or self.curved is not None or not len(self):
             return np.zeros((len(self), 3))
-        creased, n = self._creased(n), _unit(n)
+        creased, n = self._creased(n), unit_vectors(n)
         away = np.einsum("fki,fki->fk", self.x - self.x.mean(axis=1, keepdims=True), n)
         bulges: FloatArray = 0.5 * (away[:, :, None] * n).mean(axis=1)
         return np.where(creased[:, None], 0.0, bulges)
@@ -330,7 +330,7 @@ class FacetPatch:
         x = self.x[:, : self.kind.corners].reshape(-1, 3)
         off = np.abs(surface.signed_distance(x)) / np.repeat(self.diameters, self.kind.corners)
         if np.max(off) > _OFF_SURFACE:
-            where = ", ".join(f"{c:.6g}" for c in x[np.argmax(off)])
+            where = in_words(x[np.argmax(off)])
             raise ValueError(
                 f"has a node off the surface given for it by {100 * np.max(off):.3g} % of its facet, at x = {where}: "
                 "give the surface on which its nodes are"
@@ -348,7 +348,7 @@ class FacetPatch:
         """
         if self.kind.degree == 2:
             return self
-        creased, n, straight, count = self._creased(n), _unit(n), self.x, self.kind.corners
+        creased, n, straight, count = self._creased(n), unit_vectors(n), self.x, self.kind.corners
         ends = np.stack([np.arange(count), np.roll(np.arange(count), -1)], axis=1)
         half = 0.5 * (straight[:, ends[:, 0]] - straight[:, ends[:, 1]])
         rise = [sign * np.einsum("fei,fei->fe", half, n[:, ends[:, k]]) for k, sign in enumerate((1.0, -1.0))]
@@ -371,7 +371,7 @@ class FacetPatch:
         """Facets that differ by more than about 50 degrees from those beside them, by mean normals n at the corners:
         one is aslant to them, or they are short, since the facets around a corner differ."""
         area = self.middle_vectors
-        aslant = np.einsum("fki,fi->fk", _unit(n), area) < _CREASE * np.linalg.norm(area, axis=1)[:, None]
+        aslant = np.einsum("fki,fi->fk", unit_vectors(n), area) < _CREASE * np.linalg.norm(area, axis=1)[:, None]
         return np.any(aslant | (np.linalg.norm(n, axis=2) < _CREASE), axis=1)
 
 
@@ -382,11 +382,6 @@ def mean_normals(node: npt.NDArray[np.int64], vectors: FloatArray, size: int) ->
     np.add.at(sums, node, vectors)
     means: FloatArray = sums / np.maximum(areas, 1e-300)[:, None]
     return means
-
-
-def _unit(n: FloatArray) -> FloatArray:
-    unit: FloatArray = n / np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-300)
-    return unit
 
 
 def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FacetPatch:

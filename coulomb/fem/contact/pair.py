@@ -11,7 +11,7 @@ import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, unit_vectors
 from .. import compat
 from ..bodies import Deformable, DisplacementSpace, HeldDirections, SingleBody
 from ..geometry import HELD_BEYOND, FrictionAxes, RigidFoundation, held_length, on_all_ranks, supported_frames
@@ -90,8 +90,7 @@ def slave_side(elasticity: Deformable, face: str, against: str) -> tuple[str, st
 def clamped_nodes(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
     """This rank's nodes on facets whose displacement along the normal is prescribed; collective."""
     nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
-    n: FloatArray = outward[nodes]
-    n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
+    n = unit_vectors(outward[nodes])
     return nodes[held_length(n, body.held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
 
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, is_number
+from ...arrays import FloatArray, IntArray, is_number, unit_vectors
 from ..bodies import Deformable, Tie
 from ..geometry import Point, Turn, check_direction, check_point, on_all_ranks
 from ..meshes import Exchange, fetched, owner_of, starts_of
@@ -305,7 +305,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
         np.where(own_side[:, None, None], blocks, 0.0), columns, numbers, rows.shape[1] // 3, np.eye(3) - H
     )
     outward = space.positive_weights(on_slave)[1]
-    n = outward[nodes] / np.maximum(np.linalg.norm(outward[nodes], axis=1), 1e-300)[:, None]
+    n = unit_vectors(outward[nodes])
     remarks = []
     if clamped[0] and not clamped[1] and face == given.face:
         remarks.append(

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, unit_vectors
 from .. import compat
 from ..compat import mesh as dolfinx_mesh
 from .exchange import starts_of
@@ -116,12 +116,6 @@ def _boundary(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     local[inwards], x[inwards] = local[inwards, ::-1], x[inwards, ::-1]
     number = np.asarray(nodes.local_to_global(local.ravel().astype(np.int32)), dtype=np.int64).reshape(local.shape)
     return np.concatenate(comm.allgather(number)), np.concatenate(comm.allgather(x))
-
-
-def unit_vectors(vectors: FloatArray) -> FloatArray:
-    """Vectors (..., 3) over their lengths; 0 remains."""
-    found: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
-    return found
 
 
 def split(mesh: NamedMesh) -> NamedMesh:

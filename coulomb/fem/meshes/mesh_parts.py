@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, in_words
 from ...nearest import tree_of
 from .. import compat
 from ..compat import mesh
@@ -104,7 +104,7 @@ def parts_of(domain: Any, path: str) -> tuple[int, FloatArray]:
     count = sum(found for found, *_ in seen)
     if count:
         first_place = min((place for *_, place in seen if place is not None), key=lambda one: one[0])[1]
-        where = ", ".join(f"{c:.6g}" for c in first_place)
+        where = in_words(first_place)
         raise ValueError(
             f"{path}: {count} of {sum(of for _, of, _ in seen)} cells (first seen at x = {where}) "
             f"{'has' if count == 1 else 'have'} edges or corners in common with a part of the mesh with which they "

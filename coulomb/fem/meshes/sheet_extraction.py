@@ -19,8 +19,8 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from ...arrays import FloatArray, IntArray
-from .curving import CREASE, unit_vectors
+from ...arrays import FloatArray, IntArray, unit_vectors
+from .curving import CREASE
 from .inspection import InspectedMesh
 from .mesh_parts import distinct, places, sets
 
