@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
@@ -252,7 +251,7 @@ class HeatProblem:
         if self._averages is None or self._averages[0] is not surface:
             size = (self.bodies.numbering.local, self.bodies.numbering.total)
             on, difference = (
-                distributed_rows(_sorted(rows), size, self.bodies, None)
+                distributed_rows(rows, size, self.bodies, None)
                 for rows in (surface.points.weights, surface.points.difference)
             )
             self._averages = surface, on, difference
@@ -291,9 +290,3 @@ class HeatProblem:
             f"heat: nothing fixes the temperature of {named}: give one of its faces a temperature or a film, or let it "
             "touch what has one, with a conductance (thermal)"
         )
-
-
-def _sorted(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-    rows = rows.copy()
-    rows.sort_indices()
-    return rows

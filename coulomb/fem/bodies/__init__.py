@@ -11,6 +11,7 @@ from .constraints import (
     Nodes,
     Numbering,
     distributed_rows,
+    local_rows,
     matrix_product,
 )
 from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie, WrappedBodies

@@ -22,7 +22,7 @@ from .. import compat
 from ..compat import fem, ufl
 from ..geometry import Amplitude, Coefficient, evaluate_amplitude, evaluate_signed_numbers, on_all_ranks
 from .body import cell_measure
-from .constraints import distributed_rows
+from .constraints import distributed_rows, local_rows
 from .deformable import Deformable, Member
 from .elasticity import LoadedBody
 from .materials import constant_of_cells
@@ -173,7 +173,9 @@ class Conduction:
         self._film[number, member.nodes] = load.film * body.area_of(facets)
         V = _scalars(member)
         T, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-        films[member.name].append(load.film * _rows(fem.form(T * v * body.measure(facets))))
+        films[member.name].append(
+            load.film * local_rows(compat.assemble_matrix(fem.form(T * v * body.measure(facets))))
+        )
 
     def _numbers(self, load: HeatLoad, value: Coefficient, x: FloatArray) -> FloatArray:
         return evaluate_signed_numbers(value, x, load.title, self.bodies.comm)
@@ -186,7 +188,8 @@ class Conduction:
         k = body._on_cells(constant_of_cells(body.mesh, body.materials, "conductivity"), "conductivity")
         V = _scalars(member)
         T, v = ufl.TrialFunction(V), ufl.TestFunction(V)
-        rows = _rows(fem.form(k * ufl.inner(ufl.grad(T), ufl.grad(v)) * cell_measure(body.domain)))
+        form = fem.form(k * ufl.inner(ufl.grad(T), ufl.grad(v)) * cell_measure(body.domain))
+        rows = local_rows(compat.assemble_matrix(form))
         for film in films:
             rows = rows + film
         columns = self.bodies.numbers_of(member, rows.indices.astype(np.int64))
@@ -194,7 +197,6 @@ class Conduction:
 
     def _joined(self, parts: Sequence[scipy.sparse.csr_matrix]) -> PETSc.Mat:
         rows = scipy.sparse.vstack(parts, format="csr")
-        rows.sort_indices()
         numbering = self.bodies.numbering
         return distributed_rows(rows, (numbering.local, numbering.total), self.bodies, None)
 
@@ -213,10 +215,3 @@ def _scalars(member: Member) -> object:
     if not body.comm.allreduce(same, op=MPI.LAND):  # DOLFINx numbers the blocks of both by the same graph
         raise RuntimeError("heat: DOLFINx numbers scalars in another order than vectors")
     return V
-
-
-def _rows(form: object) -> scipy.sparse.csr_matrix:
-    """This rank's rows of the matrix of a form."""
-    matrix = compat.assemble_matrix(form)
-    indptr, columns, values = matrix.getValuesCSR()
-    return scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, matrix.getSize()[1]))

@@ -93,6 +93,8 @@ def distributed_rows(
 ) -> PETSc.Mat:
     """The matrix of the rows of every rank, with global numbers of columns; of `columns` there are so many on this rank
     and in all."""
+    if not rows.has_sorted_indices:
+        rows = rows.sorted_indices()
     matrix = PETSc.Mat().createAIJ(
         ((rows.shape[0], PETSc.DETERMINE), columns),
         bsize=block,
@@ -101,6 +103,12 @@ def distributed_rows(
     )
     matrix.setAttr("mesh", nodes.lifetime)  # keeps it alive: see compat.assemble_matrix
     return matrix
+
+
+def local_rows(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
+    """This rank's rows of a distributed matrix, with global numbers of columns."""
+    indptr, columns, values = matrix.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, matrix.getSize()[1]))
 
 
 def matrix_product(A: PETSc.Mat, values: FloatArray, transposed: bool = False) -> FloatArray:

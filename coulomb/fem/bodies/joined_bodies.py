@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ..geometry import Amplitude, Coefficient, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh
-from .constraints import HeldDirections, Numbering, distributed_rows
+from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
 from .deformable import Deformable, Loading, Member, SingleBody
 from .displacement_space import INTERPOLATION, HeldSpace, attach_interpolation, attach_rigid_body_modes
 from .elasticity import refuse_others
@@ -287,9 +287,7 @@ class JoinedBodies(Deformable):
     def _joined(self, parts: list[PETSc.Mat]) -> PETSc.Mat:
         blocks = []
         for member, part in zip(self.members, parts, strict=True):
-            indptr, columns, values = part.getValuesCSR()
-            rows = scipy.sparse.csr_matrix((values, columns, indptr), _shape(part))
-            blocks.append(_in_joined_numbers(rows, partial(self.numbers_of, member), self.numbering.total))
+            blocks.append(_in_joined_numbers(local_rows(part), partial(self.numbers_of, member), self.numbering.total))
         rows = scipy.sparse.vstack(blocks, format="csr")
         K = distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
         K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -312,8 +310,7 @@ class JoinedBodies(Deformable):
             else:
                 P = make()
                 first, last = P.getOwnershipRangeColumn()
-                indptr, of_P, values = P.getValuesCSR()
-                blocks.append(scipy.sparse.csr_matrix((values, of_P, indptr), _shape(P)))
+                blocks.append(local_rows(P))
                 places.append(body.vertices.space.x)
                 P.destroy()
             sizes.append((first // 3, (last - first) // 3))
@@ -468,10 +465,6 @@ def _in_joined_numbers(
     widened = scipy.sparse.csr_matrix((rows.data, 3 * number(node) + axis, rows.indptr), (rows.shape[0], 3 * total))
     widened.sort_indices()
     return widened
-
-
-def _shape(matrix: PETSc.Mat) -> tuple[int, int]:
-    return int(matrix.getLocalSize()[0]), int(matrix.getSize()[1])
 
 
 def _joined_held(parts: Sequence[HeldDirections], slices: Sequence[slice]) -> HeldDirections:

@@ -28,7 +28,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows, matrix_product
+from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows, local_rows, matrix_product
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import facet_patch
 
@@ -98,7 +98,7 @@ def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) ->
     P = body.projection()
     product = B.matMult(P)
     P.destroy()
-    whole, free = (_local(matrix) for matrix in (B, product))
+    whole, free = (local_rows(matrix) for matrix in (B, product))
     product.destroy()
     largest = abs(whole).max(axis=1).toarray().ravel()
     free.data[np.abs(free.data) <= _ROUNDING * np.repeat(largest, np.diff(free.indptr))] = 0.0
@@ -111,7 +111,7 @@ def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) ->
 def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
     """Products of the three rows of every contact point with each other, over the sum of the squares of the point's
     weights: 1 on the diagonal, if nothing is held; shape (m, 3, 3)."""
-    rows = _local(B)
+    rows = local_rows(B)
     weights = points.difference
     square = np.asarray(weights.multiply(weights).sum(axis=1)).ravel()
     products = np.empty((len(points.nodes), 3, 3))
@@ -123,15 +123,7 @@ def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
     return products
 
 
-def _local(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
-    indptr, columns, values = matrix.getValuesCSR()
-    rows = scipy.sparse.csr_matrix((values, columns, indptr), shape=(len(indptr) - 1, matrix.getSize()[1]))
-    rows.sort_indices()
-    return rows
-
-
 def _distributed(rows: scipy.sparse.csr_matrix, points: ContactPoints) -> PETSc.Mat:
-    rows.sort_indices()
     size = points.space.numbering
     B = distributed_rows(rows, (3 * size.local, 3 * size.total), points.space, None)
     B.assemble()

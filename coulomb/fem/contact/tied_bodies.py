@@ -37,6 +37,7 @@ from ..bodies import (
     component_modes,
     distributed_rows,
     free_motions,
+    local_rows,
     null_space,
     rigid_modes,
 )
@@ -239,9 +240,7 @@ class TiedBodies(WrappedBodies):
         present = product.getDiagonal()
         anchoring: FloatArray = self.free.anchored(self.x.shape) * present.array_r.reshape(-1, 3)
         blocks[:, [0, 1, 2], [0, 1, 2]] += anchoring
-        indptr, columns, values = product.getValuesCSR()
-        rows = scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, product.getSize()[1]))
-        rows = rows + self._block_diagonal(blocks) + self._springs_in_K()
+        rows = local_rows(product) + self._block_diagonal(blocks) + self._springs_in_K()
         for thing in (S, diagonal, TP, product, present):
             thing.destroy()
         K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(self.x), rows.shape[1]), self)
