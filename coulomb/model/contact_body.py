@@ -44,7 +44,7 @@ from .probes import LocatedProbes, Part, Probe
 from .provenance import timed
 
 
-def oriented(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
+def slaves_as_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
     """Contacts with the slave of every pair as their face, and what was chosen in words; collective."""
     found, words = [], []
     pairs = [{contact.face, contact.against} for contact in contacts if contact.against is not None]
@@ -291,7 +291,7 @@ class ContactBody:
         self.comm, self.seconds = comm, dict[str, float]()
         with timed(self.seconds, "assembly"):
             self.elasticity = make()
-            self.contacts, self.chosen = oriented(self.elasticity, contacts)
+            self.contacts, self.chosen = slaves_as_faces(self.elasticity, contacts)
             pairs = [(c.face, c.against) for c in contacts if c.against is not None]
             pairs += [(tie.face, tie.against) for tie in self.elasticity.ties]
             touching = unjoined_parts(self.elasticity, pairs)

@@ -46,7 +46,7 @@ _MOST = 4
 """Maximum number of corrections."""
 
 
-def refined(
+def iteratively_refined(
     elasticity: Deformable, solver: StiffnessSolver, loading: Loading, on_body: FloatArray, u: FloatArray
 ) -> FloatArray:
     """The displacement u (k, 3) in metres by iterative refinement (Wilkinson 1963), until loads, springs, reactions and
@@ -272,7 +272,9 @@ class DiscreteProblem:
         free = self.A.matrix_free
         if free is not None and free.found:
             return u
-        return refined(self.elasticity, self.stiffness.solver, self.loading, -self.nodal_contact_force(x), u)
+        return iteratively_refined(
+            self.elasticity, self.stiffness.solver, self.loading, -self.nodal_contact_force(x), u
+        )
 
     def moved(self, u: FloatArray, alpha: FloatArray) -> FloatArray:
         """u + R alpha, amounts alpha (q,) of the free motions; metres, shapes (k, 3)."""
@@ -294,7 +296,7 @@ class DiscreteProblem:
             values = self._with_prescribed(u.array.reshape(-1, 3))
             u.destroy()
             if solver.tolerance > 0.0:  # errors of a factorised K cancel with those of A, from the same factors
-                values = refined(self.elasticity, solver, self.loading, np.zeros_like(values), values)
+                values = iteratively_refined(self.elasticity, solver, self.loading, np.zeros_like(values), values)
             return values
 
         with timed(self.seconds, "displacement"):

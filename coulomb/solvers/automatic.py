@@ -70,15 +70,15 @@ class Automatic(SolverSettings):
                 return called(result, "no forces")
         if start is not None:
             near = SemismoothNewton(goal.tolerance)
-            result = ended(lambda: near.solve(problem, start, progress=progress))
+            result = result_of(lambda: near.solve(problem, start, progress=progress))
             if result.status in (Status.CONVERGED, Status.INTERRUPTED):
                 return called(result, near.name)
             steps, start = result.newton_steps, np.atleast_2d(start)[0]
-        one = ended(lambda: first.solve(problem, start, gradient=gradient, progress=progress))
+        one = result_of(lambda: first.solve(problem, start, gradient=gradient, progress=progress))
         one = replace(one, newton_steps=steps + one.newton_steps)
         if one.status in (Status.CONVERGED, *DECISIVE) or one.residual <= goal.tolerance or not problem.sloped:
             return called(one, first.name)
-        other = ended(lambda: second.solve(problem, start, progress=progress))
+        other = result_of(lambda: second.solve(problem, start, progress=progress))
         if other.status is Status.CONVERGED:
             other = replace(other, newton_steps=steps + other.newton_steps)
             return called(other, f"{second.name}, after the {first.name} method had {one.status.value}")
@@ -108,7 +108,7 @@ def _of_no_forces(problem: FrictionProblem, alpha: FloatArray, goal: Goal) -> So
     )
 
 
-def ended(solve: Callable[[], SolverResult]) -> SolverResult:
+def result_of(solve: Callable[[], SolverResult]) -> SolverResult:
     """The result of a method, whether it has converged or not."""
     try:
         return solve()
