@@ -10,8 +10,7 @@ from importlib import import_module
 
 from . import fem, model, solvers
 from .installation import Unusable
-from .lazy_names import stubbed
-from .supplied import supplied
+from .lazy_names import late_bound, lazily_loaded
 
 # Read when the library of OpenMP is loaded.  Threads that wait in busy loops, its default, make products of multigrid
 # ten times as slow where other programs need the processors too.  With GNU's library they look a thousand times, for
@@ -40,15 +39,12 @@ class _MpiFirst:
 
 sys.meta_path.insert(0, _MpiFirst())
 
-_MOVED = {
-    "solvers": solvers.__all__,
-    "model": model.__all__,
-    "fem": fem.__all__,
-    "fem.meshes": ["read_xdmf"],
-}
+_MOVED = {"solvers": solvers.__all__, "model": model.__all__, "fem": fem.__all__, "fem.meshes": ["read_xdmf"]}
 """Names of the version before, by where they are now."""
 
-__all__, __getattr__ = stubbed(__name__, __file__, _MOVED, renamed={"raised": "second_order", "read_gmsh": "read_mesh"})
+__all__, __getattr__ = lazily_loaded(
+    __name__, __file__, _MOVED, renamed={"raised": "second_order", "read_gmsh": "read_mesh"}
+)
 
 
 def _later(module, name):
@@ -56,7 +52,7 @@ def _later(module, name):
     return lambda *arguments: getattr(import_module(module, __name__), name)(*arguments)
 
 
-supplied.update(
+late_bound.update(
     write=_later(".pictures.picture_of_run", "write_with_picture"),
     faces=_later(".io.result_grids", "face_answers"),
     error=_later(".io.error_bars", "error_of"),

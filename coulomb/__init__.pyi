@@ -36,10 +36,10 @@ from .io.history_files import HistoryFiles as HistoryFiles
 from .load_curve import LoadCurve as LoadCurve
 from .model.certificate import Certificate as Certificate
 from .model.contact import Contact as Contact
+from .model.contact import SlipRateFriction as SlipRateFriction
 from .model.contact import ThermalContact as ThermalContact
+from .model.contact import VariableFriction as VariableFriction
 from .model.equilibrium import NoEquilibrium as NoEquilibrium
-from .model.friction import SlipRateFriction as SlipRateFriction
-from .model.friction import VariableFriction as VariableFriction
 from .model.load_history import LoadHistory as LoadHistory
 from .model.load_history import StepFailed as StepFailed
 from .model.probes import Probe as Probe

@@ -1,5 +1,6 @@
 """The array type of all packages, and what a number is among the user's values."""
 
+from collections.abc import Iterable
 from typing import Any, cast
 
 import numpy as np
@@ -33,3 +34,14 @@ def squares(y: FloatArray) -> FloatArray:
     """|y|^2 of pairs (m, 2), shape (m,)."""
     total: FloatArray = y[:, 0] ** 2 + y[:, 1] ** 2
     return total
+
+
+def unit_vectors(vectors: FloatArray) -> FloatArray:
+    """Vectors (..., 3) over their lengths; 0 remains."""
+    found: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+    return found
+
+
+def in_words(place: Iterable[float]) -> str:
+    """Coordinates for a message: "0.5, 0, 1.25"."""
+    return ", ".join(f"{value:.6g}" for value in place)

@@ -1,4 +1,5 @@
-"""Names of a package that are loaded when they are first used, so that importing it takes no time.
+"""What is loaded when it is first used: names of a package, so that importing it takes no time, and what classes can do
+by rooms above theirs, which they do not know: files, pictures, large motions.
 
 The `__init__.pyi` beside its `__init__.py` is the only list of them: lines `from .module import Name as Name`, which
 type checkers read as well.
@@ -12,13 +13,11 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 
-def stubbed(
-    package: str,
-    file: str,
-    moved: Mapping[str, Iterable[str]] | None = None,
-    renamed: Mapping[str, str] | None = None,
+def lazily_loaded(
+    package: str, file: str, moved: Mapping[str, Iterable[str]] | None = None, renamed: Mapping[str, str] | None = None
 ) -> tuple[list[str], Callable[[str], object]]:
     """The `__all__` and the `__getattr__` of a package with this `__init__.py`.
 
@@ -44,3 +43,8 @@ def stubbed(
         return value
 
     return sorted(homes), load
+
+
+late_bound: dict[str, Callable[..., Any]] = {}
+"""By name: `write`, `faces`, `error`, `plot`, `picture`, `plot_history`, which take a `Solution` first; `refine`, which
+takes a problem; `large` and `nonlinear_body` give the classes of problems and bodies of large motions."""

@@ -24,7 +24,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from .ranks import RANK_VARIABLES, start_alone
+from .ranks import has_launcher, start_alone
 from .regular_file import unwritable
 
 _begun = _goes_on = False
@@ -61,7 +61,7 @@ def begin() -> None:
     given = os.environ.get("PETSC_OPTIONS", "").split()
     if "-no_signal_handler" not in given:  # it would report a signal as an error, with a traceback
         os.environ["PETSC_OPTIONS"] = " ".join([*given, "-no_signal_handler"])
-    if _launched():
+    if has_launcher():
         os.environ["TERM"] = "dumb"
         # no daemon, which would report the end of this process
         os.environ.setdefault("OMPI_MCA_ess_singleton_isolated", "1")
@@ -71,13 +71,13 @@ def begin() -> None:
     _keep_caches_somewhere()
 
 
-def hear_signals_again() -> None:
+def restore_signal_handlers() -> None:
     """Restore signal handlers after the start of MPI: Open MPI 5 takes over SIGHUP and ignores it."""
     for number in (signal.SIGHUP, signal.SIGTERM, signal.SIGUSR1):
         signal.signal(number, signal.getsignal(number))
 
 
-def go_on_unheard() -> None:
+def ignore_broken_pipes() -> None:
     """From here on a closed pipe does not end the process, which has results to write."""
     global _goes_on
     _goes_on = True
@@ -111,7 +111,7 @@ def leave(code: int, failed: int) -> NoReturn:
 
 def animated() -> bool:
     """Whether standard output is an interactive terminal, on which a line can be updated."""
-    dull = _launched() or "NO_COLOR" in os.environ or os.environ.get("TERM", "dumb") in ("dumb", "unknown", "")
+    dull = has_launcher() or "NO_COLOR" in os.environ or os.environ.get("TERM", "dumb") in ("dumb", "unknown", "")
     return not dull and sys.stdout.isatty()
 
 
@@ -141,10 +141,6 @@ def _open_streams() -> None:
             io.BufferedWriter(raw), encoding, errors="backslashreplace", line_buffering=number == 2 or raw.isatty()
         )
         setattr(sys, name, text)
-
-
-def _launched() -> bool:
-    return any(name in os.environ for name in RANK_VARIABLES)
 
 
 def _keep_caches_somewhere() -> None:

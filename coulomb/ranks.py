@@ -25,9 +25,14 @@ RANK_VARIABLES = (
 """Variables in which MPI launchers pass the number of a process; each sets one or several of these."""
 
 
+def has_launcher() -> bool:
+    """Whether there is a sign that a launcher has started this process."""
+    return any(name in os.environ for name in RANK_VARIABLES)
+
+
 def launched() -> MPI.Comm | None:
     """All ranks if a launcher has started this process; None if there is no sign of a launcher."""
-    if not any(name in os.environ for name in RANK_VARIABLES):
+    if not has_launcher():
         return None
     from mpi4py import MPI
 
@@ -46,12 +51,6 @@ def start_alone() -> None:
     """
     for name, value in ALONE.items():
         os.environ.setdefault(name, value)
-
-
-def is_rank_0() -> bool:
-    """Whether this process is the first rank, or the only one."""
-    comm = launched()
-    return comm is None or comm.rank == 0
 
 
 def several() -> bool:

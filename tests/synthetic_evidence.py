@@ -7,8 +7,7 @@ from mpi4py import MPI
 
 from coulomb.fem.bodies.constraints import HeldDirections
 from coulomb.fem.bodies.rigid_modes import rigid_modes
-from coulomb.model.certificate import LIMIT
-from coulomb.model.evidence import Evidence
+from coulomb.model.certificate import LIMIT, Evidence
 
 U, F = 3e-4, 2e3
 """Scales of displacements in metres and of contact forces in newtons."""
@@ -31,7 +30,7 @@ def synthetic_evidence(clamped="yz", stiffness=50.0, sway=1.0):
     rng = np.random.default_rng(1)
     x = rng.uniform(0.0, 1.0, (BODY, 3)) * (3.0, 1.0, 1.0)
     x[:CONTACT, 2] = 0.0
-    force, closure, gap = np.zeros((CONTACT, 3)), np.zeros((CONTACT, 3)), np.zeros(CONTACT)
+    force, relative_displacement, gap = np.zeros((CONTACT, 3)), np.zeros((CONTACT, 3)), np.zeros(CONTACT)
     force[:PRESSING, 0] = rng.uniform(0.3, 0.9, PRESSING) * F
     force[[STICK, SLIP, SLIP + 1], 0] = F  # the largest
     bound = FRICTION * force[:, 0]
@@ -39,7 +38,7 @@ def synthetic_evidence(clamped="yz", stiffness=50.0, sway=1.0):
     along = np.column_stack([np.cos(angle), np.sin(angle)])
     force[:PRESSING, 1:] = bound[:PRESSING, None] * along[:PRESSING]
     force[:STICKING, 1:] *= 0.5
-    closure[STICKING:PRESSING, 1:] = U * rng.uniform(0.5, 2.0, (STICKING, 1)) * along[STICKING:PRESSING]
+    relative_displacement[STICKING:PRESSING, 1:] = U * rng.uniform(0.5, 2.0, (STICKING, 1)) * along[STICKING:PRESSING]
     gap[PRESSING:] = rng.uniform(0.1, 4.0, CONTACT - PRESSING) * U
 
     on_body, load = np.zeros((2, BODY, 3))
@@ -76,7 +75,7 @@ def synthetic_evidence(clamped="yz", stiffness=50.0, sway=1.0):
         prescribed=np.where(fixed, displacement, 0.0),
         on_body=on_body,
         force=force,
-        closure=closure,
+        relative_displacement=relative_displacement,
         gap=gap,
         bound=bound,
         rounding=np.zeros((BODY, 3)),
@@ -201,13 +200,22 @@ def friction_without_a_bound(e, value, turnover):
 
 def early_slip(e, value, turnover, direction=(0.6, 0.8)):
     """At a node whose friction is half of the largest bound."""
-    return replace(e, closure=changed(e.closure, (STICK, slice(1, 3)), 2.0 * value * U * np.array(direction)))
+    return replace(
+        e,
+        relative_displacement=changed(
+            e.relative_displacement, (STICK, slice(1, 3)), 2.0 * value * U * np.array(direction)
+        ),
+    )
 
 
 def turned_slip(e, value, turnover, sign=1.0, length=1.0):
     a, t = sign * np.radians(value), e.force[SLIP, 1:] / np.linalg.norm(e.force[SLIP, 1:])
     turned = np.array([t[0] * np.cos(a) - t[1] * np.sin(a), t[0] * np.sin(a) + t[1] * np.cos(a)])
-    return replace(e, closure=changed(e.closure, (SLIP, slice(1, 3)), length * U * turned), compliance=1e3 * U / F)
+    return replace(
+        e,
+        relative_displacement=changed(e.relative_displacement, (SLIP, slice(1, 3)), length * U * turned),
+        compliance=1e3 * U / F,
+    )
 
 
 def turned_the_other_way(e, value, turnover):

@@ -17,9 +17,9 @@ from .contact import AutoContactTable, ContactTable, ContactTables
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .error_messages import fault_of, tables_of_several
 from .files import apply, named_files, parsed, read_text, rename_files
-from .heat import HeatTable, refuse_unfit_heat
 from .loads import (
     ClampTable,
+    HeatTable,
     LoadTable,
     PointLoadTable,
     PrescribedDisplacementTable,
@@ -30,6 +30,7 @@ from .loads import (
     SymmetryTable,
     TotalForceTable,
     TractionTable,
+    refuse_unfit_heat,
 )
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
 from .solver import OutputTable, ProbeTable, SolverTable
@@ -165,7 +166,7 @@ class Case(Table):
         if self.solver.newton == "dense" and comm.size > 1:
             raise ValueError('solver.newton = "dense" works on one rank: run on one, or leave it at "recycling"')
         condensed = self.solver.newton == "condensed"
-        clamps, loads, springs = self._acting
+        clamps, loads, springs = self._supports_and_loads
         thermal = self._thermal
         problem = ContactProblem(
             self._mesh(comm),
@@ -217,7 +218,7 @@ class Case(Table):
         from ..fem.bodies import LoadedBody, build_bodies, distributed_bodies
         from ..fem.meshes import JoinedMesh
 
-        clamps, loads, springs = self._acting
+        clamps, loads, springs = self._supports_and_loads
         mesh, thermal = self._mesh(comm), self._thermal
         given = (field(self.body_force), springs, amplitude_of(self.body_force_amplitude))
         factor = amplitude_of(self.gravity_amplitude)
@@ -271,7 +272,7 @@ class Case(Table):
         return {self.temperature.body: thermal.temperature}
 
     @property
-    def _acting(self) -> tuple[list[Support], list[Load], list[Spring]]:
+    def _supports_and_loads(self) -> tuple[list[Support], list[Load], list[Spring]]:
         tables = self._on_faces.values()
         supports: list[Support] = [t.support() for t in tables if isinstance(t, SupportTable)]
         return supports, [t.load() for t in tables if isinstance(t, LoadTable)], [t.spring() for t in self.spring]

@@ -13,7 +13,6 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 from ..arrays import FloatArray
 from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere
 from .curves import AmplitudeTable, MotionTable, amplitude_of, motion_of, rows_of
-from .heat import ThermalContactTable
 from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
@@ -22,13 +21,16 @@ from .values import (
     Direction,
     Length,
     Name,
+    Number,
     SpatialFriction,
     SpatialGap,
     SpatialSpeed,
     SpatialStress,
     SpatialVector,
+    Stiffness,
     Table,
     Vector,
+    Young,
     coefficient,
     field,
 )
@@ -36,8 +38,7 @@ from .values import (
 if TYPE_CHECKING:
     from ..fem.contact import FoundPair
     from ..fem.geometry import Coefficient, Rotation
-    from ..model.contact import Contact
-    from ..model.friction import SlipRateFriction
+    from ..model.contact import Contact, SlipRateFriction, ThermalContact
 
 
 class FoundationTable(Table):
@@ -153,6 +154,25 @@ class RotationTable(Table):
         from ..fem.geometry import Rotation
 
         return Rotation(self.point, self.axis, amplitude_of(self.angle))
+
+
+class ThermalContactTable(Table):
+    """Conductance + factor (pressure/hardness)^exponent in W/(m^2 K), temperature of a foundation, and the part of the
+    heat of friction that goes into the face."""
+
+    conductance: Stiffness = 0.0
+    factor: Stiffness = 0.0
+    hardness: Young = 1e9
+    exponent: Annotated[float, Field(gt=0.0, le=10.0, strict=True)] = 0.95
+    temperature: Number | None = None
+    share: Annotated[float, Field(ge=0.0, le=1.0, strict=True)] = 0.5
+
+    def thermal(self) -> ThermalContact:
+        from ..model.contact import ThermalContact
+
+        return ThermalContact(
+            *(self.conductance, self.factor, self.hardness, self.exponent, self.temperature, self.share)
+        )
 
 
 class ContactTable(Table):
@@ -279,7 +299,7 @@ class ContactTable(Table):
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:
         """One coefficient, or two with a direction; by slip rate if the contact or a region has such a table."""
-        from ..model.friction import SlipRateFriction
+        from ..model.contact import SlipRateFriction
 
         if self.direction is not None:
             along, across = self._by_parts(_pair)

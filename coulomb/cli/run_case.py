@@ -21,7 +21,7 @@ from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from ..case.case import Case
-from ..contact_names import normal_forces
+from ..contact_fields import normal_forces
 from ..fem.compilation import announce
 from ..fem.meshes import InspectedMesh, JoinedMesh, NamedMesh, gathered
 from ..fem.meshes import write as write_mesh
@@ -29,7 +29,7 @@ from ..io import output
 from ..io.accuracy import accuracy
 from ..io.atomic_output import PARTIAL, discard, locked, set_aside, settle
 from ..io.case_record import case_record, case_text, refuse_another_case, write_case
-from ..io.error_bars import Companions, NoErrorBars, error_of
+from ..io.error_bars import ComparisonHistories, NoErrorBars, error_of
 from ..io.history_files import HistoryFiles, read_summary, steps_on_disk, whole_history
 from ..io.refinement import Refined, refine
 from ..io.run_directory import CASE, MESH, PICTURE, RunDirectory
@@ -40,7 +40,7 @@ from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.provenance import timed
 from ..model.solution import Solution
-from ..model.stopping_criterion import left_open
+from ..model.stopping_criterion import failing_at_tolerance
 from ..pictures import drawing_process, picture_of_run
 from ..pictures.drawing_process import DrawingProcess
 from ..ranks import on_rank_0
@@ -207,7 +207,7 @@ def _write_and_report(
     report(session.console, solution, contents, target if written else None, took, settings.solver.tolerance)
     if written and settings.output.report:
         _draw(session, lambda stop: write_report(target, stop))
-    if not trouble and (said := left_open(solution.certificate, settings.solver.tolerance)):
+    if not trouble and (said := failing_at_tolerance(solution.certificate, settings.solver.tolerance)):
         errors.out(f"warning: {said}")
     if written and interrupted:
         trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked as interrupted"
@@ -287,7 +287,7 @@ def _bars_of_steps(session: Session, settings: Case, problem: ContactProblem) ->
         return lambda _: {}
     try:
         progress = session.progress(Display(session.console, changing=True))
-        companions = Companions(problem, settings.load_history(), settings.solver.tolerance, progress)
+        companions = ComparisonHistories(problem, settings.load_history(), settings.solver.tolerance, progress)
     except NoErrorBars as reason:
         without(reason)
         return lambda _: {}
@@ -386,7 +386,7 @@ def _take_recorded_steps(
             f"{'' if row['certified'] else ', certificate FAILED'}"
             f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}"
         )
-        if said := left_open(step.solution.certificate, settings.solver.tolerance):
+        if said := failing_at_tolerance(step.solution.certificate, settings.solver.tolerance):
             errors.out(f"warning: step {row['step']}: {said}")
         warnings = step.solution.small_strain.warnings
         if len(warnings) > len(warned):

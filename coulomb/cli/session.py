@@ -53,12 +53,12 @@ class Session:
 @contextmanager
 def opened(quiet: bool, log_file: Path | None) -> Iterator[Session]:
     """A session, to the end of its run: `quiet` prints only warnings and errors; all output is appended to the log."""
-    process.go_on_unheard()
-    process.hear_signals_again()
+    process.ignore_broken_pipes()
+    process.restore_signal_handlers()
     began, speaking = time.perf_counter(), Console(quiet=True) if quiet else console
     with bad_input():
         log = Log(log_file, MPI.COMM_WORLD)
-    with log.hearing(speaking, errors), showing_messages(speaking), Interruption(MPI.COMM_WORLD) as interruption:
+    with log.attached_to(speaking, errors), showing_messages(speaking), Interruption(MPI.COMM_WORLD) as interruption:
         log.line(" ".join(["coulomb", *sys.argv[1:]]))
         yield Session(speaking, log, interruption, began)
 
@@ -137,7 +137,7 @@ class Log(RenderHook):
         self._began, self._steps = time.perf_counter(), list[str]()
 
     @contextmanager
-    def hearing(self, *consoles: Console) -> Iterator[None]:
+    def attached_to(self, *consoles: Console) -> Iterator[None]:
         """Log everything printed on these consoles, even if they are quiet; closes the log at the end."""
         if self._file is None:
             yield

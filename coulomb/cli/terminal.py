@@ -13,7 +13,7 @@ from rich.console import Console
 from ..arrays import FloatArray
 from ..case.case import Case
 from ..case.contact import ContactTable
-from ..contact_names import named_faces, normal_forces
+from ..contact_fields import named_faces, normal_forces
 from ..fem.bodies import Member
 from ..fem.contact import FoundPair
 from ..fem.meshes import corner_geometry

@@ -1,4 +1,4 @@
-"""Depends on the DOLFINx version, as `compat_forms` and nothing else: 0.5 (Debian 12) to 0.9 (Debian 13), and 0.11.
+"""Depends on the DOLFINx version, as nothing else does: 0.5 (Debian 12) to 0.9 (Debian 13), and 0.11.
 
 A comment names the version up to which, or from which, a branch is needed: it can go when that is no longer supported.
 Other modules import DOLFINx's `mesh`, `fem`, `io`, `cpp` and Basix from here, so that this module is imported first.
@@ -10,8 +10,9 @@ import logging
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+import cffi
 import numpy as np
 import numpy.typing as npt
 
@@ -63,6 +64,8 @@ def functionspace(domain: Any, degree: int, shape: tuple[int, ...] = (), family:
         family = "DQ"  # as UFL calls it there, with a warning
     if not shape:
         return fem.FunctionSpace(domain, (family, degree))
+    if len(shape) == 2:
+        return fem.TensorFunctionSpace(domain, (family, degree), shape=shape)
     return fem.VectorFunctionSpace(domain, (family, degree), dim=shape[0])
 
 
@@ -121,9 +124,17 @@ def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt
 
 def create_mesh(comm: Any, cell: str, cells: npt.NDArray[np.int64], x: FloatArray, degree: int = 1) -> Any:
     """Distributed mesh of degree 1 or 2 of the cells and points given on this rank, in DOLFINx's order of points."""
+    kind = ufl.Mesh(_vectors(cell, degree))
     if not hasattr(basix, "ufl"):  # until 0.6
-        return mesh.create_mesh(comm, cells, x, ufl.Mesh(ufl.VectorElement("Lagrange", cell, degree)))
-    return mesh.create_mesh(comm, cells=cells, x=x, e=ufl.Mesh(basix.ufl.element("Lagrange", cell, degree, shape=(3,))))
+        return mesh.create_mesh(comm, cells, x, kind)
+    return mesh.create_mesh(comm, cells=cells, x=x, e=kind)
+
+
+def _vectors(cell: str, degree: int) -> Any:
+    """The Lagrange element of vectors (3,)."""
+    if not hasattr(basix, "ufl"):  # until 0.6
+        return ufl.VectorElement("Lagrange", cell, degree, 3)
+    return basix.ufl.element("Lagrange", cell, degree, shape=(3,))
 
 
 def copied_mesh(domain: Any) -> Any:
@@ -131,14 +142,103 @@ def copied_mesh(domain: Any) -> Any:
     topology = domain.topology
     for dim in range(1, topology.dim):
         topology.create_entities(dim)
-    whole, topology, geometry = (_cpp(part) for part in (domain, topology, domain.geometry))
+    whole, topology, geometry = (cpp_of(part) for part in (domain, topology, domain.geometry))
     return mesh.Mesh(
         type(whole)(domain.comm, topology, geometry), ufl.Mesh(domain.ufl_domain().ufl_coordinate_element())
     )
 
 
-def _cpp(wrapped: Any) -> Any:
+def cpp_of(thing: Any) -> Any:
     """The object of DOLFINx's C++ library behind one of Python; itself where there is no wrapper."""
-    for name in ("_cpp_object", "_mesh"):  # 0.6 and newer; 0.5
-        wrapped = getattr(wrapped, name, wrapped)
-    return wrapped
+    return getattr(thing, "_cpp_object", getattr(thing, "_mesh", thing))  # the second in 0.5
+
+
+class CellKernel(NamedTuple):
+    """What FFCx has compiled for the integral of a form over a cell.
+
+    Attributes:
+        address: Of its function `tabulate_tensor`.
+        constants: Of the form, packed.
+        coefficients: Of every cell of this rank, packed, shape (cells, width).
+    """
+
+    address: int
+    constants: FloatArray
+    coefficients: FloatArray
+
+
+def cell_kernel(form: Any) -> CellKernel | None:
+    """The kernel of a form with one integral over all cells and no other; None if it has others, or is not found."""
+    ufcx = getattr(form, "ufcx_form", None)
+    compiled = cpp_of(form)
+    if ufcx is None or [kind.name for kind in compiled.integral_types] != ["cell"]:
+        return None
+    integrals: Any
+    if hasattr(ufcx, "form_integrals"):  # from 0.7 on
+        count, integrals = int(ufcx.form_integral_offsets[1]), ufcx.form_integrals
+    elif callable(getattr(ufcx, "integrals", None)):
+        count, integrals = int(ufcx.num_integrals(0)), ufcx.integrals(0)
+    else:
+        return None
+    function = getattr(integrals[0], "tabulate_tensor_float64", None) if count == 1 else None
+    if not function:
+        return None
+    address = int(cffi.FFI().cast("uintptr_t", function))
+    coefficients = next(iter(cpp.fem.pack_coefficients(compiled).values()))
+    return CellKernel(address, packed_constants(form), coefficients)
+
+
+def is_compiled(form: Any) -> bool:
+    """Whether a form has been compiled by `fem.form`."""
+    return hasattr(form, "integral_types") and hasattr(form, "function_spaces")
+
+
+def functions_in(form: Any) -> list[Any]:
+    """The functions in a compiled form, with their values in `x.array`."""
+    return list(cpp_of(form).coefficients)
+
+
+def packed_constants(form: Any) -> FloatArray:
+    """A copy of the values of the constants in a compiled form."""
+    return np.array(cpp.fem.pack_constants(cpp_of(form)), dtype=np.float64)
+
+
+def space_of(space: Any) -> Any:
+    """A Python function space for the C++ space of vectors of a compiled form; its functions have the same dofs."""
+    cell = space.mesh.topology.cell_type.name
+    domain = mesh.Mesh(space.mesh, ufl.Mesh(_vectors(cell, int(coordinate_element(space.mesh).degree))))
+    return fem.FunctionSpace(domain, _vectors(cell, int(space.element.basix_element.degree)), space)
+
+
+def lagrange_vectors(space: Any) -> tuple[bool, int, int]:
+    """Whether a space (Python's or C++'s) is of continuous Lagrange elements, their degree, and the values per node.
+
+    Raises:
+        RuntimeError: If it is mixed.
+    """
+    element = space.element.basix_element
+    continuous = element.family == basix.ElementFamily.P and not element.discontinuous
+    return continuous, int(element.degree), int(space.dofmap.bs)
+
+
+def contains(V: Any, space: Any) -> bool:
+    """Whether a space of C++ is V, or a component of it."""
+    return bool(V._cpp_object.contains(cpp_of(space)))
+
+
+def create_vector(form: Any, V: Any) -> Any:
+    """PETSc vector of a linear form on V, ghosts included."""
+    return fem.petsc.create_vector(form if NUMBERS < (0, 10) else V)
+
+
+def set_values(bc: Any, values: FloatArray) -> None:
+    """Set the entries of an array of all dofs of this rank to the values that a boundary condition prescribes."""
+    if hasattr(bc, "set"):  # after 0.5
+        bc.set(values, None, 1.0)
+    else:
+        fem.set_bc(values, [bc])
+
+
+def mesh_of_tags(tags: Any) -> Any:
+    """The C++ topology that MeshTags belong to."""
+    return tags.topology if hasattr(tags, "topology") else tags.mesh.topology  # the second in 0.5

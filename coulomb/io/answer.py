@@ -21,14 +21,15 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..fem.bodies import Deformable
+from ..fem.contact import clamped_nodes
 from ..linalg.reductions import Reductions
+from ..model.discrete_problem import DiscreteProblem
 from ..model.nodal_answer import OPEN
 from ..model.problem import AGREEMENT
 from ..model.solution import Solution
 from .accuracy import accuracy
 from .energy_error import StressOfAnswer, stress_of
-from .even_contact import even_contact
-from .largest_displacement import FREE, largest_free
 from .summary import summary
 
 UNIT_OF = {
@@ -140,7 +141,7 @@ def _of_nodes(solution: Solution, error: float) -> tuple[float, float, float]:
     be open as well as closed, by how much at most they change the largest slip of a contact face, metres, and a largest
     pressure, pascals; collective."""
     problem, at, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
-    gap = problem.surface.gap - problem.closure(solution.change)[:, 0]
+    gap = problem.surface.gap - problem.relative_displacement(solution.change)[:, 0]
     small = error * over.norm(solution.contact_force)
     closed = at.status != OPEN
     either = np.where(closed, at.force[:, 0] <= small, gap <= small * problem.mean_compliance)
@@ -174,3 +175,63 @@ def _totals_in(place: str, part: Any) -> Iterator[tuple[str, FloatArray, str]]:
     for name, unit in UNIT_OF.items():
         if (value := part.get(name)) is not None:
             yield f"{place}.{name}", np.atleast_1d(np.array(value, dtype=np.float64)), unit
+
+
+def even_contact(problem: DiscreteProblem, nodes: Mapping[str, int]) -> bool:
+    """Whether all contact points stick, or all slip, or all are open, and no node of a contact face is held along the
+    normal; collective.
+
+    Otherwise totals have errors of the order of cells along the borders of sticking, slip and contact, and along edges
+    of held faces that are in contact, whose nodes are no contact points.  Not after load steps either, since slip
+    before may have left borders behind.
+
+    Args:
+        problem: The problem of the answer.
+        nodes: Its numbers of contact points "contact", "open", "stick" and "slip".
+    """
+    if problem.before is not None or max(nodes["open"], nodes["stick"], nodes["slip"]) < nodes["contact"]:
+        return False
+    faces = [face for contact in problem.contacts for face in (contact.face, contact.against) if face is not None]
+    held = 0
+    for member, facets in (problem.elasticity.face(face, "contact") for face in faces):
+        held += len(clamped_nodes(member.body, facets))
+    return Reductions(problem.comm).sum(float(held)) == 0.0
+
+
+ValueAndBar = tuple[FloatArray, FloatArray]
+"""Shapes (1,)."""
+
+LARGEST = "maximum.displacement"
+
+FREE = "maximum.displacement of free nodes"
+"""Place among the totals of what only the bar of the largest displacement is made of."""
+
+
+def largest_free(elasticity: Deformable, u: FloatArray) -> FloatArray:
+    """Largest displacement u (n, 3) in metres of nodes that are free along some direction, shape (1,); collective."""
+    held = elasticity.held
+    free = np.delete(u, held.nodes[np.trace(held.projector, axis1=1, axis2=2) > 2.5], axis=0)
+    largest = Reductions(elasticity.comm).max(np.linalg.norm(free, axis=1))
+    return np.array([max(largest, 0.0)])
+
+
+def least_bar(value: FloatArray, energy: ValueAndBar, free: ValueAndBar, single: bool, safety: float) -> FloatArray:
+    """The least bar of the largest displacement, shape (1,).
+
+    Where a single node has the largest displacement, it may be between nodes that all meshes share: their difference is
+    then 0.  The strain energy is that of the loads on their displacements (Clapeyron), so that these have errors as it
+    has: its relative bar.  Where a prescribed displacement is the largest, all meshes agree on it as well, but free
+    nodes may have more on finer ones: by (bar/safety) - (prescribed - free), extrapolated, times the safety factor, and
+    at most that bar.
+
+    Args:
+        value: The largest displacement.
+        energy: The strain energy and its bar.
+        free: The largest displacement of free nodes and its bar.
+        single: Whether a single node has the largest displacement.
+        safety: The factor in all bars.
+    """
+    if not energy[0][0] > 0.0:
+        return np.zeros(1)
+    least: FloatArray = value * np.minimum(1.0, energy[1] / energy[0])
+    return least if single else np.clip(free[1] - safety * (value - free[0]), 0.0, least)

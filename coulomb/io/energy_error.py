@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..fem.bodies import Elasticity, StressedCells, stress_difference, stress_errors
+from ..fem.bodies import Elasticity, StressedCells, StressError, stress_difference, stress_errors
 from ..model.solution import Solution
 
 SAFETY = 1.25
@@ -66,13 +66,19 @@ class StressOfAnswer:
         return self.recovered / self.norm if self.norm > 0.0 else math.nan
 
 
+def recovered_errors(solution: Solution) -> dict[str, StressError]:
+    """`stress_errors` of an answer, with its temperature; collective."""
+    temperature = solution.problem.loading.temperature
+    change = None if temperature is None else temperature.change
+    return stress_errors(solution.problem.elasticity, solution.displacement, change)
+
+
 def stress_of(solution: Solution, size: float, order: int) -> StressOfAnswer | None:
     """That of an answer; None where no stress is known (bodies of the user's forms, large motions); collective."""
     members = solution.problem.elasticity.members
     if not all(isinstance(member.body, Elasticity) for member in members):
         return None
-    temperature, u = solution.problem.loading.temperature, solution.displacement
-    errors = stress_errors(solution.problem.elasticity, u, None if temperature is None else temperature.change)
+    errors, u = recovered_errors(solution), solution.displacement
     cells = {one.name: StressedCells(one.body, u[one.nodes], None) for one in members}  # type: ignore[arg-type]
     recovered, norm = (math.hypot(*of) for of in zip(*((e.total, e.norm) for e in errors.values()), strict=True))
     return StressOfAnswer(cells, size, order, recovered, norm)

@@ -30,9 +30,8 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
-from .answer import Answer, answer_of
+from .answer import FREE, LARGEST, Answer, answer_of, least_bar
 from .energy_error import relative_stress_error
-from .largest_displacement import FREE, LARGEST, least_bar
 
 SAFETY = 1.5
 """Safety factor of an error estimated from three meshes, between Roache's 1.25 and 3."""
@@ -182,7 +181,7 @@ def error_of(
         found += [answer_of(other, tolerance) for other in others]
         return bars_of(found)
     refusals = []
-    for way in _ways(solution.problem):
+    for way in _other_problems(solution.problem):
         for problem in way:
             began = time.perf_counter()
             try:
@@ -198,7 +197,7 @@ def error_of(
     raise NoErrorBars(refusals[0])
 
 
-def _ways(problem: DiscreteProblem) -> Iterator[list[ContactProblem]]:
+def _other_problems(problem: DiscreteProblem) -> Iterator[list[ContactProblem]]:
     """The same problem on up to two coarser meshes, and on the same cells with elements of the other order
     (`same_cells`), if that is needed; one at least, else a NoErrorBars on every rank; collective.
 
@@ -227,12 +226,12 @@ def _ways(problem: DiscreteProblem) -> Iterator[list[ContactProblem]]:
 
 
 def compared(problem: DiscreteProblem) -> list[ContactProblem]:
-    """The same problem on one or two other meshes, the first of `_ways`; collective.
+    """The same problem on one or two other meshes, the first of `_other_problems`; collective.
 
     Raises:
         NoErrorBars: If it cannot be posed on any.
     """
-    return next(_ways(problem))
+    return next(_other_problems(problem))
 
 
 def refuse_too_large(problem: ContactProblem) -> None:
@@ -254,7 +253,7 @@ def _without_remarks() -> Iterator[None]:
         log.setLevel(level)
 
 
-class Companions:
+class ComparisonHistories:
     """The load history of a problem on the meshes for comparison, taken beside it, step by step.
 
     Args:
@@ -268,11 +267,7 @@ class Companions:
     """
 
     def __init__(
-        self,
-        problem: ContactProblem,
-        history: LoadHistory,
-        tolerance: float,
-        progress: ProgressCallback | None = None,
+        self, problem: ContactProblem, history: LoadHistory, tolerance: float, progress: ProgressCallback | None = None
     ):
         self._tolerance, problems = tolerance, compared(problem)
         for one in problems:

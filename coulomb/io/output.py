@@ -18,7 +18,7 @@ from typing import Any
 
 from ..contact_fields import names
 from ..fem import compat
-from ..fem.bodies import Elasticity, SingleBody, relative_error, stress_errors
+from ..fem.bodies import Elasticity, SingleBody, relative_error
 from ..fem.meshes import facet_columns
 from ..model.discrete_problem import DiscreteProblem
 from ..model.provenance import moment, now, provenance
@@ -26,6 +26,7 @@ from ..model.solution import Solution
 from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
 from .atomic_output import PARTIAL, commit, present
+from .energy_error import recovered_errors
 from .grid_file import write_grids
 from .result_grids import body_grids, collections, contact_facets, contact_grids
 from .run_directory import CONTACT, HISTORY, MESH, SOLUTION, SUMMARY
@@ -105,9 +106,7 @@ def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any], ba
     problem, (bodies, faces) = solution.problem, collections(solution.problem)
     grids = body_grids(solution, given)
     if bars is not None and all(isinstance(member.body, Elasticity) for member in problem.elasticity.members):
-        temperature = problem.loading.temperature
-        change = None if temperature is None else temperature.change
-        errors = stress_errors(problem.elasticity, solution.displacement, change)
+        errors = recovered_errors(solution)
         recovered, known = relative_error(errors.values()), bars.get("relative_stress_error")
         scale = known / recovered if known and recovered > 0.01 * known else 1.0
         grids = [

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..fem.bodies import Deformable, relative_error, stress_errors
+from ..fem.bodies import Deformable, relative_error
 from ..fem.contact import interpolated_forces
 from ..fem.meshes import finer
 from ..model.problem import ContactProblem
@@ -16,9 +16,9 @@ from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
-from .answer import Answer, answer_of
+from .answer import FREE, Answer, answer_of
+from .energy_error import recovered_errors
 from .error_bars import ErrorBar, ErrorBars, NoErrorBars, bars_of, error_of, refuse_too_large
-from .largest_displacement import FREE
 
 UNKNOWNS = 300_000
 """Displacement unknowns that a finer mesh may have by default."""
@@ -84,9 +84,7 @@ def refine(
             if best is None:
                 raise
             return replace(best, trouble=f"the next mesh, {posed.unknowns['displacement']} unknowns: {failure}")
-        heated = solution.problem.loading.temperature
-        change = None if heated is None else heated.change
-        stress = stress_errors(solution.problem.elasticity, solution.displacement, change)
+        stress = recovered_errors(solution)
         answers.insert(0, answer_of(solution, tolerance))
         asked = _asked([name for name in answers[0].totals if name != FREE], totals)
         bars, largest = None, math.inf

@@ -12,9 +12,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..contact_fields import names
-from ..contact_names import side_names
-from ..fem import compat, compat_forms
+from ..contact_fields import names, side_names
+from ..fem import compat
 from ..fem.bodies import (
     FIELDS,
     HELD_OBLIQUE,
@@ -30,8 +29,7 @@ from ..fem.compat import fem
 from ..fem.geometry import on_all_ranks
 from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, starts_of
 from ..model.discrete_problem import DiscreteProblem
-from ..model.master_fields import CARRIED, carried, carrying, spreading
-from ..model.nodal_answer import HELD
+from ..model.nodal_answer import CARRIED, HELD, carried, carrying, spreading
 from ..model.solution import FaceAnswer, Solution
 from .field_files import OPPOSITE
 from .grid_file import GridFields, GridPart
@@ -161,7 +159,7 @@ def interpolated(
         def evaluate(function: Any = function, continuous: bool = continuous) -> FloatArray:
             shape = tuple(int(n) for n in function.ufl_shape)
             degree, family = (space.degree, "Lagrange") if continuous else (0, "DG")
-            there = fem.Function(compat_forms.tensor_space(space.domain, degree, shape, family))
+            there = fem.Function(compat.functionspace(space.domain, degree, shape, family))
             there.interpolate(function)
             return _rows(there, space, continuous)
 
@@ -182,8 +180,8 @@ def of_bodies(given: Mapping[str, Any], bodies: Sequence[DisplacementSpace], com
     def add(name: str, function: Any) -> None:
         if not isinstance(function, fem.Function):
             raise ValueError(f"must be a Function of DOLFINx, but is {function!r}; interpolate an expression first")
-        mesh = compat_forms.cpp_of(function.function_space.mesh)
-        mine = [number for number, body in enumerate(bodies) if compat_forms.cpp_of(body.domain) is mesh]
+        mesh = compat.cpp_of(function.function_space.mesh)
+        mine = [number for number, body in enumerate(bodies) if compat.cpp_of(body.domain) is mesh]
         if not mine:
             raise ValueError("is on the mesh of none of the bodies")
         found[mine[0]][name] = function
@@ -200,13 +198,13 @@ def _refuse(name: Any, function: Any, space: DisplacementSpace, taken: tuple[str
         raise ValueError("the results have a field of this name; choose another one")
     if not isinstance(function, fem.Function):
         raise ValueError(f"must be a Function of DOLFINx, but is {function!r}; interpolate an expression first")
-    if compat_forms.cpp_of(function.function_space.mesh) is not compat_forms.cpp_of(space.domain):
+    if compat.cpp_of(function.function_space.mesh) is not compat.cpp_of(space.domain):
         raise ValueError("is on another mesh than the body")
 
 
 def _is_continuous(function: Any) -> bool:
     try:
-        return compat_forms.lagrange_vectors(function.function_space)[0]
+        return compat.lagrange_vectors(function.function_space)[0]
     except RuntimeError:
         return False
 

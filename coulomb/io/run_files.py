@@ -14,9 +14,9 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, in_words
 from ..contact_fields import names as field_names
-from ..contact_names import sides_of
+from ..contact_fields import sides_of
 from ..fem import compat
 from ..fem.bodies import HELD_OBLIQUE, HeldDirections
 from ..fem.compat import mesh
@@ -153,7 +153,7 @@ def _face(
     _, first, same = np.unique(np.vstack([sides, in_body[cells]]), axis=0, return_index=True, return_inverse=True)
     side = first[same.ravel()[len(sides) :]]
     if np.any(side >= len(sides)):
-        place = ", ".join(f"{c:.6g}" for c in points[cells[np.argmax(side >= len(sides))]].mean(axis=0))
+        place = in_words(points[cells[np.argmax(side >= len(sides))]].mean(axis=0))
         raise ValueError(
             f"{unfit}: {np.count_nonzero(side >= len(sides))} of {len(cells)} facets (first seen at x = {place}) are "
             "not on the boundary of the body, or have their nodes in another order"

@@ -149,7 +149,7 @@ def remarks(solution: Solution) -> list[str]:
         return [unique] * bool(motions)
     if solution.result.status is Status.NO_EQUILIBRIUM:  # nothing was solved
         return []
-    least = over.min(problem.surface.gap - problem.closure(solution.change)[:, 0])
+    least = over.min(problem.surface.gap - problem.relative_displacement(solution.change)[:, 0])
     if any(check.name == "penetration" and not check.passed for check in solution.certificate.checks):
         return [
             f"no contact forces were found, although contact nodes penetrate by up to {-least:.3g} m: not the answer"

@@ -2,6 +2,6 @@
 deformed place.  Bodies with a nonlinear residual, slip along curved surfaces, load steps; nothing below knows it.
 """
 
-from ..lazy_names import stubbed
+from ..lazy_names import lazily_loaded
 
-__all__, __getattr__ = stubbed(__name__, __file__)
+__all__, __getattr__ = lazily_loaded(__name__, __file__)

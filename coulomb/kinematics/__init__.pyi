@@ -1,3 +1,4 @@
+from .hyperelastic import HyperelasticBody as HyperelasticBody
 from .hyperelastic import MooneyRivlin as MooneyRivlin
 from .hyperelastic import NeoHookean as NeoHookean
 from .hyperelastic import Ogden as Ogden
@@ -5,7 +6,6 @@ from .hyperelastic import StVenantKirchhoff as StVenantKirchhoff
 from .hyperelastic import mooney_rivlin as mooney_rivlin
 from .hyperelastic import neo_hookean as neo_hookean
 from .hyperelastic import st_venant_kirchhoff as st_venant_kirchhoff
-from .hyperelastic_body import HyperelasticBody as HyperelasticBody
 from .large_motions import LargeMotions as LargeMotions
 from .large_motions import LargeSolution as LargeSolution
 from .large_motions import StepCut as StepCut

@@ -25,12 +25,11 @@ from ..arrays import FloatArray
 from ..fem.bodies import Deformable
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
-from ..linalg.unsolved import Unsolved
-from ..model.certificate import Certificate, judge
+from ..linalg.solve_errors import CGNotConverged
+from ..model.certificate import Certificate, Evidence, judge
 from ..model.contact import Contact
 from ..model.contact_body import Before
 from ..model.discrete_problem import StatePoints
-from ..model.evidence import Evidence
 from ..model.load_step import Earlier, Energy, Forces, State
 from ..model.nodal_answer import Accumulated
 from ..model.probes import Probe, ProbeValue
@@ -40,9 +39,8 @@ from ..model.solution import Solution
 from ..model.stopping_criterion import StoppingCriterion
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
-from .hyperelastic_body import HyperelasticBody
-from .iterate import Iterate, LargeStrain, Linearised, fineness, linearised, nonlinear
-from .outer_iteration import NEAR, CarriedForces, Path
+from .hyperelastic import HyperelasticBody
+from .iterate import NEAR, CarriedForces, Iterate, LargeStrain, Linearised, Path, fineness, linearised, nonlinear
 from .slip import FaceMotion
 
 _log = logging.getLogger(__name__)
@@ -221,7 +219,7 @@ class LargeMotions(ContactProblem):
         state = self._state
         try:
             return self._whole_step(state, tolerance, partial(Linearised.solve, solver=solver, progress=progress))
-        except (Unsolved, ValueError, NotConverged) as failure:
+        except (CGNotConverged, ValueError, NotConverged) as failure:
             linearised(self.elasticity, state.displacement, state.time)  # the user's functions are of that state
             result = failure.result if isinstance(failure, NotConverged) else _without_answer(len(self._points.nodes))
             if result.status is Status.INTERRUPTED or isinstance(failure, StepCut):
@@ -307,9 +305,7 @@ class LargeMotions(ContactProblem):
         diagonal.destroy()
         return self.judged(here, x, replace(result, x=x), compliance)
 
-    def recomputed(
-        self, displacement: FloatArray, force_on_body: FloatArray, compliance: float, result: SolverResult | None = None
-    ) -> LargeSolution:
+    def recomputed(self, displacement: FloatArray, force_on_body: FloatArray, compliance: float) -> LargeSolution:
         """What a displacement (k, 3) and contact forces at the points of states are as an answer of the load step,
         judged with this mean diagonal of A; collective."""
         state = self._state
@@ -317,7 +313,7 @@ class LargeMotions(ContactProblem):
         here = self._iterate(state, displacement, self.time, start)
         surface = here.problem.surface
         x = -surface.force_components(force_on_body[self._number[surface.nodes]]).ravel()
-        return self.judged(here, x, result or _without_answer(len(surface.nodes)), compliance)
+        return self.judged(here, x, _without_answer(len(surface.nodes)), compliance)
 
     def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: float) -> LargeSolution:
         """The answer of forces x (3 m,) at an iterate, judged with this mean diagonal of A; collective."""

@@ -8,6 +8,7 @@ the deformed place.  So everything that poses and solves a linear contact proble
 from __future__ import annotations
 
 import copy
+import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem import compat, compat_forms
+from ..fem import compat
 from ..fem.bodies import BilinearForm, Body, FormValues, FreeMotions, Loading, free_earlier_bodies
 from ..fem.compat import fem, ufl
 from ..fem.meshes import boundary_facets
@@ -112,13 +113,13 @@ class NonlinearBody(Body):
         self._set(time)
         self._displacement.x.array[: u.size] = u.ravel()
         self._displacement.x.scatter_forward()
-        loading, load, spring = there._acting(u, time)
+        loading, load, spring = there._outer_forces(u, time)
         rest = loading.prescribed - self.held_part(u)
         values = self._a.values
         there._place = _Place(u.copy(), Loading(time, loading.load, rest), loading.prescribed, values, load, spring)
         return there
 
-    def _acting(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
+    def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
         """Minus the residual and the prescribed displacements at the present displacement u; loads and forces of
         springs in it, as of `_Place`; collective."""
         return super().at(time), None, np.zeros_like(u)
@@ -304,7 +305,7 @@ class _PositivePart(BilinearForm):
     def _assembled(self, values: FormValues) -> PETSc.Mat:
         K = self._inside.matrix(values)
         with self._inside.with_coefficients(values):
-            matrices = compat_forms.cell_matrices(self._inside.compiled, self._V)
+            matrices = _cell_matrices(self._inside.compiled, self._V)
         sizes, vectors = np.linalg.eigh(matrices)
         matrices = np.einsum("cik,ck,cjk->cij", vectors, np.maximum(sizes, 0.0), vectors)
         K.zeroEntries()
@@ -316,3 +317,23 @@ class _PositivePart(BilinearForm):
             K.axpy(1.0, surface)
             surface.destroy()
         return K
+
+
+def _cell_matrices(form: Any, V: Any) -> FloatArray:
+    """The matrices of this rank's own cells of a compiled bilinear form over all cells, shape (cells, n, n).
+
+    Raises:
+        ValueError: If the form has integrals over parts, or none of double precision.
+    """
+    kernel = compat.cell_kernel(form)
+    if kernel is None:
+        raise ValueError("the matrices of cells are only known of one integral over all cells")
+    width = 3 * compat.cell_dofs(V).shape[1]
+    tabulate = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)(kernel.address)
+    cells = int(V.mesh.topology.index_map(3).size_local)
+    matrices = np.zeros((cells, width, width))
+    points = np.ascontiguousarray(V.mesh.geometry.x[compat.cell_geometry(V.mesh)[:cells]])
+    constants, coefficients = kernel.constants, np.ascontiguousarray(kernel.coefficients, dtype=np.float64)
+    for matrix, coefficient, corners in zip(matrices, coefficients, points, strict=False):
+        tabulate(matrix.ctypes.data, coefficient.ctypes.data, constants.ctypes.data, corners.ctypes.data, 0, 0, 0)
+    return matrices

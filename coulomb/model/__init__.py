@@ -2,6 +2,6 @@
 histories.  Here are the types of results; what a user makes is at the top of the package.
 """
 
-from ..lazy_names import stubbed
+from ..lazy_names import lazily_loaded
 
-__all__, __getattr__ = stubbed(__name__, __file__)
+__all__, __getattr__ = lazily_loaded(__name__, __file__)

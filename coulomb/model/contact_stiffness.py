@@ -49,9 +49,9 @@ from ..linalg.factors import (
     symbolic,
 )
 from ..linalg.reductions import Reductions
-from ..linalg.unsolved import Unsolved
+from ..linalg.solve_errors import CGNotConverged
+from .certificate import rounding_forces
 from .conditioning import ill_conditioned, measures_of, on_soft_springs, soft_motions
-from .evidence import rounding_forces
 from .memory import least_room
 from .provenance import timed
 
@@ -76,8 +76,8 @@ def explained(elasticity: Deformable) -> Iterator[None]:
     """Failures of K^-1 as errors in the form a, if K is made of the user's forms, or in the shape of cells."""
     try:
         yield
-    except (ValueError, PETSc.Error, Unsolved) as error:
-        slow = isinstance(error, Unsolved) and not error.indefinite
+    except (ValueError, PETSc.Error, CGNotConverged) as error:
+        slow = isinstance(error, CGNotConverged) and not error.indefinite
         if elasticity.forms() is not None and not slow:
             raise NotPositiveDefinite(
                 "Body: a is not positive definite where bcs hold nothing, to rounding: look at the signs of its terms "
@@ -260,7 +260,7 @@ class ContactStiffness:
         return self.linear_solver.name
 
     def rounding_forces(self, elasticity: Deformable, u: FloatArray) -> FloatArray:
-        """`evidence.rounding_forces` of the body in a state, scaled by the largest displacement while K is the same;
+        """`rounding_forces` of the body in a state, scaled by the largest displacement while K is the same;
         collective."""
         motion = Reductions(self.comm).max(np.abs(u))
         if self._rounding is None or self._rounding[0] is not elasticity.K or not 0.0 < self._rounding[1] < math.inf:

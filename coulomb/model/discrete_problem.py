@@ -1,4 +1,5 @@
-"""A contact problem in one state, as A, b and the law of friction: what solvers and certificates work with."""
+"""A contact problem in one state, as A, b and the law of friction: what solvers and certificates work with; and its
+error if K u = f is not solved by multigrid."""
 
 from __future__ import annotations
 
@@ -19,14 +20,14 @@ from ..fem.bodies import Deformable, Loading
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance, StiffnessSolver
 from ..linalg.reductions import Reductions
-from ..linalg.unsolved import Unsolved
+from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import FrictionProblem
-from ..solvers.rigid_motions import RigidMotions
-from .certificate import lengths
+from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
+from ..solvers.rigid_motions import NO_MOTION, RigidMotions
+from .certificate import Evidence, lengths
 from .contact_body import Before, ContactBody, ContactState, rigid_motions
 from .contact_stiffness import FixedStiffness, explained
-from .evidence import Evidence
-from .nodal_answer import closure
+from .nodal_answer import relative_displacement
 from .problem_evidence import gather_evidence
 from .provenance import timed
 
@@ -45,12 +46,8 @@ _MOST = 4
 """Maximum number of corrections."""
 
 
-def refined(
-    elasticity: Deformable,
-    solver: StiffnessSolver,
-    loading: Loading,
-    on_body: FloatArray,
-    u: FloatArray,
+def iteratively_refined(
+    elasticity: Deformable, solver: StiffnessSolver, loading: Loading, on_body: FloatArray, u: FloatArray
 ) -> FloatArray:
     """The displacement u (k, 3) in metres by iterative refinement (Wilkinson 1963), until loads, springs, reactions and
     the contact forces `on_body` (k, 3) balance; collective.
@@ -103,7 +100,7 @@ def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accurac
     ended = False
     try:
         solver.solve(rhs, change, accuracy)
-    except Unsolved:  # what was reached may still be better than before
+    except CGNotConverged:  # what was reached may still be better than before
         ended = True
     values: FloatArray = size * change.array_r.reshape(-1, 3)
     rhs.destroy()
@@ -224,27 +221,27 @@ class DiscreteProblem:
 
         c is the gap along n, and along t1 and t2 the displacement from which slip counts.
         """
-        free = self.closure(self._free_displacement)
+        free = self.relative_displacement(self._free_displacement)
         free[:, 0] -= self.surface.gap
         return free.ravel()
 
-    def closure(self, u: FloatArray) -> FloatArray:
+    def relative_displacement(self, u: FloatArray) -> FloatArray:
         """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3); collective.
 
         Where supports prescribe slips, those of the size of rounding errors are exactly 0: friction would be along
         them.
         """
         rows = self.surface.rows(u)
-        closed = closure(rows, self.state.slip_origin)
+        closed = relative_displacement(rows, self.state.slip_origin)
         if self.surface.free_B is self.surface.B:  # no slip is prescribed
             return closed
         size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.state.slip_origin).max(axis=1, initial=0.0)
         closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
         return closed
 
-    def known_closure(self, x: FloatArray, alpha: FloatArray) -> FloatArray | None:
-        """`closure` of the displacement under forces x (3 m,) in newtons, moved by alpha, if it takes no solve with K;
-        None otherwise, and where slips are prescribed; collective."""
+    def known_relative_displacement(self, x: FloatArray, alpha: FloatArray) -> FloatArray | None:
+        """`relative_displacement` under forces x (3 m,) in newtons, moved by alpha, if it takes no solve with K; None
+        otherwise, and where slips are prescribed; collective."""
         if self.surface.free_B is not self.surface.B:
             return None
         product = self.A.known_product(x)
@@ -275,7 +272,9 @@ class DiscreteProblem:
         free = self.A.matrix_free
         if free is not None and free.found:
             return u
-        return refined(self.elasticity, self.stiffness.solver, self.loading, -self.nodal_contact_force(x), u)
+        return iteratively_refined(
+            self.elasticity, self.stiffness.solver, self.loading, -self.nodal_contact_force(x), u
+        )
 
     def moved(self, u: FloatArray, alpha: FloatArray) -> FloatArray:
         """u + R alpha, amounts alpha (q,) of the free motions; metres, shapes (k, 3)."""
@@ -289,12 +288,15 @@ class DiscreteProblem:
 
         def solved() -> FloatArray:
             u = self.elasticity.K.createVecRight()
-            with suppress(Unsolved), explained(self.elasticity):  # with products by A its errors cancel (`under_load`)
+            with (
+                suppress(CGNotConverged),
+                explained(self.elasticity),
+            ):  # with products by A its errors cancel (`under_load`)
                 solver.solve(self.f, u, _BEFORE_REFINEMENT if solver.tolerance > 0.0 else 0.0)
             values = self._with_prescribed(u.array.reshape(-1, 3))
             u.destroy()
             if solver.tolerance > 0.0:  # errors of a factorised K cancel with those of A, from the same factors
-                values = refined(self.elasticity, solver, self.loading, np.zeros_like(values), values)
+                values = iteratively_refined(self.elasticity, solver, self.loading, np.zeros_like(values), values)
             return values
 
         with timed(self.seconds, "displacement"):
@@ -335,3 +337,57 @@ class DiscreteProblem:
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""
         return replace(FrictionProblem.tresca(self.A, self.b, slip_bound), rigid=self.rigid, elastic=True)
+
+
+class LinearSolveFailed(NotConverged):
+    """K u = f is not solved by multigrid: smaller load steps do not help."""
+
+
+class CountedProgress:
+    """The user's callback, if there is one, with the number of `steps` and whether it has `stopped` the solve."""
+
+    def __init__(self, progress: ProgressCallback | None):
+        self._progress, self.steps, self.stopped = progress, 0, False
+
+    def __call__(self, progress: Progress) -> bool:
+        self.steps += 1
+        self.stopped = self._progress is not None and bool(self._progress(progress))
+        return self.stopped
+
+
+def linear_solve_failed(
+    posed: DiscreteProblem, problem: FrictionProblem, failure: CGNotConverged, progress: CountedProgress, method: str
+) -> LinearSolveFailed:
+    """The error of a contact problem in which a solve with K failed, with the last iterate; collective."""
+    A, rigid = problem.A.matrix_free, NO_MOTION if problem.rigid is None else np.zeros(problem.rigid.count)
+    x, gradient, residual = np.zeros_like(problem.b), -problem.b, np.inf
+    if A is not None and Reductions(posed.comm).all(A.latest is not None) and A.latest is not None:
+        x, gradient = problem.completed(A.latest), A.latest_product() - problem.b
+        if problem.rigid is not None:
+            rigid = problem.rigid_motion(x, gradient)
+            gradient = gradient - problem.rigid.displacement(rigid)
+        residual = problem.residual(x, gradient)
+    remedies = ['K factorised (linear_solver = "direct")', "better-shaped cells"]
+    if posed.elasticity.ground is not None:
+        remedies.append("stiffer springs, or a clamp, against rigid motions")
+    reached = f", with a residual of {residual:.1e}" if np.isfinite(residual) else ""
+    message = (
+        f"{failure}; {posed.unknowns['displacement']} displacement unknowns, time {posed.time:g} s, after "
+        f"{progress.steps} steps of the contact solver{reached}"
+    )
+    result = SolverResult(
+        x=x,
+        gradient=gradient,
+        slip_bound=problem.slip_bound(x),
+        multipliers=np.zeros((problem.A.nodes, 2)),
+        status=Status.INTERRUPTED if progress.stopped else Status.STAGNATED,
+        outer_steps=0,
+        newton_steps=progress.steps,
+        products=problem.A.products,
+        residual=residual,
+        history=(),
+        method=method,
+        message=message,
+        rigid=rigid,
+    )
+    return LinearSolveFailed(f"{message}; what may help: {', or '.join(remedies)}", result)

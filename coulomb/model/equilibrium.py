@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -71,7 +70,7 @@ def without_equilibrium(problem: DiscreteProblem) -> str:
     opening = LimitLoad(rigid, rough, over).unbalanced()
     if opening is not None and over.any(bool(np.any(problem.law.sloped))):  # no friction, however large, would help
         return _falling(problem, _plain(problem, LimitLoad(rigid, rough, over), opening), rigid)
-    pushed = _along_foundations(rigid, over)
+    pushed = along_foundations(rigid, over)
     if float(np.abs(pushed).max()) > _PART * float(np.abs(rigid.e).max()):
         part = limit.held_part(pushed)
         if part is not None and part < 1.0:
@@ -89,33 +88,7 @@ def _plain(problem: DiscreteProblem, limit: LimitLoad, motion: FloatArray) -> Fl
     return next(plain, motion)
 
 
-@dataclass(frozen=True)
-class SlidingLimit:
-    """Where loads along the foundations and faces in contact become too large for friction.
-
-    Attributes:
-        part: The largest part of them that friction holds, at most 1.
-        motion: Amounts of the free motions with which the bodies slide beyond it, largest 1, shape (q,); None if
-            friction holds all of them.
-    """
-
-    part: float
-    motion: FloatArray | None
-
-
-def sliding_limit(problem: DiscreteProblem) -> SlidingLimit | None:
-    """How much of the loads along the foundations friction holds beside the others; None if there are no free motions,
-    or no contact forces balance the other loads; collective."""
-    if problem.rigid is None:
-        return None
-    over = Reductions(problem.comm)
-    limit = LimitLoad(problem.rigid, problem.law, over)
-    motion = limit.unbalanced()
-    part = 1.0 if motion is None else limit.held_part(_along_foundations(problem.rigid, over))
-    return None if part is None else SlidingLimit(part, motion)
-
-
-def _along_foundations(rigid: RigidMotions, over: Reductions) -> FloatArray:
+def along_foundations(rigid: RigidMotions, over: Reductions) -> FloatArray:
     """The part of the loads that does work on motions that neither open nor close any contact, shape (q,)."""
     normal = np.zeros((rigid.G.shape[1] // 3, 3))
     normal[:, 0] = 1.0

@@ -8,16 +8,15 @@ the slip of a load step over its duration; without load steps there is no rate.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.sparse
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.bodies import Conduction, Deformable, HeatLoad, distributed_rows, range_of
+from ..fem.bodies import Conduction, Deformable, HeatLoad, distributed_rows, matrix_product, range_of
 from ..fem.contact import ContactSurface
 from ..linalg.petsc_arrays import configured_ksp
 from ..linalg.reductions import Reductions
@@ -172,12 +171,15 @@ class HeatProblem:
         conduction, through = self.conduction, self._through(surface, pressure)
         factors = conduction.factors(time)
         scaled = through.difference.copy()
-        _with(through.conductance, scaled.createVecLeft(), lambda d: scaled.diagonalScale(L=d))
+        conductance = scaled.createVecLeft()
+        conductance.array[:] = through.conductance
+        scaled.diagonalScale(L=conductance)
+        conductance.destroy()
         A = through.difference.transposeMatMult(scaled)
         A.axpy(1.0, conduction.K)
         self._refuse_singular(A)
         heat = conduction.heat(factors).sum(axis=0) + self._friction(surface, through, friction)
-        heat += _spread(through.difference, through.conductance * through.beyond)
+        heat += matrix_product(through.difference, through.conductance * through.beyond, transposed=True)
         fixed = conduction.fixed
         change = np.where(fixed, conduction.prescribed(factors), start)
         reduced = A.copy()
@@ -187,7 +189,7 @@ class HeatProblem:
         try:
             ksp = configured_ksp(reduced, "cg", _CG)
             for _ in range(_SOLVES):
-                residual = np.where(fixed, 0.0, heat - _product(A, change))
+                residual = np.where(fixed, 0.0, heat - matrix_product(A, change))
                 if self._over.max(np.abs(residual)) == 0.0:
                     break
                 rhs, x = reduced.createVecs()
@@ -210,9 +212,10 @@ class HeatProblem:
         conduction, over, through = self.conduction, self._over, self._through(surface, pressure)
         factors = conduction.factors(time)
         given, films = conduction.heat(factors), conduction.through_films(change)
-        passing = through.conductance * (_product(through.difference, change) - through.beyond)
-        brought = given.sum(axis=0) + self._friction(surface, through, friction) - _spread(through.difference, passing)
-        inner = _product(conduction.K, change)
+        passing = through.conductance * (matrix_product(through.difference, change) - through.beyond)
+        brought = given.sum(axis=0) + self._friction(surface, through, friction)
+        brought -= matrix_product(through.difference, passing, transposed=True)
+        inner = matrix_product(conduction.K, change)
         missing = inner - brought
         flows = []
         for number, load in enumerate(conduction.loads):
@@ -241,13 +244,14 @@ class HeatProblem:
         share = np.array([contact.thermal.share for contact in self.contacts])[surface.part]
         paired = np.array([contact.against is not None for contact in self.contacts])[surface.part]
         other = np.where(paired, 1.0 - share, 0.0) * friction  # opposite averages are those on less the difference
-        return _spread(through.on, share * friction + other) - _spread(through.difference, other)
+        on_both = matrix_product(through.on, share * friction + other, transposed=True)
+        return on_both - matrix_product(through.difference, other, transposed=True)
 
     def _through(self, surface: ContactSurface, pressure: FloatArray) -> _Through:
         if self._averages is None or self._averages[0] is not surface:
             size = (self.bodies.numbering.local, self.bodies.numbering.total)
             on, difference = (
-                distributed_rows(_sorted(rows), size, self.bodies, None)
+                distributed_rows(rows, size, self.bodies, None)
                 for rows in (surface.points.weights, surface.points.difference)
             )
             self._averages = surface, on, difference
@@ -270,7 +274,7 @@ class HeatProblem:
         component = self.bodies.component
         count = int(self._over.max(component.astype(np.float64))) + 1
         indicator = (component[:, None] == np.arange(count)).astype(np.float64)
-        between = self._over.total(indicator.T @ np.column_stack([_product(A, one) for one in indicator.T]))
+        between = self._over.total(indicator.T @ np.column_stack([matrix_product(A, one) for one in indicator.T]))
         diagonal = A.getDiagonal()
         whole = self._over.total(indicator.T @ diagonal.array_r)
         diagonal.destroy()
@@ -286,34 +290,3 @@ class HeatProblem:
             f"heat: nothing fixes the temperature of {named}: give one of its faces a temperature or a film, or let it "
             "touch what has one, with a conductance (thermal)"
         )
-
-
-def _sorted(rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-    rows = rows.copy()
-    rows.sort_indices()
-    return rows
-
-
-def _with(values: FloatArray, vector: PETSc.Vec, use: Callable[[PETSc.Vec], None]) -> None:
-    """Use a vector with these values, then destroy it."""
-    vector.array[:] = values
-    use(vector)
-    vector.destroy()
-
-
-def _product(A: PETSc.Mat, values: FloatArray) -> FloatArray:
-    """A times this rank's values; collective."""
-    given, result = A.createVecs()
-    _with(values, given, lambda v: A.mult(v, result))
-    product: FloatArray = result.array_r.copy()
-    result.destroy()
-    return product
-
-
-def _spread(A: PETSc.Mat, values: FloatArray) -> FloatArray:
-    """A^T times this rank's values; collective."""
-    result, given = A.createVecs()
-    _with(values, given, lambda v: A.multTranspose(v, result))
-    product: FloatArray = result.array_r.copy()
-    result.destroy()
-    return product

@@ -68,7 +68,7 @@ def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResul
 
 def supports_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
     """Kind, face and what it holds of every support and spring."""
-    return problem.elasticity.supports_understood()
+    return problem.elasticity.support_entries()
 
 
 def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:

@@ -29,8 +29,8 @@ from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Stat
 from ..solvers.semismooth_newton import SemismoothNewton
 from . import notebook
 from .certificate import judge
+from .discrete_problem import LinearSolveFailed
 from .equilibrium import NoEquilibrium
-from .linear_solve_failed import LinearSolveFailed
 from .load_step import Energy, LoadStep, State
 from .nodal_answer import Accumulated
 from .notebook import NotebookBar, in_notebook

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..contact_names import named_faces
+from ..contact_fields import named_faces
 from ..fem.bodies import Deformable, HeldDirections
 from ..linalg.reductions import Reductions
 from .nodal_answer import Accumulated
@@ -22,72 +22,53 @@ def along_axes(name: str, vector: Sequence[float] | None) -> dict[str, float]:
     return {f"{name}_{axis}": value for axis, value in zip("xyz", vector or [math.nan] * 3, strict=True)}
 
 
+def _columns(
+    name: str, entry: Mapping[str, Any], vectors: Sequence[str] = (), numbers: Sequence[str] = ()
+) -> dict[str, Any]:
+    """The columns of some entries of a dictionary in summary.json, after a name."""
+    found: dict[str, Any] = {}
+    for what in vectors:
+        found |= along_axes(f"{name}_{what}", entry[what])
+    return found | {f"{name}_{what}": entry[what] for what in numbers}
+
+
 def face_columns(name: str, face: Mapping[str, Any]) -> dict[str, Any]:
     """The columns of one of several contact faces, or of a pair, with its name in files (`side_names`), from its entry
     in summary.json."""
     opposite = ("opposite_force", "opposite_moment") if "against" in face else ()
-    return {
-        **along_axes(f"{name}_force", face["force"]),
-        **along_axes(f"{name}_moment", face["moment"]),
-        **{column: value for what in opposite for column, value in along_axes(f"{name}_{what}", face[what]).items()},
-        f"{name}_normal_force": face["normal_force"],
-        f"{name}_contact_area": face["contact_area"],
-        **along_axes(f"{name}_centre_of_pressure", face["centre_of_pressure"]),
-    }
+    forces = _columns(name, face, ("force", "moment", *opposite), ("normal_force", "contact_area"))
+    return forces | _columns(name, face, ("centre_of_pressure",))
 
 
-def rotation_columns(face: Mapping[str, Any]) -> dict[str, float]:
-    """The columns of a contact face whose foundation rotates, from its entry in summary.json; none of other faces."""
+def _rotation_columns(face: Mapping[str, Any]) -> dict[str, float]:
+    """The columns of a contact face whose foundation rotates; none of other faces."""
     names = ("angle", "torque", "power") if "torque" in face else ()
     return {f"{face['faces'][0]}_{name}": math.nan if face[name] is None else face[name] for name in names}
 
 
-def probe_columns(probe: Mapping[str, Any]) -> dict[str, float | None]:
-    """The columns of a probe, from its entry in summary.json (`ProbeValue.entry`); those of a contact are None
-    elsewhere."""
+def _probe_columns(probe: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns of a probe; those of a contact are None elsewhere."""
     name, slip = f"probe_{probe['name']}", probe["slip"]
-    return {
-        **along_axes(f"{name}_displacement", probe["displacement"]),
-        **(along_axes(f"{name}_slip", slip) if slip is not None else dict.fromkeys(axes(f"{name}_slip"))),
-        f"{name}_pressure": probe["pressure"],
-    }
+    slips = dict.fromkeys(along_axes(f"{name}_slip", None)) if slip is None else along_axes(f"{name}_slip", slip)
+    return {**_columns(name, probe, ("displacement",)), **slips, f"{name}_pressure": probe["pressure"]}
 
 
-def axes(name: str) -> list[str]:
-    """The names of the columns of a vector."""
-    return [f"{name}_{axis}" for axis in "xyz"]
+def _reaction_columns(reaction: Mapping[str, Any]) -> dict[str, Any]:
+    return _columns(reaction["name"], reaction, ("force", "moment"))
 
 
-def body_columns(body: Mapping[str, Any]) -> dict[str, float]:
-    """The columns of one of several bodies, from its entry in summary.json (`BodyBalance.entry`)."""
-    name = f"body_{body['name']}"
-    return {
-        **along_axes(f"{name}_contact_force", body["contact_force"]),
-        **along_axes(f"{name}_contact_moment", body["contact_moment"]),
-        f"{name}_balance": body["balance"],
-    }
+_COLUMNS: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
+    "bodies": lambda of: _columns(f"body_{of['name']}", of, ("contact_force", "contact_moment"), ("balance",)),
+    "rigid_faces": lambda of: _columns(f"rigid_face_{of['face']}", of, ("translation", "rotation", "force", "moment")),
+    "bolts": lambda of: _columns(f"bolt_{of['face']}", of, (), ("force", "shear", "bending", "shortening")),
+    "ties": _reaction_columns,
+    "reactions": _reaction_columns,
+    "probes": _probe_columns,
+}
+"""Of each entry of a list in summary.json."""
 
 
-def reaction_columns(reaction: Mapping[str, Any]) -> dict[str, float]:
-    """The columns of a support or a tie, from its entry in summary.json (`Resultant.entry`)."""
-    name = reaction["name"]
-    return {**along_axes(f"{name}_force", reaction["force"]), **along_axes(f"{name}_moment", reaction["moment"])}
-
-
-def rigid_face_columns(face: Mapping[str, Any]) -> dict[str, float]:
-    """The columns of a rigid face, from its entry in summary.json (`RigidFaceMotion.entry`)."""
-    name, found = f"rigid_face_{face['face']}", dict[str, float]()
-    for what in ("translation", "rotation", "force", "moment"):
-        found |= along_axes(f"{name}_{what}", face[what])
-    return found
-
-
-def bolt_columns(bolt: Mapping[str, Any]) -> dict[str, float]:
-    """The columns of a bolt, from its entry in summary.json (`BoltForce.entry`)."""
-    return {f"bolt_{bolt['face']}_{name}": bolt[name] for name in ("force", "shear", "bending", "shortening")}
-
-
-def heat_columns(heat: Mapping[str, Any]) -> dict[str, float]:
+def _heat_columns(heat: Mapping[str, Any]) -> dict[str, float]:
     """The columns of temperatures and heat flows, from the entry in summary.json (`Heat.entry`)."""
     ends = {f"temperature_{name}": value for name, value in heat["temperature"].items()}
     return {**ends, **{flow["name"]: flow["power"] for flow in heat["flows"]}, "heat_imbalance": heat["imbalance"]}
@@ -314,9 +295,10 @@ def row(
 ) -> dict[str, Any]:
     """The figures of a step by name, from those of its contact nodes (`NodalAnswer.numbers`), reactions, bodies and
     probes; path-following `steps`, and the residual of its problem."""
-    face = numbers["totals"]
-    faces = named_faces(numbers["faces"])
+    face, faces = numbers["totals"], named_faces(numbers["faces"])
     several = faces if len(faces) > 1 or "against" in faces[0][1] else []
+    parts = [face_columns(*one) for one in several] + [_rotation_columns(part) for part in numbers["faces"]]
+    parts += [columns(of) for entry, columns in _COLUMNS.items() for of in numbers.get(entry, ())]
     return {
         "step": at.number,
         "time": at.time,
@@ -328,15 +310,8 @@ def row(
         "greatest_slip": face["greatest_slip"],
         "greatest_pressure": face["greatest_pressure"],
         **{name: numbers["nodes"][name] for name in ("open", "stick", "slip")},
-        **{name: value for called, part in several for name, value in face_columns(called, part).items()},
-        **{name: value for part in numbers["faces"] for name, value in rotation_columns(part).items()},
-        **{name: value for body in numbers.get("bodies", ()) for name, value in body_columns(body).items()},
-        **{name: value for face in numbers.get("rigid_faces", ()) for name, value in rigid_face_columns(face).items()},
-        **{name: value for bolt in numbers.get("bolts", ()) for name, value in bolt_columns(bolt).items()},
-        **{name: value for part in numbers.get("ties", ()) for name, value in reaction_columns(part).items()},
-        **{name: value for part in numbers["reactions"] for name, value in reaction_columns(part).items()},
-        **{name: value for probe in numbers["probes"] for name, value in probe_columns(probe).items()},
-        **(heat_columns(numbers["heat"]) if "heat" in numbers else {}),
+        **{name: value for part in parts for name, value in part.items()},
+        **(_heat_columns(numbers["heat"]) if "heat" in numbers else {}),
         **{f"energy_{name}": value for name, value in asdict(at.energy).items()},
         "energy_imbalance": at.energy.imbalance,
         "path_following": steps,

@@ -1,20 +1,30 @@
 """Fields, totals and counts derived from displacement and contact forces at the contact nodes.
 
 The input comes from a problem and its answer when they are written, or from the files when these are checked.
+
+Fields are carried over to the master face of a pair.  Forces there are exact: a force at a contact point acts on the
+nodes opposite by the weights of its row.  Pressures are not these forces over nodal areas, which vary from node to node
+with the ratio of the two meshes.  They are those of the contact points, averaged with the weights transposed,
+
+    p_j = sum_i W_ij p_i / sum_i W_ij,      W_ij = a_i |weight of node j in the average opposite to point i|
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..contact_fields import CONTACT_FIELDS, names
+from ..fem.bodies import distributed_rows, matrix_product
+from ..fem.contact import ContactPoints
 from ..fem.geometry import Spin, inverse_frames, tangent_lengths
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
@@ -126,9 +136,9 @@ class NodalAnswer:
         return tangent_lengths(self.frames)
 
     @cached_property
-    def closure(self) -> FloatArray:
+    def relative_displacement(self) -> FloatArray:
         """Displacement along n, and slip along t1 and t2, shape (m, 3)."""
-        return closure(self.displacement, self.slip_origin)
+        return relative_displacement(self.displacement, self.slip_origin)
 
     @cached_property
     def bound(self) -> FloatArray:
@@ -154,7 +164,7 @@ class NodalAnswer:
     @cached_property
     def slip(self) -> FloatArray:
         """Slip from `slip_origin`, space vectors in the tangent plane, shape (m, 3)."""
-        slip = self.closure.copy()
+        slip = self.relative_displacement.copy()
         slip[:, 0] = 0.0
         return self._displacements(slip)
 
@@ -206,7 +216,7 @@ class NodalAnswer:
 
     @cached_property
     def _friction_work(self) -> FloatArray:
-        work: FloatArray = np.sum(self.force[:, 1:] * self.closure[:, 1:], axis=1)
+        work: FloatArray = np.sum(self.force[:, 1:] * self.relative_displacement[:, 1:], axis=1)
         return work
 
     @cached_property
@@ -243,7 +253,7 @@ class NodalAnswer:
         alone = part is not None or len(self.faces) == 1
         here = self.part == part if part is not None else np.ones(len(self.part), dtype=bool)
         over, force, x = Reductions(self.comm), self.force[here], self.x[here]
-        on_body, slip = self.on_body[here], (self.closure[:, 1:] / self.scale)[here]
+        on_body, slip = self.on_body[here], (self.relative_displacement[:, 1:] / self.scale)[here]
         closed = ~self._open[here]
         pressing = over.sum(force[:, 0])
         moving = np.hypot(slip[:, 0], slip[:, 1])
@@ -347,7 +357,7 @@ class NodalAnswer:
         return vectors
 
 
-def closure(displacement: FloatArray, slip_origin: FloatArray) -> FloatArray:
+def relative_displacement(displacement: FloatArray, slip_origin: FloatArray) -> FloatArray:
     """u_n, and slip along t1 and t2, metres; all along n, t1, t2, shapes (m, 3)."""
     closed = displacement.copy()
     closed[:, 1:] -= slip_origin[:, 1:]
@@ -379,3 +389,58 @@ def law_numbers(law: FrictionLaw, area: FloatArray, frames: FloatArray, over: Re
         "friction_along": along,
         "friction_across": across,
     }
+
+
+_TURNED = names(opposite="reversed")
+"""Fields that are opposite on the master: what acts on it, and its motion against the slave."""
+
+CARRIED = (*names(opposite="mean"), *_TURNED)
+"""Fields of the contact points that are carried over; besides the status."""
+
+Spread = Callable[[FloatArray], FloatArray]
+"""Multiplies rows of contact points (m, d) by a transposed matrix: rows of nodes (k, d); collective."""
+
+
+def carried(fields: Mapping[str, FloatArray], spread: Spread) -> dict[str, FloatArray]:
+    """The fields at the nodes of the master; collective.
+
+    A node is open where all contact points opposite are; else the larger share of those that touch decides between
+    stick and slip.  Nodes without a contact point opposite have the status HELD, and 0 everywhere.
+
+    Args:
+        fields: At the contact points, shapes (m,) or (m, 3).
+        spread: By the matrix W.
+    """
+    status = fields["status"]
+    shares = spread(np.column_stack([status == code for code in (OPEN, STICK, SLIP)]).astype(float))
+    total = shares.sum(axis=1)
+    there = total > 0.0
+    _, sticking, slipping = np.round(shares / np.where(there, total, 1.0)[:, None], 9).T  # equal ones always stick
+    found: dict[str, FloatArray] = {}
+    for name in CARRIED:
+        values = fields[name].reshape(len(status), 3 if fields[name].ndim == 2 else 1)  # no -1: a rank may have none
+        mean = spread(values) / np.where(there, total, 1.0)[:, None]
+        mean = -mean if name in _TURNED else mean
+        found[name] = mean.reshape(-1, *fields[name].shape[1:])
+    touching = np.where(slipping > sticking, SLIP, STICK)
+    found["status"] = np.where(there, np.where(shares[:, 1:].any(axis=1), touching, OPEN), HELD).astype(float)
+    return found
+
+
+def carrying(opposite: scipy.sparse.csr_matrix, area: FloatArray) -> scipy.sparse.csr_matrix:
+    """W, from the weights opposite to contact points (m, nodes) with areas (m,) in m^2."""
+    return (scipy.sparse.diags(area) @ abs(opposite)).tocsr()
+
+
+def spreading(points: ContactPoints, matrix: scipy.sparse.csr_matrix) -> Spread:
+    """Multiplication by the transpose of a matrix (m, nodes), of which every rank has the rows of its contact points;
+    collective."""
+    size = points.space.numbering
+
+    def spread(values: FloatArray) -> FloatArray:
+        distributed = distributed_rows(matrix, (size.local, size.total), points.space, None)
+        columns = [matrix_product(distributed, column, transposed=True) for column in values.T]
+        distributed.destroy()
+        return np.column_stack(columns)
+
+    return spread

@@ -30,9 +30,10 @@ from ..fem.bodies import (
 from ..fem.contact import ContactSurface, RigidFace, Tied, TiedBodies, with_slaves
 from ..fem.geometry import Amplitude, Coefficient, Field
 from ..fem.meshes import JoinedMesh, NamedMesh
+from ..lazy_names import late_bound
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
 from ..linalg.reductions import Reductions
-from ..linalg.unsolved import TooSlow, Unsolved
+from ..linalg.solve_errors import CGNotConverged, TooSlow
 from ..native import threads
 from ..solvers.automatic import Automatic
 from ..solvers.condensed import CondensedSystem
@@ -40,15 +41,13 @@ from ..solvers.friction_problem import Solver
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.newton_systems import DenseSystem
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
-from ..supplied import supplied
 from . import notebook
 from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState
-from .discrete_problem import DiscreteProblem
+from .discrete_problem import CountedProgress, DiscreteProblem, linear_solve_failed
 from .equilibrium import refuse_without_equilibrium
 from .heat import Heat, HeatProblem
 from .input_echo import contacts_of, loads_of, supports_of, ties_of
-from .linear_solve_failed import CountedProgress, linear_solve_failed
 from .load_step import State
 from .notebook import residuals_shown
 from .probes import Probe
@@ -136,7 +135,7 @@ class ContactProblem(DiscreteProblem):
     def __new__(cls, *arguments: Any, kinematics: str = "small", **others: Any) -> Self:
         if kinematics not in KINEMATICS:
             raise ValueError(f'kinematics must be "small" or "large", but is {kinematics!r}')
-        kind = supplied["large"]() if kinematics == "large" and cls is ContactProblem else cls
+        kind = late_bound["large"]() if kinematics == "large" and cls is ContactProblem else cls
         problem = cast(Self, object.__new__(kind))
         problem._given = arguments, {**others, "kinematics": kinematics}
         return problem
@@ -348,7 +347,7 @@ class ContactProblem(DiscreteProblem):
     def refine(self, to: float, totals: Sequence[str] = (), unknowns: int = 300_000) -> Any:
         """Solve on finer and finer meshes until the error bars of some totals are at most `to` of them, as 0.02: see
         `io.refinement.refine`."""
-        return supplied["refine"](self, to, totals, unknowns)
+        return late_bound["refine"](self, to, totals, unknowns)
 
     def _heated(
         self,
@@ -445,7 +444,7 @@ class ContactProblem(DiscreteProblem):
                     result = chosen.solve(problem, start, progress=counted)
                 except NotConverged as failure:
                     raise criterion.explained(failure, chosen.tolerance) from None
-                except Unsolved as failure:
+                except CGNotConverged as failure:
                     raise linear_solve_failed(self, problem, failure, counted, type(chosen).__name__) from None
         return self.solution(result, criterion)
 

@@ -26,18 +26,13 @@ from ..fem.contact import (
 )
 from ..fem.geometry import HELD_BEYOND, RigidMotion, held_length, inverse_frames, on_all_ranks
 from ..solvers.laws import FrictionLaw
+from .certificate import Evidence, pair_actions
 from .contact_body import Before, ContactBody, ContactState
-from .evidence import Evidence, pair_actions
-from .nodal_answer import closure
+from .nodal_answer import relative_displacement
 
 
 def gather_evidence(
-    body: ContactBody,
-    state: ContactState,
-    x: FloatArray,
-    u: FloatArray,
-    compliance: float,
-    before: Before | None,
+    body: ContactBody, state: ContactState, x: FloatArray, u: FloatArray, compliance: float, before: Before | None
 ) -> Evidence:
     """The evidence for an answer; collective.
 
@@ -81,13 +76,10 @@ def gather_evidence(
         origin = taken(surface.displacements(state.slip_origin), frames)
     else:
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
-    closed = closure(rows_of(B, u), origin)
+    closed = relative_displacement(rows_of(B, u), origin)
     bound = law.radius(force[:, 0])
-    internal, spring, bolts = (
-        elasticity.internal_force(u),
-        elasticity.spring_force(u),
-        elasticity.pretension(state.time),
-    )
+    internal, spring = elasticity.internal_force(u), elasticity.spring_force(u)
+    bolts = elasticity.pretension(state.time)
     load = state.loading.load - bolts
     on_body += elasticity.forces_of_ties(internal - load - spring - on_body - bolts) + bolts
     return Evidence(
@@ -103,7 +95,7 @@ def gather_evidence(
         prescribed=state.loading.prescribed,
         on_body=on_body,
         force=np.concatenate([force, np.column_stack([-np.max(np.abs(stray), axis=1, initial=0.0), none, none])]),
-        closure=np.concatenate([closed, np.zeros((len(stray), 3))]),
+        relative_displacement=np.concatenate([closed, np.zeros((len(stray), 3))]),
         gap=np.concatenate([gap, none]),
         bound=np.concatenate([bound, none]),
         rounding=body.stiffness.rounding_forces(elasticity, u),

@@ -225,7 +225,9 @@ def resultants(parts: Iterable[NodalForces], x: FloatArray, over: Reductions) ->
         name = part.kind if part.face is None else f"{part.kind}_{part.face}"
         seen[name] += 1
         name = name if seen[name] == 1 else f"{name}_{seen[name]}"
-        found.append(_resultant(part.kind, part.face, name, part.forces, x, over))
+        total = over.total(np.concatenate([part.forces.sum(axis=0), np.cross(x, part.forces).sum(axis=0)]))
+        nodal = over.sum(np.linalg.norm(part.forces, axis=1))
+        found.append(Resultant(part.kind, part.face, name, total[:3], total[3:], nodal))
     return tuple(found)
 
 
@@ -259,10 +261,3 @@ def balance(outer: Sequence[Resultant], x: FloatArray, over: Reductions) -> floa
     moment = np.sum([part.moment for part in outer], axis=0) - np.cross(centre, force)
     left = float(np.max([np.linalg.norm(force), np.linalg.norm(moment) / radius]))
     return left / (float(np.max([part.nodal for part in outer])) or 1.0)
-
-
-def _resultant(
-    kind: str, face: str | None, name: str, forces: FloatArray, x: FloatArray, over: Reductions
-) -> Resultant:
-    total = over.total(np.concatenate([forces.sum(axis=0), np.cross(x, forces).sum(axis=0)]))
-    return Resultant(kind, face, name, total[:3], total[3:], over.sum(np.linalg.norm(forces, axis=1)))

@@ -21,7 +21,7 @@ from ..nearest import among, tree_of
 
 if TYPE_CHECKING:
     from ..fem.geometry import RigidFoundation
-    from .evidence import Strained
+    from .certificate import Strained
     from .nodal_answer import NodalAnswer
 
 _PRESSING = 1e-6  # a node presses if its force is above this fraction of the largest

@@ -16,13 +16,12 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..fem.contact import face_samples
+from ..lazy_names import late_bound
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
-from ..supplied import supplied
 from . import notebook
-from .certificate import Certificate
+from .certificate import Certificate, rounding_forces
 from .discrete_problem import DiscreteProblem
-from .evidence import rounding_forces
 from .heat import Heat
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
@@ -288,7 +287,7 @@ class Solution:
             OSError: On every rank, if the directory cannot be written to.
             ValueError: On every rank, if a function cannot be written.
         """
-        supplied["write"](self, directory, fields or {})
+        late_bound["write"](self, directory, fields or {})
 
     def face(self, name: str) -> FaceAnswer:
         """The nodes, facets and fields of a contact face, or of a face opposite in a pair; collective.
@@ -296,7 +295,7 @@ class Solution:
         Raises:
             ValueError: On every rank, if no contact has a face of this name.
         """
-        faces: dict[str, FaceAnswer] = supplied["faces"](self)
+        faces: dict[str, FaceAnswer] = late_bound["faces"](self)
         if name not in faces:
             raise ValueError(f"there is no contact face {name!r}; there are {', '.join(map(repr, faces))}")
         return faces[name]
@@ -314,7 +313,7 @@ class Solution:
             ValueError: On every rank, if the problem cannot be posed or solved on another mesh (a `Body` of the user's
                 forms, a load step), or the others do not differ.
         """
-        return supplied["error"](self, *others)
+        return late_bound["error"](self, *others)
 
     def table(self) -> dict[str, Any]:
         """This rank's contact points as columns of length m, vectors as three columns: what `pandas.DataFrame` takes;
@@ -346,12 +345,12 @@ class Solution:
             ValueError: If there is no such field or view.
             ModuleNotFoundError: If pyvista is not installed: `pip install "coulomb[pictures]"`.
         """
-        return supplied["plot"](self, field, scale, view)
+        return late_bound["plot"](self, field, scale, view)
 
     def plot_history(self) -> Any:
         """A matplotlib figure of residuals and CG iterations by step of the solver; collective, None on ranks other
         than 0."""
-        return supplied["plot_history"](self)
+        return late_bound["plot_history"](self)
 
     def _repr_html_(self) -> str:
         """Verdict, totals, certificate and a picture; on several ranks, of which one may ask alone, the certificate."""
@@ -375,7 +374,7 @@ class Solution:
 
     @cached_property
     def _picture(self) -> str:
-        return str(supplied["picture"](self))
+        return str(late_bound["picture"](self))
 
 
 def warn(answer: Solution) -> None:

@@ -43,7 +43,7 @@ SMALL = 1e-6
 
 def zero_open_forces(problem: DiscreteProblem, x: FloatArray, closed: FloatArray) -> FloatArray:
     """Contact forces x of a solver in newtons, shape (3 m,), with exact zeros, where `closed` (m, 3) is
-    `DiscreteProblem.closure` of the displacement under them; collective."""
+    `DiscreteProblem.relative_displacement` of the displacement under them; collective."""
     over, force = Reductions(problem.comm), x.reshape(-1, 3).copy()
     normal, small = force[:, 0], SMALL * over.norm(x)
     gap = problem.surface.gap - closed[:, 0]
@@ -151,19 +151,19 @@ class StoppingCriterion:
         """The forces with exact zeros, and their displacement; None if a product by A does not decide the zeros."""
         problem, over = self._problem, Reductions(self._problem.comm)
         with timed(problem.seconds, "displacement"):
-            closed = problem.known_closure(x, alpha)
+            closed = problem.known_relative_displacement(x, alpha)
             if closed is None:
                 return None
             force = zero_open_forces(problem, x, closed)
             u = problem.moved(problem.displacement(force), alpha)
-            same = np.array_equal(zero_open_forces(problem, x, problem.closure(u)), force)
+            same = np.array_equal(zero_open_forces(problem, x, problem.relative_displacement(u)), force)
         return (force, u) if over.all(same) else None
 
     def _zeros_by_displacement(self, x: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray]:
         problem, over = self._problem, Reductions(self._problem.comm)
         u = problem.moved(self._displacement(x), alpha)
         with timed(problem.seconds, "displacement"):
-            force = zero_open_forces(problem, x, problem.closure(u))
+            force = zero_open_forces(problem, x, problem.relative_displacement(u))
             if not over.all(np.array_equal(force, x)):
                 u = problem.moved(problem.displacement(force), alpha)
         return force, u
@@ -171,7 +171,7 @@ class StoppingCriterion:
     def gradient(self, x: FloatArray) -> FloatArray:
         """A x - b in metres of the forces x in newtons, shapes (3 m,): remaining gap and slip, before free motions;
         collective."""
-        remaining = -self._problem.closure(self._displacement(x))
+        remaining = -self._problem.relative_displacement(self._displacement(x))
         remaining[:, 0] += self._problem.surface.gap
         return remaining.ravel()
 
@@ -189,7 +189,7 @@ class StoppingCriterion:
         if result.status is Status.INTERRUPTED:
             return failure
         if not result.residual <= tolerance:
-            texts = [text for text in (running_away(problem, result), str(failure), far_moved(problem)) if text]
+            texts = [text for text in (running_away(problem, result), str(failure), implausible_sizes(problem)) if text]
             return NotConverged("; ".join(texts), result) if len(texts) > 1 else failure
         certificate = self.answer(result.x, result.rigid).certificate
         remedies = ["a check of the units of lengths, forces and stiffnesses"]
@@ -197,11 +197,13 @@ class StoppingCriterion:
             remedies.insert(0, "a clamp or stiffer springs, to prevent the rigid motion")
         if problem.stiffness.solver.tolerance > 0.0:
             remedies.insert(0, 'K factorised (linear_solver = "direct")')
-        said = f"{failure}; failing conditions: {what_fails(certificate)}; what may help: {', or '.join(remedies)}"
+        said = (
+            f"{failure}; failing conditions: {failing_conditions(certificate)}; what may help: {', or '.join(remedies)}"
+        )
         return NotConverged(said, result)
 
 
-def far_moved(problem: DiscreteProblem) -> str:
+def implausible_sizes(problem: DiscreteProblem) -> str:
     """That what is prescribed is much larger than the bodies, as from another unit, in words; empty if it is not;
     collective."""
     over, x = Reductions(problem.comm), problem.elasticity.x
@@ -216,17 +218,17 @@ def far_moved(problem: DiscreteProblem) -> str:
     )
 
 
-def left_open(certificate: Certificate, tolerance: float) -> str:
+def failing_at_tolerance(certificate: Certificate, tolerance: float) -> str:
     """Conditions that a tolerance above CERTIFIED_FROM leaves unsatisfied, as a message; empty if there are none."""
     if certificate.passed or tolerance <= CERTIFIED_FROM:
         return ""
     return (
-        f"the tolerance {tolerance:g} is reached, but these conditions fail: {what_fails(certificate)}; with "
+        f"the tolerance {tolerance:g} is reached, but these conditions fail: {failing_conditions(certificate)}; with "
         f"{CERTIFIED_FROM:g}, the default, or less a run continues until the certificate passes"
     )
 
 
-def what_fails(certificate: Certificate) -> str:
+def failing_conditions(certificate: Certificate) -> str:
     """The conditions of a certificate that fail, as text."""
     return ", ".join(f"{c.name} {c.value:.1e} (limit {c.limit:.0e})" for c in certificate.checks if not c.passed)
 

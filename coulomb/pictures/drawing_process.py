@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..ranks import RANK_VARIABLES
+from ..ranks import has_launcher
 
 PACKAGES = {
     "matplotlib": "matplotlib",
@@ -118,7 +118,7 @@ def begin_early(arguments: Sequence[str]) -> None:
     second processor.  `begin` takes it over; `stop_early` ends it if the case does not need it."""
     global _early
     runs = arguments[:1] == ["run"] and not {"--help", "output.picture=false"}.intersection(arguments)
-    if runs and processors() > 1 and not any(name in os.environ for name in RANK_VARIABLES):
+    if runs and processors() > 1 and not has_launcher():
         _early = DrawingProcess("overview")
 
 

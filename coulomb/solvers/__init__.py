@@ -2,6 +2,6 @@
 `linalg`, knows A, b and the law, no meshes.
 """
 
-from ..lazy_names import stubbed
+from ..lazy_names import lazily_loaded
 
-__all__, __getattr__ = stubbed(__name__, __file__)
+__all__, __getattr__ = lazily_loaded(__name__, __file__)

@@ -10,7 +10,6 @@ import numpy as np
 from ..arrays import FloatArray
 from .friction_problem import FrictionProblem, SolverSettings, Task
 from .interior_point import InteriorPoint
-from .open_contact import open_motion
 from .results import Goal, NotConverged, SolverResult, Status
 from .semismooth_newton import SemismoothNewton
 from .successive_tresca import SuccessiveTresca
@@ -71,15 +70,15 @@ class Automatic(SolverSettings):
                 return called(result, "no forces")
         if start is not None:
             near = SemismoothNewton(goal.tolerance)
-            result = ended(lambda: near.solve(problem, start, progress=progress))
+            result = result_of(lambda: near.solve(problem, start, progress=progress))
             if result.status in (Status.CONVERGED, Status.INTERRUPTED):
                 return called(result, near.name)
             steps, start = result.newton_steps, np.atleast_2d(start)[0]
-        one = ended(lambda: first.solve(problem, start, gradient=gradient, progress=progress))
+        one = result_of(lambda: first.solve(problem, start, gradient=gradient, progress=progress))
         one = replace(one, newton_steps=steps + one.newton_steps)
         if one.status in (Status.CONVERGED, *DECISIVE) or one.residual <= goal.tolerance or not problem.sloped:
             return called(one, first.name)
-        other = ended(lambda: second.solve(problem, start, progress=progress))
+        other = result_of(lambda: second.solve(problem, start, progress=progress))
         if other.status is Status.CONVERGED:
             other = replace(other, newton_steps=steps + other.newton_steps)
             return called(other, f"{second.name}, after the {first.name} method had {one.status.value}")
@@ -109,9 +108,43 @@ def _of_no_forces(problem: FrictionProblem, alpha: FloatArray, goal: Goal) -> So
     )
 
 
-def ended(solve: Callable[[], SolverResult]) -> SolverResult:
+def result_of(solve: Callable[[], SolverResult]) -> SolverResult:
     """The result of a method, whether it has converged or not."""
     try:
         return solve()
     except NotConverged as failure:
         return failure.result
+
+
+# Bodies that contact alone holds and no load presses: where all contacts can be open, no forces are an answer.
+
+_BALANCED = 1e-12
+"""Loads along the motions below this part of |b|/a are rounding errors."""
+
+_OPEN = 1e-9
+"""Gap that is left open, over the largest |b_n|."""
+
+
+def open_motion(problem: FrictionProblem) -> FloatArray | None:
+    """Amounts alpha (q,) of the rigid motions, the smallest, with which all contact points are open; collective.
+
+    None if supports hold all bodies, loads have to be balanced, nodes have cohesion, or there are no such amounts.
+    """
+    rigid, over, b = problem.rigid, problem.reductions, problem.b[0::3]
+    if rigid is None or over.any(bool(np.any(problem.law.cohesion > 0.0) or np.any(np.asarray(problem.lower) != 0.0))):
+        return None
+    largest = over.max(np.append(np.abs(b), 0.0))
+    if np.max(np.abs(rigid.e)) > _BALANCED * over.norm(problem.b) / problem.mean_diagonal or largest == 0.0:
+        return None
+    rows = over.comm.gather(np.column_stack([rigid.G[:, 0::3].T, -b / largest - _OPEN]))
+    alpha = None
+    if rows is not None:
+        from scipy.optimize import linprog  # its import takes 0.2 s, and few runs need it
+
+        whole = np.concatenate(rows)
+        G, room = whole[:, :-1], whole[:, -1]
+        found = linprog(np.ones(2 * rigid.count), np.hstack([G, -G]), room)
+        if found.success:
+            alpha = largest * (found.x[: rigid.count] - found.x[rigid.count :])
+    answer: FloatArray | None = over.comm.bcast(alpha)
+    return answer

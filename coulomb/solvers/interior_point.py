@@ -178,10 +178,10 @@ class _Path:
             self._newton.destroy()
         best = last if gone else min(results, key=lambda result: result.residual)
         if not gone and best.residual > _OFF and best.status is not Status.INTERRUPTED:
-            best = next(filter(None, map(self._slid, results)), best)
+            best = next(filter(None, map(self._sliding_away, results)), best)
         return replace(best, newton_steps=len(self._history), history=tuple(self._history))
 
-    def _slid(self, result: SolverResult) -> SolverResult | None:
+    def _sliding_away(self, result: SolverResult) -> SolverResult | None:
         """A result without solution, if its bodies slide away."""
         away = sliding(self._problem, result.x, result.gradient, result.rigid, ended=True)
         return None if away is None else replace(result, status=Status.NO_EQUILIBRIUM, equilibrium=away)

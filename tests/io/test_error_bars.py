@@ -17,9 +17,8 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, Traction, box
 from coulomb.cli.terminal import show_error_bars
 from coulomb.io.accuracy import TOLERANCE
-from coulomb.io.answer import Answer, answer_of
+from coulomb.io.answer import FREE, Answer, answer_of
 from coulomb.io.error_bars import FASTEST, SAFETY, SLOWEST, ErrorBar, NoErrorBars, bars_of, error_of, extrapolated
-from coulomb.io.largest_displacement import FREE
 from coulomb.pictures.report.units import share_of_tolerance
 
 STEEL = Material(young=2.1e11, poisson=0.3)

@@ -11,7 +11,7 @@ from datetime import datetime
 import pytest
 from conftest import ROOT, run_coulomb
 
-from coulomb.io.history_summary import added, whole
+from coulomb.io.history_files import added, whole
 from coulomb.model import provenance
 from coulomb.version import __version__
 

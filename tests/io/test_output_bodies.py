@@ -11,8 +11,7 @@ from coulomb.fem.bodies.located_points import _Facets
 from coulomb.io import output
 from coulomb.io.field_files import OPPOSITE, read_grids
 from coulomb.io.recheck import check
-from coulomb.model.master_fields import CARRIED, carried
-from coulomb.model.nodal_answer import HELD, STICK
+from coulomb.model.nodal_answer import CARRIED, HELD, STICK, carried
 from coulomb.model.probes import LocatedProbes, Part
 
 PRESSURE = 1e7

@@ -6,7 +6,7 @@ import coulomb
 from coulomb import Plane
 from coulomb.linalg.compliance.compliance import estimated_diagonal
 from coulomb.linalg.factors.multifrontal import MultifrontalSolver
-from coulomb.linalg.unsolved import Unsolved
+from coulomb.linalg.solve_errors import CGNotConverged
 from coulomb.solvers import DirectSolver, IterativeSolver
 
 
@@ -64,7 +64,7 @@ class Products:
     def mult(self, x, y, tolerance=0.0):
         self.left -= 1
         if self.left < 0:
-            raise Unsolved(1, 1.0, tolerance, False)
+            raise CGNotConverged(1, 1.0, tolerance, False)
         y[:] = self.A @ x
 
 

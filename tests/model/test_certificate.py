@@ -144,13 +144,13 @@ def test_no_angle_for_small_slip_or_friction(error):
     evidence, turnover = synthetic_evidence()
     turned = error(evidence, 1.0, turnover)
     assert judge(turned)["slip angle"].value == pytest.approx(1.0)
-    closure, force, bound = turned.closure.copy(), turned.force.copy(), turned.bound.copy()
+    relative, force, bound = turned.relative_displacement.copy(), turned.force.copy(), turned.bound.copy()
     if error is turned_short_slip:
-        closure[SLIP, 1:] *= 0.98
+        relative[SLIP, 1:] *= 0.98
     else:
         force[SLIP, 1:] *= 0.98
         bound[SLIP] *= 0.98
-    assert judge(replace(turned, closure=closure, force=force, bound=bound))["slip angle"].value <= 1e-6
+    assert judge(replace(turned, relative_displacement=relative, force=force, bound=bound))["slip angle"].value <= 1e-6
 
 
 def test_no_angle_for_rounding_errors_without_friction():

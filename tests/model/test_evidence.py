@@ -126,10 +126,10 @@ def without_origin(monkeypatch):
 
 
 def without_origin_in_b(monkeypatch):
-    def closure(self, u):
+    def relative_displacement(self, u):
         return self.surface.rows(u)
 
-    monkeypatch.setattr(ContactProblem, "closure", closure)
+    monkeypatch.setattr(ContactProblem, "relative_displacement", relative_displacement)
 
 
 def wrong_sign_of_origin(monkeypatch):

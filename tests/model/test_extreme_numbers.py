@@ -8,8 +8,7 @@ from synthetic_evidence import BODY, CASES, failed, synthetic_evidence
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, Traction, certify
-from coulomb.model.certificate import SMALLEST, judge
-from coulomb.model.evidence import Evidence
+from coulomb.model.certificate import SMALLEST, Evidence, judge
 from coulomb.nearest import among
 
 OTHERS = ("comm", "held", "compliance", "averaged", "ground", "component", "bodies", "actions", "jump")
@@ -33,6 +32,7 @@ def test_values_that_are_not_finite_fail_and_are_named(name, bad):
         "gap": "gaps",
         "bound": "slip bounds",
         "jump": "jump of ties",
+        "relative_displacement": "relative displacements",
     }
     assert contents.get(name, name) in certificate["finite"].meaning
 
@@ -56,7 +56,9 @@ def test_extreme_scales_fail_and_are_named(factor, contents):
 def in_units(e, newtons=1.0, metres=1.0):
     """The same with other units: forces and lengths multiplied."""
     forces = {name: newtons * getattr(e, name) for name in ("internal", "load", "spring", "on_body", "force", "bound")}
-    lengths = {name: metres * getattr(e, name) for name in ("displacement", "prescribed", "closure", "gap")}
+    lengths = {
+        name: metres * getattr(e, name) for name in ("displacement", "prescribed", "relative_displacement", "gap")
+    }
     with np.errstate(over="ignore"):
         ground = newtons * (e.ground / metres)
     return replace(e, **forces, **lengths, ground=ground, compliance=metres * (e.compliance / newtons))

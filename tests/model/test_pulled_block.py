@@ -80,7 +80,7 @@ def test_pulled_by_its_end_face(cell, components, law):
         assert T.sum() == pytest.approx(expected, rel=1e-9)
     edge = problem.surface.x[:, 0] > SIZE[0] - 1e-9
     assert np.count_nonzero(edge) == (0 if components == "xyz" else 4)
-    slip = solution.at_nodes.closure[:, 1:]
+    slip = solution.at_nodes.relative_displacement[:, 1:]
     if components == "x" and law != "orthotropic":
         assert np.allclose(slip[edge, 0], 1e-3, rtol=1e-15)
     along = np.einsum("ki,ki->k", x[:, 1:], slip) / (T * np.linalg.norm(slip, axis=1))

@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 from report_pages import data_of, numbers, page_of, page_without_pictures, words_of
 
 from coulomb.io import output
-from coulomb.io.history_summary import whole
+from coulomb.io.history_files import whole
 from coulomb.pictures.report import charts, results
 from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run

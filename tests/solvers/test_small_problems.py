@@ -83,11 +83,11 @@ def test_entries_outside_the_matrix_are_left_alone(indices):
     """scipy's own constructor checks little: the kernel must not write there."""
     A = scipy.sparse.identity(3, format="csr")
     A.indices = np.array(indices, dtype=np.int32)
-    assert gauss_seidel.swept(A, np.ones(3), 0.3, 1e-8) is None
+    assert gauss_seidel.sweep(A, np.ones(3), 0.3, 1e-8) is None
     for pointers in ([0, 2, 1, 3], [0, 1, 2, 9], [-3, 1, 2, 3]):
         A = scipy.sparse.identity(3, format="csr")
         A.indptr = np.array(pointers, dtype=np.int32)
-        assert gauss_seidel.swept(A, np.ones(3), 0.3, 1e-8) is None
+        assert gauss_seidel.sweep(A, np.ones(3), 0.3, 1e-8) is None
 
 
 def a_problem(contacts=6, seed=3):
@@ -142,7 +142,7 @@ def test_residual_is_that_of_the_matrix_as_given(asymmetric):
     for seed in range(30):
         A, b, friction = a_problem(4, seed)
         A += asymmetric * np.linalg.norm(A) * np.triu(rng.choice([-1.0, 1.0], A.shape), 1)
-        found = gauss_seidel.swept(A, b, friction, 1e-8)
+        found = gauss_seidel.sweep(A, b, friction, 1e-8)
         x, w = found.x, A @ found.x - b
         problem = FrictionProblem.coulomb(matrix_problems._compliance(A), b, friction)
         assert found.residual == pytest.approx(Scales.of(problem).residual(problem, x, w), rel=1e-6, abs=1e-15)

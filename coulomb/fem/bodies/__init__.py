@@ -14,14 +14,20 @@ from .constraints import (
     block_diagonal,
     distributed_rows,
     local_rows,
+    matrix_product,
     rows_of,
 )
-from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie
-from .displacement_space import INTERPOLATION, DisplacementSpace, attach_interpolation, attach_rigid_body_modes
+from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie, WrappedBodies
+from .displacement_space import (
+    INTERPOLATION,
+    DisplacementSpace,
+    attach_interpolation,
+    attach_rigid_body_modes,
+    free_earlier_bodies,
+)
 from .elasticity import Elasticity, LoadedBody
 from .form_body import BilinearForm, Body, FormValues
 from .free_motions import FreeMotion, FreeMotions, anchors_of, free_motions, motions_in_words
-from .garbage import free_earlier_bodies
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .loads import (
     TEMPERATURE,
@@ -70,4 +76,3 @@ from .rigid_modes import (
 )
 from .stress_difference import StressDifference, stress_difference
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane
-from .wrapped_bodies import WrappedBodies

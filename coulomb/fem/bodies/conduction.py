@@ -25,7 +25,7 @@ from .body import cell_measure
 from .constraints import distributed_rows, local_rows
 from .deformable import Deformable, Member
 from .elasticity import LoadedBody
-from .materials import conductivity_of_cells
+from .materials import constant_of_cells
 
 _KINDS = {"temperature": "temperature", "flux": "heat flux", "film": "film", "source": "heat source"}
 """The attributes of a `HeatLoad` of which it has one, and what it is called then."""
@@ -185,7 +185,7 @@ class Conduction:
         body = member.body
         if not isinstance(body, LoadedBody) or body.materials is None:
             raise ValueError("heat: bodies of the user's own forms conduct no heat: give a mesh and materials")
-        k = body._on_cells(conductivity_of_cells(body.mesh, body.materials), "conductivity")
+        k = body._on_cells(constant_of_cells(body.mesh, body.materials, "conductivity"), "conductivity")
         V = _scalars(member)
         T, v = ufl.TrialFunction(V), ufl.TestFunction(V)
         form = fem.form(k * ufl.inner(ufl.grad(T), ufl.grad(v)) * cell_measure(body.domain))
@@ -197,7 +197,6 @@ class Conduction:
 
     def _joined(self, parts: Sequence[scipy.sparse.csr_matrix]) -> PETSc.Mat:
         rows = scipy.sparse.vstack(parts, format="csr")
-        rows.sort_indices()
         numbering = self.bodies.numbering
         return distributed_rows(rows, (numbering.local, numbering.total), self.bodies, None)
 

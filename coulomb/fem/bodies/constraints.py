@@ -8,7 +8,7 @@ part H v and the free part v - H v.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
@@ -20,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray, IntArray
-from .. import compat_forms
+from .. import compat
 from ..geometry import first_place, on_all_ranks
 from .supports import Support
 
@@ -96,6 +96,8 @@ def distributed_rows(
 ) -> PETSc.Mat:
     """The matrix of the rows of every rank, with global numbers of columns; of `columns` there are so many on this rank
     and in all."""
+    if not rows.has_sorted_indices:
+        rows = rows.sorted_indices()
     matrix = PETSc.Mat().createAIJ(
         ((rows.shape[0], PETSc.DETERMINE), columns),
         bsize=block,
@@ -107,30 +109,27 @@ def distributed_rows(
 
 
 def local_rows(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
-    """This rank's rows of a matrix, with global numbers of columns."""
+    """This rank's rows of a distributed matrix, with global numbers of columns."""
     indptr, columns, values = matrix.getValuesCSR()
     return scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, matrix.getSize()[1]))
 
 
 def rows_of(B: PETSc.Mat, u: FloatArray) -> FloatArray:
     """B u in metres, shape (m, 3), of displacements u of this rank's nodes, shape (k, 3); collective."""
-    displacement, image = B.createVecs()
-    return _product(B.mult, u, displacement, image)
+    return matrix_product(B, u).reshape(-1, 3)
 
 
 def at_nodes_of(B: PETSc.Mat, x: FloatArray) -> FloatArray:
     """B^T x in newtons, this rank's nodes, shape (k, 3), of forces x, shape (m, 3) or (3 m,); collective."""
-    spread, forces = B.createVecs()
-    return _product(B.multTranspose, x, forces, spread)
+    return matrix_product(B, x, transposed=True).reshape(-1, 3)
 
 
-def _product(
-    multiply: Callable[[PETSc.Vec, PETSc.Vec], None], values: FloatArray, given: PETSc.Vec, result: PETSc.Vec
-) -> FloatArray:
-    """A product of B or B^T with values, shape (rows, 3); the two vectors are destroyed."""
+def matrix_product(A: PETSc.Mat, values: FloatArray, transposed: bool = False) -> FloatArray:
+    """A, or A^T, times this rank's values of any shape, those of the result in a row, shape (n,); collective."""
+    given, result = reversed(A.createVecs()) if transposed else A.createVecs()
     given.array[:] = values.ravel()
-    multiply(given, result)
-    product: FloatArray = result.array_r.reshape(-1, 3).copy()
+    (A.multTranspose if transposed else A.mult)(given, result)
+    product: FloatArray = result.array_r.copy()
     given.destroy()
     result.destroy()
     return product
@@ -159,7 +158,7 @@ class DirichletConditions:
         is not finite; collective."""
         values = np.zeros(self._dofs)
         for bc in self._bcs:
-            compat_forms.set_values(bc, values)
+            compat.set_values(bc, values)
         nodal = values[: self._x.size].reshape(-1, 3)
         held = np.zeros_like(self._x)
         held[self.rows.held.components] = nodal[self.rows.held.components]

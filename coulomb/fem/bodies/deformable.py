@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..meshes import SEPARATOR
-from .constraints import HeldNodes
+from .constraints import HeldNodes, Numbering
 from .displacement_space import HeldSpace
 from .free_motions import FreeMotions
 from .loads import AppliedLoad, NodalForces, Temperature
@@ -319,7 +320,7 @@ class Deformable(HeldNodes, ABC):
         return 0.0
 
     @abstractmethod
-    def supports_understood(self) -> list[dict[str, Any]]:
+    def support_entries(self) -> list[dict[str, Any]]:
         """Kind, face and what it holds of every support and spring."""
 
     def forms(self) -> Mapping[str, Any] | None:
@@ -369,3 +370,52 @@ class SingleBody(HeldSpace, Deformable):
             load = load - self.internal_force(g) + self.spring_force(g)
         f.array[:] = (self.free_part(load) + self.held_diagonal * loading.prescribed).ravel()
         return f
+
+
+class WrappedBodies(Deformable):
+    """Bodies with something added; nodes, faces, loads and supports are those of `bodies`."""
+
+    def __init__(self, bodies: Deformable):
+        self.bodies = bodies
+        self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
+        self.contradictions = bodies.contradictions
+
+    @cached_property
+    def _held_diagonal(self) -> FloatArray:
+        return np.concatenate([member.body.held_diagonal for member in self.members])
+
+    @property
+    def component(self) -> npt.NDArray[np.int64]:
+        return self.bodies.free.component
+
+    @property
+    def numbering(self) -> Numbering:
+        return self.bodies.numbering
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        return self.bodies.members
+
+    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+        return self.bodies.face(name, what)
+
+    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        return self.bodies.numbers_of(member, numbers)
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        return self.bodies.internal_force(u)
+
+    def outdated(self, loading: Loading) -> bool:
+        return self.bodies.outdated(loading.untied or loading)
+
+    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
+        return self.bodies.loads_in(loading.untied or loading)
+
+    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
+        return self.bodies.shares(reaction)
+
+    def blocked_displacement(self, loading: Loading) -> float:
+        return self.bodies.blocked_displacement(loading.untied or loading)
+
+    def forms(self) -> Mapping[str, Any] | None:
+        return self.bodies.forms()

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...native import address, kernels
-from .. import compat, compat_forms
+from .. import compat
 from ..compat import fem, ufl
 from ..geometry import Amplitude, Field, evaluate_amplitude, on_all_ranks
 from ..meshes import NamedMesh
@@ -209,7 +209,7 @@ class LoadedBody(ElasticBody, HeldSpace):
         modes = rigid_modes(self.x, self.mesh.comm)
         return -np.stack([self.spring_force(modes[:, :, k]) for k in range(6)], axis=2)
 
-    def supports_understood(self) -> list[dict[str, Any]]:
+    def support_entries(self) -> list[dict[str, Any]]:
         supports = [{"kind": support.kind, "face": support.face, "holds": support.holds} for support in self.supports]
         return supports + [{"kind": "spring", "face": spring.face, "holds": spring.holds} for spring in self.springs]
 
@@ -244,7 +244,7 @@ _KEPT = 6  # KEPT of native/assembly.c
 
 def assembled_matrix(form: Any, V: Any) -> PETSc.Mat:
     """The matrix of a form with integrals over all cells only, on V x V, without boundary conditions; collective."""
-    kernel = compat_forms.cell_kernel(form)
+    kernel = compat.cell_kernel(form)
     if kernel is None or V.mesh.comm.size > 1 or np.dtype(PETSc.IntType) != np.int32:
         return compat.assemble_matrix(form)
     nodes, points = _table(compat.cell_dofs(V)), _table(compat.cell_geometry(V.mesh))

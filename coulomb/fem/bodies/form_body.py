@@ -13,8 +13,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ...supplied import supplied
-from .. import compat, compat_forms
+from ...lazy_names import late_bound
+from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
 from .constraints import DirichletConditions, rows_of
@@ -40,10 +40,15 @@ class FormValues:
         return equal and np.array_equal(self.constants, other.constants)
 
 
+def values_of(form: Any) -> FormValues:
+    functions = tuple(np.array(function.x.array) for function in compat.functions_in(form))
+    return FormValues(functions, compat.packed_constants(form))
+
+
 def compiled(form: Any, what: str, comm: MPI.Comm) -> Any:
     """A form, compiled by DOLFINx unless it is already; ValueError on every rank, beginning with `what`, if it cannot
     be; collective."""
-    if compat_forms.is_compiled(form):
+    if compat.is_compiled(form):
         return form
 
     def compile_it() -> Any:
@@ -65,17 +70,17 @@ class BilinearForm:
 
     def __init__(self, a: Any, V: Any):
         self.compiled, self._u = compiled(a, "a", V.mesh.comm), fem.Function(V)
-        self._action = None if compat_forms.is_compiled(a) else compiled(ufl.action(a, self._u), "a", V.mesh.comm)
+        self._action = None if compat.is_compiled(a) else compiled(ufl.action(a, self._u), "a", V.mesh.comm)
 
     @property
     def values(self) -> FormValues:
-        functions = tuple(np.array(function.x.array) for function in compat_forms.functions_in(self.compiled))
-        return FormValues(functions, compat_forms.packed_constants(self.compiled))
+        functions = tuple(np.array(function.x.array) for function in compat.functions_in(self.compiled))
+        return FormValues(functions, compat.packed_constants(self.compiled))
 
     def suspects(self, values: FormValues) -> str:
         """Which of these values make a vanish or are not finite, for the end of a message; collective."""
         comm = self._u.function_space.mesh.comm
-        names = [f"the function {function.name!r}" for function in compat_forms.functions_in(self.compiled)]
+        names = [f"the function {function.name!r}" for function in compat.functions_in(self.compiled)]
         sizes = [float(np.max(np.abs(one), initial=0.0)) for one in values.functions]
         sizes = [float(np.max(comm.allgather(size))) for size in sizes]  # nan is the largest
         names += ["a constant"] * len(values.constants)
@@ -108,7 +113,7 @@ class BilinearForm:
     @contextmanager
     def with_coefficients(self, values: FormValues) -> Iterator[None]:
         """With the user's functions at other values, which are reset afterwards."""
-        functions = compat_forms.functions_in(self.compiled)
+        functions = compat.functions_in(self.compiled)
         present = [np.array(function.x.array) for function in functions]
         for function, taken in zip(functions, values.functions, strict=True):
             function.x.array[:] = taken
@@ -182,7 +187,7 @@ class Body(SingleBody):
 
     def __new__(cls, *arguments: Any, **named: Any) -> Self:
         large = cls is Body and not {"energy", "residual", "displacement"}.isdisjoint(named)
-        return cast(Self, object.__new__(supplied["nonlinear_body"]() if large else cls))
+        return cast(Self, object.__new__(late_bound["nonlinear_body"]() if large else cls))
 
     def __init__(
         self,
@@ -199,7 +204,7 @@ class Body(SingleBody):
         super().__init__(V)
         self._update, self._present = update, _SharedState()
         self._signatures = {name: _signature(form) for name, form in (("a", a), ("L", L))}
-        self._degree = compat_forms.lagrange_vectors(V)[1]
+        self._degree = compat.lagrange_vectors(V)[1]
         self._a, self._L = BilinearForm(a, V), None if L is None else compiled(L, "L", V.mesh.comm)
         dofs = self.V.dofmap.index_map
         self._conditions = DirichletConditions(
@@ -300,7 +305,7 @@ class Body(SingleBody):
         for share in self._conditions.rows.shares(reaction, self._conditions.count):
             yield NodalForces("dirichlet", None, share)
 
-    def supports_understood(self) -> list[dict[str, Any]]:
+    def support_entries(self) -> list[dict[str, Any]]:
         return self._conditions.words()
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
@@ -315,7 +320,7 @@ class Body(SingleBody):
             "bcs": self._conditions.count,
             "constants": {
                 "a": self._stiffness.values.constants.tolist(),
-                "L": [] if self._L is None else compat_forms.packed_constants(self._L).tolist(),
+                "L": [] if self._L is None else compat.packed_constants(self._L).tolist(),
             },
         }
 

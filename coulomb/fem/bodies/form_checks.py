@@ -11,8 +11,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
-from .. import compat, compat_forms
+from ...arrays import FloatArray, in_words
+from .. import compat
 from ..compat import mesh, ufl
 from ..geometry import on_all_ranks
 from ..meshes import NamedMesh, boundary_facets
@@ -36,15 +36,15 @@ def space_of_forms(a: Any, L: Any, space: Any) -> Any:
         raise ValueError(f"Body: space must be a function space of DOLFINx, but is {space!r}")
     chosen = space if space is not None else python[0] if python else None
     for one in spaces:
-        if compat_forms.cpp_of(one) is not compat_forms.cpp_of(spaces[0]):
+        if compat.cpp_of(one) is not compat.cpp_of(spaces[0]):
             raise ValueError(
                 "Body: a and L must have one space: the same object V for trial and test functions of both, since two "
                 "spaces that look alike may number their nodes differently"
             )
     _refuse_space(spaces[0])
     if chosen is None:
-        chosen = compat_forms.space_of(spaces[0])
-    if compat_forms.cpp_of(chosen) is not compat_forms.cpp_of(spaces[0]):
+        chosen = compat.space_of(spaces[0])
+    if compat.cpp_of(chosen) is not compat.cpp_of(spaces[0]):
         raise ValueError("Body: space is not the space of a")
     return chosen
 
@@ -60,7 +60,7 @@ def _refuse_rank(form: Any, rank: int, what: str) -> None:
             ) from None
         if len(form.ufl_domains()) > 1:
             raise ValueError(f"Body: {what} is on {len(form.ufl_domains())} meshes; a body has one mesh")
-    elif compat_forms.is_compiled(form):
+    elif compat.is_compiled(form):
         found = int(form.rank)
         if np.dtype(form.dtype) != np.float64:
             raise ValueError(f"Body: {what} is compiled for {np.dtype(form.dtype)}; compile it for float64")
@@ -93,7 +93,7 @@ def _refuse_space(space: Any) -> None:
     if kind not in (mesh.CellType.tetrahedron, mesh.CellType.hexahedron):
         raise ValueError(f"Body: the cells are of type {kind.name}; only tetrahedra and hexahedra can be used")
     try:
-        continuous, degree, size = compat_forms.lagrange_vectors(space)
+        continuous, degree, size = compat.lagrange_vectors(space)
     except RuntimeError:
         raise ValueError(f"Body: the space of a is mixed; {wanted}: eliminate or penalise the other unknowns") from None
     if size != 3:
@@ -123,7 +123,7 @@ def refuse_bcs(bcs: Any, V: Any) -> list[Any]:
             )
         if not (hasattr(bc, "dof_indices") and hasattr(bc, "function_space")):
             raise ValueError(f"Body: bcs[{number}] must be a dirichletbc of DOLFINx, but is {bc!r}")
-        if not compat_forms.contains(V, bc.function_space):
+        if not compat.contains(V, bc.function_space):
             raise ValueError(
                 f"Body: bcs[{number}] is on another space than a: make it with the same V, or one of its components "
                 "V.sub(i)"
@@ -142,7 +142,7 @@ def named_mesh(domain: Any, faces: Any) -> NamedMesh:
         ValueError: On every rank, if facets are not on the boundary of the mesh, or the argument is something else.
     """
     if isinstance(faces, NamedMesh):
-        if compat_forms.cpp_of(faces.domain) is not compat_forms.cpp_of(domain):
+        if compat.cpp_of(faces.domain) is not compat.cpp_of(domain):
             raise ValueError("Body: faces is a NamedMesh of another mesh than that of a")
         return NamedMesh(domain, faces.faces, faces.cells, faces.refused)
     boundary = boundary_facets(domain)
@@ -201,7 +201,7 @@ def _facets(domain: Any, given: Any) -> npt.NDArray[np.int32]:
 def _refuse_tags(domain: Any, tags: Any) -> None:
     if tags.dim != 2:
         raise ValueError(f"the MeshTags are of dimension {tags.dim}, but facets have dimension 2")
-    if compat_forms.mesh_of_tags(tags) is not compat_forms.cpp_of(domain.topology):
+    if compat.mesh_of_tags(tags) is not compat.cpp_of(domain.topology):
         raise ValueError("the MeshTags are of another mesh")
 
 
@@ -235,7 +235,7 @@ def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray, suspects: str) -> None:
     diagonal = K.getDiagonal()
     row, least = diagonal.min()
     first, last = diagonal.getOwnershipRange()
-    own = ", ".join(f"{value:.6g}" for value in x[(row - first) // 3]) if first <= row < last else ""
+    own = in_words(x[(row - first) // 3]) if first <= row < last else ""
     place = "".join(diagonal.comm.tompi4py().allgather(own))
     for done in (u, image, other, diagonal):
         done.destroy()

@@ -262,7 +262,7 @@ class JoinedBodies(Deformable):
     def _joined(self, parts: list[PETSc.Mat]) -> PETSc.Mat:
         blocks = [
             _in_joined_numbers(local_rows(part), partial(self.numbers_of, member), self.numbering.total)
-            for member, part in zip(self._members, parts, strict=True)
+            for member, part in zip(self.members, parts, strict=True)
         ]
         rows = scipy.sparse.vstack(blocks, format="csr")
         K = distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
@@ -360,8 +360,8 @@ class JoinedBodies(Deformable):
         for member in self.members:
             yield from self._named(member, member.body.spring_forces(u[member.nodes]))
 
-    def supports_understood(self) -> list[dict[str, Any]]:
-        given = [(member, one) for member in self.members for one in member.body.supports_understood()]
+    def support_entries(self) -> list[dict[str, Any]]:
+        given = [(member, one) for member in self.members for one in member.body.support_entries()]
         return [{**one, "face": member.called(one["face"])} for member, one in given]
 
     def blocked_displacement(self, loading: Loading) -> float:

@@ -27,7 +27,7 @@ from ..geometry import (
 from ..meshes import NamedMesh
 from .body import ElasticBody
 from .displacement_space import DisplacementSpace
-from .materials import Materials, density_of_cells, three
+from .materials import Materials, constant_of_cells, three
 from .rigid_modes import displacements_of
 
 
@@ -229,7 +229,7 @@ class Weight:
         three(self.gravity, "gravity", "numbers, m/s^2, for example (0, 0, -9.81)")
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
-        density = density_of_cells(mesh, self.materials)
+        density = constant_of_cells(mesh, self.materials, "density")
         return body.weight(density, np.asarray(self.gravity, dtype=np.float64))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, in_words
 from ..compat import cell_dofs, cell_geometry, geometry_degree
 from ..meshes import boundary_facets, corner_geometry, lagrange_points, lagrange_slopes, lagrange_values
 from .displacement_space import DisplacementSpace
@@ -86,8 +86,8 @@ def locate(
             x[k], near = comm.bcast((at, distance <= SNAP * boundary.size[facet] if facet >= 0 else False), root=owner)
             if not near:
                 raise ValueError(
-                    f"{names[k]}: the point ({_shown(point)}) is outside the body; the nearest point of the body is "
-                    f"({_shown(x[k])}), at a distance of {outside:.6g} m"
+                    f"{names[k]}: the point ({in_words(point)}) is outside the body; the nearest point of the body is "
+                    f"({in_words(x[k])}), at a distance of {outside:.6g} m"
                 )
             if comm.rank == owner:
                 cell = int(boundary.cell[facet])
@@ -235,7 +235,3 @@ def _nearest_on_triangles(point: FloatArray, triangles: FloatArray) -> FloatArra
         best = np.where((distance < least)[:, None], on_edge, best)
         least = np.minimum(distance, least)
     return np.where(inside[:, None], in_plane, best)
-
-
-def _shown(point: FloatArray) -> str:
-    return ", ".join(f"{value:.6g}" for value in point)

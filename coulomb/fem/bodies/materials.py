@@ -379,7 +379,7 @@ def material_of_cells(mesh: NamedMesh, materials: Materials, heated: bool = Fals
             )
     _refuse_wrong_cells(mesh, materials, count)
     if heated:
-        _refuse_without(materials, "expansion", "a temperature needs the thermal expansion", "expansion, 1/K")
+        _refuse_without(materials, "expansion")
     directional = any(isinstance(material, OrthotropicMaterial) for _, material in by_group(materials))
     young, poisson, shear = np.zeros((3, count, 3))
     of_cells = Directional(young, poisson, shear, np.zeros((count, 3, 3)))
@@ -398,19 +398,10 @@ def material_of_cells(mesh: NamedMesh, materials: Materials, heated: bool = Fals
     return CellMaterials(young[:, 0], poisson[:, 0], orthotropic, along if heated else None)
 
 
-def density_of_cells(mesh: NamedMesh, materials: Materials) -> FloatArray:
-    """Density of this rank's own cells in kg/m^3, shape (c,); ValueError on every rank if a material has none."""
-    return _of_cells(mesh, materials, "density", "gravity", "kg/m^3")
-
-
-def conductivity_of_cells(mesh: NamedMesh, materials: Materials) -> FloatArray:
-    """Thermal conductivity of this rank's own cells in W/(m K), shape (c,); ValueError on every rank if a material has
-    none."""
-    return _of_cells(mesh, materials, "conductivity", "heat", "W/(m K)")
-
-
-def _of_cells(mesh: NamedMesh, materials: Materials, name: str, what: str, unit: str) -> FloatArray:
-    _refuse_without(materials, name, f"{what} needs the {name}", f"{name}, {unit}")
+def constant_of_cells(mesh: NamedMesh, materials: Materials, name: str) -> FloatArray:
+    """The "density" in kg/m^3 or "conductivity" in W/(m K) of this rank's own cells, shape (c,); ValueError on every
+    rank if a material has none."""
+    _refuse_without(materials, name)
     values = np.zeros(mesh.domain.topology.index_map(3).size_local)
     for material, cells in _with_cells(mesh, materials):
         values[cells] = getattr(material, name)
@@ -438,11 +429,19 @@ def _refuse_wrong_cells(mesh: NamedMesh, materials: Materials, count: int) -> No
             )
 
 
-def _refuse_without(materials: Materials, name: str, needs: str, key: str) -> None:
+_NEEDED = {
+    "expansion": ("a temperature needs the thermal expansion", "1/K"),
+    "density": ("gravity needs the density", "kg/m^3"),
+    "conductivity": ("heat needs the conductivity", "W/(m K)"),
+}
+
+
+def _refuse_without(materials: Materials, name: str) -> None:
     without = [group for group, material in by_group(materials) if getattr(material, name) is None]
     if without:
         of = "" if without == [None] else f" of {', '.join(map(str, without))}"
-        raise ValueError(f"{needs} of every material, but the material{of} has none: {key}")
+        needs, unit = _NEEDED[name]
+        raise ValueError(f"{needs} of every material, but the material{of} has none: {name}, {unit}")
 
 
 def _axes(mesh: NamedMesh, material: AnyMaterial, cells: Cells) -> FloatArray:

@@ -10,7 +10,7 @@ import scipy.sparse
 from mpi4py import MPI
 from scipy.sparse.csgraph import connected_components
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, in_words
 from ...nearest import tree_of
 from .. import compat
 from ..meshes import SAME_PLACE, Exchange, NamedMesh, Slabs, corners_of
@@ -31,7 +31,7 @@ def unjoined_parts(bodies: Deformable, pairs: Iterable[tuple[str, str]]) -> list
         places = _beside(mesh, np.concatenate([np.empty(0, dtype=np.int64), *(found.ravel() for found in corners)]))
         seen = mesh.comm.allgather((len(places), *places[:1]))
         if any(count for count, *_ in seen):
-            at = ", ".join(f"{coordinate:.6g}" for coordinate in next(place[0] for count, *place in seen if count))
+            at = in_words(next(place[0] for count, *place in seen if count))
             of = f"body {member.name!r}: " if member.name else ""
             total = sum(count for count, *_ in seen)
             said.append(

@@ -56,13 +56,13 @@ def stress_difference(cells: StressedCells, other: StressedCells) -> StressDiffe
     is copied to all ranks.
     """
     X, weights = cells.integration(of_slopes=True)
-    elsewhere = _Elsewhere(other)
+    other_answer = _OtherAnswer(other)
     found, at_once = np.zeros(3), max(_AT_ONCE // len(X), 1)
     for first in range(0, cells.count, at_once):
         part = np.arange(first, min(first + at_once, cells.count))
         terms, stress, volume = cells.at(part, X)
         x = terms[..., 1:4] + cells.origins(part)[:, None]
-        of_points, strain = elsewhere.strain(x)
+        of_points, strain = other_answer.strain(x)
         density = cells.energy(part, stress - cells.hooke(part, strain.reshape(stress.shape)))
         across = np.ptp(of_points, axis=1) > 0
         found += np.sum(density * volume * weights), len(part), np.sum(across)
@@ -70,7 +70,7 @@ def stress_difference(cells: StressedCells, other: StressedCells) -> StressDiffe
     return StressDifference(float(squared), int(count), int(across))
 
 
-class _Elsewhere:
+class _OtherAnswer:
     """All cells of an answer on every rank, with places and displacements of their nodes; collective."""
 
     def __init__(self, cells: StressedCells):

@@ -23,7 +23,7 @@ from .pair import (
     clamped_nodes,
     curved_patch,
     held_on_both,
-    lost_nodes,
+    nodes_of_other_pairs,
     pair_frames,
     pair_of,
     pair_surface,

@@ -28,7 +28,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows, local_rows
+from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows, local_rows, matrix_product
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import facet_patch
 
@@ -119,7 +119,6 @@ def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
 
 
 def _distributed(rows: scipy.sparse.csr_matrix, points: ContactPoints) -> PETSc.Mat:
-    rows.sort_indices()
     size = points.space.numbering
     B = distributed_rows(rows, (3 * size.local, 3 * size.total), points.space, None)
     B.assemble()
@@ -176,15 +175,7 @@ class ContactPoints:
             return values[self.nodes]
         if values.ndim == 1:
             return self.average(values[:, None])[:, 0]
-        averages = np.empty((len(self.nodes), values.shape[1]))
-        given, result = self._matrix.createVecs()
-        for column, average in zip(values.T, averages.T, strict=True):
-            given.array[:] = column
-            self._matrix.mult(given, result)
-            average[:] = result.array_r
-        given.destroy()
-        result.destroy()
-        return averages
+        return np.column_stack([matrix_product(self._matrix, column) for column in values.T])
 
     def gap(self, values: FloatArray) -> FloatArray:
         """The gap of each point by those at this rank's nodes (k,), metres, shape (m,): their average, but no less than

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, in_words, unit_vectors
 from .. import compat
 from ..bodies import DisplacementSpace
 from ..compat import basix
 from ..geometry import RigidFoundation
-from ..meshes import unit_vectors
 
 _NEWTON_STEPS = 30
 
@@ -336,7 +335,7 @@ class FacetPatch:
         x = self.x[:, : self.kind.corners].reshape(-1, 3)
         off = np.abs(surface.signed_distance(x)) / np.repeat(self.diameters, self.kind.corners)
         if np.max(off) > _OFF_SURFACE:
-            where = ", ".join(f"{c:.6g}" for c in x[np.argmax(off)])
+            where = in_words(x[np.argmax(off)])
             raise ValueError(
                 f"has a node off the surface given for it by {100 * np.max(off):.3g} % of its facet, at x = {where}: "
                 "give the surface on which its nodes are"
@@ -386,7 +385,8 @@ def mean_normals(node: npt.NDArray[np.int64], vectors: FloatArray, size: int) ->
     `FacetPatch.middle_vectors` (k, 3) and the nodes at which they count (k,)."""
     sums, areas = np.zeros((size, 3)), np.bincount(node, np.linalg.norm(vectors, axis=1), size)
     np.add.at(sums, node, vectors)
-    return sums / np.maximum(areas, 1e-300)[:, None]
+    means: FloatArray = sums / np.maximum(areas, 1e-300)[:, None]
+    return means
 
 
 def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FacetPatch:

@@ -33,7 +33,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, in_words
 from ...nearest import tree_of
 from .facet_patch import FacetPatch
 from .mortar_segments import Segments, segments
@@ -297,7 +297,7 @@ def _rows(
     normal = spread @ parts.normal.reshape(-1, 3) / area[node][:, None]
     length = np.linalg.norm(normal, axis=1)
     if np.any(length < 0.1):
-        where = ", ".join(f"{c:.6g}" for c in slave.places[node[np.argmin(length)]])
+        where = in_words(slave.places[node[np.argmin(length)]])
         raise ValueError(f"the outward normals of the facets around x = {where} cancel: no contact normal is defined")
     normal /= length[:, None]
     separation = spread @ parts.separation.reshape(-1, 3) / area[node][:, None]

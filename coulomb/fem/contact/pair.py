@@ -11,10 +11,10 @@ import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, unit_vectors
 from ..bodies import Deformable, DisplacementSpace, HeldDirections, SingleBody
 from ..geometry import HELD_BEYOND, FrictionAxes, RigidFoundation, held_length, on_all_ranks, supported_frames
-from ..meshes import Exchange, boundary_facets, fetched, owner_of, starts_of, unit_vectors
+from ..meshes import Exchange, boundary_facets, fetched, owner_of, starts_of
 from .contact_points import ContactPoints, among_all
 from .facet_patch import FacetPatch, facet_patch
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
@@ -25,7 +25,7 @@ _AS_NEAR = 1e-9
 """Distances that differ by less than this part of the coordinates are the same."""
 
 
-def lost_nodes(
+def nodes_of_other_pairs(
     points: Mapping[int, tuple[npt.NDArray[np.integer[Any]], FloatArray]], count: int, size: float
 ) -> dict[int, npt.NDArray[np.bool_]]:
     """Which of `count` nodes every pair loses to another, by the number of the pair: a node counts at the nearest
@@ -81,10 +81,8 @@ def slave_side(elasticity: Deformable, face: str, against: str) -> tuple[str, st
     else:
         stiffness = [_stiffness(elasticity, name) for name in (face, against)]
         softer = max(stiffness) > _SOFTER * min(stiffness)
-        exchanged, why = (
-            softer and stiffness[1] < stiffness[0],
-            "its body is softer" if softer else "it was named first",
-        )
+        exchanged = softer and stiffness[1] < stiffness[0]
+        why = "its body is softer" if softer else "it was named first"
     return (against, face, why) if exchanged else (face, against, why)
 
 

@@ -484,6 +484,6 @@ class TiedBodies(WrappedBodies):
     def spring_force(self, u: FloatArray) -> FloatArray:
         return sum(self._spring_forces_of_faces(u), self.bodies.spring_force(u))
 
-    def supports_understood(self) -> list[dict[str, Any]]:
+    def support_entries(self) -> list[dict[str, Any]]:
         springs = [{"kind": "spring", "face": one.given.face, "holds": one.given.holds} for one in self._sprung]
-        return self.bodies.supports_understood() + springs
+        return self.bodies.support_entries() + springs

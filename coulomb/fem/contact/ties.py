@@ -18,10 +18,10 @@ import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, is_number
+from ...arrays import FloatArray, IntArray, is_number, unit_vectors
 from ..bodies import Deformable, Tie
 from ..geometry import Point, Turn, check_direction, check_point, on_all_ranks
-from ..meshes import fetched, starts_of, unit_vectors
+from ..meshes import fetched, starts_of
 from .contact_points import among_all
 from .facet_patch import FacetKind, FacetPatch, facet_patch
 from .mortar import LEAST_DUAL, Search, nodal_sums, slave_functions, weak_nodes, without_rounding
@@ -327,10 +327,8 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     if turn is not None:  # nodes on the axis move along it
         on_axis = slave.nodes.start + on_both
         count, across = len(on_axis), np.eye(3) - np.outer(turn.axis, turn.axis)
-        nodes, directions = (
-            np.concatenate([nodes, on_axis]),
-            np.concatenate([directions, np.tile(across, (count, 1, 1))]),
-        )
+        nodes = np.concatenate([nodes, on_axis])
+        directions = np.concatenate([directions, np.tile(across, (count, 1, 1))])
         area, n = np.concatenate([area, np.zeros(count)]), np.concatenate([n, np.zeros((count, 3))])
         rows, beside_rows, traction = (
             scipy.sparse.vstack([of, scipy.sparse.csr_matrix((more * count, of.shape[1]))], format="csr")

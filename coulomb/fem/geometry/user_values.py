@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, in_words
 from ...load_curve import LoadCurve
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def _finite(values: FloatArray, x: FloatArray) -> FloatArray:
 def first_place(x: FloatArray, where: npt.NDArray[np.bool_]) -> str:
     """Coordinates of the first of the points x (k, 3) where a condition (k,) holds, for a message."""
     place = x[np.argmax(where)]
-    return ", ".join(f"{c:.6g}" for c in np.where(np.abs(place) < 1e-12 * np.max(np.abs(x)), 0.0, place))
+    return in_words(np.where(np.abs(place) < 1e-12 * np.max(np.abs(x)), 0.0, place))
 
 
 def on_all_ranks(evaluate: Callable[[], Value], what: str, comm: MPI.Comm) -> Value:

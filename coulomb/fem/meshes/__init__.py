@@ -4,7 +4,7 @@ joined, refined and made of first or second order.  Nodal fields in files belong
 
 from .coarsening import coarsened
 from .comparison import coarser_meshes, finer, same_cells
-from .curving import unit_vectors
+from .curving import split
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
 from .inspection import InspectedMesh, inspect
 from .lagrange import (
@@ -22,6 +22,5 @@ from .meshes import box, distributed, first_order, known_format, read_file, read
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume
 from .nodal_field import NodalField
 from .refinement import refined
-from .splitting import split
 from .xdmf_format import FACETS, SOLIDS
 from .xdmf_writing import HDF5Target, gathered, write

@@ -20,7 +20,7 @@ from ...arrays import FloatArray, IntArray
 from ...regular_file import read_bytes
 from .lagrange import CORNERS
 from .mesh_file import FACETS, MeshFile, solid_nodes
-from .rows import distinct
+from .mesh_parts import distinct
 
 _SIDES = {
     4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),

@@ -1,4 +1,4 @@
-"""Coarser meshes of bodies of first order: of hexahedra by taking out sheets (`without_sheets`), of tetrahedra by MMG's
+"""Coarser meshes of bodies of first order: of hexahedra by taking out sheets (`extract_sheets`), of tetrahedra by MMG's
 `mmg3d_O3`, a program of its own that PyPI's package mmgpy has (https://www.mmgtools.org; C. Dapogny, C. Dobrzynski and
 P. Frey, J. Comput. Phys. 262, 2014).
 
@@ -25,10 +25,10 @@ from .curving import CREASE, arcs
 from .exchange import on_first_rank
 from .inspection import InspectedMesh
 from .mesh_file import FACETS
+from .mesh_parts import distinct, places, sets
 from .meshes import from_first_rank
 from .named_mesh import NamedMesh
-from .rows import distinct, places, sets
-from .sheets import without_sheets
+from .sheet_extraction import extract_sheets
 from .xdmf_writing import gathered
 
 LONGER = 2.0
@@ -36,7 +36,7 @@ LONGER = 2.0
 
 LEAST = {4: 1.3, 8: 1.05}
 """Least ratio of cell sizes, (cells/coarser cells)^(1/3), by corners of a cell: where a body is a cell thick tetrahedra
-stay, as hexahedra do by `sheets.SEEN`."""
+stay, as hexahedra do by `sheet_extraction.SEEN`."""
 
 GRADATION = 1.5
 """Largest ratio of the lengths of two edges at one corner."""
@@ -56,20 +56,18 @@ def coarsened(mesh: NamedMesh, again: bool = False) -> NamedMesh:
     Raises:
         ValueError: On every rank, if hardly fewer cells are found, or for tetrahedra if there is no MMG, or it fails.
     """
-    if mesh.domain.topology.cell_type.name == "hexahedron":
-        whole = gathered(mesh)
-        sound = on_first_rank(mesh.comm, "a coarser mesh", lambda: _fewer(whole, without_sheets(_sorted(whole), again)))
-        return from_first_rank(mesh.comm, "a coarser mesh", sound)
-    off = float(np.linalg.norm(arcs(mesh)[1], axis=1).max(initial=0.0))
+    hexahedra, off = mesh.domain.topology.cell_type.name == "hexahedron", 0.0
+    if not hexahedra:
+        off = float(np.linalg.norm(arcs(mesh)[1], axis=1).max(initial=0.0))
     whole = gathered(mesh)
-    sound = on_first_rank(mesh.comm, "a coarser mesh", lambda: _fewer(whole, _by_mmg(whole, off)))
-    return from_first_rank(mesh.comm, "a coarser mesh", sound)
 
+    def coarser() -> InspectedMesh:
+        found = extract_sheets(_sorted(whole), again) if hexahedra else _by_mmg(_sorted(whole), off)
+        if len(whole.cells) < LEAST[whole.cells.shape[1]] ** 3 * len(found.cells):
+            raise ValueError(f"{len(found.cells)} coarser cells for {len(whole.cells)} are hardly fewer")
+        return found
 
-def _fewer(mesh: InspectedMesh, coarser: InspectedMesh) -> InspectedMesh:
-    if len(mesh.cells) < LEAST[mesh.cells.shape[1]] ** 3 * len(coarser.cells):
-        raise ValueError(f"{len(coarser.cells)} coarser cells for {len(mesh.cells)} are hardly fewer")
-    return coarser
+    return from_first_rank(mesh.comm, "a coarser mesh", on_first_rank(mesh.comm, "a coarser mesh", coarser))
 
 
 def mmg() -> Path | None:
@@ -83,7 +81,6 @@ def _by_mmg(mesh: InspectedMesh, off: float) -> InspectedMesh:
     program = mmg()
     if program is None:
         raise ValueError("coarser tetrahedra are made by MMG, whose mmg3d_O3 is not on the PATH")
-    mesh = _sorted(mesh)
     x, cells = mesh.points, mesh.cells
     sides = np.sort(cells[:, np.array(FACETS[4])].reshape(-1, 3), axis=1)
     first, number = distinct(sides)

@@ -10,10 +10,10 @@ import numpy as np
 
 from ...arrays import FloatArray
 from .coarsening import coarsened
+from .curving import split
 from .meshes import first_order, smooth_second_order
 from .named_mesh import Grid, JoinedMesh, NamedMesh
 from .refinement import refined
-from .splitting import split
 
 COARSER = 2
 """Number of coarser meshes, of which each costs an eighth of the one before: two show the order of convergence."""

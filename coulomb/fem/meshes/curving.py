@@ -1,4 +1,6 @@
-"""The smooth surface for which the facets of a first-order mesh stand, from their normals.
+"""Second-order meshes: from first-order ones, and as finer first-order ones on the same nodes (`split`).
+
+The first by the smooth surface for which the facets of a first-order mesh stand, from their normals.
 
 Where facets meet at less than CREASE, they stand for one smooth surface, whose normal N at a vertex is the mean of
 those of the facets around it, weighted with their angles there.  The edge d from a to b is then a cubic curve that is
@@ -14,18 +16,20 @@ vertex, and N is that of the facet: then it is the mirror image of that at the o
 
 from __future__ import annotations
 
+import functools
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from ...arrays import FloatArray, IntArray
-from .exchange import global_numbers
-from .lagrange import corner_geometry
-from .mesh_parts import boundary_facets, corners_of
+from ...arrays import FloatArray, IntArray, unit_vectors
+from .. import compat
+from .exchange import global_numbers, starts_of
+from .lagrange import corner_geometry, facet_columns, lagrange_points
+from .mesh_parts import boundary_facets, corners_of, distinct, local_cells, local_facets
 from .named_mesh import NamedMesh
-from .rows import distinct
 
 CREASE = math.radians(40.0)
 """Angle between facets from which on they are of different surfaces; a circle of ten chords is still smooth."""
@@ -104,6 +108,58 @@ def _boundary(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     return np.concatenate(comm.allgather(number)), np.concatenate(comm.allgather(x))
 
 
-def unit_vectors(vectors: FloatArray) -> FloatArray:
-    """Vectors (..., 3) over their lengths; 0 remains."""
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+def split(mesh: NamedMesh) -> NamedMesh:
+    """The mesh with eight first-order cells in place of each, on its nodes, which are at curved faces; collective.
+
+    Args:
+        mesh: A second-order mesh with its named faces and groups of cells, which are kept.
+    """
+    old, comm = mesh.domain, mesh.comm
+    parts, on_facets = _pattern(old.topology.cell_type)
+    nodes, own = old.geometry.index_map(), old.topology.index_map(3).size_local
+    of_cells = global_numbers(nodes)[compat.cell_geometry(old)]
+    cells, x = of_cells[:own, parts].reshape(-1, parts.shape[1]), old.geometry.x[: nodes.size_local].copy()
+    domain = compat.create_mesh(comm, old.topology.cell_type.name, cells, x)
+
+    for dims in ((2, 3), (3, 2)):
+        old.topology.create_connectivity(*dims)
+    cell_of, facets_of = old.topology.connectivity(2, 3), old.topology.connectivity(3, 2)
+    facets = facets_of.array.reshape(-1, len(on_facets))
+    rows = {}
+    for name, mine in mesh.faces.items():
+        cell = cell_of.array[cell_of.offsets[mine]]
+        place = np.argmax(facets[cell] == mine[:, None], axis=1)
+        rows[name] = np.sort(of_cells[cell[:, None, None], on_facets[place]].reshape(-1, on_facets.shape[2]), axis=1)
+    first, eight = 8 * old.topology.index_map(3).local_range[0], np.arange(8)
+    groups = {
+        name: first + (8 * np.asarray(mine, dtype=np.int64)[:, None] + eight).ravel()
+        for name, mine in mesh.cells.items()
+    }
+    faces = local_facets(domain, rows)
+    return NamedMesh(domain, faces, local_cells(domain, starts_of(comm, 8 * own), groups))
+
+
+@functools.cache
+def _pattern(cell: Any) -> tuple[IntArray, IntArray]:
+    """Columns of the nodes of a second-order cell that are the corners of its eight parts, shape (8, corners), and the
+    corners of the parts' facets on each of its facets, shape (facets, 4, corners of a facet)."""
+    lattice = np.round(2.0 * lagrange_points(cell, 2)).astype(int)
+    corners = np.round(lagrange_points(cell, 1)).astype(int)
+    column = {tuple(place): k for k, place in enumerate(lattice)}
+    if len(corners) == 8:
+        parts = [[column[tuple(first + corner)] for corner in corners] for first in corners]
+    else:
+        middle = {(i, j): column[tuple(corners[i] + corners[j])] for i in range(4) for j in range(4)}
+        at_corners = [[middle[i, j] for j in range(4)] for i in range(4)]
+        around = [(0, 1), (0, 3), (2, 3), (1, 2)]  # of the octahedron in the middle, about its diagonal (0, 2)-(1, 3)
+        inside = [
+            [middle[0, 2], middle[1, 3], middle[one], middle[other]]
+            for one, other in zip(around, [*around[1:], around[0]], strict=True)
+        ]
+        parts = at_corners + inside
+    sides = facet_columns(cell, 1)
+    on_facets = [
+        [[part[k] for k in side] for part in parts for side in sides if {part[k] for k in side} <= set(nodes)]
+        for nodes in facet_columns(cell, 2)
+    ]
+    return np.array(parts, dtype=np.int64), np.array(on_facets, dtype=np.int64)

@@ -10,13 +10,13 @@ import numpy.typing as npt
 import scipy.sparse
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from ...arrays import IntArray
+from ...arrays import IntArray, in_words
 from ...nearest import tree_of
 from ..mesh_formats import other_side
 from .inspection import InspectedMesh
 from .lagrange import CORNERS, nodes_of_facets
 from .mesh_file import FACETS, MeshFile
-from .rows import distinct
+from .mesh_parts import distinct
 
 _SAME, _APART = 1e-9, 4e-9
 """Distances over the extent of the mesh: up to which nodes are at one place, and by which they are then moved apart."""
@@ -92,7 +92,7 @@ def _cut(file: MeshFile, name: str) -> MeshFile:
     across = part[cells[apart]]
     if np.any(across[:, 0] == across[:, 1]):
         first = rows[both[apart][np.argmax(across[:, 0] == across[:, 1]), 0]]
-        place = ", ".join(f"{x:.6g}" for x in file.points[first].mean(axis=0))
+        place = in_words(file.points[first].mean(axis=0))
         raise ValueError(f"{what}: its two sides are connected near ({place}): it must go through the body")
     other = _sides(across, int(part.max()) + 1)[part]
     if np.any(other[cells[apart, 0]] == other[cells[apart, 1]]):

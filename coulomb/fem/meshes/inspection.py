@@ -13,11 +13,11 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, in_words
 from .exchange import Exchange, even_starts, fetched, owner_of, starts_of
 from .lagrange import CORNERS, in_dolfinx_order, is_second_order, jacobians, nodes_of_facets, torn
 from .mesh_file import FACETS, MeshFile
-from .rows import distinct
+from .mesh_parts import distinct
 
 FLAT = 1e-12
 """Smallest admissible Jacobian at a node of a cell, over the cube of the longest derivative there."""
@@ -108,7 +108,7 @@ class _Cells:
         seen = self.comm.allgather((int(bad.sum()), len(bad), place))
         count, of = (sum(each) for each in list(zip(*seen, strict=True))[:2])
         if count:
-            where = ", ".join(f"{c:.6g}" for c in next(place for *_, place in seen if place is not None))
+            where = in_words(next(place for *_, place in seen if place is not None))
             has = "has" if count == 1 else "have"
             raise ValueError(f"{self.file.path}: {count} of {of} cells (first seen at x = {where}) {has} {fault}")
 

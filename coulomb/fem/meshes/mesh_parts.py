@@ -1,4 +1,5 @@
-"""The components of a mesh from a file: whether hinges join them, and where they touch without sharing nodes."""
+"""The components of a mesh from a file: whether hinges join them, and where they touch without sharing nodes; and rows
+of whole numbers, such as the corners of facets: the distinct ones, where some are among others, and sets."""
 
 from __future__ import annotations
 
@@ -11,13 +12,12 @@ from mpi4py import MPI
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, in_words
 from ...nearest import tree_of
 from .. import compat
 from ..compat import mesh
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of
 from .lagrange import corner_geometry
-from .rows import distinct
 
 
 def local_facets(domain: Any, groups: Mapping[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
@@ -109,7 +109,7 @@ def parts_of(domain: Any, path: str) -> tuple[int, FloatArray]:
     count = sum(found for found, *_ in seen)
     if count:
         first_place = min((place for *_, place in seen if place is not None), key=lambda one: one[0])[1]
-        where = ", ".join(f"{c:.6g}" for c in first_place)
+        where = in_words(first_place)
         raise ValueError(
             f"{path}: {count} of {sum(of for _, of, _ in seen)} cells (first seen at x = {where}) "
             f"{'has' if count == 1 else 'have'} edges or corners in common with a part of the mesh with which they "
@@ -188,3 +188,28 @@ def _touching(x: FloatArray, numbers: IntArray, part: IntArray, comm: MPI.Comm) 
     pairs = pairs[part[pairs[:, 0]] != part[pairs[:, 1]]]
     one_each = np.setdiff1d(pairs.min(axis=1, initial=len(x)), pairs.max(axis=1, initial=-1))
     return x[one_each][slabs.of(x[one_each]) == comm.rank]
+
+
+def distinct(rows: IntArray) -> tuple[IntArray, IntArray]:
+    """Where each distinct row of whole numbers >= 0 (k, m) is first, in their order, and the number of every row among
+    them, shape (k,): as `np.unique`, in less than half its time."""
+    number, count = rows[:, 0], rows.max(initial=0) + 1
+    for column in rows.T[1:]:
+        _, first, number = np.unique(number * count + column, return_index=True, return_inverse=True)
+    return first, number
+
+
+def places(rows: IntArray, some: IntArray) -> IntArray:
+    """Where some rows are among distinct rows."""
+    first, number = distinct(np.vstack([rows, some]))
+    return first[number[len(rows) :]]
+
+
+def sets(count: int, groups: Mapping[str, IntArray]) -> tuple[IntArray, npt.NDArray[np.bool_]]:
+    """Of so many things with groups of some, the number of the set of groups that each is in, shape (count,), and which
+    groups are in each set, shape (sets, groups)."""
+    member = np.zeros((count, len(groups)), dtype=bool)
+    for k, some in enumerate(groups.values()):
+        member[some, k] = True
+    first, number = distinct(np.column_stack([np.zeros((count, 2), dtype=np.int64), member]))
+    return number, member[first]

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray, is_number
+from ...arrays import FloatArray, IntArray, in_words, is_number
 from .. import compat, mesh_formats
 from ..compat import mesh
 from ..geometry import evaluate_vectors
@@ -266,7 +266,7 @@ def refuse_flat_cells(cells: FloatArray, what: str, comm: MPI.Comm, before: Floa
     places = comm.allgather(cells[np.argmax(wrong)].mean(axis=0) if np.any(wrong) else None)
     found = [place for place in places if place is not None]
     if found:
-        at = ", ".join(f"{coordinate:.6g}" for coordinate in found[0])
+        at = in_words(found[0])
         middles = "; the nodes between corners must stay near the middle" if second else ""
         raise ValueError(f"{what} makes the cell at x = {at} flat, or turns it inside out{middles}")
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, in_words
 from ...nearest import tree_of
 from ...regular_file import read_bytes
 from ..geometry import first_place
@@ -184,7 +184,7 @@ class NodalField:
         """Values at points (k, 3) that are no nodes."""
         cell, weights = self._cells.containing(x)
         if np.any(cell < 0):
-            low, high = (", ".join(f"{c:.6g}" for c in end(self.points, axis=0)) for end in (np.min, np.max))
+            low, high = (in_words(end(self.points, axis=0)) for end in (np.min, np.max))
             raise ValueError(
                 f"{self.name} does not cover the body: it has no cell at x = {first_place(x, cell < 0)}; its points "
                 f"are between ({low}) and ({high}) metres (is scale, the metres per unit of length, right?)"

@@ -27,10 +27,9 @@ from ..compat import basix
 from ..geometry import evaluate_vectors, on_all_ranks
 from .exchange import Exchange, fetched, global_numbers, owner_of, starts_of
 from .lagrange import corner_geometry, corners_to_nodes, lagrange_points, lagrange_values
-from .mesh_parts import local_cells, local_facets, parts_of
+from .mesh_parts import distinct, local_cells, local_facets, parts_of
 from .meshes import refuse_flat_cells
 from .named_mesh import NamedMesh
-from .rows import distinct
 
 
 def refined(

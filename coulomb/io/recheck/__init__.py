@@ -7,8 +7,7 @@ from pathlib import Path
 
 from ..run_directory import RunDirectory
 from .case_reference import CaseReference
-from .history import HistoryFindings, check_history, check_step
-from .large_motions import check_large, is_large
+from .history import HistoryFindings, check_history, check_large, check_step, is_large
 from .run import Findings, check_run
 
 __all__ = ["check"]
@@ -22,7 +21,7 @@ def check(directory: str | Path, say: Callable[[str], None] = lambda line: None)
     summary.json; for a load history each step relative to the step before, and the files of the whole history.  If
     there is a case.json, the input data are compared with the case: law and coefficients, materials, supports, springs,
     loads, the nodes of the contact face, their normals and gaps.  Data that could not be compared are listed.  Steps of
-    large motions are judged in the problem of their case, posed anew (`large_motions`).
+    large motions are judged in the problem of their case, posed anew (`check_large`).
 
     Args:
         directory: Its directory.

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, in_words
 from ..run_files import OF_LARGEST
 
 RELATIVE = 1e-9
@@ -79,7 +79,7 @@ class Comparison:
         wrong = ~(beyond <= 0.0)
         if np.any(wrong):
             k = int(np.argmax(np.where(wrong, beyond, -np.inf)))
-            place = ", ".join(f"{c:.6g}" for c in x[k])
+            place = in_words(x[k])
             self.fault(
                 f"{what}: {_shown(written[k])} at x = {place}, but {_shown(expected[k])} follows from {source} "
                 f"({np.count_nonzero(wrong)} of {len(wrong)} values differ)"

@@ -13,9 +13,8 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray
 from ...fem.geometry import Spin, inverse_frames, since_at, spin
-from ...model.evidence import pair_actions
-from ...model.master_fields import carried, carrying
-from ...model.nodal_answer import ACCUMULATED, Accumulated, NodalAnswer
+from ...model.certificate import pair_actions
+from ...model.nodal_answer import ACCUMULATED, Accumulated, NodalAnswer, carried, carrying
 from ...solvers.laws import FrictionLaw
 from ..field_files import OPPOSITE
 from ..run_directory import CONTACT

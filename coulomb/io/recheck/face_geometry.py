@@ -16,7 +16,7 @@ import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, in_words, unit_vectors
 from ...case.contact import FoundationTable
 from ...fem.contact import (
     NO_SHAPE,
@@ -30,8 +30,8 @@ from ...fem.contact import (
     distance_along,
     faces_away,
     held_on_both,
-    lost_nodes,
     mortar_rows,
+    nodes_of_other_pairs,
     planes_of_symmetry,
     shares,
     whole_face,
@@ -232,7 +232,7 @@ class _Source:
     def report(self, index: npt.NDArray[np.int64], fault: str) -> None:
         """A fault of nodes by their numbers among those of the written faces, if there are any."""
         if len(index):
-            place = ", ".join(f"{c:.6g}" for c in self.run.on_face["x"][np.min(index)])
+            place = in_words(self.run.on_face["x"][np.min(index)])
             self.found.fault(f"{CONTACT}: status: {len(np.unique(index))} nodes {fault} (first seen at x = {place})")
 
 
@@ -258,7 +258,7 @@ def _pairs(
             gap = found.gap(n)
             nodes = grids[number][0].part.nodes.start + found.node
             points[number] = nodes, np.where(np.abs(gap) <= adjust, 0.0, gap)
-        lost = lost_nodes(points, len(taken), float(np.max(np.abs(run.body.x))))
+        lost = nodes_of_other_pairs(points, len(taken), float(np.max(np.abs(run.body.x))))
         changed = [number for number in lost if np.any(lost[number])]
         left_out |= {number: left_out[number] | lost[number] for number in changed}
     return rows
@@ -297,7 +297,7 @@ def _in_pair(
     """
     body, there, held = face.part.body, other.face.part, run.held_in(face.part)
     nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
-    n = outward[nodes] / np.maximum(np.linalg.norm(outward[nodes], axis=1), 1e-300)[:, None]
+    n = unit_vectors(outward[nodes])
     clamped = nodes[held_length(n, held.projector_at(nodes)) > HELD_BEYOND].astype(np.int64)
     slave, master = (
         curved_patch(part.body, run.held_in(part), on, surface, shape.smooth, "contact.h5")

@@ -15,21 +15,12 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...contact_fields import CONTACT_FIELDS
 from ...fem import compat
-from ...fem.bodies import (
-    EXPANSION,
-    ISOTROPIC,
-    ORTHOTROPIC,
-    ORTHOTROPIC_EXPANSION,
-    TEMPERATURE,
-    TIE_STRESSES,
-    range_of,
-)
+from ...fem.bodies import EXPANSION, ISOTROPIC, ORTHOTROPIC, ORTHOTROPIC_EXPANSION, TEMPERATURE, TIE_STRESSES, range_of
 from ...fem.contact import face_samples
 from ...fem.geometry import RigidFoundation, Spin
 from ...fem.meshes import SEPARATOR
 from ...linalg.reductions import Reductions
-from ...model.certificate import Certificate, judge
-from ...model.evidence import Evidence, rounding_forces
+from ...model.certificate import Certificate, Evidence, judge, rounding_forces
 from ...model.load_step import Forces
 from ...model.nodal_answer import NodalAnswer
 from ...model.probes import LocatedProbes, Part, Probe
@@ -136,7 +127,7 @@ class Recomputation:
                 prescribed=run.on_body["prescribed"],
                 on_body=on_body + of_ties,
                 force=judged.force,
-                closure=judged.closure,
+                relative_displacement=judged.relative_displacement,
                 gap=judged.gap,
                 bound=judged.bound,
                 rounding=rounded,

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..reductions import Reductions
-from ..unsolved import TooSlow, Unsolved
+from ..solve_errors import CGNotConverged, TooSlow
 from .low_rank import RecycledColumns, turned_diagonal
 from .stiffness import SoftMotions, StiffnessSolver
 
@@ -190,7 +190,7 @@ def estimated_diagonal(
     for v, image in zip(V, Y, strict=True):
         try:
             A.mult(v, y, _ACCURACY)
-        except Unsolved:  # the scale of diag(K)^-1 then; path following reports the failure
+        except CGNotConverged:  # the scale of diag(K)^-1 then; path following reports the failure
             return DiagonalEstimate(local.ravel(), local.ravel())
         image[:] = y if rigid is None else y - rigid @ over.total(rigid.T @ v)
     G = over.total(V @ Y.T)
@@ -407,7 +407,7 @@ class MatrixFreeCompliance(LimitedProducts):
         try:
             self._follow(x, 0.0, _DISPLACED)
             self.latest = x.copy()
-        except Unsolved:
+        except CGNotConverged:
             self._last.axpy(1.0, self._u)
             self._accurate = self.latest = None
         u: FloatArray = self._last.array_r.copy()

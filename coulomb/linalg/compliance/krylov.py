@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..reductions import summed
-from ..unsolved import TooSlow, Unsolved
+from ..solve_errors import CGNotConverged, TooSlow
 
 NodalMap = Callable[[FloatArray], FloatArray]
 """Maps unknowns of this rank's nodes, shape (m, block) or (m, block, columns)."""
@@ -107,7 +107,7 @@ class CarryingKrylov:
         comm, nodes = constraints.comm, len(constraints.G)
         self._comm, self._constraints, self._block, self._apply_A = comm, constraints, block, apply_A
         self._operator, self._preconditioner = operator, preconditioner
-        self._failure: Unsolved | TooSlow | None = None
+        self._failure: CGNotConverged | TooSlow | None = None
         self._on_constraints = method == PETSc.KSP.Type.CG
         width = block + 3
         self._nodal = width * nodes
@@ -163,7 +163,7 @@ class CarryingKrylov:
         z[:, : self._block], alpha = self._preconditioner(r[:, : self._block], self._shared(x))
         try:
             product = self._apply_A(z[:, :3])
-        except (Unsolved, TooSlow) as failure:
+        except (CGNotConverged, TooSlow) as failure:
             self._failure = failure
             raise
         z[:, self._block :] = self._constraints.without(product, alpha)

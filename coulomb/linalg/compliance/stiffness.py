@@ -14,7 +14,7 @@ from ...arrays import FloatArray
 from ..multigrid import RecycledCG, multigrid, padded
 from ..petsc_arrays import CHOLESKY, configured_ksp
 from ..reductions import summed
-from ..unsolved import TooSlow, Unsolved
+from ..solve_errors import CGNotConverged, TooSlow
 
 # Rigid motions of bodies that soft springs hold, apart from what is elastic in K^-1.
 #
@@ -79,7 +79,7 @@ class StiffnessSolver(Protocol):
         """u <- K^-1 rhs, to |K u - rhs| <= max(tolerance, the solver's tolerance) |rhs|.
 
         Raises:
-            Unsolved: On every rank, if it does not get there; u has what was reached.
+            CGNotConverged: On every rank, if it does not get there; u has what was reached.
         """
         ...
 
@@ -144,7 +144,7 @@ class IterativeSolver:
         tolerance: |K u - rhs| / |rhs|, well below the tolerances of the CG that uses A = B K^-1 B^T.
 
     Raises:
-        Unsolved: From solve, if 1000 iterations are not enough, or K is not positive definite, to rounding.
+        CGNotConverged: From solve, if 1000 iterations are not enough, or K is not positive definite, to rounding.
         TooSlow: From solve, after the iterations of `allow`.
     """
 
@@ -202,7 +202,7 @@ class IterativeSolver:
             )
         try:
             self.iterations += self._cg.solve(rhs.array_r, self._u, max(tolerance, self.tolerance))
-        except Unsolved as failure:
+        except CGNotConverged as failure:
             self.iterations += failure.iterations
             raise
         finally:

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...native import kernels, threads
 from ..reductions import Reductions, summed
-from ..unsolved import Unsolved
+from ..solve_errors import CGNotConverged
 from .block_matrix import padded
 
 _RECOMPUTED = 1e-4
@@ -84,7 +84,8 @@ class RecycledCG:
         """u <- K^-1 rhs to |rhs - K u| <= tolerance |rhs|; the number of iterations; collective.
 
         Raises:
-            Unsolved: On every rank, if the limit was reached, or K or the preconditioner is not positive definite.
+            CGNotConverged: On every rank, if the limit was reached, or K or the preconditioner is not positive
+                definite.
         """
         size = self._norm(rhs)
         self._start(rhs, u, size)
@@ -142,7 +143,7 @@ class RecycledCG:
         """moved <- K^-1 r approximately, r, whose norm is `left`, <- the residual that is left, at most tolerance size.
 
         Raises:
-            Unsolved: If that is not reached; u <- u + moved.
+            CGNotConverged: If that is not reached; u <- u + moved.
         """
         r, p, image = self._r, self._p, self._image
         mult = self._rough.mult_roughly if rough and self._rough is not None else self._mult
@@ -172,7 +173,7 @@ class RecycledCG:
             left, before = math.sqrt(self._over.sum(square)), product
         if math.isfinite(self._norm(self._moved)):
             u += self._moved
-        raise Unsolved(iteration, left / size if size > 0.0 else math.inf, tolerance, iteration < self._limit)
+        raise CGNotConverged(iteration, left / size if size > 0.0 else math.inf, tolerance, iteration < self._limit)
 
     def _remember(self, u: FloatArray, size: float) -> None:
         """A solution and its image, which has this norm, in place of the oldest one."""

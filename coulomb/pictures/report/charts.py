@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 import numpy.typing as npt
 
-from ...contact_names import normal_forces
+from ...contact_fields import normal_forces
 from .fields import ZONES, zone_counts
 from .files import Rows, Run
 from .grids import same_nodes
@@ -216,7 +216,7 @@ def force_displacement(run: Run) -> str:
         factor, unit = scale_of(max(float(np.max(np.abs(force))) for force in forces_.values()), "N")
         for (name, force), (colour, style) in zip(forces_.items(), looks, strict=False):
             panel.plot(driven / length, force / factor, style, color=colour, markersize=3, label=name)
-            for k in thinned(len(driven), 8)[:-1]:
+            for k in subsampled(len(driven), 8)[:-1]:
                 ends = [(driven[j] / length, force[j] / factor) for j in (k, min(k + 1, len(driven) - 1))]
                 panel.annotate("", ends[1], ends[0], arrowprops={"arrowstyle": "->", "color": colour})
         if len(forces_) > 1:
@@ -378,6 +378,6 @@ def _svg(figure: Any, title: str) -> str:
     return drawn.replace("<svg", f'<svg role="img" aria-label="{title}"', 1)
 
 
-def thinned(count: int, most: int) -> npt.NDArray[np.int64]:
+def subsampled(count: int, most: int) -> npt.NDArray[np.int64]:
     """At most `most` of `count` numbers, evenly spaced."""
     return np.arange(0, count, max(1, -(-count // most)))

@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...contact_fields import CONTACT_FIELDS
-from ...contact_names import AGAINST
+from ...contact_fields import AGAINST, CONTACT_FIELDS
 from ...io.field_files import OPPOSITE, Grid
 from .files import Run
 from .grids import contact_points

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...contact_names import normal_forces
+from ...contact_fields import normal_forces
 from ...io.accuracy import TOLERANCE, accuracy
 from ...io.field_files import Grid, read_grids
 from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, step_place

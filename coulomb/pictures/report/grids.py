@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...contact_names import AGAINST
+from ...contact_fields import AGAINST
 from ...io.field_files import OPPOSITE, WHOLE, Block, Grid
 from ...nearest import tree_of
 

@@ -15,7 +15,7 @@ import jinja2
 import numpy as np
 from PIL import Image
 
-from ...contact_names import normal_forces
+from ...contact_fields import normal_forces
 from . import charts, problem, results
 from .fields import AXES, ZONES, Bar, Field, limits_of, named, ramp, zone_counts
 from .files import Run, read_run

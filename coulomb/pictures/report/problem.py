@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...arrays import FloatArray
-from ...contact_names import named_faces
+from ...contact_fields import named_faces
 from ...load_curve import LoadCurve
 from .files import Run
 from .grids import blocks_of

@@ -8,7 +8,7 @@ from datetime import datetime
 from functools import partial
 from typing import Any
 
-from ...contact_names import named_faces, sides_of
+from ...contact_fields import named_faces, sides_of
 from .fields import FIELDS, zone_counts
 from .files import Run
 from .grids import blocks_of

@@ -70,9 +70,9 @@ def in_few(names: Sequence[str], most: int = 3) -> str:
     return ", ".join(names[:most]) + more
 
 
-def in_seconds(value: float, digits: int = 4) -> str:
+def in_seconds(value: float) -> str:
     """A time of a history or of a run in seconds, without prefixes: 0.25 s."""
-    return f"{number(value, digits)}{NARROW}s"
+    return f"{number(value, 4)}{NARROW}s"
 
 
 def vector(

@@ -42,7 +42,7 @@ from ..settings import within
 from ..successive_tresca import Anderson
 from .cone_paths import ConeCurve, ConePath, ConeStep
 from .cones import ConeProblem, Scales, radius
-from .gauss_seidel import Sweeps, swept
+from .gauss_seidel import Sweeps, sweep
 
 _CLEAR = 1e-7  # least penetration that is called a contradiction, over the largest |b|
 _MOST_ENTRIES = 3_000_000  # entries of A beyond which the question is not asked
@@ -159,7 +159,7 @@ class _ConeRun:
         problem, left = self._problem, self._settings.work - self._cones.matrix.operations
         work, made = 0.5 * left / (_PER_MICROSECOND * _PARTS), 0
         while at is not None and work > 0.0 and made < _PARTS:
-            at, made = swept(self._A, problem.b, problem.law.friction, self._goal.residual, at.x, work), made + 1
+            at, made = sweep(self._A, problem.b, problem.law.friction, self._goal.residual, at.x, work), made + 1
             if at is not None:
                 self._sweeps += at.made
                 self._judged(self._cones.scaled(at.x))
@@ -375,7 +375,7 @@ class ConeInteriorPoint(SolverSettings):
         start, sweeps = task.start, self.sweeps if isinstance(self.sweeps, Sweeps) else None
         if self.sweeps is True:
             first = None if start is None else np.ascontiguousarray(start, dtype=np.float64)
-            sweeps = swept(problem.A.sparse(), problem.b, problem.law.friction, task.goal.tolerance, first)
+            sweeps = sweep(problem.A.sparse(), problem.b, problem.law.friction, task.goal.tolerance, first)
         if sweeps is not None and task.goal.reached(sweeps.residual, sweeps.x):
             return sweeps.result(self.name, task.goal)
         return _ConeRun(self, problem, task).follow(start, sweeps)

@@ -10,7 +10,7 @@ the forces are combined with those after the eight blocks before.  Not where the
 contacts change their states again and again.
 
 Where a problem has few contacts nearly all time would go into checks of the arguments and of the answer.  The kernel
-does these as well, and `swept` takes arrays as the user gives them: where anything is unusual the answer is None, and
+does these as well, and `sweep` takes arrays as the user gives them: where anything is unusual the answer is None, and
 the checks in Python find out what it is.
 """
 
@@ -60,7 +60,7 @@ class Sweeps(NamedTuple):
         )
 
 
-def swept(
+def sweep(
     A: Any, b: FloatArray, friction: FloatArray | float, tolerance: float, start: Any = None, work: float = 0.0
 ) -> Sweeps | None:
     """Forces by sweeps, as long as they promise to be quicker than other methods, or until some work is spent.

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ...linalg.compliance import Compliance, MatrixCompliance
 from ...linalg.reductions import Reductions
-from ..automatic import DECISIVE, Automatic, ended
+from ..automatic import DECISIVE, Automatic, result_of
 from ..friction_problem import FrictionProblem, Solver, SolverSettings, Task
 from ..interior_point import InteriorPoint
 from ..laws import FrictionLaw
@@ -26,7 +26,7 @@ from ..results import Goal, SolverResult, Status
 from ..rigid_motions import RigidMotions
 from ..successive_tresca import SuccessiveTresca
 from .cone_interior_point import ConeInteriorPoint
-from .gauss_seidel import Sweeps, swept
+from .gauss_seidel import Sweeps, sweep
 from .regularised_newton import RegularisedNewton
 
 _FEW = 150  # contacts up to which the cone method is the quicker one, whatever A, and its eigenvalues are checked
@@ -54,7 +54,7 @@ class MatrixAutomatic(SolverSettings):
 
     Attributes:
         tolerance: Residual at which to stop.
-        sweeps: Those that `swept` has made for the problem.
+        sweeps: Those that `sweep` has made for the problem.
 
     Raises:
         ValueError: If the tolerance is not positive.
@@ -88,7 +88,7 @@ class MatrixAutomatic(SolverSettings):
         products, tried = problem.A.products, list[SolverResult]()
         for method in methods:
             solve = partial(method.solve, problem, task.start, gradient=task.gradient, progress=task.progress)
-            best = ended(solve)
+            best = result_of(solve)
             tried.append(best)
             if best.status in (Status.CONVERGED, *DECISIVE):
                 break
@@ -98,7 +98,7 @@ class MatrixAutomatic(SolverSettings):
         others = max(best.products - (problem.A.products - products), 0)  # sweeps, and products by the scaled A
         return replace(best, products=others, method=f"{self.name}: {best.method.removeprefix(f'{self.name}: ')}")
 
-    def swept(self, A: Any, b: Any, friction: Any) -> SolverResult | Sweeps | None:
+    def by_sweeps(self, A: Any, b: Any, friction: Any) -> SolverResult | Sweeps | None:
         """The answer by sweeps, or what they reached; None where they are not tried, or an argument is not plain.
 
         All that a valid problem has to satisfy is checked, but not said: None for whatever does not.  Arguments as of
@@ -122,7 +122,7 @@ class MatrixAutomatic(SolverSettings):
                 friction = float(friction)
         except (TypeError, ValueError, OverflowError):
             return None
-        sweeps = swept(A, b, friction, self.tolerance)
+        sweeps = sweep(A, b, friction, self.tolerance)
         if sweeps is None or not sweeps.residual <= self.tolerance:
             return sweeps
         return sweeps.result(_BY_SWEEPS, Goal(self.tolerance, None))
@@ -211,7 +211,7 @@ def solve_coulomb(
     """
     sweeps: Sweeps | None = None
     if solver is None and rigid is None and isinstance(cohesion, float | int) and cohesion == 0:
-        found = MatrixAutomatic().swept(A, b, friction)
+        found = MatrixAutomatic().by_sweeps(A, b, friction)
         if isinstance(found, SolverResult):
             return found
         sweeps = found

@@ -302,7 +302,7 @@ def test_a_clamp_along_a_tangent():
         surface = solution.problem.surface
         assert solution.certificate.passed
         edge = surface.x[:, 1] < 1e-9
-        force, slip = solution.contact_force.reshape(-1, 3)[edge], solution.at_nodes.closure[edge, 1:]
+        force, slip = solution.contact_force.reshape(-1, 3)[edge], solution.at_nodes.relative_displacement[edge, 1:]
         bound = solution.problem.slip_bound(solution.contact_force)[edge]
         way = np.linalg.norm(slip, axis=1)
         assert np.all(way > 1e-4)  # the edge slips along x: friction is along the slip in the scaled tangents

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material
-from coulomb.fem.bodies import garbage
+from coulomb.fem.bodies import displacement_space
 
 BODIES = 4
 comm = MPI.COMM_WORLD
@@ -17,7 +17,7 @@ MPICH = "MPICH" in MPI.Get_library_version()
 
 @pytest.fixture(autouse=True)
 def searches_are_frequent(monkeypatch):
-    monkeypatch.setattr(garbage, "_BODIES", BODIES)
+    monkeypatch.setattr(displacement_space, "_BODIES", BODIES)
 
 
 def communicators_left() -> int:

@@ -15,7 +15,7 @@ from coulomb.cli.terminal import contact_in_words
 from coulomb.io.case_record import case_record
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
-from coulomb.model import contact_faces as contacts
+from coulomb.model import contact_body as contacts
 from coulomb.model.input_echo import contacts_of
 
 RUBBER = Material(1e7, 0.3)

@@ -248,7 +248,7 @@ def test_a_body_held_by_the_spring_of_a_rigid_face(cell, degree, soft):
     assert found.translation == pytest.approx(force / spring["translation_stiffness"], rel=1e-7)
     assert found.rotation == pytest.approx(about / spring["rotation_stiffness"], rel=1e-7)
     assert (held.kind, held.name) == ("spring", "spring_right")
-    understood = solution.problem.elasticity.supports_understood()[-1]
+    understood = solution.problem.elasticity.support_entries()[-1]
     words = "stiffness (2e+08, 3e+08, 5e+08) N/m and (4e+07, 6e+07, 9e+07) N m/rad at its reference point"
     assert soft < 1.0 or understood == {"kind": "spring", "face": "right", "holds": words}
     assert held.force == pytest.approx(-force, rel=1e-7) and held.moment == pytest.approx(-moment, rel=1e-7)

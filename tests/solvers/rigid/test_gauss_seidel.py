@@ -63,12 +63,12 @@ def test_a_singular_block_of_the_diagonal():
 def test_a_singular_block_takes_few_sweeps():
     """The term that makes it regular is small against the block, and forces of the sweep before are beside it."""
     t = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
-    found = gauss_seidel.swept(t.T @ t, np.array([1.0, -0.2, -0.2]), 0.9, 1e-10)
+    found = gauss_seidel.sweep(t.T @ t, np.array([1.0, -0.2, -0.2]), 0.9, 1e-10)
     assert found.residual <= 1e-10 and found.made <= 8
 
 
 def test_open_contacts_without_friction_and_slip_have_no_residual():
-    found = gauss_seidel.swept(np.eye(6), np.array([1.0, 0.0, 0.0, -0.3, 0.0, 0.0]), 0.0, 1e-12)
+    found = gauss_seidel.sweep(np.eye(6), np.array([1.0, 0.0, 0.0, -0.3, 0.0, 0.0]), 0.0, 1e-12)
     assert np.array_equal(found.x, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]) and (found.residual, found.made) == (0.0, 1)
 
 
@@ -76,7 +76,7 @@ def two_contacts(coupling, tolerance):
     """Sweeps for two closed contacts without friction, whose normal displacements are coupled."""
     W = np.eye(6)
     W[0, 3] = W[3, 0] = coupling
-    return gauss_seidel.swept(W, np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0]), 0.0, tolerance)
+    return gauss_seidel.sweep(W, np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0]), 0.0, tolerance)
 
 
 def test_sweeps_go_forwards_and_backwards():
@@ -88,14 +88,14 @@ def test_sweeps_go_forwards_and_backwards():
 def test_sweeps_end_where_their_rate_will_not_do():
     """A stack of eight: a fifth of the work of the path, 10.3 ms, is spent in any case, 0.85 microseconds per sweep."""
     problem = stack(8, 1.0, 2)
-    found = gauss_seidel.swept(problem.W, -problem.q, problem.mu, 1e-8)
+    found = gauss_seidel.sweep(problem.W, -problem.q, problem.mu, 1e-8)
     assert found.residual > 1e-8 and 1000 <= found.made <= 12_000
 
 
 @pytest.mark.parametrize("problem", [masonry(10, 4, 0.8, 1), arch(31, 0.6, 1), arch(31, 0.6, 2)])
 def test_sweeps_go_on_while_less_is_left_than_the_path_takes(problem):
     """The residual falls in jumps: after a fifth of the work of the path its rate between two looks would not do."""
-    found = gauss_seidel.swept(problem.W, -problem.q, problem.mu, 1e-8)
+    found = gauss_seidel.sweep(problem.W, -problem.q, problem.mu, 1e-8)
     assert found.residual <= 1e-8 and found.made > 1000
 
 
@@ -106,8 +106,8 @@ def test_work_is_that_of_contacts_and_blocks_that_change():
     W[0, 3] = W[3, 0] = coupling
     b[1::3] = b[2::3] = 0.0
     b[[0, 3]] = 1.0
-    found = gauss_seidel.swept(scipy.sparse.csr_matrix(W), b, 0.0, 1e-8, work=1000.0)
-    alone = gauss_seidel.swept(W[:6, :6].copy(), b[:6].copy(), 0.0, 1e-8, work=1000.0)
+    found = gauss_seidel.sweep(scipy.sparse.csr_matrix(W), b, 0.0, 1e-8, work=1000.0)
+    alone = gauss_seidel.sweep(W[:6, :6].copy(), b[:6].copy(), 0.0, 1e-8, work=1000.0)
     assert found.made == alone.made > 20_000
 
 
@@ -119,8 +119,8 @@ def test_forces_of_blocks_of_sweeps_are_combined():
     for i in range(m - 1):
         W[3 * i, 3 * i + 3] = W[3 * i + 3, 3 * i] = -0.499
     b = np.tile([1.0, 0.0, 0.0], m)
-    plain = gauss_seidel.swept(W, b, 0.0, 1e-10, work=1e6)
-    found = gauss_seidel.swept(W, b, 0.0, 1e-10)
+    plain = gauss_seidel.sweep(W, b, 0.0, 1e-10, work=1e6)
+    found = gauss_seidel.sweep(W, b, 0.0, 1e-10)
     assert max(plain.residual, found.residual) <= 1e-10 and found.made < 0.4 * plain.made
     assert np.allclose(found.x[::3], np.linalg.solve(W[::3, ::3], b[::3]), rtol=1e-7)
 
@@ -128,7 +128,7 @@ def test_forces_of_blocks_of_sweeps_are_combined():
 @pytest.mark.parametrize("seed", range(5))
 def test_a_combination_that_makes_the_residual_larger_is_taken_back(seed):
     problem = stack(5, 0.7, seed)
-    found = gauss_seidel.swept(problem.W, -problem.q, problem.mu, 1e-8)
+    found = gauss_seidel.sweep(problem.W, -problem.q, problem.mu, 1e-8)
     assert found.residual <= 1e-8 and found.made < 2000
 
 
@@ -136,9 +136,9 @@ def test_sweeps_with_work_that_is_given():
     """Of two contacts, 0.033 microseconds each, whatever they promise; from the end of the ones before."""
     W, b = np.eye(6), np.array([1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
     W[0, 3] = W[3, 0] = 1.0 - 3e-6
-    first = gauss_seidel.swept(W, b, 0.0, 1e-8, work=1000.0)
+    first = gauss_seidel.sweep(W, b, 0.0, 1e-8, work=1000.0)
     assert first.made == pytest.approx(1000.0 / 0.033, rel=0.1) and first.residual > 1e-8
-    second = gauss_seidel.swept(W, b, 0.0, 1e-8, first.x, 2000.0)
+    second = gauss_seidel.sweep(W, b, 0.0, 1e-8, first.x, 2000.0)
     assert second.made == pytest.approx(2.0 * first.made, rel=0.01) and second.residual < 0.9 * first.residual
 
 

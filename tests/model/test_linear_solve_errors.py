@@ -15,7 +15,7 @@ from coulomb.cli.app import app
 from coulomb.linalg.compliance import stiffness
 from coulomb.linalg.compliance.stiffness import IterativeSolver
 from coulomb.linalg.multigrid.recycled_cg import RecycledCG
-from coulomb.linalg.unsolved import Unsolved
+from coulomb.linalg.solve_errors import CGNotConverged
 
 SAID = re.compile(
     r"K u = f .*failed: after (\d+) iterations .* is needed; \d+ displacement unknowns, time 0 s, after (\d+) steps.*"
@@ -76,7 +76,7 @@ def test_what_a_solve_has_reached_is_kept():
 
         cg = RecycledCG(MPI.COMM_SELF, n, mult, np.copy, limit=limit)
         u = np.zeros(n)
-        with pytest.raises(Unsolved) as failure:
+        with pytest.raises(CGNotConverged) as failure:
             cg.solve(np.ones(n), u, 1e-12)
         return failure.value, u
 

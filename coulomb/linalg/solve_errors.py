@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 
-class Unsolved(RuntimeError):
+class CGNotConverged(RuntimeError):
     """A solve by conjugate gradients ended before its tolerance, on all ranks; the solution has what was reached.
 
     Residual and tolerance are relative to the right-hand side; `indefinite` if K or the preconditioner is not positive
@@ -22,5 +22,5 @@ class Unsolved(RuntimeError):
 class TooSlow(RuntimeError):
     """A solve or product was not begun, on all ranks, as those before took all iterations that are allowed.
 
-    It is no `Unsolved`: what has been reached is of no use, as another method begins anew.
+    It is no `CGNotConverged`: what has been reached is of no use, as another method begins anew.
     """

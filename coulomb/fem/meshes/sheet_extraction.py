@@ -19,13 +19,13 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
-from ...arrays import FloatArray, IntArray
-from .curving import CREASE, unit_vectors
+from ...arrays import FloatArray, IntArray, unit_vectors
+from .curving import CREASE
 from .inspection import InspectedMesh
 from .mesh_file import FACETS
-from .rows import distinct, places, sets
+from .mesh_parts import distinct, places, sets
 
-WORST = 0.1
+LEAST_JACOBIAN = 0.1
 """Least Jacobian at a corner of a cell that changes, over the product of the lengths of its edges; bricks have 1."""
 
 SWEEPS = 10
@@ -53,7 +53,7 @@ _AT_CORNERS = np.array(
 """Each corner of a cell with its three neighbours, in right-handed order."""
 
 
-def without_sheets(mesh: InspectedMesh, again: bool = False) -> InspectedMesh:
+def extract_sheets(mesh: InspectedMesh, again: bool = False) -> InspectedMesh:
     """The mesh without every second sheet, as far as faces, groups of cells and creases allow it.
 
     Args:
@@ -63,7 +63,7 @@ def without_sheets(mesh: InspectedMesh, again: bool = False) -> InspectedMesh:
     Raises:
         ValueError: If less than SEEN of it becomes coarser, but for `again`.
     """
-    mirrored = _roundness(mesh.points, mesh.cells).sum(axis=1) < 0.0
+    mirrored = _scaled_jacobians(mesh.points, mesh.cells).sum(axis=1) < 0.0
     cells = np.where(mirrored[:, None], np.roll(mesh.cells, 4, axis=1), mesh.cells)
     x, (ends, of_cell, sheet) = mesh.points, _sheets(cells)
     sheets = sheet[of_cell[:, :, 0]]
@@ -85,7 +85,7 @@ def without_sheets(mesh: InspectedMesh, again: bool = False) -> InspectedMesh:
             onto = np.arange(len(x))
             onto[np.take_along_axis(pairs, gone, axis=1)] = np.take_along_axis(pairs, 1 - gone, axis=1)
             before, after = merged[cells[left]], onto[merged[cells[left]]]
-            moved = _rounded(x, after, np.any(before != after, axis=1), free, normal)
+            moved = _untangled(x, after, np.any(before != after, axis=1), free, normal)
             if moved is not None:
                 seen[number] = True
                 growth = _growth(moved, merged[ends], onto[merged[ends]], length)
@@ -209,9 +209,9 @@ def _growth(x: FloatArray, before: IntArray, after: IntArray, length: FloatArray
     return float(_length(x, after[longer]).sum() / max(length[longer].sum(), 1e-300))
 
 
-def _rounded(x: FloatArray, cells: IntArray, changed: Mask, free: Mask, normal: FloatArray) -> FloatArray | None:
-    """Places of the nodes (nodes, 3) with which cells are not flatter than WORST: free ones of flatter cells are moved
-    to the mean of their neighbours; None if that is not enough.
+def _untangled(x: FloatArray, cells: IntArray, changed: Mask, free: Mask, normal: FloatArray) -> FloatArray | None:
+    """Places of the nodes (nodes, 3) with which cells are not flatter than LEAST_JACOBIAN: free ones of flatter cells
+    are moved to the mean of their neighbours; None if that is not enough.
 
     Args:
         x: Nodes.
@@ -221,7 +221,7 @@ def _rounded(x: FloatArray, cells: IntArray, changed: Mask, free: Mask, normal: 
     """
     for _ in range(SWEEPS):
         near = cells[changed]
-        flat = np.min(_roundness(x, near), axis=1, initial=1.0) < WORST
+        flat = np.min(_scaled_jacobians(x, near), axis=1, initial=1.0) < LEAST_JACOBIAN
         if not np.any(flat):
             return x
         moves = np.zeros(len(x), dtype=bool)
@@ -238,7 +238,7 @@ def _rounded(x: FloatArray, cells: IntArray, changed: Mask, free: Mask, normal: 
     return None
 
 
-def _roundness(x: FloatArray, cells: IntArray) -> FloatArray:
+def _scaled_jacobians(x: FloatArray, cells: IntArray) -> FloatArray:
     """Jacobians at the corners of cells over the products of the lengths of their edges, shape (c, 8)."""
     at = x[cells[:, _AT_CORNERS]]
     edges = at[:, :, 1:] - at[:, :, :1]
