@@ -206,7 +206,7 @@ def test_in_a_bore_that_moves_a_load_inside_the_friction_cone_does_not_creep():
         return np.array([0.01 * (time - 1.0), 0.0, 0.005 * (time - 1.0)])
 
     moving, places = {"rotation": turning(angle), "motion": way}, []
-    history = coulomb.LoadHistory(np.arange(1.0, 27.0))
+    history = coulomb.LoadHistory(np.arange(1.0, 15.0))  # 14 s: beyond half of the period
     for time, (solution, x) in enumerate(in_a_bore(0.2, 4e3, moving, 0.5, history), start=1):
         y = x - way(time)
         places.append(np.column_stack([np.arctan2(y[:, 0], -y[:, 2]) + np.radians(angle(time)), y[:, 1]]))
@@ -294,7 +294,7 @@ def test_a_block_slides_over_the_edge_of_another_and_both_are_in_balance():
     both = coulomb.join(lower=lower.body, upper=upper.body)
     contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.2)
     points = []
-    for step in coulomb.LoadHistory([1.0, 1.2, 1.4, 1.6, 1.8, 2.0]).steps(LargeMotions(both, contact)):
+    for step in coulomb.LoadHistory([1.0, 1.35, 1.7, 2.0]).steps(LargeMotions(both, contact)):
         assert step.solution.certificate.passed and step.halvings == 0
         points.append(len(step.solution.contact_force) // 3)
         (below, at_lower), (above, at_upper) = lower.free_forces(), upper.free_forces()

@@ -182,11 +182,11 @@ def test_small_loads_have_the_small_displacements_to_second_order():
 
 def test_two_bodies_slide_past_each_other_by_elements():
     """Friction is at its bound, but for the slope of the pressed face, and both bodies are in balance."""
-    lower = RubberBlock(cells=(6, 2, 1), size=(2.0, 1.0, 0.5), held="bottom")
+    lower = RubberBlock(cells=(5, 1, 1), size=(1.7, 1.0, 0.5), held="bottom")
     upper = RubberBlock(drawn(0.05, 0.7), cells=(2, 1, 1), size=(0.8, 0.8, 0.5), at=(0.1, 0.1, 0.5))
     both = coulomb.join(lower=lower.body, upper=upper.body)
     contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.2)
-    found = answers(both, contact, [1.0, 1.2, 1.4, 1.6, 1.8, 2.0])
+    found = answers(both, contact, [1.0, 1.2, 1.4, 1.6])
     assert all(one.valid for one in found)
     for one in found[2:]:
         totals = one.at_nodes.totals()
