@@ -161,7 +161,7 @@ def test_krylov_iterations_stay_bounded_to_the_end():
 
 
 def test_auto_falls_back(monkeypatch):
-    problem = solved_block(6).problem.friction_problem
+    problem = solved_block(4).problem.friction_problem
     failing = InteriorPoint(max_iterations=3)
 
     class Short(InteriorPoint):
