@@ -23,7 +23,6 @@ from coulomb.model import load_history, stopping_criterion
 from coulomb.model.load_step import Energy
 from coulomb.model.small_strain import CHORD, GAP_ERROR, GRADIENT, TURN, SmallStrain, known_mode
 
-
 BLOCK, HISTORY, HERTZ = (
     *(ROOT / "demos" / name for name in ("block.toml", "history.toml")),
     ROOT / "coulomb" / "templates" / "hertz.toml",

@@ -17,8 +17,8 @@ pytestmark = pytest.mark.skipif(not FILES, reason=f"no problems in {FOLDER.name}
 
 NAMES = [path.name for path in FILES] or ["none"]
 DENSE = ("Capsules", "Kaplas")
-"""Rank 570 of 858 and slip bounds over nine decades, where CG stops at 1e-6 and LU does not; and 1710 unknowns, where CG
-takes four times as long."""
+"""Rank 570 of 858 and slip bounds over nine decades, where CG stops at 1e-6 and LU does not; and 1710 unknowns, where
+CG takes four times as long."""
 
 
 def solver(name):
