@@ -30,7 +30,7 @@ def test_two_bodies_slide_past_each_other_as_on_one_rank():
 
     def force(comm):
         lower = RubberBlock(cells=(3, 1, 1), size=(1.2, 1.0, 0.5), held="bottom", comm=comm)
-        upper = RubberBlock(way, cells=(2, 1, 1), size=(0.8, 0.8, 0.5), at=(0.1, 0.1, 0.5), comm=comm)
+        upper = RubberBlock(way, cells=(1, 1, 1), size=(0.8, 0.8, 0.5), at=(0.1, 0.1, 0.5), comm=comm)
         both = coulomb.join(lower=lower.body, upper=upper.body)
         contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.2)
         *_, last = coulomb.LoadHistory([1.0, 1.5]).steps(LargeMotions(both, contact))
