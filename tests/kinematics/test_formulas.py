@@ -74,10 +74,9 @@ def of_thin(friction, thickness):
     return brentq(lambda k: k * (1.0 + friction * (r - 1.0) / r * k) - friction / r, 0.0, friction)
 
 
-@pytest.mark.parametrize("friction", [0.2, 0.5])
-def test_a_belt_on_a_drum_has_the_forces_of_the_formula(friction):
+def test_a_belt_on_a_drum_has_the_forces_of_the_formula():
     """T2 = T1 exp(F angle), but for the thickness; with it the error of the mesh is of second order."""
-    angle = 0.5 * np.pi
+    angle, friction = 0.5 * np.pi, 0.5
     ratios = np.array([belt(friction, angle, cells) for cells in (8, 16)])
     assert ratios == pytest.approx(np.exp(friction * angle), rel=0.01)
     errors = ratios / np.exp(of_thin(friction, 0.01) * angle) - 1.0
@@ -88,7 +87,7 @@ def test_a_string_on_a_drum_has_the_forces_of_the_formula():
     """A belt whose stiffness is in its lower face, over 90 degrees, with ends that are held along it: at each node two
     tensions along chords, a normal force and friction.  exp(F angle) follows to second order in a chord."""
     friction, errors = 0.5, []
-    for cells in (6, 12):
+    for cells in (5, 10):
         one = RubberBlock(
             way=lambda time, x: np.array([[0.0], [0.0], [-2e-3 * min(time, 1.0)]]) * (x[0] > 0.5),
             cells=(cells, 1, 1),
@@ -206,7 +205,7 @@ def test_in_a_bore_that_moves_a_load_inside_the_friction_cone_does_not_creep():
         return np.array([0.01 * (time - 1.0), 0.0, 0.005 * (time - 1.0)])
 
     moving, places = {"rotation": turning(angle), "motion": way}, []
-    history = coulomb.LoadHistory(np.arange(1.0, 27.0))
+    history = coulomb.LoadHistory(np.arange(1.0, 15.0))  # 14 s: beyond half of the period
     for time, (solution, x) in enumerate(in_a_bore(0.2, 4e3, moving, 0.5, history), start=1):
         y = x - way(time)
         places.append(np.column_stack([np.arctan2(y[:, 0], -y[:, 2]) + np.radians(angle(time)), y[:, 1]]))
@@ -294,7 +293,7 @@ def test_a_block_slides_over_the_edge_of_another_and_both_are_in_balance():
     both = coulomb.join(lower=lower.body, upper=upper.body)
     contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.2)
     points = []
-    for step in coulomb.LoadHistory([1.0, 1.2, 1.4, 1.6, 1.8, 2.0]).steps(LargeMotions(both, contact)):
+    for step in coulomb.LoadHistory([1.0, 1.35, 1.7, 2.0]).steps(LargeMotions(both, contact)):
         assert step.solution.certificate.passed and step.halvings == 0
         points.append(len(step.solution.contact_force) // 3)
         (below, at_lower), (above, at_upper) = lower.free_forces(), upper.free_forces()
@@ -322,7 +321,7 @@ def test_a_problem_that_is_turned_as_a_whole_has_the_forces_turned():
         one = RubberBlock(way, shape=lambda x: x @ Q.T + shift, loads={"left": lambda time: Q @ [2e4, 1e4, 0.0]})
         hill = coulomb.Cylinder(Q @ [0.5, 0.0, -2.0] + shift, Q @ [0.0, 1.0, 0.0], 2.0)
         contact = coulomb.Contact("bottom", friction=0.3, foundation=hill)
-        *_, last = answers(one.body, contact, [0.5, 1.0, 1.5, 2.0], tolerance=1e-11)
+        *_, last = answers(one.body, contact, [1.0, 2.0], tolerance=1e-11)
         assert last.certificate.passed and np.linalg.norm(last.at_nodes.slip, axis=1).max() > 0.1
         return last.force_on_body, last.displacement
 

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 import coulomb
 from coulomb.fem.compat import fem, mesh, ufl
-from coulomb.kinematics import LargeMotions, NonlinearBody, mooney_rivlin, neo_hookean, st_venant_kirchhoff
+from coulomb.kinematics import LargeMotions, NonlinearBody, mooney_rivlin, neo_hookean
 from coulomb.model.load_history import StepFailed
 
 
@@ -56,18 +56,13 @@ def test_a_block_between_smooth_plates_has_the_stress_of_the_formula(cell, degre
     assert force(answer) == pytest.approx([0.0, 0.0, -neo_hookean_stress(0.6, MU, LAME)], rel=1e-7, abs=1.0)
 
 
-def test_other_energies_have_the_stress_of_their_formulas():
-    def pressed(energy):
-        one = RubberBlock(down(0.2), (1, 1, 1), components=(2,), rollers=True, energy=energy)
-        return -force(answers(one.body, coulomb.Contact("bottom", friction=0.0), [0.5, 1.0])[-1])[2]
-
-    young, poisson, stretch = 1e6, 0.3, 0.8
-    mu, lame = young / 2.6, young * poisson / (1.3 * 0.4)
-    expected = 0.5 * young * stretch * (stretch**2 - 1.0)
-    assert pressed(lambda u: st_venant_kirchhoff(u, mu, lame)) == pytest.approx(expected, rel=1e-7)
-    c1, c2 = 3e5, 1e5
+def test_a_mooney_rivlin_energy_has_the_stress_of_its_formula():
+    c1, c2, stretch = 3e5, 1e5, 0.8
+    energy = lambda u: mooney_rivlin(u, c1, c2, 1e4 * c1)  # noqa: E731
+    one = RubberBlock(down(0.2), (1, 1, 1), components=(2,), rollers=True, energy=energy)
+    *_, last = answers(one.body, coulomb.Contact("bottom", friction=0.0), [0.5, 1.0])
     incompressible = 2.0 * (stretch - stretch**-2) * (c1 + c2 / stretch)
-    assert pressed(lambda u: mooney_rivlin(u, c1, c2, 1e4 * c1)) == pytest.approx(incompressible, rel=1e-3)
+    assert -force(last)[2] == pytest.approx(incompressible, rel=1e-3)
 
 
 def test_a_pressure_follows_its_surface_and_contact_holds_the_block_against_it():
@@ -120,7 +115,7 @@ def test_a_rotation_by_90_degrees_turns_the_forces_and_nothing_slips():
 
 def test_a_load_inside_the_friction_cone_does_not_creep():
     held = answers(
-        RubberBlock(drawn(0.1, 0.02)).body, coulomb.Contact("bottom", friction=0.8), [0.5, 1.0, 1.5, 2.0, *range(3, 23)]
+        RubberBlock(drawn(0.1, 0.02)).body, coulomb.Contact("bottom", friction=0.8), [0.5, 1.0, 1.5, 2.0, *range(3, 13)]
     )[4:]
     assert all(one.valid for one in held)
 
@@ -141,15 +136,6 @@ def test_a_kept_state_goes_on_with_the_same_numbers():
         assert np.abs(one.state.displacement - other.state.displacement).max() < 1e-12
 
 
-def test_drawn_over_a_plane_friction_is_at_its_bound_everywhere():
-    """And the block has gone further than its length."""
-    *_, last = answers(
-        RubberBlock(drawn(0.1, 1.5)).body, coulomb.Contact("bottom", friction=0.3), [0.5, 1.0, 1.25, 1.5, 1.75, 2.0]
-    )
-    tangential, _, normal = force(last)
-    assert last.valid and tangential == pytest.approx(-0.3 * normal, rel=1e-8)
-
-
 def test_drawn_over_waves_every_step_takes_few_iterations():
     """The normals turn, and with them the tangent: without that term the sixth step takes more than twice as many."""
     waves = coulomb.SignedDistance(lambda x: x[2] + 0.1 - 0.1 * np.sin(np.pi * x[0]))
@@ -165,28 +151,13 @@ def test_drawn_over_waves_every_step_takes_few_iterations():
     assert np.abs(y[closed, 2] - 0.1 * (np.sin(np.pi * y[closed, 0]) - 1.0)).max() < 1e-9
 
 
-def test_small_loads_have_the_small_displacements_to_second_order():
-    sizes = []
-    for size in (1.0, 0.5):
-        one = RubberBlock(down(0.02 * size))
-        (large,) = answers(one.body, coulomb.Contact("bottom", friction=0.3), [1.0])
-        small = coulomb.ContactProblem(
-            coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)),
-            coulomb.Material(1e6, 0.3),
-            [coulomb.PrescribedDisplacement("top", (0.0, 0.0, -0.02 * size))],
-            coulomb.Contact("bottom", friction=0.3),
-        ).solve()
-        sizes.append(abs(force(large)[2] - small.at_nodes.totals()["force"][2]))
-    assert sizes[0] / sizes[1] == pytest.approx(4.0, rel=0.05)
-
-
 def test_two_bodies_slide_past_each_other_by_elements():
     """Friction is at its bound, but for the slope of the pressed face, and both bodies are in balance."""
-    lower = RubberBlock(cells=(6, 2, 1), size=(2.0, 1.0, 0.5), held="bottom")
+    lower = RubberBlock(cells=(5, 1, 1), size=(1.7, 1.0, 0.5), held="bottom")
     upper = RubberBlock(drawn(0.05, 0.7), cells=(2, 1, 1), size=(0.8, 0.8, 0.5), at=(0.1, 0.1, 0.5))
     both = coulomb.join(lower=lower.body, upper=upper.body)
     contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.2)
-    found = answers(both, contact, [1.0, 1.2, 1.4, 1.6, 1.8, 2.0])
+    found = answers(both, contact, [1.0, 1.2, 1.4, 1.6])
     assert all(one.valid for one in found)
     for one in found[2:]:
         totals = one.at_nodes.totals()

@@ -88,8 +88,8 @@ def asked(answers):
     return accept, seen
 
 
-def block3(law, accept):
-    solution = solved_block(3, law)
+def block2(law, accept):
+    solution = solved_block(2, law)
     problem = solution.problem
     if law == "tresca":
         return coulomb.solvers.FrictionProblem.tresca(problem.A, problem.b, solution.slip_bound, accept=accept)
@@ -102,7 +102,7 @@ SOLVERS = [("coulomb", solver) for solver in COULOMB] + [("tresca", solver) for 
 @pytest.mark.parametrize(("law", "solver"), SOLVERS, ids=lambda value: getattr(value, "name", None))
 def test_iterations_continue_after_a_refused_answer(law, solver):
     accept, seen = asked([False, False, True])
-    problem = block3(law, accept)
+    problem = block2(law, accept)
     result = solver.solve(problem)
     residuals = [problem.residual(x) for x in seen]
     assert len(seen) == 3 and result.status is Status.CONVERGED
@@ -114,14 +114,14 @@ def test_iterations_continue_after_a_refused_answer(law, solver):
 def test_an_answer_that_never_passes_is_not_converged(law, solver):
     accept, seen = asked([False])
     with pytest.raises(coulomb.NotConverged, match="below the tolerance, but the certificate fails") as failure:
-        solver.solve(block3(law, accept))
+        solver.solve(block2(law, accept))
     result = failure.value.result
     assert result.status is Status.STAGNATED and result.residual <= 1e-8 and len(seen) >= 2
 
 
 def test_the_open_contact_is_judged_as_well():
     accept, seen = asked([False])
-    problem = solved_block(3).problem
+    problem = solved_block(2).problem
     pulled = FrictionProblem.coulomb(problem.A, -np.abs(problem.b), problem.law.friction, accept)
     with pytest.raises(coulomb.NotConverged):
         coulomb.InteriorPoint(1e-8).solve(pulled)

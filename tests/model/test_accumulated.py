@@ -153,11 +153,11 @@ def test_files_and_summary(written):
 
 
 def test_a_resumed_history_goes_on_from_the_files(written, tmp_path):
-    """The last steps are lost and computed again, on another number of ranks: the first from files, then in memory."""
+    """The last steps are lost and computed again: the first from files, then in memory."""
     copy = shutil.copytree(written, tmp_path / "copy")
     for number in (6, 7):
         shutil.rmtree(copy / "steps" / f"{number:04d}")
-    done = run_coulomb("resume", copy, ranks=2)
+    done = run_coulomb("resume", copy)
     assert done.returncode == 0, done.stderr
     for number in (6, 7):
         one, two = (accumulated(where / "steps" / f"{number:04d}") for where in (written, copy))

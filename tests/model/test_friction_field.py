@@ -70,7 +70,7 @@ def test_regions_of_a_case(tmp_path):
     expected = np.where(x[:, 1] <= 0.5, 0.5, np.where(x[:, 0] <= 1.0 + 1e-9, 0.0, 0.3))
     assert np.array_equal(problem.law.friction, expected)
     arguments = [part for change in changes for part in ("--set", change)]
-    done = run_coulomb("run", BLOCK, *arguments, "--set", "output.picture=false", "--output", tmp_path, ranks=2)
+    done = run_coulomb("run", BLOCK, *arguments, "--set", "output.picture=false", "--output", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "Coulomb friction 0 to 0.5" in done.stdout
     summary = json.loads((tmp_path / "summary.json").read_text())

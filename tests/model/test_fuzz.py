@@ -1,6 +1,6 @@
 """No CONVERGED with a wrong answer: random small problems, checked by plain numpy.
 
-Some dozens here; COULOMB_FUZZ=10000 python -m pytest tests/model/test_fuzz.py runs thousands.
+Twenty here; COULOMB_FUZZ=10000 python -m pytest tests/model/test_fuzz.py runs thousands.
 """
 
 import os
@@ -13,7 +13,7 @@ from singular_problems import singular_problem
 from coulomb import InteriorPoint, NotConverged, Status, SuccessiveTresca, solve_coulomb, solve_tresca
 from coulomb.solvers import Automatic, DenseSystem, FrictionProblem
 
-EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "30"))
+EXAMPLES = int(os.environ.get("COULOMB_FUZZ", "20"))
 
 
 class ByArrays:

@@ -123,18 +123,18 @@ def write(folder, load, way):
 FILES = ('{ file = "load.csv", after = "repeat" }', '{ file = "way.csv" }')
 
 
-def run(folder, load, way, ranks=None):
+def run(folder, load, way):
     case = write(folder, load, way)
-    done = run_coulomb("run", case, "--output", folder / "out", ranks=ranks)
+    done = run_coulomb("run", case, "--output", folder / "out")
     assert done.returncode == 0, done.stderr
     return folder / "out"
 
 
 @pytest.fixture(scope="module")
 def from_csv(tmp_path_factory):
-    """A history whose curves are CSV files, on two ranks; the files are removed afterwards."""
+    """A history whose curves are CSV files; the files are removed afterwards."""
     home = tmp_path_factory.mktemp("csv")
-    out = run(home, *FILES, ranks=2)
+    out = run(home, *FILES)
     (home / "load.csv").unlink()
     (home / "way.csv").write_text("0 0 0 0\n1 0 0 5\n")
     return out

@@ -162,7 +162,7 @@ def test_bad_input(make, message):
 CASE = ROOT / "demos" / "history.toml"
 STEPS = 8
 SMALL = (
-    *("--set", "mesh.cells=[5,5,3]", "--set", f"history={{end=6.0, steps={STEPS}}}"),
+    *("--set", "mesh.cells=[4,4,2]", "--set", f"history={{end=6.0, steps={STEPS}}}"),
     *("--set", "output.picture=false", "--set", "solver.tolerance=1e-11"),
 )
 

@@ -159,9 +159,9 @@ amplitude = [[1, 0], [2, 1e-3], [5, 16e-3]]
 
 
 def test_case_file(tmp_path):
-    """On several ranks, and `coulomb check` computes it again."""
+    """`coulomb check` computes it again."""
     (tmp_path / "case.toml").write_text(CASE.replace("CELL", "tetrahedron"))
-    done = run_coulomb("run", "case.toml", "--output", "out", ranks=2, cwd=tmp_path)
+    done = run_coulomb("run", "case.toml", "--output", "out", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "Mohr-Coulomb friction 0.3, cohesion 4e+06 Pa" in done.stdout
     with (tmp_path / "out" / "history.csv").open() as file:

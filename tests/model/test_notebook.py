@@ -57,8 +57,12 @@ def test_columns_of_the_contact_points(solution):
         _ = solution.face("bottom").presure
 
 
-def test_html(solution):
-    shown = solution._repr_html_()
+@pytest.fixture(scope="module")
+def shown(solution):
+    return solution._repr_html_()
+
+
+def test_html(solution, shown):
     for words in ("converged", "valid", "certificate passed", "natural residual", "greatest pressure (Pa)"):
         assert words in shown
     assert "FAILED" not in shown and "NOT VALID" not in shown
@@ -67,9 +71,9 @@ def test_html(solution):
     assert "load steps" in LoadHistory([1.0, 2.0])._repr_html_()
 
 
-def test_pictures(solution):
+def test_pictures(solution, shown):
     pytest.importorskip("pyvista")
-    assert solution._repr_html_().count('<img src="data:image/png;base64,') == 1
+    assert shown.count('<img src="data:image/png;base64,') == 1
     plotter = solution.plot("pressure", scale=10.0)
     assert "contact pressure" in " ".join(plotter.scalar_bars.keys())
     plotter.close()

@@ -14,6 +14,8 @@ from coulomb.fem.contact.facet_patch import facet_patch
 from coulomb.fem.contact.mortar import RINGS
 from coulomb.fem.contact.near_facets import near_pair
 from coulomb.fem.contact.pair import pair_of
+from coulomb.io.output import write
+from coulomb.io.recheck.run import check_run
 from coulomb.linalg.compliance.stiffness import IterativeSolver
 from coulomb.linalg.reductions import Reductions
 
@@ -194,8 +196,9 @@ def test_a_body_held_by_contact_alone_where_ranks_have_no_contact_points():
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
-def test_nodes_opposite_to_two_masters_count_at_one(cell):
-    """A pad across the joint of two bases, pressed without lateral strain: on all ranks together every node once."""
+def test_nodes_opposite_to_two_masters_count_at_one(cell, tmp_path):
+    """A pad across the joint of two bases, pressed without lateral strain: on all ranks together every node once, in
+    the answer and in its files."""
     bases = {name: moved(box((1.0, 1.0, 0.5), (2, 2, 1)), (x, 0.0, -0.5)) for name, x in (("one", 0.0), ("two", 1.0))}
     pad = box((2.0, 1.0, 0.5), (8, 4, 1), cell)
     planes = [SymmetryPlane(f"{name}:{face}") for name in ("pad", *bases) for face in ("front", "back")]
@@ -209,6 +212,10 @@ def test_nodes_opposite_to_two_masters_count_at_one(cell):
     assert np.allclose(solution.at_nodes.fields()["pressure"], 1e7, rtol=1e-8)
     forces = [solution.at_nodes.totals(part)["force"][2] for part in (0, 1)]
     assert forces == pytest.approx([1e7, 1e7], rel=1e-8)
+    folder = problem.comm.bcast(tmp_path)
+    write(solution, folder)
+    faults = check_run(folder, None).faults if problem.comm.rank == 0 else []
+    assert not problem.comm.bcast(faults)
 
 
 def test_a_pair_at_the_ends_of_two_bars():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import STEEL
 from mpi4py import MPI
-from ranks import everywhere
+from ranks import by_place, everywhere
 from rotating_foundations import CELLS, puck, shoe, steps
 
 import coulomb
@@ -12,6 +12,7 @@ from coulomb import (
     Clamp,
     Contact,
     ContactProblem,
+    HistoryFiles,
     InteriorPoint,
     LoadHistory,
     Material,
@@ -135,3 +136,23 @@ def test_pulled_on_any_number_of_ranks(cell, face, friction, moved, newton):
             assert row[name] == pytest.approx(reference[name], rel=1e-7, abs=1e-7 * reference["energy_elastic"])
         assert row[reaction] == pytest.approx(-row["force_x"], rel=1e-8, abs=1e-8 * row["normal_force"])
     assert many[-1].row["slip"] == len(alone.surface.nodes)
+
+
+def test_a_history_of_one_rank_goes_on_with_what_was_accumulated(tmp_path):
+    """From the files of its first step, on all ranks."""
+    folder, history, last = comm.bcast(tmp_path), LoadHistory([1.0, 2.0, 3.0], tolerance=1e-10), []
+    given = ("tetrahedron", "right", {"friction": 0.3, "cohesion": 1e5}, motion)
+    *_, whole = history.steps(pulled(MPI.COMM_SELF, *given))
+    if comm.rank == 0:
+        stop = iter([False, True])
+        history.run(pulled(MPI.COMM_SELF, *given), HistoryFiles(folder), on_step=lambda _: next(stop))
+    comm.barrier()
+    history.run(pulled(comm, *given), HistoryFiles(folder, resume=True), on_step=last.append)
+    (step,) = last
+    known, found = whole.state.accumulated, step.state.accumulated
+    x, own = everywhere(step.solution.problem.surface.x), whole.solution.problem.surface.x
+    for name in ("slip", "friction_work", "pressure"):
+        expected = by_place(own, getattr(known, name))
+        assert by_place(x, everywhere(getattr(found, name))) == pytest.approx(expected, rel=1e-6), name
+        assert expected.min() > 0.0
+    assert step.state.energy.dissipated == pytest.approx(whole.state.energy.dissipated, rel=1e-7)

@@ -153,7 +153,9 @@ def moved(by, cell, law, **options):
     }[by]()
 
 
-@pytest.mark.parametrize(("cell", "law"), [*(("hexahedron", law) for law in LAWS), ("tetrahedron", "coulomb")])
+@pytest.mark.parametrize(
+    ("cell", "law"), [("hexahedron", "mohr-coulomb"), ("hexahedron", "orthotropic"), ("tetrahedron", "coulomb")]
+)
 def test_a_contact_face_moved_on_a_circle(cell, law):
     """Friction is exactly against the velocity; the same numbers whether clamp, foundation or both move."""
     times = [2.0 * math.pi * k / 6 for k in range(1, 7)]

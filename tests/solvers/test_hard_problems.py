@@ -98,7 +98,7 @@ def test_stagnation_is_detected():
 
 @pytest.mark.parametrize("friction", [0.0, 0.5, 2.0])
 def test_friction_from_0_to_2(friction):
-    problem = make_block(4).friction_problem
+    problem = make_block(3).friction_problem
     problem = FrictionProblem.coulomb(problem.A, problem.b, np.full(problem.A.nodes, friction))
     answers = [solver.solve(problem).x for solver in METHODS]
     for x in answers[1:]:

@@ -131,14 +131,14 @@ def test_augmented_system_is_refused(scaled):
         AugmentedSystem().system(scaled.A, True)
 
 
-@pytest.mark.parametrize(("p", "friction"), [(6, 0.1), (6, 1.5), (10, 0.8)])
-def test_steps_and_answers_on_the_block(p, friction):
+@pytest.mark.parametrize("friction", [0.1, 1.5])
+def test_steps_and_answers_on_the_block(friction):
     """At most 30 Newton steps from a cold start to 1e-8, and the forces of successive Tresca (p = 16: benchmark)."""
-    block = solved_block(p).problem
+    block = solved_block(6).problem
     problem = FrictionProblem.coulomb(block.A, block.b, np.full(len(block.surface.nodes), friction))
     fixed = SuccessiveTresca(1e-9).solve(problem)
     one = InteriorPoint(1e-8).solve(problem)
-    dense = InteriorPoint(1e-8, newton=DenseSystem()).solve(problem) if p == 6 else one
+    dense = InteriorPoint(1e-8, newton=DenseSystem()).solve(problem)
     for result in (one, dense):
         assert result.newton_steps <= 30
         assert problem.residual(result.x) <= 1e-8
@@ -156,12 +156,13 @@ def test_against_the_independent_solver():
 def test_krylov_iterations_stay_bounded_to_the_end():
     """The nodal blocks grow without bound as theta goes to 0; the iterations do not."""
     history = InteriorPoint(1e-10).solve(solved_block(10).problem.friction_problem).history
+    assert sum(step.residual > 1e-8 for step in history) < 30
     assert history[-1].theta < 1e-9 * history[0].theta
     assert max(step.krylov for step in history[-8:]) <= 8
 
 
 def test_auto_falls_back(monkeypatch):
-    problem = solved_block(6).problem.friction_problem
+    problem = solved_block(4).problem.friction_problem
     failing = InteriorPoint(max_iterations=3)
 
     class Short(InteriorPoint):

@@ -1,14 +1,13 @@
 """Results of bodies from the user's forms: their files, their check, and histories that are continued."""
 
 import json
-import re
 
 import h5py
 import numpy as np
 import pytest
 import ufl
 from check_runs import read_grid
-from conftest import ROOT, run_coulomb, run_python, without_pictures
+from conftest import run_coulomb, without_pictures
 from report_pages import page_without_pictures
 from test_forms import both
 from user_forms import Script
@@ -89,20 +88,6 @@ def test_a_history_is_continued_and_checked(tmp_path):
         history.run(both("hexahedron", 2, True)[1], HistoryFiles(tmp_path / "two", resume=True))
     done = run_coulomb("resume", tmp_path / "two")
     assert done.returncode == 2 and "HistoryFiles" in done.stderr and "forms" in done.stderr
-
-
-def test_the_code_of_the_page_runs(tmp_path):
-    """docs/forms.md is one script; on two ranks, since a demo runs on one.
-
-    Both ranks print: what they print may be mixed, but not within the text of one print.
-    """
-    code = "\n".join(re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "forms.md").read_text(), flags=re.S))
-    (tmp_path / "page.py").write_text(code)
-    done = run_python(tmp_path / "page.py", cwd=tmp_path, ranks=2)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("certificate passed") == 2 and "form: [" in done.stdout
-    assert len(re.findall(r"held by \[-5\.0, -?0\.0, 25\.0\] N", done.stdout)) == 2
-    assert check(tmp_path / "results" / "forms").passed and check(tmp_path / "results" / "heated").passed
 
 
 @pytest.mark.parametrize("written", [("hexahedron", 1)], indirect=True)

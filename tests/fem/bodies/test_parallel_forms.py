@@ -1,8 +1,11 @@
 """Bodies from the user's forms on any number of ranks: run alone, or as `mpirun -n 3 python -m pytest ...`."""
 
+import re
+
 import numpy as np
 import pytest
 import ufl
+from conftest import ROOT, run_script
 from mpi4py import MPI
 from ranks import by_place, everywhere, same_error
 from test_forms import both
@@ -12,6 +15,7 @@ import coulomb
 from coulomb import Contact, ContactProblem, LoadHistory
 from coulomb.fem.compat import mesh
 from coulomb.io.output import write
+from coulomb.io.recheck import check
 
 comm = MPI.COMM_WORLD
 
@@ -43,6 +47,19 @@ def test_robin_terms_and_own_fields(tmp_path):
     assert solution.certificate.passed and solution.force_balance.balance < 1e-10
     contents = write(solution, folder / str(comm.size), fields={"z": script.on_cells(lambda x: x[2])})
     assert contents["fields"] == ["z"] and contents["reactions"][0]["name"] == "form"
+
+
+def test_the_code_of_the_page_runs(tmp_path):
+    """docs/forms.md is one script, and runs under mpirun as it is."""
+    folder = comm.bcast(tmp_path)
+    code = "\n".join(re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "forms.md").read_text(), flags=re.S))
+    (tmp_path / "page.py").write_text(code)
+    done = run_script(tmp_path / "page.py", folder)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("certificate passed") == 1 and "form: [" in done.stdout
+    assert re.search(r"held by \[-5\.0, -?0\.0, 25\.0\] N", done.stdout)
+    faults = [check(folder / "results" / name).faults for name in ("forms", "heated")] if comm.rank == 0 else []
+    assert not any(comm.bcast(faults))
 
 
 def test_wrong_facets_on_one_rank_are_errors_on_all():

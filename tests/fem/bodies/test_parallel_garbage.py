@@ -10,7 +10,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material
 from coulomb.fem.bodies import displacement_space
 
-BODIES = 4
+BODIES = 2
 comm = MPI.COMM_WORLD
 MPICH = "MPICH" in MPI.Get_library_version()
 

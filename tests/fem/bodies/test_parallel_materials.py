@@ -37,7 +37,13 @@ def problem(cell, degree, ranks, **options):
         coulomb.NamedMesh(whole.domain, whole.faces, groups),
         {"plate": PLATE, "wound": WOUND},
         [Clamp("top")],
-        Contact("bottom", 0.3, foundation=coulomb.Plane((0.0, 0.0, 1e-4), (0.0, 1e-5, 1.0))),
+        Contact(
+            "bottom",
+            (0.3, 0.2),
+            direction=(1.0, 0.5, 0.0),
+            foundation=coulomb.Plane((0.0, 0.0, 1e-4), (0.0, 1e-5, 1.0)),
+            cohesion=1e4,
+        ),
         **{"temperature": field(), "reference_temperature": 15.0, **options},
     )
 

@@ -134,7 +134,7 @@ def true_squares(given, u, material, stress):
 def test_estimated_over_true_error(cell, degree, material, place):
     """Near 1, in all and in nearly every cell, and nearer on the finest mesh."""
     exact, indices = Waves(material), []
-    for n in (3, 5, 7) if degree == 1 else (2, 3, 4):
+    for n in (3, 7) if degree == 1 else (2, 4):
         mesh = coulomb.box((1.0, 1.0, 1.0), (n, n, n), cell, degree=degree, place=place)
         held = [PrescribedDisplacement(face, exact.displacement) for face in FACES]
         given = Elasticity(mesh, material, held, body_force=exact.force)

@@ -184,7 +184,7 @@ SURFACES = {
 @pytest.mark.parametrize("given", SURFACES.values(), ids=SURFACES)
 def test_check_knows_the_surfaces_of_a_run_from_python(given, tmp_path):
     """Without a case it takes them from summary.json; those that are functions it cannot know, nor gaps that follow."""
-    output.write(rolled(9, "hexahedron", 1, 3e5, 0.3, **given).solve(), tmp_path / "run")
+    output.write(rolled(6, "hexahedron", 1, 3e5, 0.3, **given).solve(), tmp_path / "run")
     assert check(tmp_path / "run").faults == ()
     summary = json.loads((tmp_path / "run/summary.json").read_text())
     summary["understood"]["contacts"][0]["shape"] = {"smooth": False, "surface": None, "against_surface": None}

@@ -12,7 +12,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane
 from coulomb.case.case import read_case
 from coulomb.cli.terminal import contact_in_words
-from coulomb.io.case_record import case_record
+from coulomb.io.case_record import case_record, written_case
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
 from coulomb.model import contact_body as contacts
@@ -108,9 +108,9 @@ def test_a_run_with_gaps_agrees_with_its_case_and_changes_are_noticed(tmp_path):
 
 
 def test_an_interrupted_press_fit_resumes(tmp_path):
-    folder = run_case(STEPS, tmp_path / "run")
+    folder = copied(STEPS, tmp_path / "run")
     (folder / "steps/0002/summary.json").unlink()
-    settings = read_case(tmp_path / "run.toml")
+    settings = written_case(folder)
     ends = []
     settings.load_history().run(
         settings.problem(), HistoryFiles(folder, resume=True), on_step=lambda step: ends.append(step.state.energy)

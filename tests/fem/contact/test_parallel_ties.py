@@ -31,9 +31,9 @@ comm = MPI.COMM_WORLD
 
 def stack(over, cell, degree, linear_solver=None, below="b:bottom"):
     """A small block on a larger one on a foundation, without supports, and a third block beside the larger."""
-    a = box((1.0, 1.0, 1.0), (4, 3, 2), cell, comm=over, degree=degree)
-    b = moved(box((0.6, 0.7, 0.5), (3, 4, 2), cell, comm=over, degree=degree), (0.2, 0.1, 1.0))
-    c = moved(box((0.5, 1.0, 1.0), (2, 2, 3), cell, comm=over, degree=degree), (1.0, 0.0, 0.0))
+    a = box((1.0, 1.0, 1.0), (3, 2, 2), cell, comm=over, degree=degree)
+    b = moved(box((0.6, 0.7, 0.5), (2, 3, 1), cell, comm=over, degree=degree), (0.2, 0.1, 1.0))
+    c = moved(box((0.5, 1.0, 1.0), (1, 1, 3), cell, comm=over, degree=degree), (1.0, 0.0, 0.0))
     ties = [Tied("a:top", below), Tied("c:left", "a:right")]
     loads = [Pressure("b:top", 1e6), Traction("b:right", (-1e5, 2e4, 0.0))]
     contacts = [Contact("a:bottom", 0.3), Contact("c:bottom", 0.2, foundation=Plane((0, 0, -1e-7), (0, 0, 1)))]
@@ -100,9 +100,10 @@ def test_a_plate_that_turns():
         material = Material(1e9, 0.3)
         return ContactProblem(mesh, material, [], rough, [load], rigid_faces=[plate], linear_solver=solver)
 
+    (one,) = pressed(MPI.COMM_SELF).solve(1e-10).rigid_faces
     for solver in (IterativeSolver, DirectSolver):
-        alone, together = pressed(MPI.COMM_SELF).solve(1e-10), pressed(comm, solver).solve(1e-10)
-        (one,), (other,) = alone.rigid_faces, together.rigid_faces
+        together = pressed(comm, solver).solve(1e-10)
+        (other,) = together.rigid_faces
         assert together.certificate.passed
         for name, scale in (("translation", 1e-5), ("rotation", 1e-3), ("force", 5e3), ("moment", 50.0)):
             assert np.abs(getattr(one, name) - getattr(other, name)).max() <= 1e-5 * scale, name
@@ -111,13 +112,13 @@ def test_a_plate_that_turns():
 def test_a_slice_whose_back_stays_plane():
     def slice_of(over, degree, solver=None):
         back, load = RigidFace("back", along="free"), PointLoad("top", (0.0, 2e3, -1e4), (0.0, 200.0, 0.0))
-        mesh = box((0.4, 0.1, 0.3), (6, 1, 5), comm=over, degree=degree)
+        mesh = box((0.4, 0.1, 0.3), (5, 1, 3), comm=over, degree=degree)
         supports, contact = [SymmetryPlane("front")], Contact("bottom", 0.3)
         return ContactProblem(
             mesh, Material(1e9, 0.3), supports, contact, [load], rigid_faces=[back], linear_solver=solver
         )
 
-    for degree, solver in ((1, IterativeSolver), (2, DirectSolver), (2, IterativeSolver)):
+    for degree, solver in ((1, IterativeSolver), (2, DirectSolver)):
         alone, together = slice_of(MPI.COMM_SELF, degree).solve(1e-10), slice_of(comm, degree, solver).solve(1e-10)
         assert together.certificate.passed
         x, own = everywhere(together.problem.elasticity.x), alone.problem.elasticity.x
@@ -135,8 +136,9 @@ def test_a_block_that_a_spring_alone_holds():
         contact = Contact("bottom", 0.2, foundation=Plane((0.0, 0.0, -1e-4), (0.0, 0.0, 1.0)))
         return ContactProblem(mesh, Material(1e9, 0.3), [], contact, [load], rigid_faces=[face], linear_solver=solver)
 
+    alone = held(MPI.COMM_SELF).solve(1e-11)
     for solver in (IterativeSolver, DirectSolver):
-        alone, together = held(MPI.COMM_SELF).solve(1e-11), held(comm, solver).solve(1e-11)
+        together = held(comm, solver).solve(1e-11)
         assert together.certificate.passed and together.force_balance.balance <= 1e-8
         assert alone.at_nodes.totals()["normal_force"] > 100.0
         for one, other in (
@@ -153,12 +155,12 @@ def test_wrong_ties_are_errors_on_all_ranks():
 
 def screwed(over, **given):
     """A cap on a base, screwed together by a shank whose lower part is tied to the base; tightened, locked, pulled."""
-    base = box((1.0, 1.0, 0.5), (4, 4, 2), comm=over)
-    cap = moved(box((1.0, 1.0, 0.3), (5, 3, 2), comm=over), (0.0, 0.0, 0.5))
-    low = moved(box((0.2, 0.2, 0.6), (1, 1, 4), comm=over), (1.1, 0.4, 0.0))
+    base = box((1.0, 1.0, 0.5), (3, 3, 1), comm=over)
+    cap = moved(box((1.0, 1.0, 0.3), (4, 2, 1), comm=over), (0.0, 0.0, 0.5))
+    low = moved(box((0.2, 0.2, 0.6), (1, 1, 3), comm=over), (1.1, 0.4, 0.0))
     up = moved(box((0.2, 0.2, 0.2), (2, 1, 2), comm=over), (1.1, 0.4, 0.6))
-    head = moved(box((0.6, 0.4, 0.2), (4, 3, 2), comm=over), (0.7, 0.3, 0.8))
-    foot = moved(box((0.3, 0.4, 0.2), (2, 3, 2), comm=over), (1.0, 0.3, -0.2))
+    head = moved(box((0.6, 0.4, 0.2), (3, 2, 1), comm=over), (0.7, 0.3, 0.8))
+    foot = moved(box((0.3, 0.4, 0.2), (2, 2, 1), comm=over), (1.0, 0.3, -0.2))
     bodies = join(base=base, cap=cap, low=low, up=up, head=head, foot=foot)
     contacts = [Contact("cap:bottom", 0.2, against="base:top"), Contact("head:bottom", 0.2, against="cap:top")]
     loads = [Traction("cap:left", (0.0, 0.0, 1e6), amplitude=lambda t: max(t - 1.0, 0.0))]
@@ -170,15 +172,19 @@ def screwed(over, **given):
     return ContactProblem(bodies, Material(2e11, 0.3), clamps, contacts, loads, ties=ties, **given)
 
 
-@pytest.mark.parametrize("solver", [DirectSolver, IterativeSolver])
-def test_ranks_tighten_and_lock_as_one_does(solver):
-    one, together = (
-        [
-            (step.row["bolt_up:bottom_force"], step.row["bolt_up:bottom_shortening"], step.solution.certificate.passed)
-            for step in LoadHistory([1.0, 2.0], tolerance=1e-10).steps(screwed(over, linear_solver=given))
-        ]
-        for over, given in ((MPI.COMM_SELF, DirectSolver), (comm, solver))
+def tightened(over, solver):
+    return [
+        (step.row["bolt_up:bottom_force"], step.row["bolt_up:bottom_shortening"], step.solution.certificate.passed)
+        for step in LoadHistory([1.0, 2.0], tolerance=1e-10).steps(screwed(over, linear_solver=solver))
+    ]
+
+
+def test_ranks_tighten_and_lock_as_one_does():
+    one, *several = (
+        tightened(over, solver)
+        for over, solver in ((MPI.COMM_SELF, DirectSolver), (comm, DirectSolver), (comm, IterativeSolver))
     )
-    assert all(passed for *_, passed in (*one, *together))
     assert one[0][0] == pytest.approx(1e5, rel=1e-8) and one[1][0] > 1.01e5
-    assert np.array(together)[:, :2] == pytest.approx(np.array(one)[:, :2], rel=1e-6)
+    for together in several:
+        assert all(passed for *_, passed in (*one, *together))
+        assert np.array(together)[:, :2] == pytest.approx(np.array(one)[:, :2], rel=1e-6)

@@ -63,14 +63,14 @@ def joint(held=(), contacts=2, **given):
     def part(size, cells, at):
         return moved(box(size, cells), at)
 
-    plate = ((3 * WIDE, WIDE, WIDE), (6, 2, 2))
+    plate = ((3 * WIDE, WIDE, WIDE), (3, 1, 1))
     bodies = join(
         foot=part(*plate, (0.0, 0.0, -WIDE)),
-        low=part((WIDE, WIDE, 0.04), (2, 2, 4), (WIDE, 0.0, 0.0)),
-        up=part((WIDE, WIDE, 0.06), (2, 2, 6), (WIDE, 0.0, 0.04)),
+        low=part((WIDE, WIDE, 0.04), (1, 1, 2), (WIDE, 0.0, 0.0)),
+        up=part((WIDE, WIDE, 0.06), (2, 2, 3), (WIDE, 0.0, 0.04)),
         head=part(*plate, (0.0, 0.0, LONG)),
-        one=part((WIDE, WIDE, LONG), (2, 2, 8), (0.0, 0.0, 0.0)),
-        two=part((WIDE, WIDE, LONG), (2, 2, 8), (2 * WIDE, 0.0, 0.0)),
+        one=part((WIDE, WIDE, LONG), (1, 1, 4), (0.0, 0.0, 0.0)),
+        two=part((WIDE, WIDE, LONG), (1, 1, 4), (2 * WIDE, 0.0, 0.0)),
     )
     stiff = {"foot": Material(1e5 * E, 0.0), "head": Material(1e5 * E, 0.0)}
     material = {name: stiff.get(name, Material(E, 0.0)) for name in bodies.bodies}
@@ -107,12 +107,9 @@ def test_the_joint_diagram():
 
 
 def test_a_length_in_place_of_a_force():
-    by_force, by_length = joint(force=1e4), joint(shortening=1.5 * 1e4 * LONG / (E * AREA))
-    found = []
-    for problem in (by_force, by_length):
-        *_, last = LoadHistory([1.0, 2.0]).steps(problem)
-        found.append(last.solution.bolts[0].force)
-    assert found[1] == pytest.approx(found[0], rel=1e-5)
+    """The length that belongs to 10 kN in the joint diagram."""
+    *_, last = LoadHistory([1.0, 2.0]).steps(joint(shortening=1.5 * 1e4 * LONG / (E * AREA)))
+    assert last.solution.bolts[0].force == pytest.approx(1e4 + 3e3 / 3.0, rel=1e-5)
 
 
 def test_the_joint_slips():
@@ -125,7 +122,7 @@ def test_the_joint_slips():
         for name, _ in sides
     ]
     problem = joint(held, contacts=4, force=1e4)
-    *_, before, last = LoadHistory([0.5, 1.0, 2.0, 3.0]).steps(problem)
+    *_, before, last = LoadHistory([1.0, 2.0, 3.0]).steps(problem)
     pulls = sum(part.force[1] for part in last.solution.reactions if part.face in ("one:back", "two:back"))
     assert before.solution.certificate.passed and last.solution.certificate.passed
     assert last.solution.at_nodes.numbers()["nodes"]["stick"] == 0

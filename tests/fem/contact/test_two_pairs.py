@@ -68,17 +68,19 @@ def test_every_pair_has_its_own_fields_on_both_sides(run):
 
 def test_the_check_has_both_pairs(run, tmp_path):
     assert check(run).passed, str(check(run))
-    for place, fault in {
+    first = {
         "mid_around_against_low_top/contact_force": "pressure",
-        "mid_around_against_up_bottom/contact_force": "pressure",
         "mid_around_against_up_bottom/initial_gap": "initial_gap",
-        "low_top/pressure": "pressure of low:top",
         "up_bottom/contact_force": "contact_force of up:bottom",
-    }.items():
-        folder = shutil.copytree(run / LAST, tmp_path / place.replace("/", "-"))
-        change(folder / "contact.h5", place, lambda values: values * 1.001)
+    }
+    second = {"mid_around_against_up_bottom/contact_force": "pressure", "low_top/pressure": "pressure of low:top"}
+    for number, changed in enumerate((first, second)):
+        folder = shutil.copytree(run / LAST, tmp_path / str(number))
+        for place in changed:
+            change(folder / "contact.h5", place, lambda values: values * 1.001)
         faults = check(folder).faults
-        assert any(line.startswith(f"contact.xdmf: {fault}") for line in faults), (place, faults)
+        for fault in changed.values():
+            assert any(line.startswith(f"contact.xdmf: {fault}: ") for line in faults), (fault, faults)
     folder = shutil.copytree(run / LAST, tmp_path / "without-a-case")
     assert check(folder).passed, str(check(folder))
 
@@ -96,19 +98,14 @@ def test_history_has_both_pairs_and_no_sum_of_them(run):
     assert summary["totals"]["contact_area"] == pytest.approx(area, rel=1e-12)
 
 
-def test_the_terminal_has_the_forces_of_each_pair(run, tmp_path):
+def test_the_terminal_has_the_forces_of_each_pair(tmp_path):
     write_lens(tmp_path)
     (tmp_path / "lens.toml").write_text(LENS)
-    done = run_coulomb("run", "lens.toml", cwd=tmp_path, ranks=2)  # and two ranks write what one does
+    done = run_coulomb("run", "lens.toml", "--set", "history.times=[1]", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    faces = json.loads((tmp_path / "run" / LAST / "summary.json").read_text())["faces"]
+    faces = json.loads((tmp_path / "run" / "steps/0001" / "summary.json").read_text())["faces"]
     shown = [f"{name} {face['normal_force']:.6g} N" for name, face in zip((BELOW, ABOVE), faces, strict=True)]
     assert f"normal {', '.join(shown)}, open" in done.stdout
-    assert check(tmp_path / "run").passed
-    one, other = last_row(tmp_path / "run"), last_row(run)
-    assert list(one) == list(other)
-    for name in [name for name in one if name.startswith((BELOW, ABOVE)) and name.endswith("_force_z")]:
-        assert float(one[name]) == pytest.approx(float(other[name]), rel=1e-6)
 
 
 def test_a_history_is_continued(run, tmp_path):

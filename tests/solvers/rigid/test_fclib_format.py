@@ -91,11 +91,11 @@ def test_residual_by_hand():
 def test_our_block_as_fclib_file(tmp_path):
     """Exported, solved from the file: the forces and the residual of the block."""
     file = tmp_path / "block.hdf5"
-    done = run_coulomb("export", BLOCK, file, "--set", "mesh.cells=[12,4,4]", process=True)
+    done = run_coulomb("export", BLOCK, file, "--set", "mesh.cells=[12,4,4]")
     assert done.returncode == 0 and "60 contacts" in done.stdout, done.stderr
     solution, problem = solved_block(4), read_fclib(file)
     assert problem.residual(solution.contact_force) <= 1e-8
-    done = run_coulomb("fclib", file, "--json", process=True)
+    done = run_coulomb("fclib", file, "--json")
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert report["status"] == "converged" and report["contacts"] == 60 and report["title"] == "block"

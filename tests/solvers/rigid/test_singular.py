@@ -63,7 +63,7 @@ def by_clarabel(P, at=None):
 @functools.cache
 def least_objective(number):
     """Forces of one of the problems, by a conic solver."""
-    return by_clarabel(tresca_seeds(15)[number])
+    return by_clarabel(tresca_seeds(10)[number])
 
 
 # --- the measure -----------------------------------------------------------------------------------------------------
@@ -157,7 +157,7 @@ def test_sweeps_measure_likewise():
 )
 def test_the_objective_is_that_of_a_conic_solver(solver):
     """With a residual relative to |x| alone 5 of these were CONVERGED up to 4e-4 above the minimum."""
-    problems, found = tresca_seeds(15), 0
+    problems, found = tresca_seeds(10), 0
     for k, P in enumerate(problems):
         least = P.objective(least_objective(k))
         try:
