@@ -5,6 +5,7 @@ A new field is an entry here and a row of the table in docs/theory.md.  Standard
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -124,6 +125,7 @@ CONTACT_FIELDS = (
 """All of them, in the order of the files."""
 
 
+@functools.cache
 def names(**having: object) -> tuple[str, ...]:
     """Names of the fields whose attributes have these values."""
     return tuple(
