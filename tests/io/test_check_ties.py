@@ -255,22 +255,6 @@ def test_all_of_a_tie_is_computed_again():
     assert "tie_lower:top_force_z" in columns
 
 
-@pytest.mark.parametrize(
-    ("field", "fault"),
-    [
-        ("solution/lower/tie_force", "solution.xdmf: tie_force"),
-        ("solution/lower/peel_stress", "solution.xdmf: peel_stress"),
-        ("solution/lower/shear_stress", "solution.xdmf: shear_stress"),
-    ],
-)
-def test_changed_fields_of_a_tie_are_noticed(field, fault, tmp_path):
-    folder = copied(GLUED, tmp_path / "run") / "steps/0001"
-    file, _, name = field.partition("/")
-    change(folder / f"{file}.h5", name, largest)
-    faults = check(folder).faults
-    assert any(line.startswith(fault) for line in faults), faults
-
-
 def test_a_slave_node_that_has_left_its_master_is_noticed(tmp_path):
     folder = copied(GLUED, tmp_path / "run") / "steps/0001"
     change(folder / "solution.h5", "lower/displacement", largest)
@@ -278,13 +262,17 @@ def test_a_slave_node_that_has_left_its_master_is_noticed(tmp_path):
     assert not found.certificate.passed and found.faults
 
 
-def test_changed_numbers_of_a_tie_are_noticed(tmp_path):
+def test_changed_fields_and_numbers_of_a_tie_are_noticed(tmp_path):
+    """All are changed at once; each is named."""
     folder = copied(GLUED, tmp_path / "run") / "steps/0001"
-    for place in (("ties", 0, "force", 2), ("ties", 0, "moment", 0)):
+    fields, places = ("tie_force", "peel_stress", "shear_stress"), (("ties", 0, "force", 2), ("ties", 0, "moment", 0))
+    for name in fields:
+        change(folder / "solution.h5", f"lower/{name}", largest)
+    for place in places:
         edit(folder / "summary.json", lambda summary, place=place: put(summary, place, 0.1234))
     faults = check(folder).faults
-    for place in (("ties", 0, "force", 2), ("ties", 0, "moment", 0)):
-        assert any(line.startswith(shown(place)) for line in faults), place
+    for start in (*(f"solution.xdmf: {name}" for name in fields), *map(shown, places)):
+        assert any(line.startswith(start) for line in faults), (start, faults)
 
 
 SCREWED = """\
