@@ -82,10 +82,11 @@ def test_standard_error_on_a_full_disk():
     assert done.returncode == 2 and done.stderr == done.stdout == ""
 
 
-def test_narrow_encoding():
+def test_narrow_encoding_and_forced_colours():
     Path("größe.toml").write_text(CASE)
-    done = shell("coulomb run größe.toml", PYTHONIOENCODING="ascii")
+    done = shell("coulomb run größe.toml > said; cat said", PYTHONIOENCODING="ascii", FORCE_COLOR="1", TERM="xterm")
     assert done.returncode == 0 and r"gr\xf6\xdfe.toml" in done.stdout and done.stderr == ""
+    assert "\x1b" not in done.stdout and "certificate passed" in done.stdout
 
 
 @contextlib.contextmanager
@@ -190,8 +191,3 @@ def test_plain_text_unless_it_is_interactive(changes, terminal, dynamic, monkeyp
         monkeypatch.setenv(name, value)
     monkeypatch.setattr("sys.stdout", mock.Mock(isatty=lambda: terminal))
     assert process.animated() == dynamic
-
-
-def test_plain_text_in_a_log_with_forced_colours():
-    done = shell("coulomb run case.toml > said; cat said", FORCE_COLOR="1", TERM="xterm")
-    assert "\x1b" not in done.stdout and "certificate passed" in done.stdout
