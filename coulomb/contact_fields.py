@@ -6,6 +6,7 @@ for each.  Standard library only: pictures import it.
 
 from __future__ import annotations
 
+import functools
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -128,6 +129,7 @@ CONTACT_FIELDS = (
 """All of them, in the order of the files."""
 
 
+@functools.cache
 def names(**having: object) -> tuple[str, ...]:
     """Names of the fields whose attributes have these values."""
     return tuple(

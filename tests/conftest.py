@@ -23,6 +23,7 @@ from unittest import mock
 import numpy as np
 import pytest
 import scipy.sparse
+import typer.main
 from mpi4py import MPI
 from petsc4py import PETSc
 from skips import pytest_addoption, pytest_sessionfinish, pytest_terminal_summary  # noqa: F401  # hooks of pytest
@@ -85,7 +86,8 @@ def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, c
 
 
 compileall.compile_dir(ROOT / "coulomb", quiet=2)  # once, not in every process that a test starts
-gc.freeze()  # modules are no garbage, and take long to search
+gc.freeze()  # modules are no garbage, and take long to search; coulomb's runs find it done
+gc.set_threshold(20_000)
 
 
 @functools.cache
@@ -181,11 +183,17 @@ def _in_this_process(command, cwd, run):
         return subprocess.CompletedProcess(command, code, out.read(), errors.read())
 
 
-def _exit_code(arguments):
+@functools.cache
+def command_line():
+    """The commands of coulomb.cli.app, which typer makes anew in every call of an app, in 50 ms."""
     from coulomb.cli.app import app  # here, since it takes time that most tests do not need
 
+    return typer.main.get_command(app)
+
+
+def _exit_code(arguments):
     try:
-        app(arguments)
+        command_line()(arguments)
     except SystemExit as end:
         return end.code or 0
     return 0

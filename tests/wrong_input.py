@@ -15,10 +15,10 @@ from unittest import mock
 import h5py
 import numpy as np
 from conftest import SMALL_CASE as BLOCK
+from conftest import command_line
 from mesh_files import BoxFile
 from mpi4py import MPI
 
-from coulomb.cli import app as cli
 from coulomb.cli import console
 
 comm = MPI.COMM_WORLD
@@ -110,9 +110,9 @@ def ran(*changes, then=lambda: None):
     """An earlier run, in results."""
 
     def prepare():
-        case(BLOCK)()
-        with said():
-            cli.app([*run(*changes), "--quiet"], standalone_mode=False)
+        with said() as heard:
+            code = command_line()([*run(*changes), "--quiet"], standalone_mode=False)
+        assert not code, heard.getvalue()
         if comm.rank == 0:
             then()
 
@@ -168,13 +168,14 @@ def answer(wrong, directory):
     try:
         if comm.rank == 0:
             case(BLOCK)()
+        comm.barrier()
         collective = getattr(wrong.prepare, "__qualname__", "").startswith("ran.")
         if collective or comm.rank == 0:
             wrong.prepare()
         comm.barrier()
         with said() as heard, wrong.patch():
             try:
-                cli.app(list(wrong.arguments))
+                command_line()(list(wrong.arguments))
                 code = 0
             except SystemExit as end:
                 code = end.code or 0

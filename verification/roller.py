@@ -54,8 +54,8 @@ def grown(uniform: int, cells: int, width: float) -> FloatArray:
     return np.append(0.0, np.cumsum(sizes))
 
 
-def problem(uniform: int, times: float) -> ContactProblem:
-    """The slice under the force of a half width A times a factor, with `uniform` cells in 1.5 A."""
+def problem(uniform: int) -> ContactProblem:
+    """The slice with `uniform` cells in 1.5 A; at a time it is under the force of a half width A times that time."""
     cells = 3 * uniform + 6
     along, deep = grown(uniform, cells, 0.5 * math.pi * RADIUS), grown(uniform, cells, 0.75 * RADIUS)
     number = np.arange(cells + 1)
@@ -69,15 +69,15 @@ def problem(uniform: int, times: float) -> ContactProblem:
         STEEL,
         [SymmetryPlane(face) for face in ("left", "front", "back")],
         Contact("bottom", 0.0, foundation=Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))),
-        [PointLoad("top", (0.0, 0.0, -0.5 * times * FORCE * THICK))],
+        [PointLoad("top", (0.0, 0.0, -0.5 * FORCE * THICK), amplitude=((0.0, 0.0), (2.0, 2.0)))],
         rigid_faces=[RigidFace("top", translation=(0.0, 0.0, None), rotation=(0.0, 0.0, 0.0))],
     )
 
 
-def pressed(uniform: int, times: float) -> tuple[FloatArray, FloatArray, float, float]:
+def pressed(posed: ContactProblem, times: float) -> tuple[FloatArray, FloatArray, float, float]:
     """Distances of contact nodes from the line over a and their pressures over p0, shapes (m,), and half width and
     pressure at the centre over those of the formula."""
-    solution = problem(uniform, times).solve()
+    solution = posed.at(times).solve()
     assert solution.valid
     a = A * math.sqrt(times)
     p0 = 2.0 * times * FORCE / (math.pi * a)
@@ -92,7 +92,7 @@ def pressed(uniform: int, times: float) -> tuple[FloatArray, FloatArray, float, 
 
 def verify(meshes: tuple[int, ...] = (4, 6, 8)) -> Verified:
     """Results on several meshes, given by their cells in 1.5 a."""
-    found = [[pressed(uniform, times) for times in LOADS] for uniform in meshes]
+    found = [[pressed(posed, times) for times in LOADS] for posed in map(problem, meshes)]
     h = np.array([UNIFORM / A / uniform for uniform in meshes])
     errors = np.array([[answer[2:] for answer in answers] for answers in found]) - 1.0
     width, centre = np.sqrt(np.mean(errors**2, axis=1)).T

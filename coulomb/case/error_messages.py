@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import reprlib
 import sys
 from collections.abc import Iterator
@@ -82,9 +83,10 @@ def _without_consequences(entries: list[Any]) -> list[Any]:
     return kept
 
 
-def tables_of_several(case: _Model) -> set[str]:
+@functools.cache
+def tables_of_several(case: _Model) -> frozenset[str]:
     """Names of the tables of which a case may have several, [[name]]."""
-    return {name for name, _, several in _tables(case) if several}
+    return frozenset(name for name, _, several in _tables(case) if several)
 
 
 def _explain(entry: Any, case: _Model) -> str:

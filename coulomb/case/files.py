@@ -47,7 +47,7 @@ def read_text(path: str | Path, most: int = LARGEST) -> str:
         raise OSError(errno.EILSEQ, f"it is not UTF-8 text: {error}", str(path)) from None
 
 
-def parsed(text: str, path: str | Path, several: set[str]) -> dict[str, Any]:
+def parsed(text: str, path: str | Path, several: frozenset[str]) -> dict[str, Any]:
     """The tables of a case, of which those in `several` may be several.
 
     Raises:
@@ -71,7 +71,7 @@ def _line(line: str) -> str:
     return f": {line[:80]}{' ...' if len(line) > 80 else ''}" if line else ""
 
 
-def _hint(fault: str, line: str, several: set[str]) -> str:
+def _hint(fault: str, line: str, several: frozenset[str]) -> str:
     table = re.fullmatch(r"\[\s*([\w.]+)\s*\]\s*(#.*)?", line)
     if table and table[1] in several:
         return f"; there may be several: each is written [[{table[1]}]]"

@@ -87,9 +87,9 @@ def compute(
     the theory are accepted.  `renderer` is the drawing process, if it has been started already.  With a `refinement`
     the mesh is refined.
     """
-    if not gc.get_freeze_count():  # once in a process: what is garbage then stays for ever
+    if gc.get_threshold()[0] < 20_000:  # once in a process: what is garbage then stays for ever
         gc.freeze()  # the modules loaded so far, which are no garbage and take long to search
-    gc.set_threshold(20_000)
+        gc.set_threshold(20_000)
     if force:
         settings = settings.model_copy(update={"small_strain": "warn"})
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None), _holding(target, MPI.COMM_WORLD):

@@ -1,4 +1,4 @@
-"""The demos run unchanged, and their printed numbers agree with formulas and references.
+"""The demos run, and their printed numbers agree with formulas and references.
 
 Numbers are read from the output of a demo, so that a reader finds the asserted numbers there.
 """
@@ -19,6 +19,19 @@ CASES = sorted((ROOT / "demos").glob("*.toml"))
 NUMBER = r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)"
 
 
+FEWER = {
+    "ball_joint.toml": ["history.times=[1.0, 2.0]"],
+    "bolted_flange.toml": ["history.times=[1.0, 2.0]"],
+    "disc_brake.toml": ["history.times=[1.0, 1.1, 2.0]"],
+    "drum_brake.toml": ["history.times=[1.0, 1.2, 2.0, 2.2, 2.6, 4.0, 5.0, 6.0, 10.0, 15.0]"],
+    "hot_disc_brake.toml": ["history.times=[1.0, 1.02]"],
+    "lap_joint.toml": ["history.times=[1.0, 1.2, 2.0]"],
+    "seal.toml": ["history={times=[0.25, 0.5, 0.75, 0.875, 1.0]}"],
+    "tread_block.toml": ["history.times=[1.0, 1.125, 1.5, 2.0]"],
+}
+"""Demos with fewer load steps than for their users; the others run unchanged."""
+
+
 @functools.cache
 def ran(demo):
     """A demo, a script or a case: what it prints, and its summaries by the names of their directories.
@@ -33,11 +46,20 @@ def ran(demo):
         elif file.suffix == ".py":
             done = run_script(file, cwd=folder)
         else:
-            picture = () if demo == "block.toml" else ("--set", "output.picture=false")
-            done = run_coulomb("run", file, *picture, cwd=folder)
+            changes = [] if demo == "block.toml" else ["output.picture=false", *FEWER.get(demo, ())]
+            done = run_coulomb("run", file, *(word for one in changes for word in ("--set", one)), cwd=folder)
         found = {path.parent.name: json.loads(path.read_text()) for path in Path(folder).glob("results/*/summary.json")}
+        for path in Path(folder).glob("results/*/history.csv"):
+            with path.open(newline="") as file:
+                found[path.parent.name]["rows"] = list(csv.DictReader(file))
     assert done.returncode == 0, done.stderr
     return done.stdout, found
+
+
+def columns(demo):
+    """Numbers of history.csv by the names of their columns."""
+    rows = ran(f"{demo}.toml")[1][demo]["rows"]
+    return {name: np.array([float(row[name]) for row in rows]) for name, value in rows[0].items() if value != "True"}
 
 
 def said(demo):
@@ -220,15 +242,15 @@ def test_demo_drum_brake():
     forwards, back = normal[list(time).index(2.0)], normal[list(time).index(4.0)]
     assert forwards == pytest.approx(force * b / (b - F * c), rel=0.03)  # the short shoe has no elastic lining
     assert back == pytest.approx(force * b / (b + F * c), rel=0.01)
-    assert normal[-20:] == pytest.approx(np.full(20, forwards), rel=1e-3)
+    assert normal[-4:] == pytest.approx(np.full(4, forwards), rel=1e-3)
     (friction,) = line(text, r"since the start: .*, friction #,")
     assert friction == pytest.approx(F * normal[-1] * r * 20.0 * np.pi, rel=1e-3)
 
 
 def test_readme_example(tmp_path):
-    """The code of the README runs unchanged."""
+    """The code of the README runs; here on fewer cells."""
     code = (ROOT / "README.md").read_text().split("```python\n")[1].split("```")[0]
-    (tmp_path / "example.py").write_text(code)
+    (tmp_path / "example.py").write_text(code.replace("(30, 10, 10)", "(6, 2, 2)"))
     done = run_python(tmp_path / "example.py", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "certificate passed" in done.stdout
@@ -298,16 +320,6 @@ def test_demo_forms():
     assert len((ROOT / "demos" / "forms.py").read_text().splitlines()) <= 40
 
 
-def coarse(demo, times, folder):
-    """Rows of history.csv of a demo with fewer steps and without a picture, numbers by the names of their columns."""
-    chosen = ["--set", f"history.times={times}", "--set", "output.picture=false", "--output", folder]
-    done = run_coulomb("run", ROOT / "demos" / demo, *chosen)
-    assert done.returncode == 0, done.stderr
-    with (folder / "history.csv").open(newline="") as file:
-        rows = [{name: float(value) for name, value in row.items() if value != "True"} for row in csv.DictReader(file)]
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
-
-
 def test_demo_rubber_block():
     """The block sticks first, then friction over normal force is 0.3 but for the slope where it is."""
     rows = table(said("rubber_block.py"), r"^#0* s: # linear problems, T # N, N # N$")
@@ -326,9 +338,9 @@ def test_demo_belt():
     assert rows[-1, 2] == pytest.approx(known, rel=0.01)
 
 
-def test_demo_lap_joint(tmp_path):
+def test_demo_lap_joint():
     """The joint slips at twice F times the normal force of each side, that of the bolt but for bent plates."""
-    found = coarse("lap_joint.toml", [1.0, 1.2, 2.0], tmp_path / "joint")
+    found = columns("lap_joint")
     pull, (stick, slip) = -found["prescribed_displacement_middle:end_force_x"], (found["stick"], found["slip"])
     normal = [np.abs(found[f"middle:{face}_force_z"]) for face in ("upper", "lower")]
     for side in normal:
@@ -338,9 +350,9 @@ def test_demo_lap_joint(tmp_path):
     assert found["middle:upper_opposite_force_z"] == pytest.approx(normal[0], rel=1e-9)
 
 
-def test_demo_ball_joint(tmp_path):
+def test_demo_ball_joint():
     """The torque of sliding under p ~ cos(angle) - cos(edge), that of an elastic foundation, with the computed edge."""
-    found = coarse("ball_joint.toml", [1.0, 2.0], tmp_path / "joint")
+    found = columns("ball_joint")
     assert found["socket:cup_force_z"] == pytest.approx([-3000.0, -3000.0], rel=1e-6)
     torque, R, F = -found["socket:cup_opposite_moment_z"][1], 0.015, 0.2
     edge = np.arccos(1.0 - found["socket:cup_contact_area"][1] / (2.0 * np.pi * R**2))
@@ -350,9 +362,9 @@ def test_demo_ball_joint(tmp_path):
     assert torque == pytest.approx(F * 3000.0 * R * lever, rel=0.05)
 
 
-def test_demo_disc_brake(tmp_path):
+def test_demo_disc_brake():
     """Torque F N r at the radius of the centre of pressure; the carrier takes the pull of the disc; forces balance."""
-    found = {name: value[-1] for name, value in coarse("disc_brake.toml", [1.0, 1.1, 2.0], tmp_path / "brake").items()}
+    found = {name: value[-1] for name, value in columns("disc_brake").items()}
     normal, torque = found["pad:rub_force_z"], found["prescribed_rotation_disc:hub_moment_z"]
     radius = np.hypot(found["pad:rub_centre_of_pressure_x"], found["pad:rub_centre_of_pressure_y"])
     assert normal == pytest.approx(3632.0 - found["pad:end_force_z"], rel=1e-6)
@@ -363,16 +375,16 @@ def test_demo_disc_brake(tmp_path):
 def test_demo_tread_block():
     """It sticks at first, and slides in the end."""
     force = table(said("tread_block.toml"), r"step +# .* force \(#, #, #\) N")[:, 1:]
-    assert force[-1, 0] == pytest.approx(0.8 * force[-1, 2], rel=0.02) and force[2, 0] < 0.3 * force[2, 2]
+    assert force[-1, 0] == pytest.approx(0.8 * force[-1, 2], rel=0.02) and force[1, 0] < 0.3 * force[1, 2]
 
 
 def test_demo_bolted_flange():
     """Four bolts tightened to 20 kN and locked: equal parts of the pull of 10 kN each, as the stiffer flanges let."""
     text = said("bolted_flange.toml")
-    assert "all 4 load steps certified" in text
+    assert "all 2 load steps certified" in text
     forces = table(text, "; bolt section_1 # N; bolt section_2 # N; bolt section_3 # N; bolt section_4 # N")
-    assert forces[1] == pytest.approx(2e4, rel=1e-5)
-    more = forces[3] - forces[1]
+    assert forces[0] == pytest.approx(2e4, rel=1e-5)
+    more = forces[1] - forces[0]
     assert np.ptp(more) <= 0.03 * more.mean() and 1e3 <= more.mean() <= 4e3
 
 
@@ -392,6 +404,4 @@ def test_demo_pin_joint():
 def test_demo_seal():
     """It meets the wall late, and all forces grow."""
     beside = table(said("seal.toml"), r"step +# .* beside # N, above # N")[:, 1:]
-    assert (
-        np.all(beside[:10, 0] == 0.0) and np.all(np.diff(beside[-3:, 0]) > 0.0) and np.all(np.diff(beside[:, 1]) > 0.0)
-    )
+    assert np.all(beside[:3, 0] == 0.0) and np.all(np.diff(beside[2:, 0]) > 0.0) and np.all(np.diff(beside[:, 1]) > 0.0)

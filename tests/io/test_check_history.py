@@ -94,7 +94,6 @@ class WithFirstLoad(LoadHistory):
     ("text", "faulty", "steps"),
     [
         (BALL, WithoutSlipOrigin, [2, 3]),
-        (TRESCA_STEPS, WithoutSlipOrigin, [2, 3]),
         (BALL, WithoutMotionOfOrigin, [1, 2, 3]),
         (BALL, WithFirstFoundation, [2, 3]),
         (TRESCA_STEPS, WithFirstLoad, [2, 3]),

@@ -64,17 +64,6 @@ friction = 0.3
 """
 
 
-def test_a_sector_is_computed_again(tmp_path):
-    found = check(made(SECTOR))
-    assert found.passed and not found.faults, str(found)
-    folder = copied(SECTOR, tmp_path / "run")
-    change(folder / "solution.h5", "tie_force", largest)
-    edit(folder / "summary.json", lambda summary: put(summary, ("ties", 0, "force", 0), 0.1234))
-    faults = check(folder).faults
-    assert any(line.startswith("solution.xdmf: tie_force") for line in faults)
-    assert any(line.startswith(shown(("ties", 0, "force", 0))) for line in faults)
-
-
 PRESSED = """\
 [mesh]
 box = [0.1, 0.1, 0.02]
@@ -97,18 +86,6 @@ friction = 0.3
 [history]
 times = [0.5, 1.0]
 """
-
-
-def test_a_rigid_face_is_computed_again(tmp_path):
-    found = check(made(PRESSED))
-    assert found.passed and not found.faults, str(found)
-    folder = copied(PRESSED, tmp_path / "run") / "steps/0002"
-    places = [("rigid_faces", 0, name, 2) for name in ("translation", "rotation", "force", "moment")]
-    for place in places:
-        edit(folder / "summary.json", lambda summary, place=place: put(summary, place, 0.1234))
-    faults = check(folder).faults
-    for place in places:
-        assert any(line.startswith(shown(place)) for line in faults), place
 
 
 SLICE = """\
@@ -135,17 +112,6 @@ friction = 0.3
 [history]
 times = [0.5, 1.0]
 """
-
-
-def test_a_slice_is_computed_again(tmp_path):
-    found = check(made(SLICE))
-    assert found.passed and not found.faults, str(found)
-    folder = copied(SLICE, tmp_path / "run") / "steps/0002"
-    change(folder / "solution.h5", "tie_force", largest)
-    edit(folder / "summary.json", lambda summary: put(summary, ("rigid_faces", 0, "translation", 1), 0.1234))
-    faults = check(folder).faults
-    assert any(line.startswith("solution.xdmf: tie_force") for line in faults)
-    assert any(line.startswith(shown(("rigid_faces", 0, "translation", 1))) for line in faults)
 
 
 SPRUNG = """\
@@ -187,18 +153,43 @@ times = [0.5, 1.0]
 """
 
 
-def test_springs_of_rigid_faces_are_computed_again(tmp_path):
-    for text in (SPRUNG, SPRUNG.replace('[[spring]]\nface = "plate:left"\nstiffness = 1e7\n', "")):
-        found = check(made(text))
-        assert found.passed and not found.faults, str(found)
-    folder = copied(SPRUNG, tmp_path / "run") / "steps/0002"
-    change(folder / "solution.h5", "plate/spring_force", largest)
-    last = json.loads((folder / "summary.json").read_text())["reactions"][-1]
-    assert last["name"] == "spring_plate:top" and abs(last["force"][2]) > 1.0
-    edit(folder / "summary.json", lambda summary: put(summary, ("reactions", 1, "force", 2), 0.1234))
+SUPPORTED = {
+    "a sector": (SECTOR, ".", ["tie_force"], [("ties", 0, "force", 0)]),
+    "a rigid face": (
+        *(PRESSED, "steps/0002", []),
+        [("rigid_faces", 0, name, 2) for name in ("translation", "rotation", "force", "moment")],
+    ),
+    "a slice": (SLICE, "steps/0002", ["tie_force"], [("rigid_faces", 0, "translation", 1)]),
+    "springs of rigid faces": (SPRUNG, "steps/0002", ["plate/spring_force"], [("reactions", 1, "force", 2)]),
+}
+"""Case, step, and what is changed in it: fields and numbers."""
+
+
+@pytest.mark.parametrize(("text", "step", "fields", "places"), SUPPORTED.values(), ids=SUPPORTED)
+def test_all_is_computed_again(text, step, fields, places, tmp_path):
+    """All are changed at once; each is named."""
+    found = check(made(text))
+    assert found.passed and not found.faults, str(found)
+    folder = copied(text, tmp_path / "run") / step
+    assert_noticed(folder, fields, places)
+
+
+def assert_noticed(folder, fields, places):
+    """Fields and numbers that are changed, each by a fault of its own."""
+    for name in fields:
+        change(folder / "solution.h5", name, largest)
+    for place in places:
+        edit(folder / "summary.json", lambda summary, place=place: put(summary, place, 0.1234))
     faults = check(folder).faults
-    assert any(line.startswith("solution.xdmf: spring_force") for line in faults)
-    assert any(line.startswith(shown(("reactions", 1, "force", 2))) for line in faults)
+    for start in (*(f"solution.xdmf: {name.split('/')[-1]}" for name in fields), *map(shown, places)):
+        assert any(line.startswith(start) for line in faults), (start, faults)
+
+
+def test_rigid_faces_alone_have_springs():
+    found = check(made(SPRUNG.replace('[[spring]]\nface = "plate:left"\nstiffness = 1e7\n', "")))
+    assert found.passed and not found.faults, str(found)
+    last = json.loads((made(SPRUNG) / "steps/0002/summary.json").read_text())["reactions"][-1]
+    assert last["name"] == "spring_plate:top" and abs(last["force"][2]) > 1.0
 
 
 FLOATING = """\
@@ -255,22 +246,6 @@ def test_all_of_a_tie_is_computed_again():
     assert "tie_lower:top_force_z" in columns
 
 
-@pytest.mark.parametrize(
-    ("field", "fault"),
-    [
-        ("solution/lower/tie_force", "solution.xdmf: tie_force"),
-        ("solution/lower/peel_stress", "solution.xdmf: peel_stress"),
-        ("solution/lower/shear_stress", "solution.xdmf: shear_stress"),
-    ],
-)
-def test_changed_fields_of_a_tie_are_noticed(field, fault, tmp_path):
-    folder = copied(GLUED, tmp_path / "run") / "steps/0001"
-    file, _, name = field.partition("/")
-    change(folder / f"{file}.h5", name, largest)
-    faults = check(folder).faults
-    assert any(line.startswith(fault) for line in faults), faults
-
-
 def test_a_slave_node_that_has_left_its_master_is_noticed(tmp_path):
     folder = copied(GLUED, tmp_path / "run") / "steps/0001"
     change(folder / "solution.h5", "lower/displacement", largest)
@@ -278,13 +253,10 @@ def test_a_slave_node_that_has_left_its_master_is_noticed(tmp_path):
     assert not found.certificate.passed and found.faults
 
 
-def test_changed_numbers_of_a_tie_are_noticed(tmp_path):
+def test_changed_fields_and_numbers_of_a_tie_are_noticed(tmp_path):
     folder = copied(GLUED, tmp_path / "run") / "steps/0001"
-    for place in (("ties", 0, "force", 2), ("ties", 0, "moment", 0)):
-        edit(folder / "summary.json", lambda summary, place=place: put(summary, place, 0.1234))
-    faults = check(folder).faults
-    for place in (("ties", 0, "force", 2), ("ties", 0, "moment", 0)):
-        assert any(line.startswith(shown(place)) for line in faults), place
+    fields = [f"lower/{name}" for name in ("tie_force", "peel_stress", "shear_stress")]
+    assert_noticed(folder, fields, [("ties", 0, "force", 2), ("ties", 0, "moment", 0)])
 
 
 SCREWED = """\
@@ -334,9 +306,7 @@ def test_bolts_are_computed_again(tmp_path):
     assert last["bolts"][0]["shortening"] == pytest.approx(first["bolts"][0]["shortening"], rel=1e-12)
     for step, entry in (("0002", "force"), ("0004", "shortening")):
         folder = copied(SCREWED, tmp_path / step) / "steps" / step
-        edit(folder / "summary.json", lambda summary, entry=entry: put(summary, ("bolts", 0, entry), 0.1234))
-        faults = check(folder).faults
-        assert any(line.startswith(shown(("bolts", 0, entry))) for line in faults), faults
+        assert_noticed(folder, [], [("bolts", 0, entry)])
 
 
 def test_a_history_goes_on_after_its_bolts_are_locked(tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import run_coulomb
+from conftest import SMALL_CASE, run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
@@ -149,25 +149,7 @@ def test_what_cannot_be_refined():
     assert "more than 500" in found.trouble and found.solution.problem.unknowns["displacement"] <= 500
 
 
-CASE = """
-[mesh]
-box = [3.0, 1.0, 1.0]
-cells = [6, 2, 2]
-cell = "CELL"
-[material]
-young = 2.0e11
-poisson = 0.3
-[[clamp]]
-face = "left"
-[[traction]]
-face = "top"
-value = [0.0, 0.0, -1.0e7]
-[contact]
-face = "bottom"
-friction = 0.3
-[output]
-picture = false
-"""
+CASE = SMALL_CASE.replace("[3, 1, 1]\n", '[6, 2, 2]\ncell = "CELL"\n')
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
