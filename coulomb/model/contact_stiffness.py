@@ -378,6 +378,13 @@ class ContactStiffness:
         self._work = None  # and no limit
         return fit
 
+    @property
+    def advice(self) -> str:
+        """What the user may choose otherwise where no method has an answer, after a semicolon."""
+        if self._given[0] is IterativeSolver:
+            return '; with linear_solver = "auto" or "direct" products by A are more accurate'
+        return ""
+
     @cached_property
     def measures(self) -> Measures:
         """What decides how long multigrid takes; collective."""

@@ -337,6 +337,7 @@ class ContactProblem(DiscreteProblem):
                         ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
                         condense = solver is None and not self.body.stiffness.explicit
                         if ended or not self.body.stiffness.change_method(failure.result.message, condense):
+                            failure.args = (f"{failure}{'' if ended else self.body.stiffness.advice}",)
                             raise
 
             answer = by_any_method(self, start) if heat is None else self._heated(heat, by_any_method, start)

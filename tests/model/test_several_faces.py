@@ -45,7 +45,7 @@ def test_matrix_free_and_written(tmp_path):
     direct, free = jaws(), jaws(linear_solver=coulomb.solvers.IterativeSolver, explicit=False)
     files = coulomb.HistoryFiles(tmp_path)
     LoadHistory([1.0, 1.5], tolerance=1e-11).run(direct, files)
-    _, last = LoadHistory([1.0, 1.5], tolerance=1e-10).steps(free)  # no step is halved
+    _, last = LoadHistory([1.0, 1.5], tolerance=1e-11).steps(free)  # no step is halved
     assert files.rows[-1]["top_force_x"] == pytest.approx(last.solution.at_nodes.totals(1)["force"][0], rel=1e-7)
     assert files.rows[-1]["bottom_force_x"] + files.rows[-1]["top_force_x"] == pytest.approx(
         files.rows[-1]["force_x"], abs=1e-6

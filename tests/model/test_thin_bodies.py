@@ -245,6 +245,17 @@ def test_a_formed_in_place_of_solves(monkeypatch, caplog, explicit):
             assert not problem.body.stiffness.explicit and not caplog.records
 
 
+@pytest.mark.parametrize("stop", [False, True])
+def test_multigrid_by_choice_is_named_where_it_has_no_answer(stop):
+    """As with springs of 1e6 N/m^3 on two ranks; not if the user stops the run."""
+    problem = block(linear_solver=IterativeSolver)
+    with pytest.raises(NotConverged) as failure:
+        problem.solve(solver=Demanding(), progress=lambda _: stop)
+    assert (
+        str(failure.value).endswith('; with linear_solver = "auto" or "direct" products by A are more accurate') != stop
+    )
+
+
 @pytest.mark.parametrize("linear_solver", [None, IterativeSolver])
 def test_a_thin_body_of_forms(monkeypatch, linear_solver):
     """Forms that are positive definite were called wrong where multigrid needs more iterations than it has."""
