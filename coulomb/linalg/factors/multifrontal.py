@@ -6,11 +6,8 @@ factors: every iteration gains three to four digits on the block, and the last r
 double precision.  Where K is too ill-conditioned for that, because a pivot fails or the iterations converge slowly, it
 is factorised in double precision.
 
-It was compared with MUMPS 5.5, called from C (docs/measurements.md): MUMPS accepts the same order of elimination
-(ICNTL(7) = 1), also beside a Schur complement (ICNTL(19)), makes the same number of operations, and takes 1.2 to 1.7
-times as long as this method in double precision at p = 8 to 16.  PETSc 3.18 cannot pass the order on: the option
-mat_mumps_icntl_7 refuses 1, and MUMPS's Cholesky factorisation ignores the ordering of the preconditioner.  Without it
-MUMPS uses AMD beside a Schur complement: twice the operations at p = 16, and 2.2 times as long.
+Whole contact problems by MUMPS take 1.6 to 4 times as long where factors are chosen (docs/measurements.md).  With the
+same order of elimination it takes 1.2 to 1.7 times as long, but PETSc cannot pass the order on.
 """
 
 from __future__ import annotations
