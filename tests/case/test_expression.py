@@ -5,7 +5,7 @@ import pytest
 from conftest import SMALL_CASE
 
 from coulomb.case.case import read_case
-from coulomb.case.values import Expression
+from coulomb.case.expression import Expression
 
 X = np.random.default_rng(5).uniform(0.1, 2.0, (3, 40))
 x, y, z = X

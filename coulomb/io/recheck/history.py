@@ -317,7 +317,12 @@ def is_large(files: RunDirectory) -> bool:
 
 
 def check_large(folder: Path, say: Callable[[str], None]) -> HistoryFindings:
-    """Check a load history of large motions (`check`); ValueError also if there is no case."""
+    """Check a load history of large motions (`check`); ValueError also if there is no case.
+
+    The case is posed anew, and displacement and contact forces of every step, as written, are judged in it: residual,
+    gaps, normals, slip from the step before, certificate, energies and all fields follow from these, by the room that
+    has computed them, but without its solver.
+    """
     files = RunDirectory(folder)
     if not files.case.exists():
         raise ValueError(
