@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
+from ..contact_fields import named_faces
 from ..fem.bodies import Deformable
 from ..fem.contact import clamped_nodes
 from ..linalg.reductions import Reductions
@@ -157,9 +158,10 @@ def _of_nodes(solution: Solution, error: float) -> tuple[float, float, float]:
 
 def totals_in(contents: Mapping[str, Any]) -> Iterator[tuple[str, FloatArray, str]]:
     """Place, value and unit of every total in a summary that has an error bar."""
-    one_face = len(contents["faces"]) == 1
-    sections = ["totals" if one_face else "faces", "reactions", "ties", "rigid_faces", "bolts", "bodies", "probes"]
-    for section in sections:
+    faces = named_faces(contents["faces"])
+    for name, face in faces:
+        yield from _totals_in("totals" if len(faces) == 1 else f"faces.{name}", face)
+    for section in ("reactions", "ties", "rigid_faces", "bolts", "bodies", "probes"):
         yield from _totals_in(section, contents.get(section, ()))
     yield from _totals_in("heat.flows", (contents.get("heat") or {}).get("flows", ()))
     yield from _totals_in("maximum", {"displacement": contents["maximum"]["displacement"]})
@@ -170,7 +172,7 @@ def totals_in(contents: Mapping[str, Any]) -> Iterator[tuple[str, FloatArray, st
 def _totals_in(place: str, part: Any) -> Iterator[tuple[str, FloatArray, str]]:
     if not isinstance(part, Mapping):
         for one in part:
-            yield from _totals_in(f"{place}.{one.get('name') or one.get('face') or one['faces'][0]}", one)
+            yield from _totals_in(f"{place}.{one.get('name') or one['face']}", one)
         return
     for name, unit in UNIT_OF.items():
         if (value := part.get(name)) is not None:

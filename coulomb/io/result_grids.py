@@ -291,16 +291,17 @@ def contact_grids(solution: Solution) -> list[GridFields]:
 
 
 def face_answers(solution: Solution) -> dict[str, FaceAnswer]:
-    """The faces of all contacts by name, those opposite included; of a face in several pairs that of the first;
-    collective."""
+    """The faces of all contacts, those opposite included, by their names in files (`side_names`); of a face in several
+    pairs by its own name that of the first; collective."""
     problem, fields, found = solution.problem, solution.at_nodes.fields(), dict[str, FaceAnswer]()
-    for number, contact in enumerate(problem.contacts):
+    for number, (contact, sides) in enumerate(zip(problem.contacts, names_of_sides(problem), strict=True)):
         member, facets = problem.elasticity.face(contact.face, "contact")
-        grids = {contact.face: _face_grid("", member, facets, problem, fields, number)}
+        grids = [(contact.face, _face_grid("", member, facets, problem, fields, number))]
         if contact.against is not None:
-            grids[contact.against] = _opposite_grid(solution, number, contact.against, "", fields)
-        for name, of in grids.items():
-            found.setdefault(name, FaceAnswer(name, of.grid.points, of.grid.cells, dict(of.on_points)))
+            grids.append((contact.against, _opposite_grid(solution, number, contact.against, "", fields)))
+        for (face, of), side in zip(grids, sides, strict=False):
+            for name in filter(None, (face, side)):
+                found.setdefault(name, FaceAnswer(name, of.grid.points, of.grid.cells, dict(of.on_points)))
     return found
 
 

@@ -8,6 +8,7 @@ the slip of a load step over its duration; without load steps there is no rate.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from ..contact_fields import side_names
 from ..fem.bodies import Conduction, Deformable, HeatLoad, distributed_rows, matrix_product, range_of
 from ..fem.contact import ContactSurface
 from ..linalg.petsc_arrays import configured_ksp
@@ -47,18 +49,21 @@ class HeatFlow:
     Attributes:
         kind: "temperature", "heat flux", "film", "heat source", "friction", or "foundation": what it takes of friction
             and by conduction.
-        face: The face; None in the volume.
+        face: The face, with that opposite where it is in several contacts (`side_names`); None in the volume.
         power: In watts, negative where it flows out.
+        number: 2 of the second one of its kind there.
     """
 
     kind: str
     face: str | None
     power: float
+    number: int = 1
 
     @property
     def name(self) -> str:
         """In history.csv."""
-        return "heat_" + "_".join((self.kind if self.face is None else f"{self.kind} {self.face}").split())
+        words = [self.kind, *([] if self.face is None else [self.face]), *([str(self.number)] * (self.number > 1))]
+        return "heat_" + "_".join(" ".join(words).split())
 
 
 @dataclass(frozen=True)
@@ -217,22 +222,28 @@ class HeatProblem:
         brought -= matrix_product(through.difference, passing, transposed=True)
         inner = matrix_product(conduction.K, change)
         missing = inner - brought
-        flows = []
+        flows: list[HeatFlow] = []
+        seen: Counter[tuple[str, str | None]] = Counter()
+
+        def flow(kind: str, face: str | None, power: float) -> None:
+            seen[kind, face] += 1
+            flows.append(HeatFlow(kind, face, power, seen[kind, face]))
+
         for number, load in enumerate(conduction.loads):
             if load.temperature is not None:
                 power = over.sum(missing[conduction.fixed_by == number])
             else:
                 power = over.sum(given[number]) - over.sum(films[number])
-            flows.append(HeatFlow(load.kind, load.face, power))
-        conducted = []
-        for part, contact in enumerate(self.contacts):
+            flow(load.kind, load.face, power)
+        conducted, sides = [], side_names((contact.face, contact.against) for contact in self.contacts)
+        for part, (contact, (side, _)) in enumerate(zip(self.contacts, sides, strict=True)):
             here = surface.part == part
             rubbed, passed = over.sum(friction[here]), over.sum(passing[here])
             conducted.append(passed)
-            flows.append(HeatFlow("friction", contact.face, rubbed))
+            flow("friction", side, rubbed)
             if contact.against is None:
                 taken = (1.0 - contact.thermal.share) * rubbed
-                flows.append(HeatFlow("foundation", contact.face, -passed - taken))
+                flow("foundation", side, -passed - taken)
         size = over.sum(conduction.K.getDiagonal().array_r * np.abs(change))
         power_in = sum(max(flow.power, 0.0) for flow in flows)
         limit = BALANCED * power_in + _ROUNDING * size

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..contact_fields import side_names
 from ..fem.contact import face_samples
 from ..lazy_names import late_bound
 from ..linalg.reductions import Reductions
@@ -290,7 +291,8 @@ class Solution:
         late_bound["write"](self, directory, fields or {})
 
     def face(self, name: str) -> FaceAnswer:
-        """The nodes, facets and fields of a contact face, or of a face opposite in a pair; collective.
+        """The nodes, facets and fields of a contact face, or of a face opposite in a pair; of a face in several pairs
+        with both names, "mid:around against low:top"; collective.
 
         Raises:
             ValueError: On every rank, if no contact has a face of this name.
@@ -319,11 +321,11 @@ class Solution:
         """This rank's contact points as columns of length m, vectors as three columns: what `pandas.DataFrame` takes;
         collective.
 
-        `contact_face` is the name of the face, x, y, z are places before deformation in metres; the others are the
-        fields of contact.xdmf.
+        `contact_face` is the name of the face, with that opposite where it is in several pairs; x, y, z are places
+        before deformation in metres; the others are the fields of contact.xdmf.
         """
         at = self.at_nodes
-        columns: dict[str, Any] = {"contact_face": np.array(at.faces)[at.part]}
+        columns: dict[str, Any] = {"contact_face": np.array(self._sides)[at.part]}
         columns |= dict(zip("xyz", at.x.T, strict=True))
         for name, values in at.fields().items():
             if values.ndim == 1:
@@ -331,6 +333,11 @@ class Solution:
             else:
                 columns |= {f"{name}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
         return columns
+
+    @property
+    def _sides(self) -> list[str]:
+        """The names of the contact faces in files."""
+        return [side for side, _ in side_names((one.face, one.against) for one in self.problem.contacts)]
 
     def plot(self, field: str = "pressure", scale: float | None = None, view: str | None = None) -> Any:
         """A pyvista plotter with the deformed bodies and a field, as of `coulomb plot`; `show()` displays it: in a
@@ -359,7 +366,7 @@ class Solution:
         result, names = self.result, ("normal_force", "contact_area", "greatest_pressure", "greatest_slip")
         units = dict(zip(names, ("N", "m²", "Pa", "m"), strict=True))
         totals = [self.at_nodes.totals(part) for part in range(len(self.at_nodes.faces))]
-        rows = [[*one["faces"], *(one[name] for name in names)] for one in totals]
+        rows = [[side, *(one[name] for name in names)] for side, one in zip(self._sides, totals, strict=True)]
         head = ("face", *(f"{name.replace('_', ' ')} ({units[name]})" for name in names))
         words = f"{result.status.value}, residual {result.residual:.1e}: {'valid' if self.valid else 'NOT VALID'}"
         return "".join(

@@ -13,7 +13,19 @@ from resumed_rows import rows_of, same_to_the_tolerance
 from shared_problems import jaws
 from two_pairs_runs import LENS, write_lens
 
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, box, join, moved
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    HeatLoad,
+    LoadHistory,
+    Material,
+    ThermalContact,
+    Traction,
+    box,
+    join,
+    moved,
+)
 from coulomb.io.case_record import written_case
 from coulomb.io.field_files import OPPOSITE, read_grids
 from coulomb.io.history_files import HistoryFiles
@@ -189,6 +201,39 @@ def test_nodes_in_both_pairs_are_remarked():
         assert np.bincount(problem.surface.part).tolist() == first
         remarks = [text for number in (0, 1) for text in problem.body.pair(number).remarks]
         assert sum("3 of its nodes are contact points of another face" in text for text in remarks) == 1
+
+
+def pad_on_two():
+    """A pad that is pressed down at one end on two bases, its lower face in two pairs, and is warmed."""
+    bases = {name: moved(box((1.0, 1.0, 0.5), (2, 2, 2)), (x, 0.0, -0.5)) for name, x in (("one", 0.0), ("two", 1.0))}
+    warm = ThermalContact(conductance=1e3)
+    contacts = [Contact("pad:bottom", 0.3, against=f"{name}:top", slave=True, thermal=warm) for name in bases]
+    held = [Clamp("one:bottom"), Clamp("two:bottom"), Clamp("pad:back", "y")]
+    down = Traction("pad:top", lambda x: np.outer(x[0], [0.0, 0.0, -1e6]).T)
+    heat = [HeatLoad(f"{name}:bottom", temperature=20.0) for name in bases]
+    heat += [HeatLoad("pad:top", flux=flux) for flux in (1e3, 2e3)]
+    mesh = join(pad=box((2.0, 1.0, 0.5), (8, 2, 2)), **bases)
+    steel = Material(2e11, 0.0, expansion=0.0, conductivity=50.0)
+    return ContactProblem(mesh, steel, held, contacts, [down], heat=heat, reference_temperature=20.0)
+
+
+def test_every_pair_has_its_own_totals():
+    """A face in two pairs gives its name to neither alone: not to error bars, columns, fields, and heat flows."""
+    solution = pad_on_two().solve()
+    bars, names = solution.error(), ["pad:bottom against one:top", "pad:bottom against two:top"]
+    pressing = [solution.at_nodes.totals(part)["normal_force"] for part in range(2)]
+    assert pressing[1] > 1.5 * pressing[0] > 0.0 and sum(pressing) == pytest.approx(2e6)
+    table = solution.table()
+    for name, force in zip(names, pressing, strict=True):
+        bar = bars[f"faces.{name}.normal_force"]
+        assert bar.value[0] == force and 0.0 < bar.bar[0] < 0.5 * force
+        assert table["pressure"] @ (table["area"] * (table["contact_face"] == name)) == pytest.approx(force)
+        assert solution.face(name).contact_force[:, 2].sum() == pytest.approx(force)
+    assert solution.face("pad:bottom").pressure == pytest.approx(solution.face(names[0]).pressure)
+    assert len({bar.quantity for bar in bars.bars}) == len(bars.bars)
+    flows = {flow.name: flow.power for flow in solution.heat.flows}
+    assert len(flows) == len(solution.heat.flows) and {f"heat_friction_{'_'.join(names[1].split())}"} <= set(flows)
+    assert [flows[f"heat_heat_flux_pad:top{number}"] for number in ("", "_2")] == pytest.approx([2e3, 4e3])
 
 
 def test_the_same_pair_twice_is_refused():
