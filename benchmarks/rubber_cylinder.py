@@ -118,7 +118,7 @@ def _of_getfem(
 def half_cylinder(size: float) -> coulomb.NamedMesh:
     """The lower half, with the faces "skin", "flat" and "ends"; RuntimeError without gmsh."""
     try:
-        import gmsh  # type: ignore[import-untyped]
+        import gmsh
     except (ImportError, OSError) as error:
         raise RuntimeError(f"gmsh, which makes the mesh, cannot be loaded: {error}") from None
     with tempfile.TemporaryDirectory() as folder:
