@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -35,8 +35,9 @@ from .facet_patch import facet_patch
 if TYPE_CHECKING:
     from ..bodies import Deformable, Member
 
-_ROUNDING = 1e-13
-"""An entry of a row along free directions below this part of the row's largest is a rounding error."""
+_ROUNDING: Final = 1e-10
+"""An entry of a row, or of a difference of rows, below this part of the row's largest is a rounding error: normals of
+facets of a length h at coordinates x have errors of 1e-16 |x|/h."""
 
 
 def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
@@ -128,10 +129,10 @@ def _distributed(rows: scipy.sparse.csr_matrix, points: ContactPoints) -> PETSc.
 FUNCTIONS: FloatArray = 2.5 * np.eye(3) - 0.5
 """The functions psi_j of a facet with six nodes as combinations of the linear ones of its vertices, shape (3, 3)."""
 
-_DEGREE = 8
+_DEGREE: Final = 8
 """Of the rule for their integrals: exact where the facet is plane, with curved edges too."""
 
-_ROUNDING = 1e-14
+_NO_WEIGHT: Final = 1e-14
 """Weights below this are rounding errors."""
 
 
@@ -309,7 +310,7 @@ def _weighted(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> Contac
     area: FloatArray = np.asarray(weights.sum(axis=1)).ravel()
     nodes = np.flatnonzero(area > 0.0)
     weights = (scipy.sparse.diags(1.0 / area[nodes]) @ weights[nodes]).tocsr()
-    weights.data[np.abs(weights.data) < _ROUNDING] = 0.0
+    weights.data[np.abs(weights.data) < _NO_WEIGHT] = 0.0
     weights.eliminate_zeros()
     weights.sort_indices()
     return ContactPoints(space, nodes.astype(np.int32), area[nodes], weights, False)

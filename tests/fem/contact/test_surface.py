@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from conftest import STEEL, make_block
+from scipy.spatial.transform import Rotation
 
 import coulomb
 from coulomb import Clamp, Contact, Elasticity, Plane
@@ -114,3 +115,18 @@ def test_a_surface_is_computed_once_per_position_of_its_foundation():
     assert at_rest is problem.surface and again is back
     gaps = [np.unique(np.round(surface.gap, 12)).tolist() for surface in (at_rest, moved, back, wider)]
     assert gaps == [[0.0], [-1e-3], [0.0], [1e-4]]
+
+
+def test_a_block_far_away_is_solved_in_the_same_steps():
+    """Rounding of normals leaves entries in rows of B along held directions that are no freedom: 14 steps for 9."""
+    turn = Rotation.from_rotvec([0.3, 0.7, -0.4]).as_matrix()
+    steps = []
+    for distance in (0.0, 100.0, 1e4):
+        far = distance * np.array([[1.0], [2.0], [-1.0]])
+        mesh = coulomb.box((1.0, 1.0, 0.5), (4, 4, 2), place=lambda x, far=far: turn @ x + far)
+        supports = [coulomb.SymmetryPlane("left"), coulomb.SymmetryPlane("front")]
+        load = coulomb.Traction("top", tuple(turn @ np.array([1e6, 2e6, -2e7])))
+        answer = coulomb.ContactProblem(mesh, STEEL, supports, Contact("bottom", friction=0.3), [load]).solve()
+        assert answer.valid
+        steps.append(answer.result.newton_steps)
+    assert steps == [steps[0]] * 3
