@@ -8,9 +8,9 @@ Neither the matrix K nor products by A are used; the mean diagonal of A is the s
 Every measure is relative to a natural scale of the problem, so that the result does not depend on
 units and materials.  Forces: the largest component of a nodal contact force.  Displacements: twice the
 elastic energy over half the sum of all nodal forces, the mean displacement along which forces do work.  A rigid motion
-does not change it: a clamp that moves the body by a metre does not loosen any limit.  A heated body between walls does
-not move: there it is the mean displacement along which the thermal forces would do the energy of the thermal strain,
-and with forms of the user that of every node alone under its load.
+does not change it: a clamp that moves the body by a metre does not loosen any limit.  A body that loads press onto what
+holds it does not move, nor does a heated one between walls: the scale is at least the mean displacement of every node
+alone under its load, and that along which the thermal forces would do the energy of the thermal strain.
 
 Values that are not finite, overflow or vanish fail.  Rounding errors of displacements and their nodal forces bound
 every scale from below: in a body without contact and loads there are no other forces.
@@ -27,7 +27,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.bodies import HeldDirections, null_space, of_part, rigid_modes
+from ..fem.bodies import HeldDirections, null_space, of_part, rigid_modes, varying_signs
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 from . import notebook
@@ -125,11 +125,7 @@ def rounding_forces(body: Strained, u: FloatArray) -> FloatArray:
     The error is 2^-52 of the largest component of u, with signs that vary from node to node.
     """
     motion = Reductions(body.comm).max(np.abs(u))
-    size = Reductions(body.comm).max(np.abs(body.x)) or 1.0
-    signs = np.where(
-        np.sin(body.x / size @ np.array([[1e4, 2e4, 3e4], [5e4, 4e4, 7e4], [9e4, 8e4, 6e4]])) > 0, 1.0, -1.0
-    )
-    return body.internal_force(2.0**-52 * motion * signs)
+    return body.internal_force(2.0**-52 * motion * varying_signs(body.x, body.comm))
 
 
 EPSILON = 2.0**-52

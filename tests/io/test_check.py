@@ -44,13 +44,21 @@ def pressed(place):
     return coulomb.ContactProblem(mesh, coulomb.Material(2.1e11, 0.3), [clamp], coulomb.Contact("bottom", 0.3))
 
 
+def pressed_onto_the_floor():
+    """By a load on the contact face itself: nothing moves, whatever the stiffness is."""
+    load = coulomb.Traction("bottom", (2e6, 0.0, -1e7))
+    mesh, steel = coulomb.box((3.0, 1.0, 1.0), (3, 2, 2)), coulomb.Material(2e11, 0.3)
+    return coulomb.ContactProblem(mesh, steel, [coulomb.Clamp("left")], coulomb.Contact("bottom", 0.3), [load])
+
+
 @pytest.mark.parametrize(
     "problem",
     [
+        pressed_onto_the_floor,
         lambda: make_block(3, foundation=coulomb.Plane((0, 0, -1e-4), (0.0, 0.05, 1.0))),
         lambda: pressed(lambda x: np.array([x[0] - x[2], 2**0.5 * x[1], x[0] + x[2]]) / 2**0.5),
     ],
-    ids=["tilted plane with a gap", "45 degrees"],
+    ids=["pressed onto the floor", "tilted plane with a gap", "45 degrees"],
 )
 def test_other_problems(problem, tmp_path):
     solution = problem().solve()

@@ -2,7 +2,7 @@
 matrix K, the load f, and the nodal forces of a displacement.  Several bodies are joined into one.
 """
 
-from .body import LOCKING_ABOVE, STRESSES, ElasticBody, cell_measure
+from .body import LOCKING_ABOVE, STRESSES, ElasticBody, cell_measure, varying_signs
 from .conduction import Conduction, HeatLoad
 from .constraints import (
     HELD_OBLIQUE,

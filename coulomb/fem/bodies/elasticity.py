@@ -107,7 +107,8 @@ class LoadedBody(ElasticBody, HeldSpace):
         return np.array([0.0, *factors])[1 + self._rows.support] * self._values
 
     def blocked_displacement(self, loading: Loading) -> float:
-        return 0.0 if loading.temperature is None else loading.temperature.displacement
+        alone = self.nodal_displacement(self.free_part(loading.load))
+        return alone if loading.temperature is None else max(alone, loading.temperature.displacement)
 
     def loads_at(self, time: float) -> Iterator[NodalForces]:
         """The forces of every load by itself at a time; ValueError on every rank if an amplitude has no finite value;

@@ -266,12 +266,12 @@ def _blocked(run: WrittenRun, heated: Mapping[str, FloatArray]) -> float:
     """`Deformable.blocked_displacement`; where a body is of the user's forms as recorded."""
     if not run.body.elastic:
         return float(run.summary["blocked_displacement"])
-    found = [
-        part.elastic.thermal_displacement(change[part.nodes])
-        for change in heated.values()
-        for part in run.body.parts
-        if part.elastic is not None and THERMAL & part.on_cells.keys()
-    ]
+    load, found = run.held.free_part(run.on_body["load"]), list[float]()
+    for part in run.body.parts:
+        if part.elastic is not None:
+            found.append(part.elastic.nodal_displacement(load[part.nodes]))
+            if THERMAL & part.on_cells.keys():
+                found += [part.elastic.thermal_displacement(change[part.nodes]) for change in heated.values()]
     return max(found, default=0.0)
 
 

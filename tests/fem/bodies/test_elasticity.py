@@ -47,6 +47,19 @@ def test_held_components_have_the_mean_diagonal_of_their_node():
     assert elasticity.K.getBlockSize() == 3
 
 
+def test_displacement_of_loaded_nodes_alone():
+    """f_i/K_ii of a force on one component; of many, of different sizes, the mean, to the accuracy of the estimate."""
+    body = cube(clamps=())
+    K = body.K.getDiagonal().array.reshape(-1, 3) - body.anchoring
+    load = np.zeros_like(body.x)
+    load[7, 1] = -3e4
+    assert body.nodal_displacement(load) == pytest.approx(3e4 / K[7, 1], rel=1e-12)
+    load = 1e4 * np.random.default_rng(0).normal(size=load.shape)
+    mean = np.sum(load**2 / K) / np.sum(np.linalg.norm(load, axis=1))
+    assert 0.5 * mean < body.nodal_displacement(load) < 2.0 * mean
+    assert body.nodal_displacement(0.0 * load) == 0.0
+
+
 def test_near_nullspace_is_six_rigid_motions():
     elasticity = cube()
     modes = elasticity.K.getNearNullSpace().getVecs()
