@@ -57,7 +57,7 @@ class Answer:
         totals: Values and units.
         algebraic: Error of every total that the tolerance of the solver leaves, in its unit, by its place.
         size: Edge of a cube with the mean volume of a cell, relative to that of the bodies: cells^(-1/3).
-        order: Of the elements.
+        order: Of the elements; the mean of those of the bodies.
         unknowns: Of the displacement.
         border: Error of the contact area from the half cells along the border of the contact, m^2.
         stress_error: By recovery, over the stress; nan where it is not known or does not decide (`even_contact`).
@@ -69,7 +69,7 @@ class Answer:
     totals: Totals
     algebraic: Mapping[str, float]
     size: float
-    order: int
+    order: float
     unknowns: int
     border: float
     stress_error: float
@@ -87,7 +87,7 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
     inside = 0 < contents["nodes"]["open"] and closed > 0
     sizes, largest = np.linalg.norm(u, axis=1), contents["maximum"]["displacement"]
-    size, order = cells ** (-1.0 / 3.0), max(member.body.degree for member in members)
+    size, order = cells ** (-1.0 / 3.0), sum(member.body.degree for member in members) / len(members)
     stress = stress_of(solution, size, order)
     decides = stress is not None and even_contact(problem, contents["nodes"])
     totals = {name: (value, unit) for name, value, unit in totals_in(contents)}

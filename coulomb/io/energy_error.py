@@ -49,16 +49,18 @@ class StressOfAnswer:
     Attributes:
         cells: Of every body by its name, those of this rank with their displacements.
         size: Relative size of the cells.
-        order: Of the elements.
+        order: Of the elements; the mean of those of the bodies.
         recovered: The error by recovery, `StressError.total`, of all bodies, the root of joules.
         norm: Of the stress, of all bodies, the root of joules.
+        of_second: The part of `recovered` of the bodies of second order beside others of first.
     """
 
     cells: Mapping[str, StressedCells]
     size: float
-    order: int
+    order: float
     recovered: float
     norm: float
+    of_second: float = 0.0
 
     @property
     def relative(self) -> float:
@@ -73,7 +75,7 @@ def recovered_errors(solution: Solution) -> dict[str, StressError]:
     return stress_errors(solution.problem.elasticity, solution.displacement, change)
 
 
-def stress_of(solution: Solution, size: float, order: int) -> StressOfAnswer | None:
+def stress_of(solution: Solution, size: float, order: float) -> StressOfAnswer | None:
     """That of an answer; None where no stress is known (bodies of the user's forms, large motions); collective."""
     members = solution.problem.elasticity.members
     if not all(isinstance(member.body, Elasticity) for member in members):
@@ -81,7 +83,8 @@ def stress_of(solution: Solution, size: float, order: int) -> StressOfAnswer | N
     errors, u = recovered_errors(solution), solution.displacement
     cells = {one.name: StressedCells(one.body, u[one.nodes], None) for one in members}  # type: ignore[arg-type]
     recovered, norm = (math.hypot(*of) for of in zip(*((e.total, e.norm) for e in errors.values()), strict=True))
-    return StressOfAnswer(cells, size, order, recovered, norm)
+    of_second = math.hypot(*(errors[one.name].total for one in members if one.body.degree > order))
+    return StressOfAnswer(cells, size, order, recovered, norm, of_second)
 
 
 def relative_stress_error(first: StressOfAnswer | None, others: Sequence[StressOfAnswer | None]) -> float | None:
@@ -100,7 +103,7 @@ def relative_stress_error(first: StressOfAnswer | None, others: Sequence[StressO
     coarser = [one for one in known if one.order == first.order and one.size > 1.1 * first.size]
     finer = [one for one in known if one.order == first.order and one.size < 0.9 * first.size]
     if better := [one for one in known if one.order > first.order and one.size < 1.1 * first.size]:
-        squared = _difference(better[0], first)[0]
+        squared = _difference(better[0], first)[0] + (OF_RECOVERED / SAFETY * first.of_second) ** 2
     elif coarser:
         squared = _extrapolated([first, *coarser[:2]])
     elif finer:

@@ -209,7 +209,7 @@ def _other_problems(problem: DiscreteProblem) -> Iterator[list[ContactProblem]]:
             "a Body of your own forms cannot be posed on another mesh from here: solve it on another one too, and give "
             "the answers: solution.error(coarser)"
         )
-    refusal, posed = "there is no mesh to compare with: bodies of first and second order", False
+    refusal, posed = "", False
     for others in (coarser_meshes, same_cells):
         found = []
         with _without_remarks():
@@ -310,7 +310,7 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
     chain = [one for one in others if one.order == first.order and one.size > 1.1 * first.size]
     chain = sorted(chain, key=lambda one: one.size)[:2]
     beside = [one for one in others if one.order != first.order or one.size < 0.9 * first.size]  # else the same cells
-    compared = chain or beside[:2]
+    compared = chain or beside
     if not compared:
         raise NoErrorBars("the answers are on the same cells with elements of the same order")
     bars = []
@@ -325,8 +325,9 @@ def bars_of(answers: Sequence[Answer]) -> ErrorBars:
             order, off = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], *bounds)
         else:
             parts = [_part(first, one) * (2.0 if extreme else _better(first, one)) for one in compared]
-            apart = [part * np.abs(other - value) for part, other in zip(parts, values, strict=True)]
-            order, off = math.nan, np.max(apart, axis=0)
+            apart = np.array([part * np.abs(other - value) for part, other in zip(parts, values, strict=True)])
+            finer = np.array([one.size < 0.9 * first.size for one in compared])
+            order, off = math.nan, np.max([apart[~finer].sum(axis=0), *apart[finer]], axis=0)
         off = np.maximum(off, COMPONENT * np.max(off))
         border = np.full_like(value, first.border if name.endswith("contact_area") else 0.0)
         algebraic = np.full_like(value, max(one.algebraic[name] for one in (first, *compared)))
@@ -362,7 +363,8 @@ def _better(first: Answer, other: Answer) -> float:
 
 
 def _part(first: Answer, other: Answer) -> float:
-    """Error of an answer over its difference from one of another order, or on smaller cells."""
+    """Error of an answer over its difference from one of another order, or on smaller cells; of bodies of both orders
+    those of first over that from second order, and those of second over that from first, whose sum counts."""
     if first.order == other.order:
         return 1.0 / (1.0 - math.pow(other.size / first.size, SLOWEST))
     if first.order < other.order:

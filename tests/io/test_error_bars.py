@@ -19,7 +19,7 @@ from coulomb.cli.terminal import show_error_bars
 from coulomb.io.accuracy import TOLERANCE
 from coulomb.io.answer import FREE, Answer, answer_of
 from coulomb.io.error_bars import FASTEST, SAFETY, SLOWEST, ErrorBar, NoErrorBars, bars_of, error_of, extrapolated
-from coulomb.pictures.report.units import share_of_tolerance
+from coulomb.pictures.report.units import compared_in_words, share_of_tolerance
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 
@@ -267,6 +267,34 @@ def test_without_coarser_meshes_the_other_order_is_compared():
     second = posed.on(coulomb.second_order(box((3.0, 1.0, 1.0), (6, 2, 2)))).solve()
     apart = abs(second.at_nodes.totals()["normal_force"] - alone.at_nodes.totals()["normal_force"])
     assert bars["totals.normal_force"].bar[0] == pytest.approx(2.0 * apart, rel=1e-5)
+
+
+def on_a_plate(cells, orders):
+    """A block of aluminium on one of steel, of these orders, as from files."""
+    low = box((1.2, 0.8, 0.5), (3 * cells, 2 * cells, cells + 1), "tetrahedron", degree=orders[0])
+    up = box((0.8, 0.5, 0.5), (2 * cells, cells + 1, cells + 1), "tetrahedron", degree=orders[1])
+    mesh = coulomb.join(low=low, up=coulomb.moved(up, translate=(0.2, 0.15, 0.5)))
+    mesh = replace(mesh, bodies={name: replace(one, coarser=None, grid=None) for name, one in mesh.bodies.items()})
+    contact = Contact("up:bottom", 0.3, against="low:top", slave=True)
+    load = [Traction("up:top", (4e6, 1e6, -2e7))]
+    return ContactProblem(mesh, {"low": STEEL, "up": Material(7e10, 0.33)}, [Clamp("low:bottom")], contact, load)
+
+
+def test_bodies_of_both_orders():
+    """The errors of each body are seen beside the other order of it, and add; the fine answer is of second order."""
+    exact = answer_of(on_a_plate(3, (2, 2)).solve(), TOLERANCE).totals
+    for orders in ((1, 2), (2, 1)):
+        bars = on_a_plate(1, orders).solve().error()
+        assert [one.order for one in bars.answers] == [1.5, 2, 1, 1]
+        for name in ("strain_energy", "maximum.displacement", "totals.force", "totals.moment", "totals.greatest_slip"):
+            error = np.linalg.norm(bars[name].value - exact[name][0])
+            assert error <= np.linalg.norm(bars[name].bar) < 20.0 * error + 1e-6 * np.linalg.norm(exact[name][0])
+        values = bars["strain_energy"].values
+        apart = 2.0 * abs(values[1] - values[0]) + abs(values[2] - values[0])
+        assert bars["strain_energy"].discretisation >= apart * (1.0 - 1e-12)
+        assert 0.2 < bars.relative_stress_error < 1.0
+    said = compared_in_words({"error": bars.entry()})
+    assert said == "meshes of 795 (second order), 153 (first order) and 795 (first order) unknowns"
 
 
 def test_the_other_order_is_compared_if_coarser_meshes_have_no_answer(monkeypatch):

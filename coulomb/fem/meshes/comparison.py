@@ -64,18 +64,17 @@ def _of_tetrahedra(mesh: NamedMesh) -> bool:
 
 
 def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
-    """The same cells with elements of the other order, the second one with a smooth boundary; and first-order cells on
-    the nodes of second order, but beside first-order hexahedra, whose second order has as many contact points.  None
-    for bodies of both orders; collective."""
+    """The same cells with elements of the other order, the second one with a smooth boundary; of bodies of both orders
+    all with second order, and all with first.  Then first-order cells on the nodes of second order, but beside
+    first-order hexahedra, whose second order has as many contact points; collective."""
     bodies = _bodies(mesh)
     orders = {one.degree for one in bodies.values()}
-    if len(orders) > 1:
-        return
-    first = orders == {1}
-    other = {name: smooth_second_order(one) if first else first_order(one) for name, one in bodies.items()}
-    yield _like(mesh, other)
-    second = other if first else bodies
-    if not first or any(_of_tetrahedra(one) for one in bodies.values()):
+    second = {name: smooth_second_order(one) if one.degree == 1 else one for name, one in bodies.items()}
+    if 1 in orders:
+        yield _like(mesh, second)
+    if 2 in orders:
+        yield _like(mesh, {name: first_order(one) if one.degree == 2 else one for name, one in bodies.items()})
+    if 2 in orders or any(_of_tetrahedra(one) for one in bodies.values()):
         yield _like(mesh, {name: split(one) for name, one in second.items()})
 
 

@@ -111,9 +111,13 @@ def compared_in_words(summary: Mapping[str, Any]) -> str:
     if "error" not in summary:
         return ""
     own, *others = summary["error"]["meshes"]
-    sizes, order = [f"{one['unknowns']}" for one in others], others[0]["order"]
-    kind = "" if order == own["order"] else f" of {'second' if order == 2 else 'first'} order"
-    return f"{'a mesh' if len(sizes) == 1 else 'meshes'}{kind} of {' and '.join(sizes)} unknowns"
+    sizes, orders = [f"{one['unknowns']}" for one in others], {one["order"] for one in others}
+    words = {1: "first order", 2: "second order"}
+    kind = "" if orders == {own["order"]} or len(orders) > 1 else f" of {words.get(max(orders), 'both orders')}"
+    if len(orders) > 1:
+        sizes = [f"{size} ({words.get(one['order'], 'both orders')})" for size, one in zip(sizes, others, strict=True)]
+    listed = ", ".join([*sizes[:-2], " and ".join(sizes[-2:])])
+    return f"{'a mesh' if len(sizes) == 1 else 'meshes'}{kind} of {listed} unknowns"
 
 
 def bars_in_words(summary: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
