@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import repeat
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -213,15 +213,24 @@ class Before(Protocol):
     def accumulated(self) -> Accumulated: ...
 
 
+_ROUNDING: Final = 2.0**-48
+"""Resultant of loads, relative to the sum of their magnitudes, that is a rounding error of their assembly."""
+
+
 def rigid_motions(elasticity: Deformable, surface: ContactSurface, loading: Loading) -> RigidMotions | None:
-    """The motions that contact alone prevents, with the loads along them; None if supports prevent all; collective."""
+    """The motions that contact alone prevents, with the loads along them; None if supports prevent all; collective.
+
+    A resultant below its own rounding is 0, as of the thermal forces of a body that expands freely.
+    """
     free = elasticity.free
     if not len(free):
         return None
     R = elasticity.free_part(free.modes(elasticity.x))
     G = np.stack([rows_of(surface.free_B, R[:, :, number]).ravel() for number in range(len(free))])
-    e = elasticity.comm.allreduce(np.einsum("kcq,kc->q", R, loading.load), op=MPI.SUM)
-    return RigidMotions(G, e, tuple(map(str, free.motions)))
+    each = [loading.load, *(one.forces for one in elasticity.loads_in(loading))]
+    sums = [np.einsum("kcq,kc->q", R, loading.load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]
+    e, size = elasticity.comm.allreduce(np.array(sums), op=MPI.SUM)
+    return RigidMotions(G, np.where(np.abs(e) <= _ROUNDING * size, 0.0, e), tuple(map(str, free.motions)))
 
 
 def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays import FloatArray
+from .equilibrium import EXACT
 from .friction_problem import FrictionProblem, SolverSettings, Task
 from .interior_point import InteriorPoint
 from .results import Goal, NotConverged, SolverResult, Status
@@ -122,7 +123,7 @@ _BALANCED = 1e-12
 """Loads along the motions below this part of |b|/a are rounding errors."""
 
 _OPEN = 1e-9
-"""Gap that is left open, over the largest |b_n|."""
+"""Gap that is left open, over the largest |b|."""
 
 
 def open_motion(problem: FrictionProblem) -> FloatArray | None:
@@ -133,7 +134,7 @@ def open_motion(problem: FrictionProblem) -> FloatArray | None:
     rigid, over, b = problem.rigid, problem.reductions, problem.b[0::3]
     if rigid is None or over.any(bool(np.any(problem.law.cohesion > 0.0) or np.any(np.asarray(problem.lower) != 0.0))):
         return None
-    largest = over.max(np.append(np.abs(b), 0.0))
+    largest = over.max(np.append(np.abs(problem.b), 0.0))
     if np.max(np.abs(rigid.e)) > _BALANCED * over.norm(problem.b) / problem.mean_diagonal or largest == 0.0:
         return None
     rows = over.comm.gather(np.column_stack([rigid.G[:, 0::3].T, -b / largest - _OPEN]))
@@ -143,7 +144,7 @@ def open_motion(problem: FrictionProblem) -> FloatArray | None:
 
         whole = np.concatenate(rows)
         G, room = whole[:, :-1], whole[:, -1]
-        found = linprog(np.ones(2 * rigid.count), np.hstack([G, -G]), room)
+        found = linprog(np.ones(2 * rigid.count), np.hstack([G, -G]), room, method="highs", options=EXACT)
         if found.success:
             alpha = largest * (found.x[: rigid.count] - found.x[rigid.count :])
     answer: FloatArray | None = over.comm.bcast(alpha)

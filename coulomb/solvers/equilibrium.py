@@ -36,7 +36,7 @@ from .rigid_motions import NO_MOTION, Equilibrium, RigidMotions
 BALANCED = 1e-5
 """Loads may be in equilibrium if what is left over is at most this part of them: the solver then decides."""
 
-_EXACT = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+EXACT = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 """Of the linear programmes; the smallest that HiGHS accepts."""
 
 _BETTER = 1e-8
@@ -155,7 +155,7 @@ class LimitLoad:
         below = np.zeros((1, equal.shape[1]))
         below[0, len(self._rays) : count] = 1.0
         bounds = [(0.0, None)] * (count + 2 * q) + [(0.0, 1.0)] * parts
-        answer = linprog(cost, below, [1.0], equal, fixed, bounds, method="highs", options=_EXACT)
+        answer = linprog(cost, below, [1.0], equal, fixed, bounds, method="highs", options=EXACT)
         left = float(np.sum(answer.x[count : count + 2 * q]))
         motion = np.asarray(answer.eqlin.marginals)
         motion = motion / (np.max(np.abs(motion)) or 1.0)

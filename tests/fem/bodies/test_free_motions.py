@@ -115,6 +115,21 @@ def test_loads_that_nothing_holds_are_named(loads, friction, said):
         block(loads, friction=friction).solve()
 
 
+@pytest.mark.parametrize(("cell", "young"), [("hexahedron", 1e2), ("tetrahedron", 2.1e11)])
+def test_loads_in_balance_by_themselves(cell, young):
+    """A body that is heated, or pulled from both sides, on a floor that nothing presses it onto: no stress, or the
+    uniform one; no contact forces.  What is left of the loads' resultants is rounding errors of their assembly."""
+    mesh, soft = coulomb.box((1.0, 1.0, 1.0), (3, 3, 3), cell), Material(young, 0.3, expansion=1e-5)
+    contact, up = Contact("bottom", FRICTION), np.array([0.0, 0.0, 1e-4 * young])
+    heated = ContactProblem(mesh, soft, [], contact, temperature=10.0)
+    pulled = ContactProblem(mesh, soft, [], contact, [Traction("top", tuple(up)), Traction("bottom", tuple(-up))])
+    for problem in (heated, pulled):
+        answer = problem.solve()
+        assert answer.certificate.passed and answer.valid and not np.any(answer.contact_force)
+        stretched = np.ptp(answer.displacement, axis=0) / 1e-4
+        assert stretched == pytest.approx([1.0, 1.0, 1.0] if problem is heated else [0.3, 0.3, 1.0], rel=1e-9)
+
+
 def disc(x, radius=0.05, length=0.2):
     """A cube as a cylinder."""
     u, v = 2.0 * x[0] - 1.0, 2.0 * x[1] - 1.0
