@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import fcntl
 import logging
 import os
 import shlex
 import shutil
 import sysconfig
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 _log = logging.getLogger(__name__)
 
 SECONDS = 10
 """Approximate time of the compiler for all forms of a run."""
+
+_WAIT: Final = 600.0
+"""Seconds for which a living process that compiles the same form is waited for."""
+
+_FOREIGN: Final = 60.0
+"""Age in seconds from which the file of a process that leaves no lock (DOLFINx alone) has been left by a dead one."""
 
 _to_announce = False  # whether the next compilation is to be announced
 
@@ -41,6 +49,7 @@ def watch_compilation(dolfinx_jit: Any, arity_mismatch: type[BaseException]) -> 
     if not hasattr(jit, "get_cached_module"):  # an FFCx of another structure
         return
     look_up, compiled = jit.get_cached_module, dolfinx_jit.ffcx_jit
+    lock = _CompilationLock()
 
     def looked_up(name: str, objects: Sequence[str], directory: str | Path, *arguments: Any) -> Any:
         global _to_announce
@@ -49,8 +58,14 @@ def watch_compilation(dolfinx_jit: Any, arity_mismatch: type[BaseException]) -> 
             return _loaded[key]
         if not Path(directory, f"{name}.c").exists():
             _refuse_without_compiler()  # before FFCx leaves a file for which other processes wait
-        found = look_up(name, objects, directory, *arguments)
+        lock.acquire(Path(directory), name)
+        try:
+            found = look_up(name, objects, directory, *arguments)
+        except BaseException:
+            lock.release()
+            raise
         if found[0] is not None:
+            lock.release()
             _loaded[key] = found
         elif _to_announce:
             _to_announce = False
@@ -64,9 +79,60 @@ def watch_compilation(dolfinx_jit: Any, arity_mismatch: type[BaseException]) -> 
             if "compilation" in str(error):  # on several ranks, on all of them
                 _refuse_without_compiler()
             raise
+        finally:
+            lock.release()
 
     jit.get_cached_module, dolfinx_jit.ffcx_jit = looked_up, explained
     jit._compile_objects = _with_arity_errors(jit._compile_objects, arity_mismatch)
+
+
+class _CompilationLock:
+    """Lock of a process while it compiles a form, by which others see whether the process still lives.
+
+    FFCx makes `NAME.c` before it compiles and `NAME.c.cached` after it, and waits for the second where there is the first.
+    If the process has been killed in between, every later run would wait in vain.  The operating system gives back the
+    lock on `NAME.lock` of a dead process, also on a network's file system.
+    """
+
+    def __init__(self) -> None:
+        self._file = -1
+
+    def acquire(self, directory: Path, name: str) -> None:
+        """Wait for a living process that compiles, take the lock, and remove what a dead process has left; nothing if the
+        form is there."""
+        self.release()  # of a form for which FFCx was called directly
+        source, ready, path = (directory / f"{name}{ending}" for ending in (".c", ".c.cached", ".lock"))
+        until = time.monotonic() + _WAIT
+        while not ready.exists() and time.monotonic() < until:
+            ours = path.exists()  # then a process with a lock has made `NAME.c`
+            if self._taken(path):
+                if not source.exists():
+                    return
+                if ours or time.time() - source.stat().st_mtime > _FOREIGN:
+                    source.unlink(missing_ok=True)
+                    return
+                path.unlink(missing_ok=True)
+            self.release()
+            time.sleep(0.1)
+        self.release()
+
+    def _taken(self, path: Path) -> bool:
+        """Whether this process has the lock now, or there can be none, as without rights, which FFCx reports."""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT)
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:
+            pass
+        return True
+
+    def release(self) -> None:
+        """Give the lock back."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
 
 
 def _with_arity_errors(compile_objects: Callable[..., Any], mismatch: type[BaseException]) -> Callable[..., Any]:

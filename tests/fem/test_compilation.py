@@ -1,5 +1,11 @@
 """The compilation of forms needs a compiler; that it is announced is in tests/cli/test_standard_streams.py."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
+
 import pytest
 from conftest import ROOT, make_block, run_coulomb
 from ffcx.codegeneration import jit
@@ -28,3 +34,55 @@ def test_a_loaded_form_is_not_looked_up_again(monkeypatch):
         make_block(1)
     monkeypatch.setattr("importlib.machinery.FileFinder", None)
     make_block(1)
+
+
+FORM = """
+from mpi4py import MPI
+from coulomb.fem import compat
+import ufl
+domain = compat.mesh.create_unit_cube(MPI.COMM_WORLD, 1, 1, 1)
+V = compat.functionspace(domain, 1)
+form = compat.fem.form(ufl.TrialFunction(V) * ufl.TestFunction(V) * ufl.dx)
+print(len(list(__import__("pathlib").Path(CACHE).rglob("libffcx_forms*.c.cached"))), "compiled")
+"""
+
+
+def _compiling(cache, compiler):
+    script = f"CACHE = {str(cache)!r}" + FORM
+    env = {**os.environ, "XDG_CACHE_HOME": str(cache), "CC": f"{compiler}"}
+    return subprocess.Popen([sys.executable, "-c", script], env=env, cwd=ROOT, text=True, stdout=subprocess.PIPE)
+
+
+def _script(path, text):
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+    return path
+
+
+def test_a_run_killed_in_the_compiler_leaves_nothing_that_others_wait_for(tmp_path):
+    killed = _compiling(tmp_path, _script(tmp_path / "kills", "kill -9 $PPID"))
+    assert killed.wait() == -signal.SIGKILL
+    left = {file.suffix for file in tmp_path.rglob("libffcx*")}
+    assert ".c" in left and ".cached" not in left  # else the next line shows nothing
+    run = _compiling(tmp_path, "gcc")
+    assert run.communicate()[0] == "1 compiled\n" and run.returncode == 0
+
+
+def test_two_processes_that_compile_at_once_compile_once(tmp_path):
+    slow = _script(tmp_path / "slow", f"echo x >> {tmp_path}/calls; sleep 0.7; exec gcc \"$@\"")
+    runs = [_compiling(tmp_path, slow) for _ in range(3)]
+    assert [run.communicate()[0] for run in runs] == ["1 compiled\n"] * 3
+    alone = (tmp_path / "calls").read_text().count("x")
+    again = tmp_path / "again"
+    again.mkdir()
+    assert _compiling(again, slow).communicate()[0] == "1 compiled\n"
+    assert (tmp_path / "calls").read_text().count("x") == 2 * alone
+
+
+def test_a_file_of_dolfinx_alone_is_waited_for_until_it_is_old(tmp_path):
+    """Such a process leaves no lock by which it could be seen to live."""
+    name = "libffcx_forms_0"
+    source = tmp_path / f"{name}.c"
+    source.touch()
+    os.utime(source, (time.time() - 3600.0,) * 2)
+    assert jit.get_cached_module(name, ["form"], tmp_path, 1) == (None, None)  # this process is to compile it
