@@ -43,9 +43,12 @@ class Session:
         """Callback that shows a step, logs it, and returns whether to stop."""
 
         def progress(at: Progress) -> bool:
-            display(at)
-            self.log.step(at)
-            return self.interruption.asked()
+            try:
+                display(at)
+                self.log.step(at)
+            finally:  # also where this rank fails, since the others ask
+                stop = self.interruption.asked()
+            return stop
 
         return progress
 

@@ -89,17 +89,17 @@ def watch_compilation(dolfinx_jit: Any, arity_mismatch: type[BaseException]) -> 
 class _CompilationLock:
     """Lock of a process while it compiles a form, by which others see whether the process still lives.
 
-    FFCx makes `NAME.c` before it compiles and `NAME.c.cached` after it, and waits for the second where there is the first.
-    If the process has been killed in between, every later run would wait in vain.  The operating system gives back the
-    lock on `NAME.lock` of a dead process, also on a network's file system.
+    FFCx makes `NAME.c` before it compiles and `NAME.c.cached` after it, and waits for the second where there is the
+    first.  If the process has been killed in between, every later run would wait in vain.  The operating system gives
+    back the lock on `NAME.lock` of a dead process, also on a network's file system.
     """
 
     def __init__(self) -> None:
         self._file = -1
 
     def acquire(self, directory: Path, name: str) -> None:
-        """Wait for a living process that compiles, take the lock, and remove what a dead process has left; nothing if the
-        form is there."""
+        """Wait for a living process that compiles, take the lock, and remove what a dead process has left; nothing if
+        the form is there."""
         self.release()  # of a form for which FFCx was called directly
         source, ready, path = (directory / f"{name}{ending}" for ending in (".c", ".c.cached", ".lock"))
         until = time.monotonic() + _WAIT

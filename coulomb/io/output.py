@@ -19,6 +19,7 @@ from typing import Any
 from ..contact_fields import names
 from ..fem import compat
 from ..fem.bodies import Elasticity, SingleBody, relative_error
+from ..fem.geometry import same_on_all_ranks
 from ..fem.meshes import facet_columns
 from ..model.discrete_problem import DiscreteProblem
 from ..model.provenance import moment, now, provenance
@@ -64,6 +65,7 @@ def write(
         ValueError: On every rank, if it has load steps, and `overwrite` is not set.
     """
     comm, problem, began = solution.problem.comm, solution.problem, time.perf_counter()
+    same_on_all_ranks({"directory": str(directory), "overwrite": overwrite}, comm)
     target = Path(directory)
     if not overwrite and (found := comm.bcast(present(target).steps if comm.rank == 0 else 0)):
         raise ValueError(f"{target} holds a load history of {found} steps: choose another directory, or remove it")

@@ -13,10 +13,12 @@ from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, Loading
+from ..fem.geometry import on_every_rank
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance, StiffnessSolver
 from ..linalg.reductions import Reductions
@@ -344,14 +346,17 @@ class LinearSolveFailed(NotConverged):
 
 
 class CountedProgress:
-    """The user's callback, if there is one, with the number of `steps` and whether it has `stopped` the solve."""
+    """The user's callback, if there is one, with the number of `steps` and whether it has `stopped` the solve, on any
+    rank; a callback that fails on one rank ends the solve on all."""
 
-    def __init__(self, progress: ProgressCallback | None):
-        self._progress, self.steps, self.stopped = progress, 0, False
+    def __init__(self, progress: ProgressCallback | None, comm: MPI.Comm):
+        self._progress, self._comm, self.steps, self.stopped = progress, comm, 0, False
 
     def __call__(self, progress: Progress) -> bool:
         self.steps += 1
-        self.stopped = self._progress is not None and bool(self._progress(progress))
+        call = self._progress
+        asked = on_every_rank(lambda: call is not None and bool(call(progress)), "progress", self._comm)
+        self.stopped = any(asked)
         return self.stopped
 
 

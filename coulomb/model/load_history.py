@@ -19,10 +19,12 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 
+from ..fem.geometry import on_every_rank, same_on_all_ranks
 from ..solvers.automatic import Automatic
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
@@ -95,6 +97,7 @@ class LoadHistory:
         halved, bar = 0, NotebookBar() if progress is None and in_notebook() and problem.comm.rank == 0 else None
         if in_notebook():  # one bar for all steps
             progress = progress or (lambda _: None)
+        same_on_all_ranks({"history": self}, problem.comm)
         while state.pending:
             time = state.pending[-1]
             if bar is not None:
@@ -183,7 +186,9 @@ class LoadHistory:
         with recorder.recording(problem, self.beginning(problem)) as state:
             for step in self.steps(problem, state, progress):
                 recorder.record(step)
-                if on_step is not None and on_step(step):
+                if on_step is None:
+                    continue
+                if any(on_every_rank(partial(on_step, step), "on_step", problem.comm)):
                     break
 
 

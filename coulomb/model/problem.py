@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from typing import Any, ClassVar, Self, cast
 
 import numpy as np
@@ -28,20 +28,21 @@ from ..fem.bodies import (
     vanishes,
 )
 from ..fem.contact import ContactSurface, RigidFace, Tied, TiedBodies, with_slaves
-from ..fem.geometry import Amplitude, Coefficient, Field
+from ..fem.geometry import Amplitude, Coefficient, Field, same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..lazy_names import late_bound
-from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
+from ..linalg.compliance import IterativeSolver, LinearSolver
 from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged, TooSlow
 from ..native import threads
 from ..solvers.automatic import Automatic
 from ..solvers.condensed import CondensedSystem
-from ..solvers.friction_problem import Solver
+from ..solvers.friction_problem import Solver, contact_solver
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.newton_systems import DenseSystem
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from . import notebook
+from .arguments import certifying, contacts_given, linear_solver_of, refuse_wrong
 from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState
 from .discrete_problem import CountedProgress, DiscreteProblem, linear_solve_failed
@@ -166,6 +167,7 @@ class ContactProblem(DiscreteProblem):
         ties: Sequence[Tied] = (),
         rigid_faces: Sequence[RigidFace] = (),
     ):
+        refuse_wrong(mesh, {**self._named, "time": time, "explicit": explicit, "probes": probes})
         mode, started = known_mode(small_strain), now()
         given: object = contact
         if len(heat):
@@ -210,7 +212,7 @@ class ContactProblem(DiscreteProblem):
             return TiedBodies(body, [*rigid_faces, *ties], time) if ties or rigid_faces else body
 
         body = ContactBody(
-            make_tied, mesh.comm, self._contacts_of(given), time, _linear_solver(linear_solver), explicit, probes
+            make_tied, mesh.comm, self._contacts_of(given), time, linear_solver_of(linear_solver), explicit, probes
         )
         if len(heat):
             body.heat = HeatProblem(body.elasticity, heat, body.contacts, reference_temperature)
@@ -222,7 +224,7 @@ class ContactProblem(DiscreteProblem):
 
     def _contacts_of(self, given: object) -> tuple[Contact, ...]:
         """One contact or several, as a tuple."""
-        return _contacts(given)
+        return contacts_given(given)
 
     def at(self, time: float, before: Before | None = None) -> ContactProblem:
         """The problem at another time with the same body, K^-1 and A; collective.
@@ -236,6 +238,7 @@ class ContactProblem(DiscreteProblem):
             ValueError: On every rank, if an amplitude or the motion has no value then, or the set of contact
                 nodes changes.
         """
+        refuse_wrong(self.made_of, {"time": time})
         seconds: dict[str, float] = {}
         with timed(seconds, "assembly"):
             body = self.body.at_time(time)
@@ -243,14 +246,19 @@ class ContactProblem(DiscreteProblem):
         return self.in_state(state, seconds, before, body)
 
     @property
+    def _named(self) -> dict[str, Any]:
+        """The arguments by name."""
+        return {**dict(zip(_POSITIONAL, self._given[0], strict=False)), **self._given[1]}
+
+    @property
     def made_of(self) -> NamedMesh | JoinedMesh | Deformable:
         """Its first argument."""
-        return cast(NamedMesh | JoinedMesh | Deformable, [*self._given[0], self._given[1].get("mesh")][0])
+        return cast(NamedMesh | JoinedMesh | Deformable, self._named["mesh"])
 
     def on(self, mesh: NamedMesh | JoinedMesh | Deformable) -> Self:
         """The same problem on another mesh (or another `Body`), at the same time, with contact points of pairs and tied
         nodes on the same faces; ValueError on every rank if that has not the faces and groups of cells; collective."""
-        given = {**dict(zip(_POSITIONAL, self._given[0], strict=False)), **self._given[1]}
+        given = self._named
         given |= {"material": None} if isinstance(self.made_of, Deformable) else {}  # it may be the contact
         contacts = [replace(one, slave=one.against is not None) for one in self.body.contacts]
         given["ties"] = with_slaves(given.get("ties", ()), self.elasticity.ties)
@@ -314,17 +322,16 @@ class ContactProblem(DiscreteProblem):
                 reached; `solution(error.result)` is the best answer.  Also if K u = f is not solved by multigrid, and
                 if contact and heat do not agree (`HeatNotConverged`).
         """
-        if solver is not None and not hasattr(solver, "tolerance"):
-            raise ValueError(
-                f"solver must be one for contact, as InteriorPoint() or SuccessiveTresca(), but is {solver!r}; "
-                "how K u = f is solved is the linear_solver of the problem"
-            )
+        same_on_all_ranks({"tolerance": tolerance, "solver": solver}, self.comm)
+        solver = contact_solver(solver)
+        if not (progress is None or callable(progress)):
+            raise ValueError(f"progress must be a function of a step, or None, but is {progress!r}")
         if self.elasticity.outdated(self.loading):
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         refuse_without_equilibrium(self)
         heat = self.body.heat
         if heat is not None:  # a solver that starts within its tolerance would leave a certificate that fails as it is
-            tolerance, solver = min(tolerance, CERTIFIED_FROM), _certifying(solver)
+            tolerance, solver = min(tolerance, CERTIFIED_FROM), certifying(solver)
         with residuals_shown(progress, tolerance, self.comm.rank) as shown:
 
             def by_any_method(posed: ContactProblem, start: FloatArray | None) -> Solution:
@@ -433,7 +440,7 @@ class ContactProblem(DiscreteProblem):
     ) -> Solution:
         """The answer by the present method for K^-1; arguments and errors as of `solve`."""
         chosen = solver or self._default(tolerance)
-        criterion, counted = StoppingCriterion(self), CountedProgress(progress)
+        criterion, counted = StoppingCriterion(self), CountedProgress(progress, self.comm)
         with self.body.stiffness.limited(self.stiffness.solver):
             problem = self.friction_problem  # K^-1, A and b are timed separately
             self.prepare_products()
@@ -470,31 +477,5 @@ class ContactProblem(DiscreteProblem):
         return threadpool_limits(limits=1, user_api="blas") if threaded else nullcontext()
 
 
-def _certifying(solver: Solver | None) -> Solver | None:
-    """A solver with a tolerance at which it asks for the certificate."""
-    loose = is_dataclass(solver) and not isinstance(solver, type) and solver.tolerance > CERTIFIED_FROM
-    return cast(Solver, replace(cast(Any, solver), tolerance=CERTIFIED_FROM)) if loose else solver
-
-
 def _vector(values: FloatArray) -> str:
     return f"({', '.join(f'{value:.4g}' for value in values)})"
-
-
-def _linear_solver(given: object) -> LinearSolver | None:
-    """The solver for K^-1 by class or name; None for the choice by size."""
-    if given is None or given == "auto":
-        return None
-    for name, solver in (("direct", DirectSolver), ("iterative", IterativeSolver)):
-        if given == name:
-            return solver
-        if isinstance(given, type) and issubclass(given, solver):
-            return given
-    raise ValueError(f'linear_solver must be "auto", "direct" or "iterative", or one of the classes, but is {given!r}')
-
-
-def _contacts(given: object) -> tuple[Contact, ...]:
-    """One contact or several, as a tuple."""
-    contacts = (given,) if isinstance(given, Contact) else tuple(given) if isinstance(given, Sequence) else ()
-    if not contacts or not all(isinstance(contact, Contact) for contact in contacts):
-        raise ValueError(f"contact must be a Contact, or several, but is {given!r}")
-    return contacts

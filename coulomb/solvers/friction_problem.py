@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -323,6 +323,18 @@ class Solver(Protocol):
         ...
 
 
+def contact_solver(given: object) -> Solver | None:
+    """A solver as it is, or None; ValueError for anything else, such as its class."""
+    if given is None or (hasattr(given, "tolerance") and hasattr(given, "solve") and not isinstance(given, type)):
+        return cast(Solver | None, given)
+    said = repr(given) if isinstance(given, type | str | int | float) else f"a {type(given).__name__}"
+    known = f"{given.__name__}()" if isinstance(given, type) else "InteriorPoint() or SuccessiveTresca()"
+    raise ValueError(
+        f"solver must be one for contact, as {known}, but is {said}; "
+        "how K u = f is solved is the linear_solver of the problem"
+    )
+
+
 class Task(NamedTuple):
     """What a solver is asked for, besides the problem: the goal, and arguments of `solve`."""
 
@@ -330,6 +342,20 @@ class Task(NamedTuple):
     start: FloatArray | None
     gradient: FloatArray | None
     progress: ProgressCallback | None
+
+
+def _checked_start(start: FloatArray | None, problem: FrictionProblem) -> FloatArray | None:
+    """Forces (3 m,), or several, (k, 3 m), as they are; ValueError on every rank for others; collective."""
+    over, size = problem.reductions, 3 * problem.A.nodes
+    if not over.any(start is not None):
+        return None
+    values = np.asarray(start) if start is not None else np.zeros(0)
+    numbers = values.dtype.kind in "fiu"
+    shape = f"({size},)" if problem.A.comm.size == 1 else "(3 m,) for the m contact points of a rank"
+    must = f"start must be forces in newtons, finite real numbers of shape {shape}"
+    over.require(numbers and values.ndim in (1, 2) and values.shape[-1] == size, f"{must}, but is not")
+    over.require(bool(np.all(np.isfinite(values))), f"{must}, but has entries that are not finite")
+    return values.astype(np.float64, copy=False)
 
 
 @dataclass(frozen=True)
@@ -366,6 +392,7 @@ class SolverSettings(Settings):
             NotConverged: With the best answer, if its residual stays above the tolerance or the certificate fails.
             ValueError: If the method does not support the law or the compliance.
         """
+        start = _checked_start(start, problem)
         goal, products = Goal(self.tolerance if tolerance is None else tolerance, problem.accept), problem.A.products
         result = self._solved(problem, Task(goal, start, gradient, progress))
         products = result.products + problem.A.products - products

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +20,9 @@ from ..linalg.reductions import Reductions
 
 LAWS = ("coulomb", "tresca", "mohr-coulomb")
 """Names of the laws; Mohr-Coulomb's is also that of faces with different laws together."""
+
+_LARGEST: Final = 1e100
+"""Cohesion, or coefficient, whose square is far from overflow."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,9 @@ class FrictionLaw:
             over.require(values.shape == (nodes,), must)
             permitted = np.all(np.isfinite(values) & (values >= 0.0))
             over.require(permitted, f"{name} has entries that are negative or not finite")
+            within = np.all(values <= _LARGEST)
+            given = "cohesion, or slip_stress, times area" if name == "cohesion" else name
+            over.require(within, f"{given} has entries above {_LARGEST:g}: that overflows, and holds no better")
 
     def name(self, over: Reductions) -> str:
         """Name of the law over all ranks, one of `LAWS`: Coulomb's without cohesion, Tresca's without friction."""

@@ -69,7 +69,7 @@ def test_a_run_killed_in_the_compiler_leaves_nothing_that_others_wait_for(tmp_pa
 
 
 def test_two_processes_that_compile_at_once_compile_once(tmp_path):
-    slow = _script(tmp_path / "slow", f"echo x >> {tmp_path}/calls; sleep 0.7; exec gcc \"$@\"")
+    slow = _script(tmp_path / "slow", f'echo x >> {tmp_path}/calls; sleep 0.7; exec gcc "$@"')
     runs = [_compiling(tmp_path, slow) for _ in range(3)]
     assert [run.communicate()[0] for run in runs] == ["1 compiled\n"] * 3
     alone = (tmp_path / "calls").read_text().count("x")

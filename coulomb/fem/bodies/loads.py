@@ -255,7 +255,7 @@ def load_title(load: Timed) -> str:
 
 
 def vanishes(value: Field) -> bool:
-    return not callable(value) and np.shape(value) == (3,) and not np.any(np.asarray(value, dtype=np.float64))
+    return not callable(value) and np.shape(value) == (3,) and not np.any(np.asarray(value))
 
 
 TEMPERATURE = "temperature_change"

@@ -19,6 +19,7 @@ from ..geometry import (
     Field,
     Point,
     RigidFoundation,
+    check_angle,
     check_direction,
     check_point,
     evaluate_vectors,
@@ -266,8 +267,7 @@ class PrescribedRotation:
     def __post_init__(self) -> None:
         check_point(f"{self.what}: point", self.point)
         check_direction(f"{self.what}: axis", self.axis)
-        if not is_number(self.angle, -math.inf):
-            raise ValueError(f"{self.what}: angle must be a finite number of radians, but is {self.angle}")
+        check_angle(f"{self.what}: angle", self.angle)
         if self.axial not in ("held", "free"):
             raise ValueError(f'{self.what}: axial must be "held" or "free", but is {self.axial!r}')
 

@@ -23,7 +23,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
 from ..bodies import Deformable, Tie, anchors_of, displacements_of, null_space
-from ..geometry import Amplitude, Point, check_point, evaluate_amplitude, on_all_ranks
+from ..geometry import Amplitude, Point, check_angle, check_point, evaluate_amplitude, on_all_ranks
 from ..meshes import starts_of
 
 _FREE = 1e-10
@@ -80,6 +80,9 @@ class RigidFace:
                 raise ValueError(
                     f"{self.what}: {name} must be three numbers, or None where it is free, but is {given!r}"
                 )
+        for one in self.rotation:
+            if one is not None:
+                check_angle(f"{self.what}: rotation", one)
         for name in ("translation_stiffness", "rotation_stiffness"):
             given = getattr(self, name)
             if len(given) != 3 or not all(is_number(one, 0.0) for one in given):

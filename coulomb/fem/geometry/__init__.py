@@ -24,6 +24,7 @@ from .obstacles import (
     Sphere,
     Spin,
     Turn,
+    check_angle,
     check_direction,
     check_point,
     moved,
@@ -43,4 +44,6 @@ from .user_values import (
     evaluate_vectors,
     first_place,
     on_all_ranks,
+    on_every_rank,
+    same_on_all_ranks,
 )

@@ -18,12 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray, is_number
+from ...load_curve import LoadCurve
 from .user_values import Amplitude, Motion, evaluate_amplitude, evaluate_motion
 
 Point = tuple[float, float, float]
@@ -240,6 +241,18 @@ def check_direction(what: str, vector: Point) -> None:
         )
 
 
+def check_angle(what: str, angle: object) -> None:
+    """Raises ValueError if an angle is not a finite number, or more than a turn in radians, as degrees are."""
+    if not is_number(angle, -np.inf):
+        raise ValueError(f"{what} must be a finite number of radians, but is {angle}")
+    number = float(cast(float, angle))
+    if abs(number) > 2.0 * np.pi:
+        raise ValueError(
+            f"{what} is in radians: {number:g} are {abs(number) / (2.0 * np.pi):.3g} turns; for {number:g} degrees "
+            f"give {np.radians(number):.6g}, for several turns a table or function of time in radians"
+        )
+
+
 def _check_radius(what: str, radius: float) -> None:
     if not (is_number(radius) and radius > 0.0):
         raise ValueError(f"{what} must be a positive number of metres, but is {radius!r}")
@@ -255,7 +268,7 @@ class Rotation:
         angle: In radians, as a function of time: a function, a table of (time, angle), or a number.
 
     Raises:
-        ValueError: If the axis is zero or an entry is not finite.
+        ValueError: If the axis is zero, an entry is not finite, or a number as the angle more than a turn.
     """
 
     point: Point
@@ -265,6 +278,8 @@ class Rotation:
     def __post_init__(self) -> None:
         check_point("rotation: point", self.point)
         check_direction("rotation: axis", self.axis)
+        if not callable(self.angle) and not isinstance(self.angle, LoadCurve | Sequence):
+            check_angle("rotation: angle", self.angle)
 
 
 @dataclass(frozen=True)

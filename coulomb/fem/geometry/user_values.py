@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, TypeVar, cast
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from numbers import Real
+from typing import TYPE_CHECKING, Final, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -103,7 +105,7 @@ def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> 
         if callable(field):
             if len(x) == 0:
                 return np.empty((0, 3))
-            values = np.asarray(field(x.T.copy()), dtype=np.float64)
+            values = real_numbers(field(x.T.copy()))
             if values.shape != (3, len(x)):
                 raise ValueError(f"the function must return shape (3, {len(x)}), but returned {values.shape}")
             return _finite(values.T, x)
@@ -152,10 +154,17 @@ def _numbers(coefficient: Coefficient, x: FloatArray) -> FloatArray:
             raise ValueError(f"must be a number or a function of x, but is {coefficient!r}") from None
     if len(x) == 0:
         return np.empty(0)
-    values = np.asarray(coefficient(x.T.copy()), dtype=np.float64)
+    values = real_numbers(coefficient(x.T.copy()))
     if values.shape not in ((), (len(x),)):
         raise ValueError(f"the function must return {len(x)} numbers, but returned shape {values.shape}")
     return np.broadcast_to(values, (len(x),)).copy()
+
+
+def real_numbers(values: npt.ArrayLike) -> FloatArray:
+    """An array of double precision; ValueError for complex numbers, of which NumPy would drop a part."""
+    if np.iscomplexobj(values):
+        raise ValueError("the values must be real numbers, but are complex")
+    return np.asarray(values, dtype=np.float64)
 
 
 def _finite(values: FloatArray, x: FloatArray) -> FloatArray:
@@ -184,3 +193,74 @@ def on_all_ranks(evaluate: Callable[[], Value], what: str, comm: MPI.Comm) -> Va
     if faults:
         raise ValueError(f"{what}: {faults[0]}" if what else faults[0])
     return cast(Value, value)
+
+
+def on_every_rank(call: Callable[[], Value], what: str, comm: MPI.Comm) -> list[Value]:
+    """The results of a call on all ranks, by rank; where it raises an exception, this goes on there, and the others
+    raise a RuntimeError with its words after `what`."""
+    value: Value | None = None
+    fault: Exception | None = None
+    try:
+        value = call()
+    except Exception as error:  # user functions may raise anything
+        fault = error
+    if comm.size > 1:
+        results = comm.allgather((value, None if fault is None else f"{type(fault).__name__}: {fault}"))
+    else:
+        results = [(value, None)]
+    if fault is not None:
+        raise fault
+    for rank, (_, said) in enumerate(results):
+        if said is not None:
+            raise RuntimeError(f"{what} failed on rank {rank}: {said}")
+    return [cast(Value, result) for result, _ in results]
+
+
+def same_on_all_ranks(arguments: Mapping[str, object], comm: MPI.Comm) -> None:
+    """Refuse arguments that differ between ranks, before collective calls wait for each other for ever; collective.
+
+    Numbers, texts, and fields of dataclasses are compared, entry by entry; of functions, arrays of the mesh's size and
+    other objects only the type.
+
+    Raises:
+        ValueError: On every rank, with the first argument that differs, and its values.
+    """
+    if comm.size == 1:
+        return
+    mine = [entry for name, value in arguments.items() for entry in _entries(name, value)]
+    first = comm.bcast(mine)
+    pairs = [pair for pair in zip(first, mine, strict=False) if pair[0] != pair[1]]
+    if not pairs and len(first) != len(mine):
+        pairs = [(("the arguments", f"{len(first)} entries"), ("", f"{len(mine)}"))]
+    found = comm.allgather(pairs[0] if pairs else None)
+    for rank, pair in enumerate(found):
+        if pair is not None:
+            (name, there), (_, here) = pair
+            raise ValueError(f"{name} must be the same on all ranks, but is {there} on rank 0, {here} on rank {rank}")
+
+
+_COMPARED: Final = 64  # entries of an array up to which they are compared
+
+
+def _entries(name: str, value: object) -> Iterator[tuple[str, str]]:
+    """Names and texts of what can be compared of a value."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist() if value.size <= _COMPARED else f"an array of type {value.dtype}"
+    if isinstance(value, Real):
+        yield name, repr(float(value)).removesuffix(".0")
+    elif isinstance(value, str) or value is None:
+        yield name, repr(value)
+    elif is_dataclass(value) and not isinstance(value, type):
+        yield name, type(value).__name__
+        for one in fields(value):
+            if one.compare:
+                yield from _entries(f"{name}.{one.name}", getattr(value, one.name))
+    elif isinstance(value, Mapping):
+        for key, part in value.items():
+            yield from _entries(f"{name}[{key!r}]", part)
+    elif isinstance(value, Sequence):
+        yield f"the number of entries of {name}", str(len(value))
+        for number, part in enumerate(value):
+            yield from _entries(f"{name}[{number}]", part)
+    else:
+        yield name, f"a {value.__name__}" if isinstance(value, type) else f"a {type(value).__name__}"

@@ -17,7 +17,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray, IntArray, in_words, is_number
 from .. import compat, mesh_formats
 from ..compat import mesh
-from ..geometry import evaluate_vectors
+from ..geometry import evaluate_vectors, same_on_all_ranks
 from ..mesh_formats import BOX_FACES
 from .curving import arcs
 from .cuts import apart, cut
@@ -179,6 +179,7 @@ def box(
         ValueError: If a length or a number of cells is not positive, the cell or degree unknown, or a position not
             finite, or if a cell becomes flat.
     """
+    same_on_all_ranks({"box: lengths": lengths, "box: cells": cells, "box: cell": cell, "box: degree": degree}, comm)
     if len(lengths) != 3 or not all(is_number(length) and length > 0.0 for length in lengths):
         raise ValueError(f"box: lengths must be three positive numbers in metres, but are {list(lengths)}")
     if len(cells) != 3 or not all(is_number(n, 1.0) and int(n) == n for n in cells):
@@ -340,6 +341,8 @@ def read_mesh(
     Raises:
         ValueError: On every rank, if the format is not known or the file cannot be read or used, with the reason.
     """
+    given = {"path": str(path), "names": names, "cell_names": cell_names, "scale": scale, "cuts": cuts}
+    same_on_all_ranks({f"read_mesh: {name}": value for name, value in given.items()}, comm)
     end = known_format(path, bool(names or cell_names))
     if end == ".xdmf" and cuts:
         raise ValueError(f"{path}: cuts are not for XDMF, of which every rank reads a part: export .vtu or .msh")

@@ -18,7 +18,7 @@ from ...arrays import FloatArray
 from ...linalg.compliance import Compliance, MatrixCompliance
 from ...linalg.reductions import Reductions
 from ..automatic import DECISIVE, Automatic, result_of
-from ..friction_problem import FrictionProblem, Solver, SolverSettings, Task
+from ..friction_problem import FrictionProblem, Solver, SolverSettings, Task, contact_solver
 from ..interior_point import InteriorPoint
 from ..laws import FrictionLaw
 from ..newton_systems import DenseSystem
@@ -115,6 +115,8 @@ class MatrixAutomatic(SolverSettings):
                 A = scipy.sparse.csr_matrix(A, dtype=np.float64)
         else:
             return None
+        if np.iscomplexobj(A) or np.iscomplexobj(b) or np.iscomplexobj(friction):
+            return None
         try:
             b = np.ascontiguousarray(b, dtype=np.float64)
             friction = np.asarray(friction, dtype=np.float64, order="C")
@@ -181,7 +183,7 @@ def solve_tresca(
     compliance = _compliance(A)
     bound = _for_each("slip_bound", slip_bound, compliance.nodes)
     qp = FrictionProblem.tresca(compliance, _numbers("b", b), bound, _numbers("lower", lower))
-    return (solver or MatrixAutomatic()).solve(replace(qp, rigid=_motions(rigid)))
+    return (contact_solver(solver) or MatrixAutomatic()).solve(replace(qp, rigid=_motions(rigid)))
 
 
 def solve_coulomb(
@@ -219,7 +221,7 @@ def solve_coulomb(
     coefficient = _for_each("friction", friction, compliance.nodes)
     law = FrictionLaw(_for_each("cohesion", cohesion, compliance.nodes), coefficient)
     problem = FrictionProblem(compliance, _numbers("b", b), law, rigid=_motions(rigid))
-    return (solver or MatrixAutomatic(sweeps=sweeps)).solve(problem)
+    return (contact_solver(solver) or MatrixAutomatic(sweeps=sweeps)).solve(problem)
 
 
 def _motions(rigid: RigidMotions | None) -> RigidMotions | None:
@@ -227,6 +229,8 @@ def _motions(rigid: RigidMotions | None) -> RigidMotions | None:
 
 
 def _numbers(name: str, values: Any) -> FloatArray:
+    if np.iscomplexobj(values):
+        raise ValueError(f"{name} must be made of real numbers, but is complex")
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -244,6 +248,8 @@ def _compliance(A: Any) -> Compliance:
     if isinstance(A, PETSc.Mat):
         matrix = A
     elif scipy.sparse.issparse(A):
+        if np.iscomplexobj(A):
+            raise ValueError("A must be made of real numbers, but is complex")
         sparse = _square(scipy.sparse.csr_matrix(A, dtype=np.float64))
         if not sparse.has_canonical_format:  # else PETSc does not add up entries of the same place
             sparse = sparse.copy()

@@ -1,0 +1,77 @@
+"""Arguments of a contact problem, checked before anything is made of them, with the same error on every rank."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import is_dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from ..arrays import is_number
+from ..fem.bodies import Deformable
+from ..fem.geometry import same_on_all_ranks
+from ..fem.meshes import JoinedMesh, NamedMesh
+from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
+from ..solvers.friction_problem import Solver
+from .contact import Contact
+from .probes import Probe
+from .stopping_criterion import CERTIFIED_FROM
+
+
+def refuse_wrong(mesh: object, given: Mapping[str, object]) -> None:
+    """Refuse what is no mesh or body, other arguments that differ between ranks, or that are not what their names say;
+    collective.
+
+    Raises:
+        ValueError: On every rank.
+    """
+    if not isinstance(mesh, NamedMesh | JoinedMesh | Deformable):
+        if isinstance(mesh, str | Path):
+            advice = f"coulomb.read_mesh({str(mesh)!r}) reads a file"
+        elif hasattr(mesh, "topology"):
+            advice = "NamedMesh(mesh, faces) gives the faces of a DOLFINx mesh names"
+        else:
+            advice = "coulomb.box and coulomb.read_mesh make meshes, coulomb.join several bodies"
+        raise ValueError(f"mesh must be a mesh with named faces, or a Body, but is {_short(mesh)}; {advice}")
+    same_on_all_ranks({name: value for name, value in given.items() if name != "mesh"}, mesh.comm)
+    if not is_number(given["time"], -np.inf):
+        raise ValueError(f"time must be a finite number, but is {given['time']!r}")
+    explicit, probes = given.get("explicit"), given.get("probes", ())
+    if not isinstance(explicit, bool | np.bool_ | None):
+        raise ValueError(f"explicit must be True, False, or None for the choice by size, but is {explicit!r}")
+    if not isinstance(probes, Sequence) or not all(isinstance(one, Probe) for one in probes):
+        raise ValueError(f"probes must be a list of Probe, but is {_short(probes)}")
+
+
+def _short(value: object) -> str:
+    """What it is, in words that are the same on all ranks."""
+    text = repr(value)
+    return text if len(text) <= 60 and " at 0x" not in text else f"a {type(value).__name__}"
+
+
+def certifying(solver: Solver | None) -> Solver | None:
+    """A solver with a tolerance at which it asks for the certificate."""
+    loose = is_dataclass(solver) and not isinstance(solver, type) and solver.tolerance > CERTIFIED_FROM
+    return cast(Solver, replace(cast(Any, solver), tolerance=CERTIFIED_FROM)) if loose else solver
+
+
+def linear_solver_of(given: object) -> LinearSolver | None:
+    """The solver for K^-1 by class or name; None for the choice by size."""
+    if given is None or given == "auto":
+        return None
+    for name, solver in (("direct", DirectSolver), ("iterative", IterativeSolver)):
+        if given == name:
+            return solver
+        if isinstance(given, type) and issubclass(given, solver):
+            return given
+    raise ValueError(f'linear_solver must be "auto", "direct" or "iterative", or one of the classes, but is {given!r}')
+
+
+def contacts_given(given: object) -> tuple[Contact, ...]:
+    """One contact or several, as a tuple."""
+    contacts = (given,) if isinstance(given, Contact) else tuple(given) if isinstance(given, Sequence) else ()
+    if not contacts or not all(isinstance(contact, Contact) for contact in contacts):
+        raise ValueError(f"contact must be a Contact, or several, but is {given!r}")
+    return contacts
