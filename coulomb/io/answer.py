@@ -24,6 +24,7 @@ from ..arrays import FloatArray
 from ..contact_fields import named_faces
 from ..fem.bodies import Deformable
 from ..fem.contact import clamped_nodes
+from ..fem.meshes import NamedMesh, polygon, volume
 from ..linalg.reductions import Reductions
 from ..model.discrete_problem import DiscreteProblem
 from ..model.nodal_answer import OPEN
@@ -64,6 +65,9 @@ class Answer:
         single: Whether the largest displacement is that of a single node, so that it may be larger between nodes.
         seconds: That the answer took.
         stress: None where it is not known.
+        polygon: Volume between plane facets and the smooth surface for which they stand, over that of the body, the
+            largest of all bodies.
+        volume: Of the bodies by the corners of their cells, m^3.
     """
 
     totals: Totals
@@ -76,6 +80,8 @@ class Answer:
     single: bool
     seconds: float
     stress: StressOfAnswer | None = None
+    polygon: float = 0.0
+    volume: float = 0.0
 
 
 def answer_of(solution: Solution, tolerance: float) -> Answer:
@@ -83,6 +89,7 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     contents, problem, u = summary(solution), solution.problem, solution.displacement
     members, over = problem.elasticity.members, Reductions(problem.comm)
     contents["strain_energy"] = 0.5 * over.sum(np.sum(problem.elasticity.internal_force(u) * u, axis=1))
+    meshes = [NamedMesh(member.body.domain, {}) for member in members]
     cells = sum(member.body.domain.topology.index_map(3).size_global for member in members)
     closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
     inside = 0 < contents["nodes"]["open"] and closed > 0
@@ -103,6 +110,8 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
         single=over.sum(float(np.sum(sizes > (1.0 - 1e-9) * largest))) == 1.0,
         seconds=problem.seconds.get("total", sum(problem.seconds.values())),
         stress=stress,
+        polygon=max(map(polygon, meshes)),
+        volume=over.sum(sum(map(volume, meshes))),
     )
 
 

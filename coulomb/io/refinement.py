@@ -18,7 +18,14 @@ from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
 from .answer import FREE, Answer, answer_of
 from .energy_error import recovered_errors
-from .error_bars import ErrorBar, ErrorBars, NoErrorBars, bars_of, error_of, refuse_too_large
+from .error_bars import SHAPE, ErrorBar, ErrorBars, NoErrorBars, bars_of, error_of, refuse_too_large
+
+SMOOTH = 0.02
+"""Volume by which the smooth surface through the nodes of a mesh is wrong, over that between it and the facets:
+measured up to 0.014 of shafts and balls with ten chords in a circle (docs/error-bars.md)."""
+
+FLAT = 0.25
+"""Part of the bar asked for that facets may have which are not divided."""
 
 UNKNOWNS = 300_000
 """Displacement unknowns that a finer mesh may have by default."""
@@ -89,7 +96,7 @@ def refine(
         asked = _asked([name for name in answers[0].totals if name != FREE], totals)
         bars, largest = None, math.inf
         if len(answers) > 1:
-            bars = bars_of(answers[:3])
+            bars = bars_of(answers[:3], SMOOTH * answers[-1].polygon)
             largest = _relative([bars[name] for name in asked])
         said(posed, relative_error(stress.values()), largest)
         if bars is not None:
@@ -99,7 +106,11 @@ def refine(
         mesh = posed.made_of
         assert not isinstance(mesh, Deformable)
         next_one = problem.on(
-            finer(mesh, {name: one.squared if one.along is None else one.along for name, one in stress.items()})
+            finer(
+                mesh,
+                {name: one.squared if one.along is None else one.along for name, one in stress.items()},
+                FLAT * to / SHAPE,
+            )
         )
         if (many := next_one.unknowns["displacement"]) > unknowns:
             if best is None:  # no finer mesh: others tell

@@ -18,7 +18,17 @@ from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplace
 from coulomb.cli.terminal import show_error_bars
 from coulomb.io.accuracy import TOLERANCE
 from coulomb.io.answer import FREE, Answer, answer_of
-from coulomb.io.error_bars import FASTEST, SAFETY, SLOWEST, ErrorBar, NoErrorBars, bars_of, error_of, extrapolated
+from coulomb.io.error_bars import (
+    FASTEST,
+    SAFETY,
+    SHAPE,
+    SLOWEST,
+    ErrorBar,
+    NoErrorBars,
+    bars_of,
+    error_of,
+    extrapolated,
+)
 from coulomb.pictures.report.units import compared_in_words, share_of_tolerance
 
 STEEL = Material(young=2.1e11, poisson=0.3)
@@ -172,6 +182,20 @@ def test_the_error_of_the_stress_counts_where_contact_is_even():
     assert np.isfinite(stress_error(pressed, Clamp("left", "x"))[0].stress_error)  # a plane of symmetry
 
 
+@pytest.mark.parametrize(("other", "left"), [(0.02, 0.02), (0.03, 0.01), (0.08, 0.0), (0.0, 0.0)])
+def test_facets_of_curved_faces_that_all_meshes_share_are_in_the_bar(other, left):
+    """As far as the others have no other ones: their part of the volume, times SHAPE, of the total."""
+    parts = ((0.1, 0.02, 1.0), (0.2, other, 0.9))
+    fine, coarse = (replace(answer(h, 7.0, order=1), polygon=part, volume=size) for h, part, size in parts)
+    bar = bars_of([fine, coarse])["totals.force"]
+    assert bar.bar == pytest.approx(SHAPE * left * 7.0) and bar.entry()["parts"]["geometry"] == pytest.approx(
+        bar.bar[0]
+    )
+    assert bars_of([fine, coarse], 0.001)["totals.force"].bar == pytest.approx(SHAPE * (left + 0.001) * 7.0)
+    planes = replace(coarse, volume=1.0)
+    assert bars_of([fine, planes])["totals.force"].bar == pytest.approx(SHAPE * max(other, 0.02) * 7.0)
+
+
 def test_the_parts_of_a_bar():
     """That of the mesh; half the cells along the border, for areas alone; what the solver leaves, the most of all."""
     area = {"totals.contact_area": (np.array([2.0]), "m²"), "strain_energy": (np.array([1.0]), "J")}
@@ -182,9 +206,9 @@ def test_the_parts_of_a_bar():
         found.append(replace(one, totals=totals, algebraic=dict.fromkeys(totals, least), border=0.4))
     force, contact = (bars_of(found)[name] for name in ("totals.force", "totals.contact_area"))
     expected = SAFETY * (np.sqrt(0.2) - np.sqrt(0.1)) / (2.0**SLOWEST - 1.0)
-    parts = {"discretisation": pytest.approx(expected), "contact": 0.0, "algebraic": 0.03}
+    parts = {"discretisation": pytest.approx(expected), "contact": 0.0, "algebraic": 0.03, "geometry": 0.0}
     assert force.entry()["parts"] == parts and force.bar[0] == pytest.approx(expected + 0.03)
-    assert contact.entry()["parts"] == {"discretisation": 0.0, "contact": 0.4, "algebraic": 0.03}
+    assert contact.entry()["parts"] == {"discretisation": 0.0, "contact": 0.4, "algebraic": 0.03, "geometry": 0.0}
     assert contact.entry()["error"] == pytest.approx(0.43)
     singular = ErrorBar("totals.greatest_pressure", "Pa", *np.array([[1.0], [np.nan], [0.0], [1.0]]), 0.1, ())
     assert "parts" not in singular.entry() and singular.entry()["error"] is None

@@ -1,6 +1,7 @@
 """Meshes that refine themselves: finer where the error is, until error bars are small enough."""
 
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,11 @@ from conftest import SMALL_CASE, run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
-from coulomb.fem.meshes import finer, second_order, volume
+from coulomb.fem.meshes import finer, refined, second_order, volume
 from coulomb.io.answer import answer_of
 from coulomb.io.error_bars import NoErrorBars
 from verification import hertz
+from verification.array_mesh import quarter_ring
 
 STEEL = Material(young=2.119e11, poisson=0.277)
 
@@ -139,6 +141,44 @@ def test_a_graded_mesh_has_less_error_than_an_even_one_with_more_unknowns():
     errors = [exact - one.at_nodes.totals()["normal_force"] for one in (refined.solution, even)]
     assert 0.0 < errors[0] < 0.7 * errors[1]
     assert errors[0] <= refined.bars["totals.normal_force"].bar[0]
+
+
+def standing_ring(mesh):
+    """A quarter of a ring that stands on its end, by its weight alone."""
+    steel = replace(STEEL, density=7850.0)
+    planes = [Clamp("front", "y"), Clamp("back", "x")]
+    return ContactProblem(mesh, steel, planes, Contact("bottom", friction=0.0), gravity=(0.0, 0.0, -9.81))
+
+
+WEIGHT = 7850.0 * 9.81 * 0.25 * math.pi * (1.0**2 - 0.5**2) * 0.6
+
+
+def coarse_ring(cell, degree=1):
+    """With three chords in a quarter of a circle, as of a file."""
+    whole = quarter_ring(0.5, 1.0, 0.6, (1, 3, 1), cell)
+    mesh = replace(whole, grid=None, coarser=None)
+    return mesh if degree == 1 else second_order(mesh)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_the_weight_of_a_body_with_curved_faces_is_found(cell):
+    """All meshes would have that of the polygon, 4.5 % less, if new nodes were on its facets."""
+    found = standing_ring(coarse_ring(cell)).refine(0.03, ["totals.normal_force"])
+    assert found.trouble == ""
+    bar = found.bars["totals.normal_force"]
+    assert abs(bar.value[0] - WEIGHT) <= bar.bar[0] <= 0.03 * WEIGHT
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 1), ("tetrahedron", 2)])
+def test_the_polygon_of_a_mesh_is_in_its_bars(cell, degree):
+    """Also where another mesh has the same facets: of second order with straight edges, and of refined ones."""
+    problem = standing_ring(coarse_ring(cell, degree))
+    answer = problem.solve()
+    finer_one = problem.on(refined(problem.made_of)).solve()
+    for bars in (answer.error(), finer_one.error(answer)):
+        bar = bars["totals.normal_force"]
+        assert bar.value[0] == pytest.approx(0.955 * WEIGHT, rel=0.005)
+        assert abs(bar.value[0] - WEIGHT) <= bar.bar[0] < 0.5 * WEIGHT
 
 
 def test_what_cannot_be_refined():

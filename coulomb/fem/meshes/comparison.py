@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -11,7 +12,7 @@ import numpy as np
 from ...arrays import FloatArray
 from .coarsening import coarsened
 from .curving import split
-from .meshes import first_order, smooth_second_order
+from .meshes import first_order, off_surface, polygon, smooth_second_order
 from .named_mesh import Grid, JoinedMesh, NamedMesh
 from .refinement import refined
 
@@ -28,6 +29,10 @@ GROWTH = 3.0
 SHARE = 0.5
 """Part of the squared error that marked cells have: the largest errors first (Doerfler, SIAM J. Numer. Anal. 33, 1996).
 What is less than a hundredth of it leaves a body as it is."""
+
+ROUNDER = 0.75
+"""Part of the volume between facets and the smooth surface for which they stand that divided facets have: each becomes
+four with a quarter of it, so that less than half of all is left."""
 
 STEEPER = 1.2
 """Power of the density of parts of a slab, over that with which all parts have equal errors.  Forces converge faster
@@ -78,41 +83,57 @@ def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]
         yield _like(mesh, {name: split(one) for name, one in second.items()})
 
 
-def finer(mesh: NamedMesh | JoinedMesh, squared: Mapping[str, FloatArray]) -> NamedMesh | JoinedMesh:
+def finer(
+    mesh: NamedMesh | JoinedMesh, squared: Mapping[str, FloatArray], flat: float = math.inf
+) -> NamedMesh | JoinedMesh:
     """A mesh with smaller cells where the error is, of which the given one is the `coarser`; collective.
 
     Boxes have more planes, so that slabs between them have equal errors: their edges attract planes, at little cost.
-    Of other bodies of tetrahedra the marked ones are divided (SHARE), other hexahedra are all divided.
+    Of other bodies of tetrahedra the marked ones are divided (SHARE), other hexahedra are all divided.  New nodes are
+    on the smooth surface for which facets stand, and the facets farthest from it are divided as well (ROUNDER).
 
     Args:
         mesh: The bodies.
         squared: Of each body, by name ("" if it is alone), the squared errors of this rank's own c cells, shape (c,);
             of a box the parts that planes across x, across y and across z make smaller, shape (3, c).
+        flat: Volume between facets and the surface for which they stand, over that of a body (`polygon`), that is small
+            enough.
 
     Raises:
         ValueError: On every rank, as `refined`.
     """
     bodies, comm = _bodies(mesh), mesh.comm
     of_cells = {name: np.atleast_2d(one).sum(axis=0) for name, one in squared.items()}
-    errors = np.sort(np.concatenate([part for one in of_cells.values() for part in comm.allgather(one)]))[::-1]
-    total = np.cumsum(errors)
-    if total[-1] == 0.0:  # nothing is loaded: all cells alike
-        return finer(mesh, {name: np.ones_like(one) for name, one in squared.items()})
-    least = errors[np.searchsorted(total, SHARE * total[-1])]
+    least, total = _least([part for one in of_cells.values() for part in comm.allgather(one)], SHARE)
+    if total == 0.0:  # nothing is loaded: all cells alike
+        return finer(mesh, {name: np.ones_like(one) for name, one in squared.items()}, flat)
     found, graded = {}, {}
     for name, one in bodies.items():
-        if comm.allreduce(float(of_cells[name].sum())) < 0.01 * total[-1]:
+        good = comm.allreduce(float(of_cells[name].sum())) < 0.01 * total
+        uneven = one.grid is None and polygon(one) > flat
+        if good and not uneven:
             found[name] = one
         elif one.grid is not None:
             graded[name] = _Slabs(one, one.grid, squared[name])
         elif _of_tetrahedra(one):
-            found[name] = refined(one, of_cells[name] >= least)
+            marked = (of_cells[name] >= least) & (not good)
+            if uneven:
+                off = off_surface(one)
+                marked |= off >= _least(comm.allgather(off), ROUNDER)[0]
+            found[name] = refined(one, marked, curved=True)
         else:
-            found[name] = refined(one)
+            found[name] = refined(one, curved=True)
     _more_planes(list(graded.values()))
     found |= {name: slabs.made() for name, slabs in graded.items()}
     kept = {name: replace(found[name], coarser=partial(_itself, one)) for name, one in bodies.items()}
     return JoinedMesh(kept) if isinstance(mesh, JoinedMesh) else kept[""]
+
+
+def _least(parts: Sequence[FloatArray], share: float) -> tuple[float, float]:
+    """The least one of the largest values that have a share of the sum of all, and this sum."""
+    values = np.sort(np.concatenate(parts))[::-1]
+    total = np.cumsum(values)
+    return float(values[np.searchsorted(total, share * total[-1])]), float(total[-1])
 
 
 def _itself(mesh: NamedMesh) -> NamedMesh:

@@ -3,14 +3,16 @@
 The first by the smooth surface for which the facets of a first-order mesh stand, from their normals.
 
 Where facets meet at less than CREASE, they stand for one smooth surface, whose normal N at a vertex is the mean of
-those of the facets around it, weighted with their angles there.  The edge d from a to b is then a cubic curve that is
-perpendicular to both normals (Vlachos, Peters, Boyd and Mitchell, Curved PN triangles, 2001), whose middle is off that
-of the chord by
+those of the facets around it, weighted with the sine of their angle there over the lengths of its two edges, which is
+exact on a sphere however unlike the facets are (Max, Weights for computing vertex normals from facet normals, 1999).
+The edge d from a to b is then a cubic curve that is perpendicular to both normals (Vlachos, Peters, Boyd and Mitchell,
+Curved PN triangles, 2001), whose middle is off that of the chord by
 
     (d.N_b N_b - d.N_a N_a)/8
 
-which is the height d^2/(8 R) of the arc on a circle of radius R.  At a crease it is the shortest vector with the
-components of both surfaces along their normals.  Where a surface ends at a crease, its last facet has all around the
+which is the height d^2/(8 R) of the arc on a circle of radius R; over (1 + c) c/2, with the cosine c of half the angle
+between the normals, it is exactly that.  At a crease it is the shortest vector with the components of both surfaces
+along their normals.  Where a surface ends at a crease, its last facet has all around the
 vertex, and N is that of the facet: then it is the mirror image of that at the other end, as on a circle.
 """
 
@@ -48,7 +50,8 @@ def arcs(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     before, after = np.roll(x, 1, axis=1) - x, np.roll(x, -1, axis=1) - x
     crossed = np.cross(after, before)
     normal = unit_vectors(crossed.sum(axis=1))
-    angle = np.arctan2(np.linalg.norm(crossed, axis=2), np.einsum("fki,fki->fk", before, after))
+    lengths = np.linalg.norm(before, axis=2) * np.linalg.norm(after, axis=2)
+    weight = np.linalg.norm(crossed, axis=2) / lengths**2
 
     at_vertex = scipy.sparse.csr_matrix((np.ones(corners.size), corners.ravel(), np.arange(corners.size + 1)))
     around = (at_vertex @ at_vertex.T).tocoo()  # pairs of corners of facets at the same vertex
@@ -56,9 +59,11 @@ def arcs(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     creased = np.zeros(corners.shape, dtype=bool)
     creased.ravel()[around.row[~near]] = True
     around.data *= near
-    N = unit_vectors(around.tocsr() @ (angle[:, :, None] * normal[:, None]).reshape(-1, 3)).reshape(x.shape)
+    N = unit_vectors(around.tocsr() @ (weight[:, :, None] * normal[:, None]).reshape(-1, 3)).reshape(x.shape)
     N, Nb = _completed(N, np.roll(N, -1, axis=1), after, creased)
-    off = (np.einsum("fki,fki,fkj->fkj", after, Nb, Nb) - np.einsum("fki,fki,fkj->fkj", after, N, N)) / 8.0
+    off = np.einsum("fki,fki,fkj->fkj", after, Nb, Nb) - np.einsum("fki,fki,fkj->fkj", after, N, N)
+    half = np.maximum(np.linalg.norm(N + Nb, axis=2, keepdims=True) / 2.0, 0.5)
+    off /= 4.0 * (1.0 + half) * half
     side = unit_vectors((N + Nb).reshape(-1, 3))
     ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     first, number = distinct(ends)

@@ -23,10 +23,18 @@ from .curving import arcs
 from .cuts import apart, cut
 from .exchange import global_numbers, on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
-from .lagrange import CORNERS, corner_geometry, corners_to_nodes, in_dolfinx_order, is_second_order, jacobians
+from .lagrange import (
+    CORNERS,
+    corner_geometry,
+    corners_to_nodes,
+    facet_columns,
+    in_dolfinx_order,
+    is_second_order,
+    jacobians,
+)
 from .mesh_file import MeshFile
-from .mesh_parts import corners_of, local_cells, local_facets, parts_of
-from .named_mesh import Grid, NamedMesh, Planes
+from .mesh_parts import boundary_facets, corners_of, local_cells, local_facets, parts_of
+from .named_mesh import Grid, NamedMesh, Planes, volume
 from .xdmf_format import read as read_parts
 
 
@@ -54,7 +62,7 @@ def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
     kind = old.topology.cell_type
     points = _points(old, dofs, nodes.size_local)
     if curved:
-        points[dofs[dofs < nodes.size_local]] += _off_chords(mesh)[dofs < nodes.size_local]
+        points[dofs[dofs < nodes.size_local]] += off_chords(mesh)[dofs < nodes.size_local]
     domain = compat.create_mesh(comm, kind.name, number[dofs[:own]], points, degree=2)
     if curved:
         refuse_flat_cells(domain.geometry.x[compat.cell_geometry(domain)], "second_order: the curved boundary", comm)
@@ -130,7 +138,7 @@ def _points(domain: Any, dofs: npt.NDArray[np.int32], owned: int) -> FloatArray:
     return points
 
 
-def _off_chords(mesh: NamedMesh) -> FloatArray:
+def off_chords(mesh: NamedMesh) -> FloatArray:
     """How far the nodes of curved second-order cells are off those of straight ones, shape (cells, nodes, 3)."""
     domain = mesh.domain
     kind, corners = domain.topology.cell_type, corner_geometry(domain)
@@ -152,6 +160,36 @@ def _off_chords(mesh: NamedMesh) -> FloatArray:
                 of = [(k, parts[len(part)]) for k, part in enumerate(between) if len(part) in parts and part < ends]
                 found[:, column] = sum(weight * found[:, k] for k, weight in of)
     return found
+
+
+def off_surface(mesh: NamedMesh) -> FloatArray:
+    """Volume between the boundary facets of this rank's own cells and the smooth surface for which they stand (`arcs`),
+    m^3, shape (k,): of first-order cells, and of second-order ones with nodes in the middles of chords; collective."""
+    domain, kind = mesh.domain, mesh.domain.topology.cell_type
+    own, off = domain.topology.index_map(3).size_local, off_chords(mesh)
+    corners = domain.geometry.x[corner_geometry(domain)[:own]]
+    off = off[:own]
+    if mesh.degree == 2:
+        there = domain.geometry.x[compat.cell_geometry(domain)[:own]] - corners_to_nodes(kind) @ corners
+        off[np.linalg.norm(there, axis=(1, 2)) > 0.5 * np.linalg.norm(off, axis=(1, 2))] = 0.0
+    domain.topology.create_connectivity(3, 2)
+    boundary = np.zeros(domain.topology.index_map(2).size_local + domain.topology.index_map(2).num_ghosts, dtype=bool)
+    boundary[boundary_facets(domain)] = True
+    columns = facet_columns(kind, 2)
+    at = boundary[domain.topology.connectivity(3, 2).array.reshape(-1, len(columns))[:own]]
+    mean = {6: [0.0, 0.0, 0.0, 1 / 3, 1 / 3, 1 / 3], 9: [0.0] * 4 + [1 / 9] * 4 + [4 / 9]}[columns.shape[1]]
+    bulge = np.einsum("cfni,n->cfi", off[:, columns], mean)
+    ring = corners[:, columns[:, : 3 if len(columns) == 4 else 4]]
+    area = 0.5 * np.cross(ring[:, :, 2] - ring[:, :, 0], ring[:, :, -1] - ring[:, :, 1])
+    found: FloatArray = np.where(at, np.abs(np.einsum("cfi,cfi->cf", bulge, area)), 0.0).sum(axis=1)
+    return found
+
+
+def polygon(mesh: NamedMesh) -> float:
+    """`off_surface` of all cells over the volume of the body; 0 of plane and of curved faces; collective."""
+    parts = np.array([float(off_surface(mesh).sum()), volume(mesh)])
+    between, whole = mesh.comm.allreduce(parts)
+    return float(between / whole)
 
 
 CELLS = {"hexahedron": mesh.CellType.hexahedron, "tetrahedron": mesh.CellType.tetrahedron}

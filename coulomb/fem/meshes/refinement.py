@@ -26,9 +26,9 @@ from .. import compat
 from ..compat import basix
 from ..geometry import evaluate_vectors, on_all_ranks
 from .exchange import Exchange, fetched, global_numbers, owner_of, starts_of
-from .lagrange import corner_geometry, corners_to_nodes, lagrange_points, lagrange_values
+from .lagrange import corner_geometry, corners_to_nodes, jacobians, lagrange_points, lagrange_values
 from .mesh_parts import distinct, local_cells, local_facets, parts_of
-from .meshes import refuse_flat_cells
+from .meshes import off_chords, refuse_flat_cells
 from .named_mesh import NamedMesh
 
 
@@ -36,6 +36,7 @@ def refined(
     mesh: NamedMesh,
     marked: npt.NDArray[Any] | None = None,
     project: Mapping[str, Callable[[FloatArray], FloatArray]] | None = None,
+    curved: bool = False,
 ) -> NamedMesh:
     """The mesh with smaller cells of the same body: eight for one, or fewer round marked ones; collective.
 
@@ -48,6 +49,8 @@ def refined(
             their neighbours are divided in fewer.  By default all cells.
         project: Of first-order meshes, maps new nodes x (3, k) of faces, by name, to their places, shape (3, k): onto
             the surface that the facets approximate.
+        curved: Whether new nodes of first-order meshes are on the smooth surface for which the facets stand (`arcs`),
+            but for those that would make a cell flat.
 
     Raises:
         ValueError: On every rank, if cells are marked that are no tetrahedra or not this rank's own, or a face to
@@ -66,11 +69,11 @@ def refined(
         chosen = on_all_ranks(lambda: _chosen(marked, own), "refined: marked", comm)
         parent, corners = _bisected(_order_of_divided(old, chosen))
         first, kind = distinct(corners)
-        kinds = _middles(old.topology.cell_type)[corners[first]]
+        nodes = corners[first]
     else:
         parent, kind = np.divmod(np.arange(8 * own), 8)
-        kinds = _octants(old.topology.cell_type)
-    return _made(mesh, parent, kind, kinds, project)
+        nodes = _octants(old.topology.cell_type)
+    return _made(mesh, parent, kind, nodes, project, off_chords(mesh) if curved and mesh.degree == 1 else None)
 
 
 def _chosen(marked: npt.NDArray[Any] | None, own: int) -> npt.NDArray[np.bool_]:
@@ -89,6 +92,9 @@ def _chosen(marked: npt.NDArray[Any] | None, own: int) -> npt.NDArray[np.bool_]:
     found[given] = True
     return found
 
+
+_LEAST_LEFT = 0.2
+"""Least part of the volume of a cell that is left where its nodes move to a curved surface."""
 
 _EDGES, _TRIANGLES = (np.array(basix.topology(basix.CellType.tetrahedron)[dim]) for dim in (1, 2))
 _NONE = len(_EDGES)
@@ -166,23 +172,25 @@ def _middles(cell: Any) -> IntArray:
 
 
 def _octants(cell: Any) -> IntArray:
-    """The same of the corners of the eight parts of a hexahedron, shape (8, 8, 8)."""
+    """The second-order nodes that are corners of the eight parts of a hexahedron, shape (8, 8)."""
     corners, nodes = lagrange_points(cell, 1), lagrange_points(cell, 2)
     x = (corners[:, None] + corners) / 2.0
-    return _middles(cell)[np.argmin(np.linalg.norm(x[:, :, None] - nodes, axis=3), axis=2)]
+    return np.argmin(np.linalg.norm(x[:, :, None] - nodes, axis=3), axis=2)
 
 
 def _made(
     mesh: NamedMesh,
     parent: IntArray,
     kind: IntArray,
-    kinds: IntArray,
+    nodes: IntArray,
     project: Mapping[str, Callable[[FloatArray], FloatArray]],
+    off: FloatArray | None,
 ) -> NamedMesh:
-    """The mesh of cells that are parts of this rank's own cells `parent` (k,), of the given kind (k,): with corners in
-    the middles of their corners `kinds` (kinds, corners, m); collective."""
+    """The mesh of cells that are parts of this rank's own cells `parent` (k,), of the given kind (k,): with corners at
+    their second-order nodes `nodes` (kinds, corners), which may be `off` (cells, second-order nodes, 3) the middles of
+    their corners, metres; collective."""
     comm, topology, degree, cell = mesh.comm, mesh.domain.topology, mesh.degree, mesh.domain.topology.cell_type
-    corners = lagrange_points(cell, 1)
+    corners, kinds = lagrange_points(cell, 1), _middles(cell)[nodes]
     for dim in (0, 2):
         topology.create_connectivity(3, dim)
     of_cell = global_numbers(topology.index_map(0))[topology.connectivity(3, 0).array.reshape(-1, len(corners))]
@@ -200,6 +208,10 @@ def _made(
     owners = Exchange(comm, owner_of(starts, given))
     points = np.empty((len(added), 3))
     points[owners.send(given) - starts[comm.rank]] = owners.send(x.reshape(-1, 3)[first])
+    if off is not None:
+        shifted = off[parent[:, None], nodes[kind]].reshape(-1, 3)[first]
+        at = owners.send(given) - starts[comm.rank]
+        _shift(comm, points, at, owners.send(shifted), cells, starts)
 
     sides = np.array(basix.topology(getattr(basix.CellType, cell.name))[2])
     on_side = np.any(sides == np.arange(len(corners))[:, None, None], axis=2)
@@ -234,6 +246,24 @@ def _made(
         coarser=lambda: mesh,
         grid=None,
     )
+
+
+def _shift(
+    comm: MPI.Comm, points: FloatArray, at: IntArray, shifts: FloatArray, cells: IntArray, starts: IntArray
+) -> None:
+    """Shift those of this rank's points `at`, but for points of cells that would be flat then; collective."""
+    before, moved = points.copy(), np.zeros_like(points)
+    moved[at] = shifts
+    owners = Exchange(comm, owner_of(starts, cells.ravel()))
+    there = owners.send(cells.ravel()) - starts[comm.rank]
+    straight = jacobians(fetched(comm, starts, cells, before))[0]
+    while True:
+        points[:] = before + moved
+        left = jacobians(fetched(comm, starts, cells, points))[0] / straight
+        flat = np.any(left < _LEAST_LEFT, axis=0)
+        if not comm.allreduce(bool(np.any(flat)), op=MPI.LOR):
+            return
+        moved[there[owners.send(np.repeat(flat, cells.shape[1]))]] = 0.0
 
 
 def _numbered(comm: MPI.Comm, names: IntArray) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
