@@ -145,8 +145,8 @@ def by_clarabel(A, b, slip_bound, lower):
     return f * np.array(solution.x)
 
 
-def residual_of(A, b, a, bound, x):
-    """|x - P(x - (A x - b)/a)| / |x|, written out; `bound` of a node's normal force."""
+def left_of(A, b, a, bound, x):
+    """x - P(x - (A x - b)/a), written out, shape (m, 3), with compliances a of each row; `bound` of a normal force."""
     v = (x - (A @ x - b) / a).reshape(-1, 3)
     x = x.reshape(-1, 3)
     g = bound(x[:, 0])
@@ -154,5 +154,19 @@ def residual_of(A, b, a, bound, x):
     p[:, 0] = np.maximum(v[:, 0], 0.0)
     size = np.hypot(v[:, 1], v[:, 2])
     p[:, 1:] *= np.minimum(1.0, g / np.where(size > 0.0, size, 1.0))[:, None]
-    off = np.linalg.norm(x - p)
-    return off / np.linalg.norm(x) if off > 0.0 else 0.0
+    return x - p
+
+
+def residual_of(A, b, bound, x, elastic=False, d=None):
+    """Of one body, compliances alike: the largest left_of over the contact's force, or a hundredth of the largest; and
+    that of all contacts by one compliance, over |x|, unless A is that of an `elastic` body; d is its diag(A), shape
+    (3 m,), if it is not that of A."""
+    d = (np.diag(A) if d is None else d).reshape(-1, 3)
+    t = 0.5 * (d[:, 1] + d[:, 2])
+    own = left_of(A, b, np.column_stack([d[:, 0], t, t]).ravel(), bound, x)
+    off = np.linalg.norm(left_of(A, b, np.mean(d), bound, x))
+    if off == 0.0:
+        return 0.0
+    size = np.linalg.norm(x.reshape(-1, 3), axis=1)
+    worst = np.max(np.linalg.norm(own, axis=1) / np.maximum(size, 1e-2 * size.max()))
+    return worst if elastic else max(worst, off / np.linalg.norm(x))

@@ -105,6 +105,13 @@ class Reductions:
             return local
         return float(np.max(self._gathered(local)))
 
+    def largest(self, v: FloatArray) -> FloatArray:
+        """Largest over the ranks, entry by entry, of an array of the same length on each; NaN where any is."""
+        if self.comm.size == 1:
+            return v
+        found: FloatArray = np.max(self._gathered(*v), axis=0)
+        return found
+
     def min(self, v: FloatArray) -> float:
         """Smallest entry; NaN if any entry is, +inf if there is none."""
         return -self.max(-np.asarray(v))

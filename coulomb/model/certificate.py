@@ -19,6 +19,7 @@ every scale from below: in a body without contact and loads there are no other f
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -163,13 +164,21 @@ def rigid_balance(e: Evidence, outer: FloatArray, length: float, turnover: float
     return worst(*(balance for balance, _ in found)), worst(*(drift for _, drift in found)), len(parts)
 
 
+def components_of(
+    nodes: int, component: npt.NDArray[np.int64] | None, bodies: Sequence[slice]
+) -> npt.NDArray[np.int64]:
+    """Number of the component of the meshes of every node, shape (k,); of its body if the components are not known."""
+    if component is not None:
+        return component
+    found = np.zeros(nodes, dtype=np.int64)
+    for number, own in enumerate(bodies):
+        found[own] = number
+    return found
+
+
 def _parts(e: Evidence, over: Reductions) -> list[npt.NDArray[np.bool_]]:
     """The nodes of each component of the meshes, shapes (k,); of each body if the components are not known."""
-    component = e.component
-    if component is None:
-        component = np.zeros(len(e.x), dtype=np.int64)
-        for number, nodes in enumerate(e.bodies):
-            component[nodes] = number
+    component = components_of(len(e.x), e.component, e.bodies)
     return [component == number for number in range(1 + int(over.max(component.astype(np.float64))))]
 
 

@@ -26,7 +26,7 @@ from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION, RigidMotions
-from .certificate import Evidence, lengths
+from .certificate import Evidence, components_of, lengths
 from .contact_body import Before, ContactBody, ContactState, rigid_motions
 from .contact_stiffness import FixedStiffness, explained
 from .nodal_answer import relative_displacement
@@ -329,7 +329,14 @@ class DiscreteProblem:
     @property
     def friction_problem(self) -> FrictionProblem:
         """A, b and the law, without the body."""
-        return FrictionProblem(self.A, self.b, self.law, rigid=self.rigid, elastic=True)
+        return FrictionProblem(self.A, self.b, self.law, rigid=self.rigid, elastic=True, body=self._bodies)
+
+    @cached_property
+    def _bodies(self) -> npt.NDArray[np.int64]:
+        """The component of the meshes of every contact point, shape (m,), or its body where these are not known."""
+        elasticity = self.elasticity
+        members = [member.nodes for member in elasticity.members]
+        return components_of(len(elasticity.x), elasticity.component, members)[self.surface.nodes]
 
     def prepare_products(self) -> None:
         """Let the products by A to come be as accurate as the displacement under load and contact forces is, also where
@@ -338,7 +345,8 @@ class DiscreteProblem:
 
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""
-        return replace(FrictionProblem.tresca(self.A, self.b, slip_bound), rigid=self.rigid, elastic=True)
+        posed = FrictionProblem.tresca(self.A, self.b, slip_bound)
+        return replace(posed, rigid=self.rigid, elastic=True, body=self._bodies)
 
 
 class LinearSolveFailed(NotConverged):

@@ -9,7 +9,13 @@
 #include "trend.h"
 
 #define SYMMETRIC 1e-8 /* largest difference of two entries that should be equal, over the Frobenius norm */
-#define UNDILUTED 10.0 /* friction_problem.py */
+/* friction_problem.py and scales.py */
+#define UNDILUTED 10.0
+#define CARRIED_FROM 1e-6
+#define OF_CARRIED 1e-2
+#define SHARE 1e-2
+#define LOADS 1e-6
+#define MIXED 100.0
 #define SEARCH 20 /* contacts whose work is that of a search from one angle */
 /* Microseconds: of a contact in a sweep, and of a block of a force that has changed; orders of magnitude: of the path
    after them, at least, for each block, or each operation of one dense factorisation; TRIAL: part of it always spent. */
@@ -31,6 +37,7 @@ struct system {
     v4 (*block)[3]; /* their rows, over the mean diagonal */
     struct contact *contact;
     v4 *u, *r, *q;
+    v4 *left, *caused; /* of the residual */
 };
 
 /* The blocks of rows 3 i to 3 i + 2 of A, from number `begin` on; their end, or -1 if an entry is outside.
@@ -162,12 +169,17 @@ static double prepare(struct system *s, const struct given *A, int *place, long 
     return a;
 }
 
-/* u += W[:, i] d, by symmetry with the rows of i. */
-static inline void moved(const struct system *s, long i, v4 d)
+/* to += W[:, i] d, by symmetry with the rows of i. */
+static inline void moved_in(const struct system *s, v4 *to, long i, v4 d)
 {
     const v4 n = {d[0], d[0], d[0], d[0]}, t1 = {d[1], d[1], d[1], d[1]}, t2 = {d[2], d[2], d[2], d[2]};
     for (long k = s->first[i]; k < s->first[i + 1]; k++)
-        s->u[s->column[k]] += s->block[k][0] * n + s->block[k][1] * t1 + s->block[k][2] * t2;
+        to[s->column[k]] += s->block[k][0] * n + s->block[k][1] * t1 + s->block[k][2] * t2;
+}
+
+static inline void moved(const struct system *s, long i, v4 d)
+{
+    moved_in(s, s->u, i, d);
 }
 
 static void refresh(const struct system *s)
@@ -178,9 +190,56 @@ static void refresh(const struct system *s)
             moved(s, i, s->r[i]);
 }
 
+static inline double square(v4 x)
+{
+    return x[0] * x[0] + x[1] * x[1] + x[2] * x[2];
+}
+
+/* Over the compliances a_n, a_t, a_t of a contact. */
+static inline v4 felt(const struct system *s, long i, v4 w)
+{
+    const double *W = s->contact[i].own, t = 0.5 * (W[4] + W[8]);
+    return (v4){w[0] / W[0], w[1] / t, w[2] / t, 0.0};
+}
+
+/* r - P'(r - l) of a contact, P' with the disc of r. */
+static inline v4 left_over(v4 x, v4 l, double bound)
+{
+    const double y[2] = {x[1] - l[1], x[2] - l[2]}, t = sqrt(y[0] * y[0] + y[1] * y[1]);
+    const double n = fmin(l[0], x[0]);
+    if (t <= bound)
+        return (v4){n, l[1], l[2], 0.0};
+    return (v4){n, x[1] - bound / t * y[0], x[2] - bound / t * y[1], 0.0};
+}
+
+/* The largest natural residual of a contact, by its own compliance and force, and what small ones do to each other. */
+static double worst(const struct system *s)
+{
+    double most = 0.0, loads = 0.0, found = 0.0, caused = 0.0, least = 1e300, largest = 0.0;
+    for (long i = 0; i < s->m; i++) {
+        most = fmax(most, square(s->r[i])), loads = fmax(loads, square(felt(s, i, s->q[i])));
+        least = fmin(least, s->contact[i].own[0]), largest = fmax(largest, s->contact[i].own[0]);
+    }
+    const double share = SHARE * SHARE * fmax(most, LOADS * LOADS * loads);
+    for (long i = 0; i < s->m; i++) {
+        s->left[i] = left_over(s->r[i], felt(s, i, s->u[i]), s->contact[i].F * fmax(s->r[i][0], 0.0));
+        const double off = square(s->left[i]), scale = fmax(square(s->r[i]), share);
+        if (off != 0.0)
+            found = off / scale > found || off != off ? off / scale : found;
+    }
+    if (!(found > 0.0 && sqrt(found) <= CARRIED_FROM && largest > MIXED * least))
+        return sqrt(found);
+    memset(s->caused, 0, s->m * sizeof *s->caused);
+    for (long i = 0; i < s->m; i++)
+        moved_in(s, s->caused, i, s->left[i]);
+    for (long i = 0; i < s->m; i++)
+        caused = fmax(caused, square(felt(s, i, s->caused[i])) / fmax(square(s->r[i]), share));
+    return fmax(sqrt(found), OF_CARRIED * sqrt(caused));
+}
+
 /* |r - P(r - (u + F |u_t| n))| / (1 + |q|), P the projection on the cones, and |r - P'(r - u)| / |r|, P' with the discs
    of r, times the dilution |r|^2 / (10 r.W r) or |r| / (10 |q|), at least 1 (FrictionProblem.dilution): the larger one. */
-static double residual(const struct system *s, double loads)
+static double whole(const struct system *s, double loads)
 {
     double cone = 0.0, natural = 0.0, size = 0.0, work = 0.0;
     for (long i = 0; i < s->m; i++) {
@@ -193,11 +252,9 @@ static double residual(const struct system *s, double loads)
             const double normal = fmax(y[0] + F * t, 0.0) / (1.0 + F * F), along = t > 0.0 ? F * normal / t : 0.0;
             p[0] = normal, p[1] = along * y[1], p[2] = along * y[2];
         }
-        const double shrink = t > bound ? bound / t : 1.0;
-        const double z[3] = {fmin(u[0], x[0]), x[1] - shrink * y[1], x[2] - shrink * y[2]};
+        natural += square(left_over(x, u, bound));
         for (int k = 0; k < 3; k++) {
             cone += (x[k] - p[k]) * (x[k] - p[k]);
-            natural += shrink == 1.0 && k > 0 ? u[k] * u[k] : z[k] * z[k];
             size += x[k] * x[k];
             work += x[k] * (u[k] - s->q[i][k]);
         }
@@ -208,12 +265,19 @@ static double residual(const struct system *s, double loads)
     return first > second || first != first ? first : second;
 }
 
+static double residual(const struct system *s, double loads)
+{
+    const double all = whole(s, loads), one = worst(s);
+    return all > one || all != all ? all : one;
+}
+
 /* Sweeps forwards and backwards in turn, until the residual is at most tolerance, or more than trial is spent and more
-   than the allowance is left; the last residual. */
+   than the allowance is left; the last residual of all contacts together, which falls more evenly than that of the
+   worst, and has to reach the goal at which the worst one is expected to reach the tolerance. */
 static double sweep(struct system *s, struct mixing *x, double tolerance, double loads, double trial, double allowance,
                     long *sweeps)
 {
-    double size = 1e300, before = 1e300, small = tolerance * tolerance;
+    double size = 1e300, before = 1e300, small = tolerance * tolerance, goal = tolerance;
     struct trend trend = {0};
     long judged = 0, next = 1, visited = 0, changed = 0, begun = 0;
     for (*sweeps = 0;;) {
@@ -230,33 +294,36 @@ static double sweep(struct system *s, struct mixing *x, double tolerance, double
                 v[a] = u[a] - (W[3 * a] * r[0] + W[3 * a + 1] * r[1] + W[3 * a + 2] * r[2]);
             visited += SEARCH * one_contact(here, v, r);
             const v4 new = {r[0], r[1], r[2], 0.0}, d = new - old;
-            const double square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2];
+            const double size = square(d);
             visited++;
-            if (square == 0.0)
+            if (size == 0.0)
                 continue;
             s->r[i] = new;
             moved(s, i, d);
             changed += s->first[i + 1] - s->first[i];
-            change += square;
+            change += size;
         }
         ++*sweeps;
         if (!(change < 1e300))
             return 1e300;
         if (*sweeps < next && change > small)
             continue;
-        size = residual(s, loads);
-        if (!(size > tolerance)) {
+        size = whole(s, loads);
+        if (!(size > goal)) {
             refresh(s);
-            size = residual(s, loads);
+            size = whole(s, loads);
+            const double one = size > goal ? 0.0 : worst(s);
+            if (one > tolerance)
+                goal = 0.9 * size * (tolerance / one);
         }
-        if (!(size > tolerance) || change == 0.0)
+        if (!(size > goal) || change == 0.0)
             return size;
-        small = fmin(small, change * (tolerance / size) * (tolerance / size)); /* where the residual will be small */
+        small = fmin(small, change * (goal / size) * (goal / size)); /* where the residual will be small */
         const double rate = before < 1e300 ? pow(size / before, 1.0 / (*sweeps - judged)) : 1.0;
         before = size, judged = *sweeps;
-        const double left = rate < 1.0 ? log(tolerance / size) / log(rate) : 1e300;
+        const double left = rate < 1.0 ? log(goal / size) / log(rate) : 1e300;
         const double spent = CONTACT * visited + BLOCK * changed;
-        if (work_left(&trend, size, tolerance, spent) > allowance && spent > trial)
+        if (work_left(&trend, size, goal, spent) > allowance && spent > trial)
             return size;
         if (*sweeps == begun + BLOCK_OF_SWEEPS) {
             begun = *sweeps;
@@ -306,15 +373,16 @@ long gauss_seidel(long m, long entries, const int *indptr, const int *indices, c
 {
     const struct given A = {m, entries, indptr, indices, data, b, row, column};
     const long blocks = indptr == NULL || entries > m * m ? m * m : entries;
-    const size_t bytes = blocks * (sizeof(v4[3]) + 3 * sizeof(int)) + (3 + MIXING_VECTORS) * m * sizeof(v4)
+    const size_t bytes = blocks * (sizeof(v4[3]) + 3 * sizeof(int)) + (5 + MIXING_VECTORS) * m * sizeof(v4)
                          + m * sizeof(struct contact) + 2 * (m + 1) * sizeof(long) + m * sizeof(int);
     char *memory = aligned_alloc(32, (bytes + 31) / 32 * 32);
     if (memory == NULL)
         return -1;
     struct system s = {.m = m, .block = (v4(*)[3])memory};
     s.u = (v4 *)(s.block + blocks), s.r = s.u + m, s.q = s.r + m;
-    struct mixing x = mixing_in(m, s.q + m);
-    s.contact = (struct contact *)(s.q + (1 + MIXING_VECTORS) * m), s.first = (long *)(s.contact + m);
+    s.left = s.q + m, s.caused = s.left + m;
+    struct mixing x = mixing_in(m, s.caused + m);
+    s.contact = (struct contact *)(s.caused + (1 + MIXING_VECTORS) * m), s.first = (long *)(s.contact + m);
     memset(s.contact, 0, m * sizeof *s.contact);
     long *after = s.first + m + 1, sweeps = -1;
     int *across = (s.column = (int *)(after + m + 1)) + blocks, *rows = across + blocks, *place = rows + blocks;

@@ -17,10 +17,17 @@ from ..linalg.reductions import Reductions
 from .laws import FrictionLaw
 from .results import Accept, Goal, NotConverged, ProgressCallback, SolverResult, Status
 from .rigid_motions import MotionBasis, RigidMotions
+from .scales import ContactScales, relative
 from .settings import Settings, within
 
 _FAR_SHORTER = 1e-3
 """Length of the shortest rigid motion over that of an iterate's from which it is preferred."""
+
+_CARRIED_FROM = 1e-6
+"""Residual from which on errors are small enough to ask what they do to each other."""
+
+_OF_CARRIED = 1e-2
+"""Part of these errors that counts: a residual of 1e-8 allows 1e-6 of the force of a contact."""
 
 _UNDILUTED = 10.0
 """x^T A x over a |x|^2, times this, from which on forces count as felt by A in full."""
@@ -54,6 +61,9 @@ class FrictionProblem:
             springs hold, it has many more correct digits.
         rigid: Motions of bodies that contact alone holds, with the loads along them; None if supports hold all.
         elastic: A is the compliance of elastic bodies, of full rank: forces are felt (`dilution`).
+        body: Number of the body of every contact, from 0, the same on all ranks, shape (m,); None for one body.
+        together: Whether the contacts of a body are judged together (`residual_of_bodies`), as is enough for a problem
+            that is a step towards another one.
 
     Raises:
         ValueError: On every rank, if shapes do not fit, a value is not finite, or a cohesion or coefficient of friction
@@ -68,6 +78,8 @@ class FrictionProblem:
     balanced: Callable[[FloatArray], FloatArray] | None = None
     rigid: RigidMotions | None = None
     elastic: bool = False
+    body: npt.NDArray[np.int64] | None = None
+    together: bool = False
 
     @classmethod
     def tresca(
@@ -151,10 +163,10 @@ class FrictionProblem:
         """r(x_n) of forces x (3 m,) in newtons, shape (m,)."""
         return self.law.radius(x[0::3])
 
-    def with_slip_bound(self, slip_bound: FloatArray) -> FrictionProblem:
+    def with_slip_bound(self, slip_bound: FloatArray, together: bool = False) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,), without certificate."""
         law = FrictionLaw.tresca(slip_bound)
-        return FrictionProblem(self.A, self.b, law, self.lower, rigid=self.rigid, elastic=self.elastic)
+        return replace(self, law=law, accept=None, balanced=None, together=together)
 
     def gradient(self, x: FloatArray, alpha: FloatArray | None = None) -> FloatArray:
         """w = A x - b - G^T alpha in metres, shape (3 m,); one product by A.
@@ -227,28 +239,34 @@ class FrictionProblem:
             raise ValueError("the problem has no rigid motions")
         return MotionBasis(self.rigid.G * self.unknown.ravel(), self.reductions)
 
-    def imbalance(self, x: FloatArray) -> float:
-        """How far forces x (3 m,) are from equilibrium along the rigid motions, relative to |x|; 0 without motions.
+    def imbalance(self, x: FloatArray, scale: FloatArray) -> float:
+        """How far forces x (3 m,) are from equilibrium along the rigid motions; 0 without motions; collective.
 
-        The smallest change of x that restores it, over |x|; inf for x = 0 where loads have to be balanced; collective.
+        The largest part of the smallest change of x that restores it, over the `force_scale` (m,).  Along motions
+        without resistance no change does: there the resultant itself counts, as a nodal force, over |x|.
         """
         if self.rigid is None:
             return 0.0
-        distance = self.motion_basis.distance(self.rigid.out_of_balance(x, self.reductions))
-        size = self.reductions.norm(x)
-        if size > 0.0:
-            return distance / size
-        return 0.0 if distance == 0.0 else math.inf
+        basis, over, lacking = self.motion_basis, self.reductions, self.rigid.out_of_balance(x, self.reductions)
+        change = (basis.T @ lacking) @ basis.rows
+        resisted = over.max(np.append(relative(change.reshape(-1, 3), scale), 0.0))
+        free = float(np.linalg.norm(basis.free.T @ lacking)) / basis.size
+        if free == 0.0:
+            return resisted
+        size = over.norm(x)
+        return max(resisted, free / size) if size > 0.0 else math.inf
 
     def project(self, x: FloatArray) -> FloatArray:
         """The point nearest to x (3 m,) with x_n >= lower and the law's bound at x_n; feasible in a Tresca problem."""
         return self.law.project(x, x[0::3], self.lower)
 
     def residual(self, x: FloatArray, gradient: FloatArray | None = None) -> float:
-        """Natural residual with the mean diagonal a of A, relative and scaled: 0 exactly at a solution.
+        """Largest natural residual of a contact, each by its own compliance and force; 0 exactly at a solution.
 
-        With rigid motions, the larger of it and the `imbalance`.  Both are relative to |x|, and grow by the `dilution`:
-        where A has no full rank, forces may contain large parts that move nothing, beside which any error is small.
+        With rigid motions, the larger of it and the `imbalance`; where errors are small and compliances differ, of it
+        and what these errors do to each other (`_carried`).  Unless A is that of elastic bodies, the residual of all
+        contacts by one compliance, relative to |x|, counts as well; it grows by the `dilution`: where A has no full
+        rank, forces may contain large parts that move nothing, beside which any error is small.
 
         Args:
             x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2).
@@ -256,9 +274,44 @@ class FrictionProblem:
         """
         if gradient is None:
             gradient = self.gradient(x)
+        left, scale = self.left_over(x, gradient), self.force_scale(x, gradient)
+        if self.together:
+            worst = self.residual_of_bodies(x, gradient)
+        else:
+            worst = self.reductions.max(np.append(relative(left, scale), 0.0))
+        if self.rigid is not None:
+            worst = max(worst, self.imbalance(x, scale))
+        if 0.0 < worst <= _CARRIED_FROM and self.scales.mixed and not self.together:
+            worst = max(worst, self._carried(left, scale))
+        if self.elastic or not worst < math.inf:
+            return worst
         natural = self.law.natural_residual(x, gradient, self.mean_diagonal, self.reductions, self.lower)
-        relative = natural if self.rigid is None else max(natural, self.imbalance(x))
-        return relative * self.dilution(x, gradient) if 0.0 < relative < math.inf else relative
+        return max(worst, natural * self.dilution(x, gradient)) if 0.0 < natural < math.inf else max(worst, natural)
+
+    @cached_property
+    def scales(self) -> ContactScales:
+        return ContactScales.of(self.A.diagonal(), self.body, self.reductions)
+
+    def left_over(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
+        """x - P(x - w/a) with the compliances of every contact, newtons, shape (m, 3); see `residual`."""
+        return self.law.left_over(x, gradient / self.scales.compliance.ravel(), self.lower).reshape(-1, 3)
+
+    def force_scale(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Force by which every contact is judged, newtons, shape (m,); see `residual`."""
+        return self.scales.of_contacts(x, self.b if self.rigid is None else gradient)
+
+    def residual_of_bodies(self, x: FloatArray, gradient: FloatArray) -> float:
+        """Largest |x - P(x - w/a)| of all contacts of a body over its |x|; 1 on a body without contact forces."""
+        squares = [self.scales.sums(np.sum(v**2, axis=1)) for v in (self.left_over(x, gradient), x.reshape(-1, 3))]
+        left, size = np.sqrt(squares)
+        return float(np.max(np.where(left == 0.0, 0.0, left / np.where(size > 0.0, size, left + (left == 0.0)))))
+
+    def _carried(self, left: FloatArray, scale: FloatArray) -> float:
+        """A part of the largest relative error that errors `left` (m, 3) in newtons cause at any contact; a product."""
+        moved = np.empty(left.size)
+        self.A.mult(left.ravel(), moved)
+        caused = self.without_motions(moved).reshape(-1, 3) / self.scales.compliance
+        return _OF_CARRIED * self.reductions.max(relative(caused, scale))
 
     def without_motions(self, w: FloatArray) -> FloatArray:
         """Displacements or forces w (3 m,) less their part that is a rigid motion; w itself without any; collective."""

@@ -78,7 +78,7 @@ def frictionless_start(scaled: ScaledProblem, newton: NewtonSystem, most: int, a
     if not normal.over.all(finite and bool(np.all(x_n > scaled.lower))) or theta <= 0.0:
         return None
     A_x = newton.products.first(scaled.forces(x_n, y), accuracy)
-    nu = scaled.over_constraints(np.full((scaled.nodes, 2), theta), scaled.slack(x_n, y))
+    nu = scaled.over_constraints(scaled.target(theta), scaled.slack(x_n, y))
     return scaled.closing(Iterate(x_n, y, nu, A_x))
 
 
@@ -142,7 +142,8 @@ class _Frictionless:
 
     def _choose_theta(self) -> None:
         above = self.x - self._scaled.lower
-        energy = abs(self.over.dot(self.x, self._A_x[:, 0])) + self._penalty * float(np.sum(self._lacking() ** 2))
+        work = abs(self.over.dot(self.x / self._scaled.energy[:, 0], self._A_x[:, 0]))
+        energy = work + self._penalty * float(np.sum(self._lacking() ** 2))
         energy *= self.over.dot(above, above) / self.over.sum(above) ** 2
         self.theta = _SHARE * max(energy, self._frictional_energy())
 
@@ -151,12 +152,12 @@ class _Frictionless:
         scaled = self._scaled
         w = self._w()
         force = np.minimum(scaled.law.radius(self.x), np.linalg.norm(w[:, 1:], axis=1) / scaled.isotropic()[:, 1])
-        worked = np.where(scaled.frictional, scaled.isotropic()[:, 1] * force**2, 0.0)
+        worked = np.where(scaled.frictional, scaled.isotropic()[:, 1] * force**2 / scaled.energy[:, 0], 0.0)
         return self.over.sum(worked) / self.over.sum(np.ones(len(worked)))
 
     def distance(self) -> float:
         """Root mean square of (w_n - nu_1)/nu_1 over the nodes, 0 on the central path."""
-        off = self._w()[:, 0] * (self.x - self._scaled.lower) / self.theta - 1.0
+        off = self._w()[:, 0] * (self.x - self._scaled.lower) / self._scaled.target(self.theta)[:, 0] - 1.0
         return self.over.norm(off) / math.sqrt(self.over.sum(np.ones(len(off))))
 
     def even(self) -> Iterate | None:
@@ -165,11 +166,11 @@ class _Frictionless:
         if not len(scaled.e):
             return None
         v = scaled.closing(Iterate(self.x, zero, zero, self._A_x))
-        gradient = scaled.gradient(v)
+        gradient = scaled.gradient(v) / scaled.energy
         if self.over.norm(gradient[:, 0]) > _EVEN * math.sqrt(self.over.sum(np.ones(len(self.x)))):
             return None
         theta = _EVEN_THETA * max(scaled.rms(gradient), 1e-3)
-        return v._replace(nu=scaled.over_constraints(np.full_like(v.nu, theta), scaled.slack(self.x, zero)))
+        return v._replace(nu=scaled.over_constraints(scaled.target(theta), scaled.slack(self.x, zero)))
 
     # --- an iteration ----------------------------------------------------------------------------------------------
 
@@ -193,7 +194,7 @@ class _Frictionless:
     def _minimiser(self, w: FloatArray) -> FloatArray:
         """The minimum of the barrier function with the model of A, by Newton's method from x, where the gradient of the
         quadratic part is w; shape (m,)."""
-        over, above, theta = self.over, self.x - self._scaled.lower, self.theta
+        over, above, theta = self.over, self.x - self._scaled.lower, self._scaled.target(self.theta)[:, 0]
         columns = self._model.nodal_columns(3, np.ones(len(w), dtype=bool))[:, 0]
         U = np.column_stack([columns, math.sqrt(self._penalty) * self._G])
         signs = np.append(self._model.signs, np.ones(self._G.shape[1]))
@@ -203,23 +204,23 @@ class _Frictionless:
             h = rest + theta / (above + dx) ** 2
             inverse = LowRankUpdate(over.comm, lambda r, h=h: (r.T / h).T, U[:, None], signs)  # type: ignore[misc]
             step = -inverse(r[:, None])[:, 0]
-            decrement = -over.dot(r, step)
+            decrement = -over.dot(r / self._scaled.energy[:, 0], step)
             with np.errstate(divide="ignore", invalid="ignore"):
                 boundary = over.min(np.where(step < 0.0, -(above + dx) / step, math.inf))
             dx = dx + min(1.0, 0.95 * boundary) * step
-            if not decrement > _DECREMENT * theta * nodes:
+            if not decrement > _DECREMENT * self.theta * nodes:
                 break
         return self.x + dx
 
     def _along(self, dx: FloatArray, slope: float, curvature: float) -> float:
         """The step along dx at which the barrier function is smallest, by bisection of its derivative."""
-        above = self.x - self._scaled.lower
+        above, target = self.x - self._scaled.lower, self._scaled.target(self.theta)[:, 0]
         with np.errstate(divide="ignore", invalid="ignore"):
             boundary = self.over.min(np.where(dx < 0.0, -above / dx, math.inf))
         low, high = 0.0, min(0.99 * boundary, 1e3)
         for _ in range(40):
             t = 0.5 * (low + high)
-            rising = slope + t * curvature - self.theta * self.over.sum(dx / (above + t * dx)) > 0.0
+            rising = slope + t * curvature - self.over.sum(target * dx / (above + t * dx)) > 0.0
             low, high = (low, t) if rising else (t, high)
         return low
 

@@ -46,7 +46,14 @@ from .equilibrium import balanced_forces, no_equilibrium, sliding
 from .friction_problem import FrictionProblem, Solver, SolverSettings, Task
 from .frictionless_start import frictionless_start
 from .linearization import Linearization
-from .newton_systems import NewtonChoice, NewtonEquations, NewtonStep, NewtonSystem, SchurComplementSystem
+from .newton_systems import (
+    AugmentedSystem,
+    NewtonChoice,
+    NewtonEquations,
+    NewtonStep,
+    NewtonSystem,
+    SchurComplementSystem,
+)
 from .results import Goal, InteriorPointStep, NotConverged, Progress, QPStep, SolverResult, Status
 from .rigid_motions import Equilibrium
 from .scaled_problem import Iterate, ScaledProblem, Step
@@ -146,7 +153,8 @@ class _Path:
     def __init__(self, settings: InteriorPoint, problem: FrictionProblem, task: Task):
         self._settings, self._problem, self._task, self._goal = settings, problem, task, task.goal
         self._scaled = ScaledProblem(problem)
-        self._newton = settings.newton.system(self._scaled.A, self._scaled.sloped)
+        weighted = self._scaled.mixed and not isinstance(settings.newton, AugmentedSystem)
+        self._newton = settings.newton.system(self._scaled.A, self._scaled.sloped or weighted)
         self._history: list[QPStep] = []
         self._tried = self._finished = False
 
@@ -191,8 +199,8 @@ class _Path:
         scaled = self._scaled
         A_x = self._newton.products.first(scaled.forces(x_n, y), _ITERATE)
         v = scaled.closing(Iterate(x_n, y, np.zeros((scaled.nodes, 2)), A_x))
-        theta = relative_theta * max(scaled.rms(scaled.gradient(v)), 1e-3)
-        return v._replace(nu=scaled.over_constraints(np.full_like(v.nu, theta), scaled.slack(x_n, y)))
+        theta = relative_theta * max(scaled.rms(scaled.gradient(v) / scaled.energy), 1e-3)
+        return v._replace(nu=scaled.over_constraints(scaled.target(theta), scaled.slack(x_n, y)))
 
     def _warm(self, start: FloatArray, gradient: FloatArray | None) -> Iterate:
         """An iterate near the forces `start`; without slope on the central path of their projection."""
@@ -261,15 +269,16 @@ class _Path:
                 status = Status.INTERRUPTED
                 break
             # if the certificate has refused an answer, only path following has products of the accuracy that it needs
-            due = settings.finish is not None and not self._tried and not goal.refused
-            if due and goal.tolerance < residual <= _FINISH_FROM:
+            due = settings.finish is not None and not self._tried and not goal.refused and goal.tolerance < residual
+            whole = problem.residual_of_bodies(*scaled.unscaled(v)[:2])  # falls more evenly than that of the worst
+            if due and whole <= _FINISH_FROM:
                 newton.keep()
                 finished = self._by_another(scaled.unscaled(v)[0], scaled.displaced(v))
                 if finished is not None:
                     return finished
                 v = v._replace(A_x=newton.products.exact(x))
-            if residual < 0.9 * best:
-                best, best_at = residual, iteration
+            if whole < 0.9 * best:
+                best, best_at = whole, iteration
             blocked = blocked + 1 if alpha < _BLOCKED else 0
             if blocked == 3:
                 away = sliding(problem, *scaled.unscaled(v)[:2], scaled.rigid_motion(v))
@@ -364,7 +373,7 @@ def newton_step(
 ) -> Step:
     """The Newton step to nu_i z_i = target: J dv = -F + (0, 0, target e), solved to a relative tolerance."""
     at, r1 = scaled.linearize(v), -scaled.gradient(v)
-    r2 = scaled.on_constraints(scaled.slack(v.x_n, v.y) - scaled.over_constraints(np.full_like(v.nu, target), v.nu))
+    r2 = scaled.on_constraints(scaled.slack(v.x_n, v.y) - scaled.over_constraints(scaled.target(target), v.nu))
     cap = beta * target
     if scaled.sloped:
         cap = min(cap, _GRADIENT_SHARE * scaled.infeasibility(v))
@@ -414,7 +423,7 @@ def correct_step(
         alpha, new = step_length(settings, scaled, step, beta, sigma)
         return 0.0 if new is None else alpha
 
-    alpha, (low, high) = length(step), (bound * target for bound in _WITHIN)
+    alpha, (low, high) = length(step), (bound * scaled.target(target) for bound in _WITHIN)
     for _ in range(_CORRECTORS):
         if alpha > _LONG:
             break

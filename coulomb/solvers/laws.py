@@ -126,7 +126,7 @@ class FrictionLaw:
         p[:, 1:] = v[:, 1:] * shrink[:, None]
         return p.ravel()
 
-    def _left(self, x: FloatArray, step: FloatArray, lower: float | FloatArray) -> FloatArray:
+    def left_over(self, x: FloatArray, step: FloatArray, lower: float | FloatArray) -> FloatArray:
         """x - P(x - step) in newtons, shape (3 m,), also where x is so large that x - step rounds to x."""
         left = (x - self.project(x - step, x[0::3], lower)).reshape(-1, 3)
         v, s = x.reshape(-1, 3), step.reshape(-1, 3)
@@ -161,7 +161,7 @@ class FrictionLaw:
             over: Reductions over the ranks.
             lower: Lower bound of the normal forces in newtons, a number or shape (m,).
         """
-        distance = over.norm(self._left(x, gradient / compliance, lower))
+        distance = over.norm(self.left_over(x, gradient / compliance, lower))
         size = over.norm(x)
         if size > 0.0:
             return distance / size

@@ -20,12 +20,15 @@ s is a nominal nodal force: the multiple of equal pressure on all nodes that min
 forces; on friction it is min(c/s, 1) where the law has no slope, so that small discs become unit discs: the gradient of
 a node is then weighted by the work that its force can do, and slip bounds over many orders of magnitude need no more
 steps than equal ones.  Where the law has a slope, the rows are weighted by min(r, 1) of the iterate instead (`weight`).
+
+Bodies of very different stiffness or load have nominal forces of their own: W is times f, and theta in the products of
+their nodes times their energy a f^2 over the mean; gradients are divided by it.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -154,6 +157,9 @@ class IterateProducts:
         self.sharper = max(0.1 * self.sharper, _SHARPEST)
 
 
+_MIXED: Final = 10.0
+"""Largest over smallest energy of the bodies from which on each has its own nominal force."""
+
 _ROUGHLY = 1e-3
 """Relative residual of the product that gives a nominal force."""
 
@@ -204,6 +210,8 @@ class ScaledProblem:
         free: b~ on the unknowns, shape (m, 3): what the loads without contact forces close of gaps and slips.
         A_ones: A~ of unit normal forces, shape (m, 3), the product that gave the nominal force.
         e: e~, shape (r,).
+        energy: Energies of the bodies over a s^2, at every node, shape (m, 1); 1 for one body.
+        mixed: Whether they differ: then rows have weights, and CG cannot solve the Newton systems.
     """
 
     def __init__(self, problem: FrictionProblem):
@@ -214,14 +222,16 @@ class ScaledProblem:
         self._constraints = self._over.sum(self._active.astype(float))
         self._unknowns = self._over.sum(1.0 + 2.0 * self.frictional)
         self._a, self._s = problem.mean_diagonal, self._nominal_force()
-        law = problem.law.scaled(self._s)
+        self._nominal, self.energy = self._of_bodies()
+        self.mixed = self._over.max(self.energy) > self._over.min(self.energy)
+        law = problem.law.scaled(self._s * self._nominal)
         unit = np.where(self.frictional & ~law.sloped, np.minimum(law.radius(np.zeros(self.nodes)), 1.0), 1.0)
         self.law = law.scaled(1.0, unit).only(self.frictional, 1.0)
-        self._W = np.column_stack([np.ones(self.nodes), unit, unit])
+        self._W = self._nominal[:, None] * np.column_stack([np.ones(self.nodes), unit, unit])
         self._T, G, self.e = self._motions()
         self.A = ScaledCompliance(problem.A, self._W, self._a, self._s, G)
         self.A_ones: FloatArray = self._W * self._A_e / self._a
-        self.lower = np.broadcast_to(np.asarray(problem.lower) / self._s, (self.nodes,))
+        self.lower = np.broadcast_to(np.asarray(problem.lower) / (self._s * self._nominal), (self.nodes,))
         self._b = self._W * problem.b.reshape(-1, 3) / (self._a * self._s)
         self.free: FloatArray = np.where(problem.unknown, self._b, 0.0)
 
@@ -239,6 +249,26 @@ class ScaledProblem:
         s = max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / over.dot(e.ravel(), A_e)
         return max(s, least) or 1.0  # without loads any force will do
 
+    def _of_bodies(self) -> tuple[FloatArray, FloatArray]:
+        """Nominal forces f of the bodies over s, shape (m,), and energies a f^2 over those of the mean, shape (m, 1);
+        1 unless they differ much; a product by A more if they do."""
+        problem, scales, same = self.problem, self.problem.scales, np.ones(self.nodes)
+        if scales.bodies == 1:
+            return same, same[:, None]
+        b = problem.without_motions(problem.b).reshape(-1, 3)
+        loads, squares, nodes = scales.sums(b[:, 0]), scales.sums(np.sum(b**2, axis=1)), scales.sums(same)
+        felt, a = scales.sums(self._A_e[:, 0]), scales.sums(scales.compliance[:, 0]) / np.maximum(nodes, 1.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            f = np.maximum(loads, 0.1 * np.sqrt(nodes * squares)) / felt / self._s
+        f = np.where((f > 0.0) & np.isfinite(f), f, 1.0)
+        energy = np.where(a > 0.0, a * f**2 / self._a, 1.0)
+        if not np.max(energy) > _MIXED * np.min(energy):
+            return same, same[:, None]
+        nominal, A_e = f[scales.body], np.empty(3 * self.nodes)
+        problem.A.mult(np.column_stack([nominal, 0.0 * same, 0.0 * same]).ravel(), A_e, _ROUGHLY)
+        self._A_e = A_e.reshape(-1, 3)
+        return nominal, energy[scales.body][:, None]
+
     def _motions(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """T (r, q), G~ (m, 3, r), e~ (r,) with G~ = T G W, e~ = T e/s."""
         rigid = self.problem.rigid
@@ -251,11 +281,11 @@ class ScaledProblem:
 
     def theta(self, nu: FloatArray, z: FloatArray) -> float:
         """Duality measure nu^T z / (number of constraints)."""
-        return self._over.dot(nu, z) / self._constraints
+        return self._over.dot(nu / self.energy, z) / self._constraints
 
     def smallest_product(self, nu: FloatArray, z: FloatArray) -> float:
         """Smallest nu_i z_i of all constraints."""
-        products = nu * z
+        products = nu / self.energy * z
         return self._over.min(products if self._all_active else products[self._active])
 
     def on_constraints(self, values: FloatArray) -> FloatArray:
@@ -279,7 +309,7 @@ class ScaledProblem:
 
     def relative_change(self, old: Iterate, new: Iterate) -> float:
         """err = |v_new - v| / |v_new| of v = (x, nu, z)."""
-        before, after = ((self.forces(v.x_n, v.y), v.nu, self.slack(v.x_n, v.y)) for v in (old, new))
+        before, after = ((self.forces(v.x_n, v.y), v.nu / self.energy, self.slack(v.x_n, v.y)) for v in (old, new))
         return self._over.norm(*(n - o for n, o in zip(after, before, strict=True))) / self._over.norm(*after)
 
     def infeasibility(self, v: Iterate) -> float:
@@ -288,6 +318,10 @@ class ScaledProblem:
         if not len(self.e):
             return gradient
         return math.hypot(gradient, float(np.linalg.norm(self.out_of_balance(v))) / math.sqrt(self._unknowns))
+
+    def target(self, theta: float) -> FloatArray:
+        """Products nu z at theta on the central path, shape (m, 2)."""
+        return np.repeat(theta * self.energy, 2, axis=1)
 
     # --- formulas of the path ---------------------------------------------------------------------------------------
 
@@ -344,7 +378,7 @@ class ScaledProblem:
         """Weights of the rows, shape (m, 3): 1 for gaps, min(r, 1) for slips, which is 1 where there is no slope;
         open nodes get no weight if friction is proportional to pressure."""
         t = np.minimum(self.law.radius(x_n), 1.0)
-        return side_by_side(self._ones, t, t)
+        return side_by_side(self._ones, t, t) / self.energy
 
     def distance_to_boundary(self, v: Iterate, dx_n: FloatArray, dy: FloatArray, dnu: FloatArray) -> float:
         """Largest alpha with x_n + alpha dx_n >= lower, |y + alpha dy| <= 1, nu + alpha dnu >= 0; inf if there is none.
@@ -425,7 +459,7 @@ class ScaledProblem:
         """Root mean square of x - P(q) in units of the nominal force."""
         p: FloatArray = self.law.project(q.ravel(), x[:, 0], self.lower).reshape(-1, 3)
         p[~self.frictional, 1:] = 0.0
-        return self.rms(self._W * (x - p))
+        return self.rms(self._W / self._nominal[:, None] * (x - p))
 
     def smoothed_projection(self, q: FloatArray, theta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The point of the projection's central path: x_n, y strictly feasible, nu, with nu_i z_i = theta.
@@ -436,23 +470,25 @@ class ScaledProblem:
         d tau (r^2 - |q_t|^2 / (1 + tau)^2) = 2 theta.
         """
         d = self.isotropic()[:, 0]
+        target = self.target(theta)
         above = q[:, 0] - self.lower
-        root = np.sqrt(above**2 + 4.0 * theta / d)
+        root = np.sqrt(above**2 + 4.0 * target[:, 0] / d)
         with np.errstate(divide="ignore", invalid="ignore"):  # the root without cancellation
-            t = np.where(above > 0.0, 0.5 * (above + root), 2.0 * theta / d / (root - above))
+            t = np.where(above > 0.0, 0.5 * (above + root), 2.0 * target[:, 0] / d / (root - above))
         x_n = self.lower + t
         y = self.smoothed_discs(x_n, q[:, 1:], theta)
-        nu = self.over_constraints(np.full((self.nodes, 2), theta), self.slack(x_n, y))
+        nu = self.over_constraints(target, self.slack(x_n, y))
         return x_n, y, nu
 
     def smoothed_discs(self, x_n: FloatArray, q_t: FloatArray, theta: float) -> FloatArray:
         """The part y (m, 2) of `smoothed_projection`, with discs of the radius of x_n (m,), of q_t (m, 2)."""
         d_t, r, size = self.isotropic()[:, 1], self.law.radius(x_n), np.hypot(q_t[:, 0], q_t[:, 1])
+        target = self.target(theta)[:, 0]
         low = np.maximum(size / r - 1.0, 0.0)
-        high = low + 1.0 + 4.0 * theta / (d_t * r**2)
+        high = low + 1.0 + 4.0 * target / (d_t * r**2)
         for _ in range(100):  # bisection: the left-hand side grows with tau between these bounds
             tau = 0.5 * (low + high)
-            short = tau * d_t * (r**2 - (size / (1.0 + tau)) ** 2) < 2.0 * theta
+            short = tau * d_t * (r**2 - (size / (1.0 + tau)) ** 2) < 2.0 * target
             low, high = np.where(short, tau, low), np.where(short, high, tau)
         y: FloatArray = q_t / ((1.0 + high) * r)[:, None]
         y[~self.frictional] = 0.0

@@ -221,8 +221,8 @@ class _Iteration:
             self._constraints,
             3,
             self._product,
-            lambda p, A_p: self._at.apply(p, A_p),
-            lambda r, r3: self._bordered(r, r3),
+            lambda p, A_p: self._rows * self._at.apply(p, A_p),
+            lambda r, r3: self._bordered(r / self._rows, r3),
             PETSc.KSP.Type.FGMRES,
         )
         try:
@@ -266,6 +266,11 @@ class _Iteration:
     def _residual(self, x: FloatArray, A_x: FloatArray, alpha: FloatArray) -> float:
         return self._problem.residual(self._problem.completed(x.ravel()), self._a * self._w(A_x, alpha).ravel())
 
+    def _of_bodies(self, x: FloatArray, A_x: FloatArray, alpha: FloatArray) -> float:
+        """The residual by bodies, which falls in every step while single contacts open and close."""
+        forces = self._problem.completed(x.ravel())
+        return self._problem.residual_of_bodies(forces, self._a * self._w(A_x, alpha).ravel())
+
     def _product(self, x: FloatArray) -> FloatArray:
         y = self._scaled.mult(x, self._accuracy)
         self._A.record(x, y)
@@ -298,15 +303,16 @@ class _Iteration:
             if stop:
                 status = Status.INTERRUPTED
                 break
-            if residual < settings.falls * best:
-                best, best_at = residual, step
+            fallen = self._of_bodies(x, A_x, alpha)
+            if fallen < settings.falls * best:
+                best, best_at = fallen, step
             hopeless = goal.refused and residual < settings.refused * goal.tolerance
             if hopeless or step - best_at >= settings.patience or (not math.isfinite(residual) and step > 0):
                 status = Status.STAGNATED
                 break
             if step == settings.max_iterations:
                 break
-            dx, A_dx, dalpha, iterations = self._solved(at, x, residual)
+            dx, A_dx, dalpha, iterations = self._solved(at, x, A_x, alpha, residual)
             x, alpha = x + dx, alpha + dalpha
             A_x = self._images.advance(x, A_x + A_dx, 1.0, settings.product)
         if not reached:
@@ -314,20 +320,21 @@ class _Iteration:
         return self._result(x, A_x, alpha, history, status)
 
     def _solved(
-        self, at: ContactDerivative, x: FloatArray, residual: float
+        self, at: ContactDerivative, x: FloatArray, A_x: FloatArray, alpha: FloatArray, residual: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
         """The step: dx, A dx, dalpha, and its Krylov iterations."""
         settings, over = self._settings, self._over
         self._at = at
+        scale = self._problem.force_scale(x.ravel(), self._a * self._w(A_x, alpha).ravel())
+        self._rows = (1.0 / np.where(scale > 0.0, scale, 1.0))[:, None]
         self._inverse.move(at)
         self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, at.Q @ self._scaled.G)
         r3 = NO_MOTION if not len(self._e) else self._e - self._constraints.resultant(x)
-        size = math.hypot(over.norm(at.value), float(np.linalg.norm(r3)))
+        size = math.hypot(over.norm(self._rows * at.value), float(np.linalg.norm(r3)))
         share = min(settings.forcing, max(residual, settings.sharpest))
-        least = 0.1 * self._finer * min(self._goal.residual, residual)
-        enough = max(share * size, least * over.norm(x))
+        enough = max(share * size, 0.1 * min(self._goal.residual, residual))
         self._accuracy = min(max(enough / size, settings.product), settings.forcing) if size > 0.0 else settings.forcing
-        dx, moved, dalpha, iterations = self._krylov.solve(-at.value, np.zeros_like(x), enough, r3)
+        dx, moved, dalpha, iterations = self._krylov.solve(-self._rows * at.value, np.zeros_like(x), enough, r3)
         if iterations >= self._updated_from or self._A.U.shape[1] == 0:
             self._A.update()
             self._inverse = ContactPreconditioner(self._scaled.comm, self._A)

@@ -7,6 +7,7 @@ import math
 import time
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Final
 
 import numpy as np
 
@@ -58,6 +59,7 @@ class Anderson:
 
 
 _LEAST_DAMPING = 0.05  # by the measured slope
+_FINER: Final = 0.01  # part of the accuracy of Tresca problems that the worst contact needs
 _NEAR = 0.1  # change of g below which acceleration starts: before, the map is too far from linear
 _PATIENCE = 12  # Tresca problems without a better change of g after which the iteration has stagnated
 _TURNS = 5  # successive changes of g, each opposite to the one before and none the smallest: an oscillation
@@ -105,6 +107,7 @@ class SuccessiveTresca(SolverSettings):
         last: SolverResult | None = None
         best: tuple[float, SolverResult, FloatArray] | None = None
         residual, damping = 1.0, self.damping or 1.0
+        whole, finer = 1.0, 1.0  # that of the bodies, and the accuracy for the worst contact where they reach the goal
         history: list[OuterStep] = []
         sizes: list[float] = []  # |r(x_n)|
         turns: list[float] = []  # cosines between successive r(x_n) - g
@@ -112,7 +115,7 @@ class SuccessiveTresca(SolverSettings):
         status, why = Status.MAX_ITERATIONS, ""
         for iteration in range(1, self.max_iterations + 1):
             began, before = time.perf_counter(), A.products
-            inner = min(max(self.inner_precision * residual, 0.1 * goal.residual), 1e-2)
+            inner = min(max(self.inner_precision * whole, 0.1 * goal.residual * finer), 1e-2)
             inner = inner if problem.sloped else goal.residual  # the only Tresca problem
             warm = last is not None
             last, steps, krylov, trouble = self._tresca(problem, g, last, inner, iteration, progress)
@@ -122,6 +125,8 @@ class SuccessiveTresca(SolverSettings):
             last = replace(last, x=problem.completed(last.x))  # where the slip is known, with r(x_n) in place of g
             image = problem.slip_bound(last.x)
             residual = problem.residual(last.x, last.gradient)
+            whole = problem.residual_of_bodies(last.x, last.gradient)
+            finer = _FINER if whole <= goal.residual else 1.0
             if best is None or residual < best[0]:
                 best = (residual, last, g)
             old_misfit, misfit = misfit, image - g
@@ -208,7 +213,7 @@ class SuccessiveTresca(SolverSettings):
         for start in (last, None) if last is not None else (None,):
             try:
                 result = self.qp_solver.solve(
-                    problem.with_slip_bound(g),
+                    problem.with_slip_bound(g, together=problem.sloped),
                     None if start is None else start.x,
                     gradient=None if start is None else start.gradient,
                     tolerance=tolerance,

@@ -38,7 +38,7 @@ def test_the_curve_leaves_work_to_convex_problems():
     assert result.outer_steps >= 1
     friction = FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
     whole = Scales.of(friction).residual(friction, result.x, friction.gradient(result.x))
-    assert result.residual == pytest.approx(whole, rel=1e-6) and whole >= problem.residual(result.x)
+    assert result.residual == pytest.approx(whole, rel=1e-6) and whole >= 0.999 * problem.residual(result.x)
 
 
 @pytest.mark.parametrize("log", [-0.5, -4.0])

@@ -1,0 +1,104 @@
+"""Every contact by its own compliance and force: what is stiff beside what is soft has errors of its own.
+
+One mean compliance and one norm of all forces hide a node of steel beside nodes of foam: its compliance is a millionth
+of theirs, and an error of its whole force changes their residual by 1e-8.  So at contact i, with the entries a_n and
+a_t (the mean of two) of diag(A) there,
+
+    left_i = x_i - P(x_i - w_i / (a_n, a_t, a_t)),   residual = max_i |left_i| / s_i,
+    s_i = max(|x_i|, 1e-2 largest force on the same body, 1e-8 of the largest load b/a on it).
+
+Open contacts keep forces of 1e-14 of the largest, and grazing ones (x = w = 0) the square root of the path's theta: by
+their own force alone they would never be right, hence the second term.  A body without contact forces has only loads.
+
+Contacts of different compliance that belong to one body, or to bodies that touch, act on each other: an error e of the
+force of a soft one, which its own residual says to be small, moves a stiff one s times stiffer by up to e/sqrt(s).  So
+the errors left_i are carried on: |A left|_i / a_i is what they do at contact i (one product).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
+
+SHARE: Final = 1e-2
+"""No contact is judged by less than this part of the largest force on its body."""
+
+_LOADS: Final = 1e-6
+"""No force on a body counts as the largest below this part of what its loads would cause."""
+
+_MIXED: Final = 100.0
+"""Largest over smallest compliance from which on contacts are told apart."""
+
+
+@dataclass(frozen=True)
+class ContactScales:
+    """Compliances of contacts and the bodies to which they belong; this rank's part.
+
+    Attributes:
+        compliance: a_n, a_t, a_t of every contact, metres per newton, shape (m, 3).
+        body: Number of the body of every contact, from 0, the same on all ranks, shape (m,).
+        over: Reductions over the ranks.
+    """
+
+    compliance: FloatArray
+    body: npt.NDArray[np.int64]
+    over: Reductions
+
+    @classmethod
+    def of(cls, diagonal: FloatArray, body: npt.NDArray[np.int64] | None, over: Reductions) -> ContactScales:
+        """From diag(A), shape (3 m,); along tangents without compliance, where friction moves nothing, that of n."""
+        d = diagonal.reshape(-1, 3)
+        t = 0.5 * (d[:, 1] + d[:, 2])
+        t = np.where(t > 0.0, t, d[:, 0])
+        return cls(np.column_stack([d[:, 0], t, t]), np.zeros(len(d), dtype=np.int64) if body is None else body, over)
+
+    @cached_property
+    def bodies(self) -> int:
+        """Number of bodies, over all ranks."""
+        return 1 + int(max(self.over.max(self.body.astype(np.float64)), 0.0))
+
+    @cached_property
+    def mixed(self) -> bool:
+        """Whether compliances differ so much that errors of soft contacts matter at stiff ones."""
+        a = self.compliance[:, 0]
+        return self.over.max(a) > _MIXED * self.over.min(a)
+
+    def largest(self, sizes: FloatArray) -> FloatArray:
+        """Largest of the sizes (m,) on every body, 0 without any, shape (bodies,)."""
+        found = np.zeros(self.bodies)
+        np.maximum.at(found, self.body, sizes)
+        return self.over.largest(found)
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """Sum of the values (m,) on every body, shape (bodies,)."""
+        sums: FloatArray = np.bincount(self.body, values, self.bodies)
+        return self.over.total(sums)
+
+    def of_bodies(self, x: FloatArray, loads: FloatArray) -> FloatArray:
+        """Force of the body of every contact in newtons, shape (m,): its largest contact force, or a part of its loads.
+
+        Args:
+            x: Contact forces in newtons, shape (3 m,).
+            loads: What they close in metres, shape (3 m,).
+        """
+        felt = np.linalg.norm(loads.reshape(-1, 3) / self.compliance, axis=1)
+        forces = np.linalg.norm(x.reshape(-1, 3), axis=1)
+        return np.maximum(self.largest(forces), _LOADS * self.largest(felt))[self.body]
+
+    def of_contacts(self, x: FloatArray, loads: FloatArray) -> FloatArray:
+        """s_i in newtons, shape (m,); arguments as of `of_bodies`."""
+        return np.maximum(np.linalg.norm(x.reshape(-1, 3), axis=1), SHARE * self.of_bodies(x, loads))
+
+
+def relative(left: FloatArray, scale: FloatArray) -> FloatArray:
+    """Sizes of vectors (m, 3) over scales (m,), 0 where they vanish; shape (m,)."""
+    size = np.sqrt(np.einsum("ij,ij->i", left, left))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(size == 0.0, 0.0, size / scale)
