@@ -78,7 +78,7 @@ class ContactScales:
 
     def sums(self, values: FloatArray) -> FloatArray:
         """Sum of the values (m,) on every body, shape (bodies,)."""
-        sums: FloatArray = np.bincount(self.body, values, self.bodies)
+        sums = np.asarray(np.bincount(self.body, values, self.bodies), dtype=np.float64)
         return self.over.total(sums)
 
     def of_bodies(self, x: FloatArray, loads: FloatArray) -> FloatArray:
