@@ -10,7 +10,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,7 @@ from ..fem.meshes import InspectedMesh, JoinedMesh, NamedMesh, gathered
 from ..fem.meshes import write as write_mesh
 from ..io import output
 from ..io.accuracy import accuracy
-from ..io.atomic_output import PARTIAL, discard, locked, set_aside, settle
+from ..io.atomic_output import PARTIAL, discard, locked, present, set_aside, settle
 from ..io.case_record import case_record, case_text, refuse_another_case, write_case
 from ..io.error_bars import ComparisonHistories, NoErrorBars, error_of
 from ..io.history_files import HistoryFiles, read_summary, steps_on_disk, whole_history
@@ -143,34 +143,53 @@ def _solve_once(
             solution, trouble = _solve(session, settings, problem)
             files, mesh, bars = case_record(settings, problem.comm)["files"], None, dict[str, Any]()
         else:
-            refined = _refine(session, settings, problem, refinement)
-            solution, trouble, bars = refined.solution, refined.trouble, {"error": refined.bars.entry()}
+            refined = _refine(session, settings, problem, refinement, target, overwrite)
+            solution, trouble, bars = refined.solution, refined.trouble, _entry(refined)
             settings, files, mesh = stack.enter_context(refined_case(settings, solution, target))
         _write_and_report(session, settings, solution, trouble, target, overwrite, renderer, bars, files, mesh)
 
 
-def _refine(session: Session, settings: Case, problem: ContactProblem, refinement: Refinement) -> Refined:
-    """The answer on a mesh refined until its error bars are small enough."""
-    to, totals, unknowns = refinement
-    display = Display(session.console, changing=True)
+def _refine(
+    session: Session, settings: Case, problem: ContactProblem, refinement: Refinement, target: Path, overwrite: bool
+) -> Refined:
+    """The answer on a mesh refined until its error bars are small enough.
 
-    def say(posed: ContactProblem, stress: float, largest: float) -> None:
-        known = f", error bars up to {100.0 * largest:.2g} % of the totals" if math.isfinite(largest) else ""
+    That on every mesh is written, for a run that is killed later, unless earlier results would be lost.
+    """
+    to, totals, unknowns = refinement
+    display, comm = Display(session.console, changing=True), problem.comm
+    empty = comm.bcast(not present(target).results if comm.rank == 0 else False)
+
+    def so_far(found: Refined) -> str:
+        known = "no error bars yet" if found.bars is None else f"error bars of {100.0 * found.largest:.2g} %"
+        return f"{known}, {100.0 * to:.2g} % was asked for"
+
+    def say(found: Refined, stress: float) -> None:
+        sizes, bars = found.solution.problem.unknowns, ""
+        if math.isfinite(found.largest):
+            bars = f", error bars up to {100.0 * found.largest:.2g} % of the totals"
         session.console.out(
-            f"mesh of {posed.unknowns['displacement']} displacement and {posed.unknowns['contact']} contact unknowns: "
-            f"error of the stress {100.0 * stress:.2g} %{known}"
+            f"mesh of {sizes['displacement']} displacement and {sizes['contact']} contact unknowns: "
+            f"error of the stress {100.0 * stress:.2g} %{bars}"
         )
+        if empty:
+            found.solution.problem.seconds["total"] = time.perf_counter() - session.began
+            with suppress(OSError), refined_case(settings, found.solution, target) as (case, files, mesh):
+                extra = {"message": f"not finished: {so_far(found)}", "mesh_files": files, **_entry(found)}
+                output.write(found.solution, target, extra, {CASE: case_text(case)}, overwrite, mesh=mesh)
 
     with display, bad_input():
         solver, progress = settings.contact_solver(), session.progress(display)
         try:
             found = refine(problem, to, totals, unknowns, settings.solver.tolerance, solver, progress, say)
         except NotConverged as failure:
-            fail(f"{failure}; no mesh was refined", FAILED)
-    if found.trouble:
-        reason = f"error bars of {100.0 * found.largest:.2g} %, {100.0 * to:.2g} % was asked for: {found.trouble}"
-        return replace(found, trouble=reason)
-    return found
+            return Refined(problem.solution(failure.result), None, math.inf, f"{failure}; no mesh was refined")
+    return replace(found, trouble=f"{so_far(found)}: {found.trouble}") if found.trouble else found
+
+
+def _entry(found: Refined) -> dict[str, Any]:
+    """The entry `error` of summary.json, if there are bars."""
+    return {} if found.bars is None else {"error": found.bars.entry()}
 
 
 def _write_and_report(
@@ -185,7 +204,7 @@ def _write_and_report(
     files: dict[str, str],
     mesh: Path | None,
 ) -> None:
-    problem, asked = solution.problem, settings.output.error and not trouble and not bars
+    problem, asked = solution.problem, settings.output.error and not trouble and mesh is None
     interrupted = solution.result.status is Status.INTERRUPTED
     problem.seconds["total"] = time.perf_counter() - session.began
     written = True
@@ -212,7 +231,9 @@ def _write_and_report(
     if written and interrupted:
         trouble = f"interrupted: {trouble}; the answer so far is in {target}{os.sep}, marked as interrupted"
     elif written and stopped.asked():
-        interrupted, trouble = True, _cut_short(settings, target)
+        interrupted = True
+        finest = f"interrupted: {trouble}; the answer on the finest mesh solved is in {target}{os.sep}"
+        trouble = finest if mesh is not None and trouble else _cut_short(settings, target)
     if trouble:
         errors.out(f"error: {trouble}")
     if interrupted:

@@ -32,6 +32,7 @@ from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
 from .answer import FREE, LARGEST, Answer, answer_of, least_bar
 from .energy_error import relative_stress_error
+from .same_problem import refuse_another_problem
 
 SAFETY = 1.5
 """Safety factor of an error estimated from three meshes, between Roache's 1.25 and 3."""
@@ -179,9 +180,11 @@ def error_of(
 
     Raises:
         NoErrorBars: If the problem cannot be posed or solved on other meshes, or these do not differ.
+        ValueError: If one of the others is no answer, or that of another problem.
     """
     if solution.problem.before is not None:
         raise NoErrorBars("a load step has error bars with all steps before: output.error = true of a case")
+    refuse_another_problem(solution, others)
     found = [answer_of(solution, tolerance)]
     if others:
         found += [answer_of(other, tolerance) for other in others]
@@ -323,7 +326,10 @@ def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
     beside = [one for one in others if one.order != first.order or one.size < 0.9 * first.size]  # else the same cells
     compared = chain or beside
     if not compared:
-        raise NoErrorBars("the answers are on the same cells with elements of the same order")
+        raise NoErrorBars(
+            "the answers are on the same cells with elements of the same order; give one on other cells, best coarser: "
+            "solution.problem.on(other_mesh).solve()"
+        )
     shape = SHAPE * (_unseen(first, compared) + unknown)
     bars = []
     for name, (value, unit) in first.totals.items():

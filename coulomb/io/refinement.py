@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
+from ..arrays import is_number
 from ..fem.bodies import Deformable, relative_error
 from ..fem.contact import interpolated_forces
 from ..fem.meshes import finer
@@ -37,13 +39,13 @@ class Refined:
 
     Attributes:
         solution: The answer on the last mesh.
-        bars: Its error bars, by the meshes before.
-        largest: The largest error bar of the totals asked for, over the total.
+        bars: Its error bars, by the meshes before; None if there are no others.
+        largest: The largest error bar of the totals asked for, over the total; inf without bars.
         trouble: Why it is not as small as was asked for; empty if it is.
     """
 
     solution: Solution
-    bars: ErrorBars
+    bars: ErrorBars | None
     largest: float
     trouble: str
 
@@ -56,7 +58,7 @@ def refine(
     tolerance: float = TOLERANCE,
     solver: Solver | None = None,
     progress: ProgressCallback | None = None,
-    said: Callable[[ContactProblem, float, float], None] = lambda *_: None,
+    said: Callable[[Refined, float], None] = lambda *_: None,
 ) -> Refined:
     """Solve a problem on finer and finer meshes (`fem.meshes.finer`), each started from the forces on the one before,
     until the error bars of some totals, by the last three meshes, are small enough; collective.
@@ -70,15 +72,18 @@ def refine(
         tolerance: Of the solver.
         solver: As of `ContactProblem.solve`.
         progress: Called after every step of a solver.
-        said: Called on every mesh with the problem, the error of the stress over the stress in the energy norm
-            (Zienkiewicz and Zhu), and the largest error bar of the totals over the total, inf on the first.
+        said: Called on every mesh with the answer on it, and the error of the stress over the stress in the energy norm
+            (Zienkiewicz and Zhu).
+
+    Returns:
+        The answer on the finest mesh that has one, with the reason if a finer one failed or was interrupted.
 
     Raises:
-        NoErrorBars: If the problem cannot be posed on another mesh, or a total is unknown.
-        ValueError, NotConverged: As of `ContactProblem.solve`.
+        NoErrorBars: If the problem has a body of the user's forms or is a load step, or a total is unknown.
+        ValueError: If an argument is wrong, and as of `ContactProblem.solve`.
+        NotConverged: As of `ContactProblem.solve`, on the first mesh.
     """
-    if isinstance(problem.made_of, Deformable):
-        raise NoErrorBars("a Body of your own forms cannot be posed on a finer mesh from here")
+    _refuse(problem, to, totals, unknowns)
     posed, start = problem, None
     answers: list[Answer] = []
     best: Refined | None = None
@@ -94,33 +99,42 @@ def refine(
         stress = recovered_errors(solution)
         answers.insert(0, answer_of(solution, tolerance))
         asked = _asked([name for name in answers[0].totals if name != FREE], totals)
-        bars, largest = None, math.inf
+        best = Refined(solution, None, math.inf, "")
         if len(answers) > 1:
             bars = bars_of(answers[:3], SMOOTH * answers[-1].polygon)
-            largest = _relative([bars[name] for name in asked])
-        said(posed, relative_error(stress.values()), largest)
-        if bars is not None:
-            best = Refined(solution, bars, largest, "")
-            if largest <= to:
-                return best
+            best = replace(best, bars=bars, largest=_relative([bars[name] for name in asked]))
+        said(best, relative_error(stress.values()))
+        if best.largest <= to:
+            return best
         mesh = posed.made_of
         assert not isinstance(mesh, Deformable)
-        next_one = problem.on(
-            finer(
-                mesh,
-                {name: one.squared if one.along is None else one.along for name, one in stress.items()},
-                FLAT * to / SHAPE,
-            )
-        )
-        if (many := next_one.unknowns["displacement"]) > unknowns:
-            if best is None:  # no finer mesh: others tell
-                bars = error_of(solution, tolerance=tolerance, solver=solver, progress=progress)
-                best = Refined(solution, bars, _relative([bars[name] for name in asked]), "")
-            enough = best.largest <= to
-            trouble = "" if enough else f"the next mesh would have {many} unknowns, more than {unknowns}"
-            return replace(best, trouble=trouble)
-        start = interpolated_forces(solution.contact_force, solution.problem.surface, next_one.surface)
-        posed = next_one
+        of_cells = {name: one.squared if one.along is None else one.along for name, one in stress.items()}
+        try:
+            posed = problem.on(finer(mesh, of_cells, FLAT * to / SHAPE))
+            if (many := posed.unknowns["displacement"]) > unknowns:
+                if best.bars is None:  # no finer mesh: others tell
+                    bars = error_of(solution, tolerance=tolerance, solver=solver, progress=progress)
+                    best = replace(best, bars=bars, largest=_relative([bars[name] for name in asked]))
+                enough = best.largest <= to
+                trouble = "" if enough else f"the next mesh would have {many} unknowns, more than {unknowns}"
+                return replace(best, trouble=trouble)
+        except ValueError as failure:
+            return replace(best, trouble=f"there is no other mesh: {failure}")
+        start = interpolated_forces(solution.contact_force, solution.problem.surface, posed.surface)
+
+
+def _refuse(problem: ContactProblem, to: object, totals: object, unknowns: object) -> None:
+    """A ValueError on every rank for arguments of `refine` that are wrong."""
+    if not is_number(to) or not 0.0 < float(cast(float, to)) < 1.0:
+        raise ValueError(f"refine: to must be a part of the totals between 0 and 1, as 0.02 for 2 %, but is {to!r}")
+    if isinstance(totals, str) or not isinstance(totals, Sequence) or not all(isinstance(one, str) for one in totals):
+        raise ValueError(f'refine: totals must be a list of names, as ["totals.normal_force"], but is {totals!r}')
+    if not is_number(unknowns, 1.0):
+        raise ValueError(f"refine: unknowns must be a number of displacement unknowns, at least 1, but is {unknowns!r}")
+    if isinstance(problem.made_of, Deformable):
+        raise NoErrorBars("a Body of your own forms cannot be posed on a finer mesh from here")
+    if problem.before is not None:
+        raise NoErrorBars("refinement is for single runs: refine the mesh for the loads of one time, problem.at(time)")
 
 
 def _asked(known: Iterable[str], totals: Sequence[str]) -> list[str]:

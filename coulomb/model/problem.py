@@ -353,8 +353,8 @@ class ContactProblem(DiscreteProblem):
         return answer
 
     def refine(self, to: float, totals: Sequence[str] = (), unknowns: int = 300_000) -> Any:
-        """Solve on finer and finer meshes until the error bars of some totals are at most `to` of them, as 0.02: see
-        `io.refinement.refine`."""
+        """Solve on finer and finer meshes until the error bars of some totals are at most `to` of them, as 0.02:
+        arguments and errors as of `io.refinement.refine`."""
         return late_bound["refine"](self, to, totals, unknowns)
 
     def _heated(

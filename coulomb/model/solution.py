@@ -313,7 +313,7 @@ class Solution:
 
         Raises:
             ValueError: On every rank, if the problem cannot be posed or solved on another mesh (a `Body` of the user's
-                forms, a load step), or the others do not differ.
+                forms, a load step), or if the others are of another problem or on the same mesh.
         """
         return late_bound["error"](self, *others)
 

@@ -153,6 +153,24 @@ def test_a_signal_stops_a_run_with_everything_kept(number, ranks, small_case):
     assert not Path("out/run.lock").exists() and not list(Path("out").glob(".*"))
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=str)
+def test_a_stopped_refinement_keeps_a_mesh_it_has_solved(number, small_case):
+    """The last one, or where it is killed the one whose results were written last; both can be checked."""
+    log, again = Path("log"), r"(?s)(mesh of \d+ displacement.*){3}"
+    watched = Watched(*RUN, "--refine-to", "0.01%", "--log", log)
+    watched.when(lambda: log.exists() and re.search(again, log.read_text()))
+    code, _, errors = watched.signalled(number)
+    summary = json.loads(Path("out/summary.json").read_text())
+    meshes = [one["unknowns"] for one in summary["error"]["meshes"]]
+    assert summary["valid"] and meshes[0] == summary["unknowns"]["displacement"] > meshes[1]
+    assert run_coulomb("check", "out").returncode == 0
+    if number == signal.SIGKILL:
+        assert code == 137 and re.match(r"not finished: error bars of .* %, 0.01 % was asked for", summary["message"])
+    else:
+        assert code == 130 and f"error: interrupted: {summary['message']}; the answer on the finest mesh" in errors
+        assert re.match(r"error bars of .* %, 0.01 % was asked for: the next mesh, ", summary["message"])
+
+
 @pytest.mark.parametrize("drawn", ["picture", "report"])
 def test_a_signal_while_it_draws(drawn, small_case):
     """The results are complete and certified; only the picture being drawn is missing."""

@@ -283,6 +283,49 @@ def test_other_answers_may_be_given():
         fine.error(fine)
 
 
+OTHERS = {
+    "load": ({"loads": [Traction("top", (0.0, 0.0, -2e7))]}, r"value of tractions 1 is \(0.0, 0.0, -20000000.0\), not"),
+    "two loads": ({"loads": [*2 * [Traction("top", (0.0, 0.0, -1e7))]]}, "tractions is "),
+    "material": ({"material": Material(2.1e11, 0.29)}, "poisson of material is 0.29, not 0.3"),
+    "friction": ({"contact": Contact("bottom", 0.2)}, "friction of contact 1 is 0.2, not 0.3"),
+    "law": ({"contact": Contact("bottom", slip_stress=1e6)}, "friction of contact 1 is None, not 0.3"),
+    "support": ({"clamps": [Clamp("right")]}, "face of clamps 1 is 'right', not 'left'"),
+    "gravity": ({"gravity": (0.0, 0.0, -9.81)}, r"gravity is \(0.0, 0.0, -9.81\), not"),
+    "size": ({"size": (2.0, 1.0, 1.0)}, "the body has another place or size"),
+    "function": ({"loads": [Traction("top", lambda x: -2e7 * np.eye(3)[:, 2:] * x[:1])]}, "value of tractions 1 is"),
+    "mesh": ({"cells": (3, 1, 1)}, "on the same cells with elements of the same order; give one on other cells"),
+}
+
+
+@pytest.mark.parametrize("what", OTHERS)
+def test_an_answer_of_another_problem_is_refused(what):
+    def solution(cells=(6, 2, 2), size=(3.0, 1.0, 1.0), material=Material(2.1e11, 0.3, 7800.0), **given):
+        given = {"clamps": [Clamp("left")], "contact": Contact("bottom", 0.3), **given}
+        loads = given.pop("loads", [Traction("top", (0.0, 0.0, -1e7))])
+        return ContactProblem(box(size, cells), material, tractions=loads, **given).solve()
+
+    given, said = OTHERS[what]
+    with pytest.raises(ValueError, match=said):
+        solution((3, 1, 1)).error(solution(**given))
+    other = solution(clamps=(Clamp("left"),), contact=[Contact("bottom", 0.3)], loads=(Traction("top", [0, 0, -1e7]),))
+    assert solution((3, 1, 1)).error(other)["totals.normal_force"].bar[0] > 0.0
+    for wrong in (None, other.problem):
+        with pytest.raises(ValueError, match="answer 1 of 1 must be a Solution"):
+            other.error(wrong)
+
+
+def test_functions_are_compared_by_what_they_hold():
+    def solved(cells, load):
+        down = Traction("top", lambda x: np.array([[0.0], [0.0], [load]]) * np.ones_like(x[:1]))
+        mesh = box((3.0, 1.0, 1.0), (3 * cells, cells, cells))
+        return ContactProblem(mesh, STEEL, [Clamp("left")], Contact("bottom", 0.3), [down]).solve()
+
+    coarse = solved(1, -1e7)
+    assert coarse.error(solved(2, -1e7))["totals.normal_force"].bar[0] > 0.0
+    with pytest.raises(ValueError, match="value of tractions 1 is another function"):
+        coarse.error(solved(2, -1.01e7))
+
+
 def test_without_coarser_meshes_the_other_order_is_compared():
     posed = block(2)
     alone = posed.on(replace(posed.made_of, coarser=None)).solve()

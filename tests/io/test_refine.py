@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,12 @@ import pytest
 from conftest import SMALL_CASE, run_coulomb
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
+from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Traction, box
 from coulomb.fem.meshes import finer, refined, second_order, volume
 from coulomb.io.answer import answer_of
 from coulomb.io.error_bars import NoErrorBars
+from coulomb.io.refinement import refine
+from coulomb.solvers.results import NotConverged
 from verification import hertz
 from verification.array_mesh import quarter_ring
 
@@ -179,6 +182,48 @@ def test_the_polygon_of_a_mesh_is_in_its_bars(cell, degree):
         bar = bars["totals.normal_force"]
         assert bar.value[0] == pytest.approx(0.955 * WEIGHT, rel=0.005)
         assert abs(bar.value[0] - WEIGHT) <= bar.bar[0] < 0.5 * WEIGHT
+
+
+def test_the_worst_of_the_totals_that_are_asked_for_decides():
+    """The error bar over the largest total in its unit."""
+    asked = ["totals.normal_force", "totals.greatest_slip", "strain_energy"]
+    found = block(box((3.0, 1.0, 1.0), (3, 1, 1))).refine(1e-6, asked, unknowns=400)
+    parts = [found.bars[name].bar[0] / found.bars[name].value[0] for name in asked]
+    assert found.largest == pytest.approx(max(parts), rel=1e-12) and max(parts) > 1.5 * np.median(parts)
+    assert np.argmax(parts) == 1  # neither the first nor the last
+
+
+def test_an_interrupted_refinement_keeps_the_meshes_it_has_solved():
+    problem, said = block(box((3.0, 1.0, 1.0), (3, 1, 1))), []
+
+    def stop(at_mesh):
+        return refine(problem, 1e-6, progress=lambda at: len(said) == at_mesh, said=lambda found, _: said.append(found))
+
+    for number in (1, 2):
+        said.clear()
+        found = stop(number)
+        assert len(said) == number and found.solution is said[-1].solution and found.solution.certificate.passed
+        assert re.match(r"the next mesh, \d+ unknowns: .*\(interrupted\)", found.trouble)
+        assert (found.bars is None) == (number == 1) and (found.largest < np.inf) == (number == 2)
+    with pytest.raises(NotConverged, match="interrupted"):
+        said.clear()
+        stop(0)
+
+
+@pytest.mark.parametrize("to", [0, -1, np.nan, np.inf, 2, "2%", None, [0.02]], ids=str)
+def test_a_target_that_is_no_part_is_refused_at_once(to):
+    with pytest.raises(ValueError, match="refine: to must be a part of the totals between 0 and 1"):
+        block(box((3.0, 1.0, 1.0), (3, 1, 1))).refine(to)
+
+
+def test_wrong_arguments_are_refused_at_once():
+    problem = block(box((3.0, 1.0, 1.0), (3, 1, 1)))
+    with pytest.raises(ValueError, match="totals must be a list of names"):
+        problem.refine(0.02, "totals.normal_force")
+    with pytest.raises(ValueError, match="unknowns must be a number of displacement unknowns, at least 1, but is 0"):
+        problem.refine(0.02, unknowns=0)
+    with pytest.raises(ValueError, match="refinement is for single runs"):
+        next(iter(LoadHistory([1.0]).steps(problem))).solution.problem.refine(0.02)
 
 
 def test_what_cannot_be_refined():
