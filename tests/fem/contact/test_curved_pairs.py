@@ -23,6 +23,7 @@ from coulomb import (
 )
 from coulomb.io import output
 from coulomb.io.recheck import check
+from verification.array_mesh import quarter_ring
 from verification.ring_pair import FIT, INTERFERENCE, rings
 
 STEEL = Material(2.1e11, 0.3)
@@ -102,6 +103,25 @@ def test_a_contact_smaller_than_a_facet_does_not_count(cell, degree):
         if degree == 1:
             assert 0.7 < solution.small_strain.chord * approach / sagitta < 1.02  # in the middles of triangles less
         assert any("coarse" in text for text in solution.small_strain.violations) is not valid
+
+
+def test_contact_points_of_fitting_faces_are_on_them():
+    """With dual functions they would be up to 2 % of the radius before the face, and so would be arms of friction; of a
+    face on a plane they are, where a contact is small."""
+    bore, shaft = (
+        quarter_ring(inner, 0.5 + inner, 0.6, (1, n, 1), "tetrahedron", 2) for inner, n in ((1.0, 4), (0.5, 3))
+    )
+    fit = Contact("bore:left", against="shaft:right", friction=0.3)
+    problem = ContactProblem(join(bore=bore, shaft=shaft), STEEL, [Clamp("bore:right"), Clamp("shaft:left")], fit)
+    surface = problem.surface
+    off = np.abs(np.linalg.norm(surface.x[:, :2], axis=1) - 1.0)
+    assert (
+        off.max() < 3e-3 and off.mean() < 1.5e-3
+    )  # at ends of the face points are beside their vertices, along tangents
+    turn = np.cross([0.0, 0.0, 1.0], problem.elasticity.x)
+    turn[problem.elasticity.members[1].nodes] = 0.0
+    slip = surface.rows(turn)
+    assert np.abs(np.linalg.norm(slip[:, 1:], axis=1) - 1.0).max() < 3e-3
 
 
 def test_named_surfaces_of_first_order_facets_count():
