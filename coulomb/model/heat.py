@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from petsc4py import PETSc
@@ -22,10 +22,14 @@ from ..fem.bodies import Conduction, Deformable, HeatLoad, distributed_rows, mat
 from ..fem.contact import ContactSurface
 from ..linalg.petsc_arrays import configured_ksp
 from ..linalg.reductions import Reductions
+from .certificate import Check
 from .contact import Contact
 
 BALANCED = 1e-8
 """Largest sum of all heat flows, relative to those into the bodies."""
+
+UNBALANCED: Final = Check("heat", 1.0, BALANCED, "", "contact and heat agree, and as much heat flows out as in")
+"""Of an answer without heat flows, for the certificate: all heat is missing."""
 
 _ROUNDING = 1e-13
 """Heat flows below this part of K times the temperatures are rounding errors."""

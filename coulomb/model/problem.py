@@ -47,7 +47,7 @@ from .contact import Contact
 from .contact_body import Before, ContactBody, ContactState
 from .discrete_problem import CountedProgress, DiscreteProblem, linear_solve_failed
 from .equilibrium import refuse_without_equilibrium
-from .heat import Heat, HeatProblem
+from .heat import UNBALANCED, Heat, HeatProblem
 from .input_echo import contacts_of, loads_of, supports_of, ties_of
 from .load_step import State
 from .notebook import residuals_shown
@@ -463,13 +463,17 @@ class ContactProblem(DiscreteProblem):
         return InteriorPoint(tolerance, newton=DenseSystem()) if self.body.stiffness.dense else Automatic(tolerance)
 
     def solution(self, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:
-        """Displacement and certificate of a solver's result, converged or not; from `criterion` if it has them."""
+        """Displacement and certificate of a solver's result, converged or not; from `criterion` if it has them.  The
+        certificate fails where heat is a part of the problem, and was not solved with contact."""
         judged = (criterion or StoppingCriterion(self)).answer(result.x, result.rigid)
         x = judged.contact_force
         law = self.slip_bound(x)
         g = np.where(law > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces
         g = np.where(x[0::3] != result.x[0::3], law, g)  # where `zero_open_forces` has changed the normal force
-        return Solution(self, x, judged.displacement, g, result, judged.certificate)
+        certificate = judged.certificate
+        if self.body.heat is not None and result.status is not Status.CONVERGED:
+            certificate = replace(certificate, checks=(*certificate.checks, UNBALANCED))
+        return Solution(self, x, judged.displacement, g, result, certificate)
 
     def _one_blas_thread(self) -> AbstractContextManager[object]:
         """One thread of BLAS where multigrid's kernels have several: OpenBLAS waits for its next call in busy loops."""

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from check_runs import change, copied, edit, field, get, made, put, shown
+from conftest import run_coulomb
 from mpi4py import MPI
 
 from coulomb.case.case import read_case
@@ -152,3 +153,18 @@ def test_columns_of_a_history():
     assert row["heat_friction_bottom"] == pytest.approx(0.3 * row["normal_force"] * 2e-3, rel=1e-3)
     assert sum(row[name] for name in flows) == pytest.approx(0.0, abs=1e-8 * row["heat_friction_bottom"])
     assert 25.0 < row["temperature_min"] < row["temperature_max"] == 30.0
+
+
+def test_a_run_whose_heat_is_not_found_has_no_valid_answer(tmp_path):
+    """Nothing fixes the temperature of the upper bar; its contact at the reference temperature alone is solved."""
+    case, target = tmp_path / "case.toml", tmp_path / "run"
+    film = '[[heat]]\nface = "upper:top"\nfilm = 500.0\nambient = "80 + 100*x"\n'
+    assert film in BARS
+    case.write_text(BARS.replace(film, "").replace("thermal = { factor = 2e3, hardness = 1e6 }", ""))
+    done = run_coulomb("run", case, "--output", target, "--set", "output.picture=false")
+    summary = json.loads((target / "summary.json").read_text())
+    assert done.returncode == 1 and "nothing fixes the temperature of upper" in done.stderr
+    assert (
+        not summary["valid"] and not summary["certificate"]["passed"] and not summary["certificate"]["heat"]["passed"]
+    )
+    assert run_coulomb("check", target).returncode == 1

@@ -242,8 +242,12 @@ def test_heat_of_friction_is_shared_by_a_pair():
 
 def test_a_body_without_a_fixed_temperature_is_refused():
     problem = two_bars(ThermalContact(), heat=[HeatLoad("lower:bottom", temperature=COLD)])
-    with pytest.raises(HeatNotConverged, match="nothing fixes the temperature of upper: give one of its faces"):
+    with pytest.raises(
+        HeatNotConverged, match="nothing fixes the temperature of upper: give one of its faces"
+    ) as error:
         problem.solve()
+    last = problem.solution(error.value.result)  # as it is written
+    assert not last.valid and [check.name for check in last.certificate.checks if not check.passed] == ["heat"]
 
 
 @pytest.mark.parametrize(
