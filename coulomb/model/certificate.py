@@ -32,6 +32,7 @@ from ..fem.bodies import HeldDirections, null_space, of_part, rigid_modes, varyi
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 from . import notebook
+from .pair_checks import PairFindings, pair_lines
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,7 @@ class Evidence:
         bodies: The nodes of each body; empty for one.
         jump: How far tied nodes are from where they should be, shape (k, 3); None without ties.
         actions: Of every pair of faces, what acts on both: `pair_actions`, this rank's part, shape (pairs, 3, 7).
+        pairs: Of every pair, what is off in its gaps, normals and averages.
     """
 
     comm: MPI.Comm
@@ -91,6 +93,7 @@ class Evidence:
     bodies: tuple[slice, ...] = ()
     actions: FloatArray | None = None
     jump: FloatArray | None = None
+    pairs: tuple[PairFindings, ...] = ()
 
 
 def pair_actions(
@@ -380,6 +383,10 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
         relative("force balance", balance, sums),
         relative("rigid motion", drift, "springs and contact carry what the clamps do not"),
         *_actions(e, over),
+        *(
+            Check(name, worst(value, 0.0), ANGLE_LIMIT if unit else LIMIT, unit, meaning)
+            for name, value, unit, meaning in pair_lines(e.pairs, scales.length, over)
+        ),
         relative("penetration", over.max(-gap), f"{deepest:.1e} m, over {scales.length:.1e} m{mean}"),
         relative("adhesion", over.max(-pressing), "no node is pulled, nor has a force off the contact faces"),
         relative("complementarity", over.max(np.abs(pressing * gap)), "no force across a gap"),

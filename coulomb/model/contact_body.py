@@ -40,6 +40,7 @@ from .contact_stiffness import ContactStiffness
 from .heat import Heat, HeatProblem
 from .memory import memory_needed
 from .nodal_answer import Accumulated
+from .pair_checks import JudgedPair
 from .probes import LocatedProbes, Part, Probe
 from .provenance import timed
 
@@ -276,6 +277,7 @@ class ContactBody:
         probes: The probes, found in the mesh.
         seconds: Wall time of assembly, factorisation and A so far.
         kept_matrix: The contact matrix of the evidence.
+        judged_pairs: By the number of the contact, by what the evidence judges its pair.
         remarks: What a user should know of supports and contact faces.
         unknowns: Free displacement unknowns and contact unknowns, over all ranks.
         stiffness: K^-1 and A, and the method by which they are computed.
@@ -316,7 +318,7 @@ class ContactBody:
             self.probes = self.located(probes)
         of_ties = (text for tie in self.elasticity.ties for text in tie.remarks)
         self.remarks = (*self.elasticity.contradictions, *self._reference.remarks, *of_ties)
-        self.kept_matrix = KeptMatrix()
+        self.kept_matrix, self.judged_pairs = KeptMatrix(), dict[int, JudgedPair]()
         free, points = 3 * len(self.elasticity.x) - self.elasticity.held.number, 3 * len(self._reference.nodes)
         self.unknowns = {
             "displacement": self.comm.allreduce(free, op=MPI.SUM),

@@ -7,6 +7,7 @@ a node missing in the surface, a foundation that was not moved or a wrong slip o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +30,7 @@ from ..solvers.laws import FrictionLaw
 from .certificate import Evidence, pair_actions
 from .contact_body import Before, ContactBody, ContactState
 from .nodal_answer import relative_displacement
+from .pair_checks import JudgedPair, PairFindings
 
 
 def gather_evidence(
@@ -76,7 +78,8 @@ def gather_evidence(
         origin = taken(surface.displacements(state.slip_origin), frames)
     else:
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
-    closed = relative_displacement(rows_of(B, u), origin)
+    rows = rows_of(B, u)
+    closed = relative_displacement(rows, origin)
     bound = law.radius(force[:, 0])
     internal, spring = elasticity.internal_force(u), elasticity.spring_force(u)
     bolts = elasticity.pretension(state.time)
@@ -105,6 +108,7 @@ def gather_evidence(
         bodies=tuple(member.nodes for member in elasticity.members) if len(elasticity.members) > 1 else (),
         jump=elasticity.jump(u, state.loading) if elasticity.ties else None,
         actions=_actions(elasticity.x, points, frames, force, [len(face[0].nodes) for face in faces]),
+        pairs=_findings(body, state.time, faces, rows, u),
     )
 
 
@@ -133,6 +137,28 @@ def _actions(
     for matrix in (on_slave, on_both):
         matrix.destroy()
     return np.array(found)
+
+
+_Face = tuple[ContactPoints, FloatArray, FloatArray, FrictionLaw, FloatArray]
+
+
+def _findings(
+    body: ContactBody, time: float, faces: Sequence[_Face], rows: FloatArray, u: FloatArray
+) -> tuple[PairFindings, ...]:
+    """What is off in the pairs among the faces, whose points have displacements `rows` (m, 3) along their frames by
+    those of the nodes u (k, 3); collective."""
+    found, comm = [], body.comm
+    ends = np.cumsum([0, *(len(face[0].nodes) for face in faces)])
+    for number, (_, frames, gap, *_) in enumerate(faces):
+        contact = body.contacts[number]
+        if contact.against is None:
+            continue
+        known = body.judged_pairs.get(number)
+        if known is None or known.pair is not body.pair(number):
+            known = body.judged_pairs[number] = JudgedPair(body.elasticity, contact, body.pair(number))
+        given = contact.gap_factor(time, comm) * contact.gap_at(known.pair.x, comm)
+        found.append(known.findings(frames, gap - given, rows[ends[number] : ends[number + 1]], u))
+    return tuple(found)
 
 
 def _face(

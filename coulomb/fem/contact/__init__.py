@@ -4,6 +4,7 @@ deformable faces by dual mortar elements (`pair_of`), and the sparse matrix B fr
 
 from ..bodies import at_nodes_of, rows_of
 from .auto_pairs import FoundPair, FoundPairs, auto_pairs
+from .closest_points import facets_of, gathered
 from .contact_points import (
     ContactPoints,
     KeptMatrix,
@@ -32,6 +33,7 @@ from .pair import (
     slave_side,
     within,
 )
+from .pair_evidence import Claims, Deviations, PairSamples, Surfaces
 from .rigid_faces import RigidFace
 from .sections import Pretension
 from .surface import (

@@ -184,7 +184,7 @@ class _Source:
         written, data = (run.touching & said)[index], {name: v[index] for name, v in run.on_face.items()}
         x = rows.x + np.einsum("mij,mj->mi", mirrored, data["x"] - rows.x)
         given, distance = data["given_gap"], rows.gap(n)
-        if case is None and _written_shape(run, number) is None:
+        if case is None and written_shape(run, number) is None:
             distance = data["initial_gap"] - given
         if case is None:  # gaps of meshes may have been closed
             floor = 1e-13 * float(np.max(np.abs(run.body.x)))
@@ -250,7 +250,7 @@ def _pairs(
     rows, left_out, changed = {}, dict.fromkeys(opposite, taken), list(opposite)
     while changed:
         for number in changed:
-            shape = _written_shape(run, number) if case is None else case.contacts[number].shape
+            shape = written_shape(run, number) if case is None else case.contacts[number].shape
             rows[number] = _in_pair(run, *grids[number], opposite[number], left_out[number], shape or NO_SHAPE)
         points = {}
         for number, (found, _, _, n) in rows.items():
@@ -264,7 +264,7 @@ def _pairs(
     return rows
 
 
-def _written_shape(run: WrittenRun, number: int) -> Shape | None:
+def written_shape(run: WrittenRun, number: int) -> Shape | None:
     """What the facets of a pair stand for by summary.json; None of surfaces that are known to the run alone.
 
     Raises:

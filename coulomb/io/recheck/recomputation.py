@@ -23,6 +23,7 @@ from ...linalg.reductions import Reductions
 from ...model.certificate import Certificate, Evidence, judge, rounding_forces
 from ...model.load_step import Forces
 from ...model.nodal_answer import NodalAnswer
+from ...model.pair_checks import PairFindings
 from ...model.probes import LocatedProbes, Part, Probe
 from ...model.resultants import resultant_of_ground
 from ...model.small_strain import SmallStrain, small_strain
@@ -80,6 +81,7 @@ class Recomputation:
         faces: Each contact face with its facets.
         accepted: Whether violations of the theory of small strains are accepted.
         ties: Those of the case; None if there are none or they are unknown.
+        pairs: What is off in the pairs of faces.
     """
 
     run: WrittenRun
@@ -91,6 +93,7 @@ class Recomputation:
     faces: Sequence[tuple[WrittenFace, npt.NDArray[np.int32]]]
     accepted: bool
     ties: CaseTies | None = None
+    pairs: tuple[PairFindings, ...] = ()
 
     def variant(self, rounding: Rounding | None) -> Variant:
         """Data recomputed from the written numbers, or from perturbed ones."""
@@ -139,6 +142,7 @@ class Recomputation:
                 bodies=tuple(body.slices.values()),
                 actions=nodes.actions(run, on_face),
                 jump=None if tied is None else tied.jump,
+                pairs=self.pairs,
             )
         )
         body_x, reactions = taken(body.x), held.held_part(imbalance - of_ties)

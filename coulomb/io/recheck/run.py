@@ -25,6 +25,7 @@ from .case_reference import CaseForces, CaseReference, CaseTies
 from .comparison import Comparison, Rounding, unjudged
 from .contact_nodes import ContactNodes, Start, from_start, spins_of
 from .face_geometry import contact_nodes
+from .judged_pairs import judged_pairs
 from .recomputation import Recomputation, Variant, compare_materials, located_probes, written_fields
 
 SLIP_BOUND_LIMIT = 1e-6
@@ -182,6 +183,7 @@ def check_run(
         faces,
         bool(strain.get("accepted")) if case is None else case.accepts(run.summary),
         CaseTies(case, time, run) if case is not None and part is not None and case.tied else None,
+        judged_pairs(run, nodes, case, faces),
     )
     roundings = (None, *(Rounding((seed, abs(number)), run.evaluation) for seed in _SEEDS))
     variants = tuple(data.variant(rounding) for rounding in roundings)

@@ -1,0 +1,271 @@
+"""The facets of a face and where straight lines meet them, for the evidence of pairs alone.
+
+Written a second time on purpose: it shares no code with the mortar integration, whose gaps, normals and weights are
+judged by it (`pair_evidence`).  Facets are found by a k-d tree of their middles, and the point on a facet by Newton's
+method, of plane triangles in one step.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ...arrays import FloatArray, IntArray, unit_vectors
+from ...nearest import tree_of
+from .. import compat
+from ..bodies import DisplacementSpace
+from ..meshes import fetched, starts_of
+
+_FACING: Final = -0.2
+"""Largest cosine between a line and the normals of the facets that it may meet."""
+
+_INSIDE: Final = 1e-7
+"""How far outside a reference facet a point still counts as on it."""
+
+_STEPS: Final = 8
+"""Newton steps for the place of a point on a facet."""
+
+_SETTLED: Final = 1e-13
+"""Last step in the reference facet."""
+
+_ROUNDS: Final = 4
+"""Moves along a line towards the facet nearest to it."""
+
+_LINES: Final = 50_000
+"""Lines searched at once, so that memory stays small."""
+
+
+@functools.cache
+def _basis(corners: int, degree: int) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Exponents (n, 2) of the monomials of a facet's functions, the coefficients of the functions (n, n), a column
+    each, and the reference points of its nodes in VTK's order (n, 2)."""
+    if corners == 3:
+        points = np.array([(0, 0), (1, 0), (0, 1), (0.5, 0), (0.5, 0.5), (0, 0.5)][: 3 * degree], dtype=float)
+        powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
+    else:
+        around = [(0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0), (1, 0.5), (0.5, 1), (0, 0.5), (0.5, 0.5)]
+        points = np.array(around[: (degree + 1) ** 2], dtype=float)
+        powers = [(i, j) for i in range(degree + 1) for j in range(degree + 1)]
+    exponents = np.array(powers, dtype=np.int64)
+    at_nodes = np.prod(points[:, None] ** exponents[None], axis=2)
+    return exponents, np.linalg.inv(at_nodes), points
+
+
+def facet_functions(corners: int, degree: int, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The functions of a facet at reference points (q, 2), and their derivatives along both axes, shapes (q, n)."""
+    exponents, coefficients, _ = _basis(corners, degree)
+    power = np.stack([np.ones_like(at), at, at * at])  # (3, q, 2)
+    i, j = exponents.T
+    of_r, of_s = power[i, :, 0].T, power[j, :, 1].T
+    along_r, along_s = i * power[np.maximum(i - 1, 0), :, 0].T, j * power[np.maximum(j - 1, 0), :, 1].T
+    return (of_r * of_s) @ coefficients, (along_r * of_s) @ coefficients, (of_r * along_s) @ coefficients
+
+
+def reference_nodes(corners: int, degree: int) -> FloatArray:
+    """The nodes of the reference facet in VTK's order, shape (n, 2)."""
+    return _basis(corners, degree)[2]
+
+
+@dataclass(frozen=True)
+class Facets:
+    """The facets of a face, of all ranks.
+
+    Attributes:
+        corners: 3 or 4.
+        degree: 1 or 2.
+        nodes: Numbers of their nodes in the body, over all ranks, in VTK's order, shape (f, n).
+        x: Coordinates of these, metres, shape (f, n, 3).
+        sign: 1 where the order of the nodes is counterclockwise from outside, else -1, shape (f,).
+    """
+
+    corners: int
+    degree: int
+    nodes: IntArray
+    x: FloatArray
+    sign: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.nodes)
+
+    def at(self, facet: IntArray, place: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """The functions (q, n), the points, and the derivatives of these, shapes (q, 3), of reference places (q, 2) on
+        facets (q,)."""
+        values, along_r, along_s = facet_functions(self.corners, self.degree, place)
+        nodes = self.x[facet]
+        return values, *(np.einsum("qn,qni->qi", of, nodes) for of in (values, along_r, along_s))
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        return self.x.mean(axis=1)
+
+    @cached_property
+    def radius(self) -> FloatArray:
+        """Of a sphere around the middle of each that holds it, metres, shape (f,)."""
+        away = np.linalg.norm(self.x - self.middle[:, None], axis=2)
+        return (1.0 if self.degree == 1 else 1.2) * away.max(axis=1, initial=0.0)
+
+    @cached_property
+    def normal(self) -> FloatArray:
+        """Outward unit normals of the planes of the corners, shape (f, 3)."""
+        return unit_vectors(self.sign[:, None] * plane_vectors(self.x[:, : self.corners]))
+
+    @cached_property
+    def bent(self) -> FloatArray:
+        """How far the nodes of each are from those of a parallelogram or triangle, over its radius, shape (f,)."""
+        points = _basis(self.corners, self.degree)[2]
+        three = [0, 1, self.corners - 1]
+        edges = self.x[:, three[1:]] - self.x[:, :1]
+        straight = self.x[:, :1] + np.einsum("nk,fki->fni", points, edges)
+        return np.linalg.norm(self.x - straight, axis=2).max(axis=1, initial=0.0) / self.radius
+
+    @property
+    def extent(self) -> float:
+        return float(np.linalg.norm(np.ptp(self.x.reshape(-1, 3), axis=0))) if len(self) else 0.0
+
+
+def plane_vectors(corners: FloatArray) -> FloatArray:
+    """Normals of facets with these corners (..., 3 or 4, 3), with the length of their area, shape (..., 3)."""
+    vectors: FloatArray = 0.5 * np.cross(
+        corners[..., 2, :] - corners[..., 0, :], corners[..., -1, :] - corners[..., 1, :]
+    )
+    return vectors
+
+
+def facets_of(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> tuple[Facets, IntArray]:
+    """The boundary facets of a face, of all ranks, and the nodes of those of this rank, as `gathered` takes them;
+    collective."""
+    domain, comm = space.domain, space.comm
+    cell, columns = space.in_cells(facets)
+    dofs = compat.cell_dofs(space.V)[cell[:, None], columns]
+    numbers = space.V.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32))
+    nodes = np.asarray(numbers, dtype=np.int64).reshape(dofs.shape)
+    places = space.points_of_cells(cell)
+    x = np.take_along_axis(places, columns[:, :, None], axis=1)
+    corners = 3 if domain.topology.cell_type.name == "tetrahedron" else 4
+    outward = x[:, :corners].mean(axis=1) - places.mean(axis=1)
+    sign = np.where(np.einsum("fi,fi->f", plane_vectors(x[:, :corners]), outward) < 0.0, -1.0, 1.0)
+    every = [np.concatenate(comm.allgather(of)) for of in (nodes, x, sign)]
+    return Facets(corners, space.degree, *every), nodes
+
+
+def gathered(space: DisplacementSpace, nodes: IntArray, values: FloatArray) -> FloatArray:
+    """Values (k, d) of this rank's nodes at those of all facets, shape (f, n, d), from the nodes of this rank's facets
+    (`facets_of`); collective."""
+    here = fetched(space.comm, starts_of(space.comm, space.numbering.local), nodes, values)
+    return np.concatenate(space.comm.allgather(here))
+
+
+@dataclass(frozen=True)
+class Hits:
+    """Where lines (q,) meet a face first; the nearest place of each, before its start or behind it.
+
+    Attributes:
+        facet: -1 where a line meets none, shape (q,).
+        place: In the reference facet, shape (q, 2).
+        way: From the start of the line, metres, shape (q,); inf where it meets none.
+    """
+
+    facet: IntArray
+    place: FloatArray
+    way: FloatArray
+
+
+def hits(start: FloatArray, along: FloatArray, face: Facets, depth: float, reach: float) -> Hits:
+    """Where lines from points (q, 3) along unit vectors (q, 3) meet a face, no farther than `depth` behind the points
+    and `reach` before them, metres; not collective."""
+    found = Hits(np.full(len(start), -1), np.zeros((len(start), 2)), np.full(len(start), np.inf))
+    if not len(face):
+        return found
+    size = np.ceil(np.log2(np.maximum(face.radius, 1e-300))).astype(np.int64)
+    trees = [(np.flatnonzero(size == one), tree_of(face.middle[size == one])) for one in np.unique(size)]
+    whole = tree_of(face.middle)
+    for at in np.array_split(np.arange(len(start)), len(start) // _LINES + 1):
+        left, near = at, start[at]
+        for number in range(_ROUNDS):
+            for facets, tree in trees:
+                others = tree.query_ball_point(near, float(face.radius[facets].max()), return_sorted=False)
+                count = np.array([len(other) for other in others], dtype=np.int64)
+                if not count.any():
+                    continue
+                line = np.repeat(left, count)
+                facet = facets[np.concatenate([other for other in others if other]).astype(np.int64)]
+                _keep_nearest(found, line, facet, *_meet(face, facet, start[line], along[line]), depth, reach)
+            open_ = found.facet[left] < 0
+            left, near = left[open_], near[open_]
+            if not len(left) or number == _ROUNDS - 1:
+                break
+            near = _towards(face, whole, start[left], along[left], near)
+    return found
+
+
+def _towards(face: Facets, tree: object, start: FloatArray, along: FloatArray, near: FloatArray) -> FloatArray:
+    """Where lines meet the plane of the facet that faces them nearest to some points, shape (q, 3)."""
+    most = min(4, len(face))
+    facet = tree.query(near, k=most)[1].reshape(len(near), most)  # type: ignore[attr-defined]
+    cosine = np.einsum("qki,qi->qk", face.normal[facet], along)
+    first = np.argmax(cosine < _FACING, axis=1)
+    row = np.arange(len(near))
+    facet, cosine = facet[row, first], np.minimum(cosine[row, first], _FACING)
+    way = np.einsum("qi,qi->q", face.middle[facet] - start, face.normal[facet]) / cosine
+    return start + way[:, None] * along
+
+
+def _meet(
+    face: Facets, facet: IntArray, start: FloatArray, along: FloatArray
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+    """Places (c, 2) in facets (c,), the way to them (c,), and whether the line meets the facet there from outside."""
+    place = np.full((len(facet), 2), 1.0 / 3.0 if face.corners == 3 else 0.5)
+    way = np.zeros(len(facet))
+    plane = face.bent[facet] < 1e-12
+    c = -along
+    with np.errstate(all="ignore"):
+        for _ in range(1 if np.all(plane) else _STEPS):
+            _, x, a, b = face.at(facet, place)
+            rest = start + way[:, None] * along - x
+            across = np.cross(b, c)
+            scale = 1.0 / np.einsum("ci,ci->c", a, across)
+            change = scale[:, None] * np.column_stack(
+                [
+                    np.einsum("ci,ci->c", rest, across),
+                    np.einsum("ci,ci->c", a, np.cross(rest, c)),
+                    np.einsum("ci,ci->c", a, np.cross(b, rest)),
+                ]
+            )
+            place, way = np.clip(place + change[:, :2], -2.0, 3.0), way + change[:, 2]
+            if not np.max(np.abs(change[:, :2]), initial=0.0) > _SETTLED:
+                break
+        if not np.all(plane):
+            _, x, a, b = face.at(facet, place)
+        n = face.sign[facet, None] * np.cross(a, b)
+        facing = np.einsum("ci,ci->c", n, along) < _FACING * np.linalg.norm(n, axis=1)
+        off = np.linalg.norm(start + way[:, None] * along - x, axis=1) if not np.all(plane) else np.zeros(len(way))
+    r, s = place.T
+    outer = r + s - 1.0 if face.corners == 3 else np.maximum(r, s) - 1.0
+    inside = (np.minimum(r, s) >= -_INSIDE) & (outer <= _INSIDE) & facing & (off <= 1e-9 * face.radius[facet])
+    return place, way, inside
+
+
+def _keep_nearest(
+    found: Hits,
+    line: IntArray,
+    facet: IntArray,
+    place: FloatArray,
+    way: FloatArray,
+    meets: npt.NDArray[np.bool_],
+    depth: float,
+    reach: float,
+) -> None:
+    """Enter the nearest of the places (c, 2) where lines (c,) meet facets."""
+    meets &= (way > -depth) & (way < reach)
+    line, facet, place, way = line[meets], facet[meets], place[meets], way[meets]
+    order = np.lexsort((np.abs(way), line))
+    line, first = np.unique(line[order], return_index=True)
+    best = order[first]
+    nearer = np.abs(way[best]) < np.abs(found.way[line])
+    line, best = line[nearer], best[nearer]
+    found.facet[line], found.place[line], found.way[line] = facet[best], place[best], way[best]

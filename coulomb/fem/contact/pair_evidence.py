@@ -1,0 +1,462 @@
+"""Gaps, normals, areas and averages of a pair of faces found a second time, to judge those of `mortar_rows`.
+
+Nothing of the mortar integration is used: no clipped polygons, no common parts.  Every slave facet has many points,
+whose lines along the facet's normal are met by the master's facets (`closest_points`), and the integrals of the
+definition (`mortar`) are sums over these points,
+
+    a_j = int lambda_j dS,    n_j ~ int lambda_j n dS,    gap_j = (1/a_j) int lambda_j g dS    and of displacements
+
+with functions lambda_j that are dual to the slave's own under the same sums.  So what is a combination of the slave's
+functions on every facet, as distances of plane faces are, is exact to rounding with any points.  For everything else
+the error of the sums is a part of its distance from such a combination, v(q) - sum_k N_k(q) v_k, measured at the points
+of the facets: chords of curved faces, and master's edges.  A facet that is not before the master everywhere has its
+area to a part of it only (`_EDGE`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from ...arrays import FloatArray, IntArray, unit_vectors
+from ..geometry import RigidFoundation
+from .closest_points import Facets, Hits, facet_functions, hits, plane_vectors, reference_nodes
+
+_KINK: Final = {1: 0.1, 2: 0.25}
+"""Error of an average over int |lambda_j| dS/a_j times the largest distance of what is averaged from the functions of
+the slave facets, by their degree."""
+
+_SMOOTH: Final = 0.01
+"""The same where this distance is that of a quadratic function."""
+
+_EDGE: Final = 0.15
+"""Error of the area of a facet that the master covers in part, or not, beside one that it covers, over its own area."""
+
+_ROUNDING: Final = 1e-9
+"""Of lengths over the size of a facet, of areas over theirs, and of weights."""
+
+_BENT: Final = 0.05
+"""Error of areas and normals of facets that are no parallelograms or plane triangles with straight edges, over how far
+they are bent."""
+
+_SLANT: Final = 2.0
+_OFF: Final = 1.5
+"""See `_risen`."""
+
+_CREASE: Final = 0.9
+"""Cosine between a facet and the mean normals at its corners below which a smooth surface has an edge there."""
+
+_LEAST_DUAL: Final = 0.05
+"""Covered share of a facet below which its functions are the linear ones of the corners."""
+
+_SINGULAR: Final = 1e-4
+"""Ratio of the eigenvalues of a mass matrix below which the points before the master are too few for dual functions."""
+
+_LINEAR: Final = 10.0
+"""Times that the error of an average is larger where these are not used."""
+
+
+@dataclass(frozen=True)
+class Claims:
+    """What is to be judged of a pair: this rank's m contact points.
+
+    Attributes:
+        node: Numbers of their nodes in the slave's body, over all ranks, shape (m,).
+        n: Unit normals, shape (m, 3).
+        gap: Distance along them before deformation without given gaps, metres, shape (m,); nan where it is not known.
+        area: In m^2, shape (m,).
+        held: Projectors on the held directions of the nodes, shape (m, 3, 3).
+        adjust: Gaps and penetrations up to this size in metres may be 0 instead.
+    """
+
+    node: IntArray
+    n: FloatArray
+    gap: FloatArray
+    area: FloatArray
+    held: FloatArray
+    adjust: float
+
+    def same(self, other: Claims) -> bool:
+        """Whether normals and gaps are those of other claims for the same points."""
+        return np.array_equal(self.n, other.n) and np.array_equal(self.gap, other.gap, equal_nan=True)
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """For what the facets stand where gaps are measured: given surfaces, or smooth ones with mean normals, those at the
+    ends within planes of symmetry by the projectors on held directions at the nodes of both faces (f, n, 3, 3)."""
+
+    smooth: bool = False
+    slave: RigidFoundation | None = None
+    master: RigidFoundation | None = None
+    held: tuple[FloatArray, FloatArray] | None = None
+
+
+@dataclass(frozen=True)
+class Deviations:
+    """By how much claims are off beyond what the facets explain, 0 within it, shape (m,) each.
+
+    Attributes:
+        gap: Metres.
+        normal: Degrees.
+        area: Over the area of a point that is covered wholly.
+        allowed: The differences of gaps that the facets explain, metres.
+    """
+
+    gap: FloatArray
+    normal: FloatArray
+    area: FloatArray
+    allowed: FloatArray
+
+
+def _rule(corners: int, degree: int) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Points (q, 2), weights (q,) and the piece of each (q,) of a reference facet: many small cells with Gauss points,
+    whose order is that of the products of the functions."""
+    if corners == 4:
+        inner, weight = ([-1.0, 1.0], [0.5, 0.5]) if degree == 1 else ([-1.0, 0.0, 1.0], [5 / 18, 8 / 18, 5 / 18])
+        line, cells = np.array(inner) * (1.0 / 3.0 if degree == 1 else 0.6) ** 0.5, 3 if degree == 1 else 2
+        r = (np.arange(cells)[:, None] + 0.5 * (line + 1.0)).ravel() / cells
+        w = np.tile(weight, cells) / cells
+        at = np.array([(a, b) for a in r for b in r])
+        piece = np.array([0, 1, 3, 2])[((at[:, 0] > 0.5) + 2 * (at[:, 1] > 0.5)).astype(np.int64)]
+        return at, np.outer(w, w).ravel(), piece.astype(np.int64) * (degree == 2)
+    if degree == 1:
+        three, size = np.array([(1, 1), (4, 1), (1, 4)]) / 6.0, np.full(3, 1.0 / 6.0)
+    else:  # of degree 4, Dunavant 1985
+        a, b = 0.445948490915965, 0.091576213509771
+        three = np.array([(x, y) for c in (a, b) for x, y in ((c, c), (1 - 2 * c, c), (c, 1 - 2 * c))])
+        size = 0.5 * np.repeat([0.223381589678011, 0.109951743655322], 3)
+    cells, parts, pieces = (3 if degree == 1 else 2), [], []
+    for i in range(cells):
+        for j in range(cells - i):
+            parts.append((np.array([i, j]) + three) / cells)
+            pieces.append(1 if i else 2 if j else 0)
+            if i + j < cells - 1:
+                parts.append((np.array([i + 1, j + 1]) - three) / cells)
+                pieces.append(3)
+    number = np.repeat(pieces, len(size)) * (degree == 2)
+    return np.concatenate(parts), np.tile(size, len(parts)) / cells**2, number.astype(np.int64)
+
+
+_PIECES: Final = {
+    3: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
+    4: [[0, 4, 8, 7], [4, 1, 5, 8], [8, 5, 2, 6], [7, 8, 6, 3]],
+}
+"""Corners of the four pieces of second-order facets, each with a normal of its own."""
+
+
+class PairSamples:
+    """Points of the slave facets around some contact points, and where the master is before them; not collective.
+
+    Args:
+        slave, master: The facets of both faces, of all ranks.
+        node: Numbers of the nodes of this rank's contact points in the slave's body, shape (m,).
+        standing: Those of the contact points of all ranks.
+        surfaces: What the facets stand for.
+    """
+
+    def __init__(self, slave: Facets, master: Facets, node: IntArray, standing: IntArray, surfaces: Surfaces):
+        self._slave, self._master, self._surfaces = slave, master, surfaces
+        width = slave.nodes.shape[1]
+        columns = np.arange(3 if width == 6 else width)
+        bare = ~np.any(np.isin(slave.nodes[:, columns], standing), axis=1)
+        chosen, self._around = _around(slave.nodes, columns, node, bare)
+        self._chosen, self._bare = chosen, bare[chosen]
+        points, weights, piece = _rule(slave.corners, slave.degree)
+        corners = reference_nodes(slave.corners, 1)  # are points as well, without weight
+        at = np.concatenate([points, corners])
+        piece = np.concatenate([piece, np.arange(len(corners))])  # the corner k is on the piece k
+        self._at = at
+        self._inner, x, sign = len(points), slave.x[chosen], slave.sign[chosen]
+        values, along_r, along_s = facet_functions(slave.corners, slave.degree, at)
+        place = values @ x
+        vectors = sign[:, None, None] * np.cross(along_r @ x, along_s @ x)
+        size = np.linalg.norm(vectors, axis=2)
+        self._normal = unit_vectors(vectors)
+        if slave.degree == 2:
+            planes = unit_vectors(sign[:, None, None] * plane_vectors(x[:, _PIECES[slave.corners]]))
+            along = planes[:, piece]
+        else:
+            along = np.repeat(slave.normal[chosen][:, None], len(at), axis=1)
+        self._along, self._hits = along, self._met(place.reshape(-1, 3), along.reshape(-1, 3))
+        self._there = (self._hits.facet >= 0).reshape(size.shape)
+        self._values, self._at_all = values[: len(points)], values
+        whole = size[:, : len(points)] * weights
+        self._size = np.where(self._there[:, : len(points)], whole, 0.0)
+        self._area = whole.sum(axis=1)
+        self._way = np.where(self._there, self._hits.way.reshape(size.shape), 0.0)
+        self._beyond = np.zeros(len(chosen))
+        if surfaces.smooth or surfaces.slave is not None or surfaces.master is not None:
+            self._to_surfaces(place)
+        self._at_corners = facet_functions(slave.corners, 1, points)[0]
+        self._functions(node, standing, columns)
+
+    def _met(self, start: FloatArray, along: FloatArray) -> Hits:
+        one, other = self._slave, self._master
+        depth, reach = 0.25 * min(one.extent, other.extent), one.extent + other.extent
+        if len(one) and len(other):
+            reach += float(np.min(np.linalg.norm(other.middle - one.middle[0], axis=1)))
+        return hits(start, along, other, depth, reach)
+
+    def _functions(self, node: IntArray, standing: IntArray, columns: IntArray) -> None:
+        """lambda_j on the facets: dual functions, those of nodes without a contact point shared by the others of the
+        facet."""
+        slave, width = self._slave, self._slave.nodes.shape[1]
+        linear = facet_functions(slave.corners, 1, reference_nodes(slave.corners, slave.degree))[0].T
+        self._span = linear if width == 6 else np.eye(width)
+        at = self._values @ self._span.T
+        mass = np.einsum("fq,qi,qk->fik", self._size, at, at)
+        share = self._size.sum(axis=1) / self._area
+        eigenvalues = np.linalg.eigvalsh(mass)
+        self._dual = (share > _LEAST_DUAL) & (eigenvalues[:, 0] > _SINGULAR * eigenvalues[:, -1])
+        found = np.zeros((len(share), len(columns), width))
+        found[share > 0.0, : slave.corners] = linear
+        found[share > _LEAST_DUAL] = self._span  # with the integrals of the dual ones
+        sizes = mass[self._dual].sum(axis=2)
+        found[self._dual] = sizes[:, :, None] * np.linalg.solve(
+            mass[self._dual], np.broadcast_to(self._span, (len(sizes), *self._span.shape))
+        )
+        self._own = np.einsum("fjn,qn,fq->fjq", found, self._values, self._size)
+        integral = self._own.sum(axis=2)
+        nodes = slave.nodes[self._chosen][:, columns]
+        gone = ~np.isin(nodes, standing) | (integral <= 0.0)
+        kept = np.where(gone, 0.0, integral)
+        kept /= np.maximum(kept.sum(axis=1, keepdims=True), 1e-300)
+        given = np.where(gone[:, :, None], self._own, 0.0).sum(axis=1, keepdims=True)
+        weight = np.where(gone[:, :, None], 0.0, self._own + kept[:, :, None] * given)
+        order = np.argsort(node)
+        row = order[np.searchsorted(node, nodes, sorter=order).clip(max=max(len(node) - 1, 0))] if len(node) else nodes
+        self._facet, column = np.nonzero(np.isin(nodes, node) & ~gone)
+        self._point, self._weight = row[self._facet, column], weight[self._facet, column]
+        self._count = len(node)
+        self.area = self._sums(self._weight.sum(axis=1))
+        f, p = self._around
+        part = np.where(self._bare, 1.0, np.where(np.all(self._there, axis=1), 0.0, _EDGE))
+        bent = np.where(self._slave.bent > 1e-10, _BENT * self._slave.bent, 0.0)[self._chosen]
+        self.whole = np.bincount(p, self._area[f] / len(columns), self._count)
+        edge, bend = (np.bincount(p, (of * self._area)[f], self._count) for of in (part, bent))
+        self._doubt = edge + bend + _ROUNDING * self.whole
+        a = np.maximum(self.area, 1e-300)
+        self._larger = self._sums(np.abs(self._weight).sum(axis=1)) / a
+        self._share = self._larger * (edge + _BENT * bend) / a + _ROUNDING
+        self._curves = facet_functions(slave.corners, 2, self._at)[0]
+
+    def _sums(self, values: FloatArray) -> FloatArray:
+        """Sums over the parts of lambda_j of values (k,) or (k, d), shape (m,) or (m, d)."""
+        found = np.zeros((self._count, *values.shape[1:]))
+        np.add.at(found, self._point, values)
+        return found
+
+    def _most(self, values: FloatArray) -> FloatArray:
+        """The largest of values of facets (f, d) around each point, shape (m, d)."""
+        f, p = self._around
+        found = np.zeros((self._count, values.shape[1]))
+        np.maximum.at(found, p, values[f])
+        return found
+
+    def _means(self, values: FloatArray) -> FloatArray:
+        """(1/a_j) int lambda_j v dS of values at the points (f, q, d), shape (m, d)."""
+        inner = values[:, : self._inner][self._facet]
+        means: FloatArray = self._sums(np.einsum("kq,kqd->kd", self._weight, inner))
+        return means / np.maximum(self.area, 1e-300)[:, None]
+
+    def _unsure(self, values: FloatArray) -> FloatArray:
+        """How far these may be off, shape (m, d)."""
+        inner = values[:, : self._inner]
+        integral = np.maximum(self._own.sum(axis=2), 1e-300)[:, :, None]
+        nodal = np.einsum("fjq,fqd->fjd", self._own, inner) / integral
+        fitted = np.einsum("qj,fjd->fqd", self._at_all @ self._span.T, nodal)
+        there = self._there[:, :, None]
+        most = np.where(there, values, -np.inf).max(axis=1, initial=-np.inf)
+        least = np.where(there, values, np.inf).min(axis=1, initial=np.inf)
+        spread = np.where(np.any(there, axis=1), most - least, 0.0)
+        off, kink = (
+            np.where(there, np.abs(values - near), 0.0).max(axis=1, initial=0.0)
+            for near in (fitted, self._curved(values))
+        )
+        kinked = _KINK[self._slave.degree]
+        many = self._there.sum(axis=1) > 2 * self._curves.shape[1]
+        off = np.where(many[:, None], np.minimum(kinked * off, 3.0 * kinked * kink + _SMOOTH * off), kinked * off)
+        off = np.where(self._dual[:, None], np.minimum(off, spread), kinked * _LINEAR * spread)
+        f, p = self._around
+        high, low = np.full((2, self._count, values.shape[2]), -np.inf)
+        np.maximum.at(high, p, most[f])
+        np.maximum.at(low, p, -least[f])
+        whole = np.maximum(high + low, 0.0)
+        edge = self._share[:, None] * np.where(np.isfinite(whole), whole, 0.0)
+        return self._larger[:, None] * self._most(off) + edge
+
+    def _curved(self, values: FloatArray) -> FloatArray:
+        """The quadratic functions on the facets nearest to values at the points (f, q, d)."""
+        there, curves = self._there.astype(np.float64), self._curves
+        square = np.einsum("fq,qi,qj->fij", there, curves, curves) + 1e-12 * np.eye(curves.shape[1])
+        right = np.einsum("fq,qi,fqd->fid", there, curves, values)
+        fitted: FloatArray = curves @ np.linalg.solve(square, right)
+        return fitted
+
+    @property
+    def radius(self) -> FloatArray:
+        """Of the facets around each point, metres, shape (m,)."""
+        return self._most(self._slave.radius[self._chosen, None])[:, 0]
+
+    # --- what is judged -----------------------------------------------------------------------------------------------
+
+    def deviations(self, claims: Claims) -> Deviations:
+        """By how much the claims are off, beyond what the facets explain."""
+        n, free = claims.n, np.eye(3) - claims.held
+        mean, unsure = self._means(self._normal), self._unsure(self._normal)
+        within = np.einsum("mij,mj->mi", free, mean)
+        inside = np.linalg.norm(n - np.einsum("mij,mj->mi", free, n), axis=1) < 1e-9  # as at planes of symmetry
+        mean = unit_vectors(np.where(inside[:, None], within, mean))
+        angle = np.linalg.norm(mean - n, axis=1) - np.linalg.norm(unsure, axis=1) - _ROUNDING
+        area = (np.abs(claims.area - self.area) - self._doubt) / self.whole
+        least, most, allowed = self._gaps(n)
+        close = claims.adjust + allowed
+        closed = (claims.gap == 0.0) & (most >= -close) & (least <= close)
+        gap = np.where(closed, 0.0, np.maximum(least - claims.gap, claims.gap - most) - allowed)
+        gap = np.where(np.isnan(claims.gap), 0.0, gap)
+        return Deviations(np.maximum(gap, 0.0), np.maximum(np.degrees(angle), 0.0), np.maximum(area, 0.0), allowed)
+
+    def _gaps(self, n: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The least and the largest gaps that follow along unit normals n (m, 3), and how far these may be off, in
+        metres, shape (m,) each."""
+        inner, ways = self._inner, self._way[:, :, None] * self._along
+        a = np.maximum(self.area, 1e-300)
+        average = np.einsum("mi,mi->m", self._means(ways), n)
+        off = self._unsure(self._way[:, :, None])[:, 0] + self._most(self._beyond[:, None])[:, 0]
+        off += _ROUNDING * self.radius
+        least = most = average
+        if self._slave.degree == 1:
+            corner, there = self._slave.nodes[self._chosen], self._there[:, inner:].astype(np.float64)
+            number, at = np.unique(corner, return_inverse=True)
+            at = at.reshape(corner.shape)
+            count = np.bincount(at.ravel(), there.ravel(), len(number))
+            sums = np.zeros((len(number), 3))
+            np.add.at(sums, at, ways[:, inner:] * there[:, :, None])
+            way = (sums / np.maximum(count, 1.0)[:, None])[at]
+            products = np.einsum("kq,qc->kc", self._weight, self._at_corners)
+            found = self._sums(np.einsum("kc,kci->ki", products, way[self._facet])) / a[:, None]
+            missing = self._sums(np.abs(products * (count == 0.0)[at][self._facet]).sum(axis=1)) > 1e-9 * a
+            unsafe = self._sums(np.abs(products * (there == 0.0)[self._facet]).sum(axis=1)) > 1e-9 * a
+            nodal = np.where(missing, -np.inf, np.einsum("mi,mi->m", found, n))
+            most = np.maximum(average, nodal)
+            least = np.where(missing | unsafe, average, most)
+            off = np.maximum(off, np.where(unsafe & ~missing, self._share * np.abs(nodal - average), 0.0))
+        deepest = np.where(self._there, self._way, np.inf).min(axis=1, initial=np.inf)
+        overlap = -self._most(np.maximum(-deepest, 0.0)[:, None])[:, 0]
+        return np.maximum(least, overlap), np.maximum(most, overlap), off
+
+    def averages(self, own: FloatArray, opposite: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The averages on the slave and on the master of nodal values at the facets of each (f, n, d), and how far they
+        may be off, shapes (2, m, d)."""
+        here = np.einsum("qn,fnd->fqd", self._at_all, own[self._chosen])
+        shape = self._there.shape
+        facet, place = self._hits.facet.reshape(shape), self._hits.place.reshape(*shape, 2)
+        there = np.zeros((*facet.shape, own.shape[2]))
+        met = facet >= 0
+        values = facet_functions(self._master.corners, self._master.degree, place[met])[0]
+        there[met] = np.einsum("qn,qnd->qd", values, opposite[facet[met]])
+        both = here, there
+        return np.stack([self._means(of) for of in both]), np.stack([self._unsure(of) for of in both])
+
+    # --- what the facets stand for ------------------------------------------------------------------------------------
+
+    def _to_surfaces(self, place: FloatArray) -> None:
+        """Measure the ways between the surfaces for which the facets stand."""
+        there, given, shape = self._there, self._surfaces, self._there.shape
+        held, along, start = given.held or (None, None), self._along[there], place[there]
+        own, met = np.repeat(self._chosen[:, None], shape[1], axis=1)[there], self._hits.facet.reshape(shape)[there]
+        at_own = np.broadcast_to(facet_functions(self._slave.corners, 1, self._at)[0], (*shape, self._slave.corners))
+        at_met = facet_functions(self._master.corners, 1, self._hits.place.reshape(*shape, 2)[there])[0]
+        end = start + self._way[there][:, None] * along
+        sides = (
+            (self._slave, given.slave, held[0], own, at_own[there], start),
+            (self._master, given.master, held[1], met, at_met, end),
+        )
+        for sign, (face, surface, directions, facet, at, x) in zip((-1.0, 1.0), sides, strict=True):
+            if surface is not None or (given.smooth and face.degree == 1):
+                rise, unsure = _risen(face, surface, directions, facet, at, x, along)
+                self._way[there] += sign * rise
+                most = np.zeros(len(place))
+                np.maximum.at(most, np.nonzero(there)[0], unsure)
+                self._beyond += most
+
+
+def _around(
+    nodes: IntArray, columns: IntArray, node: IntArray, bare: npt.NDArray[np.bool_]
+) -> tuple[IntArray, tuple[IntArray, IntArray]]:
+    """The facets on which the functions of contact points depend, ascending: those around their nodes, and facets
+    without any contact point beside these; and the pairs of such a facet, by its number among them, and a point."""
+    f, j = np.nonzero(np.isin(nodes[:, columns], node))
+    order = np.argsort(node)
+    p = order[np.searchsorted(node, nodes[:, columns][f, j], sorter=order)] if len(node) else f
+    if np.any(bare) and len(f):
+        count = int(nodes.max()) + 1
+        rows = np.repeat(np.arange(len(nodes)), nodes.shape[1])
+        on = scipy.sparse.csr_matrix((np.ones(nodes.size), (rows, nodes.ravel())), shape=(len(nodes), count))
+        points = scipy.sparse.csr_matrix((np.ones(len(f)), (f, p)), shape=(len(nodes), len(node)))
+        empty = np.flatnonzero(bare)
+        beside = (on[empty] @ on.T @ points).tocoo()
+        f, p = np.concatenate([f, empty[beside.row]]), np.concatenate([p, beside.col.astype(np.int64)])
+    chosen, number = np.unique(f, return_inverse=True)
+    return chosen.astype(np.int64), (number.reshape(-1).astype(np.int64), p.astype(np.int64))
+
+
+def _along(surface: RigidFoundation, start: FloatArray, along: FloatArray, way: float) -> FloatArray:
+    """Way in metres from points (q, 3) along unit vectors to a surface, shape (q,), by Newton's method."""
+    found = np.full(len(start), way)
+    for _ in range(6 if len(start) else 0):
+        x = start + found[:, None] * along
+        slope = np.einsum("qi,qi->q", surface.normal(x), along)
+        found = found - surface.signed_distance(x) / np.where(np.abs(slope) < 0.1, np.copysign(0.1, slope), slope)
+    return found
+
+
+def _risen(
+    face: Facets,
+    surface: RigidFoundation | None,
+    held: FloatArray | None,
+    facet: IntArray,
+    at: FloatArray,
+    x: FloatArray,
+    along: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """The way along unit vectors (q, 3) from points x (q, 3) of facets (q,), with the linear functions `at`
+    (q, corners) of the corners, to a surface or, without one, to the smooth face with the mean normals n_k of the
+    facets at the corners, 1/2 sum N_k ((x_k - x) . n_k) n_k; and how far it may be off; metres, shape (q,) each.
+
+    At nodes where the face ends on a plane of symmetry, by projectors on `held` directions at the nodes (f, n, 3, 3),
+    normals are within it.  The mortar integration has second-order facets with nodes on the surface, and their heights
+    above places of the facets: with a bulge s and an angle between line and normals, that is off by up to the part
+    sin^2 of s.  Of facets that are of second order themselves the difference from the surface is not known better.
+    """
+    corner, size = face.nodes[:, : face.corners], int(face.nodes.max()) + 1
+    areas = plane_vectors(face.x[:, : face.corners]) * face.sign[:, None]
+    sums, total = np.zeros((size, 3)), np.zeros(size)
+    np.add.at(sums, corner, areas[:, None])
+    np.add.at(total, corner, np.linalg.norm(areas, axis=1)[:, None])
+    means = (sums / np.maximum(total, 1e-300)[:, None])[corner]
+    n = unit_vectors(means)
+    slant = np.max(1.0 - np.einsum("qki,qi->qk", n[facet], along) ** 2, axis=1)
+    if surface is not None:
+        rise = _along(surface, x, along, 0.0)
+        return rise, np.abs(rise) * (_OFF if face.degree == 2 else _SLANT * slant)
+    aslant = np.einsum("fki,fi->fk", n, face.normal) < _CREASE
+    creased = np.any(aslant | (np.linalg.norm(means, axis=2) < _CREASE), axis=1)
+    ends = np.sort(np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    edge, count = np.unique(ends, axis=0, return_counts=True)
+    rim = np.zeros(size, dtype=bool)
+    rim[edge[count == 1]] = True
+    across = np.zeros_like(n) if held is None else np.einsum("fkij,fkj->fki", held[:, : face.corners], n)
+    symmetric = rim[corner] & (np.linalg.norm(across, axis=2) < 0.5)
+    away = face.x[facet][:, : face.corners] - x[:, None]
+    found = []
+    for normals in (n, unit_vectors(np.where(symmetric[:, :, None], n - across, n))):
+        each = np.einsum("qki,qki->qk", away, normals[facet])
+        bulge = 0.5 * np.einsum("qk,qk,qki,qi->q", at, each, normals[facet], along)
+        found.append(np.where(creased[facet], 0.0, bulge))
+    return found[1], np.abs(found[1] - found[0]) + _SLANT * slant * np.abs(found[1])

@@ -1,0 +1,182 @@
+"""Evidence of pairs of faces by code that shares nothing with the mortar integration, and its lines of the certificate.
+
+The gaps, normals, areas and averages by which a pair is solved are compared with those of `PairSamples`.  What differs
+by more than the facets explain counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray, IntArray, in_words
+from ..fem.bodies import Deformable, DisplacementSpace, HeldDirections
+from ..fem.contact import Claims, Deviations, Pair, PairSamples, Shape, Surfaces, facets_of, gathered
+from ..linalg.reductions import Reductions, concatenated
+from .contact import Contact
+
+
+@dataclass(frozen=True)
+class PairFindings:
+    """The worst of what is off at this rank's contact points of a pair.
+
+    Attributes:
+        face, against: The names of the faces.
+        worst: Rows gap and displacement in metres, normal in degrees, weights; columns the value, and the place in
+            metres; shape (4, 4).
+        allowed: The largest difference of gaps that facets explain, metres.
+    """
+
+    face: str
+    against: str
+    worst: FloatArray
+    allowed: float
+
+
+def probing_fields(x: FloatArray, size: float) -> FloatArray:
+    """Nodal fields by which averages are compared, at coordinates x (k, 3) in metres: one, x, and two rough ones of
+    size 1; shape (k, 6)."""
+    rough = np.sin(x / size @ np.array([[1e4, 5e4], [2e4, 4e4], [3e4, 7e4]]))
+    return np.column_stack([np.ones(len(x)), x, rough])
+
+
+@dataclass(frozen=True)
+class Side:
+    """A face of a pair: its body, its facets there, and the held directions of the body's nodes."""
+
+    space: DisplacementSpace
+    facets: npt.NDArray[np.int32]
+    held: HeldDirections
+
+    def projectors(self, nodes: IntArray) -> FloatArray:
+        """Those of the nodes of all facets, (f, n, 3, 3), from the nodes of this rank's facets; collective."""
+        held = self.held.projector_at(np.arange(self.space.numbering.local)).reshape(-1, 9)
+        return gathered(self.space, nodes, held).reshape(-1, nodes.shape[1], 3, 3)
+
+
+class PairReference:
+    """The points by which a pair is judged (`PairSamples`); collective.
+
+    Args:
+        slave, master: Both faces.
+        node: Numbers of this rank's contact points in the slave's body, over all ranks, shape (m,).
+        shape: What the facets stand for.
+    """
+
+    def __init__(self, slave: Side, master: Side, node: IntArray, shape: Shape):
+        self._spaces = slave.space, master.space
+        (one, here), (other, there) = (facets_of(side.space, side.facets) for side in (slave, master))
+        self._nodes = here, there
+        held = (slave.projectors(here), master.projectors(there)) if shape.smooth else None
+        surfaces = Surfaces(shape.smooth, shape.slave, shape.master, held)
+        self.samples = PairSamples(one, other, node, concatenated(slave.space.comm, node), surfaces)
+
+    def averages(self, own: FloatArray, opposite: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """`PairSamples.averages` of values at this rank's nodes of the slave's and of the master's body; collective."""
+        values = (own, opposite)
+        return self.samples.averages(
+            *(gathered(space, nodes, of) for space, nodes, of in zip(self._spaces, self._nodes, values, strict=True))
+        )
+
+    def weights(self, fields: tuple[FloatArray, FloatArray], averages: FloatArray) -> FloatArray:
+        """By how much claimed averages (2, m, 6) of the `probing_fields` of both bodies are off, shape (m,);
+        collective."""
+        found, unsure = self.averages(*fields)
+        off = np.abs(averages - found) - unsure
+        off[:, :, 1:4] /= np.maximum(self.samples.radius, 1e-300)[:, None]
+        most: FloatArray = np.maximum(off.max(axis=(0, 2), initial=0.0) - _ROUNDING, 0.0)
+        return most
+
+    def displacement(
+        self, u: tuple[FloatArray, FloatArray], mirrored: FloatArray | None, frames: FloatArray, rows: FloatArray
+    ) -> FloatArray:
+        """By how much claimed `rows` (m, 3) of the displacement of a point against the master along `frames` (m, 3, 3)
+        are off, metres, shape (m,), by the displacements of both bodies; collective."""
+        found, unsure = self.averages(*u)
+        difference = found[0] - found[1]
+        if mirrored is not None:
+            difference = difference - np.einsum("mij,mj->mi", mirrored, difference)
+        off = np.abs(rows - np.einsum("mij,mj->mi", frames, difference))
+        off -= np.einsum("mij,mj->mi", np.abs(frames), unsure.sum(axis=0))
+        off -= _OF_LARGEST * max(float(np.max(np.abs(of), initial=0.0)) for of in u)
+        most: FloatArray = np.maximum(off.max(axis=1, initial=0.0), 0.0)
+        return most
+
+
+_ROUNDING: Final = 1e-9
+"""Of averages over the size of facets, and of weights."""
+
+_OF_LARGEST: Final = 1e-13
+"""Rounding errors of averages over the largest displacement."""
+
+
+class JudgedPair:
+    """A pair of faces of a problem with its contact points, judged at the points of a `PairReference`; collective."""
+
+    def __init__(self, elasticity: Deformable, contact: Contact, pair: Pair):
+        assert contact.against is not None
+        self.pair, self._contact = pair, contact
+        self._last: tuple[Claims, Deviations] | None = None
+        faces = [elasticity.face(name, "contact") for name in (contact.face, contact.against)]
+        self._nodes, (slave, _) = (faces[0][0].nodes, faces[1][0].nodes), faces[0]
+        local = pair.points.nodes - slave.nodes.start
+        self._node = (slave.body.numbering.first + local).astype(np.int64)
+        self._held = slave.body.held.projector_at(local)
+        one, other = (Side(member.body, facets, member.body.held) for member, facets in faces)
+        self._reference = PairReference(one, other, self._node, contact.shape)
+        fields = probing_fields(elasticity.x, Reductions(elasticity.comm).max(np.abs(elasticity.x)) or 1.0)
+        own, opposite = pair.points.average(fields), pair.points.opposite_average(fields)
+        assert opposite is not None
+        self._weights = self._reference.weights(self._sides(fields), np.stack([own, opposite]))
+
+    def _sides(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Values (k, d) of the nodes of all bodies at those of the slave's and of the master's."""
+        return values[self._nodes[0]], values[self._nodes[1]]
+
+    def findings(self, frames: FloatArray, gap: FloatArray, rows: FloatArray, u: FloatArray) -> PairFindings:
+        """What is off with frames (m, 3, 3), gaps (m,) without given ones, and displacements `rows` (m, 3) in the
+        frames by those of the nodes u (k, 3), metres; collective."""
+        pair, contact = self.pair, self._contact
+        moved = self._reference.displacement(self._sides(u), pair.points.mirrored, frames, rows)
+        claims = Claims(self._node, frames[:, 0], gap, pair.points.area, self._held, contact.adjust)
+        if self._last is None or not self._last[0].same(claims):
+            self._last = claims, self._reference.samples.deviations(claims)
+        return findings(pair.face, pair.against, pair.x, self._last[1], self._weights, moved)
+
+
+def findings(
+    face: str, against: str, x: FloatArray, off: Deviations, weights: FloatArray, moved: FloatArray
+) -> PairFindings:
+    """The worst at contact points x (m, 3), of the claims of a pair and of what is off in weights and displacements."""
+    worst = np.zeros((4, 4))
+    for row, values in zip(worst, (off.gap, moved, off.normal, np.maximum(weights, off.area)), strict=True):
+        if len(values):
+            at = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
+            row[:] = values[at], *x[at]
+    return PairFindings(face, against, worst, float(np.max(off.allowed, initial=0.0)))
+
+
+def pair_lines(pairs: tuple[PairFindings, ...], length: float, over: Reductions) -> list[tuple[str, float, str, str]]:
+    """Name, value, unit and meaning of the lines of the certificate; `length` is the scale of displacements, metres."""
+    if not pairs:
+        return []
+    every = concatenated(over.comm, np.array([[pair.worst for pair in pairs]]))  # (ranks, pairs, 4, 4)
+    allowed = over.max(np.array([pair.allowed for pair in pairs]))
+    lines = []
+    for k, (name, unit, scale, words) in enumerate(
+        (
+            ("pair gap", "", length, f"gaps as by lines from face to face, to {allowed:.1e} m by the facets"),
+            ("pair displacement", "", length, "displacements of both faces as at these lines"),
+            ("pair normal", "deg", 1.0, "normals as of the facets around"),
+            ("pair weights", "", 1.0, "areas and averages over both faces as at these lines"),
+        )
+    ):
+        values = np.where(np.isnan(every[:, :, k, 0]), np.inf, every[:, :, k, 0])
+        rank, number = np.unravel_index(int(np.argmax(values)), values.shape)
+        value, *place = every[rank, number, k].tolist()
+        at = f"; worst: {pairs[number].face!r} against {pairs[number].against!r} at x = {in_words(place)}"
+        lines.append((name, value / scale, unit, words + (at if value > 0.0 else "")))
+    return lines

@@ -1,0 +1,167 @@
+"""Pairs are judged by code that shares nothing with the mortar integration: faults planted there are seen, no others.
+
+Run alone, or as `mpirun -n 3 python -m pytest tests/fem/contact/test_pair_evidence.py`.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.sparse
+from test_curved_pairs import RADIUS, rolled
+
+from coulomb import Clamp, Contact, ContactProblem, Cylinder, Material, Plane, SymmetryPlane, box, join, moved
+from coulomb.fem.contact import mortar
+from coulomb.fem.contact.closest_points import Facets, hits
+from coulomb.model import contact_body, problem_evidence
+from coulomb.model.certificate import judge
+
+STEEL = Material(2.1e11, 0.3)
+LINES = ("pair gap", "pair displacement", "pair normal", "pair weights")
+
+
+def blocks(shift=0.1, cells=("hexahedron", "hexahedron"), degree=1, distorted=0.0, **contact):
+    """A block on a block, of which a shift leaves a part beyond the other; distorted along both faces."""
+
+    def bent(x):
+        return x + distorted * np.sin(np.pi * x[0]) * np.sin(np.pi * x[1]) * np.array([[1.0], [-0.7], [0.0]])
+
+    def above(x):
+        return np.diag([0.8, 0.8, 0.4]) @ bent(x) + np.array([[shift], [0.1], [0.5]])
+
+    lower = box((1.0, 1.0, 0.5), (3, 3, 1), cells[0], place=bent, degree=degree)
+    upper = box((1.0, 1.0, 1.0), (4, 4, 1), cells[1], place=above, degree=degree)
+    pair = Contact("upper:bottom", against="lower:top", friction=0.3, **contact)
+    return ContactProblem(join(lower=lower, upper=upper), STEEL, [Clamp("lower:bottom"), Clamp("upper:top")], pair)
+
+
+CIRCLE = {"surface": Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), RADIUS)}
+PLANE = {"against_surface": Plane((0.0, 0.0, -RADIUS), (0.0, 0.0, 1.0))}
+KINDS = {
+    "flat": lambda: blocks(),
+    "tetrahedra": lambda: blocks(cells=("hexahedron", "tetrahedron"), gap=1e-4),
+    "partly covered": lambda: blocks(0.5, cells=("tetrahedron", "hexahedron"), slave=True),
+    "distorted": lambda: blocks(distorted=0.05),
+    "second order": lambda: blocks(cells=("tetrahedron", "tetrahedron"), degree=2),
+    "27 nodes": lambda: blocks(degree=2),
+    "given gap": lambda: blocks(gap=lambda x: 1e-3 * x[0] - 2e-4, gap_amplitude=0.5),
+    "curved": lambda: rolled(12, "hexahedron", 1, 1e5, 0.3),
+    "curved, second order": lambda: rolled(9, "hexahedron", 2, 1e5),
+    "curved tetrahedra": lambda: rolled(15, "tetrahedron", 2, 1e5, 0.3),
+    "named surfaces": lambda: rolled(12, "hexahedron", 1, 1e5, slave=True, **CIRCLE, **PLANE),
+    "smooth": lambda: rolled(12, "hexahedron", 1, 1e5, slave=True, smooth=True),
+}
+
+
+def judged(problem):
+    """The certificate of a wavy displacement without forces."""
+    u = 1e-5 * np.sin(problem.elasticity.x @ np.array([[30.0, 10.0, 20.0], [20.0, 40.0, 10.0], [50.0, 10.0, 30.0]]))
+    return judge(problem.evidence(np.zeros(3 * len(problem.surface.nodes)), u))
+
+
+def wrong_gap(patch):
+    real = contact_body.pair_of
+    patch.setattr(contact_body, "pair_of", lambda *a, **k: replace(p := real(*a, **k), gap=p.gap + 2e-6))
+
+
+def wrong_rows(change):
+    def plant(patch):
+        real = mortar._rows
+        patch.setattr(mortar, "_rows", lambda *a, **k: change(real(*a, **k)))
+
+    return plant
+
+
+def turned(rows):
+    n = rows.normal + np.radians(2.0) * np.array([1.0, 0.0, 0.0])
+    return replace(rows, normal=n / np.linalg.norm(n, axis=1)[:, None])
+
+
+def moved_on(rows):
+    """With 5 % of the master's weights at the node of the largest number."""
+    last = scipy.sparse.csr_matrix(rows.opposite.shape).tolil()
+    last[:, rows.opposite.indices.max(initial=0)] = 0.05
+    return replace(rows, opposite=(0.95 * rows.opposite + last).tocsr())
+
+
+FAULTS = {
+    "pair gap": wrong_gap,
+    "pair normal": wrong_rows(turned),
+    "pair weights": wrong_rows(lambda rows: replace(rows, area=1.02 * rows.area)),
+    "pair displacement": wrong_rows(moved_on),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_right_pairs_pass_and_wrong_ones_fail(kind, monkeypatch):
+    right = judged(KINDS[kind]())
+    assert {name: right[name].value for name in LINES} == dict.fromkeys(LINES, 0.0)
+    for line, plant in FAULTS.items():
+        with monkeypatch.context() as patch:
+            plant(patch)
+            wrong = judged(KINDS[kind]())
+            assert not wrong[line].passed and "worst: 'upper:bottom' against 'lower:top'" in wrong[line].meaning
+
+
+def test_a_gap_that_is_closed_is_judged_by_its_distance(monkeypatch):
+    assert judged(blocks(adjust=1e-5))["pair gap"].value == 0.0
+    wrong_gap(monkeypatch)
+    assert not judged(blocks(adjust=1e-5))["pair gap"].passed
+
+
+def test_a_wrong_matrix_is_seen(monkeypatch):
+    real = problem_evidence.rows_of
+    monkeypatch.setattr(problem_evidence, "rows_of", lambda B, u: real(B, u) * [1.0, 1.0, 1.001])
+    assert not judged(blocks())["pair displacement"].passed
+
+
+def test_at_planes_of_symmetry_normals_are_in_them(monkeypatch):
+    """A quarter of a dome, whose facets at the planes have normals beyond them."""
+
+    def dome(k):
+        x, y = 0.01 * k[0], 0.01 * k[1]
+        return np.stack([x, y, 0.01 * k[2] + 20.0 * (1.0 - k[2]) * (x**2 + y**2)])
+
+    def quarter(**contact):
+        plate = moved(box((0.012, 0.012, 0.004), (3, 3, 1)), translate=(0.0, 0.0, -0.004))
+        planes = [SymmetryPlane(f"{name}:{face}") for name in ("upper", "lower") for face in ("left", "front")]
+        return ContactProblem(
+            join(upper=box((1.0, 1.0, 1.0), (5, 5, 1), place=dome), lower=plate),
+            STEEL,
+            [Clamp("lower:bottom"), *planes],
+            Contact("upper:bottom", against="lower:top", friction=0.3, slave=True, **contact),
+        )
+
+    for contact in ({}, {"smooth": True}):
+        right = judged(quarter(**contact))
+        assert {name: right[name].value for name in LINES} == dict.fromkeys(LINES, 0.0)
+        with monkeypatch.context() as patch:
+            wrong_gap(patch)
+            assert not judged(quarter(**contact))["pair gap"].passed
+
+
+@pytest.mark.parametrize(("corners", "degree"), [(3, 1), (4, 1), (3, 2), (4, 2)])
+def test_lines_meet_a_paraboloid(corners, degree):
+    """From below and from above, within the facets; to the error of their interpolation."""
+    side = np.linspace(0.0, 1.0, 5 if degree == 1 else 9)
+    x, y = (of.ravel() for of in np.meshgrid(side, side, indexing="ij"))
+    places = np.column_stack([x, y, 0.1 * (x**2 + y**2)])
+    width, nodes = len(side), []
+    for i in range(0, width - 1, degree):
+        for j in range(0, width - 1, degree):
+            at = [i * width + j, (i + degree) * width + j, (i + degree) * width + j + degree, i * width + j + degree]
+            for three in ([0, 1, 2], [0, 2, 3]) if corners == 3 else ([0, 1, 2, 3],):
+                ends = [at[k] for k in three]
+                middles = [(a + b) // 2 for a, b in zip(ends, ends[1:] + ends[:1], strict=True)]
+                centre = [] if corners == 3 else [(at[0] + at[2]) // 2]
+                nodes.append(ends + (middles + centre if degree == 2 else []))
+    nodes = np.array(nodes)
+    face = Facets(corners, degree, nodes, places[nodes], np.ones(len(nodes)))
+    start = np.random.default_rng(0).uniform(-0.2, 1.2, (400, 3)) * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.05]
+    along = np.broadcast_to([0.0, 0.0, -1.0], start.shape)
+    found = hits(start, along, face, 1.0, 1.0)
+    inside = np.all((start[:, :2] > 0.0) & (start[:, :2] < 1.0), axis=1)
+    assert np.array_equal(found.facet >= 0, inside)
+    expected = 0.05 - 0.1 * np.sum(start[inside, :2] ** 2, axis=1)
+    assert np.abs(found.way[inside] - expected).max() <= (0.1 * 2 / 4 / 16 + 1e-12 if degree == 1 else 1e-12)
+    assert not np.any(hits(start, -along, face, 1.0, 1.0).facet >= 0)  # from behind
