@@ -131,7 +131,7 @@ class InteriorPoint(SolverSettings):
 
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         balanced_forces(problem, self.name)
-        result = _smallest_force(problem, task.goal) or _Path(self, problem, task).follow()
+        result = smallest_force(problem, task.goal) or _Path(self, problem, task).follow()
         if result.equilibrium is not None and problem.rigid is not None and result.status is Status.NO_EQUILIBRIUM:
             message = f"{no_equilibrium(problem.rigid, result.equilibrium)}, after {result.newton_steps} Newton steps"
         else:
@@ -337,7 +337,7 @@ class _Path:
         return replace(result, products=0, method="") if ended else None  # it is a part of this method
 
 
-def _smallest_force(problem: FrictionProblem, goal: Goal) -> SolverResult | None:
+def smallest_force(problem: FrictionProblem, goal: Goal) -> SolverResult | None:
     """The smallest feasible force, if it is the answer: then there is no path to follow."""
     x = problem.completed(problem.project(np.zeros_like(problem.b)))
     w = problem.without_motion(x) if problem.reductions.max(np.abs(x)) > 0.0 else -problem.b

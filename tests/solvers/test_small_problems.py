@@ -206,3 +206,36 @@ def test_numpy_scipy_and_petsc_alike():
 def test_wrong_input_of_trescas_problem(A, b, g, message):
     with pytest.raises(ValueError, match=message):
         solve_tresca(A, b, g)
+
+
+def test_an_open_contact_without_tangential_compliance_and_friction():
+    """Alone, and beside three that press: rows without compliance and friction are no unknowns."""
+    alone = solve_coulomb(np.diag([1.0, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]), np.array([0.0]))
+    assert not np.any(alone.x) and alone.residual == 0.0
+    A = random_spd(9, 10.0, np.random.default_rng(4))
+    A[4:6] = A[:, 4:6] = 0.0
+    b = np.array([2.0, -1.0, 0.3, -30.0, 0.0, 0.0, 1.5, 0.5, 0.2])
+    expected = np.zeros(9)
+    pressing = [k for k in (0, 6) if np.linalg.solve(A[::6, ::6], b[::6])[k // 6] > 0.0]
+    expected[pressing] = np.linalg.solve(A[np.ix_(pressing, pressing)], b[pressing])
+    assert np.all((A @ expected - b)[::3] > -1e-9)
+    for solved in (solve_coulomb(A, b, 0.0), solve_tresca(A, b, 0.0)):
+        assert solved.x == pytest.approx(expected, rel=1e-7, abs=1e-7)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 6])
+def test_contacts_in_units_of_their_own(seed):
+    """D A D, D b and g / D, compliances over 16 decades: D times the forces are those of A, b, g."""
+    random, m = np.random.default_rng(seed), 12
+    G = random.normal(size=(3 * m + 3, 3 * m))
+    A = G.T @ G / (3 * m)
+    b = A @ random.normal(size=3 * m) - np.tile([2.0, 0.0, 0.0], m) * random.uniform(size=3 * m)
+    D = np.repeat(10.0 ** random.uniform(-4, 4, m), 3)
+    scaled = D[:, None] * A * D, D * b
+    for one, other in (
+        (solve_coulomb(A, b, 0.5), solve_coulomb(*scaled, 0.5)),
+        (solve_tresca(A, b, 0.2), solve_tresca(*scaled, 0.2 / D[::3])),
+    ):
+        assert D * other.x == pytest.approx(one.x, abs=1e-7 * np.abs(one.x).max())
+        assert other.gradient / D == pytest.approx(one.gradient, abs=1e-7 * np.abs(one.gradient).max())
+        assert D[::3] * other.slip_bound == pytest.approx(one.slip_bound, abs=1e-7 * one.slip_bound.max())

@@ -156,7 +156,7 @@ def project_on_friction_cones(r: FloatArray, friction: FloatArray) -> FloatArray
     inside, polar = size <= friction * r[:, 0], friction * size <= -r[:, 0]
     normal = (r[:, 0] + friction * size) / (1.0 + friction**2)
     along = (friction * normal / np.where(size > 0.0, size, 1.0))[:, None] * r[:, 1:]
-    return np.where(inside[:, None], r, np.where(polar[:, None], 0.0, np.column_stack([normal, along])))
+    return np.where(polar[:, None], 0.0, np.where(inside[:, None], r, np.column_stack([normal, along])))
 
 
 def cone_residual(r: FloatArray, u: FloatArray, friction: FloatArray, loads: float) -> float:

@@ -19,7 +19,7 @@ from ...linalg.compliance import Compliance, MatrixCompliance
 from ...linalg.reductions import Reductions
 from ..automatic import DECISIVE, Automatic, result_of
 from ..friction_problem import FrictionProblem, Solver, SolverSettings, Task, contact_solver
-from ..interior_point import InteriorPoint
+from ..interior_point import InteriorPoint, smallest_force
 from ..laws import FrictionLaw
 from ..newton_systems import DenseSystem
 from ..results import Goal, SolverResult, Status
@@ -27,6 +27,7 @@ from ..rigid_motions import RigidMotions
 from ..successive_tresca import SuccessiveTresca
 from .cone_interior_point import ConeInteriorPoint
 from .gauss_seidel import Sweeps, sweep
+from .own_units import OwnUnits
 from .regularised_newton import RegularisedNewton
 
 _FEW = 150  # contacts up to which the cone method is the quicker one, whatever A, and its eigenvalues are checked
@@ -65,6 +66,30 @@ class MatrixAutomatic(SolverSettings):
     name = "auto"
 
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
+        least = smallest_force(problem, task.goal)
+        if least is not None and least.residual == 0.0:
+            return replace(least, method=f"{self.name}: no forces")
+        own = OwnUnits.of(problem)
+        if own is None:
+            return self._by_methods(problem, task)
+        first = self._in_own_units if problem.sloped else self._by_methods  # least norm is in these
+        second = self._by_methods if problem.sloped else self._in_own_units
+        found = first(problem, task)
+        if found.status in (Status.CONVERGED, *DECISIVE):
+            return found
+        other = second(problem, task)
+        decided = other.status in (Status.CONVERGED, *DECISIVE)
+        return other if decided else min((found, other), key=lambda result: result.residual)
+
+    def _in_own_units(self, problem: FrictionProblem, task: Task) -> SolverResult:
+        """`_by_methods` in units of force of each contact, if these are not alike."""
+        own = OwnUnits.of(problem)
+        assert own is not None
+        posed = own.problem(task.goal.tolerance)
+        found = own.result(replace(self, sweeps=None)._by_methods(posed, own.task(task)))
+        return replace(found, products=found.products + posed.A.products)
+
+    def _by_methods(self, problem: FrictionProblem, task: Task) -> SolverResult:
         tolerance = task.goal.tolerance
         cones, regularised = ConeInteriorPoint(tolerance, self.sweeps or True), RegularisedNewton(tolerance)
         ending = SuccessiveTresca(tolerance, newton_steps=_TRESCA)

@@ -33,6 +33,11 @@ def test_product_and_quotient():
     assert np.allclose(product(x, y)[:, 0], np.einsum("ij,ij->i", x, y))
 
 
+def test_without_friction_only_pressing_forces_stay():
+    r = np.array([[-1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [-1.0, 3.0, 0.0], [2.0, 3.0, 0.0]])
+    assert np.array_equal(project_on_friction_cones(r, np.zeros(4)), np.maximum(r, 0.0) * [1.0, 0.0, 0.0])
+
+
 def test_scaling_maps_both_to_one_point_and_the_cone_to_itself():
     x, z, y = inside(), inside(), inside()
     P = scaling(x, z)
