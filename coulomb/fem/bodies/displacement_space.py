@@ -118,8 +118,8 @@ class DisplacementSpace:
         return np.einsum("ac,kci->kai", np.round(values, 12), x)
 
     def in_a_cell(self) -> FloatArray:
-        """For each of this rank's nodes the middle of a cell that has it, the mean of its nodes, metres, shape (k, 3): by
-        it nodes at one place are told apart."""
+        """The middle of a cell that each of this rank's nodes belongs to, the mean of its nodes, metres, shape (k, 3):
+        by it nodes at one place are told apart."""
         nodes = compat.cell_dofs(self.V)
         middle = self.points_of_cells(np.arange(len(nodes), dtype=np.int32)).mean(axis=1)
         found, mine = np.empty((self._owned, 3)), nodes < self._owned
