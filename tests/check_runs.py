@@ -25,7 +25,7 @@ young = 2e11
 poisson = 0.3
 [[clamp]]
 face = "left"
-value = [0.0, 1e-6, -2e-6]
+value = [0.0, 1e-6, 2e-6]
 [[spring]]
 face = "right"
 stiffness = [0.0, 1e9, 2e9]
@@ -57,7 +57,7 @@ young = 2e11
 poisson = 0.3
 [[clamp]]
 face = "left"
-value = [3e-5, 1e-5, 0.0]
+value = [3e-5, 1e-5, -2e-5]
 [[traction]]
 face = "right"
 value = [2e6, 1e6, -4e6]

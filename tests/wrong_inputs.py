@@ -239,6 +239,10 @@ SUPPORTS = (
         "a contact face that is nearly held",
         run(CLAMPED, "contact.foundation={point=[0,0,0], normal=[1,0,0.005]}"),
     ),
+    Wrong(
+        "a support that pushes a contact face into its foundation",
+        run("prescribed_displacement=[{face='left', value=[0,0,-1e-3]}]"),
+    ),
     Wrong("a rotation about no axis", run(f"prescribed_rotation=[{ROTATED}}}]".replace("[0,0,1]", "[0,0,0]"))),
     Wrong("a rotation in time without a history", run(f"prescribed_rotation=[{ROTATED}, amplitude=[[0,0],[1,1]]}}]")),
 )

@@ -27,7 +27,7 @@ def prepared(
     settings: Case, target: Path, force: bool, overwrite: bool | None = None, resume: bool = False
 ) -> tuple[Case, ContactProblem]:
     """A case with the contacts that are found (`Case.resolved`), and its problem, after a check of directory and,
-    unless forced, of memory and disk; collective, with a ValueError on every rank.
+    unless forced, of memory and disk, and of supports against foundations; collective, with a ValueError on every rank.
 
     `overwrite` is whether any results may be replaced, or only those of the same case; None if none are.  To `resume` a
     few load steps multigrid may be faster.
@@ -40,6 +40,7 @@ def prepared(
     if overwrite is not None:
         refuse_to_replace(settings, target, overwrite, comm)
     problem = settings.problem(comm)
+    problem.refuse_held_inside(() if settings.history is None else settings.history.ends)
     if resume and (left := steps_left(target, comm)) is not None:
         problem.body.stiffness.expect_load_steps(left)
     if not force:

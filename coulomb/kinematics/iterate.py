@@ -3,7 +3,7 @@ forces from one to the next, and their acceleration."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import repeat
 
@@ -120,8 +120,12 @@ class Linearised(ContactProblem):
 
     silent = True
 
+    def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
+        """They are judged where they end."""
+
     def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
-        return self._evidence(x, u, self.mean_compliance)
+        """Without nodes that supports hold: they are at their place when the displacement is."""
+        return replace(self._evidence(x, u, self.mean_compliance), held_gap=np.zeros(0))
 
     def evidence_here(self, x: FloatArray, compliance: float) -> Evidence:
         """The evidence of the nonlinear problem for forces x (3 m,) at the displacement from which it is linearised;

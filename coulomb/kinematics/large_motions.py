@@ -202,6 +202,11 @@ class LargeMotions(ContactProblem):
     def starts(self, before: State) -> FloatArray | None:
         return None
 
+    def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
+        for time in times or (self.time,):
+            undeformed = linearised(self.elasticity, np.zeros_like(self.elasticity.x), time)
+            self.body.refuse_held_inside(self.elasticity, undeformed.at(time), exact=True)
+
     def solve(
         self,
         tolerance: float = 1e-8,
@@ -217,6 +222,7 @@ class LargeMotions(ContactProblem):
             NotConverged: If it was interrupted.
         """
         state = self._state
+        self.refuse_held_inside()
         try:
             return self._whole_step(state, tolerance, partial(Linearised.solve, solver=solver, progress=progress))
         except (CGNotConverged, ValueError, NotConverged) as failure:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -39,8 +39,8 @@ from .pair_checks import PairFindings, pair_lines
 class Evidence:
     """The data of a certificate: this rank's part, k nodes of which m are contact nodes; newtons, metres.
 
-    These m are all nodes of the contact faces except those whose displacement along the normal is prescribed; and any
-    other node with a contact force, which then counts as tensile.
+    These m are all nodes of the contact faces except those of `held_gap`; and any other node with a contact force,
+    which then counts as tensile.
 
     Attributes:
         comm: The ranks.
@@ -69,6 +69,8 @@ class Evidence:
         jump: How far tied nodes are from where they should be, shape (k, 3); None without ties.
         actions: Of every pair of faces, what acts on both: `pair_actions`, this rank's part, shape (pairs, 3, 7).
         pairs: Of every pair, what is off in its gaps, normals and averages.
+        held_gap: What is left of the gap at nodes of the contact faces that are no contact points, since their
+            displacement along the normal is prescribed, or they face away from the foundation, metres, shape (q,).
     """
 
     comm: MPI.Comm
@@ -94,6 +96,7 @@ class Evidence:
     actions: FloatArray | None = None
     jump: FloatArray | None = None
     pairs: tuple[PairFindings, ...] = ()
+    held_gap: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 def pair_actions(
@@ -366,7 +369,11 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     remaining = np.column_stack([e.gap - e.relative_displacement[:, 0], -e.relative_displacement[:, 1:]])  # A x - b
     residual = _natural_residual(e, remaining.ravel(), scales, over)
     mean = f"; means around {'contact points' if e.actions is not None else 'vertices'}" if e.averaged else ""
-    deepest = worst(over.max(e.relative_displacement[:, 0] - e.gap), 0.0)
+    held_in = over.max(-e.held_gap)
+    deepest = worst(over.max(e.relative_displacement[:, 0] - e.gap), held_in, 0.0)
+    inside = worst(over.max(-gap), held_in / scales.length)
+    if deepest == held_in > 0.0:
+        mean = ", at a node that supports hold, or that faces away"
 
     def relative(name: str, value: float, meaning: str) -> Check:
         return Check(name, worst(value, 0.0), LIMIT, "", meaning)
@@ -387,7 +394,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
             Check(name, worst(value, 0.0), ANGLE_LIMIT if unit else LIMIT, unit, meaning)
             for name, value, unit, meaning in pair_lines(e.pairs, scales.length, over)
         ),
-        relative("penetration", over.max(-gap), f"{deepest:.1e} m, over {scales.length:.1e} m{mean}"),
+        relative("penetration", inside, f"{deepest:.1e} m, over {scales.length:.1e} m{mean}"),
         relative("adhesion", over.max(-pressing), "no node is pulled, nor has a force off the contact faces"),
         relative("complementarity", over.max(np.abs(pressing * gap)), "no force across a gap"),
         relative("friction cone", over.max(friction - g) / worst(g_scale, 1e-3), "friction within its bound"),
@@ -454,6 +461,7 @@ def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
         "contact forces": e.force,
         "relative displacements": e.relative_displacement,
         "gaps": e.gap,
+        "gaps of held nodes": e.held_gap,
         "slip bounds": e.bound,
         "rounding": e.rounding,
         "forces of rigid motions": np.zeros(0) if e.ground is None else e.ground,

@@ -21,6 +21,7 @@ from ..arrays import FloatArray
 from ..fem.bodies import Deformable, Loading, unjoined_parts
 from ..fem.contact import (
     ContactSurface,
+    FullyHeld,
     KeptMatrix,
     Pair,
     Pretension,
@@ -28,6 +29,7 @@ from ..fem.contact import (
     contact_surface,
     joined,
     nodes_of_other_pairs,
+    own_plane,
     pair_of,
     pair_surface,
     rows_of,
@@ -42,6 +44,7 @@ from ..solvers.rigid_motions import RigidMotions
 from .contact import Contact
 from .contact_stiffness import ContactStiffness
 from .heat import Heat, HeatProblem
+from .held_nodes import refuse_held_inside
 from .memory import memory_needed
 from .nodal_answer import Accumulated
 from .pair_checks import JudgedPair
@@ -70,24 +73,16 @@ def slaves_as_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> tupl
 
 
 class ContactFaces:
-    """The contact faces of a body, their foundations (None: the plane of the face), pairs, and common surface at any
-    time."""
+    """The contact faces of a body, their foundations (None of pairs), pairs, and common surface at any time."""
 
-    def __init__(
-        self,
-        contacts: Sequence[Contact],
-        comm: MPI.Comm,
-        foundations: Sequence[RigidFoundation | None] | None = None,
-        pairs: dict[int, Pair] | None = None,
-    ):
+    def __init__(self, contacts: Sequence[Contact], elasticity: Deformable):
         if not contacts:
             raise ValueError("contact: give one face or several")
-        self._contacts, self._comm = contacts, comm
-        self.foundations = [contact.foundation for contact in contacts] if foundations is None else foundations
-        self._pairs: dict[int, Pair] = {} if pairs is None else pairs
-
-    def against(self, foundations: Sequence[RigidFoundation | None]) -> ContactFaces:
-        return ContactFaces(self._contacts, self._comm, foundations, self._pairs)
+        self._contacts, self._comm = contacts, elasticity.comm
+        self.foundations: list[RigidFoundation | None] = [
+            c.foundation if c.foundation or c.against else own_plane(elasticity, c.face) for c in contacts
+        ]
+        self._pairs: dict[int, Pair] = {}
 
     def pair(self, number: int, elasticity: Deformable) -> Pair:
         """The pair of faces of a contact against a deformable face; all are found at once; collective.
@@ -341,11 +336,14 @@ class ContactBody:
             touching = unjoined_parts(self.elasticity, pairs)
             for text in touching if self.comm.rank == 0 else ():  # before these are refused as parts that nothing holds
                 _log.warning("%s", text)
-            faces, still = ContactFaces(self.contacts, self.comm), (RigidMotion(np.zeros(3)),) * len(self.contacts)
-            if any(one.foundation is None and one.against is None for one in self.contacts):  # the plane of the face
-                faces = faces.against(faces.surface(self.elasticity, still, time).foundations)
+            self._faces = faces = ContactFaces(self.contacts, self.elasticity)
             motions = faces.rigid_motions(time)
-            self._faces, self._reference = faces, faces.surface(self.elasticity, motions, time)
+            try:
+                self._reference = faces.surface(self.elasticity, motions, time)
+            except FullyHeld:  # a contradiction says more
+                elasticity = self.elasticity.at_time(time)
+                self.refuse_held_inside(elasticity, elasticity.at(time))
+                raise
             self._latest = _Positioned(self._reference, motions, faces.gap_factors(time))
             refuse_tied(self.elasticity, self._reference, self.contacts)
             refuse_untouched(self.elasticity, self._reference)
@@ -425,6 +423,12 @@ class ContactBody:
         for contact in self.contacts:
             contact.friction_factor(time, self.comm)
             contact.gap_factor(time, self.comm)
+
+    def refuse_held_inside(self, elasticity: Deformable, loading: Loading, exact: bool = False) -> None:
+        """Refuse supports that hold nodes of contact faces inside foundations, with the bodies and what is prescribed
+        at a time; arguments and errors as of `held_nodes.refuse_held_inside`; collective."""
+        given = loading.prescribed
+        refuse_held_inside(self.contacts, self.foundations, elasticity, loading.time, given, exact)
 
     def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
         return self._faces.rigid_motions(time)

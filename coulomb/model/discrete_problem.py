@@ -4,7 +4,7 @@ error if K u = f is not solved by multigrid."""
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
@@ -311,6 +311,16 @@ class DiscreteProblem:
     def nodal_contact_force(self, x: FloatArray) -> FloatArray:
         """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""
         return self.surface.at_nodes(x)
+
+    def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
+        """Refuse supports that hold nodes of contact faces inside foundations now, or at other times; ValueError on
+        every rank, with face, number of nodes and depth; collective."""
+        given = [(self.elasticity, self.loading)]
+        if times:
+            bodies = map(self.body.elasticity.at_time, times)
+            given = [(one, one.at(time)) for one, time in zip(bodies, times, strict=True)]
+        for one, loading in given:
+            self.body.refuse_held_inside(one, loading)
 
     def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
         """The evidence for a certificate, from body, contact faces and foundations as given; collective.

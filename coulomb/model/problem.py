@@ -62,7 +62,6 @@ _log = logging.getLogger(__name__)
 KINEMATICS = ("small", "large")
 """Theories of a problem."""
 
-
 AGREEMENT = 1e-9
 """Change of temperature in a round, over the largest, at which contact and heat agree."""
 
@@ -328,6 +327,7 @@ class ContactProblem(DiscreteProblem):
             raise ValueError(f"progress must be a function of a step, or None, but is {progress!r}")
         if self.elasticity.outdated(self.loading):
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
+        self.refuse_held_inside()
         refuse_without_equilibrium(self)
         heat = self.body.heat
         if heat is not None:  # a solver that starts within its tolerance would leave a certificate that fails as it is

@@ -19,16 +19,17 @@ from ..fem.contact import (
     at_nodes_of,
     contact_matrix,
     contact_points,
-    distance_along,
     faces_away,
+    free_lengths,
     joined_points,
     pair_frames,
     rows_of,
 )
-from ..fem.geometry import HELD_BEYOND, RigidMotion, held_length, inverse_frames, on_all_ranks
+from ..fem.geometry import HELD_BELOW, inverse_frames
 from ..solvers.laws import FrictionLaw
 from .certificate import Evidence, pair_actions
 from .contact_body import Before, ContactBody, ContactState
+from .held_nodes import FoundationFace, OtherNodes
 from .nodal_answer import relative_displacement
 from .pair_checks import JudgedPair, PairFindings
 
@@ -109,6 +110,7 @@ def gather_evidence(
         jump=elasticity.jump(u, state.loading) if elasticity.ties else None,
         actions=_actions(elasticity.x, points, frames, force, [len(face[0].nodes) for face in faces]),
         pairs=_findings(body, state.time, faces, rows, u),
+        held_gap=np.concatenate([none[:0], *(others.remaining(u) for *_, others in faces if others is not None)]),
     )
 
 
@@ -139,7 +141,7 @@ def _actions(
     return np.array(found)
 
 
-_Face = tuple[ContactPoints, FloatArray, FloatArray, FrictionLaw, FloatArray]
+_Face = tuple[ContactPoints, FloatArray, FloatArray, FrictionLaw, FloatArray, OtherNodes | None]
 
 
 def _findings(
@@ -161,70 +163,33 @@ def _findings(
     return tuple(found)
 
 
-def _face(
-    body: ContactBody, number: int, time: float, before: Before | None, slip_rate: FloatArray
-) -> tuple[ContactPoints, FloatArray, FloatArray, FrictionLaw, FloatArray]:
+def _face(body: ContactBody, number: int, time: float, before: Before | None, slip_rate: FloatArray) -> _Face:
     """The contact points of a face that face its foundation and are not prescribed along their normal: points, frames
-    (m, 3, 3), gap, law of friction, and the foundation's displacement in this step (m, 3); metres; collective."""
-    contact, comm = body.contacts[number], body.comm
-    if contact.against is not None:
+    (m, 3, 3), gap, law of friction, and the foundation's displacement in this step (m, 3), metres; and the other nodes
+    of the face; collective."""
+    contact, comm, foundation = body.contacts[number], body.comm, body.foundations[number]
+    if foundation is None:
         return _pair(body, number, time, slip_rate)
-    member, facets = body.elasticity.face(contact.face, "contact")
-    elasticity = member.body
-    points, nodes = contact_points(elasticity, facets), elasticity.nodes_of(facets)
-    what = f"contact face {contact.face!r}"
-
-    def way() -> tuple[RigidMotion, RigidMotion]:
-        here = contact.rigid_motion(time, what)
-        return here, contact.rigid_motion(before.time, what) if before else here
-
-    here, then = on_all_ranks(way, "", comm)
-    foundation = body.foundations[number]
-    assert foundation is not None
-    x = points.average(elasticity.x)
-    outward = np.zeros_like(elasticity.x)
-    _, sums = elasticity.positive_weights(facets)
-    outward[nodes] = sums[nodes] / np.linalg.norm(sums[nodes], axis=1)[:, None]
-
-    def slope(x: FloatArray) -> FloatArray:
-        """Gradient of the signed distance at points (m, 3)."""
-        return on_all_ranks(
-            lambda: here.turned(foundation.normal(here.undone(x))) if len(x) else np.zeros((0, 3)), what, comm
-        )
-
-    n = outward[points.nodes] if contact.normals == "body" else -slope(x)
-
-    def remaining() -> FloatArray:
-        place = here.undone(elasticity.x[nodes])  # in the foundation's coordinates
-        if len(place) == 0:
-            return np.zeros(0)
-        distance = foundation.signed_distance(place)
-        if contact.normals == "body":
-            return distance_along(here.turned_back(outward[nodes]), place, distance, foundation)
-        return distance
-
-    gap = np.zeros(len(elasticity.x))
-    gap[nodes] = on_all_ranks(remaining, what, comm)
-    given = np.zeros(len(elasticity.x))
-    given[nodes] = contact.gap_factor(time, comm) * contact.gap_at(elasticity.x[nodes], comm)
-    at_vertices = slope(elasticity.x[points.nodes])
-    gaps = points.gap(gap) + points.average(given)
-    H = elasticity.held.projector_at(points.nodes)
-    facing = ~(contact.facing & faces_away(at_vertices, outward[points.nodes]))
-    free = facing & (held_length(n, points.held(elasticity.held)) <= HELD_BEYOND)
+    face = FoundationFace(contact, foundation, body.elasticity, time)
+    member, elasticity = face.member, face.member.body
+    then = face.motion if before is None else body.rigid_motions(before.time)[number]
+    points = contact_points(elasticity, face.facets)
+    x, at = points.average(elasticity.x), points.nodes
+    n = face.outward[at] if contact.normals == "body" else -face.slope(x)
+    gaps, H = points.gap(face.gap) + points.average(face.given), elasticity.held.projector_at(at)
+    facing = ~(contact.facing & faces_away(face.slope(elasticity.x[at]), face.outward[at]))
+    free = facing & (free_lengths(points.of(member, body.elasticity), n, body.elasticity) > HELD_BELOW)
     points, n, x, H, gaps = points.only(free), n[free], x[free], H[free], gaps[free]
     law = contact.law(x, points.area, time, slip_rate[points.nodes], comm)
     frames = contact.frames(n, H, x, comm)
     points = points.of(member, body.elasticity)
-    return points, frames, gaps, law, here.since(then, x)
+    return points, frames, gaps, law, face.motion.since(then, x), face.beside(body.elasticity)
 
 
-def _pair(
-    body: ContactBody, number: int, time: float, slip_rate: FloatArray
-) -> tuple[ContactPoints, FloatArray, FloatArray, FrictionLaw, FloatArray]:
+def _pair(body: ContactBody, number: int, time: float, slip_rate: FloatArray) -> _Face:
     """As `_face`, of a pair of deformable faces: what moves there is in the displacement."""
     contact, comm, pair = body.contacts[number], body.comm, body.pair(number)
     gap = pair.gap + contact.gap_factor(time, comm) * contact.gap_at(pair.x, comm)
     law = contact.law(pair.x, pair.points.area, time, slip_rate[pair.points.nodes], comm)
     frames = pair_frames(pair, contact.axes, comm)
-    return pair.points, frames, gap, law, np.zeros_like(pair.x)
+    return pair.points, frames, gap, law, np.zeros_like(pair.x), None

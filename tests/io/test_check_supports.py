@@ -83,3 +83,56 @@ def test_changed_directions_are_detected(tmp_path, change, fault):
             field[...] = value
     findings = check(copy / "steps" / "0003")
     assert not findings.passed and any(re.search(fault, text) for text in findings.faults)
+
+
+TOUCHING = """\
+mesh = { box = [1.0, 1.0, 1.0], cells = [3, 3, 3], KIND }
+material = { young = 1e5, poisson = 0.3 }
+clamp = [{ face = "left" }]
+traction = [{ face = "top", value = [0, 0, -1e3] }]
+contact = { face = "bottom", friction = 0.3 }
+"""
+
+
+@pytest.mark.parametrize("kind", ['cell = "hexahedron"', 'cell = "tetrahedron", degree = 2'])
+def test_held_nodes_inside_the_foundation_are_seen(kind, tmp_path):
+    """The gap of nodes that supports hold is found anew: here in files in which they, and what is prescribed, are 1 mm
+    inside the floor."""
+    run = copied(TOUCHING.replace("KIND", kind), tmp_path / "run")
+    assert check(run).passed
+    with h5py.File(run / "solution.h5", "r+") as file:
+        held = file["Mesh/mesh/geometry"][:, 0] < 1e-9
+        for name in ("displacement", "prescribed"):
+            values = next(iter(file[f"Function/{name}"].values()))
+            values[...] = np.where(held[:, None], [0.0, 0.0, -1e-3], values[...])
+    certificate = check(run).certificate
+    assert not certificate["penetration"].passed and certificate["clamps"].passed
+    assert certificate.penetration == pytest.approx(1e-3)
+
+
+FOLLOWING = """\
+contact = { face = "b:bottom", friction = 0.3 }
+tie = [{ face = "b:left", against = "a:right", slave = true }]
+traction = [{ face = "b:top", value = [0, 1e3, -2e3] }]
+clamp = [{ face = "a:left" }, { face = "a:right" }]
+[[body]]
+name = "a"
+box = [1.0, 0.5, 0.5]
+cells = [2, 2, 2]
+CELL
+material = { young = 1e5, poisson = 0.3 }
+[[body]]
+name = "b"
+box = [1.0, 0.5, 0.5]
+cells = [3, 3, 3]
+CELL
+translate = [1.0, 0.0, 0.0]
+material = { young = 1e5, poisson = 0.3 }
+"""
+
+
+@pytest.mark.parametrize("cell", ['cell = "hexahedron"', 'cell = "tetrahedron"\ndegree = 2'])
+def test_nodes_that_follow_clamped_ones_are_no_contact_points(cell):
+    """They are found anew by the ties of the case."""
+    findings = check(made(FOLLOWING.replace("CELL", cell)))
+    assert findings.passed, str(findings)

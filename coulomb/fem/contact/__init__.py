@@ -11,7 +11,9 @@ from .contact_points import (
     bounded_gap,
     contact_matrix,
     contact_points,
+    free_lengths,
     joined_points,
+    nodal_points,
     row_products,
 )
 from .mortar import MortarRows, mortar_rows
@@ -38,12 +40,14 @@ from .rigid_faces import RigidFace
 from .sections import Pretension
 from .surface import (
     ContactSurface,
+    FullyHeld,
     Normals,
     contact_surface,
     distance_along,
     faces_away,
     interpolated_forces,
     joined,
+    own_plane,
     plane_of_face,
 )
 from .tied_bodies import TiedBodies

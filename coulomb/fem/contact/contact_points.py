@@ -29,6 +29,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows, local_rows, matrix_product
+from ..geometry import held_length
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import facet_patch
 
@@ -77,10 +78,10 @@ class KeptMatrix:
 
 
 def _blocks(weights: scipy.sparse.csr_matrix, frames: FloatArray) -> scipy.sparse.csr_matrix:
-    """Weights (m, nodes) times the rows of frames (m, 3, 3), shape (3 m, 3 nodes)."""
+    """Weights (m, nodes) times the rows of frames (m, r, 3), shape (r m, 3 nodes)."""
     of = np.repeat(np.arange(len(frames)), np.diff(weights.indptr))
     entries = weights.data[:, None, None] * frames[of], weights.indices, weights.indptr
-    rows = scipy.sparse.bsr_matrix(entries, (3 * len(frames), 3 * weights.shape[1])).tocsr()
+    rows = scipy.sparse.bsr_matrix(entries, (frames.shape[1] * len(frames), 3 * weights.shape[1])).tocsr()
     rows.eliminate_zeros()
     return rows
 
@@ -102,6 +103,24 @@ def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) ->
     if comm.allreduce((free != whole).nnz == 0, op=MPI.LAND):
         return B
     return _distributed(free, points)
+
+
+def free_lengths(points: ContactPoints, n: FloatArray, body: Deformable) -> FloatArray:
+    """Length of the row of B T along n over that of B, of unit normals n (m, 3) of every point, shape (m,); collective.
+
+    u = T v + g, v the unknowns: it is 0 where the displacement along n is prescribed, by supports of the nodes, or of
+    those that they follow.
+    """
+    if points.opposite is None and not body.ties:
+        return np.sqrt(np.maximum(1.0 - held_length(n, points.held(body.held)) ** 2, 0.0))
+    rows, size = _blocks(points.difference, n[:, None]), points.space.numbering
+    B, P = distributed_rows(rows, (3 * size.local, 3 * size.total), points.space, None), body.projection()
+    product = B.matMult(P)
+    free, whole = (np.sqrt(np.asarray(of.multiply(of).sum(axis=1)).ravel()) for of in (local_rows(product), rows))
+    for matrix in (B, P, product):
+        matrix.destroy()
+    lengths: FloatArray = free / whole
+    return lengths
 
 
 def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
@@ -258,12 +277,12 @@ def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> C
     collective."""
     key = space.key_of(facets)
     if key not in space.points_of_faces:
-        space.points_of_faces[key] = (_nodal if space.positive else _weighted)(space, facets)
+        space.points_of_faces[key] = (nodal_points if space.positive else _weighted)(space, facets)
     return space.points_of_faces[key]
 
 
-def _nodal(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
-    """Nodes, each by itself."""
+def nodal_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
+    """The nodes of boundary facets, each by itself; collective."""
     nodes, numbering = space.nodes_of(facets), space.numbering
     entries = np.ones(len(nodes)), numbering.first + nodes, np.arange(len(nodes) + 1)
     weights = scipy.sparse.csr_matrix(entries, (len(nodes), numbering.total))

@@ -16,7 +16,7 @@ from ...arrays import FloatArray
 from ...nearest import tree_of
 from ..bodies import Deformable, at_nodes_of, rows_of
 from ..geometry import (
-    HELD_BEYOND,
+    HELD_BELOW,
     FrictionAxes,
     Plane,
     RigidFoundation,
@@ -26,7 +26,14 @@ from ..geometry import (
     on_all_ranks,
     supported_frames,
 )
-from .contact_points import ContactPoints, contact_matrix, contact_points, free_contact_matrix, joined_points
+from .contact_points import (
+    ContactPoints,
+    contact_matrix,
+    contact_points,
+    free_contact_matrix,
+    free_lengths,
+    joined_points,
+)
 
 Normals = Literal["foundation", "body"]
 """Source of the normals of the contact frames."""
@@ -163,11 +170,11 @@ def contact_surface(
     foundation; if that ray misses it, to the tangent plane of the foundation's point nearest to the node.
 
     Nodes where the face is turned away from the foundation cannot touch it and are no contact points.  Nodes whose
-    normal displacement is prescribed are no contact nodes; vertices of 10-node tetrahedra only if the other nodes of
-    their average are held as well.  A node whose displacement along a tangent is prescribed is one: its slip in that
-    direction is known, and friction acts on the support that prescribes it.  So is a node that is held obliquely to its
-    normal, as where a plane of symmetry ends on an inclined foundation: contact forces act on its free displacements,
-    and on the support.
+    normal displacement is prescribed, by supports or by what they follow, are no contact nodes: their rows of B T are
+    zero; vertices of 10-node tetrahedra only if the other nodes of their average are held as well.  A node whose
+    displacement along a tangent is prescribed is one: its slip in that direction is known, and friction acts on the
+    support that prescribes it.  So is a node that is held obliquely to its normal, as where a plane of symmetry ends on
+    an inclined foundation: contact forces act on its free displacements, and on the support.
 
     Args:
         elasticity: The body with its clamps.
@@ -191,8 +198,7 @@ def contact_surface(
         raise ValueError(f"contact: face {face!r} has no facets")
     on_face = body.nodes_of(facets)
     place = body.x[on_face]
-    if foundation is None:
-        foundation = plane_of_face(face, place, area[on_face], outward[on_face], comm)
+    foundation = foundation or own_plane(elasticity, face)
 
     if normals not in ("foundation", "body"):
         raise ValueError(f'contact: normals must be "foundation" or "body", but is {normals!r}')
@@ -218,12 +224,13 @@ def contact_surface(
 
     H, along = body.held.projector_at(points.nodes), held_length(n, points.held(body.held))
     turned = away[points.nodes]
-    keep: npt.NDArray[np.bool_] = (along <= HELD_BEYOND) & ~turned
+    free = free_lengths(points.of(member, elasticity), n, elasticity) > HELD_BELOW
+    keep: npt.NDArray[np.bool_] = free & ~turned
     free_length = np.sqrt(np.maximum(1.0 - along**2, 0.0))
     nearly = "is held at less than 0.6 degrees to the foundation's normal: hold it along the normal, or not"
     _refuse(keep & (free_length < _NEARLY_HELD), x, f"{what} {nearly}", comm)
     if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
-        raise ValueError(f"{what} is fully clamped: none of its nodes can move against the foundation")
+        raise FullyHeld(f"{what} is fully clamped: none of its nodes can move against the foundation")
 
     points, x, n, H, distance = points.only(keep), x[keep], n[keep], H[keep], distance[keep]
     given = np.zeros(len(body.x))
@@ -330,6 +337,19 @@ def distance_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundatio
             break
     left = np.abs(foundation.signed_distance(x + way[:, None] * n)) if len(x) else way
     return np.where(missed | (left > 1e-8 * size + 1e-300), tangent, way)
+
+
+class FullyHeld(ValueError):
+    """No node of a contact face can move against its foundation."""
+
+
+def own_plane(elasticity: Deformable, face: str) -> Plane:
+    """The plane of a face, with its normal into the body; ValueError on every rank if it is none; collective."""
+    member, facets = elasticity.face(face, "contact")
+    nodes, (area, outward) = member.body.nodes_of(facets), member.body.positive_weights(facets)
+    if elasticity.comm.allreduce(len(nodes), op=MPI.SUM) == 0:
+        raise ValueError(f"contact: face {face!r} has no facets")
+    return plane_of_face(face, member.body.x[nodes], area[nodes], outward[nodes], elasticity.comm)
 
 
 def plane_of_face(face: str, x: FloatArray, area: FloatArray, outward: FloatArray, comm: MPI.Comm) -> Plane:

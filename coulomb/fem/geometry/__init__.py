@@ -3,6 +3,7 @@ contact points, and values that a user gives as numbers or functions.  Uses nump
 """
 
 from .contact_frames import (
+    HELD_BELOW,
     HELD_BEYOND,
     LEAST_RATIO,
     FrictionAxes,

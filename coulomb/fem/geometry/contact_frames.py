@@ -12,7 +12,7 @@ that belongs to y, and all else is as for one coefficient.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -27,6 +27,9 @@ _ALONG_NORMAL = 1e-3
 
 HELD_BEYOND = 1.0 - 1e-10
 """A node whose normal has at least this length along prescribed directions cannot be in contact."""
+
+HELD_BELOW: Final = 1.5e-5
+"""The same as a length along directions that are not prescribed: one of a row of B T over that of the row of B."""
 
 _CLEAN = 1e-10
 """A held part of a tangent shorter than this is a rounding error."""

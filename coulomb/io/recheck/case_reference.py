@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 from pydantic import ValidationError
 
@@ -25,7 +26,7 @@ from ...case.files import named_files
 from ...case.values import FieldTable
 from ...fem import compat
 from ...fem.bodies import TEMPERATURE, Bolt, Deformable, LoadedBody, Loading, Member, NodalForces, rigid_modes
-from ...fem.contact import plane_of_face
+from ...fem.contact import ContactPoints, free_lengths, plane_of_face
 from ...fem.geometry import RigidFoundation, RigidMotion, moved
 from ...fem.meshes import SEPARATOR
 from ...linalg.reductions import Reductions
@@ -111,6 +112,14 @@ class CaseReference:
         before: Any = summary.get("step", {}).get("case", {}).get("tables", {"small_strain": "warn"})
         return bool(self.settings.small_strain == "warn" == before.get("small_strain"))
 
+    def free_lengths(self, run: WrittenRun, weights: scipy.sparse.csr_matrix, n: FloatArray, time: float) -> FloatArray:
+        """`free_lengths` along unit normals n (m, 3) of points that are averages of a run's nodes by weights (m, k),
+        with the ties of the case; shape (m,)."""
+        body, node = self.tied_body.at_time(time), self.nodes_of_tied_body(run)
+        of_case = scipy.sparse.csr_matrix((weights.data, node[weights.indices], weights.indptr), weights.shape)
+        points = ContactPoints(body, np.zeros(len(n), dtype=np.int32), np.zeros(len(n)), of_case, False)
+        return free_lengths(points, n, body)
+
     def orient(self, run: WrittenRun) -> None:
         """Take the slave of every pair to be the face that has the contact points in the files."""
         slave, master = dict(enumerate(run.face_names)), {one.contact: one.against for one in run.opposite}
@@ -133,6 +142,11 @@ class CaseReference:
             given = contact.foundation or plane_of_face(contact.face, x, area, outward, MPI.COMM_SELF)
             self._foundations[part] = given
         return moved(self._foundations[part], self.rigid_motions(time)[part])
+
+    def distance_given(self, part: int, x: FloatArray) -> FloatArray:
+        """Distance of points x (k, 3) to the foundation of a face where it was given, metres, shape (k,); after
+        `foundation`."""
+        return self._foundations[part].signed_distance(x)
 
     def foundations(self, time: float) -> list[RigidFoundation | None]:
         """Foundations of all faces for which `foundation` was called, moved to a time; None for pairs."""

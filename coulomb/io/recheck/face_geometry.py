@@ -37,7 +37,8 @@ from ...fem.contact import (
     whole_face,
     within,
 )
-from ...fem.geometry import HELD_BEYOND, LEAST_RATIO, held_length, supported_frames
+from ...fem.geometry import HELD_BELOW, HELD_BEYOND, LEAST_RATIO, RigidFoundation, held_length, supported_frames
+from ...model.held_nodes import OtherNodes, touching, without_slopes
 from ...nearest import tree_of
 from ..run_directory import CONTACT
 from ..run_files import WrittenFace, WrittenOpposite, WrittenRun
@@ -63,11 +64,14 @@ def contact_nodes(
     slip_rate: FloatArray | None,
     grids: Sequence[_Grid],
     found: Comparison,
-) -> ContactNodes:
-    """The nodes to check, of contact faces each with its grid and its facets, at the time of the run.
+    tied: bool = False,
+) -> tuple[ContactNodes, tuple[OtherNodes, ...]]:
+    """The nodes to check, of contact faces each with its grid and its facets, at the time of the run; and those that
+    are no contact points, but are judged as well.
 
     Without a case, normals, gaps and law are those in the files, whose axes are checked.  `slip_rate` is that of the
-    load step before at the nodes of the faces, m/s, shape (q,); None if it is unknown.
+    load step before at the nodes of the faces, m/s, shape (q,); None if it is unknown.  `tied` is whether the case has
+    ties, and the meshes of the files.
 
     Raises:
         ValueError: If no node is left.
@@ -79,12 +83,12 @@ def contact_nodes(
         if number not in opposite:
             taken[face.part.nodes.start + face.part.body.nodes_of(facets)] = True
     pairs = _pairs(run, case, grids, opposite, taken)
-    source = _Source(run, case, time, slip_rate, found)
+    source, others = _Source(run, case, time, slip_rate, found, tied), list[OtherNodes]()
     nodes = ContactNodes.joined(
         [
             source.in_pair(number, face, said == number, opposite[number], *pairs[number])
             if number in opposite
-            else source.against_foundation(number, face, facets, said == number)
+            else source.against_foundation(number, face, facets, said == number, others)
             for number, (face, facets) in enumerate(grids)
         ]
     )
@@ -95,7 +99,7 @@ def contact_nodes(
         source.report(np.flatnonzero(stray), fault)
     if not np.any(nodes.written):
         raise ValueError(f"{run.folder}: contact.h5 has no contact node to check")
-    return nodes
+    return nodes, tuple(others)
 
 
 @dataclass(frozen=True)
@@ -107,11 +111,17 @@ class _Source:
     time: float
     slip_rate: FloatArray | None
     found: Comparison
+    tied: bool
 
     def against_foundation(
-        self, number: int, face: WrittenFace, facets: npt.NDArray[np.int32], said: npt.NDArray[np.bool_]
+        self,
+        number: int,
+        face: WrittenFace,
+        facets: npt.NDArray[np.int32],
+        said: npt.NDArray[np.bool_],
+        others: list[OtherNodes],
     ) -> ContactNodes:
-        """The nodes of a face against a foundation."""
+        """The nodes of a face against a foundation; those that are no contact points are added to `others`."""
         run, case, time, body, held = self.run, self.case, self.time, face.part.body, self.run.held_in(face.part)
         count, local = len(run.node), face.node - face.part.nodes.start
         around, outward = np.zeros(count), np.zeros((count, 3))
@@ -149,7 +159,12 @@ class _Source:
             turned = faces_away(there.normal(run.on_face["x"][index]), unit)
             given = data["given_gap"] if case.lacks_gap(number) else given
             gap = distance + given
+            others.append(
+                self._beside(number, face, np.flatnonzero(on), there, unit_vectors(outward[on]), on_nodes[on, 1])
+            )
         free: npt.NDArray[np.bool_] = held_length(n, points.held(held)) <= beyond
+        if self.tied:
+            free &= self._free(weights, n)
         frames = supported_frames(n, H)
         if case is not None:
             frames[free] = case.contacts[number].frames(n[free], H[free], x[free], MPI.COMM_SELF)
@@ -164,6 +179,39 @@ class _Source:
         averages, origin = (index, weights, opposite, np.zeros_like(frames), part, written), data["slip_origin"]
         nodes = ContactNodes(*averages, frames, gap, given, np.zeros(len(x)), points.area, *law, origin, still, still)
         return nodes.only(free & (written | ~turned))
+
+    def _free(self, weights: scipy.sparse.csr_matrix, n: FloatArray) -> npt.NDArray[np.bool_]:
+        """Whether supports and ties of the case leave averages of the nodes of the written faces, by weights (m, q),
+        free along unit normals n (m, 3), shape (m,)."""
+        assert self.case is not None
+        entries, shape = (weights.data, self.run.node[weights.indices], weights.indptr), (len(n), len(self.run.body.x))
+        lengths = self.case.free_lengths(self.run, scipy.sparse.csr_matrix(entries, shape), n, self.time)
+        return np.asarray(lengths > HELD_BELOW)
+
+    def _beside(
+        self,
+        number: int,
+        face: WrittenFace,
+        on: npt.NDArray[np.int64],
+        there: RigidFoundation,
+        outward: FloatArray,
+        given: FloatArray,
+    ) -> OtherNodes:
+        """Which nodes of a face, numbers `on` (p,) among those of the written faces, are no contact points by
+        themselves; with the moved foundation, their unit normals (p, 3) and the gaps given there (p,), by the case."""
+        run, case, node, x = self.run, self.case, self.run.node[on], self.run.on_face["x"][on]
+        assert case is not None
+        contact, slope, H = case.contacts[number], there.normal(x), run.held.projector_at(node)
+        n = outward if contact.normals == "body" else -slope
+        held = held_length(n, H) > HELD_BEYOND
+        if self.tied:
+            entries = np.ones(len(on)), on, np.arange(len(on) + 1)
+            held |= ~self._free(scipy.sparse.csr_matrix(entries, (len(on), len(run.node))), n)
+        which = held | (contact.facing & faces_away(slope, outward))
+        extent, before = float(np.max(np.ptp(face.part.body.x, axis=0))), case.distance_given(number, x)
+        gap = touching(there.signed_distance(x) + given, before, extent, held)[which]
+        n = without_slopes(slope, H, held)[which]
+        return OtherNodes(MPI.COMM_SELF, node[which].astype(np.int32), run.body.x, n, gap, held[which])
 
     def in_pair(
         self,
@@ -201,11 +249,16 @@ class _Source:
             given = given if case.lacks_gap(number) else case.given_gap(number, self.time, x)
             H = run.held.projector_at(face.part.nodes.start + rows.node)
             frames = contact.frames(n, H, x, MPI.COMM_SELF)
-        self.report(index[~written], "are left out, but are opposite to the other face")
+        free = np.ones(len(index), dtype=bool)
+        if self.tied and case is not None:
+            mine = scipy.sparse.csr_matrix((weights.data, run.node[weights.indices], weights.indptr), opposite.shape)
+            free = case.free_lengths(run, (mine - opposite).tocsr(), n, self.time) > HELD_BELOW
+        self.report(index[free & ~written], "are left out, but are opposite to the other face")
         chord = np.max([*bulges_at_points(rows, distance, *faces), rows.chord], axis=0)
         law, still, part = self._law(number, x, rows.area, index), np.zeros_like(x), np.full(len(x), number)
         averages, origin = (index, weights, opposite, mirrored, part, written), data["slip_origin"]
-        return ContactNodes(*averages, frames, distance + given, given, chord, rows.area, *law, origin, still, still)
+        nodes = ContactNodes(*averages, frames, distance + given, given, chord, rows.area, *law, origin, still, still)
+        return nodes.only(free)
 
     def _law(
         self, number: int, x: FloatArray, area: FloatArray, index: npt.NDArray[np.int64]

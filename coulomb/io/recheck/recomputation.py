@@ -21,6 +21,7 @@ from ...fem.geometry import RigidFoundation, Spin
 from ...fem.meshes import SEPARATOR
 from ...linalg.reductions import Reductions
 from ...model.certificate import Certificate, Evidence, judge, rounding_forces
+from ...model.held_nodes import OtherNodes
 from ...model.load_step import Forces
 from ...model.nodal_answer import NodalAnswer
 from ...model.pair_checks import PairFindings
@@ -82,6 +83,7 @@ class Recomputation:
         accepted: Whether violations of the theory of small strains are accepted.
         ties: Those of the case; None if there are none or they are unknown.
         pairs: What is off in the pairs of faces.
+        others: Nodes of the contact faces that are no contact points.
     """
 
     run: WrittenRun
@@ -94,6 +96,7 @@ class Recomputation:
     accepted: bool
     ties: CaseTies | None = None
     pairs: tuple[PairFindings, ...] = ()
+    others: Sequence[OtherNodes] = ()
 
     def variant(self, rounding: Rounding | None) -> Variant:
         """Data recomputed from the written numbers, or from perturbed ones."""
@@ -143,6 +146,7 @@ class Recomputation:
                 actions=nodes.actions(run, on_face),
                 jump=None if tied is None else tied.jump,
                 pairs=self.pairs,
+                held_gap=np.concatenate([np.zeros(0), *(one.remaining(u) for one in self.others)]),
             )
         )
         body_x, reactions = taken(body.x), held.held_part(imbalance - of_ties)

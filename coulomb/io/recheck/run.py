@@ -169,7 +169,8 @@ def check_run(
     faces = _facets_of_faces(run, part, count)
     alone = start is None and "step" in run.summary
     slip_rate = None if alone else np.zeros(len(run.node)) if start is None else start.slip_rate(run)
-    nodes = contact_nodes(run, case, time, slip_rate, faces, found)
+    tied = case is not None and part is not None and case.tied
+    nodes, others = contact_nodes(run, case, time, slip_rate, faces, found, tied)
     spins = spins_of(run, case, time, start.time if start else None)
     nodes, unknown = from_start(run, nodes, spins, case, time, start, found)
     strain = run.summary.get("small_strain") or {}
@@ -182,8 +183,9 @@ def check_run(
         located_probes(run, case, faces),
         faces,
         bool(strain.get("accepted")) if case is None else case.accepts(run.summary),
-        CaseTies(case, time, run) if case is not None and part is not None and case.tied else None,
+        CaseTies(case, time, run) if case is not None and tied else None,
         judged_pairs(run, nodes, case, faces),
+        others,
     )
     roundings = (None, *(Rounding((seed, abs(number)), run.evaluation) for seed in _SEEDS))
     variants = tuple(data.variant(rounding) for rounding in roundings)
