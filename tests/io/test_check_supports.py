@@ -136,3 +136,29 @@ def test_nodes_that_follow_clamped_ones_are_no_contact_points(cell):
     """They are found anew by the ties of the case."""
     findings = check(made(FOLLOWING.replace("CELL", cell)))
     assert findings.passed, str(findings)
+
+
+STACKED = """\
+contact = { face = "b:top", against = "d:bottom", slave = true, friction = 0.3 }
+traction = [{ face = "d:top", value = [0, 0, -50] }]
+clamp = [{ face = "a:left" }, { face = "a:right" }, { face = "c:left" }, { face = "c:right" }]
+tie = [
+    { face = "b:left", against = "a:right", slave = true },
+    { face = "d:left", against = "c:right", slave = true },
+]
+""" + "".join(
+    f"""\
+[[body]]
+name = "{name}"
+box = [1.0, 0.5, 0.5]
+cells = [{cells}, {cells}, {cells}]
+translate = [{x}, 0.0, {z}]
+material = {{ young = 1e5, poisson = 0.3 }}
+"""
+    for name, cells, x, z in (("a", 2, 0.0, 0.0), ("b", 3, 1.0, 0.0), ("c", 2, 0.0, 0.5), ("d", 2, 1.0, 0.5))
+)
+
+
+def test_points_of_a_pair_that_follow_clamped_nodes_on_both_sides():
+    findings = check(made(STACKED))
+    assert findings.passed, str(findings)

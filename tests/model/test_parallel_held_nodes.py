@@ -187,3 +187,38 @@ def test_points_of_a_rigid_face_whose_height_is_prescribed():
     problem = ContactProblem(cube(), RUBBER, [Clamp("left")], FLOOR, PRESSED, rigid_faces=[still])
     assert problem.unknowns["contact"] == 3 * 8
     assert problem.solve().valid
+
+
+def stacked(lift=0.0):
+    """Two bars on each other, each tied at its left end to a clamped face; that of the upper one is lifted."""
+    ends = {"a": (2, 0.0, 0.0), "b": (3, 1.0, 0.0), "c": (2, 0.0, 0.5), "d": (2, 1.0, 0.5)}
+    bars = {
+        name: coulomb.moved(coulomb.box((1.0, 0.5, 0.5), (2 * n, n, n)), (x, 0.0, z))
+        for name, (n, x, z) in ends.items()
+    }
+    supports = [*map(Clamp, ("a:left", "c:left", "a:right")), PrescribedDisplacement("c:right", (0.0, 0.0, lift))]
+    ties = [Tied("b:left", "a:right", slave=True), Tied("d:left", "c:right", slave=True)]
+    contact = Contact("b:top", friction=0.3, against="d:bottom", slave=True)
+    return ContactProblem(
+        coulomb.join(**bars), RUBBER, supports, contact, [Traction("d:top", (0, 0, -50.0))], ties=ties
+    )
+
+
+def test_points_of_a_pair_that_nothing_can_move():
+    """Both sides follow clamped nodes: the nodes beside them take their part of the face."""
+    problem = stacked()
+    assert problem.unknowns["contact"] == 3 * 24
+    area = problem.comm.allreduce(float(problem.surface.area.sum()))
+    assert area == pytest.approx(0.5)
+    assert problem.solve().valid
+
+
+def test_a_slave_face_whose_height_is_prescribed_presses():
+    """All of its nodes follow the motion of a rigid face: their rows of B T are those of the master."""
+    lower, upper = cube(2), coulomb.moved(cube(2), (0.0, 0.0, 1.0))
+    lifted = RigidFace("lower:top", translation=(None, None, DEPTH), rotation=(0.0, 0.0, 0.0))
+    contact = Contact("lower:top", friction=0.3, against="upper:bottom", slave=True)
+    supports = [Clamp("lower:bottom"), Clamp("upper:top")]
+    mesh = coulomb.join(lower=lower, upper=upper)
+    answer = ContactProblem(mesh, RUBBER, supports, contact, rigid_faces=[lifted]).solve()
+    assert answer.valid and answer.at_nodes.totals()["normal_force"] == pytest.approx(1e3, rel=0.35)

@@ -13,9 +13,17 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, unit_vectors
 from ..bodies import Deformable, DisplacementSpace, HeldDirections, SingleBody
-from ..geometry import HELD_BEYOND, FrictionAxes, RigidFoundation, held_length, on_all_ranks, supported_frames
+from ..geometry import (
+    HELD_BELOW,
+    HELD_BEYOND,
+    FrictionAxes,
+    RigidFoundation,
+    held_length,
+    on_all_ranks,
+    supported_frames,
+)
 from ..meshes import Exchange, boundary_facets, fetched, owner_of, starts_of
-from .contact_points import ContactPoints, among_all
+from .contact_points import ContactPoints, among_all, free_lengths
 from .facet_patch import FacetPatch, facet_patch
 from .mortar import LEAST_SHARE, MortarRows, mortar_rows
 from .near_facets import NearFace, near_pair, normals_at_nodes
@@ -277,13 +285,15 @@ def pair_of(
     adjust: float = 0.0,
     taken: npt.NDArray[np.bool_] | None = None,
     shape: Shape = NO_SHAPE,
+    still: npt.NDArray[np.bool_] | None = None,
 ) -> Pair:
     """The geometry of a pair of a slave and a master face; collective.
 
     Nodes of the slave face whose displacement along the normal is prescribed, those that nothing opposes, those that
     are contact points of another face already (`taken`), and those that are on the master face as well, are no contact
-    points; their parts of the face belong to the nodes beside them.  Gaps and penetrations up to `adjust` in metres are
-    taken to be 0.
+    points; their parts of the face belong to the nodes beside them.  So are those that follow nodes whose displacement
+    is prescribed, and are opposite to such nodes alone (`still`, found here).  Gaps and penetrations up to `adjust` in
+    metres are taken to be 0.
 
     Raises:
         ValueError: On every rank, if a face is unknown, its nodes are off the surface given for it, or no part of one
@@ -307,6 +317,8 @@ def pair_of(
     starts = starts_of(comm, numbering.local)
     gone = np.zeros(numbering.local, dtype=bool)
     gone[np.union1d(clamped, twice)] = True
+    if still is not None:
+        gone |= still[slave.nodes]
     if slave.body is master.body:  # at the tip of a crack the two faces cannot part
         gone[np.intersect1d(on_face, body.nodes_of(on_master))] = True
     left_out = np.flatnonzero(fetched(comm, starts, near.slave.numbers, gone))
@@ -319,8 +331,8 @@ def pair_of(
         nodes, left, what = comm.allreduce(len(on_face)), comm.allreduce(gone.sum()), f"contact face {face!r}"
         if nodes and left == nodes:
             raise ValueError(
-                f"{what}: all of its nodes are clamped, or contact points of another face, and none is left against "
-                f"{against!r}: leave this pair out"
+                f"{what}: all of its nodes are clamped, follow clamped ones, or are contact points of another face, "
+                f"and none is left against {against!r}: leave this pair out"
             )
         raise ValueError(
             f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals in "
@@ -338,6 +350,11 @@ def pair_of(
     points = points.of(slave, elasticity)
     mirrors = mirrored(points, planes, opposite, elasticity)
     points = replace(points, opposite=opposite, mirrored=mirrors)
+    if elasticity.ties and still is None:
+        still = np.zeros(len(elasticity.x), dtype=bool)
+        still[points.nodes[free_lengths(points, n, elasticity) <= HELD_BELOW]] = True
+        if comm.allreduce(bool(np.any(still)), op=MPI.LOR):
+            return pair_of(elasticity, face, against, adjust, taken, shape, still)
     x = rows.x
     if mirrors is not None:
         x = x + np.einsum("mij,mj->mi", mirrors, elasticity.x[points.nodes] - x)

@@ -82,7 +82,7 @@ def contact_nodes(
     for number, (face, facets) in enumerate(grids):
         if number not in opposite:
             taken[face.part.nodes.start + face.part.body.nodes_of(facets)] = True
-    pairs = _pairs(run, case, grids, opposite, taken)
+    pairs = _pairs(run, case, grids, opposite, taken, time if tied else None)
     source, others = _Source(run, case, time, slip_rate, found, tied), list[OtherNodes]()
     nodes = ContactNodes.joined(
         [
@@ -249,16 +249,11 @@ class _Source:
             given = given if case.lacks_gap(number) else case.given_gap(number, self.time, x)
             H = run.held.projector_at(face.part.nodes.start + rows.node)
             frames = contact.frames(n, H, x, MPI.COMM_SELF)
-        free = np.ones(len(index), dtype=bool)
-        if self.tied and case is not None:
-            mine = scipy.sparse.csr_matrix((weights.data, run.node[weights.indices], weights.indptr), opposite.shape)
-            free = case.free_lengths(run, (mine - opposite).tocsr(), n, self.time) > HELD_BELOW
-        self.report(index[free & ~written], "are left out, but are opposite to the other face")
+        self.report(index[~written], "are left out, but are opposite to the other face")
         chord = np.max([*bulges_at_points(rows, distance, *faces), rows.chord], axis=0)
         law, still, part = self._law(number, x, rows.area, index), np.zeros_like(x), np.full(len(x), number)
         averages, origin = (index, weights, opposite, mirrored, part, written), data["slip_origin"]
-        nodes = ContactNodes(*averages, frames, distance + given, given, chord, rows.area, *law, origin, still, still)
-        return nodes.only(free)
+        return ContactNodes(*averages, frames, distance + given, given, chord, rows.area, *law, origin, still, still)
 
     def _law(
         self, number: int, x: FloatArray, area: FloatArray, index: npt.NDArray[np.int64]
@@ -295,26 +290,56 @@ def _pairs(
     grids: Sequence[_Grid],
     opposite: dict[int, WrittenOpposite],
     taken: npt.NDArray[np.bool_],
+    time: float | None,
 ) -> dict[int, tuple[MortarRows, tuple[NearFace, NearFace], FloatArray, FloatArray]]:
     """The contact points of all pairs (`_in_pair`) by the number of the contact, with every node at the nearest master.
 
-    `taken` are nodes that are contact points against a foundation, shape (k,).
+    `taken` are nodes that are contact points against a foundation, shape (k,); `time` is that of the ties of the case,
+    None without any.
     """
     rows, left_out, changed = {}, dict.fromkeys(opposite, taken), list(opposite)
     while changed:
         for number in changed:
             shape = written_shape(run, number) if case is None else case.contacts[number].shape
-            rows[number] = _in_pair(run, *grids[number], opposite[number], left_out[number], shape or NO_SHAPE)
+            for _ in range(1 if time is None else 2):
+                found = _in_pair(run, *grids[number], opposite[number], left_out[number], shape or NO_SHAPE)
+                rows[number] = found
+                if case is not None and time is not None:
+                    still = _still(
+                        run, case, time, found, grids[number][0].part.nodes, opposite[number].face.part.nodes
+                    )
+                    left_out[number] = left_out[number] | still
         points = {}
-        for number, (found, _, _, n) in rows.items():
+        for number, (mortar, _, _, n) in rows.items():
             adjust = 0.0 if case is None else case.contacts[number].adjust
-            gap = found.gap(n)
-            nodes = grids[number][0].part.nodes.start + found.node
+            gap = mortar.gap(n)
+            nodes = grids[number][0].part.nodes.start + mortar.node
             points[number] = nodes, np.where(np.abs(gap) <= adjust, 0.0, gap)
         lost = nodes_of_other_pairs(points, len(taken), float(np.max(np.abs(run.body.x))))
         changed = [number for number in lost if np.any(lost[number])]
         left_out |= {number: left_out[number] | lost[number] for number in changed}
     return rows
+
+
+def _still(
+    run: WrittenRun,
+    case: CaseReference,
+    time: float,
+    pair: tuple[MortarRows, tuple[NearFace, NearFace], FloatArray, FloatArray],
+    slave: slice,
+    master: slice,
+) -> npt.NDArray[np.bool_]:
+    """Nodes, shape (k,), of contact points of a pair of which ties of the case leave neither side free; `slave` and
+    `master` are the nodes of the two bodies."""
+    rows, _, _, n = pair
+    total = len(run.body.x)
+    own, other = (
+        scipy.sparse.csr_matrix((of.data, start + of.indices, of.indptr), shape=(of.shape[0], total))
+        for of, start in ((rows.weights, slave.start), (rows.opposite, master.start))
+    )
+    still = np.zeros(total, dtype=bool)
+    still[slave.start + rows.node[case.free_lengths(run, (own - other).tocsr(), n, time) <= HELD_BELOW]] = True
+    return still
 
 
 def written_shape(run: WrittenRun, number: int) -> Shape | None:
