@@ -28,7 +28,7 @@ from ..fem.bodies import (
     vanishes,
 )
 from ..fem.contact import ContactSurface, RigidFace, Tied, TiedBodies, with_slaves
-from ..fem.geometry import Amplitude, Coefficient, Field, same_on_all_ranks
+from ..fem.geometry import Amplitude, Coefficient, Field, RigidFoundation, same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..lazy_names import late_bound
 from ..linalg.compliance import IterativeSolver, LinearSolver
@@ -72,6 +72,17 @@ ROUNDS = 50
 """Maximum number of rounds of contact and conduction."""
 
 _POSITIONAL = ("mesh", "material", "clamps", "contact", "tractions", "body_force", "springs")
+
+
+def _on_curved_faces(pair: Contact, mesh: NamedMesh | JoinedMesh) -> Contact:
+    """The pair with the surfaces for which its first-order facets stand, where the mesh knows them."""
+
+    def stand_for(face: str) -> RigidFoundation | None:
+        return (mesh.bodies[mesh.split(face, "contact")[0]] if isinstance(mesh, JoinedMesh) else mesh).curved
+
+    assert pair.against is not None
+    surface, against = pair.surface or stand_for(pair.face), pair.against_surface or stand_for(pair.against)
+    return replace(pair, surface=surface, against_surface=against)
 
 
 class HeatNotConverged(NotConverged):
@@ -260,6 +271,8 @@ class ContactProblem(DiscreteProblem):
         given = self._named
         given |= {"material": None} if isinstance(self.made_of, Deformable) else {}  # it may be the contact
         contacts = [replace(one, slave=one.against is not None) for one in self.body.contacts]
+        if given["kinematics"] == "small" and not isinstance(mesh, Deformable):
+            contacts = [one if one.against is None else _on_curved_faces(one, mesh) for one in contacts]
         given["ties"] = with_slaves(given.get("ties", ()), self.elasticity.ties)
         return type(self)(**{**given, "mesh": mesh, "contact": contacts, "time": self.time})
 

@@ -30,6 +30,7 @@ from coulomb.io.error_bars import (
     extrapolated,
 )
 from coulomb.pictures.report.units import compared_in_words, share_of_tolerance
+from verification.ring_pair import BORE, FIT, INTERFERENCE, LENGTH, RIM, fitted, lame, quarter
 
 STEEL = Material(young=2.1e11, poisson=0.3)
 
@@ -194,6 +195,20 @@ def test_facets_of_curved_faces_that_all_meshes_share_are_in_the_bar(other, left
     assert bars_of([fine, coarse], 0.001)["totals.force"].bar == pytest.approx(SHAPE * (left + 0.001) * 7.0)
     planes = replace(coarse, volume=1.0)
     assert bars_of([fine, planes])["totals.force"].bar == pytest.approx(SHAPE * max(other, 0.02) * 7.0)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_press_fit_of_second_order_is_compared_on_its_own_curved_faces(cell):
+    """Chords of first-order facets are 12 times the interference: so would be the bar over the force (Lame)."""
+    bodies = {
+        "inner": quarter(BORE, FIT, (2, 8), cell, 2),
+        "outer": quarter(FIT, RIM, (2, 6), cell, 2),
+    }
+    bodies = {name: replace(mesh, grid=None, coarser=None) for name, mesh in bodies.items()}
+    fit = Contact("inner:right", against="outer:left", friction=0.0, gap=-INTERFERENCE)
+    bar = fitted(bodies, ("front", "back", "bottom", "top"), fit).solve().error()["totals.normal_force"]
+    exact = lame() * 0.5 * np.pi * FIT * LENGTH
+    assert abs(bar.value[0] - exact) <= bar.bar[0] < 0.1 * exact
 
 
 def test_the_parts_of_a_bar():

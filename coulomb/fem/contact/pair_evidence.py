@@ -24,7 +24,9 @@ import scipy.sparse
 
 from ...arrays import FloatArray, IntArray, unit_vectors
 from ..geometry import RigidFoundation
+from ..meshes import CurvedFaces
 from .closest_points import Facets, Hits, facet_functions, hits, plane_vectors, reference_nodes
+from .mortar import ROUND
 
 _KINK: Final = {1: 0.1, 2: 0.25}
 """Error of an average over int |lambda_j| dS/a_j times the largest distance of what is averaged from the functions of
@@ -52,6 +54,9 @@ _CREASE: Final = 0.9
 
 _LEAST_DUAL: Final = 0.05
 """Covered share of a facet below which its functions are the linear ones of the corners."""
+
+_HALFWAY: Final = 0.1
+"""Error of how far functions are from the dual ones to the linear ones, over how far they are."""
 
 _SINGULAR: Final = 1e-4
 """Ratio of the eigenvalues of a mass matrix below which the points before the master are too few for dual functions."""
@@ -220,6 +225,9 @@ class PairSamples:
         found[self._dual] = sizes[:, :, None] * np.linalg.solve(
             mass[self._dual], np.broadcast_to(self._span, (len(sizes), *self._span.shape))
         )
+        if width == 6:  # up to halfway to the linear ones (`mortar`)
+            way = (0.5 * self._halfway() * self._dual)[:, None, None] * (linear - found)
+            found, swing = found + way, _HALFWAY * way
         self._own = np.einsum("fjn,qn,fq->fjq", found, self._values, self._size)
         integral = self._own.sum(axis=2)
         nodes = slave.nodes[self._chosen][:, columns]
@@ -232,6 +240,9 @@ class PairSamples:
         row = order[np.searchsorted(node, nodes, sorter=order).clip(max=max(len(node) - 1, 0))] if len(node) else nodes
         self._facet, column = np.nonzero(np.isin(nodes, node) & ~gone)
         self._point, self._weight = row[self._facet, column], weight[self._facet, column]
+        self._swing = np.zeros((len(self._facet), self._size.shape[1]))
+        if width == 6:
+            self._swing = np.einsum("fjn,qn,fq->fjq", swing, self._values, self._size)[self._facet, column]
         self._count = len(node)
         self.area = self._sums(self._weight.sum(axis=1))
         f, p = self._around
@@ -288,7 +299,23 @@ class PairSamples:
         np.maximum.at(low, p, -least[f])
         whole = np.maximum(high + low, 0.0)
         edge = self._share[:, None] * np.where(np.isfinite(whole), whole, 0.0)
-        return self._larger[:, None] * self._most(off) + edge
+        swing = self._sums(np.abs(np.einsum("kq,kqd->kd", self._swing, inner[self._facet])))
+        swing /= np.maximum(self.area, 1e-300)[:, None]
+        return self._larger[:, None] * self._most(off) + edge + swing
+
+    def _halfway(self) -> FloatArray:
+        """How far the functions of 6-node triangles are to halfway, shape (f,): by their chords, over their diameters,
+        and by those of the ways to the master."""
+        x, inner, ways = self._slave.x[self._chosen], self._inner, self._way[:, :, None] * self._along
+        off = x[:, 3:] - 0.5 * (x[:, :3] + np.roll(x[:, :3], -1, axis=1))
+        own = np.maximum(0.5 * np.linalg.norm(off.sum(axis=1), axis=1), 1e-300)
+        mean = np.einsum("fq,fqi->fi", self._size, ways[:, :inner])
+        mean /= np.maximum(self._size.sum(axis=1), 1e-300)[:, None]
+        chord = 1.5 * np.linalg.norm(mean - ways[:, inner:].mean(axis=1), axis=1)
+        fitting = np.where(np.all(self._there, axis=1), np.clip(1.0 - chord / own, 0.0, 1.0), 1.0)
+        diameter = 2.0 * np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
+        halfway: FloatArray = fitting * np.minimum(1.0, (own / (ROUND * diameter)) ** 2)
+        return halfway
 
     def _curved(self, values: FloatArray) -> FloatArray:
         """The quadratic functions on the facets nearest to values at the points (f, q, d)."""
@@ -442,6 +469,9 @@ def _risen(
     means = (sums / np.maximum(total, 1e-300)[:, None])[corner]
     n = unit_vectors(means)
     slant = np.max(1.0 - np.einsum("qki,qi->qk", n[facet], along) ** 2, axis=1)
+    if isinstance(surface, CurvedFaces):
+        rise = np.einsum("qi,qi->q", surface.bulges(face.x[:, : face.corners], facet, at), along)
+        return rise, _SLANT * slant * np.abs(rise)
     if surface is not None:
         rise = _along(surface, x, along, 0.0)
         return rise, np.abs(rise) * (_OFF if face.degree == 2 else _SLANT * slant)

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import functools
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,9 +28,10 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ...arrays import FloatArray, IntArray, unit_vectors
+from ...nearest import tree_of
 from .. import compat
 from .exchange import global_numbers, starts_of
-from .lagrange import corner_geometry, facet_columns, lagrange_points
+from .lagrange import corner_geometry, facet_columns, lagrange_points, lagrange_values
 from .mesh_parts import boundary_facets, corners_of, distinct, local_cells, local_facets
 from .named_mesh import NamedMesh
 
@@ -113,6 +115,75 @@ def _boundary(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     return np.concatenate(comm.allgather(number)), np.concatenate(comm.allgather(x))
 
 
+@dataclass(frozen=True)
+class CurvedFaces:
+    """The boundary of curved second-order cells as that for which first-order facets with corners on it stand: a
+    `RigidFoundation` as far as these ask, in their corners and in the middles of their edges and of themselves.
+
+    Attributes:
+        middles: Of straight edges and facets, metres, shape (k, 3).
+        off: The way from there to the boundary, metres, shape (k, 3).
+    """
+
+    middles: FloatArray
+    off: FloatArray
+
+    def _way(self, x: FloatArray) -> FloatArray:
+        distance, near = tree_of(self.middles).query(x)
+        return np.where((distance <= 0.1 * np.linalg.norm(self.off, axis=1)[near])[:, None], self.off[near], 0.0)
+
+    def signed_distance(self, x: FloatArray) -> FloatArray:
+        """Of points x (k, 3) in metres, shape (k,)."""
+        found: FloatArray = -np.linalg.norm(self._way(x), axis=1)
+        return found
+
+    def bulges(self, corners: FloatArray, facet: IntArray, at: FloatArray) -> FloatArray:
+        """The way in metres to the boundary from points (k, 3) of first-order facets with corners (f, 3 or 4, 3) in
+        VTK's order: on the facets (k,), by the linear functions of the corners there (k, 3 or 4)."""
+        kind = compat.mesh.CellType.triangle if at.shape[1] == 3 else compat.mesh.CellType.quadrilateral
+        order, ends = ([0, 1, 2], ([1], [2])) if at.shape[1] == 3 else ([0, 1, 3, 2], ([1, 2], [2, 3]))
+        nodes = lagrange_values(kind, 1, lagrange_points(kind, 2)) @ corners[:, order]
+        off = self._way(nodes.reshape(-1, 3)).reshape(nodes.shape)
+        values = lagrange_values(kind, 2, np.stack([at[:, end].sum(axis=1) for end in ends], axis=1))
+        bulges: FloatArray = np.einsum("kn,kni->ki", values, off[facet])
+        return bulges
+
+    def normal(self, x: FloatArray) -> FloatArray:
+        """Unit vectors at points x (k, 3), shape (k, 3); 0 where they are on the boundary."""
+        return unit_vectors(self._way(x))
+
+
+def curved_faces(mesh: NamedMesh, pieces: IntArray) -> CurvedFaces | None:
+    """The boundary of second-order cells, None if its edges are straight; collective.
+
+    Args:
+        mesh: The cells.
+        pieces: Columns of the nodes of a cell that are corners of first-order facets on each of its facets, in VTK's
+            order, shape (facets, pieces, 3 or 4).
+    """
+    domain, cell = mesh.domain, mesh.domain.topology.cell_type
+    facets, count = boundary_facets(domain), pieces.shape[2]
+    for dims in ((2, 3), (3, 2)):
+        domain.topology.create_connectivity(*dims)
+    cell_of = domain.topology.connectivity(2, 3)
+    of = cell_of.array[cell_of.offsets[facets]]
+    side = np.argmax(domain.topology.connectivity(3, 2).array.reshape(-1, len(pieces))[of] == facets[:, None], axis=1)
+    kind = compat.mesh.CellType.triangle if count == 3 else compat.mesh.CellType.quadrilateral
+    linear = lagrange_values(kind, 1, lagrange_points(kind, 2)[count:])
+    corners = pieces if count == 3 else pieces[:, :, [0, 1, 3, 2]]
+    X = linear @ lagrange_points(cell, 2)[corners]
+    values = lagrange_values(cell, 2, X.reshape(-1, 3)).reshape(*X.shape[:3], -1)
+    x = domain.geometry.x[compat.cell_geometry(domain)[of]]
+    straight = linear @ np.take_along_axis(x[:, None], corners[side].reshape(len(of), 1, -1, 1), axis=2).reshape(
+        len(of), pieces.shape[1], count, 3
+    )
+    off = (values[side] @ x[:, None] - straight).reshape(-1, 3)
+    middles, off = (np.concatenate(mesh.comm.allgather(part.reshape(-1, 3))) for part in (straight, off))
+    far = np.linalg.norm(off, axis=1)
+    curved = far > 1e-9 * np.max(np.abs(middles), initial=0.0)
+    return CurvedFaces(middles[curved], off[curved]) if np.any(curved) else None
+
+
 def split(mesh: NamedMesh) -> NamedMesh:
     """The mesh with eight first-order cells in place of each, on its nodes, which are at curved faces; collective.
 
@@ -141,7 +212,8 @@ def split(mesh: NamedMesh) -> NamedMesh:
         for name, mine in mesh.cells.items()
     }
     faces = local_facets(domain, rows)
-    return NamedMesh(domain, faces, local_cells(domain, starts_of(comm, 8 * own), groups))
+    cells_of = local_cells(domain, starts_of(comm, 8 * own), groups)
+    return NamedMesh(domain, faces, cells_of, curved=curved_faces(mesh, on_facets))
 
 
 @functools.cache

@@ -19,8 +19,8 @@ from .. import compat, mesh_formats
 from ..compat import mesh
 from ..geometry import evaluate_vectors, same_on_all_ranks
 from ..mesh_formats import BOX_FACES
-from .curving import arcs
-from .cuts import cut
+from .curving import arcs, curved_faces
+from .cuts import apart, cut
 from .exchange import global_numbers, on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
 from .lagrange import (
@@ -106,7 +106,8 @@ def first_order(mesh: NamedMesh) -> NamedMesh:
 
     of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
     of_point[corners] = number[of_cell]
-    return _of_order(first_order, mesh, domain, of_point)
+    curved = curved_faces(mesh, facet_columns(old.topology.cell_type, 1)[:, None])
+    return replace(_of_order(first_order, mesh, domain, of_point), curved=curved)
 
 
 def _of_order(order: Callable[[NamedMesh], NamedMesh], mesh: NamedMesh, domain: Any, of_point: IntArray) -> NamedMesh:
@@ -125,6 +126,7 @@ def _of_order(order: Callable[[NamedMesh], NamedMesh], mesh: NamedMesh, domain: 
         cells=local_cells(domain, starts, cells),
         coarser=None if coarser is None else lambda: order(coarser()),
         grid=None,
+        curved=None,
     )
 
 
@@ -390,7 +392,7 @@ def read_mesh(
     sound = on_first_rank(
         comm,
         str(path),
-        lambda: inspect(cut(read_file(str(path), names or {}, cell_names or {}), cuts), scale, MPI.COMM_SELF),
+        lambda: apart(inspect(cut(read_file(str(path), names or {}, cell_names or {}), cuts), scale, MPI.COMM_SELF)),
     )
     return from_first_rank(comm, path, sound)
 

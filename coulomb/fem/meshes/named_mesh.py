@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
 from .. import compat
-from ..geometry import Point, RigidMotion, Rotation, Turn, check_point
+from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point
 from .lagrange import corner_geometry
 
 Planes = tuple[FloatArray, FloatArray, FloatArray]
@@ -52,6 +52,8 @@ class NamedMesh:
         coarser: Makes the same body with about half as many cells along each edge, collectively; None where there is
             no such mesh.  ValueError if its cells would be flat.
         grid: Of a box, how it was made.
+        curved: Of first-order cells that are made of second-order ones, these cells' boundary, on which gaps of pairs
+            are measured; None where the facets themselves count.
     """
 
     domain: Any
@@ -62,6 +64,7 @@ class NamedMesh:
     touching: FloatArray = field(default_factory=lambda: np.empty((0, 3)), repr=False)
     coarser: Callable[[], NamedMesh] | None = field(default=None, repr=False, compare=False)
     grid: Grid | None = field(default=None, repr=False, compare=False)
+    curved: RigidFoundation | None = field(default=None, repr=False, compare=False)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -148,6 +151,7 @@ def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None =
         domain=domain,
         touching=placed(motion, mesh.touching),
         coarser=None if coarser is None else lambda: moved(coarser(), translate, rotate),
+        curved=None,
         grid=None if grid is None else replace(grid, make=lambda planes: moved(grid.make(planes), translate, rotate)),
     )
 

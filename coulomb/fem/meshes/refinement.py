@@ -245,6 +245,7 @@ def _made(
         touching=touching,
         coarser=lambda: mesh,
         grid=None,
+        curved=None,
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from coulomb import Clamp, Elasticity, Material
-from coulomb.fem.meshes import box, coarser_meshes, finer, polygon, same_cells, second_order, split
+from coulomb.fem.meshes import box, coarser_meshes, finer, first_order, polygon, same_cells, second_order, split
 from verification.array_mesh import in_layers, quarter_ring
 
 INNER, OUTER, LENGTH = 0.5, 1.0, 0.6
@@ -102,6 +102,21 @@ def test_eight_cells_in_place_of_each(cell):
     body = Elasticity(fine, STEEL, [Clamp("left")])
     for face, area in {"left": 6.0, "right": 6.0, "front": 3.0, "back": 3.0, "bottom": 2.0, "top": 2.0}.items():
         assert total(float(body.area_of(fine.facets(face, "test")).sum())) == pytest.approx(area)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_first_order_meshes_of_curved_cells_know_their_faces(cell):
+    """Whose chords and facets have their middles there, which are off a circle by less than the fourth power."""
+    curved = second_order(ring(6, cell), curved=True)
+    for mesh in (first_order(curved), split(curved)):
+        at, way = mesh.curved.middles, mesh.curved.off
+        x = at - mesh.curved.signed_distance(at)[:, None] * mesh.curved.normal(at)
+        assert np.abs(x - at - way).max() < 1e-15
+        radii, before = (np.linalg.norm(places[:, :2], axis=1) for places in (x, at))
+        on = np.minimum(np.abs(radii - INNER), np.abs(radii - OUTER)) < 2e-4
+        assert np.all(on | ((at[:, 2] < 1e-9) | (at[:, 2] > LENGTH - 1e-9)))
+        assert np.any(np.abs(before - OUTER) < 0.01) and not np.any(np.abs(before - OUTER) < 1e-3)
+    assert first_order(second_order(ring(6, cell))).curved is None
 
 
 def test_what_is_compared():
