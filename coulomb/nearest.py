@@ -1,13 +1,14 @@
-"""Nearest points, by scipy's k-d tree.  It is loaded when it is first needed: a run on one plain mesh needs none."""
+"""Nearest points, by scipy's k-d tree, and the nodes of a mesh among those of another numbering.  The tree is loaded
+when it is first needed: a run on one plain mesh needs none."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from .arrays import FloatArray
+from .arrays import FloatArray, IntArray
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -30,4 +31,55 @@ def among(x: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
         return np.ascontiguousarray(numbers).view([("", np.int64)] * 3).ravel()
 
     found: npt.NDArray[np.bool_] = np.isin(cells(x), cells(points)).reshape(x.shape[:-1])
+    return found
+
+
+_AT_ONCE: Final = 200_000  # rows read at a time: no rank needs memory for the whole mesh
+
+
+def same_nodes(x: FloatArray, inside: FloatArray, points: Any, rows: Any, near: float) -> IntArray:
+    """The number of every node x (k, 3) of a mesh among the points (n, 3) of the same mesh with other numbers, -1 for
+    one that is farther than `near` from all of them, shape (k,).
+
+    Nodes at one place, as of parts that touch and of the sides of a cut, are told apart by their cells, which do not
+    overlap.
+
+    Args:
+        x: Nodes in metres.
+        inside: The middle of a cell of every node, the mean of the nodes of this cell, shape (k, 3): `in_a_cell`.
+        points: Nodes of the other numbering, an array or a data set of HDF5, which is read in parts.
+        rows: Numbers of the points of every cell, likewise, shape (c, m).
+        near: Distance in metres up to which points are at one place.
+    """
+    found: IntArray = np.full(len(x), -1, dtype=np.int64)
+    if not len(x):
+        return found
+    tree, mine, other = tree_of(x), [found[:0]], [found[:0]]
+    for first in range(0, len(points), _AT_ONCE):
+        part = tree_of(np.asarray(points[first : first + _AT_ONCE], dtype=np.float64))
+        pairs = tree.sparse_distance_matrix(part, near, output_type="ndarray")
+        mine.append(pairs["i"].astype(np.int64))
+        other.append(first + pairs["j"].astype(np.int64))
+    node, number = np.concatenate(mine), np.concatenate(other)
+    found[node] = number
+    several = np.bincount(node, minlength=len(x)) > 1
+    if not np.any(several):
+        return found
+    kept, wanted = [], np.unique(number[several[node]])
+    for first in range(0, len(rows), _AT_ONCE):
+        cells = np.asarray(rows[first : first + _AT_ONCE], dtype=np.int64)
+        kept.append(cells[np.any(np.isin(cells, wanted), axis=1)])
+    cells = np.concatenate(kept)
+    used, inverse = np.unique(cells, return_inverse=True)
+    corners = np.asarray(points[used], dtype=np.float64)[inverse.reshape(cells.shape)]
+    distance, cell = tree_of(corners.mean(axis=1)).query(inside[several])
+    corner = np.argmin(np.linalg.norm(corners[cell] - x[several, None], axis=2), axis=1)
+    found[several] = np.where(distance <= near, cells[cell, corner], -1)
+    return found
+
+
+def in_a_cell(points: FloatArray, rows: npt.NDArray[np.integer[Any]]) -> FloatArray:
+    """For every point (n, 3) the middle of a cell that has it, of rows of points (c, m); shape (n, 3)."""
+    found = np.empty_like(points)
+    found[rows] = points[rows].mean(axis=1)[:, None]
     return found

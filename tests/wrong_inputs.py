@@ -450,6 +450,7 @@ SEVERAL = (
     Wrong("a tie of a misspelt face", run("tie=[{face='upper:botom', against='lower:top'}]"), two),
     Wrong("a tie of a face to itself", run("tie=[{face='upper:bottom', against='upper:bottom'}]"), two),
     Wrong("a tie of faces that do not face each other", run("tie=[{face='upper:top', against='lower:top'}]"), two),
+    Wrong("contact and a tie of the same faces", run("tie=[{" + GLUED + "}]"), two),
     Wrong(
         "a sector of the wrong angle",
         run("cyclic_symmetry=[{face='upper:left', against='upper:front', axis=[0,0,1], sectors=3}]"),

@@ -22,11 +22,8 @@ OPPOSITE = "opposite_of"
 """A field of contact.xdmf that only the faces opposite in pairs have: the number of the contact, the same at all
 nodes."""
 
-COINCIDENT = (
-    "has several nodes at one place, of components of one mesh that touch: nodes are found by their places; give the "
-    "components as bodies of coulomb.join, or [[body]]"
-)
-"""Why a file cannot be read again."""
+NODE = "node"
+"""A field of contact.xdmf: the number of the point in solution.xdmf, of its body if there are several, from 0."""
 
 _AT_ONCE = 200_000  # points read at a time: no rank needs memory for the whole mesh
 
@@ -168,17 +165,19 @@ def read_fields(
     return points, cells, fields
 
 
-def parts_of_field(path: Path, name: str, group: str = "") -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Points (q, 3) and values (q, d) of a field of a grid in an HDF5 file, in parts.
+def parts_of_field(path: Path, name: str, group: str = "") -> Iterator[tuple[npt.NDArray[np.int64], FloatArray]]:
+    """Numbers of points in solution.xdmf (q,), and values (q, d) there, of a field of a grid in an HDF5 file, in parts.
 
     Raises:
         ValueError: If there are not as many values as points.
         OSError, KeyError: If the file cannot be read.
     """
     with h5py.File(path, "r") as file:
-        points, field = file[f"{mesh_at(group)}/geometry"], dataset(file, name, group)
-        if len(field) != len(points):
+        field, count = dataset(file, name, group), len(file[f"{mesh_at(group)}/geometry"])
+        node = dataset(file, NODE, group) if _function(NODE, group) in file else None
+        if len(field) != count or (node is not None and len(node) != count):
             raise ValueError(f"{name} does not match the mesh")
-        for first in range(0, len(points), _AT_ONCE):
+        for first in range(0, count, _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
-            yield np.array(points[part]), np.array(field[part])
+            number = np.arange(first, min(first + _AT_ONCE, count)) if node is None else np.ravel(node[part])
+            yield number.astype(np.int64), np.array(field[part])

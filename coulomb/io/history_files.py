@@ -20,20 +20,21 @@ from typing import Any
 
 import h5py
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
-from ..arrays import FloatArray
-from ..fem.bodies import TEMPERATURE
+from ..arrays import FloatArray, IntArray
+from ..fem.bodies import TEMPERATURE, SingleBody
 from ..fem.geometry import on_all_ranks
 from ..model.load_step import Earlier, Energy, LoadStep, State
 from ..model.nodal_answer import ACCUMULATED, Accumulated
 from ..model.problem import ContactProblem
 from ..model.small_strain import SmallStrain
-from ..nearest import tree_of
+from ..nearest import same_nodes
 from ..ranks import on_rank_0
 from . import output
 from .atomic_output import locked
-from .field_files import COINCIDENT, data_of, grids_of, parts_of_field
+from .field_files import data_of, grids_of, mesh_at, parts_of_field
 from .result_grids import collections, names_of_sides
 from .run_directory import FIELDS, HISTORY, STEPS, SUMMARY, RunDirectory, step_place
 from .summary import LOOK_AT_GAP
@@ -131,25 +132,21 @@ class HistoryFiles:
         step = self.directory.step(number)
         refuse_other_forms(problem, read_summary(step.path, problem.comm).get("forms"), step.path)
         record = read_step(step.path, problem.comm)
-        comm, members = problem.comm, problem.elasticity.members
-        bodies = [(member.name, member.body.x) for member in members]
-        nodes, part = problem.points_of_states
-        points = problem.elasticity.x[nodes]
-        faces = [(name, points[part == number]) for number, (name, _) in enumerate(names_of_sides(problem))]
-        faces = faces if collections(problem)[1] else [("", points)]
-        force = at_nodes(step.contact, "contact_force", faces, comm)
+        comm = problem.comm
+        bodies, faces = points_in_files(step, problem)
+        force = at_points(step.contact, "contact_force", faces, comm)
         began, earlier = self._start, np.zeros_like(force)
         if number > 1:
             one_before = self.directory.step(number - 1)
             began = read_step(one_before.path, comm)["time"]
-            earlier = at_nodes(one_before.contact, "contact_force", faces, comm)
-        slip = at_nodes(step.contact, "slip", faces, comm)
-        worn = [at_nodes(step.contact, name, faces, comm)[:, 0] for name in ACCUMULATED]
+            earlier = at_points(one_before.contact, "contact_force", points_in_files(one_before, problem)[1], comm)
+        slip = at_points(step.contact, "slip", faces, comm)
+        worn = [at_points(step.contact, name, faces, comm)[:, 0] for name in ACCUMULATED]
         return State(
             number=number,
             time=record["time"],
             energy=Energy(**record["energy"]),
-            displacement=at_nodes(step.solution, "displacement", bodies, comm),
+            displacement=at_points(step.solution, "displacement", bodies, comm),
             force_on_body=force,
             slip_rate=np.linalg.norm(slip, axis=1) / (record["time"] - began),
             accumulated=Accumulated(*worn),
@@ -157,7 +154,7 @@ class HistoryFiles:
             before=Earlier(began, earlier),
             temperature_change=None
             if problem.body.heat is None
-            else at_nodes(step.solution, TEMPERATURE, bodies, comm)[:, 0],
+            else at_points(step.solution, TEMPERATURE, bodies, comm)[:, 0],
         )
 
     def _write_whole(self, last: dict[str, Any]) -> str:
@@ -315,46 +312,79 @@ def _is_whole(step: RunDirectory) -> bool:
         return False
 
 
-def at_nodes(file: Path, name: str, parts: Sequence[tuple[str, FloatArray]], comm: MPI.Comm) -> FloatArray:
-    """A vector field of an XDMF file at this rank's points of several grids, found by their coordinates, shape (k, 3);
-    collective.
+Points = Sequence[tuple[str, IntArray]]
+"""Names of grids, "" for the only one of a file, and numbers of this rank's points on each, in solution.xdmf."""
 
-    A part is the name of a grid, "" for the only one of a file, and points on it in metres, shape (p, 3).
+
+def points_in_files(step: RunDirectory, problem: ContactProblem) -> tuple[Points, Points]:
+    """This rank's nodes of every body, and points of every contact face, in the files of a load step, which other ranks
+    may have numbered otherwise; collective.
+
+    Raises:
+        ValueError: On every rank, if a file cannot be read, or lacks a grid or a point.
+    """
+    comm, members, found = problem.comm, problem.elasticity.members, []
+
+    def numbers(group: str, body: SingleBody, near: float) -> IntArray:
+        with h5py.File(data_of(step.solution), "r") as file:
+            mesh = file[mesh_at(group)]
+            number = same_nodes(body.reference, body.in_a_cell(), mesh["geometry"], mesh["topology"], near)
+        _refuse(number < 0)
+        return number
+
+    with _offering_whole_steps(step.path):
+        groups = _groups(step.solution, [member.name for member in members], comm)
+        for member in members:
+            x = member.body.reference
+            ends = np.array([x.min(axis=0), -x.max(axis=0)]) if len(x) else np.full((2, 3), np.inf)
+            near = 1e-9 * float(np.max(-np.min(comm.allgather(ends), axis=0).sum(axis=0)))
+            one = partial(numbers, groups[member.name], member.body, near)
+            found.append((member.name, on_all_ranks(one, str(data_of(step.solution)), comm)))
+    nodes, part = problem.points_of_states
+    on_faces = np.concatenate([number for _, number in found])[nodes]
+    sides = [(name, on_faces[part == number]) for number, (name, _) in enumerate(names_of_sides(problem))]
+    return found, sides if collections(problem)[1] else [("", on_faces)]
+
+
+def at_points(file: Path, name: str, points: Points, comm: MPI.Comm) -> FloatArray:
+    """A vector field of an XDMF file at this rank's points of its grids, shape (k, 3); collective.
 
     Raises:
         ValueError: On every rank, if a file cannot be read, or lacks a grid or a point.
     """
 
+    def read(group: str, wanted: IntArray) -> FloatArray:
+        values, order = np.full((len(wanted), 3), np.nan), np.argsort(wanted)
+        for number, vectors in parts_of_field(data_of(file), name, group):
+            if len(wanted):
+                place = order[np.minimum(np.searchsorted(wanted, number, sorter=order), len(wanted) - 1)]
+                found = wanted[place] == number
+                values[place[found]] = vectors[found]
+        _refuse(np.isnan(values))
+        return values
+
+    with _offering_whole_steps(file.parent):
+        groups = _groups(file, [grid for grid, _ in points], comm)
+        found = [on_all_ranks(partial(read, groups[grid], of), str(data_of(file)), comm) for grid, of in points]
+        return np.concatenate(found)
+
+
+def _groups(file: Path, grids: Sequence[str], comm: MPI.Comm) -> dict[str, str]:
+    """The groups of the grids of a file; collective."""
+
     def groups() -> dict[str, str]:
         found = grids_of(file)
-        missing = [grid for grid, _ in parts if grid not in found]
+        missing = [grid for grid in grids if grid not in found]
         if missing:
             raise ValueError(f"has no grid {missing[0]!r}: belongs to another problem, or is incomplete")
         return found
 
-    def read(group: str, x: FloatArray, size: float) -> FloatArray:
-        values, hits = np.full((len(x), 3), np.nan), np.zeros(len(x))
-        tree = tree_of(x) if len(x) else None
-        for points, vectors in parts_of_field(data_of(file), name, group):
-            if tree is not None:
-                distance, number = tree.query(points, distance_upper_bound=1e-9 * size)
-                found = np.isfinite(distance)
-                values[number[found]] = vectors[found]
-                np.add.at(hits, number[found], 1.0)
-        if np.any(hits > 1.0):
-            raise ValueError(COINCIDENT)
-        if np.any(np.isnan(values)):
-            raise ValueError("belongs to another mesh, or is incomplete")
-        return values
+    return on_all_ranks(groups, str(file), comm)
 
-    with _offering_whole_steps(file.parent):
-        of, found = on_all_ranks(groups, str(file), comm), []
-        for grid, x in parts:
-            ends = np.array([x.min(axis=0), -x.max(axis=0)]) if len(x) else np.full((2, 3), np.inf)
-            size = float(np.max(-np.min(comm.allgather(ends), axis=0).sum(axis=0)))
-            one = partial(read, of[grid], x, size)
-            found.append(on_all_ranks(one, str(data_of(file)), comm))
-        return np.concatenate(found)
+
+def _refuse(missing: npt.NDArray[np.bool_]) -> None:
+    if np.any(missing):
+        raise ValueError("belongs to another mesh, or is incomplete")
 
 
 Entries = dict[str, Any]

@@ -31,7 +31,7 @@ from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, s
 from ..model.discrete_problem import DiscreteProblem
 from ..model.nodal_answer import CARRIED, HELD, carried, carrying, spreading
 from ..model.solution import FaceAnswer, Solution
-from .field_files import OPPOSITE
+from .field_files import NODE, OPPOSITE
 from .grid_file import GridFields, GridPart
 
 ON_CELLS = STRESSES
@@ -93,6 +93,7 @@ class FaceGrid:
 
     Attributes:
         grid: The mesh.
+        node: The numbers of its points among those of `body_grid`, shape (p,).
     """
 
     def __init__(self, space: DisplacementSpace, facets: npt.NDArray[np.int32]):
@@ -100,6 +101,7 @@ class FaceGrid:
         cell, columns = space.in_cells(facets)
         nodes = compat.cell_dofs(space.V)[cell[:, None], columns]
         comm = space.domain.comm
+        self.node = starts_of(comm, len(space.x))[comm.rank] + self._nodes.astype(np.float64)
         position = np.full(len(space.x), -1, dtype=np.int64)  # of this rank's nodes among those of the faces
         position[self._nodes] = starts_of(comm, len(self._nodes))[comm.rank] + np.arange(len(self._nodes))
         cells = fetched(comm, starts_of(comm, len(space.x)), _global(space, nodes), position)
@@ -336,7 +338,7 @@ def _face_grid(
         everywhere = np.full((len(member.body.x), *values.shape[1:]), elsewhere.get(field, 0.0))
         everywhere[nodes] = values[here]
         found[field] = face.values(everywhere, BETWEEN.get(field, middle))
-    return GridFields(face.grid, found, {}, name)
+    return GridFields(face.grid, {**found, NODE: face.node}, {}, name)
 
 
 def _opposite_grid(
@@ -357,4 +359,5 @@ def _opposite_grid(
     length = np.linalg.norm(outward, axis=1)[:, None]
     on_face = {name: values[member.nodes] for name, values in found.items()}
     on_face |= {"normal": outward / np.where(length > 0.0, length, 1.0), "area": area}
-    return GridFields(face.grid, {field: face.at(values) for field, values in on_face.items()}, {}, name)
+    written = {field: face.at(values) for field, values in on_face.items()}
+    return GridFields(face.grid, {**written, NODE: face.node}, {}, name)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -27,38 +27,50 @@ from ..fem.bodies import (
     DisplacementSpace,
     ElasticBody,
 )
-from ..fem.meshes import MeshFile, distributed, inspect
-from ..nearest import tree_of
-from .field_files import COINCIDENT, data_of, grids_of, read_fields
+from ..fem.meshes import MeshFile, corners_of, distributed, inspect
+from ..nearest import in_a_cell, same_nodes, tree_of
+from .field_files import data_of, grids_of, read_fields
 from .result_grids import GROUND, INTERNAL, ON_BODY, ON_CELLS, ROUNDING, TIE_FORCE
 from .run_directory import OLD, SOLUTION
 
-
-def numbers(points: FloatArray, wanted: FloatArray, unfit: str) -> npt.NDArray[np.int64]:
-    """Number of every wanted point (q, 3) among the points (k, 3), matched to 1e-9 of their extent.
-
-    Raises:
-        ValueError: `unfit`, if one is not among them.
-    """
-    found = places(points, wanted)
-    if np.any(found < 0):
-        raise ValueError(unfit)
-    return found
+_NEAR: Final = 1e-9
+"""Distance of points at the same place, over the extent of the mesh."""
 
 
 def places(points: FloatArray, wanted: FloatArray) -> npt.NDArray[np.int64]:
-    """As `numbers`, with -1 for a point that is not among them."""
+    """Number of every wanted point (q, d) among the points (k, d), none of which are at one place, matched to 1e-9 of
+    their extent; -1 for one that is not among them."""
     if not len(points):
         return np.full(len(wanted), -1)
     distance, number = tree_of(points).query(wanted)
-    near = distance <= 1e-9 * float(np.max(np.ptp(points, axis=0)))
+    near = distance <= _NEAR * float(np.max(np.ptp(points, axis=0)))
     return np.where(near, number, -1).astype(np.int64)
+
+
+def nodes_in(
+    x: FloatArray, rows: npt.NDArray[np.integer[Any]], points: FloatArray, others: npt.NDArray[np.integer[Any]]
+) -> npt.NDArray[np.int64]:
+    """Number of every node x (k, 3) of the cells `rows` among the points (n, 3) of the same cells, `others`, with other
+    numbers (`same_nodes`); -1 for one that is not among them."""
+    if not len(points):
+        return np.full(len(x), -1)
+    return same_nodes(x, in_a_cell(x, rows), points, others, _NEAR * float(np.max(np.ptp(points, axis=0))))
 
 
 def midpoints(domain: Any) -> FloatArray:
     """Midpoints of the cells of a mesh on one rank, metres, shape (c, 3)."""
     middle: FloatArray = domain.geometry.x[compat.cell_geometry(domain)].mean(axis=1)
     return middle
+
+
+def midpoints_of_facets(body: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FloatArray:
+    """Midpoints of boundary facets of a body on one rank and of the cells beside them, which tell facets at one place
+    apart, metres, shape (f, 6)."""
+    domain = body.domain
+    domain.topology.create_connectivity(2, 3)
+    beside = domain.topology.connectivity(2, 3)
+    cell = beside.array[beside.offsets[facets]]  # a boundary facet has one
+    return np.hstack([domain.geometry.x[corners_of(domain, facets)].mean(axis=1), midpoints(domain)[cell]])
 
 
 Fields = dict[str, FloatArray]
@@ -91,6 +103,7 @@ class WrittenBody:
         cells: Their numbers per cell, in the order of the file.
         body: The body with the materials of the files, or with the recorded internal forces of the user's forms; its
             nodes may be in another order.
+        in_file: Number in the file of every node of `body`, shape (p,).
         on_cells: Fields of the cells, in the order of `body.domain`, shape (c,).
         nodes: Its nodes among those of all bodies.
     """
@@ -99,6 +112,7 @@ class WrittenBody:
     points: FloatArray
     cells: npt.NDArray[np.int64]
     body: ElasticBody | RecordedBody
+    in_file: npt.NDArray[np.int64]
     on_cells: Fields
     nodes: slice
 
@@ -106,6 +120,10 @@ class WrittenBody:
     def elastic(self) -> ElasticBody | None:
         """The body with its materials; None if it is of the user's forms."""
         return self.body if isinstance(self.body, ElasticBody) else None
+
+    def nodes_in(self, other: DisplacementSpace) -> npt.NDArray[np.int64]:
+        """Number of every node among those of the same body elsewhere, -1 for one that is not there, shape (p,)."""
+        return nodes_in(self.body.x, compat.cell_dofs(self.body.V), other.x, compat.cell_dofs(other.V))
 
 
 class WrittenBodies:
@@ -149,21 +167,22 @@ class WrittenBodies:
         pairs = zip(self.parts, other.parts, strict=False)
         return len(self.parts) == len(other.parts) and all(a.body.domain is b.body.domain for a, b in pairs)
 
-    def numbers_in(self, others: Sequence[FloatArray], unfit: str) -> npt.NDArray[np.int64]:
-        """The number of every node among those, (p, 3) of every body, of the same bodies elsewhere, one body after the
-        other, shape (k,).
+    def numbers_in(self, others: Sequence[DisplacementSpace], unfit: str) -> npt.NDArray[np.int64]:
+        """The number of every node among those of the same bodies elsewhere, one body after the other, shape (k,).
 
         Raises:
             ValueError: If a node is not there, with the text `unfit`.
         """
         if len(others) != len(self.parts):
             raise ValueError(unfit)
-        starts = np.cumsum([0, *(len(points) for points in others)])
-        each = zip(self.parts, others, starts, strict=False)
-        found: npt.NDArray[np.int64] = np.concatenate(
-            [start + numbers(points, part.body.x, unfit) for part, points, start in each]
-        ).astype(np.int64)
-        return found
+        found, start = [], 0
+        for part, other in zip(self.parts, others, strict=True):
+            number = part.nodes_in(other)
+            if np.any(number < 0):
+                raise ValueError(unfit)
+            found.append(start + number)
+            start += len(other.x)
+        return np.concatenate(found)
 
     @cached_property
     def component(self) -> npt.NDArray[np.int64]:
@@ -180,9 +199,9 @@ class WrittenBodies:
         return np.concatenate(found)
 
     @property
-    def nodes(self) -> list[FloatArray]:
-        """The nodes of every body, shapes (p, 3)."""
-        return [part.body.x for part in self.parts]
+    def spaces(self) -> list[DisplacementSpace]:
+        """Every body on its mesh."""
+        return [part.body for part in self.parts]
 
 
 def read_bodies(file: Path, folder: Path, forms: Any, like: WrittenBodies | None) -> tuple[WrittenBodies, Fields]:
@@ -236,13 +255,14 @@ def _read_body(
     of_cell = np.asarray(domain.topology.original_cell_index)
     on_cells = {one: in_file[one][of_cell] for one in constants}
     body = RecordedBody(domain) if forms else ElasticBody(domain, _materials(data, on_cells))
-    node = numbers(points, body.x, f"{folder}: {data.name} does not match the mesh of {SOLUTION}")
-    if len(np.unique(node)) < len(node):
-        raise ValueError(f"{folder}: {COINCIDENT}")
+    node = np.empty(len(body.x), dtype=np.int64)
+    node[compat.cell_dofs(body.V)] = np.asarray(domain.geometry.input_global_indices)[compat.cell_geometry(domain)]
+    if len(node) != len(points):
+        raise ValueError(f"{folder}: {data.name} has points that belong to no cell of {SOLUTION}")
     if isinstance(body, RecordedBody):
         body.internal = in_file[INTERNAL][node]
     fields = {one: in_file[one][node] for one in on_body}
-    return WrittenBody(name, points, cells, body, on_cells, slice(0, len(points))), fields
+    return WrittenBody(name, points, cells, body, node, on_cells, slice(0, len(points))), fields
 
 
 def fits(path: Path, name: str, values: FloatArray, shape: tuple[int, ...]) -> None:

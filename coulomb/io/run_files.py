@@ -20,13 +20,13 @@ from ..contact_fields import sides_of
 from ..fem import compat
 from ..fem.bodies import HELD_OBLIQUE, HeldDirections
 from ..fem.compat import mesh
-from ..fem.meshes import FACETS, SEPARATOR, SOLIDS, corners_of, facet_columns
+from ..fem.meshes import FACETS, SEPARATOR, SOLIDS, facet_columns
 from ..model.nodal_answer import HELD
 from ..solvers.laws import LAWS
-from .field_files import OPPOSITE, data_of, grids_of, read_fields
+from .field_files import NODE, OPPOSITE, data_of, grids_of, read_fields
 from .grid_file import Described, described
 from .result_grids import BODIES, FACES, GROUND, ON_OPPOSITE
-from .run_bodies import Fields, WrittenBodies, WrittenBody, fits, numbers, read_bodies
+from .run_bodies import Fields, WrittenBodies, WrittenBody, fits, read_bodies
 from .run_directory import OLD, SOLUTION, RunDirectory
 
 
@@ -96,13 +96,14 @@ def read_faces(
     first, on_face, vectors = 0, field_names(), field_names(vector=True)
     for name, group in grids_of(file).items():
         against = _is_opposite(data, group)
-        names = (*ON_OPPOSITE, OPPOSITE) if against else on_face
+        names = (*(ON_OPPOSITE if against else on_face), *((OPPOSITE,) if against else ()), NODE)
         points, cells, fields = read_fields(data, names, (), group)
         for one in names:
             shape = (len(points), 3) if one in vectors else (len(points),)
             fits(data, one, fields[one], shape)
         start = 0 if against else first
-        face = _face(name, _body_of(name, bodies, folder), points, cells, start, f"{folder}: {data.name}")
+        part = _body_of(name, bodies, folder)
+        face = _face(name, part, points, cells, fields.pop(NODE), start, f"{folder}: {data.name}")
         if against:
             if name not in masters:
                 raise ValueError(f"{folder}: summary.json: faces has no pair with {name!r}, unlike contact.xdmf: {OLD}")
@@ -141,15 +142,24 @@ def _body_of(name: str, bodies: WrittenBodies, folder: Path) -> WrittenBody:
 
 
 def _face(
-    name: str, part: WrittenBody, points: FloatArray, cells: npt.NDArray[np.int64], first_point: int, what: str
+    name: str,
+    part: WrittenBody,
+    points: FloatArray,
+    cells: npt.NDArray[np.int64],
+    node: FloatArray,
+    first_point: int,
+    what: str,
 ) -> WrittenFace:
-    """A grid whose nodes are numbered from `first_point` on."""
+    """A grid whose nodes are numbered from `first_point` on, and have the numbers `node` in the file of the body."""
     body, unfit = part.body, f"{what} does not match the mesh of {SOLUTION}"
     body.domain.topology.create_connectivity(2, 3)
     boundary = np.sort(mesh.exterior_facet_indices(body.domain.topology)).astype(np.int32)
     cell, columns = body.in_cells(boundary)
     sides = compat.cell_dofs(body.V)[cell[:, None], columns]
-    in_body = numbers(body.x, points, unfit)
+    order = np.argsort(part.in_file)
+    if not np.all(np.isin(node, part.in_file)) or not np.array_equal(part.points[node.astype(np.int64)], points):
+        raise ValueError(f"{unfit}: its points are not the nodes there that {NODE} names")
+    in_body = order[node.astype(np.int64)]
     _, first, same = np.unique(np.vstack([sides, in_body[cells]]), axis=0, return_index=True, return_inverse=True)
     side = first[same.ravel()[len(sides) :]]
     if np.any(side >= len(sides)):
@@ -163,31 +173,6 @@ def _face(
     facets = first_point + cells[:, : len(facet_columns(body.domain.topology.cell_type, 1)[0])]
     nodes = slice(first_point, first_point + len(points))
     return WrittenFace(name, part, nodes, part.nodes.start + in_body, facets, boundary[side], first_point + cells)
-
-
-def midpoints_of_facets(face: WrittenFace) -> FloatArray:
-    """Means of the corners of the facets of a face, metres, shape (f, 3)."""
-    domain = face.part.body.domain
-    middle: FloatArray = domain.geometry.x[corners_of(domain, face.number)].mean(axis=1)
-    return middle
-
-
-def same_nodes(
-    faces: Sequence[WrittenFace], x: FloatArray, others: Sequence[WrittenFace], there: FloatArray, unfit: str
-) -> npt.NDArray[np.int64]:
-    """The number of every node x (q, 3) of the faces among those, `there` (p, 3), of the same faces elsewhere, shape
-    (q,).
-
-    Raises:
-        ValueError: If a node is not there, with the text `unfit`.
-    """
-    if [face.name for face in faces] != [face.name for face in others]:
-        raise ValueError(unfit)
-    pairs = zip(faces, others, strict=True)
-    found: npt.NDArray[np.int64] = np.concatenate(
-        [other.points.start + numbers(there[other.points], x[face.points], unfit) for face, other in pairs]
-    ).astype(np.int64)
-    return found
 
 
 OF_LARGEST = 1e-14
@@ -298,7 +283,17 @@ class WrittenRun:
             ValueError: If that has another contact face.
         """
         unfit = f"{self.folder}: has another contact face than {other.folder}"
-        return same_nodes(self.faces, self.on_face["x"], other.faces, other.on_face["x"], unfit)
+        if [face.name for face in self.faces] != [face.name for face in other.faces]:
+            raise ValueError(unfit)
+        in_bodies, found = self.in_bodies_of(other), []
+        for mine, there in zip(self.faces, other.faces, strict=True):
+            number = np.full(len(other.body.x), -1)
+            number[there.node] = np.arange(there.points.start, there.points.stop)
+            found.append(number[in_bodies[mine.node]])
+        numbers: npt.NDArray[np.int64] = np.concatenate(found)
+        if np.any(numbers < 0):
+            raise ValueError(unfit)
+        return numbers
 
     def in_bodies_of(self, other: WrittenRun) -> npt.NDArray[np.int64]:
         """The number of every node among those of another run, shape (k,).
@@ -307,7 +302,7 @@ class WrittenRun:
             ValueError: If that has another mesh.
         """
         unfit = f"{self.folder}: has another mesh than {other.folder}"
-        return self.body.numbers_in(other.body.nodes, unfit)
+        return self.body.numbers_in(other.body.spaces, unfit)
 
 
 def read_run(folder: Path, like: WrittenRun | None = None) -> WrittenRun:

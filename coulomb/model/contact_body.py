@@ -10,10 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import repeat
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -23,6 +24,8 @@ from ..fem.contact import (
     FullyHeld,
     KeptMatrix,
     Pair,
+    Pretension,
+    Tied,
     contact_surface,
     joined,
     nodes_of_other_pairs,
@@ -33,6 +36,7 @@ from ..fem.contact import (
     slave_side,
 )
 from ..fem.geometry import RigidFoundation, RigidMotion, Spin, moved, on_all_ranks, same_place, since_at, spin
+from ..fem.meshes import fetched, starts_of
 from ..linalg.compliance import LinearSolver, chosen
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
@@ -246,6 +250,35 @@ def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:
             )
 
 
+def refuse_tied(elasticity: Deformable, surface: ContactSurface, contacts: Sequence[Contact]) -> None:
+    """Check that contact points of every pair can open or slip: none can whose nodes and those opposite are on the two
+    faces of a tie; collective."""
+    comm, starts = elasticity.comm, starts_of(elasticity.comm, len(elasticity.x))
+
+    def among(rows: scipy.sparse.csr_matrix, nodes: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.bool_]:
+        """Rows of which all nodes are among some, of which every rank gives its own, shape (m,)."""
+        some = np.zeros(len(elasticity.x), dtype=bool)
+        some[nodes] = True
+        other = ~fetched(comm, starts, rows.indices.astype(np.int64), some)
+        row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
+        return np.asarray(np.bincount(row, other, rows.shape[0]) == 0.0)
+
+    ties = [tie for tie in elasticity.ties if tie.kind in (Tied.kind, Pretension.kind)]
+    for number, contact in enumerate(contacts):
+        for tie in ties if contact.against is not None else ():
+            points = surface.points.only(surface.part == number)
+            assert points.opposite is not None
+            own, there = points.weights, points.opposite
+            slaves, masters = tie.nodes, elasticity.nodes(tie.against, tie.kind)
+            tied = among(own, slaves) & among(there, masters) | among(own, masters) & among(there, slaves)
+            left = comm.allreduce(int(np.sum(~tied)), op=MPI.SUM)
+            if left == 0 or {contact.face, contact.against} == {tie.face, tie.against}:
+                raise ValueError(
+                    f"contact of {contact.face!r} with {contact.against!r}: the {tie.kind} of {tie.face!r} and "
+                    f"{tie.against!r} holds these faces together, so that they neither open nor slip: leave out one"
+                )
+
+
 @dataclass(frozen=True)
 class _Positioned:
     """A contact surface, the motions of the foundations for which it was computed, and the factors of the gaps."""
@@ -312,6 +345,7 @@ class ContactBody:
                 self.refuse_held_inside(elasticity, elasticity.at(time))
                 raise
             self._latest = _Positioned(self._reference, motions, faces.gap_factors(time))
+            refuse_tied(self.elasticity, self._reference, self.contacts)
             refuse_untouched(self.elasticity, self._reference)
             self.probes = self.located(probes)
         of_ties = (text for tie in self.elasticity.ties for text in tie.remarks)

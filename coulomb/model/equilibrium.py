@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import FreeMotion, direction_in_words, in_units, motions_in_words
+from ..fem.bodies import direction_in_words, in_units, motions_in_words
 from ..linalg.reductions import Reductions
 from ..solvers.equilibrium import LimitLoad
 from ..solvers.results import NotConverged, SolverResult, Status
@@ -101,11 +101,11 @@ def _sliding(problem: DiscreteProblem, motion: FloatArray, e: FloatArray, pushed
     """Loads along the foundations of which friction holds a part."""
     free = problem.elasticity.free
     acting, moving = free.resultants(pushed), free.of(motion)
-    most = max(_size(one) for one in moving)
+    most = max(one.size for one in moving)
     named = [
         (load, one)
         for load, one in zip(acting, moving, strict=True)
-        if _size(one) > _MOVING * most and load.size > _PART * float(np.abs(e).max())
+        if one.size > _MOVING * most and load.size > _PART * float(np.abs(e).max())
     ] or [(load, one) for load, one in zip(acting, moving, strict=True) if load.size > 0.0]
     said = [f"{free.bodies[load.component]} {load}" for load, _ in named]
     held = [f"{load.scaled(part)}" for load, _ in named]
@@ -118,10 +118,10 @@ def _falling(problem: DiscreteProblem, motion: FloatArray, rigid: RigidMotions) 
     """Loads that do work on a motion that contact does not resist."""
     free = problem.elasticity.free
     acting, moving = free.resultants(rigid.e), free.of(motion)
-    most = max(_size(one) for one in moving)
+    most = max(one.size for one in moving)
     said = []
     for load, one in zip(acting, moving, strict=True):
-        if _size(one) > _MOVING * most:
+        if one.size > _MOVING * most:
             work = float(load.force @ one.translation + load.moment @ one.rotation)
             turn, way = float(np.linalg.norm(one.rotation)), float(np.linalg.norm(one.translation))
             if turn * one.part.radius > _MOVING * way:
@@ -147,17 +147,17 @@ def running_away(problem: DiscreteProblem, result: SolverResult) -> str:
     known = (problem.displacement(result.x), problem.surface.gap, problem.state.slip_origin, problem.motions)
     usual = sum(over.max(np.append(np.abs(values), 0.0)) for values in known)
     seen = result.equilibrium
-    if len(result.rigid) == rigid.count and max(map(_size, free.of(result.rigid))) > _AWAY * usual:
+    if len(result.rigid) == rigid.count and max(one.size for one in free.of(result.rigid)) > _AWAY * usual:
         motion, least = result.rigid, _AWAY * usual
     elif seen is not None and len(seen.direction) == rigid.count:  # the solver has seen in which direction it slides
-        motion, least = seen.direction, 0.1 * max(map(_size, free.of(seen.direction)))
+        motion, least = seen.direction, 0.1 * max(one.size for one in free.of(seen.direction))
     elif float(np.abs(left).max()) > _UNBALANCED * float(np.abs(rigid.e).max()):
-        motion, least = left, 0.1 * max(map(_size, free.of(left)))
+        motion, least = left, 0.1 * max(one.size for one in free.of(left))
     else:
         return ""
     said = []
     for load, carried, one in zip(free.resultants(rigid.e), free.resultants(held), free.of(motion), strict=True):
-        if _size(one) > least:
+        if one.size > least:
             one = one.tidy(_TURNING)
             pushed, resisted = (float(by.force @ one.translation + by.moment @ one.rotation) for by in (load, carried))
             resisted = 0.0 if abs(resisted) <= _PART * abs(pushed) else resisted
@@ -170,11 +170,6 @@ def running_away(problem: DiscreteProblem, result: SolverResult) -> str:
                 f"{in_units(resisted / way)}{unit} in the last iterate"
             )
     return f"there seems to be no equilibrium: loads push {' and '.join(said)}"
-
-
-def _size(motion: FreeMotion) -> float:
-    """Largest displacement of a motion, at the centre or the radius of its component."""
-    return float(np.linalg.norm(motion.translation) + motion.part.radius * np.linalg.norm(motion.rotation))
 
 
 def undetermined(problem: DiscreteProblem, x: FloatArray) -> Sequence[str]:

@@ -56,7 +56,17 @@ def test_vtk_reads_the_contact_surface(run):
     grid = grid if isinstance(grid, pyvista.DataSet) else grid[0]
     assert grid.n_cells == 18 * 6 and grid.n_points == 19 * 7
     names = {"pressure", "friction_traction", "slip", "gap", "status", "friction_use"}
-    names |= {"contact_force", "normal", "initial_gap", "given_gap", "area", "slip_bound", "slip_origin", "face"}
+    names |= {
+        "contact_force",
+        "normal",
+        "initial_gap",
+        "given_gap",
+        "area",
+        "slip_bound",
+        "slip_origin",
+        "face",
+        "node",
+    }
     names |= {"coefficient", "friction", "cohesion", "tangent_1", "tangent_2", *ACCUMULATED}
     assert set(grid.point_data.keys()) == names
     surface, x = solution.problem.surface, solution.contact_force.reshape(-1, 3)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from coulomb.io.field_files import OPPOSITE, Grid
+from coulomb.io.field_files import NODE, OPPOSITE, Grid
 from coulomb.pictures.report.fields import Bar, Limits, limits_of, named
 from coulomb.pictures.report.files import Run
 from coulomb.pictures.report.grids import (
@@ -45,13 +45,15 @@ def body():
 def contact():
     """The slave is the lower face of the tetrahedron, the master the upper face of the hexahedron."""
 
-    def fields(count, normal):
+    def fields(node, normal):
+        count = len(node)
         numbers = {name: np.arange(1.0, count + 1.0) for name in ON_FACE}
         vectors = {name: np.tile(UP, (count, 1)) for name in ("friction_traction", "slip")}
-        return {**numbers, **vectors, "normal": np.tile(normal, (count, 1))}
+        return {**numbers, **vectors, NODE: np.array(node), "normal": np.tile(normal, (count, 1))}
 
-    slave = Grid("Triangle", np.array([[0, 1, 2]]), CUBE[[4, 5, 6]], {**fields(3, -UP), "face": np.zeros(3)})
-    master = Grid("Quadrilateral", np.array([[0, 1, 3, 2]]), CUBE[4:], {**fields(4, UP), OPPOSITE: np.zeros(4)})
+    slave = Grid("Triangle", np.array([[0, 1, 2]]), CUBE[[4, 5, 6]], {**fields([0, 1, 2], -UP), "face": np.zeros(3)})
+    on_master = {**fields([4, 5, 6, 7], UP), OPPOSITE: np.zeros(4)}
+    master = Grid("Quadrilateral", np.array([[0, 1, 3, 2]]), CUBE[4:], on_master)
     return merged({"upper:bottom": slave, "lower:top": master})
 
 

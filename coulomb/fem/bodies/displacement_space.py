@@ -117,6 +117,15 @@ class DisplacementSpace:
         values = lagrange_values(cell, degree, lagrange_points(cell, self.degree))
         return np.einsum("ac,kci->kai", np.round(values, 12), x)
 
+    def in_a_cell(self) -> FloatArray:
+        """The middle of a cell that each of this rank's nodes belongs to, the mean of its nodes, metres, shape (k, 3):
+        by it nodes at one place are told apart."""
+        nodes = compat.cell_dofs(self.V)
+        middle = self.points_of_cells(np.arange(len(nodes), dtype=np.int32)).mean(axis=1)
+        found, mine = np.empty((self._owned, 3)), nodes < self._owned
+        found[nodes[mine]] = np.repeat(middle, np.sum(mine, axis=1), axis=0)
+        return found
+
     def area_of(self, facets: npt.NDArray[np.int32]) -> FloatArray:
         """Integral of every hat function over boundary facets in m^2, this rank's nodes, shape (k,); collective."""
 

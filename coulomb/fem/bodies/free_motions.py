@@ -117,8 +117,9 @@ class FreeMotion:
         )
 
     @property
-    def moves(self) -> bool:
-        return bool(np.any(self.translation) or np.any(self.rotation))
+    def size(self) -> float:
+        """Largest displacement, at the centre or the radius of its component, metres."""
+        return float(np.linalg.norm(self.translation) + self.part.radius * np.linalg.norm(self.rotation))
 
     def at(self, x: FloatArray) -> FloatArray:
         """The displacements of points x (k, 3) of the component, metres, shape (k, 3)."""
@@ -137,6 +138,26 @@ class FreeMotion:
 
 
 @dataclass(frozen=True)
+class OpenedPart:
+    """What moves as one where openings part a component: its name in messages, the number of the component, and in each
+    of the p openings its translation in metres and its rotation in radians times its radius, shape (6, p)."""
+
+    name: str
+    component: int
+    part: RigidPart
+    amounts: FloatArray
+
+    def motion(self, alpha: FloatArray, whole: FreeMotion | None) -> FreeMotion:
+        """For amounts alpha (p,) of the openings, and the motion of the component, if it can move."""
+        own = self.amounts @ alpha
+        found = FreeMotion(self.component, self.part, own[:3], own[3:] / self.part.radius)
+        if whole is None:
+            return found
+        there = whole.at(self.part.centre[None])[0]
+        return replace(found, translation=found.translation + there, rotation=found.rotation + whole.rotation)
+
+
+@dataclass(frozen=True)
 class FreeMotions:
     """The free rigid motions of a body, q of them, linearly independent; those of a component follow each other.
 
@@ -148,6 +169,7 @@ class FreeMotions:
         openings: Displacements of the last p of the motions, which move several components against each other, metres,
             shape (k, 3, p); they count as components of their own, of no nodes.
         of_openings: E with these, shape (q, q).
+        opened_parts: The parts that the last p motions move, if there are any.
     """
 
     comm: MPI.Comm
@@ -157,6 +179,7 @@ class FreeMotions:
     bodies: tuple[str, ...]
     openings: FloatArray | None = None
     of_openings: FloatArray | None = None
+    opened_parts: tuple[OpenedPart, ...] = ()
 
     def __len__(self) -> int:
         return len(self.motions)
@@ -206,6 +229,18 @@ class FreeMotions:
             found[motion.component] = replace(motion, translation=way, rotation=turn)
         return tuple(found.values())
 
+    def moving(self, alpha: FloatArray) -> list[tuple[str, FreeMotion]]:
+        """What moves, with its motion, for amounts alpha (q,) of the motions: components, or where these are opened the
+        parts of them; without what are rounding errors."""
+        of_components = self.of(alpha)
+        found = [(self.bodies[one.component], one) for one in of_components]
+        count = 0 if self.openings is None else self.openings.shape[2]
+        if count and np.max(np.abs(alpha[-count:])) > SMALL * np.max(np.abs(alpha)):
+            rigid = {one.component: one for one in of_components}
+            found = [(part.name, part.motion(alpha[-count:], rigid.get(part.component))) for part in self.opened_parts]
+        most = SMALL * max(one.size for _, one in found)
+        return [(name, one.tidy(SMALL)) for name, one in found if one.size > most]
+
     def resultants(self, e: FloatArray) -> tuple[RigidLoad, ...]:
         """Force and moment on every component that can move, as far as it can, of loads e (q,) along the motions."""
         found = []
@@ -233,6 +268,7 @@ class FreeMotions:
         motions: Sequence[tuple[str, RigidPart, FloatArray]],
         x: FloatArray,
         places: npt.NDArray[np.bool_],
+        parts: Sequence[OpenedPart],
     ) -> FreeMotions:
         """With p motions more, which move several components against each other; collective.
 
@@ -241,6 +277,7 @@ class FreeMotions:
             motions: What each is called in messages, where it is, and along which direction (3,) it opens.
             x: This rank's nodes, metres, shape (k, 3).
             places: Which nodes suit as anchors, shape (k,).
+            parts: What they move.
         """
         count, names = len(self.bodies), tuple(name for name, *_ in motions)
         more = tuple(FreeMotion(count + k, part, along, np.zeros(3)) for k, (_, part, along) in enumerate(motions))
@@ -262,6 +299,7 @@ class FreeMotions:
             bodies=self.bodies + names,
             openings=openings,
             of_openings=self._rows(known, anchors),
+            opened_parts=tuple(parts),
         )
 
     def _rows(self, R: FloatArray, anchors: Sequence[Anchor]) -> FloatArray:
@@ -369,6 +407,5 @@ def motions_in_words(free: FreeMotions, combinations: FloatArray) -> tuple[str, 
         said += [f"{free.bodies[number]} {motion}" for motion in motions]
         left = left @ right[:alone].T
     for column in left.T:
-        moving = [one.tidy(SMALL) for one in free.of(column)]
-        said.append(" while ".join(f"{free.bodies[one.component]} {one}" for one in moving if one.moves))
+        said.append(" while ".join(f"{name} {one}" for name, one in free.moving(column)))
     return tuple(said)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,10 @@ SNAP = 0.05
 
 _ROUNDING = 1e-9
 """Reference coordinates outside the reference cell by less are inside it."""
+
+_ALONG: Final = np.array([1.0, 0.7548776662, 0.5698402910])
+"""A direction of no mesh, along which cells beside each other have their middles at different places: by it the choice
+between them is the same on any number of ranks."""
 
 _NEWTON_STEPS = 30
 
@@ -79,8 +83,9 @@ def locate(
     inside = Interpolation(np.zeros((count, corners), dtype=np.int64), np.zeros((count, corners)))
     on_surface = Interpolation(inside.nodes.copy(), inside.weights.copy())
     for k, point in enumerate(points):
-        cell, X, outside = cells.containing(point)
-        if comm.allreduce(outside, op=MPI.MIN) > _ROUNDING:
+        cell, X, along = cells.containing(point)
+        along, owner = comm.allreduce((along, comm.rank), op=MPI.MINLOC)
+        if not np.isfinite(along):
             at, distance, facet = boundary.nearest(point)
             outside, owner = comm.allreduce((distance, comm.rank), op=MPI.MINLOC)
             x[k], near = comm.bcast((at, distance <= SNAP * boundary.size[facet] if facet >= 0 else False), root=owner)
@@ -92,8 +97,6 @@ def locate(
             if comm.rank == owner:
                 cell = int(boundary.cell[facet])
                 X = cells.reference(cell, x[k])[0]
-        else:
-            _, owner = comm.allreduce((outside, comm.rank), op=MPI.MINLOC)
         if comm.rank == owner:
             inside.nodes[k], inside.weights[k] = cells.dofs[cell], _without_rounding(cells.shape(np.clip(X, 0.0, 1.0)))
         for number, face in enumerate(contact):
@@ -102,10 +105,16 @@ def locate(
             nearest, owner = comm.allreduce((distance, comm.rank), op=MPI.MINLOC)
             if np.isfinite(nearest) and on_face[k] < 0:
                 on_face[k] = number
+                beside = comm.bcast(distance <= _ROUNDING * face.size[facet] if facet >= 0 else False, root=owner)
+                if beside:  # where bodies touch, it is in that of the face
+                    inside.weights[k] = 0.0
                 if comm.rank == owner:
                     cell = int(face.cell[facet])
-                    weights = cells.on_facet(np.clip(cells.reference(cell, at)[0], 0.0, 1.0), face.corners[facet])
+                    X = np.clip(cells.reference(cell, at)[0], 0.0, 1.0)
+                    weights = cells.on_facet(X, face.corners[facet])
                     on_surface.nodes[k], on_surface.weights[k] = cells.dofs[cell], _without_rounding(weights)
+                    if beside:
+                        inside.nodes[k], inside.weights[k] = on_surface.nodes[k], on_surface.weights[k]
     return LocatedPoints(x, inside, on_face, on_surface)
 
 
@@ -129,17 +138,18 @@ class _Cells:
         self._low, self._high = own.min(axis=1), own.max(axis=1)
 
     def containing(self, point: FloatArray) -> tuple[int, FloatArray, float]:
-        """This rank's own cell that holds a point: its number, the reference coordinates, and how far these are outside
-        the reference cell; infinite if there is none."""
+        """This rank's own cell that holds a point, of several, as where bodies touch, the first along `_ALONG`: its
+        number, the reference coordinates, and where it is along it; infinite if there is none."""
         best: tuple[int, FloatArray, float] = (-1, np.zeros(3), np.inf)
         beyond = 1e-6 if self._order == 1 else 0.2  # a curved cell may reach beyond its nodes
         margin = beyond * np.max(self._high - self._low, axis=1, initial=0.0)[:, None]
         near = np.all((self._low - margin <= point) & (point <= self._high + margin), axis=1)
         for cell in np.flatnonzero(near):
             X, outside = self.reference(int(cell), point)
-            if outside < best[2]:
-                best = (int(cell), X, outside)
-        return best if best[2] <= _ROUNDING else (-1, np.zeros(3), np.inf)
+            along = float(self._x[self._nodes[cell]].mean(axis=0) @ _ALONG)
+            if outside <= _ROUNDING and along < best[2]:
+                best = (int(cell), X, along)
+        return best
 
     def reference(self, cell: int, point: FloatArray) -> tuple[FloatArray, float]:
         """Reference coordinates of a point in a cell by Newton's method, and how far they are outside the cell.

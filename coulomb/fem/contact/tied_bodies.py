@@ -30,6 +30,7 @@ from ..bodies import (
     FreeMotions,
     Loading,
     NodalForces,
+    OpenedPart,
     Tie,
     WrappedBodies,
     at_nodes_of,
@@ -313,17 +314,24 @@ class TiedBodies(WrappedBodies):
         which nothing has energy, those are taken that change the lengths of bolts.
         """
         movable = [section.fixed for section in self._movable]
-        part, _ = self._joined_components([tie for tie in self.ties if not any(tie is one for one in movable)])
+        part, names = self._joined_components([tie for tie in self.ties if not any(tie is one for one in movable)])
         modes, parts = component_modes(self.x, part, self.comm)
         each = np.concatenate([np.where((part == k)[:, None, None], modes, 0.0) for k in range(len(parts))], axis=2)
         energy = self.comm.allreduce(np.einsum("kci,kcj->ij", each, self._resisted(each)), op=MPI.SUM)
-        motions = each @ null_space(energy, self._limit)
+        free = null_space(energy, self._limit)
+        motions = each @ free
         loose = ~np.array(self.locked)
         amounts = [self._amounts(motions[:, :, j])[loose] for j in range(motions.shape[2])]
         if not amounts:
             return found
         ways, named = openings(np.array(amounts).T, self._movable)
-        return found.opened(motions @ ways, named, self.x, places) if named else found
+        if not named:
+            return found
+        of_parts = (free @ ways).reshape(len(parts), 6, -1)
+        numbers = [int(np.max(found.component[part == k], initial=-1)) for k in range(len(parts))]
+        numbers = np.max(self.comm.allgather(numbers), axis=0).tolist()
+        opened = [OpenedPart(*one) for one in zip(names, numbers, parts, of_parts, strict=True)]
+        return found.opened(motions @ ways, named, self.x, places, opened)
 
     def _joined_components(self, ties: Sequence[Tie]) -> tuple[IntArray, tuple[str, ...]]:
         """The component of every node, where those of these ties are one, shape (k,), and their names; collective."""

@@ -1,4 +1,4 @@
-"""Cuts of a mesh along surfaces inside it, whose nodes are doubled; and nodes at one place, which are moved apart."""
+"""Cuts of a mesh along surfaces inside it, whose nodes are doubled."""
 
 from __future__ import annotations
 
@@ -11,39 +11,10 @@ import scipy.sparse
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ...arrays import IntArray, in_words
-from ...nearest import tree_of
 from ..mesh_formats import other_side
-from .inspection import InspectedMesh
 from .lagrange import CORNERS, nodes_of_facets
 from .mesh_file import FACETS, MeshFile
 from .mesh_parts import distinct
-
-_SAME, _APART = 1e-9, 4e-9
-"""Distances over the extent of the mesh: up to which nodes are at one place, and by which they are then moved apart."""
-
-
-def apart(file: InspectedMesh) -> InspectedMesh:
-    """The mesh with no two nodes at one place: those that were, on cuts and where parts touch, are moved by `_APART`
-    towards the middles of their cells, since files of results are matched by places."""
-    if not len(file.points):
-        return file
-    extent = float(np.max(np.ptp(file.points, axis=0)))
-    pairs = tree_of(file.points).query_pairs(_SAME * extent, output_type="ndarray")
-    used = np.zeros(len(file.points), dtype=bool)
-    used[file.cells] = True
-    same = np.unique(pairs[np.all(used[pairs], axis=1)])
-    if not len(same):
-        return file
-    near = np.zeros(len(file.points), dtype=bool)
-    near[same] = True
-    cells = file.cells[np.any(near[file.cells], axis=1)]
-    sums = np.zeros((len(file.points), 4))
-    middle = np.column_stack([file.points[cells].mean(axis=1), np.ones(len(cells))])
-    np.add.at(sums, cells, middle[:, None])
-    into = sums[same, :3] / sums[same, 3:] - file.points[same]
-    points = file.points.copy()
-    points[same] += _APART * extent * into / np.linalg.norm(into, axis=1)[:, None]
-    return replace(file, points=points)
 
 
 def cut(file: MeshFile, names: Sequence[str]) -> MeshFile:

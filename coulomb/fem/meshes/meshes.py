@@ -20,7 +20,7 @@ from ..compat import mesh
 from ..geometry import evaluate_vectors, same_on_all_ranks
 from ..mesh_formats import BOX_FACES
 from .curving import arcs, curved_faces
-from .cuts import apart, cut
+from .cuts import cut
 from .exchange import global_numbers, on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
 from .lagrange import (
@@ -392,7 +392,7 @@ def read_mesh(
     sound = on_first_rank(
         comm,
         str(path),
-        lambda: apart(inspect(cut(read_file(str(path), names or {}, cell_names or {}), cuts), scale, MPI.COMM_SELF)),
+        lambda: inspect(cut(read_file(str(path), names or {}, cell_names or {}), cuts), scale, MPI.COMM_SELF),
     )
     return from_first_rank(comm, path, sound)
 

@@ -332,10 +332,17 @@ def _in_mesh(grid: _Grid, mesh: _Grid) -> IntArray:
     asked = ask.send(wanted)
     found: IntArray = np.full(len(asked), -1, dtype=np.int64)
     if len(x):
-        distance, nearest = tree_of(x).query(asked)
-        found = np.where(distance <= near, number[nearest], -1)
+        distance, nearest = tree_of(x).query(asked, k=2)
+        found = np.where(distance[:, 0] <= near, number[nearest[:, 0]], -1)
+        found[distance[:, 1] <= near] = -2
     found = ask.reply(found)
-    if comm.allreduce(bool(np.any(found < 0)), op=MPI.LOR):
+    least = comm.allreduce(int(np.min(found, initial=0)), op=MPI.MIN)
+    if least == -2:
+        raise ValueError(
+            f"{grid.file.path}: has points at which the mesh {mesh.file.path} has several nodes, of parts that touch, "
+            "and does not say which: write the groups with the points of the mesh, or give the parts as bodies"
+        )
+    if least < 0:
         raise ValueError(f"{grid.file.path}: has points that are none of the mesh {mesh.file.path}")
     return found[inverse.ravel()].reshape(grid.rows.shape)
 

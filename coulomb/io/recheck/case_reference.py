@@ -28,15 +28,15 @@ from ...fem import compat
 from ...fem.bodies import TEMPERATURE, Bolt, Deformable, LoadedBody, Loading, Member, NodalForces, rigid_modes
 from ...fem.contact import ContactPoints, free_lengths, plane_of_face
 from ...fem.geometry import RigidFoundation, RigidMotion, moved
-from ...fem.meshes import SEPARATOR, corners_of
+from ...fem.meshes import SEPARATOR
 from ...linalg.reductions import Reductions
 from ...model.problem import ContactProblem
 from ...model.resultants import ForceBalance, force_balance
 from ..case_record import lasting_part, written_case
 from ..result_grids import GROUND
-from ..run_bodies import WrittenBody, midpoints, places
+from ..run_bodies import WrittenBody, midpoints, midpoints_of_facets, places
 from ..run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
-from ..run_files import WrittenRun, midpoints_of_facets
+from ..run_files import WrittenRun
 from ..summary import material_entries
 from .comparison import Comparison
 
@@ -99,7 +99,7 @@ class CaseReference:
 
     def nodes_of_tied_body(self, run: WrittenRun) -> npt.NDArray[np.int64]:
         """As `nodes_of`, of the tied body."""
-        return run.body.numbers_in([member.body.x for member in self.tied_body.members], f"{run.folder}: {_UNFIT}")
+        return run.body.numbers_in([member.body for member in self.tied_body.members], f"{run.folder}: {_UNFIT}")
 
     @cached_property
     def problem(self) -> ContactProblem:
@@ -231,7 +231,7 @@ class CaseReference:
         """Compare one of the bodies; whether the mesh is that of the case."""
         body, x = self.bodies[part.name], part.body.x
         of = f" of {part.name}" if part.name else ""
-        node, middle = places(body.x, x), midpoints(part.body.domain)
+        node, middle = part.nodes_in(body), midpoints(part.body.domain)
         cell = places(midpoints(body.domain), middle)
         if len(body.x) != len(node) or np.any(node < 0) or len(np.unique(cell)) != len(cell) or np.any(cell < 0):
             found.fault(f"{SOLUTION}: its mesh{of} is not the one that the case describes")
@@ -282,7 +282,7 @@ class CaseReference:
         parts = []
         for of_case, grid in sides:
             middles = [self._midpoints(name) for _, name in of_case]
-            written = np.empty((0, 3)) if grid is None else midpoints_of_facets(grid)
+            written = np.empty((0, 6)) if grid is None else midpoints_of_facets(grid.part.body, grid.number)
             there = places(np.concatenate(middles), written)
             expected = sum(map(len, middles))
             if np.any(there < 0) or len(written) != expected or len(np.unique(there)) != expected:
@@ -300,16 +300,14 @@ class CaseReference:
         return np.concatenate(parts[: len(run.faces)])
 
     def _midpoints(self, name: str) -> FloatArray:
-        """Midpoints of the facets of a face, metres, shape (f, 3)."""
+        """Those of the facets of a face."""
         body_name, _, own = ("", "", name) if "" in self.bodies else name.partition(SEPARATOR)
         body = self.bodies[body_name]
-        corners = corners_of(body.domain, body.mesh.facets(own, "contact"))
-        middle: FloatArray = body.domain.geometry.x[corners].mean(axis=1)
-        return middle
+        return midpoints_of_facets(body, body.mesh.facets(own, "contact"))
 
     def nodes_of(self, run: WrittenRun) -> npt.NDArray[np.int64]:
         """The number of every node of a run among those of the case, shape (k,); ValueError if the mesh differs."""
-        return run.body.numbers_in([member.body.x for member in self.members], f"{run.folder}: {_UNFIT}")
+        return run.body.numbers_in([member.body for member in self.members], f"{run.folder}: {_UNFIT}")
 
 
 class CaseForces:

@@ -25,12 +25,12 @@ from ...kinematics.large_motions import LargeMotions, LargeSolution
 from ...linalg.reductions import Reductions
 from ...model.load_step import Energy, Forces, LoadStep, Moment, State, coefficients_work, row
 from ..case_record import written_case
-from ..field_files import data_of, grids_of, read_fields
+from ..field_files import NODE, data_of, grids_of, read_fields
 from ..grid_file import GridFields
 from ..history_files import HistoryFiles, read_step, whole
 from ..output import Series
 from ..result_grids import body_grids, contact_grids
-from ..run_bodies import numbers, places
+from ..run_bodies import nodes_in, places
 from ..run_directory import CONTACT, FIELDS, HISTORY, SOLUTION, SUMMARY, RunDirectory, step_place
 from ..run_files import WrittenRun
 from ..summary import summary as summary_of
@@ -228,14 +228,14 @@ def _recorded_energy(run: WrittenRun) -> Energy:
 
 def _check_gaps(before: Findings, now: Findings, found: Comparison) -> None:
     """Compare the displacement of a plane foundation in the step with the change of the gaps."""
+    on_faces = now.run.on_faces_of(before.run)
     for part in range(int(np.max(now.nodes.part)) + 1):
         mine, then_there = (np.flatnonzero(one.nodes.part == part) for one in (now, before))
-        x_now, x_then = (one.run.on_face["x"][one.nodes.index[at]] for one, at in ((now, mine), (before, then_there)))
-        found_at = places(x_then, x_now)
-        here = np.zeros(len(now.nodes.part), dtype=bool)
-        here[mine[found_at >= 0]] = True
-        same = np.full(len(here), -1)
-        same[mine] = np.where(found_at >= 0, then_there[found_at], -1)
+        point = np.full(len(before.run.node), -1)
+        point[before.nodes.index[then_there]] = then_there
+        same = np.full(len(now.nodes.part), -1)
+        same[mine] = point[on_faces[now.nodes.index[mine]]]
+        here = same >= 0
         if not np.any(here) or np.any(now.nodes.paired[here]):
             continue
         n, then = now.nodes.frames[here, 0], before.nodes.only(same[here])
@@ -412,12 +412,16 @@ def _compare_fields(path: Path, answers: list[LargeSolution], found: Comparison)
 def _compare_grid(name: str, file: Path, first: GridFields, others: list[GridFields], found: Comparison) -> None:
     group = grids_of(file)[first.name]
     points, cells, fields = read_fields(data_of(file), (*first.on_points, *first.on_cells), (), group)
-    unfit, source = f"{file}: has another mesh than the case", "the case, displacement and contact forces"
-    order = numbers(points, first.grid.points, unfit)
+    source = "the case, displacement and contact forces"
+    order = nodes_in(first.grid.points, first.grid.cells, points, cells)
     middle = first.grid.points[first.grid.cells].mean(axis=1)
-    of_cells = numbers(points[cells].mean(axis=1), middle, unfit) if first.on_cells else np.arange(0)
+    of_cells = places(points[cells].mean(axis=1), middle) if first.on_cells else np.arange(0)
+    if np.any(order < 0) or np.any(of_cells < 0):
+        raise ValueError(f"{file}: has another mesh than the case")
     of = f" of {first.name}" if first.name else ""
     for given, node, x in (("on_points", order, first.grid.points), ("on_cells", of_cells, middle)):
         for field, expected in getattr(first, given).items():
+            if field == NODE:  # has been used to read the file
+                continue
             rounded = [np.asarray(getattr(other, given)[field]) for other in others]
             found.field(f"{name}: {field}{of}", fields[field][node], expected, x, source, rounded)

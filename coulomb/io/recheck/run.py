@@ -321,7 +321,7 @@ def compare_heat(case: CaseReference, run: WrittenRun, time: float, duration: fl
     heat, surface = problem.body.heat, problem.surface
     assert heat is not None
     unfit = f"{run.folder}: has another mesh than the case"
-    node = run.body.numbers_in([member.body.x for member in problem.elasticity.members], unfit)
+    node = run.body.numbers_in([member.body for member in problem.elasticity.members], unfit)
     change, pressure, friction = np.zeros(len(node)), *np.zeros((2, len(surface.nodes)))
     change[node] = run.on_body[TEMPERATURE]
     for part in range(len(problem.contacts)):

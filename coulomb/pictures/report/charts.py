@@ -13,7 +13,7 @@ import numpy.typing as npt
 from ...contact_fields import normal_forces
 from .fields import ZONES, zone_counts
 from .files import Rows, Run
-from .grids import same_nodes
+from .grids import nodes_of
 from .problem import values_in_time
 from .units import scale_of
 
@@ -256,9 +256,7 @@ def _drive(run: Run) -> tuple[Any, str]:
     if "held" in body.fields and "prescribed" in body.fields:
         held = np.any(body.fields["held"] > 0.0, axis=1)
         others = (step.grid("solution") for step in run.steps)
-        table = np.stack(
-            [other.fields["prescribed"][same_nodes(body.points, body.blocks, other)[held]] for other in others]
-        )
+        table = np.stack([other.fields["prescribed"][nodes_of(body, other)[held]] for other in others])
         driven = np.any(np.ptp(table, axis=0) > 0.0, axis=1)
         if driven.any():
             found.append((table[:, driven].mean(axis=1), "prescribed displacement"))

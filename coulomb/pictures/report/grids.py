@@ -6,7 +6,7 @@ import ctypes.util
 import itertools
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...contact_fields import AGAINST
-from ...io.field_files import OPPOSITE, WHOLE, Block, Grid
-from ...nearest import tree_of
+from ...io.field_files import NODE, OPPOSITE, WHOLE, Block, Grid
+from ...nearest import in_a_cell, same_nodes, tree_of
 
 _LATTICE = {
     **{(0, 0, 0): 0, (2, 0, 0): 1, (2, 2, 0): 2, (0, 2, 0): 3, (0, 0, 2): 4, (2, 0, 2): 5, (2, 2, 2): 6, (0, 2, 2): 7},
@@ -184,20 +184,29 @@ def outward(contact: Grid) -> FloatArray:
 
 
 def nodes_in_body(contact: Grid, body: Grid) -> npt.NDArray[np.int64]:
-    """The node of its own body at every point of the contact faces, shape (n,): bodies touch at coincident nodes."""
-    return same_nodes(contact.points, contact.blocks, body, body_of)
+    """The node of its own body at every point of the contact faces, shape (n,): bodies touch at coincident nodes.
+    Without the numbers of the nodes, or if the body is none (`Step`), the nearest of this body."""
+    of_body, everywhere = {one.name: one.points for one in body.blocks}, slice(0, len(body.points))
+    found = np.rint(contact.fields.get(NODE, np.zeros(len(contact.points)))).astype(np.int64)
+    for block in blocks_of(contact):
+        nodes, x = of_body.get(body_of(block.name), everywhere), contact.points[block.points]
+        here = np.minimum(nodes.start + found[block.points], nodes.stop - 1)
+        if not np.array_equal(body.points[here], x):
+            here = nodes.start + tree_of(body.points[nodes]).query(x)[1]
+        found[block.points] = here
+    return found
 
 
-def same_nodes(
-    points: FloatArray, blocks: Sequence[Block], grid: Grid, of: Callable[[str], str] = str
-) -> npt.NDArray[np.int64]:
-    """The points of a grid that are at these points (k, 3) of another state: nodes may be in another order.  Those of a
-    block, if there are any, are in the block of the grid with the name `of` it, or anywhere if there is none."""
-    mine, everywhere = {block.name: block.points for block in grid.blocks}, slice(0, len(grid.points))
-    found = np.zeros(len(points), dtype=np.int64)
-    for block in blocks or [Block("", slice(0, len(points)), slice(0), "", 1)]:
-        nodes = mine.get(of(block.name), everywhere)
-        found[block.points] = nodes.start + tree_of(grid.points[nodes]).query(points[block.points])[1]
+def nodes_of(one: Grid, other: Grid) -> npt.NDArray[np.int64]:
+    """The points of a grid in another state, `other`, that are the points of `one` (k, 3): nodes may be in another
+    order.  Those of a block are in the block of the same name."""
+    there = {block.name: block for block in blocks_of(other)}
+    found = np.zeros(len(one.points), dtype=np.int64)
+    for block in blocks_of(one):
+        same, x = there[block.name], one.points[block.points]
+        inside = in_a_cell(x, one.cells[block.cells] - block.points.start)
+        points, cells = other.points[same.points], other.cells[same.cells] - same.points.start
+        found[block.points] = same.points.start + same_nodes(x, inside, points, cells, 1e-9 * float(np.ptp(x)))
     return found
 
 

@@ -13,7 +13,7 @@ from ...contact_fields import names
 from ...io.field_files import Grid
 from .fields import AXES, ZONES, limits_of, named, ramp
 from .files import Run, Step
-from .grids import blocks_of, nodes_in_body, outward, same_nodes, skin_of
+from .grids import blocks_of, nodes_in_body, nodes_of, outward, skin_of
 from .scene import looking_at
 from .units import in_seconds, scale_of
 
@@ -87,8 +87,7 @@ def _step(step: Step, fields: Sequence[dict[str, Any]], last: Step, outline_node
     contact, body = step.grid("contact"), step.grid("solution")
     displacement = body.fields["displacement"]
     nodes, outline = (
-        same_nodes(of_last.points, of_last.blocks, grid)
-        for of_last, grid in ((last.grid("contact"), contact), (last.grid("solution"), body))
+        nodes_of(of_last, grid) for of_last, grid in ((last.grid("contact"), contact), (last.grid("solution"), body))
     )
     return {
         "label": "" if step.time is None else f"time {in_seconds(step.time)}",

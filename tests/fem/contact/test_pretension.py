@@ -23,6 +23,7 @@ from coulomb import (
     join,
     moved,
 )
+from coulomb.io.summary import remarks
 
 E, WIDE, LONG = 2e11, 0.01, 0.1
 AREA = WIDE**2
@@ -128,6 +129,19 @@ def test_the_joint_slips():
     assert last.solution.at_nodes.numbers()["nodes"]["stick"] == 0
     assert pulls == pytest.approx(2 * 0.1 * last.solution.bolts[0].force, rel=1e-6)
     assert last.solution.bolts[0].force == pytest.approx(1e4, rel=1e-2)
+
+
+def test_two_sections_in_one_bolt():
+    """The part between them is pushed to both sides by the same force: it can move, and is named."""
+    parts = {
+        name: moved(box((WIDE, WIDE, 0.03), (k + 1, 1, 2)), (0.0, 0.0, 0.03 * k))
+        for k, name in enumerate(("low", "mid", "up"))
+    }
+    wall = Contact("up:top", 0.3, foundation=Plane((0.0, 0.0, 0.09 + 1e-6), (0.0, 0.0, -1.0)))
+    bolts = [Pretension("mid:bottom", "low:top", force=-1e4), Pretension("up:bottom", "mid:top", force=-1e4)]
+    solution = ContactProblem(join(**parts), Material(E, 0.0), [Clamp("low:bottom")], wall, ties=bolts).solve()
+    (said,) = remarks(solution)
+    assert 'nothing resists that body "mid" moves along' in said and "while" not in said and "bolt" not in said
 
 
 def test_loose_bolts_of_a_free_body():

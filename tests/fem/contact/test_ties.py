@@ -19,6 +19,7 @@ from coulomb import (
     join,
     moved,
 )
+from coulomb.fem.meshes import corners_of
 from coulomb.solvers import IterativeSolver
 
 E, NU = 2e11, 0.3
@@ -334,3 +335,30 @@ def test_names_of_ties():
         Tied("a:top", 3)
     with pytest.raises(ValueError, match="for small strains"):
         ContactProblem(box((1, 1, 1), (1, 1, 1)), STEEL, [], FAR, kinematics="large", ties=[Tied("left", "right")])
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("sides", [("a", "b"), ("b", "a")])
+def test_contact_of_tied_faces(cell, sides):
+    """Refused with the names where no contact point can move: on the same faces and on parts of them, whichever is the
+    slave of the tie; where only some are tied, the others may be in contact."""
+    low = box((1.0, 1.0, 0.5), (4, 2, 1), cell)
+    up = moved(box((1.0, 1.0, 0.5), (4, 2, 1), cell), (0.0, 0.0, 0.5))
+    for mesh, face in ((low, "top"), (up, "bottom")):
+        facets = mesh.faces[face]
+        mesh.faces["whole"] = facets
+        mesh.faces["part"] = facets[mesh.domain.geometry.x[corners_of(mesh.domain, facets)].mean(axis=1)[:, 0] < 0.5]
+
+    def posed(contact, tie):
+        tied = Tied(*(f"{side}:{tie}" for side in sides), slave=True)
+        pair = Contact(f"b:{contact}", 0.3, against=f"a:{contact}", slave=True)
+        load = Traction("b:top", (1e5, 0.0, -1e6))
+        return ContactProblem(join(a=low, b=up), STEEL, [Clamp("a:bottom")], pair, [load], ties=[tied])
+
+    for contact, tie in (("whole", "whole"), ("part", "whole")):
+        said = (
+            f"contact of 'b:{contact}' with 'a:{contact}': the tie of '{sides[0]}:{tie}' and '{sides[1]}:{tie}' holds"
+        )
+        with pytest.raises(ValueError, match=said):
+            posed(contact, tie)
+    posed("whole", "part")
