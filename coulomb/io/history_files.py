@@ -29,7 +29,7 @@ from ..fem.geometry import on_all_ranks
 from ..model.load_step import Earlier, Energy, LoadStep, State
 from ..model.nodal_answer import ACCUMULATED, Accumulated
 from ..model.problem import ContactProblem
-from ..model.small_strain import SmallStrain
+from ..model.small_strain import MEASURES, SmallStrain
 from ..nearest import same_nodes
 from ..ranks import on_rank_0
 from . import output
@@ -400,7 +400,7 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     record = step["step"]
     where = {"step": record["number"], "time": record["time"]}
     most = {**step["maximum"], "slip_in_a_step": step["totals"]["greatest_slip"]}
-    strain = {field.name: step["small_strain"][field.name] for field in fields(SmallStrain)}
+    strain = {name: step["small_strain"][name] for name in MEASURES}
     largest_strain = _largest_of(before.get("small_strain", {}), strain, where)
     largest = _largest_of(before.get("maximum", {}), most, where)
     energy = Energy(**{field.name: record["row"][f"energy_{field.name}"] for field in fields(Energy)})
@@ -416,7 +416,8 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
         energy.warning(rounding, overlap if overlap > 1e-6 * way else 0.0),
         "" if touching else f"nothing touches in any load step: {LOOK_AT_GAP}",
     ]
-    warnings = SmallStrain(**{name: _number(entry["value"]) for name, entry in largest_strain.items()}).warnings
+    measures: dict[str, Any] = {name: _number(entry["value"]) for name, entry in largest_strain.items()}
+    warnings = SmallStrain(**measures).warnings
     return {
         "steps": before.get("steps", 0) + 1,
         "certified_steps": before.get("certified_steps", 0) + bool(step["certificate"]["passed"]),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -79,12 +78,7 @@ def summary(solution: Solution) -> dict[str, Any]:
             "products": result.products,
             "krylov": krylov,
         },
-        "small_strain": {
-            **asdict(strain),
-            "warnings": list(strain.warnings),
-            "violations": list(strain.violations),
-            "accepted": problem.small_strain == "warn",
-        },
+        "small_strain": {**strain.entry(), "accepted": problem.small_strain == "warn"},
         "remarks": remarks(solution),
         "versions": versions(),
         "seconds": dict(problem.seconds),

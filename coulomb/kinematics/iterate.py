@@ -4,7 +4,7 @@ forces from one to the next, and their acceleration."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import repeat
 
 import numpy as np
@@ -17,12 +17,12 @@ from ..fem.contact import ContactSurface, face_samples
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.reductions import Reductions
 from ..model.certificate import Evidence, rounding_forces
-from ..model.contact_body import Before
-from ..model.discrete_problem import DiscreteProblem
+from ..model.contact_body import Before, ContactBody
 from ..model.load_step import State
+from ..model.overlap import deformations
 from ..model.problem import ContactProblem
 from ..model.problem_evidence import gather_evidence
-from ..model.small_strain import Bound, SmallStrain, deformation_of, small_strain
+from ..model.small_strain import SmallStrain, small_strain
 from ..model.solution import Solution
 from ..solvers.successive_tresca import Anderson
 from .nonlinear_body import NonlinearBody
@@ -278,61 +278,16 @@ class _Deformed:
         return 0.0
 
 
-_BESIDE = Bound(0.01, 0.05)
-"""Of `LargeStrain.beside`."""
-
-
-@dataclass(frozen=True)
-class LargeStrain(SmallStrain):
-    """What makes an answer of large motions inaccurate: `between` and `chord`, and what is beside the contact faces;
-    the other measures are of small strains, and 0.
-
-    Attributes:
-        beside: Largest depth inside a foundation of the surface of a body beside its contact faces, where it was
-            outside before deformation, over the mean displacement of the forces that deform the body.
-        face: The contact face whose foundation it is.
-    """
-
-    beside: float = 0.0
-    face: str = ""
-
-    def _measures(self) -> tuple[tuple[float, Bound, str], ...]:
-        text = (
-            f"the surface beside contact face {self.face!r} is up to {self.beside:.0%} of the deformation inside its "
-            "foundation, which nothing prevents: let that surface belong to the contact face"
-        )
-        return (*super()._measures(), (self.beside, _BESIDE, text))
-
-
-def fineness(answer: Solution, e: Evidence) -> LargeStrain:
+def fineness(answer: Solution, e: Evidence, undeformed: ContactBody) -> SmallStrain:
     """`LargeSolution.small_strain` of an answer, by its evidence; collective."""
     surface, body, over = answer.problem.surface, answer.problem.elasticity, Reductions(e.comm)
     members = [body.face(face, "contact") for face in surface.faces]
     faces = [face_samples(one.body, facets, answer.change[one.nodes]) for one, facets in members]
+    deformation = deformations(e.displacement, e.internal, body.component, over)
+    motions = answer.problem.state.rigid_motions
+    inside = undeformed.outside.overlap(surface, motions, answer.displacement, deformation, large=True)
     deformed = _Deformed(e.comm, e.x, e.internal)
-    found = small_strain(answer.at_nodes, surface.foundations, deformed, e.displacement, faces)
-    depth, face = max([(0.0, ""), *zip(_depths_beside(answer.problem, over), surface.faces, strict=True)])
-    deformation = deformation_of(deformed, e.displacement, over)
-    beside = 0.0 if depth == 0.0 else min(depth / max(deformation, 1e-3 * depth), 1e3)
-    return LargeStrain(**asdict(found), beside=beside, face=face)
-
-
-def _depths_beside(problem: DiscreteProblem, over: Reductions) -> list[float]:
-    """Of every contact face the `beside` of `LargeStrain` in metres; 0 of pairs; collective."""
-    body, bare = problem.elasticity, problem.body.foundations
-    names = {name for one in problem.contacts for name in (one.face, one.against) if name is not None}
-    on_faces = np.unique(np.concatenate([body.nodes(name, "contact") for name in sorted(names)]))
-    found = []
-    for contact, foundation, motion in zip(problem.contacts, bare, problem.state.rigid_motions, strict=True):
-        member, _ = body.face(contact.face, "contact")
-        nodes = np.setdiff1d(nonlinear(member.body).boundary, on_faces - member.nodes.start)
-        depth = 0.0
-        if foundation is not None and len(nodes):
-            outside = foundation.signed_distance(member.body.reference[nodes]) > 0.0
-            inside = -moved(foundation, motion).signed_distance(member.body.x[nodes])
-            depth = float(np.max(inside[outside], initial=0.0))
-        found.append(over.max(np.array([depth])))
-    return found
+    return small_strain(answer.at_nodes, surface.foundations, deformed, e.displacement, faces, inside=inside)
 
 
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:

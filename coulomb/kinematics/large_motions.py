@@ -35,12 +35,13 @@ from ..model.nodal_answer import Accumulated
 from ..model.probes import Probe, ProbeValue
 from ..model.problem import ContactProblem
 from ..model.resultants import ForceBalance, force_balance
+from ..model.small_strain import SmallStrain
 from ..model.solution import Solution
 from ..model.stopping_criterion import StoppingCriterion
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from .hyperelastic import HyperelasticBody
-from .iterate import NEAR, CarriedForces, Iterate, LargeStrain, Linearised, Path, fineness, linearised, nonlinear
+from .iterate import NEAR, CarriedForces, Iterate, Linearised, Path, fineness, linearised, nonlinear
 from .slip import FaceMotion
 
 _log = logging.getLogger(__name__)
@@ -101,9 +102,9 @@ class LargeSolution(Solution):
         return np.zeros_like(self.displacement)
 
     @cached_property
-    def small_strain(self) -> LargeStrain:
-        """Whether the facets in contact are fine enough, and the surface beside them is outside of foundations."""
-        return fineness(self, self.evidence)
+    def small_strain(self) -> SmallStrain:
+        """Whether the facets in contact are fine enough, and surfaces are outside of each other."""
+        return fineness(self, self.evidence, self.origin.body)
 
     @property
     def forces_at_nodes(self) -> dict[str, FloatArray]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import repeat
 from typing import Any, Final, Protocol
 
@@ -47,6 +47,7 @@ from .heat import Heat, HeatProblem
 from .held_nodes import refuse_held_inside
 from .memory import memory_needed
 from .nodal_answer import Accumulated
+from .overlap import OutsideContacts
 from .pair_checks import JudgedPair
 from .probes import LocatedProbes, Part, Probe
 from .provenance import timed
@@ -365,6 +366,11 @@ class ContactBody:
         """Foundations of all contact faces before any motion; by default the plane of the face; None against a
         deformable face."""
         return tuple(self._faces.foundations)
+
+    @cached_property
+    def outside(self) -> OutsideContacts:
+        """What is outside of the contacts; collective."""
+        return OutsideContacts(self.elasticity, self.contacts, self.foundations)
 
     def located(self, probes: Sequence[Probe]) -> LocatedProbes:
         """Probes found in the mesh; collective.  Raises ValueError as `Solution.probed`."""

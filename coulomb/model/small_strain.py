@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
-from ..fem.contact import FaceSamples, distance_along
+from ..arrays import FloatArray, in_words
+from ..fem.contact import FaceSamples, Overlap, distance_along
 from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
 from ..nearest import among, tree_of
@@ -73,6 +73,10 @@ MODES = ("enforce", "warn")
 """An answer above a `Bound.refuse` is invalid, or gets a warning."""
 
 
+OVERLAP: Final = Bound(0.1, 0.1)
+"""Of the motion of two surfaces relative to each other, the part that they may be inside each other."""
+
+
 @dataclass(frozen=True)
 class SmallStrain:
     """Measures of the nonlinearity that the linear contact conditions neglect.
@@ -89,6 +93,9 @@ class SmallStrain:
             facets explains, over the same mean displacement.
         chord: How far gaps are from linear between contact points of which one presses, the chord h^2/(8 R) of facets,
             over the mean approach: work of the forces that deform the body, over the sum of the normal forces.
+        overlap: Largest depth of a node of the surface inside a body, or inside a foundation beside its contact face,
+            where no contact judges it, over the motion of the two relative to each other (`fem.contact.overlaps`).
+        inside: Where that is; None below 5 %.
     """
 
     gap_error: float
@@ -97,6 +104,8 @@ class SmallStrain:
     gradient: float
     between: float
     chord: float
+    overlap: float = 0.0
+    inside: Overlap | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -111,6 +120,12 @@ class SmallStrain:
         return tuple(
             f"{text} (limit {bound.refuse:g})" for value, bound, text in self._measures() if not value <= bound.refuse
         )
+
+    def entry(self) -> dict[str, Any]:
+        """The measures and their messages in summary.json."""
+        inside = None if self.inside is None else {name: _plain(value) for name, value in vars(self.inside).items()}
+        messages = {"warnings": list(self.warnings), "violations": list(self.violations)}
+        return {**{name: getattr(self, name) for name in MEASURES}, "inside": inside, **messages}
 
     @property
     def mere_warnings(self) -> tuple[str, ...]:
@@ -155,7 +170,27 @@ class SmallStrain:
                 "approach from linear, the chord h^2/(8 R), and the approach is uncertain by as much (facets there at "
                 f"least {math.sqrt(max(self.chord / CHORD.warn, 1.0)):.2g} times smaller)",
             ),
+            (self.overlap, OVERLAP, self._overlap),
         )
+
+    @property
+    def _overlap(self) -> str:
+        said = f"surfaces run through each other, by {self.overlap:.0%} of their motion relative to each other"
+        if self.inside is None:
+            return said
+        (face, through), depth = self.inside.faces, self.inside.depth
+        return (
+            f"{said}: {face} is {depth:.3g} m inside, through {through}, at x = ({in_words(self.inside.place)}): let "
+            "these faces belong to a contact ([auto_contact] finds pairs)"
+        )
+
+
+MEASURES: Final = tuple(field.name for field in fields(SmallStrain) if field.name != "inside")
+"""Names of the numbers among the attributes."""
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
 
 
 def known_mode(mode: str) -> str:
@@ -176,6 +211,7 @@ def small_strain(
     u: FloatArray,
     between: Sequence[FaceSamples] = (),
     blocked: float = 0.0,
+    inside: Overlap | None = None,
 ) -> SmallStrain:
     """Measure an answer; collective.
 
@@ -186,6 +222,7 @@ def small_strain(
         u: Displacement in metres, this rank's nodes, shape (k, 3).
         between: Places on each contact face.
         blocked: The deformation that the loads would cause where nothing can move, metres (`Evidence`).
+        inside: The largest overlap of surfaces.
     """
     over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
     pressing = normal > _PRESSING * max(over.max(normal), 0.0)
@@ -221,6 +258,8 @@ def small_strain(
         gradient=body.largest_gradient(u),
         between=_relative(_deepest(at_nodes, foundations, between), deformation),
         chord=_relative(_largest_chord(at_nodes, pressing, foundations, between), approach),
+        overlap=0.0 if inside is None else inside.depth / inside.approach,
+        inside=inside,
     )
 
 

@@ -25,6 +25,7 @@ from .certificate import Certificate, rounding_forces
 from .discrete_problem import DiscreteProblem
 from .heat import Heat
 from .nodal_answer import NodalAnswer
+from .overlap import deformations
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion, force_balance, resultant_of_ground
 from .small_strain import SmallStrain, small_strain
@@ -263,7 +264,10 @@ class Solution:
         blocked = body.blocked_displacement(problem.loading)
         members = [body.face(face, "contact") for face in problem.surface.faces]
         faces = [face_samples(one.body, facets, self.displacement[one.nodes]) for one, facets in members]
-        return small_strain(self.at_nodes, problem.surface.foundations, body, self.displacement, faces, blocked)
+        u, over = self.displacement, Reductions(problem.comm)
+        deformation = deformations(u, body.internal_force(u), body.component, over)
+        inside = problem.body.outside.overlap(problem.surface, problem.state.rigid_motions, u, deformation)
+        return small_strain(self.at_nodes, problem.surface.foundations, body, u, faces, blocked, inside)
 
     @property
     def outside(self) -> tuple[str, ...]:

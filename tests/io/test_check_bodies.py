@@ -173,3 +173,49 @@ def test_a_step_without_loads(tmp_path):
     """No contact force, and gaps of 1e-16 m: the natural residual has no force with which it could be compared."""
     found = check(run_case(UNLOADED, tmp_path / "run"))
     assert found.passed and not found.faults, str(found)
+
+
+APART = """\
+output = { picture = false }
+[[body]]
+name = "lower"
+box = [1.0, 1.0, 0.5]
+cells = [2, 2, 2]
+material = { young = 2e11, poisson = 0.3 }
+[[body]]
+name = "upper"
+box = [0.6, 1.0, 0.5]
+cells = [1, 1, 1]
+translate = [0.2, 0.0, 0.51]
+material = { young = 2e11, poisson = 0.3 }
+[[clamp]]
+face = "lower:left"
+[[prescribed_displacement]]
+face = "upper:top"
+value = [0.0, 0.0, -0.02]
+[[contact]]
+face = "lower:bottom"
+friction = 0.2
+"""
+"""A block is pushed into another one, with which it has no contact."""
+
+
+@pytest.mark.parametrize("with_case", [True, False])
+def test_surfaces_that_run_through_each_other_are_judged_again(tmp_path, with_case):
+    (tmp_path / "case.toml").write_text(APART)
+    done = run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "results")
+    assert done.returncode == 1 and "'upper:bottom' is 0.01 m inside, through 'lower:top'" in done.stderr
+    folder = tmp_path / "results"
+    if not with_case:
+        (folder / "case.json").unlink()
+    found = check(folder)
+    assert (
+        found.certificate.passed and not found.faults and not found.passed and "through each other" in found.outside[0]
+    )
+    summary = json.loads((folder / "summary.json").read_text())
+    inside = summary["small_strain"]["inside"]
+    assert not summary["valid"] and inside["depth"] == pytest.approx(0.01) and inside["place"][2] == 0.51
+    summary["small_strain"] |= {"overlap": 0.0, "inside": None, "violations": [], "warnings": []}
+    (folder / "summary.json").write_text(json.dumps({**summary, "valid": True}))
+    hidden = check(folder)
+    assert not hidden.passed and any("small_strain.overlap" in fault for fault in hidden.faults) and hidden.outside

@@ -209,7 +209,7 @@ def test_a_surface_beside_the_contact_face_that_gets_inside_makes_an_answer_inva
 
     assert drawn_left(0.1).valid
     inside = drawn_left(0.3)
-    assert not inside.valid and "beside contact face 'bottom'" in inside.outside[0]
+    assert not inside.valid and "the foundation of contact face 'bottom'" in inside.outside[0]
 
 
 def test_elements_inside_out_are_seen():

@@ -4,6 +4,7 @@ deformable faces by dual mortar elements (`pair_of`), and the sparse matrix B fr
 
 from ..bodies import at_nodes_of, rows_of
 from .auto_pairs import FoundPair, FoundPairs, auto_pairs
+from .body_boundary import Face, Part
 from .closest_points import facets_of, gathered
 from .contact_points import (
     ContactPoints,
@@ -16,8 +17,10 @@ from .contact_points import (
     nodal_points,
     row_products,
 )
+from .facet_patch import facet_patch
 from .mortar import MortarRows, mortar_rows
 from .near_facets import FaceSamples, NearFace, face_samples, whole_face
+from .overlaps import Obstacle, Overlap, Sides, Surface
 from .pair import (
     NO_SHAPE,
     Pair,

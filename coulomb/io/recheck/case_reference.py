@@ -148,9 +148,13 @@ class CaseReference:
         `foundation`."""
         return self._foundations[part].signed_distance(x)
 
-    def foundations(self, time: float) -> list[RigidFoundation | None]:
-        """Foundations of all faces for which `foundation` was called, moved to a time; None for pairs."""
-        motions, found = self.rigid_motions(time), self._foundations
+    def foundations(self, time: float | None) -> list[RigidFoundation | None]:
+        """Foundations of all faces for which `foundation` was called, moved to a time, or before any motion; None for
+        pairs."""
+        found = self._foundations
+        if time is None:
+            return [found.get(k) for k in range(len(self.contacts))]
+        motions = self.rigid_motions(time)
         paired = [k for k, contact in enumerate(self.contacts) if contact.against is not None]
         return [moved(found[k], motions[k]) if k in found else None for k in sorted({*found, *paired})]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from ...arrays import FloatArray
 from ...contact_fields import CONTACT_FIELDS
 from ...fem import compat
 from ...fem.bodies import EXPANSION, ISOTROPIC, ORTHOTROPIC, ORTHOTROPIC_EXPANSION, TEMPERATURE, TIE_STRESSES, range_of
-from ...fem.contact import face_samples
+from ...fem.contact import Overlap, face_samples
 from ...fem.geometry import RigidFoundation, Spin
 from ...fem.meshes import SEPARATOR
 from ...linalg.reductions import Reductions
@@ -27,7 +27,7 @@ from ...model.nodal_answer import NodalAnswer
 from ...model.pair_checks import PairFindings
 from ...model.probes import LocatedProbes, Part, Probe
 from ...model.resultants import resultant_of_ground
-from ...model.small_strain import SmallStrain, small_strain
+from ...model.small_strain import MEASURES, SmallStrain, small_strain
 from ..field_files import OPPOSITE
 from ..result_grids import ON_CELLS, ROUNDING, TIE_FORCE
 from ..run_bodies import WrittenBody, midpoints
@@ -35,8 +35,9 @@ from ..run_directory import CONTACT, OLD, SOLUTION
 from ..run_files import WrittenFace, WrittenRun
 from ..summary import derived
 from .case_reference import CaseForces, CaseReference, CaseTies, Perturbed
-from .comparison import Comparison, Rounding
+from .comparison import RELATIVE, Comparison, Rounding
 from .contact_nodes import ContactNodes, opposite_fields
+from .overlaps import WrittenSurface
 
 THERMAL = {EXPANSION, ORTHOTROPIC_EXPANSION}
 """Constants of cells that have a thermal strain."""
@@ -80,6 +81,7 @@ class Recomputation:
         supported: Loads and supports; None if they are unknown.
         probes: The probes, found in the mesh of the files.
         faces: Each contact face with its facets.
+        surface: That of the bodies.
         accepted: Whether violations of the theory of small strains are accepted.
         ties: Those of the case; None if there are none or they are unknown.
         pairs: What is off in the pairs of faces.
@@ -93,6 +95,7 @@ class Recomputation:
     supported: CaseForces | None
     probes: LocatedProbes
     faces: Sequence[tuple[WrittenFace, npt.NDArray[np.int32]]]
+    surface: WrittenSurface
     accepted: bool
     ties: CaseTies | None = None
     pairs: tuple[PairFindings, ...] = ()
@@ -166,15 +169,19 @@ class Recomputation:
             acting = self.supported.force_balance(u, reactions, on_body, taken, of_ties, shares, motions, bolts)
         probed = _probe_entries(self.probes, u, written, run.node[only_written.index], taken)
         numbers = derived(written, certificate, u, spring, held, acting)
-        strain: dict[str, Any] = {"gradient": body.largest_gradient(u)}
+        inside = self.surface.overlap(u, internal)
         if self.foundations is None:
-            outside = SmallStrain(**{**_recorded_strain(run), **strain}).violations
+            recorded, overlap = _recorded_strain(run), 0.0 if inside is None else inside.depth / inside.approach
+            strain: dict[str, Any] = {"gradient": body.largest_gradient(u)}
+            if overlap >= (1.0 - RELATIVE) * recorded.overlap:  # else it may be that of a foundation, which is unknown
+                strain["overlap"] = overlap
+            outside = replace(recorded, **strain).violations
         else:
             blocked = _blocked(run, heated)
             samples = [face_samples(face.part.body, facets, u[face.part.nodes]) for face, facets in self.faces]
-            measured = small_strain(written, self.foundations, body, u, samples, blocked)
+            measured = small_strain(written, self.foundations, body, u, samples, blocked, inside)
             outside = measured.violations
-            strain = {**asdict(measured), "warnings": list(measured.warnings), "violations": list(outside)}
+            strain = measured.entry()
         if acting is None:
             numbers |= _contact_on_bodies(run, on_body, body_x)
         for check in certificate.checks:
@@ -283,12 +290,14 @@ def _blocked(run: WrittenRun, heated: Mapping[str, FloatArray]) -> float:
     return max(found, default=0.0)
 
 
-def _recorded_strain(run: WrittenRun) -> dict[str, float]:
+def _recorded_strain(run: WrittenRun) -> SmallStrain:
     """The measures of small_strain in summary.json; null becomes nan."""
     given = run.summary.get("small_strain")
     try:
-        values = {field.name: given[field.name] for field in fields(SmallStrain)}  # type: ignore[index]
-        return {name: math.nan if value is None else float(value) for name, value in values.items()}
+        values = {name: given[name] for name in MEASURES}  # type: ignore[index]
+        inside = given["inside"]  # type: ignore[index]
+        numbers = {name: math.nan if value is None else float(value) for name, value in values.items()}
+        return SmallStrain(**numbers, inside=None if inside is None else Overlap(**inside))
     except (KeyError, TypeError, ValueError):
         raise ValueError(f"{run.files.summary}: has no 'small_strain' with all its measures") from None
 

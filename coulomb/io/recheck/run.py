@@ -26,6 +26,7 @@ from .comparison import Comparison, Rounding, unjudged
 from .contact_nodes import ContactNodes, Start, from_start, spins_of
 from .face_geometry import contact_nodes
 from .judged_pairs import judged_pairs
+from .overlaps import WrittenSurface
 from .recomputation import Recomputation, Variant, compare_materials, located_probes, written_fields
 
 SLIP_BOUND_LIMIT = 1e-6
@@ -182,6 +183,7 @@ def check_run(
         None if case is None or part is None else CaseForces(case, time, run),
         located_probes(run, case, faces),
         faces,
+        WrittenSurface(run, None if part is None else case, time, faces, nodes),
         bool(strain.get("accepted")) if case is None else case.accepts(run.summary),
         CaseTies(case, time, run) if case is not None and tied else None,
         judged_pairs(run, nodes, case, faces),

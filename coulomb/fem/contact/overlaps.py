@@ -1,0 +1,424 @@
+"""Where the surface of a body is inside a body, its own or another, at the deformed place, or in a rigid foundation.
+
+A node of the surface that is in a deformed cell that it does not belong to has passed through a facet.  The material
+that is now at its place was elsewhere before deformation, at a depth below its own surface: so far has the node got in,
+less what it was inside before.  The vector between both places is the motion of the two relative to each other.
+
+The nodes and the middles of all facets are looked at.  Cells and facets of second order count as their pieces with
+straight edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from ...arrays import FloatArray, IntArray
+from ...nearest import tree_of
+from ..geometry import RigidFoundation, on_all_ranks
+from ..meshes import Exchange, fetched, owner_of
+from .body_boundary import BodyBoundary, Face, Part, depths_below, in_boxes, in_tetrahedra
+from .facet_patch import mean_normals
+
+Flags = npt.NDArray[np.bool_]
+Rows = npt.NDArray[Any]
+
+_OF_DEFORMATION: Final = 0.5
+"""Relative motions below this part of the deformation of the bodies count as so large: where faces stick or are tied
+they hardly move relative to each other.  So what is inside by less than 5 % of the deformation does not count, as nodes
+at the edge of a contact face that are opposite to another body by a small part only: 1.3 % under the head of a bolt."""
+
+_ROUNDING: Final = 1e-11
+"""Relative motions below this part of the largest coordinate are rounding errors."""
+
+_SAME: Final = 1e-6
+"""Depths and distances that differ by less than this part are the same."""
+
+_LEAST: Final = 0.05
+"""Depths below this part of the relative motion are not worth a word."""
+
+_GOES_ON: Final = 0.7
+"""Cosine of the angle between a facet and the normal of the face beside it above which that goes on there."""
+
+_OPPOSED: Final = -0.1
+"""Cosine of the angle between the normals of a surface and of a facet below which it can get in there: flush sides of
+bodies on each other are not opposed."""
+
+_BOXES: Final = 64
+"""By which each rank describes where its cells are."""
+
+_AT_ONCE: Final = 100_000
+"""Pairs of points and cells treated at once, so that memory stays small."""
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """The place where a surface is deepest inside a body or a foundation, relative to the motion there.
+
+    Attributes:
+        faces: The face that got in, and the one through which.
+        place: Where the node was before deformation, metres.
+        depth: How deep it is inside, less what it was before, metres.
+        approach: How far the two have moved relative to each other, metres, or what counts as that.
+    """
+
+    faces: tuple[str, str]
+    place: tuple[float, float, float]
+    depth: float
+    approach: float
+
+
+class Sides(NamedTuple):
+    """Slave and master of a contact pair or of a tie."""
+
+    slave: Face
+    master: Face
+
+
+class Obstacle(NamedTuple):
+    """A rigid foundation before any motion and now, its contact face, and the name of that."""
+
+    name: str
+    face: Face
+    before: RigidFoundation
+    now: RigidFoundation
+
+
+class _Worst(NamedTuple):
+    """The row of a rank whose depth is largest relative to the approach; these in metres, and its place."""
+
+    place: tuple[float, float, float]
+    rank: int
+    row: int
+    depth: float
+    approach: float
+
+
+class _Now(NamedTuple):
+    """The facets of a body that this rank owns, after deformation: the rows at their nodes (f, n, w), their outward
+    vectors (f, 3), and of which pairs they are slaves with a contact point at a corner, shape (f, pairs)."""
+
+    rows: FloatArray
+    vectors: FloatArray
+    slave: Flags
+
+
+class Surface:
+    """The boundary facets and the cells of bodies before deformation.
+
+    Args:
+        parts: The bodies; nodes are those of one after the other.
+        sides: The pairs whose slave nodes something else keeps out of the master, or in their place beside it.
+        comm: The ranks.
+    """
+
+    def __init__(self, parts: Sequence[Part], sides: Sequence[Sides], comm: MPI.Comm):
+        self._parts, self._sides, self._comm = parts, sides, comm
+        self._ends = np.cumsum([0, *(len(part.space.x) for part in parts)])
+        self._bodies = [BodyBoundary.of(part) for part in parts]
+        largest = max(float(np.max(np.abs(body.patch.x), initial=0.0)) for body in self._bodies)
+        self._rounding = _ROUNDING * float(comm.allreduce(largest, op=MPI.MAX))
+        slaves, masters = [pair.slave for pair in sides], [pair.master for pair in sides]
+        none = np.zeros((self._ends[-1], 0), dtype=bool)
+        self._slaves, self._masters = (np.column_stack([none, *map(self._on, faces)]) for faces in (slaves, masters))
+        self._of_slaves, self._of_masters = (
+            [body.on(number, faces) for number, body in enumerate(self._bodies)] for faces in (slaves, masters)
+        )
+        self._normals = np.column_stack([none, *map(self._normals_on, masters)])
+
+    def _on(self, face: Face) -> Flags:
+        """Which of this rank's nodes are on a face, shape (k,); collective."""
+        part, facets = face
+        on: Flags = np.zeros(self._ends[-1], dtype=bool)
+        on[self._ends[part] + self._parts[part].space.nodes_of(facets)] = True
+        return on
+
+    def _normals_on(self, face: Face) -> FloatArray:
+        """Mean normals of a face at this rank's nodes, 0 off it, shape (k, 3); collective."""
+        part, facets = face
+        body, found = self._bodies[part], np.zeros((self._ends[-1], 3))
+        on = np.isin(body.facet, facets)
+        found[self._own(part)] = self._mean_normals(part, body.patch.nodes[on], body.patch.middle_vectors[on])
+        return found
+
+    def _own(self, part: int) -> slice:
+        """This rank's nodes of a body among those of all."""
+        return slice(*self._ends[part : part + 2])
+
+    def _mean_normals(self, part: int, nodes: IntArray, vectors: FloatArray) -> FloatArray:
+        """Means of the normals of facets with these nodes (f, n), from vectors (f, 3) of any length, by which they are
+        weighted, at this rank's nodes of a body, shape (k, 3); collective."""
+        starts, comm = self._bodies[part].starts, self._comm
+        to = Exchange(comm, owner_of(starts, nodes.ravel()))
+        node, vector = to.send(nodes.ravel()), to.send(np.repeat(vectors, nodes.shape[1], axis=0))
+        return mean_normals(node - starts[comm.rank], vector, len(self._parts[part].space.x))
+
+    def _at(self, rows: FloatArray, part: int, numbers: IntArray) -> FloatArray:
+        """Rows of all ranks' nodes of a body, at these numbers of nodes there; collective."""
+        return fetched(self._comm, self._bodies[part].starts, numbers, rows[self._own(part)])
+
+    def deepest(
+        self,
+        u: FloatArray,
+        component: IntArray,
+        deformation: FloatArray,
+        judged: Sequence[npt.NDArray[np.integer[Any]]],
+        obstacles: Sequence[Obstacle] = (),
+        large: bool = False,
+    ) -> Overlap | None:
+        """The overlap that is largest relative to the motion there; None if there is none worth a word; collective, the
+        same on every rank.
+
+        Args:
+            u: Displacement of this rank's nodes, metres, shape (k, 3).
+            component: The component of the meshes that each is in, shape (k,).
+            deformation: Mean displacement of the forces that deform it, metres, shape (k,).
+            judged: Of every pair this rank's slave nodes that are kept out.
+            obstacles: The rigid foundations.
+            large: Whether bodies may have moved far: then relative motions count as at most the deformation.
+        """
+        kept: Flags = np.zeros(self._slaves.shape, dtype=bool)
+        for number, nodes in enumerate(judged):
+            kept[nodes, number] = True
+            part = self._sides[number].slave[0]
+            space, own = self._parts[part].space, self._own(part)
+            if not space.positive:  # of 10-node tetrahedra the middles of edges beside them as well
+                kept[own, number] = space.linear_between_vertices(kept[own, number].astype(np.float64)) > 0.0
+        rows = np.column_stack([u, deformation, component, kept & self._slaves, self._masters])
+        now = [self._now(rows, part) for part in range(len(self._parts))]
+        points = np.concatenate([self._points(part, of) for part, of in enumerate(now)])
+        found = [self._in_bodies(rows, now, points, large)]
+        found += [self._in_obstacle(points, one, large) for one in obstacles]
+        return max(found, key=lambda one: one.depth / one.approach if one else 0.0)
+
+    def _now(self, rows: FloatArray, part: int) -> _Now:
+        patch, pairs = self._bodies[part].patch, self._masters.shape[1]
+        at = self._at(rows, part, patch.nodes)
+        moved = replace(patch, x=patch.x + at[:, :, :3])
+        judged = np.any(at[:, : patch.kind.corners, 5 : 5 + pairs] > 0.0, axis=1)
+        return _Now(at, moved.middle_vectors, judged & self._of_slaves[part])
+
+    def _points(self, part: int, now: _Now) -> Rows:
+        """The nodes and the middles of this rank's facets of a body; collective."""
+        patch, pairs, corners = self._bodies[part].patch, self._masters.shape[1], self._bodies[part].patch.kind.corners
+        number, first = np.unique(patch.nodes, return_index=True)
+        kinds = [("part", "i8"), ("nodes", "i8", (4,)), ("x", "f8", (3,)), ("u", "f8", (3,)), ("normal", "f8", (3,))]
+        kinds += [("deformation", "f8"), ("slave", "?", (pairs,)), ("master", "?", (pairs,))]
+        kinds += [("inside", "i8"), ("component", "i8"), ("was", "f8", (3,))]  # of the material at its place
+        points = np.zeros(len(number) + len(patch), dtype=kinds)
+        nodes, middles = points[: len(number)], points[len(number) :]
+        points["part"], points["nodes"] = part, -1
+        at = now.rows.reshape(-1, now.rows.shape[2])[first]
+        means = self._mean_normals(part, patch.nodes, now.vectors)
+        nodes["nodes"][:, 0], nodes["x"], nodes["u"] = number, patch.x.reshape(-1, 3)[first], at[:, :3]
+        nodes["normal"] = fetched(self._comm, self._bodies[part].starts, number, means)
+        nodes["slave"], nodes["master"] = np.split(at[:, 5:] > 0.0, 2, axis=1)
+        nodes["deformation"] = at[:, 3]
+        weights = np.array(patch.kind.values(*patch.kind.points[:corners].mean(axis=0)))
+        middles["nodes"][:, :corners] = patch.nodes[:, :corners]
+        middles["x"], middles["u"] = weights @ patch.x, weights @ now.rows[:, :, :3]
+        middles["normal"], middles["deformation"] = now.vectors, now.rows[:, 0, 3]
+        middles["slave"], middles["master"] = now.slave, self._of_masters[part]
+        return points
+
+    # --- bodies -------------------------------------------------------------------------------------------------------
+
+    def _in_bodies(self, rows: FloatArray, now: Sequence[_Now], points: Rows, large: bool) -> Overlap | None:
+        """The largest overlap of surfaces with bodies; collective."""
+        comm = self._comm
+        cells = [self._at(rows[:, :5], part, body.numbers) for part, body in enumerate(self._bodies)]
+        hits = self._inside(self._sent(points, cells), cells, deformed=True)
+        hits = hits[_way(hits) > np.maximum(self._rounding, _LEAST * _OF_DEFORMATION * hits["deformation"])]
+        hits = _once(np.concatenate(comm.allgather(hits)))
+        if not len(hits):
+            return None
+        depth, near = self._depths(hits["was"], hits, now)
+        kept = np.zeros(len(hits), dtype=bool)
+        for part, hit, facet in near:
+            master = self._of_masters[part][facet] | self._beside_masters(part, facet)
+            both = (hits["slave"][hit] & master) | (hits["master"][hit] & now[part].slave[facet])
+            kept[hit[np.any(both, axis=1)]] = True
+        kept = ~np.isfinite(depth) | (_least(-1.0 * kept, comm) < 0.0)
+        began = np.concatenate(comm.allgather(_keys(self._inside(hits[~kept], cells, deformed=False))))
+        inside = ~kept & np.isin(_keys(hits), began)
+        before = np.zeros(len(hits))
+        before[inside] = self._depths(hits["x"][inside], hits[inside], now)[0]
+        depth = np.where(kept, 0.0, np.minimum(depth - np.where(np.isfinite(before), before, 0.0), _way(hits)))
+        worst = _worst(depth, _way(hits), hits, large, comm)
+        if worst is None:
+            return None
+        through = [(self._bodies[part], row) for part, hit, facet in near for row in facet[hit == worst.row]]
+        named = [(of.name_of(row), *of.normal(row).tolist()) for of, row in through]  # as near as each other
+        face, *normal = min(one for ranks in comm.allgather(named) for one in ranks)
+        return self._overlap(hits[worst.row], np.array(normal), face, worst)
+
+    def _overlap(self, point: Rows, normal: FloatArray, through: str, worst: _Worst) -> Overlap:
+        """Of a place that has got in through a face with this outward normal; collective."""
+        body, named = self._bodies[int(point["part"])], []
+        wanted = point["nodes"][point["nodes"] >= 0]
+        has = [np.any(body.patch.nodes == node, axis=1) for node in wanted]
+        for row in np.flatnonzero(np.all(has, axis=0)):
+            named.append((round(float(body.normal(row) @ normal), 6), body.name_of(row)))
+        _, face = min(one for ranks in self._comm.allgather(named) for one in ranks)
+        return Overlap((face, through), worst.place, worst.depth, worst.approach)
+
+    def _beside_masters(self, part: int, facet: IntArray) -> Flags:
+        """Of which pairs facets of this rank have nodes on the master and go on in its direction, so that contact
+        points at the edge of the slave, partly before them, are judged there; shape (f, pairs); collective."""
+        patch = self._bodies[part].patch
+        n = self._at(self._normals, part, patch.nodes[facet]).sum(axis=1).reshape(len(facet), len(self._sides), 3)
+        own = patch.middle_vectors[facet]
+        sizes = np.linalg.norm(n, axis=2) * np.linalg.norm(own, axis=1)[:, None]
+        found: Flags = (np.einsum("fpi,fi->fp", n, own) > _GOES_ON * sizes) & (sizes > 0.0)
+        return found
+
+    def _sent(self, points: Rows, cells: Sequence[FloatArray]) -> Rows:
+        """The points of all ranks that are near this rank's deformed cells; collective."""
+        comm = self._comm
+        if comm.size == 1:
+            return points
+        every = [body.x + of[:, :, :3] for body, of in zip(self._bodies, cells, strict=True)]
+        low, high = (np.concatenate([of(y, axis=1) for y in every]) for of in (np.min, np.max))
+        order = tree_of(low).indices if len(low) else np.empty(0, dtype=np.int64)  # near ones are near in this order
+        groups = [some for some in np.array_split(order, _BOXES) if len(some)]
+        mine = np.array([(low[some].min(axis=0), high[some].max(axis=0)) for some in groups]).reshape(-1, 2, 3)
+        y, number, to = points["x"] + points["u"], [], []
+        for rank, boxes in enumerate(comm.allgather(mine)):
+            near = np.zeros(len(y), dtype=bool)
+            for lowest, highest in boxes:
+                near |= np.all((y >= lowest) & (y <= highest), axis=1)
+            number.append(np.flatnonzero(near))
+            to.append(np.full(len(number[-1]), rank))
+        found: Rows = Exchange(comm, np.concatenate(to)).send(points[np.concatenate(number)])
+        return found
+
+    def _inside(self, points: Rows, cells: Sequence[FloatArray], deformed: bool) -> Rows:
+        """The points that are in this rank's cells with which they share no node, with the body, the component and the
+        place of the material there; before deformation those in the component that they have."""
+        found = []
+        for part, (body, of) in enumerate(zip(self._bodies, cells, strict=True)):
+            these = points if deformed else points[points["inside"] == part]
+            places = these["x"] + these["u"] if deformed else these["x"]
+            at = body.x + of[:, :, :3] if deformed else body.x
+            point, cell = in_boxes(places, at)
+            use = np.ones(len(point), dtype=bool)
+            for column in these["nodes"].T:
+                use &= ~np.any(body.numbers[cell] == column[point][:, None], axis=1)
+            use |= these["part"][point] != part
+            if not deformed:
+                use &= of[cell, 0, 4] == these["component"][point]
+            for some in np.array_split(np.flatnonzero(use), np.count_nonzero(use) // _AT_ONCE + 1):
+                pair, weights, columns = in_tetrahedra(places[point[some]], at[cell[some]], body.tetrahedra)
+                hits, there = these[point[some][pair]], cell[some][pair][:, None]
+                if deformed:
+                    hits["inside"], hits["component"] = part, of[there[:, 0], 0, 4]
+                    hits["was"] = np.einsum("pc,pci->pi", weights, body.x[there, columns])
+                    hits["deformation"] = np.maximum(hits["deformation"], of[there[:, 0], 0, 3])
+                found.append(hits)
+        return _once(np.concatenate(found))
+
+    def _depths(
+        self, x: FloatArray, hits: Rows, now: Sequence[_Now]
+    ) -> tuple[FloatArray, list[tuple[int, IntArray, IntArray]]]:
+        """Depths of places x (h, 3), in the bodies of hits before deformation, behind facets that are opposed to the
+        hits, metres, inf where there is none; and of bodies hits and the rows of this rank's facets that are so near;
+        collective."""
+        comm, near = self._comm, []
+        depth = np.full(len(hits), np.inf)
+        for part, number in np.unique(np.column_stack([hits["inside"], hits["component"]]), axis=0):
+            body, at = self._bodies[part], np.flatnonzero((hits["inside"] == part) & (hits["component"] == number))
+            use = now[part].rows[:, 0, 4] == number
+            nodes = body.patch.x[use].reshape(-1, 3)
+            nearest = tree_of(nodes).query(x[at])[0] if len(nodes) else np.full(len(at), np.inf)
+            most = (1.0 + _SAME) * np.maximum(_way(hits[at]), _least(nearest, comm)) + self._rounding
+            some = np.flatnonzero(use[body.row])
+            hit, distance, row = depths_below(x[at], most, body.triangles[some], body.row[some])
+            against, vector = hits["normal"][at[hit]], now[part].vectors[row]
+            sizes = np.linalg.norm(against, axis=1) * np.linalg.norm(vector, axis=1)
+            opposed = np.einsum("pi,pi->p", against, vector) <= _OPPOSED * sizes
+            hit, distance, row = hit[opposed], distance[opposed], row[opposed]
+            least = np.full(len(at), np.inf)
+            np.minimum.at(least, hit, distance)
+            least = depth[at] = _least(least, comm)
+            same = distance <= (1.0 + _SAME) * least[hit] + self._rounding
+            near.append((int(part), at[hit[same]], row[same]))
+        return depth, near
+
+    # --- foundations --------------------------------------------------------------------------------------------------
+
+    def _in_obstacle(self, points: Rows, one: Obstacle, large: bool) -> Overlap | None:
+        """The largest overlap with a rigid foundation of what began outside of it, beside its contact face; None where
+        it has no signed distance; collective."""
+        comm, rows, on = self._comm, self._on(one.face).astype(np.float64), list[Flags]()
+        for part in range(len(self._parts)):
+            nodes = points["nodes"][points["part"] == part]
+            known, inverse = np.unique(nodes, return_inverse=True)  # the first one may be -1: none
+            there = np.zeros(len(known), dtype=bool)
+            there[known >= 0] = self._at(rows, part, known[known >= 0]) > 0.0
+            on.append(np.any(there[inverse.reshape(nodes.shape)] & (nodes >= 0), axis=1))
+        beside = points[~np.concatenate(on)]
+
+        def distances() -> tuple[FloatArray, FloatArray]:
+            y = beside["x"] + beside["u"]
+            if not len(y):
+                return np.zeros(0), np.zeros(0)
+            return np.asarray(one.before.signed_distance(beside["x"])), np.asarray(one.now.signed_distance(y))
+
+        try:
+            before, now = on_all_ranks(distances, "", comm)
+        except ValueError:
+            return None
+        in_ = (before >= -self._rounding) & (now < -self._rounding)
+        worst = _worst(-now[in_], (before - now)[in_], beside[in_], large, comm)
+        if worst is None:
+            return None
+        point = comm.bcast(beside[in_][worst.row] if comm.rank == worst.rank else None, root=worst.rank)
+        outward = on_all_ranks(lambda: one.now.normal((point["x"] + point["u"])[None])[0], "", comm)
+        return self._overlap(point, outward, f"the foundation of contact face {one.name}", worst)
+
+
+def _keys(hits: Rows) -> Rows:
+    """What tells hits apart, shape (h,)."""
+    keys = np.column_stack([hits["part"], hits["nodes"], hits["inside"], hits["component"]]).astype(np.int64)
+    found: Rows = np.ascontiguousarray(keys).view([("", np.int64)] * keys.shape[1]).ravel()
+    return found
+
+
+def _once(hits: Rows) -> Rows:
+    """The hits without repetition, in the same order on every rank that has the same."""
+    return hits[np.unique(_keys(hits), return_index=True)[1]]
+
+
+def _least(values: FloatArray, comm: MPI.Comm) -> FloatArray:
+    """The least of all ranks, entry by entry; collective."""
+    found = np.array(values, dtype=np.float64)
+    comm.Allreduce(MPI.IN_PLACE, found, op=MPI.MIN)
+    return found
+
+
+def _way(hits: Rows) -> FloatArray:
+    """How far hits and the material at their place have moved relative to each other, metres, shape (h,)."""
+    way: FloatArray = np.linalg.norm(hits["was"] - hits["x"], axis=1)
+    return way
+
+
+def _worst(depth: FloatArray, way: FloatArray, points: Rows, large: bool, comm: MPI.Comm) -> _Worst | None:
+    """The row, on any rank, with the largest depth relative to the approach, by depths and relative motions in metres,
+    shape (p,): of equal ones that with the smallest x, then y, then z; None below `_LEAST`; collective."""
+    size = points["deformation"]
+    most = np.where(size > 0.0, size, np.inf) if large else np.inf
+    approach = np.maximum(np.minimum(way, most), _OF_DEFORMATION * size)
+    value = depth / np.maximum(approach, 1e-300)
+    largest = float(comm.allreduce(float(np.max(value, initial=0.0)), op=MPI.MAX))
+    if largest < _LEAST:
+        return None
+    found = []
+    for k in np.flatnonzero(value >= (1.0 - _SAME) * largest):
+        x, y, z = map(float, points["x"][k])
+        found.append(_Worst((x, y, z), comm.rank, int(k), float(depth[k]), float(approach[k])))
+    return min(one for ranks in comm.allgather(sorted(found)[:1]) for one in ranks)

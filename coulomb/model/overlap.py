@@ -1,0 +1,68 @@
+"""Where surfaces of a problem run through each other outside of its contacts (`fem.contact.overlaps`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..arrays import FloatArray, IntArray
+from ..fem.bodies import Deformable
+from ..fem.contact import ContactSurface, Face, Obstacle, Overlap, Part, Sides, Surface
+from ..fem.geometry import RigidFoundation, RigidMotion, moved
+from ..linalg.reductions import Reductions
+from .contact import Contact
+
+
+def deformations(u: FloatArray, internal: FloatArray, component: IntArray, over: Reductions) -> FloatArray:
+    """Mean displacement of the forces that deform the component of each of this rank's nodes, metres, shape (k,), by
+    displacements and internal forces (k, 3); collective."""
+    count = 1 + int(over.max(component.astype(np.float64)))
+    work, forces = (
+        over.total(np.bincount(component, of, count).astype(np.float64))
+        for of in (np.einsum("ki,ki->k", u, internal), np.linalg.norm(internal, axis=1))
+    )
+    means: FloatArray = np.maximum(2.0 * work, 0.0) / np.maximum(forces, 1e-300)
+    return means[component]
+
+
+class OutsideContacts:
+    """Bodies before deformation with what judges their surfaces where: contact pairs and ties.
+
+    Args:
+        body: The bodies.
+        contacts: Their contacts, of pairs with the slave as face.
+        foundations: Of the contacts, before any motion; None of pairs.
+    """
+
+    def __init__(self, body: Deformable, contacts: Sequence[Contact], foundations: Sequence[RigidFoundation | None]):
+        self._body, self._contacts, self._foundations = body, contacts, foundations
+        self._ties = [tie for tie in body.ties if tie.kind != "rigid face"]
+        self._pairs = [k for k, contact in enumerate(contacts) if contact.against is not None]
+        names = [(contacts[k].face, str(contacts[k].against)) for k in self._pairs]
+        names += [(tie.face, tie.against) for tie in self._ties]
+        sides = [Sides(self._face(slave), self._face(master)) for slave, master in names]
+        parts = [Part(member.name, member.body, member.body.mesh.faces) for member in body.members]
+        self._surface = Surface(parts, sides, body.comm)
+
+    def _face(self, name: str) -> Face:
+        member, facets = self._body.face(name, "contact")
+        return [one.name for one in self._body.members].index(member.name), facets
+
+    def overlap(
+        self,
+        points: ContactSurface,
+        motions: Sequence[RigidMotion],
+        u: FloatArray,
+        deformation: FloatArray,
+        large: bool = False,
+    ) -> Overlap | None:
+        """Where surfaces run through each other, with these contact points and motions of the foundations; other
+        arguments as of `Surface.deepest`; collective."""
+        judged = [*(points.nodes[points.part == k] for k in self._pairs), *(tie.nodes for tie in self._ties)]
+        obstacles = [
+            Obstacle(repr(contact.face), self._face(contact.face), foundation, moved(foundation, motion))
+            for contact, foundation, motion in zip(self._contacts, self._foundations, motions, strict=True)
+            if foundation is not None
+        ]
+        return self._surface.deepest(u, self._body.component, deformation, judged, obstacles, large)

@@ -1,0 +1,186 @@
+"""Surfaces that run through each other outside of every contact, on any number of ranks: alone, or with mpirun."""
+
+from itertools import permutations, product
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    LoadHistory,
+    Material,
+    Plane,
+    PrescribedDisplacement,
+    Tied,
+    Traction,
+    box,
+    join,
+    moved,
+)
+from coulomb.fem.meshes import NamedMesh, boundary_facets, corners_of, distributed, second_order
+from coulomb.kinematics import NeoHookean
+
+comm = MPI.COMM_WORLD
+STEEL = Material(2e11, 0.3)
+HEXAHEDRON = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+GAP = 0.02
+
+
+def clip(cell="hexahedron", degree=1, gap=GAP, names=("jaw_up", "jaw_low")):
+    """A block of 6 x 1 x 2 m with a slot from x = 1 on in the middle of its height: three layers of cells, without
+    those of the slot."""
+    x, y, z = np.arange(7.0), np.linspace(0.0, 1.0, 3), np.array([0.0, 1.0, 1.0 + gap, 2.0 + gap])
+    points, shape = np.array(list(product(x, y, z))), (7, 3, 4)
+    cells = []
+    for origin in product(range(6), range(2), range(3)):
+        if origin[0] == 0 or origin[2] != 1:
+            ways = [HEXAHEDRON]
+            if cell == "tetrahedron":
+                ways = [np.cumsum([(0, 0, 0), *path], axis=0) for path in permutations(np.eye(3, dtype=int).tolist())]
+            cells += [[np.ravel_multi_index(tuple(np.add(origin, c)), shape) for c in way] for way in ways]
+    mine = np.array(cells) if comm.rank == 0 else np.empty((0, len(cells[0])), dtype=np.int64)
+    domain = distributed(comm, points if comm.rank == 0 else np.empty((0, 3)), mine)
+    facets = boundary_facets(domain)
+    at = domain.geometry.x[corners_of(domain, facets)].mean(axis=1)
+    slot = at[:, 0] > 1.0
+    faces = {"back": at[:, 0] < 1e-9, "bottom": at[:, 2] < 1e-9, "top": at[:, 2] > 2.0 + gap - 1e-9}
+    faces |= dict(zip(names, (slot & (np.abs(at[:, 2] - 1.0 - k * gap) < 1e-9) for k in (1, 0)), strict=False))
+    mesh = NamedMesh(domain, {name: facets[on] for name, on in faces.items()})
+    return second_order(mesh) if degree == 2 else mesh
+
+
+def pressed(mesh, contacts=(), pressure=1e7, **others):
+    """Its upper half is bent towards the lower one, which lies on a floor: by more than the slot."""
+    floor = Contact("bottom", 0.2)
+    load = Traction("top", (0.0, 0.0, -pressure), amplitude=[(0.0, 0.0), (1.0, 1.0)])
+    return ContactProblem(mesh, STEEL, [Clamp("back")], [floor, *contacts], [load], time=1.0, **others)
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_slot_that_closes_by_more_than_its_width(cell, degree):
+    mesh = clip(cell, degree)
+    pressure = 2e7 if (cell, degree) == ("tetrahedron", 1) else 1e7  # the stiffest
+    answer = pressed(mesh, pressure=pressure).solve()
+    strain = answer.small_strain
+    assert answer.certificate.passed and not answer.valid and strain.inside.place[0] == 6.0
+    assert sorted(strain.inside.faces) == ["'jaw_low'", "'jaw_up'"]
+    assert strain.overlap == pytest.approx(1.0 - GAP / strain.inside.approach, rel=0.05) and strain.overlap > 0.3
+    (text,) = answer.outside
+    assert f"is {strain.inside.depth:.3g} m inside, through 'jaw_" in text and "x = (6, " in text
+    half = pressed(mesh, pressure=0.25 * pressure).solve()
+    assert half.valid and half.small_strain.inside is None
+
+
+def test_a_slot_with_contact_of_the_body_with_itself():
+    mesh, jaws = clip(), Contact("jaw_up", 0.2, against="jaw_low")
+    answer = pressed(mesh, [jaws]).solve()
+    assert answer.valid and answer.small_strain.inside is None and answer.at_nodes.totals(1)["normal_force"] > 1e5
+
+
+def test_faces_without_names_and_answers_that_are_accepted():
+    answer = pressed(clip(names=()), small_strain="warn").solve()
+    assert answer.valid and answer.small_strain.inside.faces == ("the unnamed boundary",) * 2
+    assert "the unnamed boundary is" in answer.small_strain.violations[0]
+
+
+def test_the_step_of_a_history_is_named():
+    steps = list(LoadHistory([0.2, 1.0]).steps(pressed(clip())))
+    assert [step.solution.valid for step in steps] == [True, False]
+
+
+def test_large_motions():
+    problem = ContactProblem(
+        clip(),
+        NeoHookean(2e11, 0.3),
+        [Clamp("back")],
+        Contact("bottom", 0.2, foundation=Plane((0, 0, 0), (0, 0, 1))),
+        [Traction("top", (0.0, 0.0, -1e7), amplitude=[(0.0, 0.0), (1.0, 1.0)])],
+        kinematics="large",
+    )
+    steps = list(LoadHistory([0.2, 1.0]).steps(problem))
+    assert [step.solution.valid for step in steps] == [True, False]
+    assert sorted(steps[1].solution.small_strain.inside.faces) == ["'jaw_low'", "'jaw_up'"]
+
+
+def two(way, gap=0.01, contacts=(), cells=(2, 2, 2)):
+    """A block on a floor, and one above it that is moved."""
+    lower = box((1.0, 1.0, 0.5), (2, 2, 2))
+    upper = moved(box((0.6, 1.0, 0.5), cells), (0.2, 0.0, 0.5 + gap))
+    held = [Clamp("lower:left"), PrescribedDisplacement("upper:top", way)]
+    return ContactProblem(join(lower=lower, upper=upper), STEEL, held, [Contact("lower:bottom", 0.2), *contacts])
+
+
+@pytest.mark.parametrize("cells", [(2, 2, 2), (1, 1, 1)])
+def test_two_bodies_without_a_contact(cells):
+    """Flush at two sides; of one cell, the nodes are at edges alone."""
+    inside = two((0.0, 0.0, -0.02), cells=cells).solve()
+    assert not inside.valid and inside.small_strain.inside.depth == pytest.approx(0.01, rel=1e-6)
+    assert set(inside.small_strain.inside.faces) == {"'upper:bottom'", "'lower:top'"}
+    assert two((0.0, 0.0, -0.01), cells=cells).solve().valid
+    pair = Contact("upper:bottom", 0.2, against="lower:top")
+    assert two((0.0, 0.0, -0.02), contacts=[pair], cells=cells).solve().small_strain.inside is None
+
+
+def test_touching_faces_may_slide_and_part_but_not_press():
+    assert two((0.02, 0.01, 0.0), gap=0.0).solve().valid
+    assert two((0.02, 0.0, 0.01), gap=0.0).solve().valid
+    assert not two((0.0, 0.0, -1e-6), gap=0.0).solve().valid
+
+
+def test_an_overlap_before_deformation_counts_only_as_it_grows():
+    assert two((0.0, 0.0, -1e-5), gap=-0.02).solve().small_strain.inside.depth == pytest.approx(1e-5, rel=1e-6)
+    assert two((1e-5, 0.0, 0.0), gap=-0.02).solve().valid and two((0.0, 0.0, 1e-5), gap=-0.02).solve().valid
+
+
+def test_what_passes_through_beside_the_contact_points():
+    """The contact is of the upper block with the left half of the lower one, which ends there."""
+    lower = join(a=box((1.0, 1.0, 0.5), (2, 2, 2)), b=moved(box((1.0, 1.0, 0.5), (2, 2, 2)), (1.01, 0.0, 0.0)))
+    bodies = join(**lower.bodies, top=moved(box((2.01, 1.0, 0.5), (4, 2, 2)), (0.0, 0.0, 0.5)))
+    held = [Clamp("a:bottom"), Clamp("b:bottom"), PrescribedDisplacement("top:top", (0.0, 0.0, -1e-3))]
+    pairs = [Contact("top:bottom", 0.2, against="a:top"), Contact("top:bottom", 0.2, against="b:top")]
+    half = ContactProblem(bodies, STEEL, held, pairs[:1]).solve()
+    assert half.certificate.passed and not half.valid
+    assert set(half.small_strain.inside.faces) == {"'top:bottom'", "'b:top'"}
+    assert ContactProblem(bodies, STEEL, held, pairs).solve().small_strain.inside is None
+
+
+def test_tied_faces_are_no_overlap():
+    bodies = join(a=box((1.0, 1.0, 1.0), (2, 2, 2)), b=moved(box((0.6, 0.7, 0.5), (2, 3, 1)), (0.2, 0.1, 0.999)))
+    tied = [Tied("b:bottom", "a:top")]
+    load = [Traction("b:top", (1e7, 0.0, -1e7))]
+    answer = ContactProblem(bodies, STEEL, [Clamp("a:left")], Contact("a:bottom", 0.2), load, ties=tied).solve()
+    assert answer.valid and answer.small_strain.inside is None
+
+
+def test_a_corner_that_runs_into_the_floor():
+    """A cantilever above a floor that only the part next to the clamp is declared to touch."""
+    mesh = box((6.0, 1.0, 1.0), (6, 1, 1))
+    facets = mesh.faces["bottom"]
+    near = mesh.domain.geometry.x[corners_of(mesh.domain, facets)].mean(axis=1)[:, 0] < 2.0
+    beam = NamedMesh(mesh.domain, {**mesh.faces, "foot": facets[near]})
+
+    def bent(face, force, floor=-0.01):
+        plane = Plane((0.0, 0.0, floor), (0.0, 0.0, 1.0))
+        load = [Traction("right", (0.0, 0.0, -force))]
+        return ContactProblem(beam, STEEL, [Clamp("left")], Contact(face, 0.2, foundation=plane), load).solve()
+
+    answer = bent("foot", 2e7)
+    assert answer.certificate.passed and not answer.valid and answer.small_strain.inside.place[::2] == (6.0, 0.0)
+    assert answer.small_strain.inside.faces[1] == "the foundation of contact face 'foot'"
+    tip = float(comm.allreduce(np.min(answer.displacement[:, 2], initial=0.0), op=MPI.MIN))
+    assert (
+        answer.small_strain.inside.depth == pytest.approx(-tip - 0.01) and answer.small_strain.inside.approach == -tip
+    )
+    assert bent("foot", 2e6).valid and bent("bottom", 2e7).small_strain.inside is None
+
+
+def test_what_is_behind_a_foundation_from_the_beginning_is_no_overlap():
+    """The plane on which the upper jaw comes down goes through the lower one."""
+    mesh = clip()
+    stop = Contact("jaw_up", 0.2, foundation=Plane((0.0, 0.0, 1.0 + 0.9 * GAP), (0.0, 0.0, 1.0)))
+    answer = pressed(mesh, [stop]).solve()
+    assert answer.valid and answer.small_strain.inside is None
