@@ -29,8 +29,9 @@ from ..io import output
 from ..io.accuracy import accuracy
 from ..io.atomic_output import PARTIAL, discard, locked, present, set_aside, settle
 from ..io.case_record import case_record, case_text, refuse_another_case, write_case
-from ..io.error_bars import ComparisonHistories, NoErrorBars, error_of
+from ..io.error_bars import ComparisonHistories, error_of
 from ..io.history_files import HistoryFiles, read_summary, steps_on_disk, whole_history
+from ..io.other_meshes import NoErrorBars
 from ..io.refinement import Refined, refine
 from ..io.run_directory import CASE, MESH, PICTURE, RunDirectory
 from ..io.summary import summary

@@ -254,6 +254,7 @@ def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float
     if share > 0.01:
         part = f"{100.0 * share:.2g} % of the error bar of {total}"
         console.out(f"  the solver's tolerance {tolerance:g} leaves up to {part}: give a smaller one")
+    warn(*(contents.get("error") or {}).get("warnings", ()))
 
 
 def forces_in_a_step(row: dict[str, Any], least: float) -> str:

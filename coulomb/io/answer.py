@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,9 @@ class Answer:
         single: Whether the largest displacement is that of a single node, so that it may be larger between nodes.
         seconds: That the answer took.
         stress: None where it is not known.
+        energies: Strain energy of every body by its name, joules.
+        clearance: Where nothing touches, the smallest remaining gap over the displacement that has made it so small;
+            else inf.
         polygon: Volume between plane facets and the smooth surface for which they stand, over that of the body, the
             largest of all bodies.
         volume: Of the bodies by the corners of their cells, m^3.
@@ -80,6 +83,8 @@ class Answer:
     single: bool
     seconds: float
     stress: StressOfAnswer | None = None
+    energies: Mapping[str, float] = field(default_factory=dict)
+    clearance: float = math.inf
     polygon: float = 0.0
     volume: float = 0.0
 
@@ -88,7 +93,9 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     """What is compared of an answer, of a solver with this tolerance; collective."""
     contents, problem, u = summary(solution), solution.problem, solution.displacement
     members, over = problem.elasticity.members, Reductions(problem.comm)
-    contents["strain_energy"] = 0.5 * over.sum(np.sum(problem.elasticity.internal_force(u) * u, axis=1))
+    work = np.sum(problem.elasticity.internal_force(u) * u, axis=1)
+    energies = {member.name: 0.5 * over.sum(work[member.nodes]) for member in members}
+    contents["strain_energy"] = 0.5 * over.sum(work)
     meshes = [NamedMesh(member.body.domain, {}) for member in members]
     cells = sum(member.body.domain.topology.index_map(3).size_global for member in members)
     closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
@@ -96,6 +103,7 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     sizes, largest = np.linalg.norm(u, axis=1), contents["maximum"]["displacement"]
     size, order = cells ** (-1.0 / 3.0), sum(member.body.degree for member in members) / len(members)
     stress = stress_of(solution, size, order)
+    closing = np.maximum(problem.relative_displacement(solution.change)[:, 0], 1e-9 * largest)
     decides = stress is not None and even_contact(problem, contents["nodes"])
     totals = {name: (value, unit) for name, value, unit in totals_in(contents)}
     totals[FREE] = largest_free(problem.elasticity, u), "m"
@@ -110,6 +118,8 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
         single=over.sum(float(np.sum(sizes > (1.0 - 1e-9) * largest))) == 1.0,
         seconds=problem.seconds.get("total", sum(problem.seconds.values())),
         stress=stress,
+        energies=energies,
+        clearance=over.min((problem.surface.gap - closing) / closing) if largest and not closed else math.inf,
         polygon=max(map(polygon, meshes)),
         volume=over.sum(sum(map(volume, meshes))),
     )

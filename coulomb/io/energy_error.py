@@ -21,6 +21,7 @@ import numpy as np
 
 from ..fem.bodies import Elasticity, StressedCells, StressError, stress_difference, stress_errors
 from ..model.solution import Solution
+from .locking import SHARE
 
 SAFETY = 1.25
 """Of an error from answers on other meshes: the root of that of totals, since energies are squares."""
@@ -53,6 +54,8 @@ class StressOfAnswer:
         recovered: The error by recovery, `StressError.total`, of all bodies, the root of joules.
         norm: Of the stress, of all bodies, the root of joules.
         of_second: The part of `recovered` of the bodies of second order beside others of first.
+        of_first: The largest error by recovery over the stress of a body of first order, of those that have a hundredth
+            of the strain energy.
     """
 
     cells: Mapping[str, StressedCells]
@@ -61,6 +64,7 @@ class StressOfAnswer:
     recovered: float
     norm: float
     of_second: float = 0.0
+    of_first: float = 0.0
 
     @property
     def relative(self) -> float:
@@ -84,7 +88,9 @@ def stress_of(solution: Solution, size: float, order: float) -> StressOfAnswer |
     cells = {one.name: StressedCells(one.body, u[one.nodes], None) for one in members}  # type: ignore[arg-type]
     recovered, norm = (math.hypot(*of) for of in zip(*((e.total, e.norm) for e in errors.values()), strict=True))
     of_second = math.hypot(*(errors[one.name].total for one in members if one.body.degree > order))
-    return StressOfAnswer(cells, size, order, recovered, norm, of_second)
+    firsts = [errors[one.name] for one in members if one.body.degree == 1]
+    of_first = max((one.relative for one in firsts if one.norm**2 > SHARE * norm**2), default=0.0)
+    return StressOfAnswer(cells, size, order, recovered, norm, of_second, of_first)
 
 
 def relative_stress_error(first: StressOfAnswer | None, others: Sequence[StressOfAnswer | None]) -> float | None:

@@ -8,23 +8,18 @@ safety factor and "grid convergence index" these are; Eca and Hoekstra, J. Compu
 
 from __future__ import annotations
 
-import logging
 import math
-import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable
-from ..fem.meshes import coarser_meshes, same_cells
+from ..fem.meshes import same_cells
 from ..model.discrete_problem import DiscreteProblem
 from ..model.load_history import LoadHistory
 from ..model.load_step import LoadStep
-from ..model.memory import least_room
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..solvers.friction_problem import Solver
@@ -32,6 +27,8 @@ from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
 from .answer import FREE, LARGEST, Answer, answer_of, least_bar
 from .energy_error import relative_stress_error
+from .locking import ROUGH, WIDE, nearly_incompressible, single_layer, too_stiff
+from .other_meshes import NoErrorBars, answer_on, other_problems, refuse_too_large, without_remarks
 from .same_problem import refuse_another_problem
 
 SAFETY = 1.5
@@ -64,6 +61,11 @@ meshes have the same facets: 1 of weights, 2 of the torsion and bending of bars.
 COMPONENT = 0.05
 """Least bar of a component, over the largest one of its vector: the errors of the components have the same causes, and
 the differences of one may be small by accident."""
+
+UNCOMPARED = (
+    "bars may be far too short: first-order cells may lock, and second order, which would show it, has no answer"
+)
+"""Warning with the reason why there is none."""
 
 SINGULAR, UNRESOLVED = "singular, does not converge", "not resolved, perhaps singular"
 """Remarks on totals without a bar, by three meshes, and by two or three among which it goes up and down."""
@@ -131,11 +133,13 @@ class ErrorBars:
         bars: Of every total.
         answers: What was compared: the answer itself, then the others.
         relative_stress_error: Error of the stress over the stress, in the energy norm; None where it is not known.
+        warnings: On cells that lock, and on bars that may be too short since these could not be compared.
     """
 
     bars: tuple[ErrorBar, ...]
     answers: tuple[Answer, ...]
     relative_stress_error: float | None = None
+    warnings: tuple[str, ...] = ()
 
     def __getitem__(self, quantity: str) -> ErrorBar:
         """That of a total, by its place in summary.json; KeyError with all places if there is none."""
@@ -153,11 +157,8 @@ class ErrorBars:
             ],
             "bars": [bar.entry() for bar in self.bars],
             "relative_stress_error": self.relative_stress_error,
+            **({"warnings": list(self.warnings)} if self.warnings else {}),
         }
-
-
-class NoErrorBars(ValueError):
-    """An answer cannot be compared with others, with the reason."""
 
 
 def error_of(
@@ -187,79 +188,55 @@ def error_of(
     refuse_another_problem(solution, others)
     found = [answer_of(solution, tolerance)]
     if others:
-        found += [answer_of(other, tolerance) for other in others]
-        return bars_of(found)
+        bars = bars_of([*found, *(answer_of(other, tolerance) for other in others)])
+        return replace(bars, warnings=(f"{UNCOMPARED}: give one",)) if _may_lock(solution.problem, bars) else bars
     refusals = []
-    for way in _other_problems(solution.problem):
+    for way in other_problems(solution.problem):
         for problem in way:
-            began = time.perf_counter()
             try:
-                refuse_too_large(problem)
-                with _without_remarks():
-                    answer = problem.solve(tolerance, solver, progress)
-            except (NotConverged, ValueError) as error:
-                refusals.append(f"on another mesh ({problem.unknowns['displacement']} unknowns): {error}")
+                found.append(answer_on(problem, tolerance, solver, progress))
+            except ValueError as error:
+                refusals.append(str(error))
                 break
-            found.append(replace(answer_of(answer, tolerance), seconds=time.perf_counter() - began))
         if len(found) > 1:  # one other mesh will do
-            return bars_of(found)
+            return with_second_order(solution, found, tolerance, solver, progress)
     raise NoErrorBars(refusals[0])
 
 
-def _other_problems(problem: DiscreteProblem) -> Iterator[list[ContactProblem]]:
-    """The same problem on up to two coarser meshes, and on the same cells with elements of the other order
-    (`same_cells`), if that is needed; one at least, else a NoErrorBars on every rank; collective.
-
-    A mesh on which it cannot be posed is left out: supports hold all nodes of a single cell, curved cells may become
-    flat, and faces or groups that were added to a box are not on coarser ones.
-    """
-    if not isinstance(problem, ContactProblem) or isinstance(mesh := problem.made_of, Deformable):
-        raise NoErrorBars(
-            "a Body of your own forms cannot be posed on another mesh from here: solve it on another one too, and give "
-            "the answers: solution.error(coarser)"
-        )
-    refusal, posed = "", False
-    for others in (coarser_meshes, same_cells):
-        found = []
-        with _without_remarks():
-            try:
-                for other in others(mesh):
-                    found.append(problem.on(other))
-            except ValueError as error:
-                refusal = f"the problem has no other mesh: {error}"
-        if found:
-            posed = True
-            yield found
-    if not posed:
-        raise NoErrorBars(refusal)
-
-
-def compared(problem: DiscreteProblem) -> list[ContactProblem]:
-    """The same problem on one or two other meshes, the first of `_other_problems`; collective.
-
-    Raises:
-        NoErrorBars: If it cannot be posed on any.
-    """
-    return next(_other_problems(problem))
-
-
-def refuse_too_large(problem: ContactProblem) -> None:
-    """A ValueError on every rank if a node has too little free memory; collective."""
-    needed, fits = problem.body.memory(), least_room(problem.comm)
-    if needed > fits:
-        raise NoErrorBars(f"it needs about {needed / 1e9:.2g} GB of memory, and {fits / 1e9:.2g} GB are free")
-
-
-@contextmanager
-def _without_remarks() -> Iterator[None]:
-    """Remarks on input and answer are about the mesh of the answer."""
-    log = logging.getLogger(__package__.partition(".")[0])
-    level = log.level
-    log.setLevel(logging.ERROR)
+def with_second_order(
+    solution: Solution,
+    found: Sequence[Answer],
+    tolerance: float,
+    solver: Solver | None = None,
+    progress: ProgressCallback | None = None,
+    unknown: float = 0.0,
+) -> ErrorBars:
+    """`bars_of` the answers found, where first-order cells may lock also with that of second order on the same cells;
+    collective.  Arguments as of `error_of` and `bars_of`."""
+    bars = bars_of(found, unknown)
+    if not _may_lock(solution.problem, bars):
+        return bars
     try:
-        yield
-    finally:
-        log.setLevel(level)
+        problem = next(other_problems(solution.problem, (same_cells,)))[0]
+        return bars_of([*found, answer_on(problem, tolerance, solver, progress)], unknown)
+    except ValueError as error:
+        return replace(bars, warnings=(f"{UNCOMPARED}: {error}",))
+
+
+def _may_lock(problem: DiscreteProblem, bars: ErrorBars) -> bool:
+    """Whether cells of first order may lock, and no answer of second order on the same ones is there; collective."""
+    first, *others = bars.answers
+    if any(_beside(first, one) for one in others):
+        return False
+    energy, body = bars["strain_energy"], problem.elasticity
+    rough = first.stress is not None and first.stress.of_first > ROUGH
+    wide = first.order < 2.0 and bool(energy.discretisation[0] > WIDE * energy.value[0])
+    return rough or wide or single_layer(body) or nearly_incompressible(body)
+
+
+def _beside(first: Answer, other: Answer) -> bool:
+    """Whether an answer is of a higher order on the same cells."""
+    return other.order > first.order and other.size < 1.1 * first.size
 
 
 class ComparisonHistories:
@@ -278,12 +255,17 @@ class ComparisonHistories:
     def __init__(
         self, problem: ContactProblem, history: LoadHistory, tolerance: float, progress: ProgressCallback | None = None
     ):
-        self._tolerance, problems = tolerance, compared(problem)
-        for one in problems:
-            refuse_too_large(one)
-        self._steps = [history.steps(one, progress=progress) for one in problems]
-        self._latest: list[LoadStep | None] = [None] * len(problems)
-        self._refusal = ""
+        self._problem, self._history, self._tolerance, self._progress = problem, history, tolerance, progress
+        self._steps: list[Iterator[LoadStep]] = []
+        self._latest: list[LoadStep | None] = []
+        self._refusal = self._uncompared = ""
+        for one in next(other_problems(problem)):
+            self._add(one)
+
+    def _add(self, problem: ContactProblem) -> None:
+        refuse_too_large(problem)
+        self._steps.append(self._history.steps(problem, progress=self._progress))
+        self._latest.append(None)
 
     def error_of(self, step: LoadStep) -> ErrorBars:
         """The error bars of a load step; the others advance to its time, or beyond where it was halved; collective.
@@ -297,7 +279,7 @@ class ComparisonHistories:
         for number, steps in enumerate(self._steps):
             latest = self._latest[number]
             try:
-                with _without_remarks():
+                with without_remarks():
                     while latest is None or latest.state.time < now - 1e-12 * abs(now):
                         latest = self._latest[number] = next(steps)
             except (NotConverged, ValueError, StopIteration) as error:
@@ -306,7 +288,17 @@ class ComparisonHistories:
             if latest.state.time > now + 1e-12 * abs(now):
                 raise NoErrorBars(f"no load step on another mesh ends at {now:g} s")
             answers.append(answer_of(latest.solution, self._tolerance))
-        return bars_of(answers)
+        bars = bars_of(answers)
+        if not _may_lock(self._problem, bars):
+            return bars
+        if not self._uncompared:  # second order takes all steps so far
+            try:
+                self._add(next(other_problems(self._problem, (same_cells,)))[0])
+                return self.error_of(step)
+            except ValueError as error:
+                self._uncompared, self._refusal = f"{UNCOMPARED}: {error}", ""
+                del self._steps[len(answers) - 1 :], self._latest[len(answers) - 1 :]
+        return replace(bars, warnings=(self._uncompared,))
 
 
 def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
@@ -324,7 +316,7 @@ def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
     chain = [one for one in others if one.order == first.order and one.size > 1.1 * first.size]
     chain = sorted(chain, key=lambda one: one.size)[:2]
     beside = [one for one in others if one.order != first.order or one.size < 0.9 * first.size]  # else the same cells
-    compared = chain or beside
+    compared = [*chain, *beside]
     if not compared:
         raise NoErrorBars(
             "the answers are on the same cells with elements of the same order; give one on other cells, best coarser: "
@@ -337,20 +329,23 @@ def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
             continue
         values = [one.totals[name][0] for one in compared]
         extreme = name.endswith(("greatest_pressure", "greatest_slip"))
+        order, off = math.nan, np.zeros_like(value)
         if chain:
-            sizes = [one.size for one in compared]
             bounds = (SLOWEST, OF_EXTREMES) if extreme else _bounds(first, chain[0])
-            order, off = extrapolated([(first.size, value), *zip(sizes, values, strict=True)], *bounds)
-        else:
-            parts = [_part(first, one) * (2.0 if extreme else _better(first, one)) for one in compared]
-            apart = np.array([part * np.abs(other - value) for part, other in zip(parts, values, strict=True)])
-            finer = np.array([one.size < 0.9 * first.size for one in compared])
-            order, off = math.nan, np.max([apart[~finer].sum(axis=0), *apart[finer]], axis=0)
+            coarser = [(one.size, of) for one, of in zip(chain, values, strict=False)]
+            order, off = extrapolated([(first.size, value), *coarser], *bounds)
+        if beside:
+            parts = [_part(first, one) * (2.0 if extreme else _better(first, one)) for one in beside]
+            apart = np.array(
+                [part * np.abs(other - value) for part, other in zip(parts, values[len(chain) :], strict=True)]
+            )
+            finer = np.array([one.size < 0.9 * first.size for one in beside])
+            off = np.max([off, apart[~finer].sum(axis=0), *apart[finer]], axis=0)
         off = np.maximum(off, COMPONENT * np.max(off))
         border = np.full_like(value, first.border if name.endswith("contact_area") else 0.0)
         algebraic = np.full_like(value, max(one.algebraic[name] for one in (first, *compared)))
         if name.endswith("greatest_pressure"):
-            order, off = _unless_singular((value, *values), off, order, float(algebraic[0]))
+            order, off = _unless_singular((value, *values[: len(chain)]), off, order, float(algebraic[0]))
         geometry = shape * np.maximum(np.abs(value), COMPONENT * np.linalg.norm(value))
         bars.append(ErrorBar(name, unit, value, off, border, algebraic, order, (value, *values), geometry))
     stress = relative_stress_error(first.stress, [one.stress for one in compared])
@@ -359,7 +354,14 @@ def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
     largest = found[LARGEST]
     least = least_bar(largest.value, energy, free, first.single, SAFETY)
     found[LARGEST] = replace(largest, discretisation=np.maximum(largest.discretisation, least))
-    return ErrorBars(tuple(found.values()), (first, *compared), stress)
+    second = [one for one in compared if _beside(first, one)]
+    warnings = too_stiff(first.energies, second[0].energies) if second else ()
+    value, room = found[LARGEST].value[0], found[LARGEST].bar[0]
+    if first.clearance * value <= room:
+        more, bar = (f"{100.0 * part:.2g} %" for part in (first.clearance, room / value))
+        missed = f"nothing touches, but a displacement larger by {more} would close a gap, and its error bar is {bar}"
+        warnings += (f"{missed}: contact may be missed, and is not in the bars of forces",)
+    return ErrorBars(tuple(found.values()), (first, *compared), stress, warnings)
 
 
 def _unseen(first: Answer, compared: Sequence[Answer]) -> float:

@@ -20,7 +20,8 @@ from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
 from .answer import FREE, Answer, answer_of
 from .energy_error import recovered_errors
-from .error_bars import SHAPE, ErrorBar, ErrorBars, NoErrorBars, bars_of, error_of, refuse_too_large
+from .error_bars import SHAPE, ErrorBar, ErrorBars, bars_of, error_of, with_second_order
+from .other_meshes import NoErrorBars, refuse_too_large
 
 SMOOTH = 0.02
 """Volume by which the smooth surface through the nodes of a mesh is wrong, over that between it and the facets:
@@ -100,9 +101,15 @@ def refine(
         answers.insert(0, answer_of(solution, tolerance))
         asked = _asked([name for name in answers[0].totals if name != FREE], totals)
         best = Refined(solution, None, math.inf, "")
+        unknown = SMOOTH * answers[-1].polygon
+
+        def with_bars(bars: ErrorBars, best: Refined = best, asked: Sequence[str] = asked) -> Refined:
+            return replace(best, bars=bars, largest=_relative([bars[name] for name in asked]))
+
         if len(answers) > 1:
-            bars = bars_of(answers[:3], SMOOTH * answers[-1].polygon)
-            best = replace(best, bars=bars, largest=_relative([bars[name] for name in asked]))
+            best = with_bars(bars_of(answers[:3], unknown))
+            if best.largest <= to:
+                best = with_bars(with_second_order(solution, answers[:3], tolerance, solver, progress, unknown))
         said(best, relative_error(stress.values()))
         if best.largest <= to:
             return best
@@ -112,9 +119,10 @@ def refine(
         try:
             posed = problem.on(finer(mesh, of_cells, FLAT * to / SHAPE))
             if (many := posed.unknowns["displacement"]) > unknowns:
-                if best.bars is None:  # no finer mesh: others tell
-                    bars = error_of(solution, tolerance=tolerance, solver=solver, progress=progress)
-                    best = replace(best, bars=bars, largest=_relative([bars[name] for name in asked]))
+                if len(answers) == 1:  # no finer mesh: others tell
+                    best = with_bars(error_of(solution, tolerance=tolerance, solver=solver, progress=progress))
+                else:
+                    best = with_bars(with_second_order(solution, answers[:3], tolerance, solver, progress, unknown))
                 enough = best.largest <= to
                 trouble = "" if enough else f"the next mesh would have {many} unknowns, more than {unknowns}"
                 return replace(best, trouble=trouble)

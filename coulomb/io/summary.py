@@ -28,6 +28,7 @@ from ..process import peak_memory
 from ..solvers.results import Status
 from ..version import __version__
 from .environment import versions
+from .locking import thin_and_bent
 
 LOOK_AT_GAP = "check the foundation's position and normal, and the unit of the mesh (scale)"
 """Advice if no node is in contact."""
@@ -140,7 +141,7 @@ def remarks(solution: Solution) -> list[str]:
     if over.max(solution.contact_force[0::3]) > 0.0:
         motions = ", nor that ".join(undetermined(problem, solution.contact_force))
         unique = f"the equilibrium is not unique: nothing resists that {motions}; the shortest is given"
-        return [unique] * bool(motions)
+        return [*[unique] * bool(motions), *thin_and_bent(solution)]
     if solution.result.status is Status.NO_EQUILIBRIUM:  # nothing was solved
         return []
     least = over.min(problem.surface.gap - problem.relative_displacement(solution.change)[:, 0])
@@ -149,7 +150,8 @@ def remarks(solution: Solution) -> list[str]:
             f"no contact forces were found, although contact nodes penetrate by up to {-least:.3g} m: not the answer"
         ]
     least = max(least, 0.0)  # beyond rounding
-    return [f"nothing touches: all contact nodes are open, the smallest gap is {least:.3g} m; {LOOK_AT_GAP}"]
+    open_ = f"nothing touches: all contact nodes are open, the smallest gap is {least:.3g} m; {LOOK_AT_GAP}"
+    return [open_, *thin_and_bent(solution)]
 
 
 def material_entries(materials: Materials) -> list[dict[str, Any]]:

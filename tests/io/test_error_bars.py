@@ -24,11 +24,11 @@ from coulomb.io.error_bars import (
     SHAPE,
     SLOWEST,
     ErrorBar,
-    NoErrorBars,
     bars_of,
     error_of,
     extrapolated,
 )
+from coulomb.io.other_meshes import NoErrorBars
 from coulomb.pictures.report.units import compared_in_words, share_of_tolerance
 from verification.ring_pair import BORE, FIT, INTERFERENCE, LENGTH, RIM, fitted, lame, quarter
 
@@ -487,6 +487,6 @@ def test_every_load_step_has_error_bars(tmp_path):
 def test_a_comparison_that_does_not_fit_is_refused_and_the_answer_kept(tmp_path, monkeypatch):
     """Second order has eight times the unknowns: it must not end a run that has its answer."""
     alone = block(2).on(replace(block(2).made_of, coarser=None)).solve()
-    monkeypatch.setattr("coulomb.io.error_bars.least_room", lambda comm: 1e8)
+    monkeypatch.setattr("coulomb.io.other_meshes.least_room", lambda comm: 1e8)
     with pytest.raises(NoErrorBars, match=r"needs about [0-9.]+ GB of memory, and 0.1 GB are free"):
         alone.error()

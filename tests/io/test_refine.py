@@ -13,7 +13,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Traction, box
 from coulomb.fem.meshes import finer, refined, second_order, volume
 from coulomb.io.answer import answer_of
-from coulomb.io.error_bars import NoErrorBars
+from coulomb.io.other_meshes import NoErrorBars
 from coulomb.io.refinement import refine
 from coulomb.solvers.results import NotConverged
 from verification import hertz

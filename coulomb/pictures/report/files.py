@@ -258,7 +258,8 @@ def _warnings(summary: dict[str, Any]) -> tuple[str, ...]:
     history = summary.get("history") or {}
     strain, outside = history or summary.get("small_strain") or {}, " ".join(_violations(summary))
     remarks = (history or summary).get("remarks", ())
-    return (*remarks, *(text for text in strain.get("warnings", ()) if text not in outside))
+    of_bars = (summary.get("error") or {}).get("warnings", ())
+    return (*remarks, *of_bars, *(text for text in strain.get("warnings", ()) if text not in outside))
 
 
 def _rows(files: RunDirectory) -> Rows:
