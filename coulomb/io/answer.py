@@ -24,11 +24,11 @@ from ..arrays import FloatArray
 from ..contact_fields import named_faces
 from ..fem.bodies import Deformable
 from ..fem.contact import clamped_nodes
-from ..fem.meshes import NamedMesh, polygon, volume
+from ..fem.meshes import JoinedMesh, NamedMesh, few_chords, polygon, volume
 from ..linalg.reductions import Reductions
 from ..model.discrete_problem import DiscreteProblem
 from ..model.nodal_answer import OPEN
-from ..model.problem import AGREEMENT
+from ..model.problem import AGREEMENT, ContactProblem
 from ..model.solution import Solution
 from .accuracy import accuracy
 from .energy_error import StressOfAnswer, stress_of
@@ -71,6 +71,7 @@ class Answer:
         polygon: Volume between plane facets and the smooth surface for which they stand, over that of the body, the
             largest of all bodies.
         volume: Of the bodies by the corners of their cells, m^3.
+        few_chords: What to say of faces that may stand for curved ones, but have fewer than ten chords in a circle.
     """
 
     totals: Totals
@@ -87,6 +88,7 @@ class Answer:
     clearance: float = math.inf
     polygon: float = 0.0
     volume: float = 0.0
+    few_chords: tuple[str, ...] = ()
 
 
 def answer_of(solution: Solution, tolerance: float) -> Answer:
@@ -122,6 +124,22 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
         clearance=over.min((problem.surface.gap - closing) / closing) if largest and not closed else math.inf,
         polygon=max(map(polygon, meshes)),
         volume=over.sum(sum(map(volume, meshes))),
+        few_chords=_few_chords(problem),
+    )
+
+
+def _few_chords(problem: DiscreteProblem) -> tuple[str, ...]:
+    """What to say of the faces of a problem on meshes that are no boxes with `few_chords`; collective."""
+    if not isinstance(problem, ContactProblem) or isinstance(mesh := problem.made_of, Deformable):
+        return ()
+    bodies = mesh.bodies if isinstance(mesh, JoinedMesh) else {"": mesh}
+    return tuple(
+        f"facets of {f'{name}:{face}' if name else face!r} meet at {math.degrees(angle):.0f} degrees: if they stand "
+        f"for a curved face, with {round(math.tau / angle)} chords in a circle or about as many, what these are off is not "
+        "in the error bars: use ten or more, or curved second-order cells"
+        for name, body in bodies.items()
+        if body.grid is None
+        for face, angle in few_chords(body).items()
     )
 
 

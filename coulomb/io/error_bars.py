@@ -133,7 +133,8 @@ class ErrorBars:
         bars: Of every total.
         answers: What was compared: the answer itself, then the others.
         relative_stress_error: Error of the stress over the stress, in the energy norm; None where it is not known.
-        warnings: On cells that lock, and on bars that may be too short since these could not be compared.
+        warnings: On cells that lock, on bars that may be too short since these could not be compared, and on polygons
+            that are not in the bars.
     """
 
     bars: tuple[ErrorBar, ...]
@@ -189,7 +190,11 @@ def error_of(
     found = [answer_of(solution, tolerance)]
     if others:
         bars = bars_of([*found, *(answer_of(other, tolerance) for other in others)])
-        return replace(bars, warnings=(f"{UNCOMPARED}: give one",)) if _may_lock(solution.problem, bars) else bars
+        return (
+            replace(bars, warnings=(*bars.warnings, f"{UNCOMPARED}: give one"))
+            if _may_lock(solution.problem, bars)
+            else bars
+        )
     refusals = []
     for way in other_problems(solution.problem):
         for problem in way:
@@ -220,7 +225,7 @@ def with_second_order(
         problem = next(other_problems(solution.problem, (same_cells,)))[0]
         return bars_of([*found, answer_on(problem, tolerance, solver, progress)], unknown)
     except ValueError as error:
-        return replace(bars, warnings=(f"{UNCOMPARED}: {error}",))
+        return replace(bars, warnings=(*bars.warnings, f"{UNCOMPARED}: {error}"))
 
 
 def _may_lock(problem: DiscreteProblem, bars: ErrorBars) -> bool:
@@ -298,7 +303,7 @@ class ComparisonHistories:
             except ValueError as error:
                 self._uncompared, self._refusal = f"{UNCOMPARED}: {error}", ""
                 del self._steps[len(answers) - 1 :], self._latest[len(answers) - 1 :]
-        return replace(bars, warnings=(self._uncompared,))
+        return replace(bars, warnings=(*bars.warnings, self._uncompared))
 
 
 def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
@@ -361,7 +366,7 @@ def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
         more, bar = (f"{100.0 * part:.2g} %" for part in (first.clearance, room / value))
         missed = f"nothing touches, but a displacement larger by {more} would close a gap, and its error bar is {bar}"
         warnings += (f"{missed}: contact may be missed, and is not in the bars of forces",)
-    return ErrorBars(tuple(found.values()), (first, *compared), stress, warnings)
+    return ErrorBars(tuple(found.values()), (first, *compared), stress, (*warnings, *first.few_chords))
 
 
 def _unseen(first: Answer, compared: Sequence[Answer]) -> float:

@@ -11,7 +11,7 @@ from conftest import SMALL_CASE, run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Traction, box
-from coulomb.fem.meshes import finer, refined, second_order, volume
+from coulomb.fem.meshes import few_chords, finer, refined, second_order, volume
 from coulomb.io.answer import answer_of
 from coulomb.io.other_meshes import NoErrorBars
 from coulomb.io.refinement import refine
@@ -224,6 +224,17 @@ def test_wrong_arguments_are_refused_at_once():
         problem.refine(0.02, unknowns=0)
     with pytest.raises(ValueError, match="refinement is for single runs"):
         next(iter(LoadHistory([1.0]).steps(problem))).solution.problem.refine(0.02)
+
+
+def test_facets_of_few_chords_are_said_not_to_be_in_the_bars():
+    """Two in a quarter of a circle meet at 45 degrees; a box at 90, and a curved second-order cell has arcs."""
+    rings = {n: replace(quarter_ring(0.5, 1.0, 0.6, (1, n, 1)), grid=None, coarser=None) for n in (2, 3)}
+    bore, rim = standing_ring(rings[2]).solve().error().warnings
+    assert bore.startswith("facets of 'left' meet at 45 degrees") and "8 chords in a circle" in rim
+    assert standing_ring(rings[3]).solve().error().warnings == ()
+    curved = quarter_ring(0.5, 1.0, 0.6, (1, 2, 1), degree=2)
+    for mesh in (replace(curved, grid=None, coarser=None), replace(box((1.0, 1.0, 1.0), (2, 2, 2)), grid=None)):
+        assert not few_chords(mesh)
 
 
 def test_what_cannot_be_refined():

@@ -4,7 +4,7 @@ joined, refined and made of first or second order.  Nodal fields in files belong
 
 from .coarsening import coarsened
 from .comparison import coarser_meshes, finer, same_cells
-from .curving import CurvedFaces, split
+from .curving import CurvedFaces, few_chords, split
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
 from .inspection import InspectedMesh, inspect
 from .lagrange import (

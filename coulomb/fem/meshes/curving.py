@@ -38,6 +38,9 @@ from .named_mesh import NamedMesh
 CREASE = math.radians(40.0)
 """Angle between facets from which on they are of different surfaces; a circle of ten chords is still smooth."""
 
+CORNER = math.radians(75.0)
+"""Angle from which on facets are those of an edge; a circle of five chords has 72 degrees."""
+
 
 def arcs(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
     """The edges of the boundary of a first-order mesh, and how far the middles of their arcs are off those of their
@@ -94,11 +97,33 @@ def _shortest(edges: int, number: IntArray, side: FloatArray, off: FloatArray) -
     return np.einsum("eij,ej->ei", np.linalg.pinv(matrices, rcond=0.1, hermitian=True), right)
 
 
-def _boundary(mesh: NamedMesh) -> tuple[IntArray, FloatArray]:
-    """Corners of all boundary facets in cyclic order, with normals outwards, shape (f, 3 or 4), and their places, shape
-    (f, 3 or 4, 3); the same on every rank; collective."""
+def few_chords(mesh: NamedMesh) -> dict[str, float]:
+    """Faces of which most facets meet others of the face at angles from CREASE to CORNER, as chords do of which fewer
+    than ten make a circle, with the largest of these angles in radians; not of curved cells; collective."""
+    if mesh.degree == 2 and curved_faces(mesh, facet_columns(mesh.domain.topology.cell_type, 1)[:, None]) is not None:
+        return {}
+    found = {}
+    for name, facets in mesh.faces.items():
+        corners, x = _boundary(mesh, facets)
+        normal = unit_vectors(np.cross(x[:, 1] - x[:, 0], x[:, -1] - x[:, 0]))
+        ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        number = distinct(ends)[1]
+        order = np.argsort(number, kind="stable")
+        same = np.flatnonzero(np.diff(number[order]) == 0)
+        one, other = order[same] // corners.shape[1], order[same + 1] // corners.shape[1]
+        angle = np.arccos(np.clip(np.einsum("ki,ki->k", normal[one], normal[other]), -1.0, 1.0))
+        steep = (angle > CREASE) & (angle < CORNER)
+        if len(np.union1d(one[steep], other[steep])) > 0.5 * len(corners):
+            found[name] = float(angle[steep].max())
+    return found
+
+
+def _boundary(mesh: NamedMesh, facets: npt.NDArray[np.int32] | None = None) -> tuple[IntArray, FloatArray]:
+    """Corners of facets on the boundary, by default of all, in cyclic order, with normals outwards, shape (f, 3 or 4),
+    and their places, shape (f, 3 or 4, 3); the same on every rank; collective."""
     domain, comm = mesh.domain, mesh.comm
-    facets = boundary_facets(domain)
+    every = boundary_facets(domain)
+    facets = every if facets is None else np.asarray(facets)
     cell_of = domain.topology.connectivity(2, 3)
     cells = cell_of.array[cell_of.offsets[facets]]
     own = cells < domain.topology.index_map(3).size_local
