@@ -169,7 +169,7 @@ def running_away(problem: DiscreteProblem, result: SolverResult) -> str:
                 f"{free.bodies[load.component]} {where} with {in_units(pushed / way)}{unit}, of which contact holds "
                 f"{in_units(resisted / way)}{unit} in the last iterate"
             )
-    return f"there seems to be no equilibrium: loads push {' and '.join(said)}"
+    return f"no answer found: loads push {' and '.join(said)}"
 
 
 def undetermined(problem: DiscreteProblem, x: FloatArray) -> Sequence[str]:

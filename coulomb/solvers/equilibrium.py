@@ -13,8 +13,8 @@ distance is exact (column generation; Dantzig and Wolfe 1960).  The programme ha
 
 Coulomb's law is not associated: a sliding contact does not open, whereas on alpha it does, with F times the slip.  If
 there are no forces in equilibrium, Coulomb's problem has no solution.  The converse does not hold: a body between two
-walls could be held by any squeezing force, but if nothing squeezes it, the loads drag it along.  Then steps block while
-alpha grows along the motion; `sliding` recognises that.
+walls could be held by any squeezing force, but if nothing squeezes it, the loads drag it along.  Then no method finds
+an answer while alpha grows along the motion; `sliding` names it, without a proof.
 
 scipy.optimize takes 20 ms to load, and is needed only where contact alone holds a body.
 """
@@ -276,7 +276,7 @@ def balanced_forces(problem: FrictionProblem, method: str) -> FloatArray | None:
     without = problem.without_motion(found.x)
     alpha = problem.rigid_motion(found.x, without)
     gradient = without - problem.rigid.displacement(alpha)
-    message = no_equilibrium(problem.rigid, found)
+    message = f"no equilibrium: {push(problem.rigid, found)}"
     result = SolverResult(
         x=found.x,
         gradient=gradient,
@@ -293,22 +293,19 @@ def balanced_forces(problem: FrictionProblem, method: str) -> FloatArray | None:
     raise NotConverged(message, result)
 
 
-def sliding(
-    problem: FrictionProblem, x: FloatArray, gradient: FloatArray, alpha: FloatArray, ended: bool = False
-) -> Equilibrium | None:
-    """Whether the bodies slide away in an iteration whose steps are blocked; None if it does not look so; collective.
+def sliding(problem: FrictionProblem, x: FloatArray, gradient: FloatArray, alpha: FloatArray) -> Equilibrium | None:
+    """Whether the bodies slide away in an iteration that has ended; None if it does not look so; collective.
 
-    They do if alpha is far larger than the deformation, and the loads do more work on it than contact forces with the
-    present pressures and all friction against the motion.  This is an observation, not a proof.  While the iteration
-    may recover, alpha is compared with the deformation and the gap of all nodes, at its end with those where there is
-    pressure.  Forces x (3 m,) in newtons, their w (3 m,) in metres, rigid motions alpha (q,).
+    They do if alpha is far larger than deformation and gaps where there is pressure, and the loads do more work on it
+    than contact forces with the present pressures and all friction against the motion.  This is an observation, not a
+    proof.  Forces x (3 m,) in newtons, their w (3 m,) in metres, rigid motions alpha (q,).
     """
     rigid, over = problem.rigid, problem.reductions
     if rigid is None:
         return None
     moved = rigid.displacement(alpha)
     weights = np.sqrt(np.repeat(np.maximum(x[0::3], 0.0), 3))
-    far, deformed = (over.norm(weights * w) if ended else over.max(np.abs(w)) for w in (moved, gradient + moved))
+    far, deformed = (over.norm(weights * w) for w in (moved, gradient + moved))
     if far <= _FAR * deformed:
         return None
     direction = alpha / np.linalg.norm(alpha)
@@ -317,10 +314,10 @@ def sliding(
     return Equilibrium(False, x, NO_MOTION, direction, load, resistance, False) if load > resistance else None
 
 
-def no_equilibrium(rigid: RigidMotions, found: Equilibrium) -> str:
-    """What an equilibrium that does not exist means, in words."""
-    forces = "contact within the bounds of friction" if found.proven else "contact, at the pressures that it has,"
+def push(rigid: RigidMotions, found: Equilibrium) -> str:
+    """The motion along which the loads do more work than contact resists, in words."""
+    forces = "contact within the bounds of friction" if found.proven else "contact at the pressures of the last iterate"
     return (
-        f"no equilibrium: the loads push along {rigid.described(found.direction)} with {found.load:.3g} (force times "
-        f"displacement), and {forces} resists with at most {found.resistance:.3g}"
+        f"the loads push along {rigid.described(found.direction)} with {found.load:.3g} (force times displacement), "
+        f"and {forces} resists with at most {found.resistance:.3g}"
     )

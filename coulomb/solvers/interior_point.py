@@ -42,7 +42,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..arrays import FloatArray
-from .equilibrium import balanced_forces, no_equilibrium, sliding
+from .equilibrium import balanced_forces, push, sliding
 from .friction_problem import FrictionProblem, Solver, SolverSettings, Task
 from .frictionless_start import frictionless_start
 from .linearization import Linearization
@@ -55,7 +55,6 @@ from .newton_systems import (
     SchurComplementSystem,
 )
 from .results import Goal, InteriorPointStep, NotConverged, Progress, QPStep, SolverResult, Status
-from .rigid_motions import Equilibrium
 from .scaled_problem import Iterate, ScaledProblem, Step
 from .settings import within
 
@@ -106,7 +105,7 @@ class InteriorPoint(SolverSettings):
 
     If steps from a given start block, the cold starts follow.  `history` has an InteriorPointStep per Newton step.
     `solve` raises NotConverged with the status NO_EQUILIBRIUM before the first step, if no contact forces balance the
-    loads of a body that contact alone holds, or after some steps, if it slides away.
+    loads of a body that contact alone holds; if it slides away in the last iterate, the message says along what.
 
     Raises:
         ValueError: If a number is outside its bounds.
@@ -132,14 +131,13 @@ class InteriorPoint(SolverSettings):
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         balanced_forces(problem, self.name)
         result = smallest_force(problem, task.goal) or _Path(self, problem, task).follow()
-        if result.equilibrium is not None and problem.rigid is not None and result.status is Status.NO_EQUILIBRIUM:
-            message = f"{no_equilibrium(problem.rigid, result.equilibrium)}, after {result.newton_steps} Newton steps"
-        else:
-            residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-3:])
-            message = (
-                f"the interior-point method ended with a residual of {result.residual:.1e} after {result.newton_steps} "
-                f"Newton steps ({result.status.value}), {task.goal.missed(result.residual)}; last residuals {residuals}"
-            )
+        residuals = ", ".join(f"{step.residual:.1e}" for step in result.history[-3:])
+        message = (
+            f"the interior-point method ended with a residual of {result.residual:.1e} after {result.newton_steps} "
+            f"Newton steps ({result.status.value}), {task.goal.missed(result.residual)}; last residuals {residuals}"
+        )
+        if result.equilibrium is not None and problem.rigid is not None:
+            message += f"; {push(problem.rigid, result.equilibrium)}"
         return result if result.status is Status.CONVERGED else replace(result, message=message)
 
     def centring(self, alpha: float, used: float = 0.0) -> float:
@@ -173,26 +171,21 @@ class _Path:
                     v = self._centred(x_n, y, starts.pop(0))
                 results.append(self._steps(v, patient=not starts))
                 v, last = None, results[-1]
-                gone = last.equilibrium is not None
-                if (
-                    gone
-                    or last.status in (Status.CONVERGED, Status.INTERRUPTED)
-                    or last.residual <= self._goal.tolerance
-                ):
+                if last.status in (Status.CONVERGED, Status.INTERRUPTED) or last.residual <= self._goal.tolerance:
                     break
         finally:
             if not self._finished:
                 self._newton.keep()
             self._newton.destroy()
-        best = last if gone else min(results, key=lambda result: result.residual)
-        if not gone and best.residual > _OFF and best.status is not Status.INTERRUPTED:
+        best = min(results, key=lambda result: result.residual)
+        if best.residual > _OFF and best.status is not Status.INTERRUPTED:
             best = next(filter(None, map(self._sliding_away, results)), best)
         return replace(best, newton_steps=len(self._history), history=tuple(self._history))
 
     def _sliding_away(self, result: SolverResult) -> SolverResult | None:
-        """A result without solution, if its bodies slide away."""
-        away = sliding(self._problem, result.x, result.gradient, result.rigid, ended=True)
-        return None if away is None else replace(result, status=Status.NO_EQUILIBRIUM, equilibrium=away)
+        """A result whose bodies slide away, with the motion."""
+        away = sliding(self._problem, result.x, result.gradient, result.rigid)
+        return None if away is None else replace(result, equilibrium=away)
 
     def _centred(self, x_n: FloatArray, y: FloatArray, relative_theta: float) -> Iterate:
         """These forces, and centred multipliers with a multiple of rms(A x - b) as theta."""
@@ -231,7 +224,7 @@ class _Path:
         err, krylov_tolerance, alpha = 1.0, settings.r_tol / settings.c_fact, 1.0
         waits = scaled.sloped or not problem.A.exact  # then A x of an iterate is computed anew
         best, best_at, blocked, reached, status = math.inf, first, 0, False, Status.MAX_ITERATIONS
-        away: Equilibrium | None = None
+        least = theta
         for iteration in range(first + 1, first + settings.max_iterations + 1):
             sigma = settings.centring(alpha, gradient / (beta * theta) if waits else 0.0)
             krylov_tolerance = min(settings.r_tol * err, settings.c_fact * krylov_tolerance)
@@ -277,14 +270,9 @@ class _Path:
                 if finished is not None:
                     return finished
                 v = v._replace(A_x=newton.products.exact(x))
-            if whole < 0.9 * best:
-                best, best_at = whole, iteration
+            if whole < 0.9 * best or theta < 0.5 * least:  # where bodies slide far, the residual stays near 1
+                best, least, best_at = min(whole, best), min(theta, least), iteration
             blocked = blocked + 1 if alpha < _BLOCKED else 0
-            if blocked == 3:
-                away = sliding(problem, *scaled.unscaled(v)[:2], scaled.rigid_motion(v))
-                if away is not None:
-                    status = Status.NO_EQUILIBRIUM
-                    break
             if iteration - best_at >= goal.patience or (blocked == 3 and not patient):
                 status = Status.STAGNATED
                 break
@@ -304,7 +292,6 @@ class _Path:
             status=goal.verdict(residual, forces, status, motion),
             residual=residual,
             rigid=motion,
-            equilibrium=away,
         )
 
     def _reported(self, at: Progress) -> bool:

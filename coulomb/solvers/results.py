@@ -22,6 +22,7 @@ class Status(Enum):
     MAX_ITERATIONS = "max_iterations"
     INTERRUPTED = "interrupted"
     NO_EQUILIBRIUM = "no_equilibrium"
+    """Proven; with any other status but CONVERGED no answer was found, and there may be one."""
 
 
 Accept = Callable[..., bool]
@@ -207,7 +208,8 @@ class SolverResult:
         contraction: For successive Tresca, the measured factor of the map g -> r(x_n(g)); nan if not measured.
         message: What was observed, if it did not converge.
         rigid: Rigid motions alpha of the problem's bodies, shape (q,), the same on all ranks; empty without any.
-        equilibrium: With the status NO_EQUILIBRIUM, the motion that contact cannot resist, load and resistance.
+        equilibrium: With the status NO_EQUILIBRIUM, which is proven, the motion that contact cannot resist, load and
+            resistance; with another one the motion along which bodies slide away in the last iterate, if they do.
     """
 
     x: FloatArray

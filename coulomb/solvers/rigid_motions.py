@@ -149,7 +149,7 @@ class Equilibrium:
         load: Work of the loads per length of `direction`, newtons.
         resistance: The most that contact forces resist it with, in equilibrium otherwise, newtons; less than `load`.
         proven: Whether this holds for all contact forces within the bounds of friction; otherwise for the pressures at
-            which the iteration stalled, and the bodies slide away.
+            which the iteration ended, while the bodies slid away: then there may be an answer that was not found.
     """
 
     exists: bool

@@ -261,6 +261,8 @@ class ScaledProblem:
         with np.errstate(divide="ignore", invalid="ignore"):
             f = np.maximum(loads, 0.1 * np.sqrt(nodes * squares)) / felt / self._s
         f = np.where((f > 0.0) & np.isfinite(f), f, 1.0)
+        if problem.rigid is not None:  # forces go on from body to body, and b is that of one of many K^+
+            f = np.ones_like(f)
         energy = np.where(a > 0.0, a * f**2 / self._a, 1.0)
         if not np.max(energy) > _MIXED * np.min(energy):
             return same, same[:, None]

@@ -119,7 +119,7 @@ class SuccessiveTresca(SolverSettings):
             inner = inner if problem.sloped else goal.residual  # the only Tresca problem
             warm = last is not None
             last, steps, krylov, trouble = self._tresca(problem, g, last, inner, iteration, progress)
-            if balanced is not None and last.status is Status.NO_EQUILIBRIUM:  # larger bounds have one
+            if balanced is not None and last.equilibrium is not None:  # larger bounds have one
                 g = np.maximum(g, problem.slip_bound(balanced))
                 last, steps, krylov, trouble = self._tresca(problem, g, None, inner, iteration, progress)
             last = replace(last, x=problem.completed(last.x))  # where the slip is known, with r(x_n) in place of g

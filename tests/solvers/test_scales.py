@@ -1,12 +1,16 @@
 """Contacts of very different compliance, each judged by its own: as right together as alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import dense_compliance
+from floating_blocks import FloatingBlock, floating_problem
 
 from coulomb import InteriorPoint, NotConverged, SuccessiveTresca, solve_coulomb
 from coulomb.solvers import Automatic, DenseSystem, FrictionLaw, FrictionProblem
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
+from coulomb.solvers.scaled_problem import ScaledProblem
 
 SOLVERS = {
     "sweeps": None,
@@ -74,3 +78,11 @@ def test_a_small_error_of_a_soft_contact_counts_where_it_moves_a_stiff_one():
     left = problem.left_over(x + change, problem.gradient(x + change))
     assert np.abs(left).max() <= 1e-6
     assert problem.residual(x + change) >= 1e-5
+
+
+def test_floating_bodies_of_one_stiffness_have_one_nominal_force():
+    """Forces go on from body to body: what the loads close at the contacts of one says little of them."""
+    floating, m = floating_problem(FloatingBlock(), 0.5), len(FloatingBlock().bottom)
+    b = np.where(np.arange(3 * m) < 24, 1.0, 1e-4) * floating.b
+    scaled = ScaledProblem(replace(floating, b=b, body=np.arange(m) // 8))
+    assert not scaled.mixed and np.all(scaled.energy == 1.0)
