@@ -11,7 +11,7 @@ from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplace
 from coulomb.model.certificate import SMALLEST, Evidence, judge
 from coulomb.nearest import among
 
-OTHERS = ("comm", "held", "compliance", "averaged", "ground", "component", "bodies", "actions", "jump")
+OTHERS = ("comm", "held", "compliance", "averaged", "ground", "component", "bodies", "actions", "jump", "pairs")
 ARRAYS = [field.name for field in fields(Evidence) if field.name not in OTHERS]
 
 
@@ -19,7 +19,8 @@ ARRAYS = [field.name for field in fields(Evidence) if field.name not in OTHERS]
 @pytest.mark.parametrize("name", [*ARRAYS, "compliance", "ground", "jump"])
 def test_values_that_are_not_finite_fail_and_are_named(name, bad):
     evidence, _ = synthetic_evidence()
-    given = np.zeros_like(evidence.x) if name == "jump" else getattr(evidence, name)  # of a problem with ties
+    others = name in ("jump", "held_gap")  # of problems with ties, and with held nodes
+    given = np.zeros_like(evidence.x) if others else getattr(evidence, name)
     array = np.array(given, dtype=float)
     array.flat[7 % array.size] = bad
     certificate = judge(replace(evidence, **{name: array if array.ndim else float(array)}))
@@ -32,6 +33,7 @@ def test_values_that_are_not_finite_fail_and_are_named(name, bad):
         "gap": "gaps",
         "bound": "slip bounds",
         "jump": "jump of ties",
+        "held_gap": "gaps of held nodes",
         "relative_displacement": "relative displacements",
     }
     assert contents.get(name, name) in certificate["finite"].meaning

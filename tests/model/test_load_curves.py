@@ -109,7 +109,7 @@ history = { times = [0.5, 1.0, 1.5, 2.5, 3.5] }
 output = { picture = false, directory = "out" }
 """
 LOAD = ([[0, 0], [1, 1], [2, 0]], "time,factor\n0, 0\n1, 1\n2, 0\n")
-WAY = ([[0, 0, 0, 0], [1, 0, 0, 2e-6]], "# no header\n0 0 0 0\n1 0 0 2e-6\n\n")
+WAY = ([[0, 0, 0, 0], [1, 2e-6, 0, 0]], "# no header\n0 0 0 0\n1 2e-6 0 0\n\n")
 
 
 def write(folder, load, way):

@@ -28,7 +28,7 @@ BLOCK, HISTORY, HERTZ = (
     ROOT / "coulomb" / "templates" / "hertz.toml",
 )
 SMALL = {BLOCK: "mesh.cells=[12,4,4]", HISTORY: "mesh.cells=[4,4,2]", HERTZ: "mesh.cells=[8,8,4]"}
-INSIDE = "contact.foundation={shape='plane', point=[0,0,0.1], normal=[0,0,1]}"
+INSIDE = "contact.foundation={shape='plane', point=[0,0,0], normal=[-0.5,0,1]}"
 
 
 def run(target, case, *changes, more=()):
@@ -167,14 +167,15 @@ def test_a_converged_history_without_its_certificates_exits_1(tmp_path, monkeypa
 
 
 def test_python_returns_the_answer_and_logs_the_warning(caplog):
-    problem = make_block(3, foundation=coulomb.Plane((0.0, 0.0, 0.5), (0.0, 0.0, 1.0)))
+    inside = coulomb.Plane((0.0, 0.0, 0.0), (-0.5, 0.0, 1.0))  # from the clamped edge on
+    problem = make_block(3, foundation=inside)
     with caplog.at_level(logging.INFO, "coulomb"):
         answer = problem.solve()
     assert answer.certificate.passed and not answer.valid and answer.outside == answer.small_strain.violations != ()
     assert [(r.levelname, r.message.split(":")[0]) for r in caplog.records] == [
         ("WARNING", "outside small-strain theory")
     ]
-    accepted = make_block(3, foundation=coulomb.Plane((0.0, 0.0, 0.5), (0.0, 0.0, 1.0)), small_strain="warn").solve()
+    accepted = make_block(3, foundation=inside, small_strain="warn").solve()
     assert accepted.valid and accepted.outside == () and accepted.small_strain.violations
     assert make_block(3).solve().valid
     with pytest.raises(ValueError, match="small_strain must be 'enforce' or 'warn', but is 'ignore'"):
