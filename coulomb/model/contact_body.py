@@ -44,7 +44,7 @@ from ..solvers.rigid_motions import RigidMotions
 from .contact import Contact
 from .contact_stiffness import ContactStiffness
 from .heat import Heat, HeatProblem
-from .held_nodes import refuse_held_inside
+from .held_nodes import HeldInPairs, refuse_held_inside
 from .memory import memory_needed
 from .nodal_answer import Accumulated
 from .overlap import OutsideContacts
@@ -307,6 +307,7 @@ class ContactBody:
         seconds: Wall time of assembly, factorisation and A so far.
         kept_matrix: The contact matrix of the evidence.
         judged_pairs: By the number of the contact, by what the evidence judges its pair.
+        held_in_pairs: The nodes of pairs that supports hold on both sides.
         remarks: What a user should know of supports and contact faces.
         unknowns: Free displacement unknowns and contact unknowns, over all ranks.
         stiffness: K^-1 and A, and the method by which they are computed.
@@ -338,6 +339,7 @@ class ContactBody:
             for text in touching if self.comm.rank == 0 else ():  # before these are refused as parts that nothing holds
                 _log.warning("%s", text)
             self._faces = faces = ContactFaces(self.contacts, self.elasticity)
+            self.held_in_pairs = HeldInPairs(self.contacts, self.elasticity, self.pair)
             motions = faces.rigid_motions(time)
             try:
                 self._reference = faces.surface(self.elasticity, motions, time)
@@ -433,8 +435,8 @@ class ContactBody:
     def refuse_held_inside(self, elasticity: Deformable, loading: Loading, exact: bool = False) -> None:
         """Refuse supports that hold nodes of contact faces inside foundations, with the bodies and what is prescribed
         at a time; arguments and errors as of `held_nodes.refuse_held_inside`; collective."""
-        given = loading.prescribed
-        refuse_held_inside(self.contacts, self.foundations, elasticity, loading.time, given, exact)
+        time, given = loading.time, loading.prescribed
+        refuse_held_inside(self.contacts, self.foundations, self.held_in_pairs, elasticity, time, given, exact)
 
     def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
         return self._faces.rigid_motions(time)

@@ -8,18 +8,19 @@ place and displacement, also where contact points are averages over several node
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 
 from ..arrays import FloatArray, unit_vectors
 from ..fem.bodies import Deformable
-from ..fem.contact import distance_along, faces_away, free_lengths, nodal_points
+from ..fem.contact import Pair, distance_along, faces_away, facets_of, free_lengths, hits, nodal_points
 from ..fem.geometry import HELD_BELOW, RigidFoundation, first_place, on_all_ranks
 from ..linalg.reductions import Reductions
 from .contact import Contact
@@ -137,9 +138,10 @@ class OtherNodes:
         comm: The ranks.
         nodes: Among this rank's k nodes, shape (q,).
         x: Coordinates of all k nodes, metres, shape (k, 3).
-        n: Unit normals, into the foundation, shape (q, 3).
+        n: Unit normals, into the foundation or the face opposite, shape (q, 3).
         gap: Along them, metres, shape (q,).
         held: Whether the displacement along them is prescribed, shape (q,); others face away from the foundation.
+        opposite: In pairs, the averages of nodal vectors (k, 3) on the face opposite, shape (q, 3); collective.
     """
 
     comm: MPI.Comm
@@ -148,28 +150,86 @@ class OtherNodes:
     n: FloatArray
     gap: FloatArray
     held: npt.NDArray[np.bool_]
+    opposite: Callable[[FloatArray], FloatArray | None] | None = None
 
     def remaining(self, u: FloatArray) -> FloatArray:
         """The gap that displacements u (k, 3) leave, metres, shape (q,), 0 where it is a rounding error; collective."""
-        left: FloatArray = self.gap - np.einsum("qi,qi->q", self.n, u[self.nodes])
+        there = None if self.opposite is None else self.opposite(u)
+        moved = u[self.nodes] if there is None else u[self.nodes] - there
+        left: FloatArray = self.gap - np.einsum("qi,qi->q", self.n, moved)
         over = Reductions(self.comm)
         size = over.max(np.abs(self.x)) + over.max(np.abs(u))
         return np.where(np.abs(left) <= ROUNDING * size, 0.0, left)
 
 
+def beside_pair(elasticity: Deformable, pair: Pair, adjust: float) -> OtherNodes | None:
+    """Nodes of the slave face of a pair that supports hold along its normal, opposite to nodes of the master that are
+    held as well; None if there are none on any rank; collective.
+
+    Found by lines along the normals, not by the mortar integration.  Meshes that overlap before any displacement, by
+    their polygons or by an interference, are taken to touch there.
+    """
+    comm, (slave, on_slave), (master, on_master) = (
+        elasticity.comm,
+        *(elasticity.face(name, "contact") for name in (pair.face, pair.against)),
+    )
+    body, nodes = slave.body, slave.body.nodes_of(on_slave)
+    n = unit_vectors(body.positive_weights(on_slave)[1][nodes])
+    single = nodal_points(body, on_slave).of(slave, elasticity)
+    still = free_lengths(single, n, elasticity) <= HELD_BELOW
+    if not comm.allreduce(bool(np.any(still)), op=MPI.LOR):
+        return None
+    own, face = facets_of(body, on_slave)[0], facets_of(master.body, on_master)[0]
+    found = hits(body.x[nodes], n, face, own.extent, own.extent)
+    which = still & (found.facet >= 0)
+    facet, place, gap = found.facet[which], found.place[which], np.maximum(found.way[which], 0.0)
+    values, columns = face.at(facet, place)[0], elasticity.numbers_of(master, face.nodes[facet].ravel())
+    rows = values.ravel(), columns, values.shape[1] * np.arange(len(facet) + 1)
+    opposite = scipy.sparse.csr_matrix(rows, (len(facet), elasticity.numbering.total))
+    points = replace(single.only(which), opposite=opposite, nodal=False)
+    held, gap = free_lengths(points, n[which], elasticity) <= HELD_BELOW, np.where(gap <= adjust, 0.0, gap)
+    if not comm.allreduce(bool(np.any(held)), op=MPI.LOR):
+        return None
+    points = points.only(held)
+    of = points.opposite_average
+    return OtherNodes(comm, points.nodes, elasticity.x, n[which][held], gap[held], held[held], of)
+
+
+class HeldInPairs:
+    """Nodes of pairs that supports hold on both sides (`beside_pair`); `pair` gives a pair by its number."""
+
+    def __init__(self, contacts: Sequence[Contact], elasticity: Deformable, pair: Callable[[int], Pair]):
+        self._contacts, self._elasticity, self._pair = contacts, elasticity, pair
+        self._found: dict[int, OtherNodes | None] = {}
+
+    def at(self, number: int, time: float) -> OtherNodes | None:
+        """Those of a pair with their gaps at a time; None if there are none; collective."""
+        contact, comm = self._contacts[number], self._elasticity.comm
+        if number not in self._found:
+            self._found[number] = beside_pair(self._elasticity, self._pair(number), contact.adjust)
+        nodes = self._found[number]
+        if nodes is None:
+            return None
+        given = contact.gap_factor(time, comm) * contact.gap_at(nodes.x[nodes.nodes], comm)
+        return replace(nodes, gap=nodes.gap + given)
+
+
 def refuse_held_inside(
     contacts: Sequence[Contact],
     foundations: Sequence[RigidFoundation | None],
+    pairs: HeldInPairs,
     elasticity: Deformable,
     time: float,
     prescribed: FloatArray,
     exact: bool = False,
 ) -> None:
-    """Refuse supports that hold nodes of contact faces inside foundations at a time; collective.
+    """Refuse supports that hold nodes of contact faces inside foundations, or inside faces opposite, at a time;
+    collective.
 
     Args:
         contacts: The contact faces.
-        foundations: Their foundations where they are given; None of pairs.
+        foundations: Their foundations; None of pairs.
+        pairs: Nodes of pairs that are held on both sides; not asked for if `exact`.
         elasticity: The bodies with their supports and ties.
         time: In seconds.
         prescribed: Displacements where they are prescribed, metres, shape (k, 3).
@@ -178,11 +238,14 @@ def refuse_held_inside(
     Raises:
         ValueError: On every rank, with face, number of nodes and depth.
     """
-    for contact, foundation in zip(contacts, foundations, strict=True):
-        if foundation is None:
+    for number, (contact, foundation) in enumerate(zip(contacts, foundations, strict=True)):
+        if foundation is not None:
+            face = FoundationFace(contact, foundation, elasticity, time)
+            nodes, what = face.beside(elasticity, prescribed if exact else 0.0), "the foundation"
+        elif exact or (found_in_pair := pairs.at(number, time)) is None:
             continue
-        face = FoundationFace(contact, foundation, elasticity, time)
-        nodes = face.beside(elasticity, prescribed if exact else 0.0)
+        else:
+            nodes, what = found_in_pair, repr(contact.against)
         depth = -nodes.remaining(np.zeros_like(prescribed) if exact else prescribed)[nodes.held]
         inside = depth > 0.0
         place = first_place(elasticity.x[nodes.nodes[nodes.held]], inside) if np.any(inside) else ""
@@ -190,8 +253,8 @@ def refuse_held_inside(
         if count := sum(number for number, _, _ in found):
             where = next(place for number, _, place in found if number)
             raise ValueError(
-                f"{face.what}: supports, or what its nodes follow, hold {count} of its nodes inside the foundation, up "
-                f"to {max(depth for _, depth, _ in found):.3g} m deep at time {time:g} (first seen at x = {where}), "
-                "where no contact force can move them: prescribe displacements that stay outside, move the foundation "
-                "less, or end the support or the contact face before these nodes"
+                f"contact face {contact.face!r}: supports, or what its nodes follow, hold {count} of its nodes inside "
+                f"{what}, up to {max(depth for _, depth, _ in found):.3g} m deep at time {time:g} (first seen at x = "
+                f"{where}), where no contact force can move them: prescribe displacements that stay outside, move the "
+                "foundation less, or end the support or the contact face before these nodes"
             )

@@ -192,4 +192,4 @@ def _pair(body: ContactBody, number: int, time: float, slip_rate: FloatArray) ->
     gap = pair.gap + contact.gap_factor(time, comm) * contact.gap_at(pair.x, comm)
     law = contact.law(pair.x, pair.points.area, time, slip_rate[pair.points.nodes], comm)
     frames = pair_frames(pair, contact.axes, comm)
-    return pair.points, frames, gap, law, np.zeros_like(pair.x), None
+    return pair.points, frames, gap, law, np.zeros_like(pair.x), body.held_in_pairs.at(number, time)

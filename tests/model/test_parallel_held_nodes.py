@@ -3,6 +3,7 @@ ranks: what holds them inside a foundation is refused, with face, number of node
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from ranks import same_error
 from scipy.spatial.transform import Rotation
 from user_forms import Script
@@ -211,6 +212,35 @@ def test_points_of_a_pair_that_nothing_can_move():
     area = problem.comm.allreduce(float(problem.surface.area.sum()))
     assert area == pytest.approx(0.5)
     assert problem.solve().valid
+
+
+@pytest.mark.parametrize("lift", [-DEPTH, DEPTH])
+def test_faces_of_a_pair_that_are_held_inside_each_other_are_refused(lift):
+    problem = stacked(lift)
+    if lift > 0.0:
+        assert problem.solve().valid
+        return
+    error = same_error(problem.solve)
+    assert "contact face 'b:top'" in error and "hold 4 of its nodes inside 'd:bottom', up to 0.01 m deep" in error
+
+
+@pytest.mark.parametrize("to", [-DEPTH, 0.0])
+def test_clamped_nodes_of_both_faces_of_a_pair(to):
+    """A block that is held at its side is pushed into one that is held there, too."""
+    lower, upper = cube(3), coulomb.moved(cube(2), (0.0, 0.0, 1.0))
+    contact = Contact("lower:top", friction=0.3, against="upper:bottom", slave=True)
+    supports = [Clamp("lower:left"), PrescribedDisplacement("upper:left", (0.0, 0.0, to))]
+    load = [Traction("upper:top", (0.0, 0.0, -500.0))]
+    problem = ContactProblem(coulomb.join(lower=lower, upper=upper), RUBBER, supports, contact, load)
+    if to == 0.0:
+        assert problem.solve().certificate.passed
+        return
+    error = same_error(problem.solve)
+    assert "contact face 'lower:top'" in error and "hold 4 of its nodes inside 'upper:bottom', up to 0.01 m" in error
+    wrong = np.zeros_like(problem.elasticity.x)
+    wrong[problem.elasticity.nodes("upper:left", "test"), 2] = -1e-3
+    e = problem.evidence(np.zeros(3 * len(problem.surface.nodes)), wrong)
+    assert problem.comm.allreduce(float(np.min(e.held_gap, initial=0.0)), op=MPI.MIN) == pytest.approx(-1e-3)
 
 
 def test_a_slave_face_whose_height_is_prescribed_presses():
