@@ -135,8 +135,8 @@ def _few_chords(problem: DiscreteProblem) -> tuple[str, ...]:
     bodies = mesh.bodies if isinstance(mesh, JoinedMesh) else {"": mesh}
     return tuple(
         f"facets of {f'{name}:{face}' if name else face!r} meet at {math.degrees(angle):.0f} degrees: if they stand "
-        f"for a curved face, with {round(math.tau / angle)} chords in a circle or about as many, what these are off is not "
-        "in the error bars: use ten or more, or curved second-order cells"
+        f"for a curved face, with {round(math.tau / angle)} chords in a circle or so, what these are off is not in the "
+        "error bars: use ten or more, or curved second-order cells"
         for name, body in bodies.items()
         if body.grid is None
         for face, angle in few_chords(body).items()
