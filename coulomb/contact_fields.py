@@ -10,7 +10,7 @@ import functools
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 ANSWER = "displacement and contact forces"
 """What the computed fields follow from, in words."""
@@ -117,6 +117,15 @@ CONTACT_FIELDS = (
     ContactField("cohesion", "cohesion or slip stress", "Pa", lambda at: at.cohesion, follows=_CASE),
     ContactField("slip_bound", "bound of friction in the solver", "N", lambda at: at.slip_bound),
     ContactField(
+        "normal_compliance",
+        "displacement of the node under a normal force on it, over the force: the entry of A",
+        "m/N",
+        lambda at: at.compliance[:, 0],
+    ),
+    ContactField(
+        "tangential_compliance", "the same along the tangents, the mean", "m/N", lambda at: at.compliance[:, 1]
+    ),
+    ContactField(
         "slip_origin",
         "displacement from which slip is measured",
         "m",
@@ -127,6 +136,9 @@ CONTACT_FIELDS = (
     ContactField("face", "number of the contact", "", lambda at: at.part.astype(float), between="most", follows=_FACES),
 )
 """All of them, in the order of the files."""
+
+COMPLIANCES: Final = ("normal_compliance", "tangential_compliance", "tangential_compliance")
+"""Fields with the diagonal of A along n, t1 and t2."""
 
 
 @functools.cache

@@ -43,7 +43,7 @@ def summary(solution: Solution) -> dict[str, Any]:
     strain, forms, temperature = solution.small_strain, elasticity.forms(), problem.loading.temperature
     of_forms, of_temperature = dict[str, Any](), dict[str, Any]()
     if forms is not None:  # what is recorded of the user's forms, and what follows from them alone
-        of_forms = {"forms": forms, "blocked_displacement": elasticity.blocked_displacement(problem.loading)}
+        of_forms = {"forms": forms, "blocked_displacement": list(elasticity.blocked_displacements(problem.loading))}
     if temperature is not None:
         change = range_of(temperature.change, problem.comm)
         of_temperature = {"reference_temperature": temperature.reference, TEMPERATURE: change}

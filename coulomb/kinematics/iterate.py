@@ -125,19 +125,19 @@ class Linearised(ContactProblem):
 
     def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
         """Without nodes that supports hold: they are at their place when the displacement is."""
-        return replace(self._evidence(x, u, self.mean_compliance), held_gap=np.zeros(0))
+        return replace(self._evidence(x, u, self.compliances), held_gap=np.zeros(0))
 
-    def evidence_here(self, x: FloatArray, compliance: float) -> Evidence:
+    def evidence_here(self, x: FloatArray, compliance: FloatArray) -> Evidence:
         """The evidence of the nonlinear problem for forces x (3 m,) at the displacement from which it is linearised;
-        `compliance` is the mean diagonal of A; collective."""
+        `compliance` is the diagonal of A at the nodes (k, 3), 0 where it is not known; collective."""
         body = self.elasticity
-        e = self._evidence(x, np.zeros_like(body.x), compliance)
+        e = self._evidence(x, np.zeros_like(body.x), compliance[self.surface.nodes])
         places = [(member.nodes, nonlinear(member.body).place) for member in body.members]
         spring = np.concatenate([place.spring for _, place in places])
         load = np.concatenate([e.load[nodes] if place.load is None else place.load for nodes, place in places])
         return replace(e, internal=e.internal - e.load + load + spring, load=load, spring=spring)
 
-    def _evidence(self, x: FloatArray, du: FloatArray, compliance: float) -> Evidence:
+    def _evidence(self, x: FloatArray, du: FloatArray, compliance: FloatArray) -> Evidence:
         """With the residual F(u) + dF(u) du, and loads with the resultants of it (`balanced_load`); collective."""
         e, body = gather_evidence(self.body, self.state, x, du, compliance, None), self.elasticity
         here, over = np.concatenate([nonlinear(one.body).place.u for one in body.members]), Reductions(self.comm)

@@ -71,12 +71,14 @@ class LargeSolution(Solution):
         residuals: Largest value of the certificate's checks before each linear problem, and at the end.
         evidence: What the certificate was judged by.
         origin: The problem whose answer this is.
+        at_own_nodes: diag(A) by which it was judged, at the nodes of the bodies, shape (k, 3); 0 where it is not known.
         by: Methods of the last linear problem, and their number.
     """
 
     residuals: tuple[float, ...]
     evidence: Evidence
     origin: LargeMotions
+    at_own_nodes: FloatArray
     by: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -85,7 +87,12 @@ class LargeSolution(Solution):
 
     @property
     def mean_compliance(self) -> float:
-        return self.evidence.compliance
+        over, own = Reductions(self.problem.comm), self.evidence.compliance
+        return over.sum(own) / max(over.sum(float(own.size)), 1.0)
+
+    @property
+    def compliances(self) -> FloatArray:
+        return self.at_own_nodes[self.problem.surface.nodes]
 
     @property
     def time(self) -> float:
@@ -264,6 +271,8 @@ class LargeMotions(ContactProblem):
             results.append(linear.result)
             du, surface, compliance = linear.displacement, here.problem.surface, here.problem.mean_compliance
             before, after = (CarriedForces.of(of, surface, len(du)) for of in (x, linear.contact_force))
+            at_nodes = np.zeros_like(du)
+            at_nodes[surface.nodes] = here.problem.compliances
             ways = [(du, after, 0.5**k) for k in range(_BACKTRACKS)]
             if accelerate and sizes[-1] < NEAR and (mixed := path.next(here.u, du, before, after, compliance)):
                 ways.insert(0, (*mixed, 1.0))
@@ -274,7 +283,7 @@ class LargeMotions(ContactProblem):
                     x = replace(forces, vectors=between).at(there.problem.surface)
                     if accelerated:  # back into the cone
                         x = there.problem.law.project(x, x[0::3])
-                    evidence = there.problem.evidence_here(x, compliance)
+                    evidence = there.problem.evidence_here(x, at_nodes)
                     certificate = judge(evidence)
                     size = size_of(certificate)
                     if np.isfinite(size) and size <= _WORSE * sizes[-1]:
@@ -294,7 +303,7 @@ class LargeMotions(ContactProblem):
             raise self._cut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
         whole = _together(results, x, certificate, sizes[-1] <= tolerance)
         answer = replace(
-            self._answer(here, x, whole, evidence, certificate, tuple(sizes)),
+            self._answer(here, x, whole, evidence, certificate, tuple(sizes), at_nodes),
             by={**linear.methods, "kinematics": "large", "linear_problems": len(results)},
         )
         warnings = answer.small_strain.warnings
@@ -310,22 +319,24 @@ class LargeMotions(ContactProblem):
         x, diagonal = self._carried(state, begin).at(here.problem.surface), here.body.K.getDiagonal()
         compliance = diagonal.getSize() / abs(diagonal.sum())  # of the order of that of A, which may not exist
         diagonal.destroy()
-        return self.judged(here, x, replace(result, x=x), compliance)
+        return self.judged(here, x, replace(result, x=x), np.full_like(here.u, compliance))
 
-    def recomputed(self, displacement: FloatArray, force_on_body: FloatArray, compliance: float) -> LargeSolution:
+    def recomputed(self, displacement: FloatArray, force_on_body: FloatArray, compliance: FloatArray) -> LargeSolution:
         """What a displacement (k, 3) and contact forces at the points of states are as an answer of the load step,
-        judged with this mean diagonal of A; collective."""
+        judged with this diagonal of A, at these points as well, all of shape (m, 3); collective."""
         state = self._state
         start = self._iterate(state, state.displacement, state.time, None).start()
         here = self._iterate(state, displacement, self.time, start)
         surface = here.problem.surface
         x = -surface.force_components(force_on_body[self._number[surface.nodes]]).ravel()
-        return self.judged(here, x, _without_answer(len(surface.nodes)), compliance)
+        at_nodes = np.zeros_like(displacement)
+        at_nodes[surface.nodes] = compliance[self._number[surface.nodes]]
+        return self.judged(here, x, _without_answer(len(surface.nodes)), at_nodes)
 
-    def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: float) -> LargeSolution:
-        """The answer of forces x (3 m,) at an iterate, judged with this mean diagonal of A; collective."""
+    def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: FloatArray) -> LargeSolution:
+        """The answer of forces x (3 m,) at an iterate, judged by diag(A) at the nodes (k, 3); collective."""
         evidence = here.problem.evidence_here(x, compliance)
-        return self._answer(here, x, result, evidence, judge(evidence), ())
+        return self._answer(here, x, result, evidence, judge(evidence), (), compliance)
 
     def _answer(
         self,
@@ -335,11 +346,12 @@ class LargeMotions(ContactProblem):
         evidence: Evidence,
         certificate: Certificate,
         sizes: tuple[float, ...],
+        compliance: FloatArray,
     ) -> LargeSolution:
         problem, bound = here.problem, here.problem.slip_bound(x)
         self._count(here)
         problem.seconds, problem.started, problem.small_strain = self.seconds, self.started, self.small_strain
-        return LargeSolution(problem, x, here.u, bound, result, certificate, sizes, evidence, self)
+        return LargeSolution(problem, x, here.u, bound, result, certificate, sizes, evidence, self, compliance)
 
     def _count(self, here: Iterate) -> None:
         for name, seconds in here.problem.seconds.items():
@@ -419,7 +431,7 @@ class LargeMotions(ContactProblem):
         if then is None:
             begin = self._iterate(before, before.displacement, before.time, None)
             x = self._carried(before, begin).at(begin.problem.surface)
-            e = begin.problem.evidence_here(x, 1.0)
+            e = begin.problem.evidence_here(x, np.ones_like(before.displacement))
             then = Forces(before.displacement, e.load, e.internal - e.spring, e.on_body, np.zeros_like(e.on_body))
             linearised(self.elasticity, solution.displacement, solution.time)  # the user's functions are of the answer
         at = self._number[surface.nodes]

@@ -3,10 +3,10 @@
 The evidence is gathered from a problem, or read from the files of a run.
 
 The slip and the remaining gap come from the displacement, the equilibrium from a new assembly of the internal forces.
-Neither the matrix K nor products by A are used; the mean diagonal of A is the scale of the natural residual.
+Neither the matrix K nor products by A are used; the diagonal of A scales the natural residual.
 
-Every measure is relative to a natural scale of the problem, so that the result does not depend on
-units and materials.  Forces: the largest component of a nodal contact force.  Displacements: twice the
+Every measure is relative to a natural scale of its body (certificate_scales.py), so that the result does not depend on
+units and materials.  Forces: the largest component of a nodal contact force on the body.  Displacements: twice the
 elastic energy over half the sum of all nodal forces, the mean displacement along which forces do work.  A rigid motion
 does not change it: a clamp that moves the body by a metre does not loosen any limit.  A body that loads press onto what
 holds it does not move, nor does a heated one between walls: the scale is at least the mean displacement of every node
@@ -19,8 +19,7 @@ every scale from below: in a body without contact and loads there are no other f
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -30,8 +29,19 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem.bodies import HeldDirections, null_space, of_part, rigid_modes, varying_signs
 from ..linalg.reductions import Reductions
-from ..solvers.laws import FrictionLaw
 from . import notebook
+from .certificate_scales import (
+    OF_ALL,
+    ROUNDING,
+    Scales,
+    components_of,
+    lengths,
+    natural_residuals,
+    place_of_largest,
+    ratio,
+    scales_of,
+    worst,
+)
 from .pair_checks import PairFindings, pair_lines
 
 
@@ -59,13 +69,18 @@ class Evidence:
         gap: Before deformation, shape (m,).
         bound: Slip bound of the law at these forces, shape (m,).
         rounding: Nodal forces due to rounding of the displacement (`rounding_forces`), shape (k, 3).
-        compliance: Mean diagonal of A, metres per newton.
+        compliance: Diagonal of A at the contact points, of both tangents the mean, metres per newton, shape (m, 3).
         blocked: Scale of the displacements that loads would cause where nothing can move, metres
-            (`Deformable.blocked_displacement`).
+            (`Deformable.blocked_displacement`), of each body.
         component: Component of the meshes of each node, from 0, shape (k,); None if each body is one.
         averaged: Whether gaps and slips are averages over the facets around vertices, as on 10-node tetrahedra, or
             over parts of the two faces of a pair.
         bodies: The nodes of each body; empty for one.
+        owner: Number of the component, or body, of every contact point, shape (m,); None for one.
+        place: Where they are, undeformed, shape (m, 3); None if that is not known.
+        part: Number of the contact of each, shape (m,), among
+        faces: the names of the contact faces, and
+        opposite: for every contact the components or bodies of the face opposite; empty without pairs.
         jump: How far tied nodes are from where they should be, shape (k, 3); None without ties.
         actions: Of every pair of faces, what acts on both: `pair_actions`, this rank's part, shape (pairs, 3, 7).
         pairs: Of every pair, what is off in its gaps, normals and averages.
@@ -87,8 +102,8 @@ class Evidence:
     gap: FloatArray
     bound: FloatArray
     rounding: FloatArray
-    compliance: float
-    blocked: float = 0.0
+    compliance: FloatArray
+    blocked: tuple[float, ...] = (0.0,)
     averaged: bool = False
     ground: FloatArray | None = None
     component: npt.NDArray[np.int64] | None = None
@@ -97,6 +112,11 @@ class Evidence:
     jump: FloatArray | None = None
     pairs: tuple[PairFindings, ...] = ()
     held_gap: FloatArray = field(default_factory=lambda: np.zeros(0))
+    owner: npt.NDArray[np.int64] | None = None
+    place: FloatArray | None = None
+    part: npt.NDArray[np.int64] | None = None
+    faces: tuple[str, ...] = ()
+    opposite: tuple[tuple[int, ...], ...] = ()
 
 
 def pair_actions(
@@ -135,16 +155,6 @@ def rounding_forces(body: Strained, u: FloatArray) -> FloatArray:
     return body.internal_force(2.0**-52 * motion * varying_signs(body.x, body.comm))
 
 
-EPSILON = 2.0**-52
-"""Rounding unit of double precision."""
-
-ROUNDING = 1e8
-"""No scale is less than this multiple of the rounding error, so that a hundred rounding errors are within LIMIT."""
-
-_OF_ALL = 1e-3
-"""The forces on a component are judged by no less than this part of those on all."""
-
-
 def rigid_balance(e: Evidence, outer: FloatArray, length: float, turnover: float) -> tuple[float, float, int]:
     """Imbalance of three forces and three moments of every component; for free rigid motions, relative to the springs.
 
@@ -170,18 +180,6 @@ def rigid_balance(e: Evidence, outer: FloatArray, length: float, turnover: float
     return worst(*(balance for balance, _ in found)), worst(*(drift for _, drift in found)), len(parts)
 
 
-def components_of(
-    nodes: int, component: npt.NDArray[np.int64] | None, bodies: Sequence[slice]
-) -> npt.NDArray[np.int64]:
-    """Number of the component of the meshes of every node, shape (k,); of its body if the components are not known."""
-    if component is not None:
-        return component
-    found = np.zeros(nodes, dtype=np.int64)
-    for number, own in enumerate(bodies):
-        found[own] = number
-    return found
-
-
 def _parts(e: Evidence, over: Reductions) -> list[npt.NDArray[np.bool_]]:
     """The nodes of each component of the meshes, shapes (k,); of each body if the components are not known."""
     component = components_of(len(e.x), e.component, e.bodies)
@@ -198,7 +196,7 @@ def _of_part(
     else:
         x, u, spring, outer, held = e.x[here], e.displacement[here], e.spring[here], outer[:, here], e.held.of(here)
         own = worst(sum(over.sum(lengths(part)) for part in outer), ROUNDING * over.sum(lengths(e.rounding[here])))
-        turnover = worst(own, _OF_ALL * turnover)
+        turnover = worst(own, OF_ALL * turnover)
     count, modes = over.sum(float(len(x))), rigid_modes(x, e.comm)
     rows = modes.reshape(-1, modes.shape[2])  # products of matrices take a tenth of the time of sums over nodes
     sums = rows.T @ outer.sum(axis=0).ravel()
@@ -248,36 +246,12 @@ def _besides(free: FloatArray, loose: FloatArray) -> FloatArray:
     return besides
 
 
-def lengths(vectors: FloatArray) -> FloatArray:
-    """Norms of vectors (k, 3) without overflow or underflow of squares."""
-    largest = float(np.max(np.abs(vectors), initial=0.0))
-    if 1e-100 < largest < 1e100:  # no square overflows, and those that vanish do not count: a fifth of the time
-        norms: FloatArray = np.sqrt(np.einsum("ki,ki->k", vectors, vectors))
-        return norms
-    norms = np.hypot(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
-    return norms
-
-
-def worst(*values: float) -> float:
-    """The largest, nan if one is nan."""
-    return float(np.max(values))
-
-
-def ratio(value: float, scale: float) -> float:
-    """A measure over its scale, which is 0 only if the measure is."""
-    return value / (scale or 1.0)
-
-
 LIMIT = 1e-6
 """Limit of every relative measure."""
 
 ANGLE_LIMIT = 0.1
 """Limit in degrees of the angle between slip and friction, where the slip is at least 1e-3 of the scale of
 displacements and the friction 1e-2 of its largest: there an error of LIMIT rotates the slip by less."""
-
-_FARTHEST = 2.0 * 3.0**0.5
-"""Largest scale of displacements over their largest component: forces in balance do no more work than their sum times
-the largest displacement.  A displacement that is not in balance may have internal forces of any size."""
 
 SMALLEST = 1e-290
 """Scales below this, or above its inverse, have lost digits to underflow, or are near to overflow."""
@@ -347,44 +321,47 @@ def judge(e: Evidence) -> Certificate:
 def _judge(e: Evidence, over: Reductions) -> Certificate:
     imbalance = e.internal - e.load - e.spring - e.on_body
     outer = (e.load, e.spring, e.held.held_part(imbalance), e.on_body)  # the third: reactions
-    scales = _scales(e, outer, over)
+    scales = scales_of(e, outer, over)
     faults = _faults(e, scales, over)
 
     # In units of the scales, so that no product of two of them overflows or vanishes.
-    unit = scales.force or 1.0  # 0 only where all forces are
-    force, g = e.force / unit, e.bound / unit
-    gap, slip = (e.gap - e.relative_displacement[:, 0]) / scales.length, e.relative_displacement[:, 1:] / scales.length
+    unit = np.where(scales.forces > 0.0, scales.forces, 1.0)[scales.owner]  # 0 only where all forces on a body are
+    force, g, length = e.force / unit[:, None], e.bound / unit, scales.at_points
+    gap, slip = (e.gap - e.relative_displacement[:, 0]) / length, e.relative_displacement[:, 1:] / length[:, None]
     pressing, friction, sliding = force[:, 0], np.hypot(force[:, 1], force[:, 2]), np.hypot(slip[:, 0], slip[:, 1])
-    g_scale = over.max(g)
-    early_slip = over.max(sliding * np.maximum(g - friction, 0.0))
+    most_bound, most_friction = (scales.of_points(values, over)[scales.owner] for values in (g, friction))
+    early = sliding * np.maximum(g - friction, 0.0) / np.where(most_bound > 0.0, most_bound, 1.0)
     # Where no friction is allowed, friction is a rounding error or a violation of the cone.
-    compared = (sliding > 1e-3) & (friction > 1e-2 * over.max(friction)) & (g > 0.0)
-    across = np.abs(force[:, 1] * slip[:, 1] - force[:, 2] * slip[:, 0])[compared]
-    along = (force[:, 1] * slip[:, 0] + force[:, 2] * slip[:, 1])[compared]
-    angle = over.max(np.degrees(np.arctan2(across, along)))
-    held = e.held.held_part(e.displacement - e.prescribed) / scales.length
+    compared = (sliding > 1e-3) & (friction > 1e-2 * most_friction) & (g > 0.0)
+    across = np.abs(force[:, 1] * slip[:, 1] - force[:, 2] * slip[:, 0])
+    along = force[:, 1] * slip[:, 0] + force[:, 2] * slip[:, 1]
+    angle = np.where(compared, np.degrees(np.arctan2(across, along)), 0.0)
+    held = e.held.held_part(e.displacement - e.prescribed) / scales.lengths[scales.body][:, None]
     balance, drift, parts = rigid_balance(e, np.array(outer), scales.length, scales.turnover)
     each = ", of every body" if e.bodies else f", of each of {parts} components" if parts > 1 else ""
     sums = f"loads, springs, reactions, contact: forces and moments add to zero{each}"
     remaining = np.column_stack([e.gap - e.relative_displacement[:, 0], -e.relative_displacement[:, 1:]])  # A x - b
-    residual = _natural_residual(e, remaining.ravel(), scales, over)
     mean = f"; means around {'contact points' if e.actions is not None else 'vertices'}" if e.averaged else ""
     held_in = over.max(-e.held_gap)
     deepest = worst(over.max(e.relative_displacement[:, 0] - e.gap), held_in, 0.0)
-    inside = worst(over.max(-gap), held_in / scales.length)
     if deepest == held_in > 0.0:
         mean = ", at a node that supports hold, or that faces away"
+    left = scales.norms(lengths(e.held.free_part(imbalance)), over) / np.where(scales.nodals > 0.0, scales.nodals, 1.0)
 
     def relative(name: str, value: float, meaning: str) -> Check:
         return Check(name, worst(value, 0.0), LIMIT, "", meaning)
 
+    def at_points(name: str, values: FloatArray, meaning: str, limit: float = LIMIT, unit: str = "") -> Check:
+        check = Check(name, worst(over.max(values), 0.0), limit, unit, meaning)
+        return check if check.passed else replace(check, meaning=f"{meaning}{_place(e, values, over)}")
+
+    found = f"{deepest:.1e} m, over {_range(length, over)} m{mean}"
+    inside = at_points("penetration", -gap, found)
+    if held_in / scales.length > inside.value:
+        inside = relative("penetration", held_in / scales.length, found)
     checks = (
         relative("finite", float(len(faults)), "; ".join(faults) or "no number overflows or vanishes"),
-        relative(
-            "equilibrium",
-            ratio(over.norm(e.held.free_part(imbalance)), scales.nodal),
-            "forces in balance at free nodes",
-        ),
+        relative("equilibrium", worst(*left), f"forces in balance at free nodes{each}"),
         relative("clamps", over.max(np.abs(held)), "prescribed displacements held"),
         *_ties(e, scales, over),
         relative("force balance", balance, sums),
@@ -394,61 +371,31 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
             Check(name, worst(value, 0.0), ANGLE_LIMIT if unit else LIMIT, unit, meaning)
             for name, value, unit, meaning in pair_lines(e.pairs, scales.length, over)
         ),
-        relative("penetration", inside, f"{deepest:.1e} m, over {scales.length:.1e} m{mean}"),
-        relative("adhesion", over.max(-pressing), "no node is pulled, nor has a force off the contact faces"),
-        relative("complementarity", over.max(np.abs(pressing * gap)), "no force across a gap"),
-        relative("friction cone", over.max(friction - g) / worst(g_scale, 1e-3), "friction within its bound"),
-        relative("slip inside the cone", ratio(early_slip, g_scale), f"no slip before friction is at its bound{mean}"),
-        Check("slip angle", worst(angle, 0.0), ANGLE_LIMIT, "deg", "friction opposes slip"),
-        relative("natural residual", residual, "of the whole problem"),
+        inside,
+        at_points("adhesion", -pressing, "no node is pulled, nor has a force off the contact faces"),
+        at_points("complementarity", np.abs(pressing * gap), "no force across a gap"),
+        at_points("friction cone", (friction - g) / np.maximum(most_bound, 1e-3), "friction within its bound"),
+        at_points("slip inside the cone", early, f"no slip before friction is at its bound{mean}"),
+        at_points("slip angle", angle, "friction opposes slip", ANGLE_LIMIT, "deg"),
+        at_points("natural residual", natural_residuals(e, remaining, scales), "of every contact point, by its force"),
     )
     return Certificate(checks, deepest)
 
 
-@dataclass(frozen=True)
-class _Scales:
-    """Scales of the measures.
-
-    Attributes:
-        force: Largest component of the contact force of a node, newtons; 0 without contact forces.
-        length: Mean displacement of the forces that deform the body, metres.
-        nodal: Norm of the largest of internal forces, loads, springs and contact forces, newtons.
-        turnover: Sum of the outer forces of all nodes, newtons.
-    """
-
-    force: float
-    length: float
-    nodal: float
-    turnover: float
+def _range(lengths: FloatArray, over: Reductions) -> str:
+    """A number, or the smallest and the largest of these; collective."""
+    least, most = over.min(lengths), over.max(lengths)
+    return f"{most:.1e}" if not least < most else f"{least:.1e} to {most:.1e}"
 
 
-def _scales(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> _Scales:
-    """The scales, at least the effect of rounding: a body without contact and loads has no other forces."""
-    noise = ROUNDING * over.norm(e.rounding)
-    nodal = worst(*(over.norm(part) for part in (e.internal, e.load, e.spring, e.on_body)), noise)
-    turnover = worst(sum(over.sum(lengths(part)) for part in outer), ROUNDING * over.sum(lengths(e.rounding)))
-    motion = over.max(np.abs(e.displacement))
-    energy = over.dot(e.displacement / (motion or 1.0), e.internal / (nodal or 1.0))
-    way = min(2.0 * energy * motion * ratio(nodal, turnover), _FARTHEST * motion)
-    at_least = motion if motion != 0.0 else max(over.max(axis) + over.max(-axis) for axis in e.x.T)
-    peak = over.max(np.abs(e.force))
-    return _Scales(
-        force=worst(peak, ROUNDING * over.max(np.abs(e.rounding))) if peak != 0.0 else 0.0,
-        length=worst(way, e.blocked, ROUNDING * EPSILON * at_least),
-        nodal=nodal,
-        turnover=turnover,
-    )
+def _place(e: Evidence, values: FloatArray, over: Reductions) -> str:
+    """Where the largest of the values (m,) is, in words; collective."""
+    if e.place is None or e.part is None:
+        return ""
+    return f"; worst {place_of_largest(values, e.place, e.part, e.faces, over)}"
 
 
-def _natural_residual(e: Evidence, remaining: FloatArray, scales: _Scales, over: Reductions) -> float:
-    """Relative to the contact forces; without any, as displacements, to their scale: gaps have rounding errors."""
-    law, x = FrictionLaw.tresca(e.bound), e.force.ravel()
-    if scales.force != 0.0:
-        return law.natural_residual(x, remaining, e.compliance, over)
-    return ratio(e.compliance * over.norm(law.project(-remaining / e.compliance, x[0::3])), scales.length)
-
-
-def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
+def _faults(e: Evidence, scales: Scales, over: Reductions) -> list[str]:
     """Values that are not finite, or so large or small that products overflow or vanish; collective."""
     given = {
         "coordinates": e.x,
@@ -463,13 +410,16 @@ def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
         "gaps": e.gap,
         "gaps of held nodes": e.held_gap,
         "slip bounds": e.bound,
+        "compliances": e.compliance,
         "rounding": e.rounding,
         "forces of rigid motions": np.zeros(0) if e.ground is None else e.ground,
-        "blocked displacement": np.array([e.blocked]),
+        "blocked displacement": np.array(e.blocked),
         "jump of ties": np.zeros(0) if e.jump is None else e.jump,
     }
     faults = [f"{name} not finite" for name, values in given.items() if not over.all(bool(np.all(np.isfinite(values))))]
-    needed = {"compliance": e.compliance, "scale of displacements": scales.length}
+    needed = {"scale of displacements": scales.length}
+    if over.sum(float(len(e.compliance))) > 0.0:
+        needed |= {"smallest compliance": over.min(e.compliance), "compliance": over.max(e.compliance)}
     forces = {"scale of contact forces": scales.force, "scale of nodal forces": scales.nodal}
     for name, value in {**needed, **forces, "sum of forces": scales.turnover}.items():
         vanished = value == 0.0 and name not in needed
@@ -478,7 +428,7 @@ def _faults(e: Evidence, scales: _Scales, over: Reductions) -> list[str]:
     return faults
 
 
-def _ties(e: Evidence, scales: _Scales, over: Reductions) -> tuple[Check, ...]:
+def _ties(e: Evidence, scales: Scales, over: Reductions) -> tuple[Check, ...]:
     if e.jump is None:
         return ()
     apart = over.max(np.abs(e.jump)) / scales.length

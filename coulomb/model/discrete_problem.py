@@ -26,7 +26,8 @@ from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION, RigidMotions
-from .certificate import Evidence, components_of, lengths
+from .certificate import Evidence
+from .certificate_scales import components_of, lengths
 from .contact_body import Before, ContactBody, ContactState, rigid_motions
 from .contact_stiffness import FixedStiffness, explained
 from .nodal_answer import relative_displacement
@@ -261,6 +262,11 @@ class DiscreteProblem:
         """Mean of diag(A) in metres per newton."""
         return self.friction_problem.mean_diagonal
 
+    @_OfStiffness
+    def compliances(self) -> FloatArray:
+        """diag(A) of every contact point, of both tangents the mean, metres per newton, shape (m, 3)."""
+        return self.friction_problem.scales.compliance
+
     @cached_property
     def rigid(self) -> RigidMotions | None:
         """The motions that contact alone prevents, with the loads along them; None if supports prevent all."""
@@ -330,7 +336,7 @@ class DiscreteProblem:
             u: Displacement in metres, this rank's nodes, shape (k, 3).
             before: State after the load step before; by default slip is measured from `slip_origin`.
         """
-        return gather_evidence(self.body, self.state, x, u, self.mean_compliance, before)
+        return gather_evidence(self.body, self.state, x, u, self.compliances, before)
 
     def slip_bound(self, x: FloatArray) -> FloatArray:
         """Bound of the friction force of every node at the forces x (3 m,), newtons, shape (m,)."""

@@ -102,6 +102,7 @@ class NodalAnswer:
         displacement: Along n, t1, t2, shape (m, 3).
         force: Along n, t1, t2, shape (m, 3); x_n >= 0 presses.
         slip_bound: Slip bound used by the solver, shape (m,).
+        compliance: Diagonal of A, of both tangents the mean, metres per newton, shape (m, 3).
         spins: Rotations of the foundations of the faces; None where there is none.
         earlier: What has accumulated in the load steps before.
         against: Of each contact face the face opposite, if it is one of a pair; else None.  Empty without pairs.
@@ -124,6 +125,7 @@ class NodalAnswer:
     displacement: FloatArray
     force: FloatArray
     slip_bound: FloatArray
+    compliance: FloatArray
     spins: tuple[Spin | None, ...]
     earlier: Accumulated
     against: tuple[str | None, ...] = ()

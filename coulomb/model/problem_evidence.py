@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -26,8 +27,10 @@ from ..fem.contact import (
     rows_of,
 )
 from ..fem.geometry import HELD_BELOW, inverse_frames
+from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
 from .certificate import Evidence, pair_actions
+from .certificate_scales import at_all_points, components_of
 from .contact_body import Before, ContactBody, ContactState
 from .held_nodes import FoundationFace, OtherNodes
 from .nodal_answer import relative_displacement
@@ -35,7 +38,7 @@ from .pair_checks import JudgedPair, PairFindings
 
 
 def gather_evidence(
-    body: ContactBody, state: ContactState, x: FloatArray, u: FloatArray, compliance: float, before: Before | None
+    body: ContactBody, state: ContactState, x: FloatArray, u: FloatArray, compliance: FloatArray, before: Before | None
 ) -> Evidence:
     """The evidence for an answer; collective.
 
@@ -44,7 +47,7 @@ def gather_evidence(
         state: The time, the loads, and the contact points to which the forces belong.
         x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2) of its surface.
         u: Displacement in metres, this rank's nodes, shape (k, 3).
-        compliance: Mean diagonal of A, metres per newton.
+        compliance: Diagonal of A (m, 3) at the surface's points, of both tangents the mean, metres per newton.
         before: End of the load step before; None if slip is measured from the state's `slip_origin`.
     """
     elasticity, surface = state.elasticity, state.surface
@@ -61,6 +64,12 @@ def gather_evidence(
     judged = number[surface.nodes]  # the solver's contact points among those of the evidence
     known = judged >= 0
 
+    def taken_as_is(rows: FloatArray) -> FloatArray:
+        """Rows (s, 3) at the solver's contact points, at those of the evidence and then the strays; 0 elsewhere."""
+        there = np.zeros((len(nodes), 3))
+        there[judged[known]] = rows[known]
+        return np.concatenate([there, rows[~known][stray_rows]])
+
     def taken(vectors: FloatArray, axes: FloatArray) -> FloatArray:
         """Space vectors at the solver's contact points as components at those of the evidence; 0 elsewhere."""
         there = np.zeros((len(nodes), 3))
@@ -73,7 +82,8 @@ def gather_evidence(
     on_body = -at_nodes_of(B, force)
     stray = surface.vectors(x)[~known]  # a force where none is possible counts as tensile
     np.subtract.at(on_body, surface.nodes[~known], stray)
-    stray = stray[np.any(stray != 0.0, axis=1)]
+    stray_rows = np.any(stray != 0.0, axis=1)
+    stray = stray[stray_rows]
     none = np.zeros(len(stray))
     if before is None:
         origin = taken(surface.displacements(state.slip_origin), frames)
@@ -86,6 +96,10 @@ def gather_evidence(
     bolts = elasticity.pretension(state.time)
     load = state.loading.load - bolts
     on_body += elasticity.forces_of_ties(internal - load - spring - on_body - bolts) + bolts
+    component = components_of(len(u), elasticity.component, [member.nodes for member in elasticity.members])
+    own = at_all_points(taken_as_is(compliance), compliance, Reductions(body.comm))
+    strays = surface.nodes[~known][stray_rows]
+    parts = np.repeat(np.arange(len(faces)), [len(face[0].nodes) for face in faces])
     return Evidence(
         comm=body.comm,
         x=elasticity.x,
@@ -103,15 +117,29 @@ def gather_evidence(
         gap=np.concatenate([gap, none]),
         bound=np.concatenate([bound, none]),
         rounding=body.stiffness.rounding_forces(elasticity, u),
-        compliance=compliance,
-        blocked=elasticity.blocked_displacement(state.loading),
+        compliance=own,
+        blocked=elasticity.blocked_displacements(state.loading),
         averaged=not points.nodal,
         bodies=tuple(member.nodes for member in elasticity.members) if len(elasticity.members) > 1 else (),
         jump=elasticity.jump(u, state.loading) if elasticity.ties else None,
+        owner=np.concatenate([component[nodes], component[strays]]),
+        place=np.concatenate([points.average(elasticity.x), elasticity.x[strays]]),
+        part=np.concatenate([parts, np.full(len(stray), -1)]),
+        faces=tuple(contact.face for contact in body.contacts),
+        opposite=tuple(_opposite(body, contact.against, component) for contact in body.contacts),
         actions=_actions(elasticity.x, points, frames, force, [len(face[0].nodes) for face in faces]),
         pairs=_findings(body, state.time, faces, rows, u),
         held_gap=np.concatenate([none[:0], *(others.remaining(u) for *_, others in faces if others is not None)]),
     )
+
+
+def _opposite(body: ContactBody, face: str | None, component: npt.NDArray[np.int64]) -> tuple[int, ...]:
+    """The components on the face opposite in a pair; none on a foundation; collective."""
+    if face is None:
+        return ()
+    member, facets = body.elasticity.face(face, "contact")
+    own = component[member.nodes][member.body.nodes_of(facets)]
+    return tuple(np.unique(concatenated(body.comm, own)).tolist())
 
 
 def _actions(

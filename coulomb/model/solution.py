@@ -80,6 +80,11 @@ class Solution:
     certificate: Certificate
 
     @property
+    def compliances(self) -> FloatArray:
+        """diag(A) of every contact point, of both tangents the mean, metres per newton, shape (m, 3)."""
+        return self.problem.compliances
+
+    @property
     def mean_compliance(self) -> float:
         """Mean of diag(A) in metres per newton: the scale of the certificate."""
         return self.problem.mean_compliance
@@ -142,6 +147,7 @@ class Solution:
             displacement=surface.rows(self.change),
             force=self.contact_force.reshape(-1, 3),
             slip_bound=self.slip_bound,
+            compliance=self.compliances,
             spins=problem.state.spins,
             earlier=problem.state.accumulated,
             against=tuple(contact.against for contact in problem.contacts),

@@ -5,7 +5,8 @@ the law requires it they are set to exactly zero before displacement and certifi
 answer is the written one.  The change is below the requested residual:
 
 - The natural residual |x - P(x - (A x - b)/a)| is the force itself where P sets it to zero.
-- Where neither force nor gap is significant, P does not decide: a force up to `OPEN_BELOW` of the largest is zero.
+- Where neither force nor gap is significant, P does not decide: a force up to `OPEN_BELOW` of the largest on its body
+  is zero.
 - Where the slip bound is zero (Coulomb friction at open nodes, or F = 0), a small friction force is zero.
 - Where a support prescribes the displacement in a tangential direction, and there is no slip in it, the law leaves
   friction in that direction undetermined, and it acts on the support alone: it is zero.
@@ -25,9 +26,10 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.contact import row_products
 from ..linalg.reductions import Reductions
-from ..solvers.results import NotConverged, Status
+from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
 from .certificate import Certificate, judge
+from .certificate_scales import place_of_largest
 from .contact_body import Before
 from .discrete_problem import DiscreteProblem
 from .equilibrium import running_away
@@ -38,17 +40,19 @@ ROUNDING = 1e-13
 """Relative size of rounding errors of slips and of projections on free directions."""
 
 SMALL = 1e-6
-"""Fraction of the norm of all contact forces: the largest residual that can be requested."""
+"""Fraction of the norm of all contact forces on a body: the largest residual that can be requested."""
 
 
 def zero_open_forces(problem: DiscreteProblem, x: FloatArray, closed: FloatArray) -> FloatArray:
     """Contact forces x of a solver in newtons, shape (3 m,), with exact zeros, where `closed` (m, 3) is
     `DiscreteProblem.relative_displacement` of the displacement under them; collective."""
-    over, force = Reductions(problem.comm), x.reshape(-1, 3).copy()
-    normal, small = force[:, 0], SMALL * over.norm(x)
-    gap = problem.surface.gap - closed[:, 0]
-    grazing = np.abs(normal) <= OPEN_BELOW * max(over.max(normal), 0.0)
-    opened = (np.abs(normal) <= small) & (problem.mean_compliance * normal <= gap)
+    force, scales = x.reshape(-1, 3).copy(), problem.friction_problem.scales
+    normal, gap = force[:, 0], problem.surface.gap - closed[:, 0]
+    loads = problem.b if problem.rigid is None else np.column_stack([gap, closed[:, 1:]]).ravel()
+    largest = scales.of_bodies(x, loads)[scales.body]
+    small = SMALL * np.maximum(scales.norms(force)[scales.body], largest)
+    grazing = np.abs(normal) <= OPEN_BELOW * largest
+    opened = (np.abs(normal) <= small) & (scales.compliance[:, 0] * normal <= gap)
     normal[grazing | opened] = 0.0
     frictionless = (problem.slip_bound(force.ravel()) == 0.0) & (np.hypot(force[:, 1], force[:, 2]) <= small)
     force[frictionless, 1:] = 0.0
@@ -189,7 +193,8 @@ class StoppingCriterion:
         if result.status is Status.INTERRUPTED:
             return failure
         if not result.residual <= tolerance:
-            texts = [text for text in (running_away(problem, result), str(failure), implausible_sizes(problem)) if text]
+            whole = (running_away(problem, result), str(failure), _worst(problem, result), implausible_sizes(problem))
+            texts = [text for text in whole if text]
             return NotConverged("; ".join(texts), result) if len(texts) > 1 else failure
         certificate = self.answer(result.x, result.rigid).certificate
         remedies = ["a check of the units of lengths, forces and stiffnesses"]
@@ -201,6 +206,21 @@ class StoppingCriterion:
             f"{failure}; failing conditions: {failing_conditions(certificate)}; what may help: {', or '.join(remedies)}"
         )
         return NotConverged(said, result)
+
+
+def _worst(problem: DiscreteProblem, result: SolverResult) -> str:
+    """Where the contact point with the largest residual is, and what rounding leaves, in words; collective."""
+    posed, over, surface = problem.friction_problem, Reductions(problem.comm), problem.surface
+    if not over.all(len(result.x) == len(problem.b) and bool(np.all(np.isfinite(result.gradient)))):
+        return ""
+    own = posed.residuals(result.x, result.gradient)
+    worst = over.max(np.append(own, -np.inf))
+    if not 0.0 < worst < np.inf:
+        return ""
+    where = place_of_largest(own, surface.x, surface.part, surface.faces, over)
+    left = posed.unresolved(result.x, result.gradient)
+    unresolved = f"; rounding errors of displacements alone leave {left:.1e} of a force" if left > 0.1 * worst else ""
+    return f"worst contact point {where}: its residual is {worst:.1e} of its force{unresolved}"
 
 
 def implausible_sizes(problem: DiscreteProblem) -> str:

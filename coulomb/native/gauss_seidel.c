@@ -14,6 +14,7 @@
 #define CARRIED_FROM 1e-6
 #define OF_CARRIED 1e-2
 #define SHARE 1e-2
+#define LEAST_LOAD 1e-3
 #define LOADS 1e-6
 #define MIXED 100.0
 #define SEARCH 20 /* contacts whose work is that of a search from one angle */
@@ -215,12 +216,13 @@ static inline v4 left_over(v4 x, v4 l, double bound)
 /* The largest natural residual of a contact, by its own compliance and force, and what small ones do to each other. */
 static double worst(const struct system *s)
 {
-    double most = 0.0, loads = 0.0, found = 0.0, caused = 0.0, least = 1e300, largest = 0.0;
+    double most = 0.0, loads = 0.0, lightest = 1e300, found = 0.0, caused = 0.0, least = 1e300, largest = 0.0;
     for (long i = 0; i < s->m; i++) {
-        most = fmax(most, square(s->r[i])), loads = fmax(loads, square(felt(s, i, s->q[i])));
+        const double load = square(felt(s, i, s->q[i]));
+        most = fmax(most, square(s->r[i])), loads = fmax(loads, load), lightest = fmin(lightest, load);
         least = fmin(least, s->contact[i].own[0]), largest = fmax(largest, s->contact[i].own[0]);
     }
-    const double share = SHARE * SHARE * fmax(most, LOADS * LOADS * loads);
+    const double share = SHARE * SHARE * fmax(most, fmax(LOADS * LOADS * loads, LEAST_LOAD * LEAST_LOAD * lightest));
     for (long i = 0; i < s->m; i++) {
         s->left[i] = left_over(s->r[i], felt(s, i, s->u[i]), s->contact[i].F * fmax(s->r[i][0], 0.0));
         const double off = square(s->left[i]), scale = fmax(square(s->r[i]), share);

@@ -26,6 +26,11 @@ _FAR_SHORTER = 1e-3
 _CARRIED_FROM = 1e-6
 """Residual from which on errors are small enough to ask what they do to each other."""
 
+_UNLOADED = 1e-2
+"""Part of the largest sqrt(a) f of the bodies: a body that touches without load does not hold up the others."""
+
+_EPSILON = 2.0**-52
+
 _OF_CARRIED = 1e-2
 """Part of these errors that counts: a residual of 1e-8 allows 1e-6 of the force of a contact."""
 
@@ -278,7 +283,7 @@ class FrictionProblem:
         if self.together:
             worst = self.residual_of_bodies(x, gradient)
         else:
-            worst = self.reductions.max(np.append(relative(left, scale), 0.0))
+            worst = max(self.reductions.max(np.append(relative(left, scale), 0.0)), self.unresolved(x, gradient))
         if self.rigid is not None:
             worst = max(worst, self.imbalance(x, scale))
         if 0.0 < worst <= _CARRIED_FROM and self.scales.mixed and not self.together:
@@ -287,6 +292,24 @@ class FrictionProblem:
             return worst
         natural = self.law.natural_residual(x, gradient, self.mean_diagonal, self.reductions, self.lower)
         return max(worst, natural * self.dilution(x, gradient)) if 0.0 < natural < math.inf else max(worst, natural)
+
+    def residuals(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Natural residual of every contact over its `force_scale`, shape (m,)."""
+        return relative(self.left_over(x, gradient), self.force_scale(x, gradient))
+
+    def unresolved(self, x: FloatArray, gradient: FloatArray) -> float:
+        """Largest part of the force of a closed contact that rounding errors of A x and b change; collective.
+
+        Where these nearly cancel at a contact that is far stiffer than what moves it, no arithmetic of double precision
+        finds its force.  With rigid motions 0: they make A x and b large together.
+        """
+        if self.rigid is not None:
+            return 0.0
+        w, loads = gradient.reshape(-1, 3), self.b.reshape(-1, 3)
+        felt = (np.abs(w + loads) + np.abs(loads)) / self.scales.compliance
+        closed = x[0::3] > np.maximum(self.lower, w[:, 0] / self.scales.compliance[:, 0])
+        rounding = np.where(closed[:, None] & self.unknown, _EPSILON * felt, 0.0)
+        return self.reductions.max(np.append(relative(rounding, self.force_scale(x, gradient)), 0.0))
 
     @cached_property
     def scales(self) -> ContactScales:
@@ -301,10 +324,12 @@ class FrictionProblem:
         return self.scales.of_contacts(x, self.b if self.rigid is None else gradient)
 
     def residual_of_bodies(self, x: FloatArray, gradient: FloatArray) -> float:
-        """Largest |x - P(x - w/a)| of all contacts of a body over its |x|; 1 on a body without contact forces."""
-        squares = [self.scales.sums(np.sum(v**2, axis=1)) for v in (self.left_over(x, gradient), x.reshape(-1, 3))]
-        left, size = np.sqrt(squares)
-        return float(np.max(np.where(left == 0.0, 0.0, left / np.where(size > 0.0, size, left + (left == 0.0)))))
+        """Largest |x - P(x - w/a)| of all contacts of a body over its |x|, or its `of_bodies`; inf without either."""
+        scales, loads = self.scales, self.b if self.rigid is None else gradient
+        left, size = scales.norms(self.left_over(x, gradient)), scales.norms(x.reshape(-1, 3))
+        size = scales.no_less(np.maximum(size, scales.of_bodies(x, loads)), _UNLOADED)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return float(np.max(np.where(left == 0.0, 0.0, left / size)))
 
     def _carried(self, left: FloatArray, scale: FloatArray) -> float:
         """A part of the largest relative error that errors `left` (m, 3) in newtons cause at any contact; a product."""

@@ -5,7 +5,7 @@ of theirs, and an error of its whole force changes their residual by 1e-8.  So a
 a_t (the mean of two) of diag(A) there,
 
     left_i = x_i - P(x_i - w_i / (a_n, a_t, a_t)),   residual = max_i |left_i| / s_i,
-    s_i = max(|x_i|, 1e-2 largest force on the same body, 1e-8 of the largest load b/a on it).
+    s_i = max(|x_i|, 1e-2 of the largest force on the same body, or of a part of its loads b/a).
 
 Open contacts keep forces of 1e-14 of the largest, and grazing ones (x = w = 0) the square root of the path's theta: by
 their own force alone they would never be right, hence the second term.  A body without contact forces has only loads.
@@ -17,6 +17,7 @@ the errors left_i are carried on: |A left|_i / a_i is what they do at contact i 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -30,8 +31,13 @@ from ..linalg.reductions import Reductions
 SHARE: Final = 1e-2
 """No contact is judged by less than this part of the largest force on its body."""
 
-_LOADS: Final = 1e-6
-"""No force on a body counts as the largest below this part of what its loads would cause."""
+_LOADS: Final = (1e-3, 1e-6)
+"""No force on a body counts as the largest below these parts of the smallest and the largest load |b|/a on it: of a
+body that touches nothing the smallest is the force that would close its gap."""
+
+_NOTHING: Final = 1e-8
+"""A body whose sqrt(a) f is less than this part of the largest of a body has no forces beside rounding errors of the
+others, and is judged by that one's energy a f^2."""
 
 _MIXED: Final = 100.0
 """Largest over smallest compliance from which on contacts are told apart."""
@@ -76,29 +82,65 @@ class ContactScales:
         np.maximum.at(found, self.body, sizes)
         return self.over.largest(found)
 
+    def norms(self, vectors: FloatArray) -> FloatArray:
+        """Norm of vectors (m, 3) on every body, shape (bodies,)."""
+        size = sizes(vectors)
+        unit = self.over.max(np.append(size, 0.0))
+        if not 0.0 < unit < math.inf:
+            return np.full(self.bodies, unit)
+        return unit * np.sqrt(self.sums((size / unit) ** 2))
+
     def sums(self, values: FloatArray) -> FloatArray:
         """Sum of the values (m,) on every body, shape (bodies,)."""
         sums = np.asarray(np.bincount(self.body, values, self.bodies), dtype=np.float64)
         return self.over.total(sums)
 
     def of_bodies(self, x: FloatArray, loads: FloatArray) -> FloatArray:
-        """Force of the body of every contact in newtons, shape (m,): its largest contact force, or a part of its loads.
+        """Force of every body in newtons, shape (bodies,): its largest contact force, or a part of its loads.
 
         Args:
             x: Contact forces in newtons, shape (3 m,).
             loads: What they close in metres, shape (3 m,).
         """
-        felt = np.linalg.norm(loads.reshape(-1, 3) / self.compliance, axis=1)
-        forces = np.linalg.norm(x.reshape(-1, 3), axis=1)
-        return np.maximum(self.largest(forces), _LOADS * self.largest(felt))[self.body]
+        felt, forces = sizes(loads.reshape(-1, 3) / self.compliance), sizes(x.reshape(-1, 3))
+        least = np.full(self.bodies, -np.inf)
+        np.maximum.at(least, self.body, -felt)
+        least = np.maximum(-self.over.largest(least), 0.0)
+        loaded = np.maximum(_LOADS[0] * np.where(least < np.inf, least, 0.0), _LOADS[1] * self.largest(felt))
+        return self.no_less(np.maximum(self.largest(forces), loaded), 0.0)
+
+    def no_less(self, forces: FloatArray, part: float) -> FloatArray:
+        """Forces f of the bodies in newtons, of which sqrt(a) f is at least a part of the largest, shape (bodies,)."""
+        if self.bodies == 1:
+            return forces
+        root = np.sqrt(self._mean)
+        most = float(np.max(root * forces))
+        return np.maximum(forces, np.where(root * forces > _NOTHING * most, part, 1.0) * most / root)
+
+    @cached_property
+    def _mean(self) -> FloatArray:
+        """Mean compliance of the contacts of every body along n, of all for one without, shape (bodies,)."""
+        sums, count = self.sums(self.compliance[:, 0]), self.sums(np.ones(len(self.compliance)))
+        of_all = float(np.sum(sums)) / max(float(np.sum(count)), 1.0)
+        mean = np.where(count > 0.0, sums / np.maximum(count, 1.0), of_all)
+        return np.where(mean > 0.0, mean, of_all if of_all > 0.0 else 1.0)
 
     def of_contacts(self, x: FloatArray, loads: FloatArray) -> FloatArray:
         """s_i in newtons, shape (m,); arguments as of `of_bodies`."""
-        return np.maximum(np.linalg.norm(x.reshape(-1, 3), axis=1), SHARE * self.of_bodies(x, loads))
+        return np.maximum(sizes(x.reshape(-1, 3)), SHARE * self.of_bodies(x, loads)[self.body])
+
+
+def sizes(vectors: FloatArray) -> FloatArray:
+    """Norms of vectors (m, 3), whose squares may overflow or vanish; shape (m,)."""
+    unit = float(np.max(np.abs(vectors), initial=0.0))
+    if not 0.0 < unit < math.inf:
+        return np.max(np.abs(vectors), axis=1, initial=0.0)
+    v = vectors / unit
+    return unit * np.sqrt(np.einsum("ij,ij->i", v, v))
 
 
 def relative(left: FloatArray, scale: FloatArray) -> FloatArray:
     """Sizes of vectors (m, 3) over scales (m,), 0 where they vanish; shape (m,)."""
-    size = np.sqrt(np.einsum("ij,ij->i", left, left))
-    with np.errstate(divide="ignore", invalid="ignore"):
+    size = sizes(left)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         return np.where(size == 0.0, 0.0, size / scale)

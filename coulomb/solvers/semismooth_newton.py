@@ -326,7 +326,7 @@ class _Iteration:
         settings, over = self._settings, self._over
         self._at = at
         scale = self._problem.force_scale(x.ravel(), self._a * self._w(A_x, alpha).ravel())
-        self._rows = (1.0 / np.where(scale > 0.0, scale, 1.0))[:, None]
+        self._rows = (1.0 / np.where(scale > 1e-290, scale, 1.0))[:, None]
         self._inverse.move(at)
         self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, at.Q @ self._scaled.G)
         r3 = NO_MOTION if not len(self._e) else self._e - self._constraints.resultant(x)

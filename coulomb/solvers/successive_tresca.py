@@ -60,6 +60,7 @@ class Anderson:
 
 _LEAST_DAMPING = 0.05  # by the measured slope
 _FINER: Final = 0.01  # part of the accuracy of Tresca problems that the worst contact needs
+_ROUNDING: Final = 1e-14  # residual of a Tresca problem
 _NEAR = 0.1  # change of g below which acceleration starts: before, the map is too far from linear
 _PATIENCE = 12  # Tresca problems without a better change of g after which the iteration has stagnated
 _TURNS = 5  # successive changes of g, each opposite to the one before and none the smallest: an oscillation
@@ -115,7 +116,7 @@ class SuccessiveTresca(SolverSettings):
         status, why = Status.MAX_ITERATIONS, ""
         for iteration in range(1, self.max_iterations + 1):
             began, before = time.perf_counter(), A.products
-            inner = min(max(self.inner_precision * whole, 0.1 * goal.residual * finer), 1e-2)
+            inner = min(max(self.inner_precision * whole, 0.1 * goal.residual * finer, _ROUNDING), 1e-2)
             inner = inner if problem.sloped else goal.residual  # the only Tresca problem
             warm = last is not None
             last, steps, krylov, trouble = self._tresca(problem, g, last, inner, iteration, progress)

@@ -67,6 +67,7 @@ def test_vtk_reads_the_contact_surface(run):
         "face",
         "node",
     }
+    names |= {"normal_compliance", "tangential_compliance"}
     names |= {"coefficient", "friction", "cohesion", "tangent_1", "tangent_2", *ACCUMULATED}
     assert set(grid.point_data.keys()) == names
     surface, x = solution.problem.surface, solution.contact_force.reshape(-1, 3)

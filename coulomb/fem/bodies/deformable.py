@@ -319,6 +319,10 @@ class Deformable(HeldNodes, ABC):
         0 if there is none beside the displacement itself; collective."""
         return 0.0
 
+    def blocked_displacements(self, loading: Loading) -> tuple[float, ...]:
+        """`blocked_displacement` of every body; collective."""
+        return (self.blocked_displacement(loading),)
+
     @abstractmethod
     def support_entries(self) -> list[dict[str, Any]]:
         """Kind, face and what it holds of every support and spring."""
@@ -416,6 +420,9 @@ class WrappedBodies(Deformable):
 
     def blocked_displacement(self, loading: Loading) -> float:
         return self.bodies.blocked_displacement(loading.untied or loading)
+
+    def blocked_displacements(self, loading: Loading) -> tuple[float, ...]:
+        return self.bodies.blocked_displacements(loading.untied or loading)
 
     def forms(self) -> Mapping[str, Any] | None:
         return self.bodies.forms()

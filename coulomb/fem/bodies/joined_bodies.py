@@ -365,7 +365,11 @@ class JoinedBodies(Deformable):
         return [{**one, "face": member.called(one["face"])} for member, one in given]
 
     def blocked_displacement(self, loading: Loading) -> float:
-        return max(one.body.blocked_displacement(part) for one, part in zip(self._members, loading.parts, strict=True))
+        return max(self.blocked_displacements(loading))
+
+    def blocked_displacements(self, loading: Loading) -> tuple[float, ...]:
+        parts = zip(self._members, loading.parts, strict=True)
+        return tuple(one.body.blocked_displacement(part) for one, part in parts)
 
     def forms(self) -> Mapping[str, Any] | None:
         """By the name of the body."""

@@ -12,6 +12,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray
+from ...contact_fields import COMPLIANCES
 from ...fem.geometry import Spin, inverse_frames, since_at, spin
 from ...model.certificate import pair_actions
 from ...model.nodal_answer import ACCUMULATED, Accumulated, NodalAnswer, carried, carrying
@@ -146,6 +147,7 @@ class ContactNodes:
             displacement=np.einsum("kij,kj->ki", self.frames, self.displacement(run, u)),
             force=-np.einsum("kij,kj->ki", inverse_frames(self.frames), on_body[self.index]),
             slip_bound=run.on_face["slip_bound"][self.index],
+            compliance=np.column_stack([run.on_face[name][self.index] for name in COMPLIANCES]),
             spins=spins,
             earlier=Accumulated(*self.earlier.T),
             against=tuple(against),

@@ -20,14 +20,16 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from ...arrays import FloatArray
 from ...case.case import Case
+from ...contact_fields import COMPLIANCES
 from ...kinematics.large_motions import LargeMotions, LargeSolution
 from ...linalg.reductions import Reductions
 from ...model.load_step import Energy, Forces, LoadStep, Moment, State, coefficients_work, row
 from ..case_record import written_case
 from ..field_files import NODE, data_of, grids_of, read_fields
 from ..grid_file import GridFields
-from ..history_files import HistoryFiles, read_step, whole
+from ..history_files import HistoryFiles, at_points, points_in_files, read_step, whole
 from ..output import Series
 from ..result_grids import body_grids, contact_grids
 from ..run_bodies import nodes_in, places
@@ -341,8 +343,11 @@ def check_large(folder: Path, say: Callable[[str], None]) -> HistoryFindings:
         path, then = files.step(number).path, written.state_after(problem, number)
         record = read_step(path, MPI.COMM_SELF)
         contents = files.step(number).read_summary()
+        _, on_faces = points_in_files(files.step(number), problem)
+        diagonal = [at_points(files.step(number).contact, name, on_faces, MPI.COMM_SELF)[:, 0] for name in COMPLIANCES]
+        compliances = np.column_stack(diagonal)
         answers = [
-            _answer(problem, state, then, contents, seed) for state, seed in zip(before, (0, *_SEEDS), strict=True)
+            _answer(problem, state, then, compliances, seed) for state, seed in zip(before, (0, *_SEEDS), strict=True)
         ]
         before = [problem.after(state, answer) for state, answer in zip(before, answers, strict=True)]
         numbers_of = [_numbers(answer, state, record, contents) for answer, state in zip(answers, before, strict=True)]
@@ -368,14 +373,13 @@ def check_large(folder: Path, say: Callable[[str], None]) -> HistoryFindings:
     return HistoryFindings(tuple(steps), tuple(whole.faults), tuple(trusted))
 
 
-def _answer(problem: LargeMotions, before: State, then: State, contents: Mapping[str, Any], seed: int) -> LargeSolution:
+def _answer(problem: LargeMotions, before: State, then: State, compliances: FloatArray, seed: int) -> LargeSolution:
     """The answer of a step as written, or with its numbers perturbed."""
     u, f = then.displacement, then.force_on_body
     if seed:
         rounding = Rounding((seed,), 1e-14)
         u, f = rounding.of(u), rounding.of(f)
-    compliance = float(contents["mean_compliance"])
-    return problem.at(then.time, before).recomputed(u, f, compliance)
+    return problem.at(then.time, before).recomputed(u, f, compliances)
 
 
 def _numbers(

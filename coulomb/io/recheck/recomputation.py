@@ -21,6 +21,7 @@ from ...fem.geometry import RigidFoundation, Spin
 from ...fem.meshes import SEPARATOR
 from ...linalg.reductions import Reductions
 from ...model.certificate import Certificate, Evidence, judge, rounding_forces
+from ...model.certificate_scales import at_all_points
 from ...model.held_nodes import OtherNodes
 from ...model.load_step import Forces
 from ...model.nodal_answer import NodalAnswer
@@ -140,7 +141,7 @@ class Recomputation:
                 gap=judged.gap,
                 bound=judged.bound,
                 rounding=rounded,
-                compliance=float(run.summary["mean_compliance"]),
+                compliance=at_all_points(judged.compliance, written.compliance, Reductions(MPI.COMM_SELF)),
                 blocked=_blocked(run, heated),
                 ground=run.ground,
                 averaged=nodes.averaged,
@@ -150,6 +151,11 @@ class Recomputation:
                 jump=None if tied is None else tied.jump,
                 pairs=self.pairs,
                 held_gap=np.concatenate([np.zeros(0), *(one.remaining(u) for one in self.others)]),
+                owner=body.component[run.node[nodes.index]],
+                place=judged.x,
+                part=nodes.part,
+                faces=tuple(run.face_names),
+                opposite=_opposite(run),
             )
         )
         body_x, reactions = taken(body.x), held.held_part(imbalance - of_ties)
@@ -177,7 +183,7 @@ class Recomputation:
                 strain["overlap"] = overlap
             outside = replace(recorded, **strain).violations
         else:
-            blocked = _blocked(run, heated)
+            blocked = max(_blocked(run, heated))
             samples = [face_samples(face.part.body, facets, u[face.part.nodes]) for face, facets in self.faces]
             measured = small_strain(written, self.foundations, body, u, samples, blocked, inside)
             outside = measured.violations
@@ -277,17 +283,27 @@ def _contact_on_bodies(run: WrittenRun, on_body: FloatArray, x: FloatArray) -> d
     return {"bodies": found} if found else {}
 
 
-def _blocked(run: WrittenRun, heated: Mapping[str, FloatArray]) -> float:
-    """`Deformable.blocked_displacement`; where a body is of the user's forms as recorded."""
+def _blocked(run: WrittenRun, heated: Mapping[str, FloatArray]) -> tuple[float, ...]:
+    """`Deformable.blocked_displacements`; where bodies are of the user's forms as recorded."""
     if not run.body.elastic:
-        return float(run.summary["blocked_displacement"])
+        return tuple(map(float, run.summary["blocked_displacement"]))
     load, found = run.held.free_part(run.on_body["load"]), list[float]()
     for part in run.body.parts:
+        own = [0.0]
         if part.elastic is not None:
-            found.append(part.elastic.nodal_displacement(load[part.nodes]))
+            own.append(part.elastic.nodal_displacement(load[part.nodes]))
             if THERMAL & part.on_cells.keys():
-                found += [part.elastic.thermal_displacement(change[part.nodes]) for change in heated.values()]
-    return max(found, default=0.0)
+                own += [part.elastic.thermal_displacement(change[part.nodes]) for change in heated.values()]
+        found.append(max(own))
+    return tuple(found)
+
+
+def _opposite(run: WrittenRun) -> tuple[tuple[int, ...], ...]:
+    """`Evidence.opposite`."""
+    found: list[tuple[int, ...]] = [()] * len(run.face_names)
+    for one in run.opposite:
+        found[one.contact] = tuple(np.unique(run.body.component[one.face.node]).tolist())
+    return tuple(found)
 
 
 def _recorded_strain(run: WrittenRun) -> SmallStrain:

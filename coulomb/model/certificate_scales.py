@@ -1,0 +1,211 @@
+"""Scales of the certificate's measures: every body by its own, and every contact point by those of its bodies.
+
+Where steel is beside foam, one displacement and one force for all would hide every error of the steel: the displacement
+scale is that of the foam.  The bodies are the components of the meshes.  A contact point of a pair is judged by the
+larger displacement of the two bodies, which decides by how much its force changes when they come nearer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from ..arrays import FloatArray
+from ..linalg.reductions import Reductions, concatenated
+from ..solvers.laws import FrictionLaw
+from ..solvers.scales import SHARE
+
+if TYPE_CHECKING:
+    from .certificate import Evidence
+
+EPSILON: Final = 2.0**-52
+"""Rounding unit of double precision."""
+
+ROUNDING: Final = 1e8
+"""No scale is less than this multiple of the rounding error, so that a hundred rounding errors are within LIMIT."""
+
+OF_ALL: Final = 1e-3
+"""The forces on a body are judged by no less than this part of those on all."""
+
+
+_FARTHEST: Final = 2.0 * 3.0**0.5
+"""Largest scale of displacements over their largest component: forces in balance do no more work than their sum times
+the largest displacement.  A displacement that is not in balance may have internal forces of any size."""
+
+
+def components_of(
+    nodes: int, component: npt.NDArray[np.int64] | None, bodies: Sequence[slice]
+) -> npt.NDArray[np.int64]:
+    """Number of the component of the meshes of every node, shape (k,); of its body if the components are not known."""
+    if component is not None:
+        return component
+    found = np.zeros(nodes, dtype=np.int64)
+    for number, own in enumerate(bodies):
+        found[own] = number
+    return found
+
+
+def at_all_points(known: FloatArray, given: FloatArray, over: Reductions) -> FloatArray:
+    """Compliances (m, 3) of contact points, where they are not known (0) the mean of those given (s, 3); collective."""
+    count = over.sum(float(np.count_nonzero(given)))
+    mean = over.sum(given) / count if count > 0.0 else 1.0
+    return np.where(known > 0.0, known, mean)
+
+
+def lengths(vectors: FloatArray) -> FloatArray:
+    """Norms of vectors (k, 3) without overflow or underflow of squares."""
+    largest = float(np.max(np.abs(vectors), initial=0.0))
+    if 1e-100 < largest < 1e100:  # no square overflows, and those that vanish do not count: a fifth of the time
+        norms: FloatArray = np.sqrt(np.einsum("ki,ki->k", vectors, vectors))
+        return norms
+    norms = np.hypot(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
+    return norms
+
+
+def worst(*values: float) -> float:
+    """The largest, nan if one is nan."""
+    return float(np.max(values))
+
+
+def ratio(value: float, scale: float) -> float:
+    """A measure over its scale, which is 0 only if the measure is."""
+    return value / (scale or 1.0)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Scales of all bodies together, and of every body and contact point; n bodies, m contact points.
+
+    Attributes:
+        force: Largest component of the contact force of a node, newtons; 0 without contact forces.
+        length: Mean displacement of the forces that deform the bodies, metres.
+        nodal: Norm of the largest of internal forces, loads, springs and contact forces, newtons.
+        turnover: Sum of the outer forces of all nodes, newtons.
+        body: Number of the body of every node, shape (k,).
+        owner: Number of the body of every contact point, shape (m,).
+        forces, lengths, nodals: The same of every body, shape (n,).
+        at_points: Length of every contact point, in pairs the larger one of the two sides, metres, shape (m,).
+    """
+
+    force: float
+    length: float
+    nodal: float
+    turnover: float
+    body: npt.NDArray[np.int64]
+    owner: npt.NDArray[np.int64]
+    forces: FloatArray
+    lengths: FloatArray
+    nodals: FloatArray
+    at_points: FloatArray
+
+    def of_points(self, values: FloatArray, over: Reductions) -> FloatArray:
+        """Largest value (m,) of the contact points of every body, at least 0, shape (n,); collective."""
+        return _Bodies(self.owner, len(self.forces), over).largest(values)
+
+    def norms(self, sizes: FloatArray, over: Reductions) -> FloatArray:
+        """Norm of the sizes (k,) at the nodes of every body, shape (n,); collective."""
+        unit = over.max(sizes) if len(self.forces) > 1 else 0.0
+        if not 0.0 < unit < np.inf:
+            return np.full(len(self.forces), over.norm(sizes))
+        return unit * np.sqrt(_Bodies(self.body, len(self.forces), over).sums((sizes / unit) ** 2))
+
+
+class _Bodies:
+    """Sums and largest values over the nodes or contact points of every body; collective."""
+
+    def __init__(self, number: npt.NDArray[np.int64], count: int, over: Reductions):
+        self._number, self._count, self._over = number, count, over
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        return self._over.total(np.asarray(np.bincount(self._number, values, self._count), dtype=np.float64))
+
+    def norms(self, vectors: FloatArray, unit: float) -> FloatArray:
+        """Of vectors (k, 3); the unit is of their order, so that no square overflows or vanishes."""
+        return unit * np.sqrt(self.sums((lengths(vectors) / unit) ** 2))
+
+    def largest(self, values: FloatArray, none: float = 0.0) -> FloatArray:
+        found = np.full(self._count, none)
+        np.maximum.at(found, self._number, values)
+        return self._over.largest(found)
+
+
+def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> Scales:
+    """The scales, at least the effect of rounding: a body without contact and loads has no other forces."""
+    blocked = np.asarray(e.blocked)
+    noise = ROUNDING * over.norm(e.rounding)
+    nodal = worst(*(over.norm(part) for part in (e.internal, e.load, e.spring, e.on_body)), noise)
+    turnover = worst(sum(over.sum(lengths(part)) for part in outer), ROUNDING * over.sum(lengths(e.rounding)))
+    motion = over.max(np.abs(e.displacement))
+    energy = over.dot(e.displacement / (motion or 1.0), e.internal / (nodal or 1.0))
+    way = min(2.0 * energy * motion * ratio(nodal, turnover), _FARTHEST * motion)
+    at_least = motion if motion != 0.0 else max(over.max(axis) + over.max(-axis) for axis in e.x.T)
+    peak = over.max(np.abs(e.force))
+    force = worst(peak, ROUNDING * over.max(np.abs(e.rounding))) if peak != 0.0 else 0.0
+    length = worst(way, *blocked, ROUNDING * EPSILON * at_least)
+    body = components_of(len(e.x), e.component, e.bodies)
+    count = 1 + int(over.max(body.astype(np.float64)))
+    owner = np.zeros(len(e.force), dtype=np.int64) if e.owner is None else e.owner
+    if count == 1 or not 0.0 < nodal < np.inf or not motion < np.inf:
+        forces, lengths_, nodals = (np.full(count, value) for value in (force, length, nodal))
+        at_points = np.full(len(owner), length)
+        return Scales(force, length, nodal, turnover, body, owner, forces, lengths_, nodals, at_points)
+    nodes, points = _Bodies(body, count, over), _Bodies(owner, count, over)
+    forces = points.largest(np.max(np.abs(e.force), axis=1))
+    noises = ROUNDING * nodes.largest(np.max(np.abs(e.rounding), axis=1))
+    forces = np.where(forces > 0.0, np.maximum(forces, noises), 0.0)
+    each = (nodes.norms(part, nodal) for part in (e.internal, e.load, e.spring, e.on_body, ROUNDING * e.rounding))
+    nodals = np.maximum(np.max(list(each), axis=0), OF_ALL * nodal)
+    turnovers = np.sum([nodes.sums(lengths(part)) for part in outer], axis=0)
+    turnovers = np.maximum(turnovers, ROUNDING * nodes.sums(lengths(e.rounding)))
+    work = np.sum(e.displacement / (motion or 1.0) * (e.internal / nodal), axis=1)
+    motions = nodes.largest(np.max(np.abs(e.displacement), axis=1))
+    ways = 2.0 * nodes.sums(work) * motion * (nodal / np.where(turnovers > 0.0, turnovers, nodal))
+    extent = np.max([nodes.largest(x, -np.inf) + nodes.largest(-x, -np.inf) for x in e.x.T], axis=0)
+    least = ROUNDING * EPSILON * np.where(motions > 0.0, motions, extent)
+    lengths_ = np.maximum(np.minimum(ways, _FARTHEST * motions), least)
+    alone = np.zeros(len(body))
+    for nodes_of, one in zip(e.bodies or (slice(None),), np.broadcast_to(blocked, max(len(e.bodies), 1)), strict=True):
+        alone[nodes_of] = one
+    lengths_ = np.maximum(lengths_, nodes.largest(alone))
+    at_points = lengths_[owner]
+    for number, others in enumerate(e.opposite):
+        here = e.part == number
+        at_points[here] = np.maximum(at_points[here], max((lengths_[one] for one in others), default=0.0))
+    return Scales(force, length, nodal, turnover, body, owner, forces, lengths_, nodals, at_points)
+
+
+def place_of_largest(
+    values: FloatArray, place: FloatArray, part: npt.NDArray[np.int64], faces: Sequence[str], over: Reductions
+) -> str:
+    """Where the largest of the values (m,) is, or one that is nan, in words; collective.
+
+    Args:
+        values: At contact points,
+        place: of these coordinates, shape (m, 3),
+        part: on these faces, shape (m,).
+        faces: Their names.
+        over: The ranks.
+    """
+    mine = np.array([[-np.inf, 0.0, 0.0, 0.0, -1.0]])
+    if len(values):
+        here = np.where(np.isnan(values), np.inf, values)
+        k = int(np.argmax(here))
+        mine = np.array([[here[k], *place[k], part[k]]])
+    _, x, y, z, face = max(concatenated(over.comm, mine).tolist())
+    name = f" of {faces[int(face)]!r}" if 0 <= face < len(faces) and faces[int(face)] else ""
+    return f"at ({x:.4g}, {y:.4g}, {z:.4g}) m{name}"
+
+
+def natural_residuals(e: Evidence, remaining: FloatArray, scales: Scales) -> FloatArray:
+    """|x - P(x - w/a)| of every contact point with its own compliances, over its own force or a part of the largest on
+    its body, shape (m,); on a body without contact forces, where gaps have rounding errors, as displacements."""
+    left = FrictionLaw.tresca(e.bound).left_over(e.force.ravel(), (remaining / e.compliance).ravel(), 0.0)
+    of_body = scales.forces[scales.owner]
+    alone = scales.at_points / np.max(e.compliance, axis=1, initial=0.0)
+    own = np.maximum(lengths(e.force), SHARE * np.where(of_body > 0.0, of_body, alone / SHARE))
+    size = lengths(left.reshape(-1, 3))
+    return np.where(size == 0.0, 0.0, size / own)

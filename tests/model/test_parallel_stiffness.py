@@ -1,0 +1,121 @@
+"""Bodies of very different stiffness in one problem: each as right as alone, or refused with the place.
+
+Run alone, or as `mpirun -n 2 python -m pytest tests/model/test_parallel_stiffness.py`.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from ranks import by_place, everywhere
+
+from coulomb import (
+    Contact,
+    ContactProblem,
+    InteriorPoint,
+    Material,
+    NotConverged,
+    Plane,
+    PrescribedDisplacement,
+    box,
+    join,
+    moved,
+)
+from coulomb.io.output import write
+from coulomb.io.recheck.run import check_run
+from coulomb.linalg.reductions import Reductions
+from coulomb.model.certificate import judge
+
+SOFT, STIFF = 1e4, 2e11
+
+
+def parts(young, x, name, strain):
+    """Material, motion of the top and contact with a tilted plane of a block at x."""
+    tilt = Plane((x + 0.05, 0.05, 0.0), (0.3 * strain, 0.2 * strain, 1.0))
+    pull = PrescribedDisplacement(f"{name}top", (0.05 * strain, 0.02 * strain, -0.1 * strain))
+    return Material(young, 0.3), pull, Contact(f"{name}bottom", friction=0.3, foundation=tilt)
+
+
+def block(x, n, comm=MPI.COMM_WORLD):
+    return moved(box((0.1, 0.1, 0.1), n, comm=comm), translate=(x, 0.0, 0.0))
+
+
+def foam_beside_steel(comm=MPI.COMM_WORLD):
+    """Two blocks that have nothing to do with each other, under forces alike."""
+    strain = 1e-4, 1e-4 * SOFT / STIFF
+    (a, pull_a, on_a), (b, pull_b, on_b) = parts(SOFT, 0, "a:", strain[0]), parts(STIFF, 1, "b:", strain[1])
+    mesh = join(a=block(0, (4, 3, 3), comm), b=block(1, (3, 3, 2), comm))
+    return ContactProblem(mesh, {"a": a, "b": b}, [pull_a, pull_b], [on_a, on_b])
+
+
+def forces(solution, begin=-np.inf, end=np.inf):
+    """Forces on the body between two x, by place, of all ranks."""
+    x, found = everywhere(solution.problem.surface.x), everywhere(solution.force_on_body)
+    here = (x[:, 0] >= begin) & (x[:, 0] < end)
+    return by_place(x[here], found[here])
+
+
+def test_foam_beside_steel_is_as_right_as_each_alone():
+    solution = foam_beside_steel().solve()
+    for k, (young, n) in enumerate(((SOFT, (4, 3, 3)), (STIFF, (3, 3, 2)))):
+        material, pull, contact = parts(young, k, "", 1e-4 * SOFT / young)
+        alone = forces(ContactProblem(block(k, n), material, [pull], contact).solve(tolerance=1e-11))
+        assert np.abs(forces(solution, k - 0.5, k + 0.5) - alone).max() <= 1e-6 * np.abs(alone).max()
+
+
+def test_the_certificate_judges_every_body_by_its_own_scale():
+    """A hundredth of the steel's force less at one point: the displacements of the foam do not hide it."""
+    problem = foam_beside_steel()
+    solution = problem.solve()
+    assert solution.certificate.passed
+    for young, x_at_least in ((STIFF, 0.5), (SOFT, -1.0)):
+        evidence = problem.evidence(solution.contact_force, solution.displacement)
+        scale = 0.1 * 1e-4 * SOFT / young
+        there = (evidence.place[:, 0] >= x_at_least) & (evidence.place[:, 0] < x_at_least + 1.4)
+        gap = np.where(there, evidence.gap - 1e-4 * scale, evidence.gap)
+        certificate = judge(replace(evidence, gap=gap))
+        assert not certificate["penetration"].passed and not certificate["natural residual"].passed
+        assert f"of '{'b' if young == STIFF else 'a'}:bottom'" in certificate["natural residual"].meaning
+
+
+def test_rubber_on_steel():
+    """Upper, stiffer or softer, on lower: forces of the pair, and of the lower one on the floor, balance the motion."""
+    for young in ((1e6, STIFF), (STIFF, 1e6)):
+        lower, upper = box((0.1, 0.1, 0.05), (3, 3, 2)), moved(box((0.1, 0.1, 0.05), (2, 2, 2)), translate=(0, 0, 0.05))
+        problem = ContactProblem(
+            join(lower=lower, upper=upper),
+            {"lower": Material(young[0], 0.3), "upper": Material(young[1], 0.3)},
+            [PrescribedDisplacement("upper:top", (0.0, 0.0, -1e-6))],
+            [Contact("upper:bottom", friction=0.3, against="lower:top"), Contact("lower:bottom", friction=0.3)],
+        )
+        solution = problem.solve()
+        assert solution.certificate.passed and solution.result.newton_steps <= 40
+        part, over = problem.surface.part, Reductions(problem.comm)
+        pressed = [np.abs(over.sum(solution.force_on_body[part == number, 2])) for number in (0, 1)]
+        assert pressed[0] > 0.0 and pressed[0] == pytest.approx(pressed[1], rel=1e-8)
+
+
+def test_a_body_without_load_has_a_scale():
+    """A block that only touches the floor, beside foam that is pressed: no forces, and no refusal."""
+    (a, pull, on_a), still = parts(SOFT, 0, "a:", 1e-4), PrescribedDisplacement("b:top", (0.0, 0.0, 0.0))
+    mesh = join(a=block(0, (3, 3, 3)), b=block(1, (3, 3, 2)))
+    for young in (SOFT, STIFF):
+        problem = ContactProblem(
+            mesh, {"a": a, "b": Material(young, 0.3)}, [pull, still], [on_a, Contact("b:bottom", 0.3)]
+        )
+        solution = problem.solve()
+        assert solution.certificate.passed and solution.result.newton_steps <= 30
+        on_b = problem.surface.x[:, 0] > 0.5
+        assert np.abs(solution.force_on_body[on_b]).max(initial=0.0) <= 1e-8 * np.abs(forces(solution)).max()
+
+
+def test_the_worst_contact_is_named_where_the_residual_is_not_reached():
+    with pytest.raises(NotConverged, match=r"worst contact point at \(.*\) m of '(a|b):bottom': its residual is"):
+        foam_beside_steel().solve(solver=InteriorPoint(max_iterations=2))
+
+
+def test_the_check_has_the_same_scales(tmp_path):
+    write(foam_beside_steel(MPI.COMM_SELF).solve(), tmp_path)
+    findings = check_run(tmp_path, None)
+    assert findings.certificate.passed and not findings.faults
