@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,8 @@ from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
 from ..solvers.scales import SHARE
 
-if TYPE_CHECKING:
-    from .certificate import Evidence
+Evidence: TypeAlias = Any
+"""`certificate.Evidence`, which is built on this file."""
 
 EPSILON: Final = 2.0**-52
 """Rounding unit of double precision."""

@@ -31,6 +31,9 @@ _UNLOADED = 1e-2
 
 _EPSILON = 2.0**-52
 
+_RESOLVED = 1e-12
+"""Rounding errors of forces below this, the least tolerance of a case, are none."""
+
 _OF_CARRIED = 1e-2
 """Part of these errors that counts: a residual of 1e-8 allows 1e-6 of the force of a contact."""
 
@@ -309,7 +312,8 @@ class FrictionProblem:
         felt = (np.abs(w + loads) + np.abs(loads)) / self.scales.compliance
         closed = x[0::3] > np.maximum(self.lower, w[:, 0] / self.scales.compliance[:, 0])
         rounding = np.where(closed[:, None] & self.unknown, _EPSILON * felt, 0.0)
-        return self.reductions.max(np.append(relative(rounding, self.force_scale(x, gradient)), 0.0))
+        left = self.reductions.max(np.append(relative(rounding, self.force_scale(x, gradient)), 0.0))
+        return left if left > _RESOLVED else 0.0
 
     @cached_property
     def scales(self) -> ContactScales:
