@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import dense_compliance, make_block, random_spd, random_tresca
+from floating_blocks import FloatingBlock, floating_problem
 
 from coulomb import InteriorPoint, NotConverged
 from coulomb.linalg.compliance.compliance import MatrixCompliance
@@ -137,6 +138,23 @@ def test_a_blocked_start_is_replaced_by_one_farther_inside(monkeypatch):
         InteriorPoint(max_iterations=5).solve(qp)
     assert 0.0 < max(seen[:3]) < 0.1
     assert seen[3:] == pytest.approx([1e3] * 3 + [1e6] * 5, rel=1e-6)  # the last has no limit of short steps
+
+
+@pytest.mark.parametrize("blocked_at", [10, 13])
+def test_steps_that_end_near_an_answer_go_on_from_there(monkeypatch, blocked_at):
+    """Not from a cold start, which throws the iterate away."""
+    problem, calls = floating_problem(FloatingBlock(), 0.7), []
+
+    def once(*arguments):
+        calls.append(arguments)
+        return (0.0, None) if len(calls) == blocked_at else step_length(*arguments)
+
+    monkeypatch.setattr(interior_point, "correct_step", lambda settings, scaled, newton, step, target, beta: step)
+    at_once = InteriorPoint().solve(problem)
+    monkeypatch.setattr(interior_point, "step_length", once)
+    answer = InteriorPoint().solve(problem)
+    assert blocked_at < answer.newton_steps <= at_once.newton_steps + 2
+    assert answer.x == pytest.approx(at_once.x, abs=1e-6 * np.abs(at_once.x).max())
 
 
 def test_a_warm_start_is_on_the_central_path_of_its_projection():
