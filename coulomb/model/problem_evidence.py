@@ -25,6 +25,7 @@ from ..fem.contact import (
     joined_points,
     pair_frames,
     rows_of,
+    without_noise,
 )
 from ..fem.geometry import HELD_BELOW, inverse_frames
 from ..linalg.reductions import Reductions, concatenated
@@ -204,10 +205,11 @@ def _face(body: ContactBody, number: int, time: float, before: Before | None, sl
     points = contact_points(elasticity, face.facets)
     x, at = points.average(elasticity.x), points.nodes
     n = face.outward[at] if contact.normals == "body" else -face.slope(x)
-    gaps, H = points.gap(face.gap) + points.average(face.given), elasticity.held.projector_at(at)
+    gaps, added, H = points.gap(face.gap), points.average(face.given), elasticity.held.projector_at(at)
     facing = ~(contact.facing & faces_away(face.slope(elasticity.x[at]), face.outward[at]))
     free = facing & (free_lengths(points.of(member, body.elasticity), n, body.elasticity) > HELD_BELOW)
-    points, n, x, H, gaps = points.only(free), n[free], x[free], H[free], gaps[free]
+    points, n, x, H = points.only(free), n[free], x[free], H[free]
+    gaps = without_noise(gaps[free], x, elasticity) + added[free]
     law = contact.law(x, points.area, time, slip_rate[points.nodes], comm)
     frames = contact.frames(n, H, x, comm)
     points = points.of(member, body.elasticity)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, in_words
-from ..fem.contact import FaceSamples, Overlap, distance_along
+from ..fem.contact import NOISE, FaceSamples, Overlap, distance_along
 from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
 from ..nearest import among, tree_of
@@ -62,6 +62,9 @@ CHORD = Bound(0.1, 0.5)
 """A facet as wide as the contact of a ball has a chord h^2/(8 R) of half of the approach a^2/R: nothing is left of the
 curve.  Measured with a roller between plates (docs/theory.md)."""
 
+ROUNDING = Bound(0.1, math.inf)
+"""A warning only: resultants and means are right."""
+
 _NEAR = 0.25
 """Radii of a facet within which a contact point is at its corner: of 10-node tetrahedra it is beside it."""
 
@@ -92,7 +95,9 @@ class SmallStrain:
         between: Largest depth of a face inside its foundation, between contact points, less what the chord of its
             facets explains, over the same mean displacement.
         chord: How far gaps are from linear between contact points of which one presses, the chord h^2/(8 R) of facets,
-            over the mean approach: work of the forces that deform the body, over the sum of the normal forces.
+            over the mean approach: work of the forces that deform the body, over the sum of the normal forces.  Where
+            both sides have the same curvature there is no such chord.
+        rounding: The same where it is below 1e-8 of the extent of the face: by rounding errors of the coordinates.
         overlap: Largest depth of a node of the surface inside a body, or inside a foundation beside its contact face,
             where no contact judges it, over the motion of the two relative to each other (`fem.contact.overlaps`).
         inside: Where that is; None below 5 %.
@@ -104,6 +109,7 @@ class SmallStrain:
     gradient: float
     between: float
     chord: float
+    rounding: float = 0.0
     overlap: float = 0.0
     inside: Overlap | None = None
 
@@ -168,7 +174,14 @@ class SmallStrain:
                 CHORD,
                 f"the facets in contact are coarse: between contact points gaps are up to {self.chord:.0%} of the mean "
                 "approach from linear, the chord h^2/(8 R), and the approach is uncertain by as much (facets there at "
-                f"least {math.sqrt(max(self.chord / CHORD.warn, 1.0)):.2g} times smaller)",
+                f"least {math.sqrt(max(self.chord / CHORD.warn, 1.0)):.2g} times smaller, or cells of second order; of "
+                "a pair also the curved face as the slave, or the surface that it stands for: [contact.surface])",
+            ),
+            (
+                self.rounding,
+                ROUNDING,
+                f"coordinates of the contact faces have rounding errors of {self.rounding:.0%} of the mean approach, "
+                "and pressures differ by as much from node to node (a mesh file with more digits)",
             ),
             (self.overlap, OVERLAP, self._overlap),
         )
@@ -246,6 +259,7 @@ def small_strain(
     except ValueError:  # no distance or normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
     deformation, pressed = deformation_of(body, u, over, blocked), over.sum(normal[pressing])
+    chord, rounded = _largest_chords(at_nodes, pressing, foundations, between)
     approach = max(over.dot(u, body.internal_force(u)) / pressed, blocked) if pressed > 0.0 else 0.0
     pairs = np.isin(part, [number for number, foundation in enumerate(foundations) if foundation is None])
     # Normals are those at the undeformed node, of the foundation at its current place; and a node keeps what it is
@@ -257,7 +271,8 @@ def small_strain(
         slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
         gradient=body.largest_gradient(u),
         between=_relative(_deepest(at_nodes, foundations, between), deformation),
-        chord=_relative(_largest_chord(at_nodes, pressing, foundations, between), approach),
+        chord=_relative(chord, approach),
+        rounding=_relative(rounded, approach),
         overlap=0.0 if inside is None else inside.depth / inside.approach,
         inside=inside,
     )
@@ -288,12 +303,17 @@ def _deepest(
     """Largest depth in metres of places on faces inside their foundations, beyond what the chord of the facets
     explains; of faces whose contact points are nodes on facets between these; collective."""
     points, given = (np.concatenate(answer.comm.allgather(of)) for of in (answer.x, answer.given_gap))
+    gap, part = (np.concatenate(answer.comm.allgather(of)) for of in (answer.gap, answer.part))
 
     def depths() -> list[FloatArray]:
-        faces = zip(between, foundations, strict=False)
-        return [
-            _depths(face, of, points, given) for face, of in faces if of is not None and len(face.x) and len(points)
-        ]
+        found = []
+        for k, (face, of) in enumerate(zip(between, foundations, strict=False)):
+            if of is not None and len(face.x) and len(points):
+                at, none = points[part == k], np.all(gap[part == k] == given[part == k])
+                noise = 2.0 * float(np.max(np.abs(of.signed_distance(at)), initial=0.0)) if none else 0.0
+                extent = float(np.max(np.ptp(at, axis=0))) if len(at) else 0.0
+                found.append(_depths(face, of, points, given, noise if noise <= 2.0 * NOISE * extent else 0.0))
+        return found
 
     try:
         deepest = on_all_ranks(depths, "contact: foundation", answer.comm)
@@ -302,25 +322,45 @@ def _deepest(
     return max(0.0, largest(np.concatenate([np.zeros(1), *deepest]), Reductions(answer.comm)))
 
 
-def _largest_chord(
+def _largest_chords(
     answer: NodalAnswer,
     pressing: npt.NDArray[np.bool_],
     foundations: Sequence[RigidFoundation | None],
     faces: Sequence[FaceSamples],
-) -> float:
-    """Largest chord in metres at contact points that press, of foundations that of `FaceSamples.bend`; collective."""
-    comm, points = answer.comm, answer.x[pressing]
-    own = [np.concatenate(comm.allgather(points[answer.part[pressing] == k])) for k in range(len(foundations))]
+) -> tuple[float, float]:
+    """Largest chord in metres at contact points that press, and the largest of those that are rounding errors of
+    coordinates; collective.
 
-    def bends() -> list[FloatArray]:
-        around = zip(faces, foundations, own, strict=False)
-        return [face.bend(of.signed_distance)[_with_corner(face, at)] for face, of, at in around if of and len(at)]
+    Of foundations it is that of `FaceSamples.bend`, at most what distances differ by between the nodes of a facet: a
+    face whose nodes are as far from the foundation as those beside them has its curvature, and its chord is none.
+    """
+    comm, points, over = answer.comm, answer.x[pressing], Reductions(answer.comm)
+    parts = [(answer.x[answer.part == k], points[answer.part[pressing] == k]) for k in range(len(foundations))]
+    every, own = ([np.concatenate(comm.allgather(of)) for of in side] for side in zip(*parts, strict=True))
+
+    def bends() -> list[tuple[FloatArray, FloatArray]]:
+        found = [(np.zeros(0), np.zeros(0))] * len(foundations)
+        for k, (face, of) in enumerate(zip(faces, foundations, strict=False)):
+            if of is not None and len(own[k]):
+                here = _with_corner(face, own[k])
+                found[k] = face.bend(of.signed_distance)[here], face.spread(of.signed_distance)[here]
+        return found
 
     try:
         found = on_all_ranks(bends, "contact: foundation", comm)
     except ValueError:
-        return math.nan
-    return largest(np.concatenate([answer.chord[pressing], *found]), Reductions(comm))
+        return math.nan, 0.0
+    chords = np.zeros((2, len(foundations)))
+    for k, (bend, spread) in enumerate(found):
+        of_pair = largest(answer.chord[pressing][answer.part[pressing] == k], over)
+        chord = np.max([of_pair, np.minimum(largest(bend, over), largest(spread, over))])  # nan if one is
+        if len(every[k]) and chord <= NOISE * np.max(np.ptp(every[k], axis=0)):
+            here = answer.part == k
+            known = over.max(np.abs(answer.gap - answer.given_gap)[here]) > 0.0  # else `without_noise`
+            chords[1, k] = chord if known else 0.0
+        else:
+            chords[0, k] = chord
+    return float(np.max(chords[0])), float(np.max(chords[1]))
 
 
 def _with_corner(face: FaceSamples, points: FloatArray) -> npt.NDArray[np.bool_]:
@@ -335,8 +375,11 @@ def _with_corner(face: FaceSamples, points: FloatArray) -> npt.NDArray[np.bool_]
     return found
 
 
-def _depths(face: FaceSamples, foundation: RigidFoundation, points: FloatArray, given: FloatArray) -> FloatArray:
-    """Depths of facets, as `_deepest`, for the contact points (m, 3) of all ranks with their given gaps (m,)."""
+def _depths(
+    face: FaceSamples, foundation: RigidFoundation, points: FloatArray, given: FloatArray, noise: float = 0.0
+) -> FloatArray:
+    """Depths of facets, as `_deepest`, for the contact points (m, 3) of all ranks with their given gaps (m,); depths up
+    to `noise` in metres are rounding errors of coordinates (`without_noise`)."""
     size = float(np.max(np.abs(points)))  # of all ranks
     near = np.ones(len(face.x), dtype=bool)
     if face.nodal:
@@ -349,7 +392,8 @@ def _depths(face: FaceSamples, foundation: RigidFoundation, points: FloatArray, 
     if not np.any(near):
         return np.zeros(0)
     least = face.least(near, remaining)
-    depths: FloatArray = np.where(np.abs(least) < _ROUNDING * size, 0.0, -least) - _CHORDS * face.chord[near]
+    chords = face.chord_on(foundation.signed_distance)[near]
+    depths: FloatArray = np.where(np.abs(least) <= max(_ROUNDING * size, noise), 0.0, -least) - _CHORDS * chords
     return depths
 
 

@@ -99,3 +99,60 @@ def test_depths_are_rounded_by_the_size_of_the_whole_face():
         points = np.vstack([corners[0], [[1.0, 0.0, 0.0]]])
         depths = _depths(face, Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), points, np.zeros(4))
         assert depths == pytest.approx([found], abs=1e-20)
+
+
+@pytest.mark.parametrize("inner", [False, True])
+@pytest.mark.parametrize(("half", "cells", "noise"), [(1.0, 1, 0.0), (45.0, 6, 0.0), (5.0, 2, 1e-9)])
+def test_a_ring_on_a_foundation_of_its_curvature(half, cells, noise, inner):
+    """A sector of a thick ring in a rigid bore or on a rigid shaft, in plane strain (Lame): its chords are those of the
+    foundation, of one facet alone and with rounding errors of coordinates, and the pressure is that of the ring."""
+    young, nu, pressure, radii = 2e11, 0.3, 1e7, (1.0, 2.0)
+    random = np.random.default_rng(1)
+
+    def place(k):
+        angle, radius = (
+            np.radians(half) * (2.0 * k[1] - 1.0),
+            1.0 + k[0] + noise * random.uniform(-1.0, 1.0, k[0].shape),
+        )
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.2 * k[2]])
+
+    mesh = coulomb.box((1.0, 1.0, 1.0), (16, cells, 1), place=place)
+    touching, loaded = ("left", "right") if inner else ("right", "left")
+    at, other = radii if inner else radii[::-1]
+    foundation = coulomb.Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), at, not inner)
+    planes = [coulomb.SymmetryPlane(face) for face in ("front", "back", "bottom", "top")]
+    contact = Contact(touching, 0.0, foundation=foundation)
+    solution = ContactProblem(mesh, Material(young, nu), planes, contact, [coulomb.Pressure(loaded, pressure)]).solve()
+    bulk, shear = young / (1.0 + nu) / (1.0 - 2.0 * nu), young / (1.0 + nu)  # sigma_r = bulk A - shear B / r^2
+    A, B = np.linalg.solve([[at, 1.0 / at], [bulk, -shear / other**2]], [0.0, -pressure])
+    assert solution.valid and solution.small_strain.chord == solution.small_strain.between == 0.0
+    assert solution.at_nodes.pressure == pytest.approx(shear * B / at**2 - bulk * A, rel=0.02 if cells == 6 else 4e-3)
+    assert bool(solution.small_strain.warnings) is False
+
+
+def test_flat_faces_whose_coordinates_have_rounding_errors(tmp_path):
+    """A plane that touches its foundation: the pressure is uniform under a load whose approach is a quarter of these
+    errors; of one that is apart they count, with a warning; a pair is under a load of which they are no part."""
+    random, steel = np.random.default_rng(2), Material(2e11, 0.0)
+    lower, upper = (
+        coulomb.box((1.0, 1.0, 1.0), (4, 4, 2), place=lambda x: x + 1e-9 * random.uniform(-1.0, 1.0, x.shape))
+        for _ in range(2)
+    )
+
+    def on_plane(z, load):
+        floor = Contact("bottom", 0.3, foundation=coulomb.Plane((0.0, 0.0, z), (0.0, 0.0, 1.0)))
+        return ContactProblem(lower, steel, [], floor, [Traction("top", (0.0, 0.0, -load))]).solve()
+
+    touching, apart = on_plane(0.0, 50.0), on_plane(-1e-3, 50.0)
+    assert touching.valid and not touching.small_strain.warnings
+    assert touching.at_nodes.pressure == pytest.approx(50.0, rel=1e-6)
+    write(touching, tmp_path / "out")
+    findings = check(tmp_path / "out")
+    assert findings.passed, str(findings)
+    assert apart.valid and apart.small_strain.chord == 0.0
+    assert any("have rounding errors of" in text for text in apart.small_strain.warnings)
+    bodies = coulomb.join(a=lower, b=coulomb.moved(upper, (0.0, 0.0, 1.0)))
+    pair, load = Contact("b:bottom", 0.3, against="a:top"), Traction("b:top", (0.0, 0.0, -1e7))
+    together = ContactProblem(bodies, steel, [Clamp("a:bottom")], pair, [load]).solve()
+    assert together.valid and not together.small_strain.warnings
+    assert together.at_nodes.pressure == pytest.approx(1e7, rel=1e-3)

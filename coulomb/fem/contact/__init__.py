@@ -42,6 +42,7 @@ from .pair_evidence import Claims, Deviations, PairSamples, Surfaces
 from .rigid_faces import RigidFace
 from .sections import Pretension
 from .surface import (
+    NOISE,
     ContactSurface,
     FullyHeld,
     Normals,
@@ -52,6 +53,7 @@ from .surface import (
     joined,
     own_plane,
     plane_of_face,
+    without_noise,
 )
 from .tied_bodies import TiedBodies
 from .ties import CyclicSymmetry, Tied, with_slaves

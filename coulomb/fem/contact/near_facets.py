@@ -30,6 +30,10 @@ _HALVINGS = 8
 """Of the distance between places around the lowest one: an obstacle of a tenth of a facet is found to 1e-4 of it."""
 
 
+_ON = 0.1
+"""Part of the chord by which nodes may be off a foundation on which they are."""
+
+
 @dataclass(frozen=True)
 class FaceSamples:
     """The f facets of a face that this rank owns.
@@ -67,6 +71,19 @@ class FaceSamples:
             shared = (flat * smooth > 0.0) & (bend < np.abs(flat))
             bend = np.where(shared, np.maximum(bend - 2.0 * np.abs(flat - smooth), 0.0), bend)
         return bend
+
+    def spread(self, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """By how much a distance, a function of places (k, 3) in metres, differs between the nodes of each facet before
+        deformation, shape (f,)."""
+        found: FloatArray = np.ptp(distance(self.x.reshape(-1, 3)).reshape(self.x.shape[:2]), axis=1)
+        return found
+
+    def chord_on(self, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """The chord in metres of facets whose nodes are on a foundation by its distance, a function of places (k, 3) in
+        metres: these stand for a face of its curvature, though one facet alone does not show it; else `chord`; (f,)."""
+        on_nodes = distance(self.x.reshape(-1, 3)).reshape(self.x.shape[:2])
+        off = np.abs(distance(self.corners.mean(axis=1)) - on_nodes.mean(axis=1))
+        return np.where(np.max(np.abs(on_nodes), axis=1) <= _ON * off, np.maximum(self.chord, off), self.chord)
 
     def least(self, which: npt.NDArray[np.bool_], value: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
         """The least value in some facets, shape (f,), of a function of places (k, 3) before deformation and after it,

@@ -214,6 +214,9 @@ _ROUNDING = 1e-14
 """Gaps below this part of the coordinates are rounding errors."""
 
 
+_ALONE = 0.9
+"""Weight of a node opposite from which on it is opposite alone: the facets of both faces have the same edges."""
+
 _SEEN = 1e-7
 """Penetrations before deformation below this part of the extent of the slave face are not worth a remark."""
 
@@ -372,8 +375,9 @@ def bulges_at_points(
     rows: MortarRows, gap: FloatArray, slave: NearFace, master: NearFace
 ) -> tuple[FloatArray, FloatArray]:
     """How far, at every contact point, gaps (m,) are from those between smooth faces for which the facets may stand,
-    metres, shape (m,) each: by the largest of the facets there, if the gap is neither 0, as of matching meshes, nor
-    larger than what such facets cause; and by the mean, where the curvatures of both faces differ."""
+    metres, shape (m,) each: by the largest of the facets there, unless the gap is 0 or a single node is opposite, as of
+    matching meshes, or it is larger than what such facets cause; and by the mean, where the curvatures of both faces
+    differ."""
     largest = np.zeros(slave.patch.size), np.zeros(master.patch.size)
     mean = np.zeros((slave.patch.size, 3)), np.zeros((master.patch.size, 3))
     for most, bulge, face in zip(largest, mean, (slave, master), strict=True):
@@ -383,7 +387,8 @@ def bulges_at_points(
         bulge /= np.maximum(np.bincount(nodes.ravel(), minlength=face.patch.size), 1)[:, None]
     at_points, point = largest[0][rows.node], np.repeat(np.arange(len(rows.node)), np.diff(rows.opposite.indptr))
     np.maximum.at(at_points, point, largest[1][rows.opposite.indices])
-    near = (gap != 0.0) & (np.abs(gap) < 2.0 * max(slave.largest_bulge, master.largest_bulge))
+    alone = np.asarray(abs(rows.opposite).max(axis=1).todense()).ravel() > _ALONE
+    near = ~alone & (gap != 0.0) & (np.abs(gap) < 2.0 * max(slave.largest_bulge, master.largest_bulge))
     between = mean[0][rows.node] - rows.opposite @ mean[1]
     return np.where(near, at_points, 0.0), np.abs(np.einsum("mi,mi->m", between, rows.normal))
 

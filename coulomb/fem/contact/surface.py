@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...nearest import tree_of
-from ..bodies import Deformable, at_nodes_of, rows_of
+from ..bodies import Deformable, DisplacementSpace, at_nodes_of, rows_of
 from ..geometry import (
     HELD_BELOW,
     FrictionAxes,
@@ -232,7 +232,8 @@ def contact_surface(
     if comm.allreduce(int(keep.sum()), op=MPI.SUM) == 0:
         raise FullyHeld(f"{what} is fully clamped: none of its nodes can move against the foundation")
 
-    points, x, n, H, distance = points.only(keep), x[keep], n[keep], H[keep], distance[keep]
+    points, x, n, H = points.only(keep), x[keep], n[keep], H[keep]
+    distance = without_noise(distance[keep], x, body)
     given = np.zeros(len(body.x))
     if gap_field is not None:
         given[on_face] = gap_field(place)
@@ -267,6 +268,25 @@ def without_rounding(gap: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArr
     """
     size = float(comm.allreduce(float(np.max(np.abs(x), initial=0.0)), op=MPI.MAX))
     return np.where(np.abs(gap) > _ROUNDING * size, gap, 0.0)
+
+
+NOISE: Final = 1e-8
+"""Rounding errors of the coordinates in a file, over the extent of a face: gaps and chords below it are none."""
+
+
+def without_noise(gap: FloatArray, x: FloatArray, body: DisplacementSpace) -> FloatArray:
+    """The distances (m,) of all contact points x (m, 3) of a face from its foundation; 0 if they are rounding errors of
+    coordinates, as of planes that touch in a file of ten digits: all are below `NOISE`, on both sides of 0; collective.
+
+    At a deformed place, where an iteration makes them as small, they stay.
+    """
+    own = np.column_stack([x, gap])
+    ends = np.array([own.min(axis=0, initial=np.inf), -own.max(axis=0, initial=-np.inf)])
+    still = body.x is body.reference or np.array_equal(body.x, body.reference)
+    every = body.comm.allgather((ends, still))
+    low, below = np.min([of for of, _ in every], axis=0)
+    noisy = low[3] < 0.0 > below[3] and -min(low[3], below[3]) <= NOISE * float(np.max(-below[:3] - low[:3]))
+    return np.zeros_like(gap) if noisy and all(one for _, one in every) else gap
 
 
 def matrices_of(elasticity: Deformable, points: ContactPoints, frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:

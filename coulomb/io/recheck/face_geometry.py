@@ -36,6 +36,7 @@ from ...fem.contact import (
     shares,
     whole_face,
     within,
+    without_noise,
 )
 from ...fem.geometry import HELD_BELOW, HELD_BEYOND, LEAST_RATIO, RigidFoundation, held_length, supported_frames
 from ...model.held_nodes import OtherNodes, touching, without_slopes
@@ -158,13 +159,16 @@ class _Source:
                 distance = bounded_gap(distance, weights, on_nodes[weights.indices, 0])
             turned = faces_away(there.normal(run.on_face["x"][index]), unit)
             given = data["given_gap"] if case.lacks_gap(number) else given
-            gap = distance + given
             others.append(
                 self._beside(number, face, np.flatnonzero(on), there, unit_vectors(outward[on]), on_nodes[on, 1])
             )
         free: npt.NDArray[np.bool_] = held_length(n, points.held(held)) <= beyond
         if self.tied:
             free &= self._free(weights, n)
+        kept = free & (written | ~turned)
+        if case is not None:
+            distance[kept] = without_noise(distance[kept], x[kept], body)
+            gap = distance + given
         frames = supported_frames(n, H)
         if case is not None:
             frames[free] = case.contacts[number].frames(n[free], H[free], x[free], MPI.COMM_SELF)
@@ -178,7 +182,7 @@ class _Source:
         law, still = self._law(number, x, points.area, index), np.zeros_like(x)
         averages, origin = (index, weights, opposite, np.zeros_like(frames), part, written), data["slip_origin"]
         nodes = ContactNodes(*averages, frames, gap, given, np.zeros(len(x)), points.area, *law, origin, still, still)
-        return nodes.only(free & (written | ~turned))
+        return nodes.only(kept)
 
     def _free(self, weights: scipy.sparse.csr_matrix, n: FloatArray) -> npt.NDArray[np.bool_]:
         """Whether supports and ties of the case leave averages of the nodes of the written faces, by weights (m, q),

@@ -14,8 +14,10 @@ from coulomb import (
     Material,
     Plane,
     PrescribedDisplacement,
+    Pressure,
     SignedDistance,
     Sphere,
+    SymmetryPlane,
     Traction,
     box,
     join,
@@ -210,3 +212,30 @@ def test_check_knows_the_surfaces_of_a_run_from_python(given, tmp_path):
     summary["understood"]["contacts"][0]["shape"] = {"smooth": False, "surface": None, "against_surface": None}
     (tmp_path / "run/summary.json").write_text(json.dumps(summary))
     assert any(fault.startswith("contact.xdmf: initial_gap") for fault in check(tmp_path / "run").faults)
+
+
+@pytest.mark.parametrize("interference", [1e-5, 0.0, -1e-5])
+@pytest.mark.parametrize(("cells", "alike"), [(12, True), (18, False)])
+def test_polygons_of_the_same_and_of_another_division(cells, alike, interference):
+    """A ring in another one under inner pressure, pressed in or with clearance (Lame): chords of both faces cancel
+    where the facets have the same edges, and matter where they have not."""
+    E, nu, pressure = 2.1e11, 0.3, 1e7
+
+    def ring(inner, outer, cells):
+        def place(k):
+            angle, radius = 0.5 * np.pi * (k[1] - 0.5), inner + (outer - inner) * k[0]
+            return np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.1 * k[2]])
+
+        return box((1.0, 1.0, 1.0), (6, cells, 1), place=place)
+
+    bodies = join(shaft=ring(0.5, 1.0 + interference, 12), hub=ring(1.0, 2.0, cells))
+    planes = [SymmetryPlane(f"{one}:{face}") for one in bodies.bodies for face in ("front", "back", "bottom", "top")]
+    contact = Contact("shaft:right", 0.0, against="hub:left")
+    solution = ContactProblem(bodies, STEEL, planes, contact, [Pressure("shaft:left", pressure)]).solve()
+    assert solution.valid is alike
+    fit = interference * E / (1.0 - nu**2) / ((4.0 + 1.0) / (4.0 - 1.0) + (1.0 + 0.25) / (1.0 - 0.25))
+    expected = fit + pressure * 0.25 / (4.0 - 0.25) * (4.0 - 1.0)
+    if alike:
+        assert solution.at_nodes.pressure == pytest.approx(expected, rel=5e-3)
+    else:
+        assert any("coarse" in text for text in solution.small_strain.violations)
