@@ -10,11 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import repeat
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -36,7 +35,6 @@ from ..fem.contact import (
     slave_side,
 )
 from ..fem.geometry import RigidFoundation, RigidMotion, Spin, moved, on_all_ranks, same_place, since_at, spin
-from ..fem.meshes import fetched, starts_of
 from ..linalg.compliance import LinearSolver, chosen
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
@@ -251,29 +249,26 @@ def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:
             )
 
 
-def refuse_tied(elasticity: Deformable, surface: ContactSurface, contacts: Sequence[Contact]) -> None:
-    """Check that contact points of every pair can open or slip: none can whose nodes and those opposite are on the two
-    faces of a tie; collective."""
-    comm, starts = elasticity.comm, starts_of(elasticity.comm, len(elasticity.x))
+def refuse_tied(elasticity: Deformable, contacts: Sequence[Contact]) -> None:
+    """Check that no tie holds both faces of a pair together: the same faces, or parts of them of which all nodes on the
+    slave of the tie are tied; collective."""
+    comm = elasticity.comm
 
-    def among(rows: scipy.sparse.csr_matrix, nodes: npt.NDArray[np.integer[Any]]) -> npt.NDArray[np.bool_]:
-        """Rows of which all nodes are among some, of which every rank gives its own, shape (m,)."""
-        some = np.zeros(len(elasticity.x), dtype=bool)
-        some[nodes] = True
-        other = ~fetched(comm, starts, rows.indices.astype(np.int64), some)
-        row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
-        return np.asarray(np.bincount(row, other, rows.shape[0]) == 0.0)
+    def some(which: npt.NDArray[np.bool_]) -> bool:
+        return bool(comm.allreduce(bool(np.any(which)), op=MPI.LOR))
 
-    ties = [tie for tie in elasticity.ties if tie.kind in (Tied.kind, Pretension.kind)]
-    for number, contact in enumerate(contacts):
-        for tie in ties if contact.against is not None else ():
-            points = surface.points.only(surface.part == number)
-            assert points.opposite is not None
-            own, there = points.weights, points.opposite
-            slaves, masters = tie.nodes, elasticity.nodes(tie.against, tie.kind)
-            tied = among(own, slaves) & among(there, masters) | among(own, masters) & among(there, slaves)
-            left = comm.allreduce(int(np.sum(~tied)), op=MPI.SUM)
-            if left == 0 or {contact.face, contact.against} == {tie.face, tie.against}:
+    for tie in (one for one in elasticity.ties if one.kind in (Tied.kind, Pretension.kind)):
+        masters = elasticity.nodes(tie.against, tie.kind)
+        for contact in contacts:
+            faces = (contact.face, contact.against)
+            if None in faces:
+                continue
+            own, other = (elasticity.nodes(str(name), "contact") for name in faces)
+            tied = set(faces) == {tie.face, tie.against}
+            for one, opposite in ((own, other), (other, own)):
+                beyond, beside = some(~np.isin(one, tie.nodes)), some(np.isin(opposite, masters))
+                tied |= beside and not beyond
+            if tied:
                 raise ValueError(
                     f"contact of {contact.face!r} with {contact.against!r}: the {tie.kind} of {tie.face!r} and "
                     f"{tie.against!r} holds these faces together, so that they neither open nor slip: leave out one"
@@ -333,6 +328,7 @@ class ContactBody:
         with timed(self.seconds, "assembly"):
             self.elasticity = make()
             self.contacts, self.chosen = slaves_as_faces(self.elasticity, contacts)
+            refuse_tied(self.elasticity, self.contacts)
             pairs = [(c.face, c.against) for c in contacts if c.against is not None]
             pairs += [(tie.face, tie.against) for tie in self.elasticity.ties]
             touching = unjoined_parts(self.elasticity, pairs)
@@ -348,7 +344,6 @@ class ContactBody:
                 self.refuse_held_inside(elasticity, elasticity.at(time))
                 raise
             self._latest = _Positioned(self._reference, motions, faces.gap_factors(time))
-            refuse_tied(self.elasticity, self._reference, self.contacts)
             refuse_untouched(self.elasticity, self._reference)
             self.probes = self.located(probes)
         of_ties = (text for tie in self.elasticity.ties for text in tie.remarks)
