@@ -188,7 +188,7 @@ def test_python_returns_the_answer_and_logs_the_warning(caplog):
     ids=lambda v: str(v)[:9],
 )
 def test_a_measure_just_inside_and_just_outside(name, bound):
-    quiet = SmallStrain(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    quiet = SmallStrain(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     assert not quiet.warnings and not quiet.violations
     for value, warnings, violations in (
         (0.999 * bound.warn, 0, 0),
