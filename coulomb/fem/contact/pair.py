@@ -387,8 +387,9 @@ def bulges_at_points(
         bulge /= np.maximum(np.bincount(nodes.ravel(), minlength=face.patch.size), 1)[:, None]
     at_points, point = largest[0][rows.node], np.repeat(np.arange(len(rows.node)), np.diff(rows.opposite.indptr))
     np.maximum.at(at_points, point, largest[1][rows.opposite.indices])
-    alone = np.asarray(abs(rows.opposite).max(axis=1).todense()).ravel() > _ALONE
-    near = ~alone & (gap != 0.0) & (np.abs(gap) < 2.0 * max(slave.largest_bulge, master.largest_bulge))
+    alone = np.zeros(len(rows.node))
+    np.maximum.at(alone, point, np.abs(rows.opposite.data))
+    near = (alone <= _ALONE) & (gap != 0.0) & (np.abs(gap) < 2.0 * max(slave.largest_bulge, master.largest_bulge))
     between = mean[0][rows.node] - rows.opposite @ mean[1]
     return np.where(near, at_points, 0.0), np.abs(np.einsum("mi,mi->m", between, rows.normal))
 
