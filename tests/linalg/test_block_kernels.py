@@ -19,7 +19,7 @@ from coulomb.linalg.multigrid import block_matrix, recycled_cg
 from coulomb.linalg.multigrid.block_matrix import (
     padded,
 )
-from coulomb.linalg.multigrid.multigrid_cycle import Level
+from coulomb.linalg.multigrid.multigrid_cycle import Level, MultigridCycle
 from coulomb.linalg.petsc_arrays import configured_ksp, distributed_entries
 from coulomb.native import address
 
@@ -176,6 +176,51 @@ def test_earlier_solutions_are_used_in_any_unit(unit):
     assert cg.solve(rhs, u, 1e-3) > 3 and cg.solve(-0.7 * rhs, u, 1e-2) == 0
     assert np.linalg.norm(K @ u + 0.7 * rhs) <= 1e-2 * np.linalg.norm(rhs)
     assert cg.solve(0.0 * rhs, u, 1e-2) == 0 and not u.any()
+
+
+def test_dependent_directions_are_left_out():
+    """Of solutions that differ by 1e-5 the images differ by their rounding errors: combinations of these, with large
+    factors, would be a start whose residual is not what its images say, and the solve would end above its tolerance."""
+    K, rng, u = np.diag(np.arange(1.0, 31.0)), np.random.default_rng(3), np.empty(30)
+
+    def mult(x, y):
+        y[:] = K @ x
+
+    cg = recycled_cg.RecycledCG(MPI.COMM_SELF, 30, mult, lambda r: r / np.sqrt(np.diag(K)))
+    first = rng.standard_normal(30)
+    for _ in range(8):
+        cg.solve(first + 1e-5 * rng.standard_normal(30), u, 1e-5)
+    rhs = rng.standard_normal(30)
+    cg.solve(rhs, u, 1e-4)
+    assert np.linalg.norm(K @ u - rhs) <= 1.001e-4 * np.linalg.norm(rhs)
+
+
+def test_a_second_cycle_is_for_the_residual_of_the_first():
+    """A W-cycle on a grid without a coarser one: Jacobi twice, x + D^-1 (r - K x) with x = D^-1 r."""
+    K = np.array([[4.0, 1.0, 0.0], [1.0, 3.0, -1.0], [0.0, -1.0, 5.0]])
+
+    class Jacobi:
+        """A level whose smoother is one step from zero."""
+
+        size, blocks, interpolation = 3, property(lambda self: self), None
+
+        def __init__(self):
+            self.x, self.b = np.zeros(3), np.zeros(3)
+
+        def mult(self, x, y):
+            y[:3] = K @ x[:3]
+
+        def smooth_from_zero(self):
+            self.x[:] = self.b[:3] / np.diag(K)
+
+        def smooth(self):
+            """None after it."""
+
+    r = np.array([1.0, -2.0, 3.0])
+    once = r / np.diag(K)
+    assert np.allclose(MultigridCycle(Jacobi())(r), once, rtol=1e-15)
+    twice = once + (r - K @ once) / np.diag(K)
+    assert np.allclose(MultigridCycle(Jacobi(), again=True)(vector(r))[:3], twice, rtol=1e-14)
 
 
 def test_nearly_equal_solutions_are_no_start_that_is_worse_than_none():

@@ -140,7 +140,7 @@ def test_few_iterations(springs):
     solver = stiffness.IterativeSolver(K, tolerance=1e-8)
     solver.solve(f, u)
     assert (K * u - f).norm() <= 1.1e-8 * f.norm()
-    assert solver.iterations <= 18
+    assert solver.iterations <= 12  # 13 to 16 where the interpolation is hardly smoothed
     solver.destroy()
 
 

@@ -362,3 +362,20 @@ def test_contact_of_tied_faces(cell, sides):
         with pytest.raises(ValueError, match=said):
             posed(contact, tie)
     assert posed("whole", "part").solve().valid
+
+
+def test_corners_of_untied_edges():
+    """Of 6-node triangles that the master covers in part, the corners of an edge whose middle is not tied are not tied,
+    either: they would follow it, and it them."""
+    low = box((0.55, 1.0, 0.5), (3, 3, 1), "tetrahedron", degree=2)
+    up = moved(box((1.0, 1.0, 0.5), (2, 2, 1), "tetrahedron", degree=2), (0.0, 0.0, 0.5))
+    roof = Contact("b:top", 0.3, foundation=Plane((0.0, 0.0, 2.0), (0.0, 0.0, -1.0)))
+    tied = Tied("b:bottom", "a:top", slave=True)
+    body = ContactProblem(join(a=low, b=up), STEEL, [Clamp("a:bottom")], roof, ties=[tied]).elasticity
+    places = np.round(4.0 * body.x[body.ties[0].nodes, :2]).astype(int)
+    assert len(places) > 0
+    middles = {tuple(at) for at in places.tolist() if at[0] % 2 or at[1] % 2}
+    for x, y in places.tolist():
+        if x % 2 == y % 2 == 0:  # a corner: the middles of the edges along the axes
+            beside = [(x + i, y + j) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+            assert all(at in middles for at in beside if 0 <= min(at) and max(at) <= 4)
