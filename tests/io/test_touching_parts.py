@@ -8,7 +8,18 @@ from conftest import run_coulomb
 from mesh_files import BoxFile
 from scipy.spatial import cKDTree
 
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Pressure, join, moved, read_mesh
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    LoadHistory,
+    Material,
+    NodalField,
+    Pressure,
+    join,
+    moved,
+    read_mesh,
+)
 from coulomb.io import output
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
@@ -136,3 +147,20 @@ def test_as_in_two_files(tmp_path):
     near = cKDTree(apart.at_nodes.x).query(together.at_nodes.x)[1]
     force = apart.at_nodes.force[near]
     assert np.max(np.abs(together.at_nodes.force - force)) <= 1e-6 * np.max(np.abs(force))
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_each_part_has_its_temperature(cell, tmp_path):
+    """A field of a file that jumps where the parts touch, on another mesh of them."""
+    mesh = read_mesh(cubes(cell=cell).write(tmp_path / "cubes.msh"))
+    field = cubes(cell="tetrahedron")
+    of_part = np.where(np.arange(len(field.points)) < len(field.points) // 2, 20.0, 80.0)
+    hot = NodalField(field.points, field.cells, of_part)
+    warm = Material(2.1e11, 0.3, expansion=1e-5)
+    pair = Contact("upper", 0.1, against="lower")
+    problem = ContactProblem(mesh, warm, [Clamp("foot"), Clamp("lid")], pair, temperature=hot)
+    body = problem.elasticity.alone
+    upper = body.in_a_cell()[:, 2] > SIDE
+    assert np.sum(body.x[upper, 2] == SIDE) == 9
+    change = problem.loading.temperature.change
+    assert np.array_equal(change, np.where(upper, 80.0, 20.0))

@@ -24,7 +24,7 @@ from ..geometry import (
     evaluate_vectors,
     on_all_ranks,
 )
-from ..meshes import NamedMesh
+from ..meshes import NamedMesh, NodalField
 from .body import ElasticBody
 from .displacement_space import DisplacementSpace
 from .materials import Materials, constant_of_cells, three
@@ -311,7 +311,9 @@ class ThermalLoad:
     def change(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
         """Temperature minus reference at this rank's nodes at the factor 1, kelvin, shape (k,); ValueError on every
         rank if one is not finite, or a field does not cover the body; collective."""
-        change: FloatArray = evaluate_signed_numbers(self.temperature, body.x, "temperature", mesh.comm)
+        field, inside = self.temperature, body.in_a_cell()
+        given = (lambda x: field.at_nodes(x.T, inside)) if isinstance(field, NodalField) else field
+        change: FloatArray = evaluate_signed_numbers(given, body.x, "temperature", mesh.comm)
         return change - self.reference
 
 

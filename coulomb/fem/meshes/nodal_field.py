@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -108,6 +108,9 @@ chords of a curved surface than that of the body."""
 _SAME = 1e-9
 """Distance, relative to the extent of the field, up to which a point is a node of its mesh."""
 
+_INTO: Final = 1e-3
+"""Part of the way from a node to the middle of a cell at which the part of the field is looked for."""
+
 _AT_ONCE = 5_000
 """Points that are located at a time, so that little memory is needed."""
 
@@ -170,6 +173,18 @@ class NodalField:
         for first in range(0, len(missing), _AT_ONCE):
             part = missing[first : first + _AT_ONCE]
             found[part] = self._interpolated(at[part])
+        return found
+
+    def at_nodes(self, x: FloatArray, inside: FloatArray) -> FloatArray:
+        """Values at the nodes x (k, 3) of a mesh, shape (k,); where parts touch, and the field has several nodes at the
+        place, that of the part with the node: `inside` is the middle of a cell of it, shape (k, 3).  Errors as of a
+        call."""
+        found = self(x.T)
+        at = self._nodes.query(x, k=2)[0][:, -1] <= _SAME * np.max(np.ptp(self.points, axis=0))
+        cell, _ = self._cells.containing(x[at] + _INTO * (inside - x)[at])
+        nodes = self._cells.rows[cell]
+        nearest = np.argmin(np.linalg.norm(self.points[nodes] - x[at, None], axis=2), axis=1)
+        found[at] = np.where(cell < 0, found[at], self.values[nodes[np.arange(len(nodes)), nearest]])
         return found
 
     @cached_property
