@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 import coulomb
 from coulomb.fem.compat import fem, mesh, ufl
 from coulomb.kinematics import LargeMotions, NonlinearBody, mooney_rivlin, neo_hookean
+from coulomb.kinematics.slip import _along_arc as along_arc
 from coulomb.model.load_history import StepFailed
 
 
@@ -91,6 +92,18 @@ def test_a_pressure_follows_its_surface_and_contact_holds_the_block_against_it()
     stretch = brentq(lambda s: neo_hookean_stress(s, MU, LAME) + pressure * side(s) ** 2, 0.5, 1.0)
     assert last.valid
     assert force(last)[2] == pytest.approx(-neo_hookean_stress(stretch, MU, LAME), rel=1e-6)
+    assert last.at_nodes.area.sum() == pytest.approx(side(stretch) ** 2, rel=1e-6)
+
+
+def test_slip_on_a_sphere_is_as_long_as_the_arc_in_the_present_tangent_plane():
+    def normal(angle):
+        return np.column_stack([np.sin(angle), np.zeros_like(angle), np.cos(angle)])
+
+    angle, start, radius = np.array([1e-6, 0.01, 0.5, 2.0, 3.0]), 0.3, 2.5
+    then, now = normal(np.full(5, start)), normal(start + angle)
+    tangent = np.column_stack([np.cos(start + angle), np.zeros(5), -np.sin(start + angle)])
+    slip = along_arc(radius * (now - then), now, then)
+    assert slip == pytest.approx(radius * angle[:, None] * tangent, rel=1e-8, abs=1e-12)
 
 
 def test_a_rotation_by_90_degrees_turns_the_forces_and_nothing_slips():

@@ -127,14 +127,15 @@ def test_path_following(stiffness):
 
 
 def test_in_other_frames():
-    """A turned about the normals has its motions and the diagonal of the rest turned as well."""
+    """A in axes that have changed places has its motions and its diagonals turned as well."""
     A = two_bodies(linear_solver=IterativeSolver).A
-    turn = np.tile([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]], (A.nodes, 1, 1))
+    turn = np.tile([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]], (A.nodes, 1, 1))
     T = PETSc.Mat().createAIJ((3 * A.nodes, 3 * A.nodes), nnz=1)
-    for row, column, sign in ((0, 0, 1.0), (1, 2, 1.0), (2, 1, -1.0)):
+    for row, column, sign in ((0, 1, 1.0), (1, 2, -1.0), (2, 0, 1.0)):
         for node in range(A.nodes):
             T.setValue(3 * node + row, 3 * node + column, sign)
     T.assemble()
     turned = A.rotated(T.matMult(A.B), turn)
     assert np.allclose(turned.rigid.reshape(A.nodes, 3, -1), turn @ A.rigid.reshape(A.nodes, 3, -1), rtol=1e-12)
-    assert np.allclose(turned.diagonal().reshape(-1, 3), A.diagonal().reshape(-1, 3)[:, [0, 2, 1]], rtol=1e-9)
+    for now, then in ((turned.diagonal(), A.diagonal()), (turned.rest_of_diagonal, A.rest_of_diagonal)):
+        assert np.allclose(now.reshape(-1, 3), then.reshape(-1, 3)[:, [1, 2, 0]], rtol=1e-9, atol=0.0)
