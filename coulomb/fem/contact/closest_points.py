@@ -123,6 +123,27 @@ class Facets:
         straight = self.x[:, :1] + np.einsum("nk,fki->fni", points, edges)
         return np.linalg.norm(self.x - straight, axis=2).max(axis=1, initial=0.0) / self.radius
 
+    @cached_property
+    def rim(self) -> npt.NDArray[np.bool_]:
+        """Which edges of the facets are where the face ends, each named by its first corner, shape (f, corners)."""
+        corner = self.nodes[:, : self.corners]
+        ends = np.sort(np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+        _, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+        found: npt.NDArray[np.bool_] = (count[number.reshape(-1)] == 1).reshape(corner.shape)
+        return found
+
+    @cached_property
+    def slivers(self) -> FloatArray:
+        """Areas between the edges where the face ends and straight ones, in the planes of the corners, m^2, shape
+        (f,)."""
+        if self.degree == 1:
+            return np.zeros(len(self))
+        start, end = self.x[:, : self.corners], np.roll(self.x[:, : self.corners], -1, axis=1)
+        bulge = self.x[:, self.corners : 2 * self.corners] - 0.5 * (start + end)
+        inside = bulge - np.einsum("fki,fi->fk", bulge, self.normal)[:, :, None] * self.normal[:, None]
+        area = 2.0 / 3.0 * np.linalg.norm(inside, axis=2) * np.linalg.norm(end - start, axis=2)
+        return np.asarray(np.sum(area * self.rim, axis=1))
+
     @property
     def extent(self) -> float:
         return float(np.linalg.norm(np.ptp(self.x.reshape(-1, 3), axis=0))) if len(self) else 0.0

@@ -26,7 +26,6 @@ from ...arrays import FloatArray, IntArray, unit_vectors
 from ..geometry import RigidFoundation
 from ..meshes import CurvedFaces
 from .closest_points import Facets, Hits, facet_functions, hits, plane_vectors, reference_nodes
-from .mortar import ROUND
 
 _KINK: Final = {1: 0.1, 2: 0.25}
 """Error of an average over int |lambda_j| dS/a_j times the largest distance of what is averaged from the functions of
@@ -42,8 +41,9 @@ _ROUNDING: Final = 1e-9
 """Of lengths over the size of a facet, of areas over theirs, and of weights."""
 
 _BENT: Final = 0.05
-"""Error of areas and normals of facets that are no parallelograms or plane triangles with straight edges, over how far
-they are bent."""
+"""Error of areas of facets that are no parallelograms or plane triangles with straight edges, over how far they are
+bent: the mortar integration has straight edges.  Between two facets errors cancel but for this part of them, where the
+face ends they are those of the slivers beyond the straight edges."""
 
 _SLANT: Final = 2.0
 _OFF: Final = 1.5
@@ -55,8 +55,11 @@ _CREASE: Final = 0.9
 _LEAST_DUAL: Final = 0.05
 """Covered share of a facet below which its functions are the linear ones of the corners."""
 
-_HALFWAY: Final = 0.1
-"""Error of how far functions are from the dual ones to the linear ones, over how far they are."""
+_ROUND: Final = 0.01
+"""Bulge of a 6-node triangle over its diameter from which on its functions are halfway from dual to linear ones."""
+
+_PART: Final = 0.05
+"""Error of the mean distance of a facet to the master over the largest distance of it from linear."""
 
 _SINGULAR: Final = 1e-4
 """Ratio of the eigenvalues of a mass matrix below which the points before the master are too few for dual functions."""
@@ -210,7 +213,8 @@ class PairSamples:
     def _functions(self, node: IntArray, standing: IntArray, columns: IntArray) -> None:
         """lambda_j on the facets: dual functions, those of nodes without a contact point shared by the others of the
         facet."""
-        slave, width = self._slave, self._slave.nodes.shape[1]
+        slave, chosen, width = self._slave, self._chosen, self._slave.nodes.shape[1]
+        self._curves = facet_functions(slave.corners, 2, self._at)[0]
         linear = facet_functions(slave.corners, 1, reference_nodes(slave.corners, slave.degree))[0].T
         self._span = linear if width == 6 else np.eye(width)
         at = self._values @ self._span.T
@@ -225,36 +229,57 @@ class PairSamples:
         found[self._dual] = sizes[:, :, None] * np.linalg.solve(
             mass[self._dual], np.broadcast_to(self._span, (len(sizes), *self._span.shape))
         )
-        if width == 6:  # up to halfway to the linear ones (`mortar`)
-            way = (0.5 * self._halfway() * self._dual)[:, None, None] * (linear - found)
-            found, swing = found + way, _HALFWAY * way
         self._own = np.einsum("fjn,qn,fq->fjq", found, self._values, self._size)
-        integral = self._own.sum(axis=2)
+        own, self._part_off = self._own, np.zeros(len(share))
+        if width == 6:
+            part, self._part_off = self._halfway()
+            whole = np.einsum("jn,qn,fq->fjq", self._span, self._values, self._size)
+            own = own + part[:, None, None] * (whole - own)
+        integral = own.sum(axis=2)
         nodes = slave.nodes[self._chosen][:, columns]
         gone = ~np.isin(nodes, standing) | (integral <= 0.0)
         kept = np.where(gone, 0.0, integral)
         kept /= np.maximum(kept.sum(axis=1, keepdims=True), 1e-300)
-        given = np.where(gone[:, :, None], self._own, 0.0).sum(axis=1, keepdims=True)
-        weight = np.where(gone[:, :, None], 0.0, self._own + kept[:, :, None] * given)
+        given = np.where(gone[:, :, None], own, 0.0).sum(axis=1, keepdims=True)
+        weight = np.where(gone[:, :, None], 0.0, own + kept[:, :, None] * given)
         order = np.argsort(node)
         row = order[np.searchsorted(node, nodes, sorter=order).clip(max=max(len(node) - 1, 0))] if len(node) else nodes
         self._facet, column = np.nonzero(np.isin(nodes, node) & ~gone)
         self._point, self._weight = row[self._facet, column], weight[self._facet, column]
-        self._swing = np.zeros((len(self._facet), self._size.shape[1]))
-        if width == 6:
-            self._swing = np.einsum("fjn,qn,fq->fjq", swing, self._values, self._size)[self._facet, column]
         self._count = len(node)
         self.area = self._sums(self._weight.sum(axis=1))
         f, p = self._around
         part = np.where(self._bare, 1.0, np.where(np.all(self._there, axis=1), 0.0, _EDGE))
         bent = np.where(self._slave.bent > 1e-10, _BENT * self._slave.bent, 0.0)[self._chosen]
         self.whole = np.bincount(p, self._area[f] / len(columns), self._count)
-        edge, bend = (np.bincount(p, (of * self._area)[f], self._count) for of in (part, bent))
+        parts = part * self._area + 1.5 * slave.slivers[chosen]
+        edge, bend = (np.bincount(p, of[f], self._count) for of in (parts, bent * self._area))
         self._doubt = edge + bend + _ROUNDING * self.whole
         a = np.maximum(self.area, 1e-300)
         self._larger = self._sums(np.abs(self._weight).sum(axis=1)) / a
         self._share = self._larger * (edge + _BENT * bend) / a + _ROUNDING
-        self._curves = facet_functions(slave.corners, 2, self._at)[0]
+
+    def _halfway(self) -> tuple[FloatArray, FloatArray]:
+        """How far the functions of 6-node triangles are from the dual ones to the linear ones, as `mortar` defines it,
+        by the bulge of a facet over its diameter, and where the distance to the master is nearer to linear than the
+        facet is to plane; and how far this may be off by the points; shape (f,) each."""
+        x = self._slave.x[self._chosen]
+        straight = 0.5 * (x[:, :3] + x[:, [1, 2, 0]])
+        bulge = 0.5 * np.linalg.norm(np.sum(x[:, 3:] - straight, axis=1), axis=1)
+        diameter = 2.0 * np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
+        ways = self._way[:, :, None] * self._along
+        mean = np.einsum("fq,fqi->fi", self._size, ways[:, : self._inner]) / self._area[:, None]
+        off = 1.5 * np.linalg.norm(mean - ways[:, self._inner :].mean(axis=1), axis=1)
+        off = np.where(np.all(self._there, axis=1), off, 0.0)
+        nearer = np.clip(1.0 - off / np.maximum(bulge, 1e-300), 0.0, 1.0)
+        most: FloatArray = 0.5 * np.minimum(1.0, (bulge / (_ROUND * diameter)) ** 2)
+        distance = self._way[:, :, None]
+        off, kink = (
+            np.where(self._there, np.abs(distance - near)[:, :, 0], 0.0).max(axis=1, initial=0.0)
+            for near in (self._fitted(distance), self._curved(distance))
+        )
+        unsure = _PART * kink + _SMOOTH * off + self._beyond
+        return most * nearer, most * np.minimum(1.0, unsure / np.maximum(bulge, 1e-300))
 
     def _sums(self, values: FloatArray) -> FloatArray:
         """Sums over the parts of lambda_j of values (k,) or (k, d), shape (m,) or (m, d)."""
@@ -277,11 +302,7 @@ class PairSamples:
 
     def _unsure(self, values: FloatArray) -> FloatArray:
         """How far these may be off, shape (m, d)."""
-        inner = values[:, : self._inner]
-        integral = np.maximum(self._own.sum(axis=2), 1e-300)[:, :, None]
-        nodal = np.einsum("fjq,fqd->fjd", self._own, inner) / integral
-        fitted = np.einsum("qj,fjd->fqd", self._at_all @ self._span.T, nodal)
-        there = self._there[:, :, None]
+        fitted, there = self._fitted(values), self._there[:, :, None]
         most = np.where(there, values, -np.inf).max(axis=1, initial=-np.inf)
         least = np.where(there, values, np.inf).min(axis=1, initial=np.inf)
         spread = np.where(np.any(there, axis=1), most - least, 0.0)
@@ -291,7 +312,8 @@ class PairSamples:
         )
         kinked = _KINK[self._slave.degree]
         many = self._there.sum(axis=1) > 2 * self._curves.shape[1]
-        off = np.where(many[:, None], np.minimum(kinked * off, 3.0 * kinked * kink + _SMOOTH * off), kinked * off)
+        error = np.where(many[:, None], np.minimum(kinked * off, 3.0 * kinked * kink + _SMOOTH * off), kinked * off)
+        off = error + self._part_off[:, None] * spread
         off = np.where(self._dual[:, None], np.minimum(off, spread), kinked * _LINEAR * spread)
         f, p = self._around
         high, low = np.full((2, self._count, values.shape[2]), -np.inf)
@@ -299,23 +321,14 @@ class PairSamples:
         np.maximum.at(low, p, -least[f])
         whole = np.maximum(high + low, 0.0)
         edge = self._share[:, None] * np.where(np.isfinite(whole), whole, 0.0)
-        swing = self._sums(np.abs(np.einsum("kq,kqd->kd", self._swing, inner[self._facet])))
-        swing /= np.maximum(self.area, 1e-300)[:, None]
-        return self._larger[:, None] * self._most(off) + edge + swing
+        return self._larger[:, None] * self._most(off) + edge
 
-    def _halfway(self) -> FloatArray:
-        """How far the functions of 6-node triangles are to halfway, shape (f,): by their chords, over their diameters,
-        and by those of the ways to the master."""
-        x, inner, ways = self._slave.x[self._chosen], self._inner, self._way[:, :, None] * self._along
-        off = x[:, 3:] - 0.5 * (x[:, :3] + np.roll(x[:, :3], -1, axis=1))
-        own = np.maximum(0.5 * np.linalg.norm(off.sum(axis=1), axis=1), 1e-300)
-        mean = np.einsum("fq,fqi->fi", self._size, ways[:, :inner])
-        mean /= np.maximum(self._size.sum(axis=1), 1e-300)[:, None]
-        chord = 1.5 * np.linalg.norm(mean - ways[:, inner:].mean(axis=1), axis=1)
-        fitting = np.where(np.all(self._there, axis=1), np.clip(1.0 - chord / own, 0.0, 1.0), 1.0)
-        diameter = 2.0 * np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
-        halfway: FloatArray = fitting * np.minimum(1.0, (own / (ROUND * diameter)) ** 2)
-        return halfway
+    def _fitted(self, values: FloatArray) -> FloatArray:
+        """Combinations of the facets' functions with the averages of values at the points (f, q, d) by dual ones."""
+        integral = np.maximum(self._own.sum(axis=2), 1e-300)[:, :, None]
+        nodal = np.einsum("fjq,fqd->fjd", self._own, values[:, : self._inner]) / integral
+        fitted: FloatArray = np.einsum("qj,fjd->fqd", self._at_all @ self._span.T, nodal)
+        return fitted
 
     def _curved(self, values: FloatArray) -> FloatArray:
         """The quadratic functions on the facets nearest to values at the points (f, q, d)."""
@@ -477,12 +490,8 @@ def _risen(
         return rise, np.abs(rise) * (_OFF if face.degree == 2 else _SLANT * slant)
     aslant = np.einsum("fki,fi->fk", n, face.normal) < _CREASE
     creased = np.any(aslant | (np.linalg.norm(means, axis=2) < _CREASE), axis=1)
-    ends = np.sort(np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    edge, count = np.unique(ends, axis=0, return_counts=True)
-    rim = np.zeros(size, dtype=bool)
-    rim[edge[count == 1]] = True
     across = np.zeros_like(n) if held is None else np.einsum("fkij,fkj->fki", held[:, : face.corners], n)
-    symmetric = rim[corner] & (np.linalg.norm(across, axis=2) < 0.5)
+    symmetric = (face.rim | np.roll(face.rim, 1, axis=1)) & (np.linalg.norm(across, axis=2) < 0.5)
     away = face.x[facet][:, : face.corners] - x[:, None]
     found = []
     for normals in (n, unit_vectors(np.where(symmetric[:, :, None], n - across, n))):
