@@ -71,6 +71,42 @@ def reference_nodes(corners: int, degree: int) -> FloatArray:
     return _basis(corners, degree)[2]
 
 
+def facet_rule(corners: int, degree: int) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Points (q, 2), weights (q,) and the piece of each (q,) of a reference facet: many small cells with Gauss points,
+    whose order is that of the products of the functions."""
+    if corners == 4:
+        inner, weight = ([-1.0, 1.0], [0.5, 0.5]) if degree == 1 else ([-1.0, 0.0, 1.0], [5 / 18, 8 / 18, 5 / 18])
+        line, cells = np.array(inner) * (1.0 / 3.0 if degree == 1 else 0.6) ** 0.5, 3 if degree == 1 else 2
+        r = (np.arange(cells)[:, None] + 0.5 * (line + 1.0)).ravel() / cells
+        w = np.tile(weight, cells) / cells
+        at = np.array([(a, b) for a in r for b in r])
+        piece = np.array([0, 1, 3, 2])[((at[:, 0] > 0.5) + 2 * (at[:, 1] > 0.5)).astype(np.int64)]
+        return at, np.outer(w, w).ravel(), piece.astype(np.int64) * (degree == 2)
+    if degree == 1:
+        three, size = np.array([(1, 1), (4, 1), (1, 4)]) / 6.0, np.full(3, 1.0 / 6.0)
+    else:  # of degree 4, Dunavant 1985
+        a, b = 0.445948490915965, 0.091576213509771
+        three = np.array([(x, y) for c in (a, b) for x, y in ((c, c), (1 - 2 * c, c), (c, 1 - 2 * c))])
+        size = 0.5 * np.repeat([0.223381589678011, 0.109951743655322], 3)
+    cells, parts, pieces = (3 if degree == 1 else 2), [], []
+    for i in range(cells):
+        for j in range(cells - i):
+            parts.append((np.array([i, j]) + three) / cells)
+            pieces.append(1 if i else 2 if j else 0)
+            if i + j < cells - 1:
+                parts.append((np.array([i + 1, j + 1]) - three) / cells)
+                pieces.append(3)
+    number = np.repeat(pieces, len(size)) * (degree == 2)
+    return np.concatenate(parts), np.tile(size, len(parts)) / cells**2, number.astype(np.int64)
+
+
+PIECES: Final = {
+    3: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
+    4: [[0, 4, 8, 7], [4, 1, 5, 8], [8, 5, 2, 6], [7, 8, 6, 3]],
+}
+"""Corners of the four pieces of second-order facets, each with a normal of its own."""
+
+
 @dataclass(frozen=True)
 class Facets:
     """The facets of a face, of all ranks.
@@ -290,3 +326,31 @@ def _keep_nearest(
     nearer = np.abs(way[best]) < np.abs(found.way[line])
     line, best = line[nearer], best[nearer]
     found.facet[line], found.place[line], found.way[line] = facet[best], place[best], way[best]
+
+
+def crossed(slave: Facets, chosen: IntArray, master: Facets, met: IntArray) -> npt.NDArray[np.bool_]:
+    """Which of some facets (f,) an edge crosses where the master ends, of the master's facets that they are before, by
+    their numbers (f, q), -1 for none; shape (f,)."""
+    row = np.repeat(np.arange(len(chosen)), met.shape[1])
+    pairs = np.unique(np.column_stack([row, met.ravel()])[met.ravel() >= 0], axis=0)
+    pair, edge = np.nonzero(master.rim[pairs[:, 1]])
+    ends: FloatArray = reference_nodes(master.corners, 1)
+    along = np.linspace(0.0, 1.0, _ALONG_EDGE)[:, None]
+    places: FloatArray = (1.0 - along) * ends[:, None] + along * np.roll(ends, -1, axis=0)[:, None]
+    facet = np.repeat(pairs[pair, 1], _ALONG_EDGE)
+    _, x, _, _ = master.at(facet, np.asarray(places[edge], dtype=np.float64).reshape(-1, 2))
+    own = np.repeat(pairs[pair, 0], _ALONG_EDGE)
+    found = np.zeros(len(chosen), dtype=bool)
+    if len(own):
+        place, _, inside = _meet(slave, chosen[own], x, -slave.normal[chosen[own]])
+        r, s = place.T
+        depth = np.minimum(np.minimum(r, s), 1.0 - (r + s if slave.corners == 3 else np.maximum(r, s)))
+        found[own[inside & (depth > _CROSSED)]] = True
+    return found
+
+
+_ALONG_EDGE: Final = 9
+"""Points of an edge where the master ends."""
+
+_CROSSED: Final = 1e-6
+"""How far inside a reference facet such a point must be."""

@@ -25,7 +25,17 @@ import scipy.sparse
 from ...arrays import FloatArray, IntArray, unit_vectors
 from ..geometry import RigidFoundation
 from ..meshes import CurvedFaces
-from .closest_points import Facets, Hits, facet_functions, hits, plane_vectors, reference_nodes
+from .closest_points import (
+    PIECES,
+    Facets,
+    Hits,
+    crossed,
+    facet_functions,
+    facet_rule,
+    hits,
+    plane_vectors,
+    reference_nodes,
+)
 
 _KINK: Final = {1: 0.1, 2: 0.25}
 """Error of an average over int |lambda_j| dS/a_j times the largest distance of what is averaged from the functions of
@@ -36,6 +46,11 @@ _SMOOTH: Final = 0.01
 
 _EDGE: Final = 0.15
 """Error of the area of a facet that the master covers in part, or not, beside one that it covers, over its own area."""
+
+_UNSEEN: Final = 0.05
+_SLIT: Final = 0.01
+"""Part of a facet that the master may leave bare between the points, where it ends, and that which moves averages with
+functions that are not dual."""
 
 _ROUNDING: Final = 1e-9
 """Of lengths over the size of a facet, of areas over theirs, and of weights."""
@@ -121,42 +136,6 @@ class Deviations:
     allowed: FloatArray
 
 
-def _rule(corners: int, degree: int) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Points (q, 2), weights (q,) and the piece of each (q,) of a reference facet: many small cells with Gauss points,
-    whose order is that of the products of the functions."""
-    if corners == 4:
-        inner, weight = ([-1.0, 1.0], [0.5, 0.5]) if degree == 1 else ([-1.0, 0.0, 1.0], [5 / 18, 8 / 18, 5 / 18])
-        line, cells = np.array(inner) * (1.0 / 3.0 if degree == 1 else 0.6) ** 0.5, 3 if degree == 1 else 2
-        r = (np.arange(cells)[:, None] + 0.5 * (line + 1.0)).ravel() / cells
-        w = np.tile(weight, cells) / cells
-        at = np.array([(a, b) for a in r for b in r])
-        piece = np.array([0, 1, 3, 2])[((at[:, 0] > 0.5) + 2 * (at[:, 1] > 0.5)).astype(np.int64)]
-        return at, np.outer(w, w).ravel(), piece.astype(np.int64) * (degree == 2)
-    if degree == 1:
-        three, size = np.array([(1, 1), (4, 1), (1, 4)]) / 6.0, np.full(3, 1.0 / 6.0)
-    else:  # of degree 4, Dunavant 1985
-        a, b = 0.445948490915965, 0.091576213509771
-        three = np.array([(x, y) for c in (a, b) for x, y in ((c, c), (1 - 2 * c, c), (c, 1 - 2 * c))])
-        size = 0.5 * np.repeat([0.223381589678011, 0.109951743655322], 3)
-    cells, parts, pieces = (3 if degree == 1 else 2), [], []
-    for i in range(cells):
-        for j in range(cells - i):
-            parts.append((np.array([i, j]) + three) / cells)
-            pieces.append(1 if i else 2 if j else 0)
-            if i + j < cells - 1:
-                parts.append((np.array([i + 1, j + 1]) - three) / cells)
-                pieces.append(3)
-    number = np.repeat(pieces, len(size)) * (degree == 2)
-    return np.concatenate(parts), np.tile(size, len(parts)) / cells**2, number.astype(np.int64)
-
-
-_PIECES: Final = {
-    3: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]],
-    4: [[0, 4, 8, 7], [4, 1, 5, 8], [8, 5, 2, 6], [7, 8, 6, 3]],
-}
-"""Corners of the four pieces of second-order facets, each with a normal of its own."""
-
-
 class PairSamples:
     """Points of the slave facets around some contact points, and where the master is before them; not collective.
 
@@ -174,7 +153,7 @@ class PairSamples:
         bare = ~np.any(np.isin(slave.nodes[:, columns], standing), axis=1)
         chosen, self._around = _around(slave.nodes, columns, node, bare)
         self._chosen, self._bare = chosen, bare[chosen]
-        points, weights, piece = _rule(slave.corners, slave.degree)
+        points, weights, piece = facet_rule(slave.corners, slave.degree)
         corners = reference_nodes(slave.corners, 1)  # are points as well, without weight
         at = np.concatenate([points, corners])
         piece = np.concatenate([piece, np.arange(len(corners))])  # the corner k is on the piece k
@@ -186,7 +165,7 @@ class PairSamples:
         size = np.linalg.norm(vectors, axis=2)
         self._normal = unit_vectors(vectors)
         if slave.degree == 2:
-            planes = unit_vectors(sign[:, None, None] * plane_vectors(x[:, _PIECES[slave.corners]]))
+            planes = unit_vectors(sign[:, None, None] * plane_vectors(x[:, PIECES[slave.corners]]))
             along = planes[:, piece]
         else:
             along = np.repeat(slave.normal[chosen][:, None], len(at), axis=1)
@@ -230,7 +209,7 @@ class PairSamples:
             mass[self._dual], np.broadcast_to(self._span, (len(sizes), *self._span.shape))
         )
         self._own = np.einsum("fjn,qn,fq->fjq", found, self._values, self._size)
-        own, self._part_off = self._own, np.zeros(len(share))
+        own, self._part_off, part = self._own, *np.zeros((2, len(share)))
         if width == 6:
             part, self._part_off = self._halfway()
             whole = np.einsum("jn,qn,fq->fjq", self._span, self._values, self._size)
@@ -238,6 +217,7 @@ class PairSamples:
         integral = own.sum(axis=2)
         nodes = slave.nodes[self._chosen][:, columns]
         gone = ~np.isin(nodes, standing) | (integral <= 0.0)
+        loose = (part > 0.0) | np.any(gone, axis=1)  # not exact for linear functions
         kept = np.where(gone, 0.0, integral)
         kept /= np.maximum(kept.sum(axis=1, keepdims=True), 1e-300)
         given = np.where(gone[:, :, None], own, 0.0).sum(axis=1, keepdims=True)
@@ -253,8 +233,11 @@ class PairSamples:
         bent = np.where(self._slave.bent > 1e-10, _BENT * self._slave.bent, 0.0)[self._chosen]
         self.whole = np.bincount(p, self._area[f] / len(columns), self._count)
         parts = part * self._area + 1.5 * slave.slivers[chosen]
-        edge, bend = (np.bincount(p, of[f], self._count) for of in (parts, bent * self._area))
-        self._doubt = edge + bend + _ROUNDING * self.whole
+        met = self._hits.facet.reshape(self._there.shape)
+        near = crossed(slave, chosen, self._master, met) * self._area
+        parts, slits = parts + _SLIT * (near * loose), _UNSEEN * near + bent * self._area
+        edge, slit, bend = (np.bincount(p, of[f], self._count) for of in (parts, slits, bent * self._area))
+        self._doubt = edge + slit + _ROUNDING * self.whole
         a = np.maximum(self.area, 1e-300)
         self._larger = self._sums(np.abs(self._weight).sum(axis=1)) / a
         self._share = self._larger * (edge + _BENT * bend) / a + _ROUNDING
