@@ -335,10 +335,11 @@ def crossed(slave: Facets, chosen: IntArray, master: Facets, met: IntArray) -> n
     pairs = np.unique(np.column_stack([row, met.ravel()])[met.ravel() >= 0], axis=0)
     pair, edge = np.nonzero(master.rim[pairs[:, 1]])
     ends: FloatArray = reference_nodes(master.corners, 1)
+    next_ends = ends[np.arange(1, master.corners + 1) % master.corners]
     along = np.linspace(0.0, 1.0, _ALONG_EDGE)[:, None]
-    places: FloatArray = (1.0 - along) * ends[:, None] + along * np.roll(ends, -1, axis=0)[:, None]
+    places = ends[:, None] + along * (next_ends - ends)[:, None]
     facet = np.repeat(pairs[pair, 1], _ALONG_EDGE)
-    _, x, _, _ = master.at(facet, np.asarray(places[edge], dtype=np.float64).reshape(-1, 2))
+    _, x, _, _ = master.at(facet, places[edge].reshape(-1, 2))
     own = np.repeat(pairs[pair, 0], _ALONG_EDGE)
     found = np.zeros(len(chosen), dtype=bool)
     if len(own):
