@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Final, Literal, get_args
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from .arrays import FloatArray
 After = Literal["hold", "error", "repeat"]
 """After the last row of a load curve: the last value, an error, or the curve again."""
 
-_ROUNDING = 1e-12
+_ROUNDING: Final = 1e-12
 """Of the duration of a curve, or of the time if it is longer: a time nearer to a row is that of the row.  With 1e-16 in
 place of 0 where a load vanishes, all forces of a load step would be rounding errors."""
 

@@ -240,3 +240,26 @@ def test_length_of_compat():
 
 def test_length_of_files():
     assert max(len(path.read_text().splitlines()) for path in FILES) <= 500
+
+
+def constants(path):
+    """Names in capitals that a file binds at its top, and whether each binding is a plain number without Final."""
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            parts = list(ast.walk(node.value)) if node.value is not None else []
+            number = all(
+                isinstance(part, ast.Constant | ast.UnaryOp | ast.BinOp | ast.unaryop | ast.operator) for part in parts
+            )
+            number &= not any(isinstance(part, ast.Constant) and type(part.value) not in (int, float) for part in parts)
+            for name in (one for target in targets for one in getattr(target, "elts", [target])):
+                if isinstance(name, ast.Name) and name.id.isupper():
+                    yield name.id, number and isinstance(node, ast.Assign)
+
+
+@pytest.mark.parametrize("path", FILES, ids=own)
+def test_constants_are_final_and_bound_once(path):
+    """Files that were joined have bound a constant twice: the second value counted for both."""
+    bound = [name for name, _ in constants(path)]
+    assert not [name for name in set(bound) if bound.count(name) > 1]
+    assert not [name for name, plain in constants(path) if plain]

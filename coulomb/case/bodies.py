@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..fem.meshes import NamedMesh
 
 
-SMALL = 200_000
+SMALL: Final = 200_000
 """Number of cells up to which a waiting drawing process needs little memory in comparison."""
 
 

@@ -8,7 +8,7 @@ import reprlib
 import sys
 from collections.abc import Iterator
 from types import UnionType
-from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+from typing import Annotated, Any, Final, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, Tag, ValidationError
 
@@ -17,7 +17,7 @@ from .curves import CURVE, ROWS_ALONE, CurveTable, columns_of
 from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
 from .values import EXPRESSION, FIELD, ISOTROPIC, NUMBER, ORTHOTROPIC
 
-_MOST = 10
+_MOST: Final = 10
 """Maximum number of faults listed."""
 
 _FIRST_KEY = {

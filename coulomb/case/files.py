@@ -8,7 +8,7 @@ import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from ..regular_file import read_bytes
 
@@ -18,11 +18,11 @@ FILES = {"mesh": ("file", "facets", "cell_groups"), "temperature": ("file",)}
 KeyPath = tuple[str | int, ...]
 """A key in its tables, as ("contact", 0, "gap", "file")."""
 
-LARGEST = 4_000_000
+LARGEST: Final = 4_000_000
 """Maximum bytes of a case file: a hundred thousand rows of an amplitude.  TOML is read at about a megabyte per
 second."""
 
-_DEEPEST = 20
+_DEEPEST: Final = 20
 """Maximum number of names in a dotted key; a case needs four."""
 
 _TOO_DEEP = re.compile(rf'(?:\b[\w-]{{1,50}}"?[ \t]*\.[ \t]*"?){{{_DEEPEST}}}\w')

@@ -4,7 +4,7 @@ place: a number, an expression as text, or a field of a file."""
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Discriminator, Field, Tag
@@ -91,10 +91,10 @@ Steps = Annotated[int, Field(ge=1, le=100_000, strict=True)]
 Rounds = Annotated[int, Field(ge=1, le=10_000, strict=True)]
 GroupNumber = Annotated[int, Field(ge=-(2**31), lt=2**31, strict=True)]
 
-ROWS = 100_000
+ROWS: Final = 100_000
 """Maximum rows of a table in time, and load steps."""
 
-TABLES = 1_000
+TABLES: Final = 1_000
 """Maximum number of tables of one kind."""
 
 Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]

@@ -5,14 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import Final, NoReturn
 
 import typer
 from rich.console import Console
 
 from .. import ranks
 
-_TOGETHER = 60.0
+_TOGETHER: Final = 60.0
 """Seconds within which all ranks find the same input wrong."""
 
 FAILED, BAD_INPUT, CRASHED, INTERRUPTED = 1, 2, 3, 130

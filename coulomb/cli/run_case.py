@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Final, cast
 
 import typer
 from mpi4py import MPI
@@ -65,7 +65,7 @@ from .terminal import (
 Refinement = tuple[float, list[str], int]
 """What is asked for: error bar over total, the totals, and the largest number of unknowns."""
 
-SOLVED_WHILE_LOADING = 20_000
+SOLVED_WHILE_LOADING: Final = 20_000
 """Displacement unknowns up to which a case is solved before the drawing process has loaded its libraries.  On two
 processors a second thread of BLAS then delays both: 2.3 s in place of 2.0 s for demos/block.toml."""
 

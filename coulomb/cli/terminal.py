@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
@@ -86,7 +86,7 @@ def about(seconds: float) -> str:
 
 # --- the input ----------------------------------------------------------------------------------------------------
 
-_LINES = 5
+_LINES: Final = 5
 """Lines of loads, of supports, and of contact pairs; the summary has all."""
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 _log = logging.getLogger(__name__)
 
-SECONDS = 10
+SECONDS: Final = 10
 """Approximate time of the compiler for all forms of a run."""
 
 _WAIT: Final = 600.0

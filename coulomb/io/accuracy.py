@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, Final
 
-TOLERANCE = 1e-8
+TOLERANCE: Final = 1e-8
 """The tolerance of a solver if none is given."""
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -23,10 +24,10 @@ from ..fem.bodies import Elasticity, StressedCells, StressError, stress_differen
 from ..model.solution import Solution
 from .locking import SHARE
 
-SAFETY = 1.25
+SAFETY: Final = 1.25
 """Of an error from answers on other meshes: the root of that of totals, since energies are squares."""
 
-SLOWEST = 0.3
+SLOWEST: Final = 0.3
 """Least order q over that of the elements: with few cells at singular edges, and where they lock, answers seem not to
 converge at all.  Two meshes do not tell q: then half the order of the elements."""
 
@@ -34,12 +35,12 @@ OF_RECOVERED, OF_FIRST = 1.5, 0.75
 """Where all other answers are of first order and worse by far, the error of second order over the recovered one, but at
 most over the difference from first order on the same cells: recovery fails where a few cells have a peak."""
 
-MOST = 2.65
+MOST: Final = 2.65
 """Error at most over the recovered one, which is 0.27 of it at worst: where the difference is larger, another answer is
 poor for other reasons, as a contact that a coarser mesh misses, or a smooth boundary that does not fit the facets.  Of
 fewer than eight cells recovery knows too little."""
 
-ACROSS = 0.1
+ACROSS: Final = 0.1
 """Share of cells that are in several cells of another mesh, up to which they are taken for parts of them."""
 
 

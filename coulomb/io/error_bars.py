@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from .locking import ROUGH, WIDE, nearly_incompressible, single_layer, too_stiff
 from .other_meshes import NoErrorBars, answer_on, other_problems, refuse_too_large, without_remarks
 from .same_problem import refuse_another_problem
 
-SAFETY = 1.5
+SAFETY: Final = 1.5
 """Safety factor of an error estimated from three meshes, between Roache's 1.25 and 3."""
 
 SLOWEST, FASTEST = 0.7, 1.5
@@ -50,15 +50,15 @@ is twice the difference.  But 10-node tetrahedra have contact points at vertices
 points decide, only first order on the same nodes, with contact points at half the distance, has half the error.  Of
 even contact nothing but the stress decides, and its estimated errors tell how much better second order is."""
 
-OF_EXTREMES = 1.0
+OF_EXTREMES: Final = 1.0
 """Order at most of largest pressures and slips: they are at edges of the face as a rule, where nodes represent the mean
 over half a cell, or are held.  Both orders have this error there: bars of two answers are twice as large."""
 
-SHAPE = 3.0
+SHAPE: Final = 3.0
 """Relative error of a total over that of the volume by plane facets in place of a curved surface, where the compared
 meshes have the same facets: 1 of weights, 2 of the torsion and bending of bars."""
 
-COMPONENT = 0.05
+COMPONENT: Final = 0.05
 """Least bar of a component, over the largest one of its vector: the errors of the components have the same causes, and
 the differences of one may be small by accident."""
 
@@ -70,10 +70,10 @@ UNCOMPARED = (
 SINGULAR, UNRESOLVED = "singular, does not converge", "not resolved, perhaps singular"
 """Remarks on totals without a bar, by three meshes, and by two or three among which it goes up and down."""
 
-DIVERGING = 0.25
+DIVERGING: Final = 0.25
 """Order up to which a largest pressure is taken for singular: it does not converge."""
 
-SMOOTH = 2.0
+SMOOTH: Final = 2.0
 """Order, of smooth answers, below which a largest pressure that goes up and down on three meshes tells nothing: it is
 as the cells at an edge happen to be (of 15 such ones 4 were inside their bars, docs/measurements.md)."""
 

@@ -14,7 +14,7 @@ import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import h5py
 import numpy as np
@@ -25,7 +25,7 @@ from ..arrays import FloatArray
 from ..regular_file import refuse_irregular
 from ..solvers.rigid import cone_residual
 
-_ASYMMETRIC = 1e-2  # over the largest entry: there are files of the Siconos project with 1e-4
+_ASYMMETRIC: Final = 1e-2  # over the largest entry: there are files of the Siconos project with 1e-4
 
 
 @dataclass(frozen=True)

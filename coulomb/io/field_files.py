@@ -6,7 +6,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import h5py
 import numpy as np
@@ -25,7 +25,7 @@ nodes."""
 NODE = "node"
 """A field of contact.xdmf: the number of the point in solution.xdmf, of its body if there are several, from 0."""
 
-_AT_ONCE = 200_000  # points read at a time: no rank needs memory for the whole mesh
+_AT_ONCE: Final = 200_000  # points read at a time: no rank needs memory for the whole mesh
 
 
 class Block(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Final, cast
 
 import numpy as np
 
@@ -23,14 +23,14 @@ from .energy_error import recovered_errors
 from .error_bars import SHAPE, ErrorBar, ErrorBars, bars_of, error_of, with_second_order
 from .other_meshes import NoErrorBars, refuse_too_large
 
-SMOOTH = 0.02
+SMOOTH: Final = 0.02
 """Volume by which the smooth surface through the nodes of a mesh is wrong, over that between it and the facets:
 measured up to 0.014 of shafts and balls with ten chords in a circle (docs/error-bars.md)."""
 
-FLAT = 0.25
+FLAT: Final = 0.25
 """Part of the bar asked for that facets may have which are not divided."""
 
-UNKNOWNS = 300_000
+UNKNOWNS: Final = 300_000
 """Displacement unknowns that a finer mesh may have by default."""
 
 

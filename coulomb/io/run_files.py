@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import h5py
 import numpy as np
@@ -175,7 +175,7 @@ def _face(
     return WrittenFace(name, part, nodes, part.nodes.start + in_body, facets, boundary[side], first_point + cells)
 
 
-OF_LARGEST = 1e-14
+OF_LARGEST: Final = 1e-14
 """Rounding of a field relative to its largest entry, at least."""
 
 _NEEDED = ("law", "mean_compliance", "totals", "certificate")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -71,7 +71,7 @@ def _of(displacement: Any) -> Invariants:
     return invariants(ufl.Identity(3) + ufl.grad(displacement))
 
 
-_POINTS = 12
+_POINTS: Final = 12
 """Points of the quadrature of `_power_sum`."""
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import repeat
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -28,19 +29,19 @@ from ..solvers.successive_tresca import Anderson
 from .nonlinear_body import NonlinearBody
 from .slip import FaceMotion, foot_points
 
-_MEMORY = 4
+_MEMORY: Final = 4
 """Differences of iterates by which they are accelerated."""
 
-NEAR = 3e-4
+NEAR: Final = 3e-4
 """Residual below which they are."""
 
 _LINEAR = (0.03, 0.7)
 """Ratios of successive changes of the displacement between which convergence is linear: below it is faster."""
 
-_WORTH = 0.3
+_WORTH: Final = 0.3
 """Part of the residual before an accelerated iterate, which has made it larger, that the next one must reach."""
 
-_OPPOSITE = 1e-6
+_OPPOSITE: Final = 1e-6
 """One more than the cosine of the angle of two normals, at least: forces are not carried between opposite ones."""
 
 
@@ -102,16 +103,16 @@ class Path:
         return mixed[: len(u)], replace(after, vectors=forces)
 
 
-_STIFFER = 10.0
+_STIFFER: Final = 10.0
 """Stiffness of the springs of `supported` over the mean diagonal of K at their nodes."""
 
-_TOUCHES = 1e-10
+_TOUCHES: Final = 1e-10
 """Gap over the largest coordinate below which a node touches."""
 
-_STICKS = 1.0 - 1e-6
+_STICKS: Final = 1.0 - 1e-6
 """Friction over its bound below which a node sticks."""
 
-_DIFFERENCE = 1e-4
+_DIFFERENCE: Final = 1e-4
 """Step of the differences of normals over the size of a face."""
 
 

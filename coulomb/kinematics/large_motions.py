@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -46,13 +46,13 @@ from .slip import FaceMotion
 
 _log = logging.getLogger(__name__)
 
-_MOST = 25
+_MOST: Final = 25
 """Largest number of linear problems in a load step."""
 
-_BACKTRACKS = 8
+_BACKTRACKS: Final = 8
 """Largest number of halvings of a change of the displacement."""
 
-_WORSE = 10.0
+_WORSE: Final = 10.0
 """A residual may grow by this factor from one linear problem to the next: the first ones of a load step do not know
 where contact is."""
 

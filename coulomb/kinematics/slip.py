@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Final
 
 import numpy as np
 
@@ -25,10 +26,10 @@ from ..fem.geometry import RigidFoundation, RigidMotion, on_all_ranks
 Foundations = Sequence[RigidFoundation | None]
 """Of all contact faces; None of pairs."""
 
-_FOOT_STEPS = 3
+_FOOT_STEPS: Final = 3
 """Projections of a point on a foundation: one is exact for a distance, the others for other level-set functions."""
 
-_PARALLEL = 1e-4
+_PARALLEL: Final = 1e-4
 """Angle in radians of two normals below which chord and arc are equal to rounding: its square over 24 is 4e-10."""
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -246,14 +246,14 @@ def _besides(free: FloatArray, loose: FloatArray) -> FloatArray:
     return besides
 
 
-LIMIT = 1e-6
+LIMIT: Final = 1e-6
 """Limit of every relative measure."""
 
-ANGLE_LIMIT = 0.1
+ANGLE_LIMIT: Final = 0.1
 """Limit in degrees of the angle between slip and friction, where the slip is at least 1e-3 of the scale of
 displacements and the friction 1e-2 of its largest: there an error of LIMIT rotates the slip by less."""
 
-SMALLEST = 1e-290
+SMALLEST: Final = 1e-290
 """Scales below this, or above its inverse, have lost digits to underflow, or are near to overflow."""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from ..arrays import FloatArray
@@ -11,11 +13,11 @@ from ..fem.meshes import aspects, volume
 from ..linalg.compliance import Measures, SoftMotions
 from ..linalg.reductions import Reductions
 
-_SOFT = 1e-2
+_SOFT: Final = 1e-2
 """Stiffness of springs against a rigid motion, over that of the body (Young's modulus times its size), below which it
 is computed apart: a product by A of a few per cent is then wrong by as much as the body deforms."""
 
-_FREE = 1e-10  # energy of held directions, over the nodes, up to which they do not prevent a motion
+_FREE: Final = 1e-10  # energy of held directions, over the nodes, up to which they do not prevent a motion
 
 
 def soft_motions(elasticity: Deformable) -> SoftMotions | None:
@@ -56,12 +58,12 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
     return SoftMotions(elasticity.comm, R.reshape(3 * len(R), R.shape[2]), KR.reshape(3 * len(KR), KR.shape[2]))
 
 
-_NEAR = 1e-3  # of the diagonal of the bodies, about as far as small strains let their surfaces move
+_NEAR: Final = 1e-3  # of the diagonal of the bodies, about as far as small strains let their surfaces move
 
 _TETRAHEDRA = 1.0 + np.sqrt(2.0)  # aspect of six that fill a cube
 
-_BENDS = 25.0  # cube of the diagonal of a body over its volume: 12 for the block, 27 to 77 for parts that bend
-_APART = 1e3  # largest over smallest Young's modulus
+_BENDS: Final = 25.0  # cube of the diagonal of a body over its volume: 12 for the block, 27 to 77 for parts that bend
+_APART: Final = 1e3  # largest over smallest Young's modulus
 
 
 def slenderness_of(surface: ContactSurface, elasticity: Deformable) -> float:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -57,17 +57,17 @@ from .provenance import timed
 
 _log = logging.getLogger(__name__)
 
-_PRODUCTS = 1000
+_PRODUCTS: Final = 1000
 """Products by A in a load step after which Newton systems are condensed: four times as many as bent parts need."""
 
-_DENSE_UP_TO = 6000
+_DENSE_UP_TO: Final = 6000
 """Contact unknowns up to which Newton systems are factorised where nothing else has an answer: 10 s each."""
 
 _DOUBLE_FROM, _DOUBLE_UP_TO = 8, 50_000
 """Load steps from which, and displacement unknowns up to which (half a gigabyte), factors in double precision take less
 time in all than in single precision."""
 
-_FLAT = 1e4
+_FLAT: Final = 1e4
 """Length of a cell over its thickness from which its shape is named as the cause of a singular stiffness."""
 
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from datetime import datetime
 from functools import cached_property
-from typing import Any, Generic, NamedTuple, TypeVar, cast
+from typing import Any, Final, Generic, NamedTuple, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -36,16 +36,16 @@ from .provenance import timed
 
 _T = TypeVar("_T")
 
-BALANCED = 1e-13
+BALANCED: Final = 1e-13
 """Resultant force and moment of the residual, and 1e-2 of its norm, relative to the forces on the body."""
 
-_ACCURACY = 1e-6
+_ACCURACY: Final = 1e-6
 """Least relative residual of a correction: few more digits are left to gain by each."""
 
-_BEYOND = 0.1
+_BEYOND: Final = 0.1
 """Part of BALANCED at which a correction aims: its residual is not distributed like the one before."""
 
-_MOST = 4
+_MOST: Final = 4
 """Maximum number of corrections."""
 
 
@@ -111,10 +111,10 @@ def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accurac
     return values, ended
 
 
-_ROUNDING = 2.0**-48
+_ROUNDING: Final = 2.0**-48
 """Slip below this part of the displacements of which it is the difference is a rounding error."""
 
-_BEFORE_REFINEMENT = 1e-8
+_BEFORE_REFINEMENT: Final = 1e-8
 """Residual of a solve with K that is refined: products by K have rounding errors of 1e-11 of the resultant forces."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -14,22 +15,22 @@ from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import MotionBasis, RigidMotions
 from .discrete_problem import DiscreteProblem
 
-_PART = 1e-6
+_PART: Final = 1e-6
 """Part of the loads, or of a motion, below which it is a rounding error."""
 
-_ROUGH = 1e3
+_ROUGH: Final = 1e3
 """Friction that holds whatever pressure makes possible."""
 
-_AWAY = 30.0
+_AWAY: Final = 30.0
 """A rigid motion beyond this many times deformation, gaps and prescribed motions together runs away."""
 
-_UNBALANCED = 1e-2
+_UNBALANCED: Final = 1e-2
 """Loads of which more than this part is left over at the end are not balanced."""
 
-_TURNING = 0.1
+_TURNING: Final = 0.1
 """Part of the motion of an iterate that is worth a word."""
 
-_MOVING = 1e-3
+_MOVING: Final = 1e-3
 """Part of the largest motion above which a component takes part in the motion that nothing holds."""
 
 

@@ -25,24 +25,24 @@ from ..linalg.reductions import Reductions
 from .certificate import Check
 from .contact import Contact
 
-BALANCED = 1e-8
+BALANCED: Final = 1e-8
 """Largest sum of all heat flows, relative to those into the bodies."""
 
 UNBALANCED: Final = Check("heat", 1.0, BALANCED, "", "contact and heat agree, and as much heat flows out as in")
 """Of an answer without heat flows, for the certificate: all heat is missing."""
 
-_ROUNDING = 1e-13
+_ROUNDING: Final = 1e-13
 """Heat flows below this part of K times the temperatures are rounding errors."""
 
-_NOTHING = 1e-15
+_NOTHING: Final = 1e-15
 """Changes of temperature below this part of the largest are rounding errors."""
 
 _CG = {"pc_type": "gamg", "ksp_rtol": 1e-10, "ksp_max_it": 1000, "ksp_norm_type": "unpreconditioned"}
 
-_SOLVES = 3
+_SOLVES: Final = 3
 """The residual of a solve is assembled anew and solved for again: temperatures are large beside their differences."""
 
-_SINGULAR = 1e-14
+_SINGULAR: Final = 1e-14
 """Smallest eigenvalue of conduction between components, over its diagonal, at which a temperature is not fixed."""
 
 

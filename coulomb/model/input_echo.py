@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from .discrete_problem import DiscreteProblem
 from .nodal_answer import law_numbers
 from .resultants import resultants
 
-_ROUNDING = 1e-12
+_ROUNDING: Final = 1e-12
 """Part of the sum of all nodal forces up to which a resultant is zero."""
 
 

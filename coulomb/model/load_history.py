@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -42,7 +42,7 @@ from .times import HALVINGS, refuse_missed, refuse_times
 
 _log = logging.getLogger(__name__)
 
-SMALLEST = 1e-9
+SMALLEST: Final = 1e-9
 """Smallest step as a fraction of the whole history; below it a step is not halved."""
 
 

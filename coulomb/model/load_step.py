@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -74,8 +74,8 @@ def _heat_columns(heat: Mapping[str, Any]) -> dict[str, float]:
     return {**ends, **{flow["name"]: flow["power"] for flow in heat["flows"]}, "heat_imbalance": heat["imbalance"]}
 
 
-_IMBALANCE = 0.25  # of the energy dissipated by friction
-_OF_ALL = 1e-3  # of all energy
+_IMBALANCE: Final = 0.25  # of the energy dissipated by friction
+_OF_ALL: Final = 1e-3  # of all energy
 
 
 @dataclass(frozen=True)

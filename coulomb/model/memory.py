@@ -8,20 +8,21 @@ complement on the contact nodes is a dense matrix m x m, and multigrid is linear
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Final
 
 from mpi4py import MPI
 
 from ..linalg.compliance import DirectSolver, LinearSolver
 
 # bytes
-_BASE = 1.4e8  # per rank without a mesh: Python, DOLFINx, PETSc
-_BODY = 2.3e3  # per displacement unknown: mesh, K, multigrid, fields
-_MULTIGRID = 350.0  # per displacement unknown: K in blocks, the last solutions
-_FACTOR = 104.0  # over n^(4/3): the factor of K in single precision; in double twice as much
-_FRONTS = 132.0  # the same with the contact nodes last, including memory of fronts not yet reused
-_DENSE = 6.0  # over m^2: the Schur complement and the inverse of its factor
-_COLUMNS = 8.0 / 3.0  # over m^2, in double precision: columns of the inverse for products (`DenseInverse`)
-_WIDER = 2.4  # rows of K of 27-node hexahedra over those of 8-node ones; of 10-node tetrahedra they are as long
+_BASE: Final = 1.4e8  # per rank without a mesh: Python, DOLFINx, PETSc
+_BODY: Final = 2.3e3  # per displacement unknown: mesh, K, multigrid, fields
+_MULTIGRID: Final = 350.0  # per displacement unknown: K in blocks, the last solutions
+_FACTOR: Final = 104.0  # over n^(4/3): the factor of K in single precision; in double twice as much
+_FRONTS: Final = 132.0  # the same with the contact nodes last, including memory of fronts not yet reused
+_DENSE: Final = 6.0  # over m^2: the Schur complement and the inverse of its factor
+_COLUMNS: Final = 8.0 / 3.0  # over m^2, in double precision: columns of the inverse for products (`DenseInverse`)
+_WIDER: Final = 2.4  # rows of K of 27-node hexahedra over those of 8-node ones; of 10-node tetrahedra they are as long
 
 
 def memory_needed(

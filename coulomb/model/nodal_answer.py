@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -33,10 +33,10 @@ OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
 """Status of a node in contact.xdmf; HELD: on the contact face, but with prescribed displacement, or with no part of the
 face against it opposite, so no contact node (all fields 0)."""
 
-OPEN_BELOW = 1e-9
+OPEN_BELOW: Final = 1e-9
 """A node is open if its normal force is at most this fraction of the largest; `zero_open_forces` then makes it 0."""
 
-SLIP_ABOVE = 0.999
+SLIP_ABOVE: Final = 0.999
 """A node slips if its friction is at least this fraction of its bound."""
 
 

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import Any, ClassVar, Self, cast
+from typing import Any, ClassVar, Final, Self, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -62,13 +62,13 @@ _log = logging.getLogger(__name__)
 KINEMATICS = ("small", "large")
 """Theories of a problem."""
 
-AGREEMENT = 1e-9
+AGREEMENT: Final = 1e-9
 """Change of temperature in a round, over the largest, at which contact and heat agree."""
 
 SHORTEST, LONGEST = 0.1, 3.0
 """Bounds of the factor by which the change of temperature of a round is taken (Aitken)."""
 
-ROUNDS = 50
+ROUNDS: Final = 50
 """Maximum number of rounds of contact and conduction."""
 
 _POSITIONAL = ("mesh", "material", "clamps", "contact", "tractions", "body_force", "springs")

@@ -24,9 +24,11 @@ if TYPE_CHECKING:
     from .certificate import Strained
     from .nodal_answer import NodalAnswer
 
-_PRESSING = 1e-6  # a node presses if its force is above this fraction of the largest
-_CHORDS = 4.0  # chords of facets by which a face may be in its foundation: at its ends the estimate is a third of it
-_ROUNDING = 1e-12  # distances below this fraction of the coordinates are rounding
+_PRESSING: Final = 1e-6  # a node presses if its force is above this fraction of the largest
+_CHORDS: Final = 4.0
+"""Chords of facets by which a face may be in its foundation: at its ends the estimate is a third of it."""
+
+_ROUNDING: Final = 1e-12  # distances below this fraction of the coordinates are rounding
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ GRADIENT = Bound(0.05, 0.24)
 """The theory neglects half the square of the gradient: 12 % of it at 0.24.  Bonded rubber, compressed by 10 % and
 sheared, reaches 0.225 in its corners; a steel block, lifted by 50 mm next to its clamp, 0.25 to 0.41."""
 
-_MISSED = 100.0
+_MISSED: Final = 100.0
 """Largest value of `SmallStrain.between`."""
 
 CHORD = Bound(0.1, 0.5)
@@ -65,7 +67,7 @@ curve.  Measured with a roller between plates (docs/theory.md)."""
 ROUNDING = Bound(0.1, math.inf)
 """A warning only: resultants and means are right."""
 
-_NEAR = 0.25
+_NEAR: Final = 0.25
 """Radii of a facet within which a contact point is at its corner: of 10-node tetrahedra it is beside it."""
 
 BETWEEN = Bound(0.25, 1.0)

@@ -20,6 +20,7 @@ kept as faults for the certificate.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -36,10 +37,10 @@ from .equilibrium import running_away
 from .nodal_answer import OPEN_BELOW
 from .provenance import timed
 
-ROUNDING = 1e-13
+ROUNDING: Final = 1e-13
 """Relative size of rounding errors of slips and of projections on free directions."""
 
-SMALL = 1e-6
+SMALL: Final = 1e-6
 """Fraction of the norm of all contact forces on a body: the largest residual that can be requested."""
 
 
@@ -103,10 +104,10 @@ def _friction(force: FloatArray) -> FloatArray:
     return size
 
 
-CERTIFIED_FROM = 1e-8
+CERTIFIED_FROM: Final = 1e-8
 """Largest tolerance (the default) at which the answer must pass the certificate; above it only the residual counts."""
 
-_FAR = 10.0
+_FAR: Final = 10.0
 """Displacements beyond this many times the extent of the bodies are worth a word where a solver fails."""
 
 

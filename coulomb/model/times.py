@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Final
 
 from ..arrays import is_number
 
-HALVINGS = 6
+HALVINGS: Final = 6
 """Default of the maximum number of halvings of a failing load step."""
 
 

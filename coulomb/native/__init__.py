@@ -17,15 +17,15 @@ import shlex
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy.typing as npt
 
 _SOURCES = sorted(Path(__file__).parent.glob("*.c"))
 _HEADERS = sorted(Path(__file__).parent.glob("*.h"))
 _FLAGS = ("-O3", "-march=native", "-fopenmp-simd", "-shared", "-fPIC")
-_SECONDS = 120  # limit of the compiler's time
-_MOST_THREADS = 64  # MOST_THREADS of lanes.h
+_SECONDS: Final = 120  # limit of the compiler's time
+_MOST_THREADS: Final = 64  # MOST_THREADS of lanes.h
 _TYPES = {"void": None, "int": ctypes.c_int, "long": ctypes.c_long, "double": ctypes.c_double}
 _FUNCTION = re.compile(r"^(void|int|long|double) (?:NAME\()?(\w+)\)?\(([^)]*)\)", re.MULTILINE)
 

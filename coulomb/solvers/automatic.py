@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -119,10 +120,10 @@ def result_of(solve: Callable[[], SolverResult]) -> SolverResult:
 
 # Bodies that contact alone holds and no load presses: where all contacts can be open, no forces are an answer.
 
-_BALANCED = 1e-12
+_BALANCED: Final = 1e-12
 """Loads along the motions below this part of |b|/a are rounding errors."""
 
-_OPEN = 1e-9
+_OPEN: Final = 1e-9
 """Gap that is left open, over the largest |b|."""
 
 

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -33,21 +34,21 @@ from .laws import FrictionLaw
 from .results import NotConverged, SolverResult, Status
 from .rigid_motions import NO_MOTION, Equilibrium, RigidMotions
 
-BALANCED = 1e-5
+BALANCED: Final = 1e-5
 """Loads may be in equilibrium if what is left over is at most this part of them: the solver then decides."""
 
 EXACT = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 """Of the linear programmes; the smallest that HiGHS accepts."""
 
-_BETTER = 1e-8
+_BETTER: Final = 1e-8
 """A force is no better than those known if its gain is below this, relative to the largest possible gain."""
 
-_PER_ROUND = 40
+_PER_ROUND: Final = 40
 """Forces that a rank adds at most in a round."""
 
-_ROUNDS = 200
+_ROUNDS: Final = 200
 
-_PENALTY = 1e4
+_PENALTY: Final = 1e4
 """Weight of what is left over, against the part of the loads that is held."""
 
 
@@ -212,9 +213,9 @@ class _Found:
     frictions: FloatArray  # ... and of the bounded ones
 
 
-_BALANCED = 1e-8  # relative error of equilibrium along motions that nothing resists
-_SHARP = 1e-3  # squared part of the largest pressure-weighted opening below which a motion keeps contact closed
-_FAR = 5.0  # rigid motion over deformation of a body that slides away
+_BALANCED: Final = 1e-8  # relative error of equilibrium along motions that nothing resists
+_SHARP: Final = 1e-3  # squared part of the largest pressure-weighted opening below which a motion keeps contact closed
+_FAR: Final = 5.0  # rigid motion over deformation of a body that slides away
 
 
 def equilibrium(problem: FrictionProblem) -> Equilibrium:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, NamedTuple, Protocol, cast
+from typing import ClassVar, Final, NamedTuple, Protocol, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -20,24 +20,24 @@ from .rigid_motions import MotionBasis, RigidMotions
 from .scales import ContactScales, relative
 from .settings import Settings, within
 
-_FAR_SHORTER = 1e-3
+_FAR_SHORTER: Final = 1e-3
 """Length of the shortest rigid motion over that of an iterate's from which it is preferred."""
 
-_CARRIED_FROM = 1e-6
+_CARRIED_FROM: Final = 1e-6
 """Residual from which on errors are small enough to ask what they do to each other."""
 
-_UNLOADED = 1e-2
+_UNLOADED: Final = 1e-2
 """Part of the largest sqrt(a) f of the bodies: a body that touches without load does not hold up the others."""
 
-_EPSILON = 2.0**-52
+_EPSILON: Final = 2.0**-52
 
-_RESOLVED = 1e-12
+_RESOLVED: Final = 1e-12
 """Rounding errors of forces below this, the least tolerance of a case, are none."""
 
-_OF_CARRIED = 1e-2
+_OF_CARRIED: Final = 1e-2
 """Part of these errors that counts: a residual of 1e-8 allows 1e-6 of the force of a contact."""
 
-_UNDILUTED = 10.0
+_UNDILUTED: Final = 10.0
 """x^T A x over a |x|^2, times this, from which on forces count as felt by A in full."""
 
 

@@ -27,6 +27,7 @@ equilibrium, as friction is not there to provide it.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -36,23 +37,23 @@ from ..linalg.reductions import Reductions
 from .newton_systems import NewtonSystem
 from .scaled_problem import Iterate, ScaledProblem
 
-_SHARE = 3e-3
+_SHARE: Final = 3e-3
 """theta over the elastic energy per node that carries, x^T A x (x . x)/(sum x)^2 (docs/measurements.md)."""
 
-_CENTRED = 0.6
+_CENTRED: Final = 0.6
 """Root mean square of (w_n - nu_1)/nu_1 with nu_1 = theta/(x_n - lower) at which forces are near enough to the path."""
 
-_DECREMENT = 1e-3
+_DECREMENT: Final = 1e-3
 """Newton's decrement per node, over theta, at which the minimum with the model of A is found."""
 
-_PENALTY = 100.0
+_PENALTY: Final = 100.0
 """Resistance to what lacks for equilibrium, over the mean compliance under equal pressure."""
 
-_EVEN = 1.5
+_EVEN: Final = 1.5
 """Gaps under equal pressure, root mean square in units of the nominal force times the mean diagonal of A, below which
 equal pressure itself is the start for bodies that contact alone holds: friction carries their loads as well."""
 
-_EVEN_THETA = 0.1
+_EVEN_THETA: Final = 0.1
 """theta of this start, over rms(A x - b)."""
 
 

@@ -60,15 +60,15 @@ from .scaled_problem import Iterate, ScaledProblem, Step
 from .settings import within
 
 _OFF: Final = 1e-3  # residual above which an iteration has not found anything near a solution
-_WIDENING = 10.0  # beta is at least this times what the start needs
-_BLOCKED = 0.05  # a step shorter than this, three times in a row, ends a start that is not the last
-_ITERATE = 0.01  # accuracy of an inexact A x at a new iterate, relative to its change
+_WIDENING: Final = 10.0  # beta is at least this times what the start needs
+_BLOCKED: Final = 0.05  # a step shorter than this, three times in a row, ends a start that is not the last
+_ITERATE: Final = 0.01  # accuracy of an inexact A x at a new iterate, relative to its change
 
-_GROWTH = 0.5
+_GROWTH: Final = 0.5
 """Inexact products become ten times as accurate after a step of length alpha from which the gradient is more than 1 +
 this alpha times as large: their errors outweigh it, as where dx is large and A dx small."""
 
-_WAIT = 3.0
+_WAIT: Final = 3.0
 """With slope or inexact products sigma is at least this times the gradient over its bound in N(gamma, beta): theta does
 not decrease faster than the gradient."""
 
@@ -76,7 +76,7 @@ _WARM_PRESSURE, _WARM_FRICTION, _WARM_THETA = 0.3, 0.9, 0.03
 """With slope, a start from given forces has x_n at least this many nominal forces inside, |y| at most this, and this
 theta over rms(A x - b)."""
 
-_FINISH_FROM = 3e-4
+_FINISH_FROM: Final = 3e-4
 """Residual of an iterate from which `InteriorPoint.finish` is tried."""
 
 
@@ -356,12 +356,12 @@ def smallest_force(problem: FrictionProblem, goal: Goal) -> SolverResult | None:
     return SolverResult(x, gradient, problem.slip_bound(x), nothing, status, residual, rigid=alpha)
 
 
-_GRADIENT_SHARE = 0.3
+_GRADIENT_SHARE: Final = 0.3
 """With slope, the residual of a Newton system is at most this part of the gradient."""
 
-_CORRECTORS = 3
+_CORRECTORS: Final = 3
 
-_LONG = 0.9
+_LONG: Final = 0.9
 """Length of a step from which on there are no correctors."""
 
 _AHEAD = (1.08, 0.3)
@@ -370,7 +370,7 @@ _AHEAD = (1.08, 0.3)
 _WITHIN = (0.1, 10.0)
 """Bounds of products at that length over their target (Gondzio)."""
 
-_GAIN = 0.1
+_GAIN: Final = 0.1
 """Part of the way to that length that a corrector has to gain (Gondzio)."""
 
 

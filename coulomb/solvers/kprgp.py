@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +18,8 @@ from .friction_problem import FrictionProblem, SolverSettings, Task
 from .results import ActiveSetStep, Progress, SolverResult, Status, StepKind
 from .settings import within
 
-_PATIENCE = 1000  # steps without a better residual after the certificate has refused an answer
-_ON_CIRCLE = 1.0 - 1e-13  # a projected point lies on its circle up to rounding
+_PATIENCE: Final = 1000  # steps without a better residual after the certificate has refused an answer
+_ON_CIRCLE: Final = 1.0 - 1e-13  # a projected point lies on its circle up to rounding
 
 
 @dataclass(frozen=True)

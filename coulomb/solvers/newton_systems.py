@@ -28,7 +28,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 import scipy.linalg
@@ -49,10 +49,10 @@ from .rigid_motions import NO_MOTION
 from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import Settings, within
 
-ROUNDING = 1e-15
+ROUNDING: Final = 1e-15
 """Relative residual of a Krylov method at the level of rounding errors in double precision."""
 
-_FEW = 12
+_FEW: Final = 12
 """With slope, products along the rigid motions are made at the start only for so many motions: for one or two bodies
 they save 5 to 15 % of all products, for five they cost 15 %.  Without slope they always are: they save 20 %."""
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +25,8 @@ from ..linalg.reductions import Reductions
 NO_MOTION: FloatArray = np.empty(0)
 """alpha of a problem whose bodies are all held by supports."""
 
-_FREE = 1e-6  # singular values of G below this part of the largest belong to motions that contact does not resist
+_FREE: Final = 1e-6
+"""Singular values of G below this part of the largest belong to motions that contact does not resist."""
 
 
 @dataclass(frozen=True)

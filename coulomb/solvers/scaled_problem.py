@@ -39,7 +39,7 @@ from .friction_problem import FrictionProblem
 from .linearization import Linearization
 from .rigid_motions import NO_MOTION, MotionBasis
 
-_LEAST_WEIGHT = 1e-3
+_LEAST_WEIGHT: Final = 1e-3
 """Weights below this make columns inaccurate that were found with others."""
 
 
@@ -117,7 +117,7 @@ class ScaledCompliance:
         return self.W * displacement.reshape(-1, 3) / (self.a * self.s)
 
 
-_SHARPEST = 1e-5
+_SHARPEST: Final = 1e-5
 """Smallest factor of the accuracy of products: below it the accuracy of the solves with K decides."""
 
 
@@ -160,7 +160,7 @@ class IterateProducts:
 _MIXED: Final = 10.0
 """Largest over smallest energy of the bodies from which on each has its own nominal force."""
 
-_ROUGHLY = 1e-3
+_ROUGHLY: Final = 1e-3
 """Relative residual of the product that gives a nominal force."""
 
 

@@ -32,6 +32,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -49,13 +50,13 @@ from .rigid_motions import NO_MOTION
 from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import within
 
-_CHANGED = 0.03
+_CHANGED: Final = 0.03
 """Change of P, and of Q D, of a node from which on its part is replaced."""
 
-_ROUNDING = 1e-13
+_ROUNDING: Final = 1e-13
 """Entries of R D - 1 below this are rounding errors."""
 
-_LARGE = 1e3
+_LARGE: Final = 1e3
 """Entries of R D above this leave rounding errors in the sums, which are then made anew."""
 
 

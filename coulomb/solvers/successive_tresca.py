@@ -20,7 +20,8 @@ from .newton_systems import AugmentedSystem
 from .results import Goal, NotConverged, OuterStep, Progress, ProgressCallback, SolverResult, Status
 from .settings import within
 
-_RANK_DEFICIENT = 1e-12  # eigenvalues of the normal equations below this fraction of the largest are rounding errors
+_RANK_DEFICIENT: Final = 1e-12
+"""Eigenvalues of the normal equations below this fraction of the largest are rounding errors."""
 
 
 class Anderson:
@@ -58,12 +59,12 @@ class Anderson:
         return new
 
 
-_LEAST_DAMPING = 0.05  # by the measured slope
+_LEAST_DAMPING: Final = 0.05  # by the measured slope
 _FINER: Final = 0.01  # part of the accuracy of Tresca problems that the worst contact needs
 _ROUNDING: Final = 1e-14  # residual of a Tresca problem
-_NEAR = 0.1  # change of g below which acceleration starts: before, the map is too far from linear
-_PATIENCE = 12  # Tresca problems without a better change of g after which the iteration has stagnated
-_TURNS = 5  # successive changes of g, each opposite to the one before and none the smallest: an oscillation
+_NEAR: Final = 0.1  # change of g below which acceleration starts: before, the map is too far from linear
+_PATIENCE: Final = 12  # Tresca problems without a better change of g after which the iteration has stagnated
+_TURNS: Final = 5  # successive changes of g, each opposite to the one before and none the smallest: an oscillation
 _GROWTH = (8, 1e2)  # successive increases of the slip bound, and multiple of the first: divergence
 
 

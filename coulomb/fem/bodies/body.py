@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from mpi4py import MPI
@@ -53,7 +53,7 @@ def hexahedral_forces(V: Any, mu: Any, lame: Any) -> HexahedralForces | None:
     return HexahedralForces(V, mu, lame) if linear else None
 
 
-LOCKING_ABOVE = 0.49
+LOCKING_ABOVE: Final = 0.49
 """Poisson's ratio above which first-order elements lock: nearly constant volume prevents their bending."""
 
 STRESSES = (

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -195,7 +195,7 @@ class DirichletConditions:
         return nodes, held[nodes][:, :, None] * np.eye(3)
 
 
-DEPENDENT = 1e-4
+DEPENDENT: Final = 1e-4
 """Sine of the angle below which a direction depends on others: more than the rounding of coordinates in single
 precision, less than any angle between the planes of two supports."""
 
@@ -367,7 +367,7 @@ _DIFFERENT = 2.0 * DEPENDENT
 """Difference of two displacements, relative to the larger one, below which they are the same: as much as there is
 between directions that count as one."""
 
-_MUCH_FARTHER = 5.0
+_MUCH_FARTHER: Final = 5.0
 """How many times as far as prescribed a node is moved by directions at less than 12 degrees."""
 
 

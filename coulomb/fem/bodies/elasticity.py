@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -240,7 +240,7 @@ def refuse_others(**arguments: object) -> None:
 # a cell's nodes in the rows are found by one pass over each row, and matrices of cells with the same edges to rounding
 # are computed once.
 
-_KEPT = 6  # KEPT of native/assembly.c
+_KEPT: Final = 6  # KEPT of native/assembly.c
 
 
 def assembled_matrix(form: Any, V: Any) -> PETSc.Mat:

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Self, cast
+from typing import Any, Final, Self, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -124,7 +124,7 @@ class BilinearForm:
                 function.x.array[:] = taken
 
 
-_FREE = 1e-12
+_FREE: Final = 1e-12
 """Energy of a rigid motion below which it is free, per node of that motion and largest diagonal entry of a."""
 
 

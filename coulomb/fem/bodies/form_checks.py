@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from ..compat import mesh, ufl
 from ..geometry import on_all_ranks
 from ..meshes import NamedMesh, boundary_facets
 
-SYMMETRIC = 1e-10
+SYMMETRIC: Final = 1e-10
 """Largest difference of a(u, v) and a(v, u), relative to their size."""
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +22,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from .rigid_modes import SMALL, RigidLoad, RigidPart, component_modes, direction_in_words, null_space, tidy
 
-_WORSE = 0.3
+_WORSE: Final = 0.3
 """How much worse the first places may determine the motions than the best."""
 
 
@@ -91,10 +92,10 @@ def _extremes(x: FloatArray, nodes: npt.NDArray[np.int64], comm: MPI.Comm) -> li
     return sorted(((place, *owner) for owner, place in found.items()), key=lambda one: one[0].tolist())
 
 
-_PURE = 1e-6
+_PURE: Final = 1e-6
 """A motion whose rotation moves the component by less than this part of its motion is a translation."""
 
-_TIDY = 1e-9
+_TIDY: Final = 1e-9
 """Components of directions below this are rounding errors."""
 
 

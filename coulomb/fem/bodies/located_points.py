@@ -20,17 +20,17 @@ from ..compat import cell_dofs, cell_geometry, geometry_degree
 from ..meshes import boundary_facets, corner_geometry, lagrange_points, lagrange_slopes, lagrange_values
 from .displacement_space import DisplacementSpace
 
-SNAP = 0.05
+SNAP: Final = 0.05
 """Distance from the boundary that is none, relative to the shortest edge of the cell beside it."""
 
-_ROUNDING = 1e-9
+_ROUNDING: Final = 1e-9
 """Reference coordinates outside the reference cell by less are inside it."""
 
 _ALONG: Final = np.array([1.0, 0.7548776662, 0.5698402910])
 """A direction of no mesh, along which cells beside each other have their middles at different places: by it the choice
 between them is the same on any number of ranks."""
 
-_NEWTON_STEPS = 30
+_NEWTON_STEPS: Final = 30
 
 Ints = npt.NDArray[np.int64]
 

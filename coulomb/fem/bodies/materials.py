@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -131,13 +132,13 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
 """Indices of the 21 constants of a symmetric 6 x 6 matrix."""
 
-_PARALLEL = 1e-6
+_PARALLEL: Final = 1e-6
 """Sine of the angle between two directions below which they count as parallel."""
 
-_ZERO = 1e-12
+_ZERO: Final = 1e-12
 """Length of a direction over that of the longest at which it is a rounding error, as on the axis of a wound shaft."""
 
-_AT_ONCE = 50_000
+_AT_ONCE: Final = 50_000
 """Cells whose stiffness is rotated at a time, so that little memory is needed besides the result."""
 
 COORDINATE_AXES: tuple[Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))

@@ -39,7 +39,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, Final, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -54,15 +54,15 @@ from .deformable import Deformable
 from .elasticity import LoadedBody
 from .materials import PAIRS, CellMaterials, by_group, symmetric
 
-_FINE = 1e-3
+_FINE: Final = 1e-3
 """Weight in a fit of the points of the integrals, beside the best ones with 1.  It has a unique solution by them in a
 single cell, too.  Without them nothing is known of the slope across a single layer of cells, and the bending stress
 there counts as an error."""
 
-_BETTER = 1.5
+_BETTER: Final = 1.5
 """Ratio of the qualities from which on a polynomial is mixed with another."""
 
-_AT_ONCE = 1000
+_AT_ONCE: Final = 1000
 """Cells at a time, so that little memory is needed: some 40 kB for each."""
 
 

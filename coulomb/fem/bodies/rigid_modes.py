@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray
 
-SMALL = 1e-3
+SMALL: Final = 1e-3
 """Parts of loads and directions below this are not worth a word."""
 
 

@@ -9,6 +9,7 @@ neither mesh need contain the other.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -18,18 +19,18 @@ from ..meshes import lagrange_slopes, lagrange_values
 from .materials import PAIRS
 from .recovery import StressedCells, inverses
 
-_AT_ONCE = 20_000
+_AT_ONCE: Final = 20_000
 """Points at a time, so that little memory is needed: some 2 kB for each."""
 
-_NEAREST = 8
+_NEAREST: Final = 8
 """Cells whose middles are nearest to a point that are tried first: of well-shaped cells one of them has it."""
 
-_NEWTON_STEPS = 8
+_NEWTON_STEPS: Final = 8
 
-_ROUNDING = 1e-6
+_ROUNDING: Final = 1e-6
 """Reference coordinates outside the reference cell by less are inside it."""
 
-_OUTSIDE = 0.5
+_OUTSIDE: Final = 0.5
 """How far outside the reference cell the strain is extrapolated, where a curved boundary is outside the other mesh."""
 
 

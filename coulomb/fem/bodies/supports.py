@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +55,7 @@ def vector_in_words(vector: Sequence[float] | FloatArray) -> str:
 NORMAL, TANGENTIAL = "normal", "tangential"
 """Components along and across the normal of the face."""
 
-_STIFFEST = 1e30
+_STIFFEST: Final = 1e30
 """Largest stiffness of a spring in N/m^3: far beyond that of a clamp."""
 
 
@@ -333,17 +333,17 @@ class Spring:
         return f"stiffness {f'{values[0]:g}' if same else vector_in_words(values)} N/m^3"
 
 
-_FOLDED = 0.8
+_FOLDED: Final = 0.8
 """Length of the mean normal of the facets around a node below which they meet at an edge: two facets at more than 74
 degrees, or a corner."""
 
-_SAME_SIDE = 0.5
+_SAME_SIDE: Final = 0.5
 """Cosine of the angle between the normals of a surface and of the facets below which the face is no part of it."""
 
-_CLEAN = 1e-12
+_CLEAN: Final = 1e-12
 """A component of a normal below this is a rounding error."""
 
-_OFF_PLANE = 1e-5
+_OFF_PLANE: Final = 1e-5
 """Largest distance of a node from the plane of a plane face, relative to the extent of the face: single precision."""
 
 

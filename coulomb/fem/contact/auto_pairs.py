@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,13 +24,13 @@ from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, boundary_facets, fetched,
 from .facet_patch import FacetKind, facet_patch, functions_at
 from .mortar_parts import FACING, Cells, SphereTree, sphere_tree
 
-_LINES = 4
+_LINES: Final = 4
 """Points along an edge of a facet."""
 
-_SAME = 1e-9
+_SAME: Final = 1e-9
 """Distances that differ by less than this part of the extent of all bodies are the same."""
 
-_AT_ONCE = 1000
+_AT_ONCE: Final = 1000
 """Facets treated at once, so that memory stays small."""
 
 

@@ -9,7 +9,7 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +20,9 @@ from ..bodies import DisplacementSpace
 from ..compat import basix
 from ..geometry import RigidFoundation
 
-_NEWTON_STEPS = 30
+_NEWTON_STEPS: Final = 30
 
-_SETTLED = 1e-8
+_SETTLED: Final = 1e-8
 """Newton step in the reference facet after which the error is the square of it."""
 
 
@@ -209,13 +209,13 @@ def _line_slopes(r: FloatArray, degree: int) -> list[Any]:
     return [4 * r - 3.0, 4 * r - 1.0, 4.0 - 8 * r]
 
 
-STRAIGHT = 1e-10
+STRAIGHT: Final = 1e-10
 """Distortion below which the map of a facet is taken as affine."""
 
-_CREASE = 0.9
+_CREASE: Final = 0.9
 """Cosine of the angle between a facet and the mean of those around a corner below which the face has an edge there."""
 
-_OFF_SURFACE = 0.1
+_OFF_SURFACE: Final = 0.1
 """Distance of a corner from a given surface over its facet's diameter above which that is the wrong surface."""
 
 

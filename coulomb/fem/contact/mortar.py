@@ -63,10 +63,10 @@ ROUND: Final = 0.01
 """Chord of a 6-node triangle, h^2/(8 R), over its diameter from which on its functions are halfway; below, points are
 before the face by 7e-4 of its radius at most."""
 
-LEAST_DUAL = 0.05
+LEAST_DUAL: Final = 0.05
 """Covered share of a facet below which its functions are the linear ones of the corners."""
 
-_LEAST_COVERED = 1e-6
+_LEAST_COVERED: Final = 1e-6
 """Covered share of a facet below which it counts as uncovered."""
 
 
@@ -160,14 +160,14 @@ def _nearest(slave: FacetPatch, nodes: IntArray, bare: IntArray, standing: npt.N
     return target
 
 
-LEAST_SHARE = 0.2
+LEAST_SHARE: Final = 0.2
 """Covered share of a node's area below which it is no contact point.  Measured at the edge of a master: with 0.05 the
 pressure at such nodes is up to ten times that of their neighbours, with 0.2 up to three times."""
 
-RINGS = 4
+RINGS: Final = 4
 """Rings of facets around those of a rank on which its contact points can depend."""
 
-_DEPTH = 0.25
+_DEPTH: Final = 0.25
 """Deepest penetration that is found, over the extent of the smaller face."""
 
 

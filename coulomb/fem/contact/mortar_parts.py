@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +21,10 @@ from .facet_patch import FacetPatch
 #
 # Unlike a search by distance it finds what is far away as well, such as a body that will come down on another.
 
-_CHILDREN = 8
+_CHILDREN: Final = 8
 """Of every node of the tree."""
 
-_LINES = 2048
+_LINES: Final = 2048
 """Lines searched at once, so that memory stays small."""
 
 
@@ -92,11 +93,11 @@ def sphere_tree(centre: FloatArray, radius: FloatArray) -> SphereTree:
 # Measured against shapely 2.2 (GEOS) on 400 000 pairs of random quadrilaterals: the same areas to 6e-16 in a sixth of
 # the time; of quadrilaterals that coincide up to rounding errors shapely finds no area in five.
 
-_ON_LINE = 1e-12
+_ON_LINE: Final = 1e-12
 """Distance from a side, over the longest side, within which a corner is on it: else rounding errors of sides that
 coincide, as of matching meshes, give polygons with more crossings than convex ones have."""
 
-_PAIRS = 20_000
+_PAIRS: Final = 20_000
 """Pairs clipped at once, so that the arrays stay in the cache."""
 
 
@@ -159,13 +160,13 @@ def areas(polygons: FloatArray) -> FloatArray:
     return 0.5 * doubled
 
 
-FACING = -0.2
+FACING: Final = -0.2
 """Largest product of the normals of two facets that are paired: they differ from opposite by less than 78 degrees."""
 
-_CELLS = 20_000
+_CELLS: Final = 20_000
 """Slave cells treated at once, so that memory stays small."""
 
-_SLIVER = 1e-13
+_SLIVER: Final = 1e-13
 """Share of a facet's area below which a common part is a rounding error."""
 
 

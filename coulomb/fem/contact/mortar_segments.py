@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +19,10 @@ from ...arrays import FloatArray, IntArray
 from .facet_patch import STRAIGHT, FacetKind, FacetPatch, functions_at
 from .mortar_parts import Cells, Parts, cells_of, common_parts, nearest_layer
 
-_POINTS = 100_000
+_POINTS: Final = 100_000
 """Quadrature points evaluated at once, so that memory stays small."""
 
-_SAME = 1e-9
+_SAME: Final = 1e-9
 """Distance of a corner of a triangle from that of its cell, over the cell's radius, below which they are the same."""
 
 _MORE = ((STRAIGHT, 0), (0.05, 4), (0.15, 8), (0.3, 12), (np.inf, 20))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,14 +23,14 @@ from .facet_patch import FacetKind, FacetPatch, facet_patch, mean_normals
 from .mortar import RINGS, Search, search_of
 from .mortar_parts import FACING, Cells, cells_of
 
-_STEPS = 4
+_STEPS: Final = 4
 """Intervals between the first places along an edge."""
 
-_HALVINGS = 8
+_HALVINGS: Final = 8
 """Of the distance between places around the lowest one: an obstacle of a tenth of a facet is found to 1e-4 of it."""
 
 
-_ON = 0.1
+_ON: Final = 0.1
 """Part of the chord by which nodes may be off a foundation on which they are."""
 
 
@@ -124,10 +124,10 @@ def face_samples(space: DisplacementSpace, facets: npt.NDArray[np.int32], u: Flo
 
 Rows = npt.NDArray[Any]
 
-_CONES = 64
+_CONES: Final = 64
 """By which each rank describes its slave facets."""
 
-_SAMPLES = 256
+_SAMPLES: Final = 256
 """Places in all from which the distance of the two faces is estimated first."""
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,7 @@ from .mortar import LEAST_SHARE, MortarRows, mortar_rows
 from .near_facets import NearFace, near_pair, normals_at_nodes
 from .surface import ContactSurface, matrices_of
 
-_AS_NEAR = 1e-9
+_AS_NEAR: Final = 1e-9
 """Distances that differ by less than this part of the coordinates are the same."""
 
 
@@ -52,10 +52,10 @@ def nodes_of_other_pairs(
     return {number: np.isfinite(distance[k]) & (first != k) for k, number in enumerate(points)}
 
 
-_FINER = 1.2
+_FINER: Final = 1.2
 """Ratio of the distances of nodes from which one face is finer than the other."""
 
-_SOFTER = 1.5
+_SOFTER: Final = 1.5
 """Ratio of stiffnesses from which one body is softer than the other."""
 
 _STRAINS = np.zeros((5, 3, 3))
@@ -128,13 +128,13 @@ def _stiffness(elasticity: Deformable, face: str) -> float:
     return float(done / (of_unit or 1.0))
 
 
-_OBLIQUE = 0.5
+_OBLIQUE: Final = 0.5
 """Part of a unit normal along held directions beyond which the face does not meet a plane of symmetry."""
 
-_BEYOND = 1e-6
+_BEYOND: Final = 1e-6
 """Part of the extent of the facets around a node that counts as beyond its plane."""
 
-_HELD_OPPOSITE = 0.1
+_HELD_OPPOSITE: Final = 0.1
 """Part of the weight of the opposite nodes that must be held: those of the master's edge have a half and more."""
 
 
@@ -210,14 +210,14 @@ def held_on_both(planes: FloatArray, there: FloatArray) -> FloatArray:
     return np.einsum("mia,ma,mja->mij", directions, (sizes > _HELD_OPPOSITE).astype(np.float64), directions)
 
 
-_ROUNDING = 1e-14
+_ROUNDING: Final = 1e-14
 """Gaps below this part of the coordinates are rounding errors."""
 
 
-_ALONE = 0.9
+_ALONE: Final = 0.9
 """Weight of a node opposite from which on it is opposite alone: the facets of both faces have the same edges."""
 
-_SEEN = 1e-7
+_SEEN: Final = 1e-7
 """Penetrations before deformation below this part of the extent of the slave face are not worth a remark."""
 
 

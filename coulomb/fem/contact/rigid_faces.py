@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -26,13 +26,13 @@ from ..bodies import Deformable, Tie, anchors_of, displacements_of, null_space
 from ..geometry import Amplitude, Point, check_angle, check_point, evaluate_amplitude, on_all_ranks
 from ..meshes import starts_of
 
-_FREE = 1e-10
+_FREE: Final = 1e-10
 """Part of the energy of a motion that supports take below which they do not prevent it."""
 
-_ROUNDING = 1e-9
+_ROUNDING: Final = 1e-9
 """Part of the prescribed displacements up to which they are the same."""
 
-_PLANE = 1e-5
+_PLANE: Final = 1e-5
 """Distance of nodes from a plane over the size of the face up to which it is plane; 1 less the cosine of an angle."""
 
 

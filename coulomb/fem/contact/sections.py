@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -21,16 +22,16 @@ from ..geometry import Amplitude, Point, check_direction, evaluate_amplitude, on
 from ..meshes import starts_of
 from .ties import Tied, tie_of
 
-_SAME_TIME = 1e-9
+_SAME_TIME: Final = 1e-9
 """Relative difference up to which times are the same."""
 
-_PLANE = 0.95
+_PLANE: Final = 0.95
 """Length of the mean normal of a section below which it has no direction of its own."""
 
-_SHORTENS = 1e-6
+_SHORTENS: Final = 1e-6
 """Part by which a motion of bodies changes the length of a bolt above which it does."""
 
-_ALONG = 1e-6
+_ALONG: Final = 1e-6
 """Part of the bolt's direction that supports may hold at nodes of its section."""
 
 

@@ -39,18 +39,18 @@ Normals = Literal["foundation", "body"]
 """Source of the normals of the contact frames."""
 
 
-_NEARLY_HELD = 1e-2
+_NEARLY_HELD: Final = 1e-2
 """Length of the free part of a normal below which a contact node would move a hundred times its gap to close it."""
 
-_PERPENDICULAR = 1e-6
+_PERPENDICULAR: Final = 1e-6
 """Cosine of the angle between a face's normal and the foundation's below which they are perpendicular."""
 
 _ROUNDING = 8.0 * float(np.finfo(float).eps)  # of gaps, over the largest coordinate
 
-_RAY_ROUNDING = 1e-16
+_RAY_ROUNDING: Final = 1e-16
 """Steps along a ray that are shorter than this part of the way have only rounding errors."""
 
-_RAY_STEPS = 20
+_RAY_STEPS: Final = 20
 """Maximum Newton steps along a ray, far more than needed for a ray that meets the foundation."""
 
 

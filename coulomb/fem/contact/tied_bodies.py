@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -50,7 +50,7 @@ from .rigid_faces import FaceMotion, RigidFace
 from .sections import Section, openings
 from .ties import Tied
 
-_LONGEST_CHAIN = 8
+_LONGEST_CHAIN: Final = 8
 """Ties of which each follows the next."""
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -114,7 +115,7 @@ class CyclicSymmetry(Tied):
 # N'_corner = N_corner + a (N_e1 + N_e2), N'_e = (1 - 2 a) N_e.  A displacement with the values v for N' has the values
 # v at corners and (1 - 2 a) v_e + a (v_1 + v_2) in the middles of edges.
 
-_TO_CORNERS = 0.2
+_TO_CORNERS: Final = 0.2
 """a: the integrals of N' over a plane triangle are 2/15 of its area at corners, 3/15 at edges."""
 
 
@@ -221,14 +222,14 @@ def _between_functions(slave: FacetPatch) -> tuple[scipy.sparse.csr_matrix, scip
     return (scipy.sparse.diags(diagonal) + share).tocsr(), (inverse - inverse @ share).tocsr()
 
 
-_FAR = 0.2
+_FAR: Final = 0.2
 """Distance of two tied faces over the root of a node's area from which it is worth a remark, and of those of a sector
 an error; beyond 1 it is one of ties."""
 
-_ALL_HELD = 2.5
+_ALL_HELD: Final = 2.5
 """Trace of the projector on the held directions of a node above which all are."""
 
-_TOGETHER = 1e-13
+_TOGETHER: Final = 1e-13
 """Distance between a slave node and the point it follows, over the coordinates, that is a rounding error."""
 
 

@@ -22,19 +22,19 @@ from .user_values import Coefficient, Field, evaluate_numbers, evaluate_vectors,
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-_ALONG_NORMAL = 1e-3
+_ALONG_NORMAL: Final = 1e-3
 """Sine of the angle between a direction and a normal below which the direction has no place in the tangent plane."""
 
-HELD_BEYOND = 1.0 - 1e-10
+HELD_BEYOND: Final = 1.0 - 1e-10
 """A node whose normal has at least this length along prescribed directions cannot be in contact."""
 
 HELD_BELOW: Final = 1.5e-5
 """The same as a length along directions that are not prescribed: one of a row of B T over that of the row of B."""
 
-_CLEAN = 1e-10
+_CLEAN: Final = 1e-10
 """A held part of a tangent shorter than this is a rounding error."""
 
-LEAST_RATIO = 1e-3
+LEAST_RATIO: Final = 1e-3
 """Smallest ratio of the two coefficients of a node: what it scales enters A squared."""
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, cast, runtime_checkable
+from typing import Final, Protocol, cast, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -29,14 +29,14 @@ from .user_values import Amplitude, Motion, evaluate_amplitude, evaluate_motion
 
 Point = tuple[float, float, float]
 
-_DIFFERENCE = 1e-5
+_DIFFERENCE: Final = 1e-5
 """Relative step of the finite differences for a normal: the cube root of the rounding error."""
 
 
-LEAST_LENGTH = 1e-100
+LEAST_LENGTH: Final = 1e-100
 """Smallest length of a direction, and the inverse of the largest: squares do not underflow or overflow."""
 
-_SAME = 1e-12
+_SAME: Final = 1e-12
 """Distance over the radius, and sine of the angle, below which two axes are the same up to rounding."""
 
 

@@ -35,7 +35,7 @@ Motion = Callable[[float], Sequence[float]] | Sequence[tuple[float, float, float
 `LoadCurve` with three columns."""
 
 
-_ROUNDING = 1e-12  # values of functions of time below this are rounding errors
+_ROUNDING: Final = 1e-12  # values of functions of time below this are rounding errors
 
 
 def evaluate_amplitude(amplitude: Amplitude, time: float, what: str, name: str = "amplitude") -> float:

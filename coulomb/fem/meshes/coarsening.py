@@ -16,6 +16,7 @@ import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -31,14 +32,14 @@ from .named_mesh import NamedMesh
 from .sheet_extraction import extract_sheets
 from .xdmf_writing import gathered
 
-LONGER = 2.0
+LONGER: Final = 2.0
 """Factor of the lengths of edges."""
 
 LEAST = {4: 1.3, 8: 1.05}
 """Least ratio of cell sizes, (cells/coarser cells)^(1/3), by corners of a cell: where a body is a cell thick tetrahedra
 stay, as hexahedra do by `sheet_extraction.SEEN`."""
 
-GRADATION = 1.5
+GRADATION: Final = 1.5
 """Largest ratio of the lengths of two edges at one corner."""
 
 _ENDS = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Final
 
 import numpy as np
 
@@ -16,30 +17,30 @@ from .meshes import first_order, off_surface, polygon, smooth_second_order
 from .named_mesh import Grid, JoinedMesh, NamedMesh
 from .refinement import refined
 
-COARSER = 2
+COARSER: Final = 2
 """Number of coarser meshes, of which each costs an eighth of the one before: two show the order of convergence."""
 
-FEW = 1_000
+FEW: Final = 1_000
 """Corners of cells, over the ranks, up to which second order on the same cells, with about eight times as many
 unknowns, takes seconds: its bars are half as wide as those from coarser meshes."""
 
-GROWTH = 3.0
+GROWTH: Final = 3.0
 """Factor of the cells of boxes that become finer, all together."""
 
-SHARE = 0.5
+SHARE: Final = 0.5
 """Part of the squared error that marked cells have: the largest errors first (Doerfler, SIAM J. Numer. Anal. 33, 1996).
 What is less than a hundredth of it leaves a body as it is."""
 
-ROUNDER = 0.75
+ROUNDER: Final = 0.75
 """Part of the volume between facets and the smooth surface for which they stand that divided facets have: each becomes
 four with a quarter of it, so that less than half of all is left."""
 
-STEEPER = 1.2
+STEEPER: Final = 1.2
 """Power of the density of parts of a slab, over that with which all parts have equal errors.  Forces converge faster
 with more than 1, as they depend on singular edges more than the energy does; from 1.3 on the rest becomes too coarse
 (docs/measurements.md, "Meshes that refine themselves")."""
 
-STEEPEST = 3.0
+STEEPEST: Final = 3.0
 """Factor by which the width of a slab of a box changes at most in one refinement, over that of all others."""
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,7 @@ from ...arrays import FloatArray, IntArray
 
 Value = TypeVar("Value")
 
-_MOST_SAMPLES = 4096
+_MOST_SAMPLES: Final = 4096
 """Coordinates in all by which space is divided among the ranks."""
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +20,10 @@ from .lagrange import CORNERS, in_dolfinx_order, is_second_order, jacobians, nod
 from .mesh_file import FACETS, MeshFile
 from .mesh_parts import distinct
 
-FLAT = 1e-12
+FLAT: Final = 1e-12
 """Smallest admissible Jacobian at a node of a cell, over the cube of the longest derivative there."""
 
-_CELLS = 50_000
+_CELLS: Final = 50_000
 """Cells whose facets are treated at once, so that memory stays small."""
 
 _TORN = (

@@ -4,7 +4,7 @@ of whole numbers, such as the corners of facets: the distinct ones, where some a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -80,7 +80,7 @@ def corners_of(domain: Any, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int
     return of_vertex[of_facet[facets]]
 
 
-SAME_PLACE = 1e-6
+SAME_PLACE: Final = 1e-6
 """Distance of two nodes at the same place, relative to the extent of the mesh."""
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -287,7 +287,7 @@ def resampled(planes: Planes, cells: Sequence[int]) -> Planes:
     return found[0], found[1], found[2]
 
 
-_UNEVEN = 1e-3
+_UNEVEN: Final = 1e-3
 """Least part of a curved cell's largest Jacobian that its Jacobian must have at all nodes: with less, the stiffness is
 not positive definite to rounding."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -180,7 +180,7 @@ def placed(motion: RigidMotion, x: FloatArray) -> FloatArray:
 SEPARATOR = ":"
 """Between the name of a body and that of its face or group of cells: "lower:top"."""
 
-_MOST_LISTED = 24
+_MOST_LISTED: Final = 24
 
 
 @dataclass(frozen=True)

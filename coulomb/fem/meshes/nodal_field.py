@@ -101,17 +101,17 @@ def _xdmf(path: str, field: str) -> tuple[FloatArray, Parts, FloatArray]:
     return array_of(path, geometry), [(kind, rows)], array_of(path, named[0])
 
 
-SNAP = 0.25
+SNAP: Final = 0.25
 """Distance outside a cell, relative to its mean edge, up to which its values are taken: the field's mesh may have other
 chords of a curved surface than that of the body."""
 
-_SAME = 1e-9
+_SAME: Final = 1e-9
 """Distance, relative to the extent of the field, up to which a point is a node of its mesh."""
 
 _INTO: Final = 1e-3
 """Part of the way from a node to the middle of a cell at which the part of the field is looked for."""
 
-_AT_ONCE = 5_000
+_AT_ONCE: Final = 5_000
 """Points that are located at a time, so that little memory is needed."""
 
 

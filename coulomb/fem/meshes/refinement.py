@@ -15,7 +15,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +93,7 @@ def _chosen(marked: npt.NDArray[Any] | None, own: int) -> npt.NDArray[np.bool_]:
     return found
 
 
-_LEAST_LEFT = 0.2
+_LEAST_LEFT: Final = 0.2
 """Least part of the volume of a cell that is left where its nodes move to a curved surface."""
 
 _EDGES, _TRIANGLES = (np.array(basix.topology(basix.CellType.tetrahedron)[dim]) for dim in (1, 2))

@@ -13,6 +13,7 @@ of a crease, where patches meet, along the crease, and its ends and corners not 
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -25,16 +26,16 @@ from .inspection import InspectedMesh
 from .mesh_file import FACETS
 from .mesh_parts import distinct, places, sets
 
-LEAST_JACOBIAN = 0.1
+LEAST_JACOBIAN: Final = 0.1
 """Least Jacobian at a corner of a cell that changes, over the product of the lengths of its edges; bricks have 1."""
 
-SWEEPS = 10
+SWEEPS: Final = 10
 """Of moves of the nodes of flatter cells."""
 
-LONGEST = 2.5
+LONGEST: Final = 2.5
 """Factor by which edges that meet a sheet from outside may become longer, in the mean."""
 
-SEEN = 0.7
+SEEN: Final = 0.7
 """Least part of the cells, over the three directions, that becomes coarser.  Where a body is one cell thick, two thirds
 do, and the error that this causes is not seen."""
 

@@ -11,7 +11,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import h5py
 import numpy as np
@@ -233,7 +233,7 @@ _FACE_OF = {
 _LONG = {"tet": "tetrahedron", "hex": "hexahedron", "tri": "triangle", "quad": "quadrilateral"}
 _OTHER_CELLS = {"wedge": 6, "pyramid": 5, "mixed": 0}
 
-_MOST_GROUPS = 1000
+_MOST_GROUPS: Final = 1000
 """More different numbers on cells or facets are no groups, but numbers of the cells."""
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -44,7 +44,7 @@ _SOURCE = "the case"
 
 _UNFIT = "has another mesh than the case"
 
-_PROJECTOR = 1e-12
+_PROJECTOR: Final = 1e-12
 """Accepted difference of the entries of projectors: normals of faces are sums that are rounded."""
 
 Perturbed = Callable[..., FloatArray]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +18,10 @@ import numpy.typing as npt
 from ...arrays import FloatArray, in_words
 from ..run_files import OF_LARGEST
 
-RELATIVE = 1e-9
+RELATIVE: Final = 1e-9
 """Relative tolerance of a recomputed number: files hold 16 digits, of which sums lose a few."""
 
-_OF_ITSELF = 1e-13
+_OF_ITSELF: Final = 1e-13
 
 
 class Rounding:

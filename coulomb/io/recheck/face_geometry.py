@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -47,10 +47,10 @@ from .case_reference import CaseReference
 from .comparison import Comparison
 from .contact_nodes import ContactNodes
 
-_NEARLY_HELD = 0.9
+_NEARLY_HELD: Final = 0.9
 """Without a case, the normal of a held node is that of its facets, which is only near the foundation's."""
 
-_TURNED = 0.1
+_TURNED: Final = 0.1
 """Without a case, cosine of the angle between a facet's normal and that of the nearest contact point up to which its
 node may face away from the foundation."""
 

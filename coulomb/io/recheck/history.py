@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from mpi4py import MPI
@@ -305,7 +305,7 @@ def check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found
 _SEEDS = (1, 2)
 """Seeds of the perturbations."""
 
-_ROUNDING = 1e-12
+_ROUNDING: Final = 1e-12
 """Value of a check below which it is a rounding error."""
 
 _OF_SOLVER = ("method", "iterations", "residual", "contraction", "status", "seconds", "peak_memory_bytes", "versions")

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -43,7 +43,7 @@ from .overlaps import WrittenSurface
 THERMAL = {EXPANSION, ORTHOTROPIC_EXPANSION}
 """Constants of cells that have a thermal strain."""
 
-_DIRECTION = 1e-13
+_DIRECTION: Final = 1e-13
 """Accepted difference of the components of normals and tangents, and of gaps over the largest coordinate."""
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -29,14 +29,14 @@ from .judged_pairs import judged_pairs
 from .overlaps import WrittenSurface
 from .recomputation import Recomputation, Variant, compare_materials, located_probes, written_fields
 
-SLIP_BOUND_LIMIT = 1e-6
+SLIP_BOUND_LIMIT: Final = 1e-6
 """Accepted relative difference between g of the last Tresca problem and the law at its forces, plus ten times the
 natural residual; for other solvers g is that of the law."""
 
 _SEEDS = (1, 2, 3)
 """Seeds of the perturbations: the probability that all change a sum by less than a hundredth of their size is 1e-6."""
 
-_MOST = 12
+_MOST: Final = 12
 """Maximum number of faults listed; one wrong number causes many."""
 
 _FORMS = (
@@ -308,7 +308,7 @@ def _compare(run: WrittenRun, nodes: ContactNodes, variants: tuple[Variant, ...]
     found.tree(SUMMARY, run.summary, first.numbers, [other.numbers for other in others], ANSWER)
 
 
-_AGREEMENT = 1e-7
+_AGREEMENT: Final = 1e-7
 """Difference of temperatures from those of conduction with the contact forces and slip of the files, over the largest
 change: contact and conduction were solved in turn until they agreed to less."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Final, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import scipy.sparse
@@ -16,7 +16,7 @@ from ..solve_errors import CGNotConverged, TooSlow
 from .low_rank import RecycledColumns, turned_diagonal
 from .stiffness import SoftMotions, StiffnessSolver
 
-_DISPLACED = 1e-8
+_DISPLACED: Final = 1e-8
 """Accuracy of a displacement, relative to all forces: products by K in it have rounding errors that are not much
 smaller, and it is refined by forces that are assembled anew (`refined`)."""
 
@@ -160,7 +160,7 @@ class MatrixCompliance:
         return scipy.sparse.csr_matrix((data, indices, indptr), shape=(3 * self.nodes, self.matrix.getSize()[1]))
 
 
-_ACCURACY = 0.03
+_ACCURACY: Final = 0.03
 """Relative residual of the products."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 from mpi4py import MPI
@@ -15,7 +16,7 @@ from ..solve_errors import CGNotConverged, TooSlow
 NodalMap = Callable[[FloatArray], FloatArray]
 """Maps unknowns of this rank's nodes, shape (m, block) or (m, block, columns)."""
 
-_RANK_DEFICIENT = 1e-14  # singular values of the constraints' matrix below this part of the largest are rounding
+_RANK_DEFICIENT: Final = 1e-14  # singular values of the constraints' matrix below this part of the largest are rounding
 
 
 class Constraints:
@@ -69,8 +70,8 @@ class ConstraintPreconditioner:
         return z + self._PG @ multipliers, multipliers
 
 
-_RESTART = 100  # restart of FGMRES: far beyond the usual iterations of a step
-_NEGLIGIBLE = 0.1  # of the tolerance: constraints violated by less are left to a later step
+_RESTART: Final = 100  # restart of FGMRES: far beyond the usual iterations of a step
+_NEGLIGIBLE: Final = 0.1  # of the tolerance: constraints violated by less are left to a later step
 
 
 class CarryingKrylov:

@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -34,13 +35,13 @@ from ...arrays import FloatArray
 from ..reductions import Reductions, summed
 from .krylov import NodalMap
 
-MOST = 4
+MOST: Final = 4
 """Loads kept, each with its displacement: a load history seldom has more amplitudes that differ."""
 
-_SAME = 1e-14
+_SAME: Final = 1e-14
 """A load with less than this part of it outside the kept ones is their combination."""
 
-_NEW = 0.03
+_NEW: Final = 0.03
 """A load with less than this part of it outside the kept ones is not kept: the part would have lost digits."""
 
 
@@ -113,7 +114,7 @@ class RecycledColumns:
         return after
 
 
-_LEAST_REST = 0.1  # of the diagonal: what is at least left of it beside the columns
+_LEAST_REST: Final = 0.1  # of the diagonal: what is at least left of it beside the columns
 
 
 def turned_diagonal(diagonal: FloatArray, learnt: RecycledColumns, turn: FloatArray) -> FloatArray:
@@ -131,15 +132,15 @@ def turned_diagonal(diagonal: FloatArray, learnt: RecycledColumns, turn: FloatAr
     return moved.ravel()
 
 
-REPLACED = 0.9
+REPLACED: Final = 0.9
 """Part of D that is replaced on the span of inexact products in path following (docs/measurements.md)."""
 
-_SEEN = 0.5
+_SEEN: Final = 0.5
 """Least part of the bound of the rest that is left where inexact products show that little of A is new; with all of it,
 load steps of a half ring with eleven nodes in contact take twice the products (docs/measurements.md)."""
 
-_LEAST = 0.2  # of `local` that is left in the rest, as far as A is not yet in U
-_RANK_DEFICIENT = 1e-10  # eigenvalues below this part of the largest are rounding
+_LEAST: Final = 0.2  # of `local` that is left in the rest, as far as A is not yet in U
+_RANK_DEFICIENT: Final = 1e-10  # eigenvalues below this part of the largest are rounding
 
 
 class LowRankApproximation:

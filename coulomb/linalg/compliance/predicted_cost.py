@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 from enum import Enum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from ..factors import SINGLE_FROM, Work
 from .stiffness import DirectSolver, IterativeSolver
@@ -41,17 +41,17 @@ from .stiffness import DirectSolver, IterativeSolver
 #
 # It is made by predicted seconds where the size leaves it open (`undecided`, `predicted_cost`).
 
-DIRECT_UP_TO = 50_000
+DIRECT_UP_TO: Final = 50_000
 """Displacement unknowns up to which K is factorised by default where no cost is predicted, as of the user's forms
 (measured: docs/measurements.md)."""
 
-PREDICTED_UP_TO = 1_000_000
+PREDICTED_UP_TO: Final = 1_000_000
 """Displacement unknowns beyond which K is not factorised by default: of a block the factors take 20 GB and more."""
 
 _SMALL = (12_000, 3_000)
 """Displacement and contact unknowns up to which K is factorised in any case."""
 
-EXPLICIT_UP_TO = 10_000
+EXPLICIT_UP_TO: Final = 10_000
 """Contact unknowns up to which A is formed by default, where K is factorised (measured: docs/measurements.md)."""
 
 LinearSolver = type[DirectSolver] | type[IterativeSolver]
@@ -90,32 +90,32 @@ def chosen(
     return linear_solver, explicit
 
 
-_OPERATION = 1.1e-11  # seconds per operation of the factorisation, in single precision
-_BYTE = 2.7e-9  # the rest of it, per byte of the factors
+_OPERATION: Final = 1.1e-11  # seconds per operation of the factorisation, in single precision
+_BYTE: Final = 2.7e-9  # the rest of it, per byte of the factors
 _PATH = (0.034, 3.3e-8, 1.3e-9)  # path following: constant, per square of contact unknowns, per byte of the factors
-_CONDENSED = 40.0  # path following where A is not formed, over a factorisation in double precision
+_CONDENSED: Final = 40.0  # path following where A is not formed, over a factorisation in double precision
 
-_SET_UP = 2.2e-6  # multigrid, per displacement unknown
+_SET_UP: Final = 2.2e-6  # multigrid, per displacement unknown
 _ITERATION = (2.5e-4, 9.2e-8, 1.5e-7)  # constant, per displacement unknown; in the first load step, per contact unknown
-_ITERATIONS = 230.0  # of a block of hexahedra with 1000 contact unknowns
-_CONTACT = 0.2  # they grow with this power of the contact unknowns,
-_NEAR = 0.3  # with this one of the part of the contact face that is near,
-_LEAST_NEAR = 0.03
-_SLENDER = 0.12  # and with this one of the slenderness
-_BLOCK = 1.7  # slenderness of the block
-_SHEET = 22.0  # slenderness from which they grow with the third power of it
-_TETRAHEDRA = 1.27
-_UNHELD = 1.5
-_SECOND_ORDER = 1.6
-_ASPECT = 0.8  # iterations grow with this power of the aspect of cells,
-_LONG = 3.3  # with the elongation of the contact face over that of the block,
+_ITERATIONS: Final = 230.0  # of a block of hexahedra with 1000 contact unknowns
+_CONTACT: Final = 0.2  # they grow with this power of the contact unknowns,
+_NEAR: Final = 0.3  # with this one of the part of the contact face that is near,
+_LEAST_NEAR: Final = 0.03
+_SLENDER: Final = 0.12  # and with this one of the slenderness
+_BLOCK: Final = 1.7  # slenderness of the block
+_SHEET: Final = 22.0  # slenderness from which they grow with the third power of it
+_TETRAHEDRA: Final = 1.27
+_UNHELD: Final = 1.5
+_SECOND_ORDER: Final = 1.6
+_ASPECT: Final = 0.8  # iterations grow with this power of the aspect of cells,
+_LONG: Final = 3.3  # with the elongation of the contact face over that of the block,
 _INCOMPRESSIBLE, _STEEL = 0.5, 0.3  # and with this power of 1 / (1 - 2 nu) over that of steel
-_LEAST_COMPRESSIBLE = 1e-6
+_LEAST_COMPRESSIBLE: Final = 1e-6
 
-_PATIENCE = 3.0  # times the expected iterations, before factors are made instead
+_PATIENCE: Final = 3.0  # times the expected iterations, before factors are made instead
 
-_FACTOR_RANKS = 0.9  # speed-up of everything but the operations of the fronts: ranks to this power; 1.87 on two
-_MULTIGRID_RANKS = 0.63  # of multigrid and its path following; 1.55 on two
+_FACTOR_RANKS: Final = 0.9  # speed-up of everything but the operations of the fronts: ranks to this power; 1.87 on two
+_MULTIGRID_RANKS: Final = 0.63  # of multigrid and its path following; 1.55 on two
 
 
 class Precision(Enum):

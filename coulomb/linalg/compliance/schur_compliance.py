@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 import scipy.sparse
 from mpi4py import MPI
@@ -15,16 +17,16 @@ from .low_rank import RecycledColumns
 
 SchurSolver = MultifrontalSolver | DistributedMultifrontalSolver
 
-_ACCURATE = 20
+_ACCURATE: Final = 20
 """Products with K, of those that nothing is known about beforehand, that take as long as a factorisation of K."""
 
-_ENOUGH = 1e-2
+_ENOUGH: Final = 1e-2
 """Error of L with which Newton steps are as good as with A; products at the iterates are accurate."""
 
-_REST = 1e-11
+_REST: Final = 1e-11
 """Forces that a displacement is wrong by, over all, below which it is known."""
 
-_RESIDUAL = 1e-7
+_RESIDUAL: Final = 1e-7
 """Accuracies below this are asked for where a residual is computed, not by Krylov methods."""
 
 

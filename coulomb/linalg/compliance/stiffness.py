@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -124,8 +124,8 @@ class DirectSolver:
         self._ksp.destroy()
 
 
-_DIRECTIONS = 20  # of earlier solutions from which a solve starts
-_ITERATIONS = 1000  # of a solve, at most
+_DIRECTIONS: Final = 20  # of earlier solutions from which a solve starts
+_ITERATIONS: Final = 1000  # of a solve, at most
 
 
 class IterativeSolver:

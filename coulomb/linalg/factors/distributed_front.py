@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,10 +27,10 @@ from . import blas
 from .blas import Real
 from .nested_dissection import Nodes, SharedFront, runs_of
 
-_WIDTH = 192
+_WIDTH: Final = 192
 """Most columns of a block: the larger, the faster are its products, and the longer it takes to finish one."""
 
-TAG = 1701
+TAG: Final = 1701
 """Of all messages: every one is received from a given rank, in the order in which it was sent."""
 
 

@@ -12,7 +12,7 @@ same order of elimination it takes 1.2 to 1.7 times as long, but PETSc cannot pa
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,7 @@ from .frontal_factors import FrontalFactors, stack_heights
 from .nested_dissection import Front, Nodes, dissect
 from .refined_solver import RefinedSolver
 
-_FEW = 1.0 / 3.0
+_FEW: Final = 1.0 / 3.0
 """Part of the numbers of a vector up to which a product by the columns of those that are not 0 reads less memory than
 one by the triangle."""
 
@@ -71,14 +71,14 @@ class DenseInverse:
         self._count = here.stop
 
 
-SINGLE_FROM = 5e8
+SINGLE_FROM: Final = 5e8
 """Operations from which single precision is faster, refinement included (docs/measurements.md)."""
 
 
-_MANY = 1 / 8
+_MANY: Final = 1 / 8
 """Solves with the Schur complement per row of it from which on its inverse is formed."""
 
-_PANEL = 256  # rows of the inverse of a factor that are used at once
+_PANEL: Final = 256  # rows of the inverse of a factor that are used at once
 
 
 class Work(NamedTuple):

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,15 +32,15 @@ from ..reductions import concatenated
 Nodes = npt.NDArray[np.int64]
 
 
-LEAF = 80
+LEAF: Final = 80
 """Largest number of nodes of a part that is not cut (30 to 80 take the same time)."""
 
-_PART = 0.01
+_PART: Final = 0.01
 """Part of the nodes from which those that are coupled with no others are a body of their own."""
 
-_PARALLEL = 0.999  # component of a unit vector along an axis to which it is nearly parallel
+_PARALLEL: Final = 0.999  # component of a unit vector along an axis to which it is nearly parallel
 
-_BLOCK = 8  # nodes whose order along a separator is not changed
+_BLOCK: Final = 8  # nodes whose order along a separator is not changed
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from .frontal_factors import NotPositiveDefinite
 
 _log = logging.getLogger(__name__)
 
-_SLOW = 0.1
+_SLOW: Final = 0.1
 """Factor by which an iteration must decrease the residual, in the mean over a solve, in single precision."""
 
 _ROUNDING = 2.0 * float(np.finfo(np.float64).eps)
@@ -28,7 +28,7 @@ NOT_POSITIVE_DEFINITE = (
     "of its materials, springs and cells are too far apart"
 )
 
-_MOST = 50  # iterations of a solve, beyond any that is fast enough
+_MOST: Final = 50  # iterations of a solve, beyond any that is fast enough
 
 
 class Factors(Protocol):

@@ -15,7 +15,7 @@ import ctypes
 import functools
 import itertools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +33,7 @@ from ..reductions import exchanged, incoming, per_rank
 # them: from Python a product would take longer for that than a small grid takes to multiply.  They are on their way
 # while the product with this rank's own columns is made.
 
-PADDING = 8
+PADDING: Final = 8
 """Numbers behind the end of an array that the kernels may read."""
 
 _FETCH, _GIVE = 1702, 1703  # tags
@@ -114,7 +114,7 @@ SHAPES = ((3, 3), (3, 6), (6, 6))
 """Shapes of blocks for which there are kernels."""
 
 _LANES = {3: 4, 6: 8}
-_ALONE = 180_000  # entries below which one thread takes less time than several
+_ALONE: Final = 180_000  # entries below which one thread takes less time than several
 
 
 class _OthersOfKernels(ctypes.Structure):

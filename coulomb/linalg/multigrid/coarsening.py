@@ -9,7 +9,7 @@ long as they are needed.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -130,10 +130,10 @@ class RowExchange:
         return exchanged(self._comm, rows, out, incoming(self._comm, out))
 
 
-_STRONG = 0.02  # part of the diagonals from which on nodes belong together, as GAMG's threshold
-_DAMPING = 1.7  # over the largest eigenvalue of D^-1 K, which is estimated a little too small
-_MOTIONS = 6
-_ALONE = 2_000  # nodes below which one thread takes less time than several
+_STRONG: Final = 0.02  # part of the diagonals from which on nodes belong together, as GAMG's threshold
+_DAMPING: Final = 1.7  # over the largest eigenvalue of D^-1 K, which is estimated a little too small
+_MOTIONS: Final = 6
+_ALONE: Final = 2_000  # nodes below which one thread takes less time than several
 
 
 class Coarser(NamedTuple):

@@ -14,7 +14,7 @@ and each computes the rest of the cycle, from which it interpolates without mess
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import scipy.linalg
@@ -36,11 +36,11 @@ from .block_matrix import (
 )
 from .coarsening import WholeBlocks, coarser, galerkin, whole, with_diagonal
 
-REPLICATED_UP_TO = 1500
+REPLICATED_UP_TO: Final = 1500
 """Unknowns of all ranks up to which each rank has a grid as a whole."""
 
 
-DENSE_UP_TO = 500
+DENSE_UP_TO: Final = 500
 """Unknowns up to which there is no coarser grid: a matrix of so few is nearly full."""
 
 _FACTORISED: dict[str, object] = {"pc_type": "lu", "pc_factor_shift_type": "inblocks"}
@@ -122,7 +122,7 @@ class Replicated:
 
 
 _SMOOTHED = (0.05, 1.05)  # part of the spectrum that the smoother damps, over its estimated largest eigenvalue, as GAMG
-_LANCZOS = 20
+_LANCZOS: Final = 20
 """Steps of the estimate.
 
 The largest eigenvalues may belong to few cells: after 10 steps the estimate was 14 % too small on a bracket of 450 000
@@ -262,14 +262,14 @@ class MultigridCycle:
             self._coarser.destroy()
 
 
-SECOND_ORDER_STEPS = 1
+SECOND_ORDER_STEPS: Final = 1
 """Steps of the smoother in second order; two take 0.9 of the iterations."""
 
-TWICE_FROM = 1000
+TWICE_FROM: Final = 1000
 """Unknowns per rank from which a visit of a distributed coarse grid after the first is two cycles (W-cycle): on smaller
 ones messages take longer than products, and parts take as many iterations without (docs/cluster.md)."""
 
-_STALLED = 0.7  # unknowns over those of the finer grid from which on ranks have a grid as a whole
+_STALLED: Final = 0.7  # unknowns over those of the finer grid from which on ranks have a grid as a whole
 
 
 def multigrid(K: PETSc.Mat, P: PETSc.Mat | None) -> MultigridCycle:

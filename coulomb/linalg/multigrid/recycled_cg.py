@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -21,17 +21,17 @@ from ..reductions import Reductions, summed
 from ..solve_errors import CGNotConverged
 from .block_matrix import padded
 
-_RECOMPUTED = 1e-4
+_RECOMPUTED: Final = 1e-4
 """Tolerance below which the residual at the start is computed by a product, since images of directions are kept in
 single precision."""
 
-_ROUGH = 1e-3
+_ROUGH: Final = 1e-3
 """Rounding errors of products in single precision over the tolerance of a solve, at its start, below which its
 iterations use them; at its end they may be ten times as large."""
 
-_ALONE = 50_000  # unknowns below which one thread takes less time than several
+_ALONE: Final = 50_000  # unknowns below which one thread takes less time than several
 
-_DEPENDENT = 1e-8  # part of the largest eigenvalue of the directions' Gram matrix below which they are dependent
+_DEPENDENT: Final = 1e-8  # part of the largest eigenvalue of the directions' Gram matrix below which they are dependent
 
 
 class RoughProducts(Protocol):

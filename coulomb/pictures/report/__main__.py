@@ -10,10 +10,11 @@ import ctypes
 import os
 import signal
 import sys
+from typing import Final
 
 from ..drawing_process import missing
 
-_LINUX_DIE_WITH_PARENT = 1  # prctl's PR_SET_PDEATHSIG
+_LINUX_DIE_WITH_PARENT: Final = 1  # prctl's PR_SET_PDEATHSIG
 
 if __name__ == "__main__":
     if sys.platform == "linux":

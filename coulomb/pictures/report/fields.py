@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -30,7 +30,7 @@ AXES = ("#d55e00", "#009e73", "#0b84d8")
 INK = "#202020"
 """Colour of text and arrows."""
 
-_HELD = 3
+_HELD: Final = 3
 """The status of nodes that are no contact nodes."""
 
 
@@ -147,7 +147,7 @@ def zone_counts(contact: Grid) -> dict[str, int]:
     return {name: int(np.count_nonzero(status == code)) for code, (name, _) in ZONES.items()}
 
 
-_ALIKE = 4.0
+_ALIKE: Final = 4.0
 """Faces whose largest values differ by a smaller factor share a range: its lowest quarter would be all one colour."""
 
 

@@ -7,7 +7,7 @@ import itertools
 import math
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -81,7 +81,7 @@ def contact_points(contact: Grid) -> npt.NDArray[np.bool_]:
     return mine
 
 
-_APART = 0.55
+_APART: Final = 0.55
 """How far bodies are drawn apart, over the diagonal of the face between them: seen from the side (`camera.beside`) the
 upper body then hides nothing of the lower face."""
 

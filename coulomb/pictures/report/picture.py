@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import matplotlib
 import numpy as np
@@ -31,7 +31,7 @@ PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
 SHOT = (1500, 1100)
 """Pixels of the body in a picture, at most."""
 
-_SECONDS = 0.15  # duration of a frame
+_SECONDS: Final = 0.15  # duration of a frame
 
 
 def plot(
@@ -163,7 +163,7 @@ def main(arguments: list[str]) -> str:
 
 # --- a picture with caption, axes, and a colour bar with its unit or the names of the zones -------------------------
 
-BAR = 0.72
+BAR: Final = 0.72
 """Height of a colour bar with its numbers and title, inches: of 150 pixels, a whole and, for films, even number."""
 
 Pixels = npt.NDArray[np.uint8]
@@ -271,9 +271,9 @@ def caption(run: Run, step: Step, scale: float) -> str:
 
 # --- picture.png --------------------------------------------------------------------------------------------------
 
-DPI = 150
+DPI: Final = 150
 
-WIDE = 1.5
+WIDE: Final = 1.5
 """Aspect ratio of the body in the picture above which the two views are stacked."""
 
 # inches

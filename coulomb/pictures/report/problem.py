@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -44,7 +44,7 @@ def bodies_and_meshes(run: Run) -> list[tuple[str, str]]:
     return facts
 
 
-_ROWS = 8
+_ROWS: Final = 8
 """Maximum number of rows of a table in time that are shown."""
 
 _AFTER = {"error": ", not defined after the last", "repeat": ", repeated"}

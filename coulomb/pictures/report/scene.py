@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -27,13 +27,13 @@ from .grids import (
 )
 from .units import scale_of
 
-ANGLE = 30.0
+ANGLE: Final = 30.0
 """Opening angle in degrees of a camera that sees the bounding sphere: the strength of the perspective."""
 
 SHAPES = 0.2, 6.0
 """Smallest and largest aspect ratio of a picture; thinner scenes get empty space."""
 
-MARGIN = 0.015
+MARGIN: Final = 0.015
 """Empty border on each side, over width and height: room for the width of lines."""
 
 
@@ -163,10 +163,10 @@ _EDGES = {
 
 _OBLIQUE = ("contact", "iso", "below")  # the others are along an axis: without perspective
 _BODY, _EDGE, _FACE_EDGE = "#f2f0eb", "#c8c5be", "#8a8a8a"
-_LINED = 15_000  # facets up to which their edges are drawn: on finer ones lines would cover the colours
-_THROUGH = 0.6  # strength of colours that are seen through a body
-_TIP = 0.07  # radius of an arrow's tip over its length
-_ARROWS = 22  # along the largest extent of the contact face
+_LINED: Final = 15_000  # facets up to which their edges are drawn: on finer ones lines would cover the colours
+_THROUGH: Final = 0.6  # strength of colours that are seen through a body
+_TIP: Final = 0.07  # radius of an arrow's tip over its length
+_ARROWS: Final = 22  # along the largest extent of the contact face
 
 
 @dataclass(frozen=True)

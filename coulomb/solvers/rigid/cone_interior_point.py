@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import scipy.sparse
@@ -44,9 +44,9 @@ from .cone_paths import ConeCurve, ConePath, ConeStep
 from .cones import ConeProblem, Scales, radius
 from .gauss_seidel import Sweeps, sweep
 
-_CLEAR = 1e-7  # least penetration that is called a contradiction, over the largest |b|
-_MOST_ENTRIES = 3_000_000  # entries of A beyond which the question is not asked
-_NAMED = 4  # contacts that are named
+_CLEAR: Final = 1e-7  # least penetration that is called a contradiction, over the largest |b|
+_MOST_ENTRIES: Final = 3_000_000  # entries of A beyond which the question is not asked
+_NAMED: Final = 4  # contacts that are named
 
 
 def contradiction(problem: FrictionProblem, W: Any) -> str:
@@ -83,14 +83,14 @@ def contradiction(problem: FrictionProblem, W: Any) -> str:
     )
 
 
-_SHORT = 0.4  # shortest step of the nonsmooth Newton method, ...
-_SHORTEST = 1e-3  # ... and where it is patient
+_SHORT: Final = 0.4  # shortest step of the nonsmooth Newton method, ...
+_SHORTEST: Final = 1e-3  # ... and where it is patient
 _LEAST, _LARGEST = 1e-11, 1e-3  # proximal term
-_NEAR = 1e-2  # size of the natural map at which the path is left for Newton steps, ...
-_NEARER = 0.1  # and factor by which it decreases before they are tried again
-_STALLED = 15  # steps of the path without progress after which it ends
-_PER_MICROSECOND = 1e4  # operations of factorisations
-_PARTS = 20  # of the last sweeps, so that they can be interrupted
+_NEAR: Final = 1e-2  # size of the natural map at which the path is left for Newton steps, ...
+_NEARER: Final = 0.1  # and factor by which it decreases before they are tried again
+_STALLED: Final = 15  # steps of the path without progress after which it ends
+_PER_MICROSECOND: Final = 1e4  # operations of factorisations
+_PARTS: Final = 20  # of the last sweeps, so that they can be interrupted
 
 
 class _Ended(Exception):

@@ -37,21 +37,21 @@ friction problem via convex optimization, ZAMM 91 (2011), whose slip is unique a
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from ...arrays import FloatArray
 from .cones import ConeProblem, determinant, product, quotient, radius, scaling, step_to_boundary, times
 
-_TO_BOUNDARY = 0.99  # largest fraction of the distance to the boundary
-_NEAR_PATH = 1e-2  # smallest sqrt(det X det Z) over theta
-_BLOCKED = 0.1  # a step shorter than this is blocked
-_KEPT = 3  # steps with the slip kept after it, and more as long as they are blocked
-_FEASIBLE = 0.3  # with the slip kept, theta decreases where F is below this fraction of it ...
-_CENTRING = 0.3  # ... by this factor
-_LEAST = 0.05  # least centring; of the convex problem
-_LEAST_CONVEX = 1e-3
+_TO_BOUNDARY: Final = 0.99  # largest fraction of the distance to the boundary
+_NEAR_PATH: Final = 1e-2  # smallest sqrt(det X det Z) over theta
+_BLOCKED: Final = 0.1  # a step shorter than this is blocked
+_KEPT: Final = 3  # steps with the slip kept after it, and more as long as they are blocked
+_FEASIBLE: Final = 0.3  # with the slip kept, theta decreases where F is below this fraction of it ...
+_CENTRING: Final = 0.3  # ... by this factor
+_LEAST: Final = 0.05  # least centring; of the convex problem
+_LEAST_CONVEX: Final = 1e-3
 
 
 class ConeStep(NamedTuple):
@@ -153,13 +153,14 @@ class ConePath:
 
 
 _FIRST, _LARGEST, _SHORTEST = 0.3, 3.0, 1e-6  # steps along the curve
-_REACHED = 1e-8  # tau at which the curve ends
-_STARTING = 100  # Newton steps to its start
+_REACHED: Final = 1e-8  # tau at which the curve ends
+_STARTING: Final = 100  # Newton steps to its start
 
 
 _ACCEPTED, _CONTRACTING = 0.3, 1.0  # largest correction of a point, and largest first one after a predictor
 _AIM, _CORRECTIONS = 0.5, 4  # first correction that steps aim at, and the largest number of corrections
-_WEIGHT = 0.1  # rho over that of the natural map; on 13 problems whose forces oppose each other half the steps of 1
+_WEIGHT: Final = 0.1
+"""Rho over that of the natural map; on 13 problems whose forces oppose each other half the steps of 1."""
 
 
 class CurvePoint:

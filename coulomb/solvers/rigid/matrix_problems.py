@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import scipy.linalg
@@ -30,13 +30,17 @@ from .gauss_seidel import Sweeps, sweep
 from .own_units import OwnUnits
 from .regularised_newton import RegularisedNewton
 
-_FEW = 150  # contacts up to which the cone method is the quicker one, whatever A, and its eigenvalues are checked
-_FEWER = 30  # and for which, without full rank, regularised problems come before it, and less work is spent
-_WORK = 1e9  # operations of the cone method per contact, of so few
-_TRESCA = 300  # Newton steps of successive Tresca where other methods have failed, without full rank or on so few
-_SPARSE = 0.25  # of the entries
+_FEW: Final = 150
+"""Contacts up to which the cone method is the quicker one, whatever A, and its eigenvalues are checked."""
+
+_FEWER: Final = 30  # and for which, without full rank, regularised problems come before it, and less work is spent
+_WORK: Final = 1e9  # operations of the cone method per contact, of so few
+_TRESCA: Final = 300
+"""Newton steps of successive Tresca where other methods have failed, without full rank or on so few."""
+
+_SPARSE: Final = 0.25  # of the entries
 _BY_SWEEPS = f"auto: {ConeInteriorPoint.name}"
-_DEFINITE = 1e-8  # smallest eigenvalue of a definite A, over the mean diagonal
+_DEFINITE: Final = 1e-8  # smallest eigenvalue of a definite A, over the mean diagonal
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -57,9 +57,9 @@ class BlockPattern:
         return data, r, c
 
 
-_SMALL = 90  # rows up to which dense algebra is quicker
-_FULL = 0.25  # of the blocks: a matrix with more is treated as dense
-_OVERHEAD = 1e5  # of a system per contact, in operations of a factorisation that take as long
+_SMALL: Final = 90  # rows up to which dense algebra is quicker
+_FULL: Final = 0.25  # of the blocks: a matrix with more is treated as dense
+_OVERHEAD: Final = 1e5  # of a system per contact, in operations of a factorisation that take as long
 
 
 class NewtonMatrix:

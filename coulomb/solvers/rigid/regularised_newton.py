@@ -16,6 +16,7 @@ regularised problems have solutions that lead to eps = 0.  It is tried on small 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import scipy.linalg
@@ -32,12 +33,12 @@ from .cone_interior_point import ConeInteriorPoint
 from .cones import Scales
 
 _WEIGHTS = (1.0, 0.1, 10.0, 0.01, 100.0)
-_STEPS = 25  # of Newton's method for one eps and weight
-_SHORTEST = 1e-3  # length of a step
+_STEPS: Final = 25  # of Newton's method for one eps and weight
+_SHORTEST: Final = 1e-3  # length of a step
 _SOLVED, _EXACT = 1e-9, 1e-13  # what the equations may leave over, over 1 + |x|; below which steps end
-_SLOWEST = 1e-3  # step of log10 eps below which the regularised problem is left as it is
-_LAST = -12.0  # log10 eps
-_LEAST = 1e-6  # diagonal of a node over a, for the weights
+_SLOWEST: Final = 1e-3  # step of log10 eps below which the regularised problem is left as it is
+_LAST: Final = -12.0  # log10 eps
+_LEAST: Final = 1e-6  # diagonal of a node over a, for the weights
 
 
 @dataclass(frozen=True)
