@@ -207,22 +207,20 @@ class Surface:
         """The nodes and the middles of this rank's facets of a body; collective."""
         patch, pairs, corners = self._bodies[part].patch, self._masters.shape[1], self._bodies[part].patch.kind.corners
         number, first = np.unique(patch.nodes, return_index=True)
-        kinds = [("part", "i8"), ("nodes", "i8", (4,)), ("x", "f8", (3,)), ("u", "f8", (3,)), ("normal", "f8", (3,))]
+        kinds = [("part", "i8"), ("nodes", "i8", (4,)), ("x", "f8", (3,)), ("u", "f8", (3,))]
         kinds += [("deformation", "f8"), ("slave", "?", (pairs,)), ("master", "?", (pairs,))]
         kinds += [("inside", "i8"), ("component", "i8"), ("was", "f8", (3,))]  # of the material at its place
         points = np.zeros(len(number) + len(patch), dtype=kinds)
         nodes, middles = points[: len(number)], points[len(number) :]
         points["part"], points["nodes"] = part, -1
         at = now.rows.reshape(-1, now.rows.shape[2])[first]
-        means = self._mean_normals(part, patch.nodes, now.vectors)
         nodes["nodes"][:, 0], nodes["x"], nodes["u"] = number, patch.x.reshape(-1, 3)[first], at[:, :3]
-        nodes["normal"] = fetched(self._comm, self._bodies[part].starts, number, means)
         nodes["slave"], nodes["master"] = np.split(at[:, 5:] > 0.0, 2, axis=1)
         nodes["deformation"] = at[:, 3]
         weights = np.array(patch.kind.values(*patch.kind.points[:corners].mean(axis=0)))
         middles["nodes"][:, :corners] = patch.nodes[:, :corners]
         middles["x"], middles["u"] = weights @ patch.x, weights @ now.rows[:, :, :3]
-        middles["normal"], middles["deformation"] = now.vectors, now.rows[:, 0, 3]
+        middles["deformation"] = now.rows[:, 0, 3]
         middles["slave"], middles["master"] = now.slave, self._of_masters[part]
         return points
 
@@ -237,7 +235,8 @@ class Surface:
         hits = _once(np.concatenate(comm.allgather(hits)))
         if not len(hits):
             return None
-        depth, near = self._depths(hits["was"], hits, now)
+        vectors = self._vectors_of(hits, now)
+        depth, near = self._depths(hits["was"], hits, vectors, now)
         kept = np.zeros(len(hits), dtype=bool)
         for part, hit, facet in near:
             master = self._of_masters[part][facet] | self._beside_masters(part, facet)
@@ -247,7 +246,7 @@ class Surface:
         began = np.concatenate(comm.allgather(_keys(self._inside(hits[~kept], cells, deformed=False))))
         inside = ~kept & np.isin(_keys(hits), began)
         before = np.zeros(len(hits))
-        before[inside] = self._depths(hits["x"][inside], hits[inside], now)[0]
+        before[inside] = self._depths(hits["x"][inside], hits[inside], vectors[inside], now)[0]
         depth = np.where(kept, 0.0, np.minimum(depth - np.where(np.isfinite(before), before, 0.0), _way(hits)))
         worst = _worst(depth, _way(hits), hits, large, comm)
         if worst is None:
@@ -259,13 +258,42 @@ class Surface:
 
     def _overlap(self, point: Rows, normal: FloatArray, through: str, worst: _Worst) -> Overlap:
         """Of a place that has got in through a face with this outward normal; collective."""
-        body, named = self._bodies[int(point["part"])], []
-        wanted = point["nodes"][point["nodes"] >= 0]
-        has = [np.any(body.patch.nodes == node, axis=1) for node in wanted]
-        for row in np.flatnonzero(np.all(has, axis=0)):
+        part, named = int(point["part"]), []
+        body = self._bodies[part]
+        for row in self._facets_with(part, point["nodes"][None])[1]:
             named.append((round(float(body.normal(row) @ normal), 6), body.name_of(row)))
         _, face = min(one for ranks in self._comm.allgather(named) for one in ranks)
         return Overlap((face, through), worst.place, worst.depth, worst.approach)
+
+    def _facets_with(self, part: int, nodes: IntArray) -> tuple[IntArray, IntArray]:
+        """Pairs (point, row) of this rank's facets of a body that have all nodes of points (p, 4), which are -1 where
+        there are fewer."""
+        patch, width = self._bodies[part].patch, self._bodies[part].patch.kind.width
+        order = np.argsort(patch.nodes.ravel(), kind="stable")
+        sorted_ = patch.nodes.ravel()[order]
+        first, last = (np.searchsorted(sorted_, nodes[:, 0], side=side) for side in ("left", "right"))
+        count = last - first
+        point = np.repeat(np.arange(len(nodes)), count)
+        at = np.arange(int(count.sum())) + np.repeat(first - np.cumsum(count) + count, count)
+        row = order[at] // width
+        has = np.any(patch.nodes[row][:, None] == nodes[point][:, :, None], axis=2) | (nodes[point] < 0)
+        return point[np.all(has, axis=1)], row[np.all(has, axis=1)]
+
+    def _vectors_of(self, hits: Rows, now: Sequence[_Now]) -> FloatArray:
+        """The outward vectors after deformation of all facets that hits are on, shape (h, most, 3), 0 where there are
+        fewer; collective."""
+        found = []
+        for part in range(len(self._bodies)):
+            of = np.flatnonzero(hits["part"] == part)
+            point, row = self._facets_with(part, hits["nodes"][of])
+            found.append(np.column_stack([of[point], now[part].vectors[row]]))
+        every = np.concatenate([one for ranks in self._comm.allgather(found) for one in ranks])
+        every = every[np.argsort(every[:, 0], kind="stable")]
+        hit = every[:, 0].astype(np.int64)
+        place = np.arange(len(hit)) - np.searchsorted(hit, hit)
+        vectors = np.zeros((len(hits), 1 + int(np.max(place, initial=0)), 3))
+        vectors[hit, place] = every[:, 1:]
+        return vectors
 
     def _beside_masters(self, part: int, facet: IntArray) -> Flags:
         """Of which pairs facets of this rank have nodes on the master and go on in its direction, so that contact
@@ -323,11 +351,11 @@ class Surface:
         return _once(np.concatenate(found))
 
     def _depths(
-        self, x: FloatArray, hits: Rows, now: Sequence[_Now]
+        self, x: FloatArray, hits: Rows, vectors: FloatArray, now: Sequence[_Now]
     ) -> tuple[FloatArray, list[tuple[int, IntArray, IntArray]]]:
-        """Depths of places x (h, 3), in the bodies of hits before deformation, behind facets that are opposed to the
-        hits, metres, inf where there is none; and of bodies hits and the rows of this rank's facets that are so near;
-        collective."""
+        """Depths of places x (h, 3), in the bodies of hits before deformation, behind facets that are opposed to one
+        of those of the hits, with vectors (h, n, 3), metres, inf where there is none; and of bodies hits and the rows
+        of this rank's facets that are so near; collective."""
         comm, near = self._comm, []
         depth = np.full(len(hits), np.inf)
         for part, number in np.unique(np.column_stack([hits["inside"], hits["component"]]), axis=0):
@@ -338,9 +366,9 @@ class Surface:
             most = (1.0 + _SAME) * np.maximum(_way(hits[at]), _least(nearest, comm)) + self._rounding
             some = np.flatnonzero(use[body.row])
             hit, distance, row = depths_below(x[at], most, body.triangles[some], body.row[some])
-            against, vector = hits["normal"][at[hit]], now[part].vectors[row]
-            sizes = np.linalg.norm(against, axis=1) * np.linalg.norm(vector, axis=1)
-            opposed = np.einsum("pi,pi->p", against, vector) <= _OPPOSED * sizes
+            against, vector = vectors[at[hit]], now[part].vectors[row]
+            sizes = np.linalg.norm(against, axis=2) * np.linalg.norm(vector, axis=1)[:, None]
+            opposed = np.any(np.einsum("pni,pi->pn", against, vector) < _OPPOSED * sizes, axis=1)
             hit, distance, row = hit[opposed], distance[opposed], row[opposed]
             least = np.full(len(at), np.inf)
             np.minimum.at(least, hit, distance)
