@@ -16,6 +16,7 @@ from coulomb import (
     PrescribedDisplacement,
     Tied,
     Traction,
+    auto_pairs,
     box,
     join,
     moved,
@@ -79,6 +80,30 @@ def test_a_slot_with_contact_of_the_body_with_itself():
     mesh, jaws = clip(), Contact("jaw_up", 0.2, against="jaw_low")
     answer = pressed(mesh, [jaws]).solve()
     assert answer.valid and answer.small_strain.inside is None and answer.at_nodes.totals(1)["normal_force"] > 1e5
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_both_sides_of_a_slot_are_a_pair_whatever_their_names(cell):
+    """With names, without, and with one name for both."""
+    whole = clip(cell)
+    jaws = np.concatenate([whole.faces[name] for name in ("jaw_up", "jaw_low")])
+    one = NamedMesh(whole.domain, {**clip(cell, names=()).faces, "jaws": np.sort(jaws)})
+    forces = []
+    for mesh, names in (
+        (whole, {"jaw_up", "jaw_low"}),
+        (clip(cell, names=()), {"facing_itself_1", "facing_itself_2"}),
+        (one, {"jaws_facing_itself_1", "jaws_facing_itself_2"}),
+    ):
+        found = auto_pairs(mesh, 1.5 * GAP)
+        (pair,) = found.pairs
+        assert {pair.face, pair.against} == names and pair.gap == pytest.approx((GAP, GAP))
+        assert pair.area == pytest.approx(5.0) and set(found.made) == names - {"jaw_up", "jaw_low"}
+        answer = pressed(found.mesh, [Contact(pair.face, 0.2, against=pair.against)], 2e7).solve()
+        assert answer.valid
+        forces.append(answer.at_nodes.totals(1)["normal_force"])
+    assert forces == pytest.approx(3 * forces[:1], rel=1e-6) and forces[0] > 1e5
+    with pytest.raises(ValueError, match="no faces"):
+        auto_pairs(clip(cell, names=()), 0.5 * GAP)
 
 
 def test_faces_without_names_and_answers_that_are_accepted():

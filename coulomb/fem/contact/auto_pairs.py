@@ -23,6 +23,7 @@ from ..geometry import on_all_ranks
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, boundary_facets, fetched, starts_of
 from .facet_patch import FacetKind, facet_patch, functions_at
 from .mortar_parts import FACING, Cells, SphereTree, sphere_tree
+from .sheets import sheets_of
 
 _LINES: Final = 4
 """Points along an edge of a facet."""
@@ -84,7 +85,8 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
     Facets with a name stand for the whole face of this name, of several for that with fewest facets.  Facets without a
     name that face another body become a face, "lug:facing_pin"; in a mesh with several components "lug_facing_pin" by
     the groups of their cells, without groups "part_1_facing_part_2", numbered by their smallest x, then y, then z.  Two
-    faces of one component, as of a slot, are a pair if both have names and a gap is between them.
+    sides of one component with a gap between them, as of a slot, are a pair as well; if they have no names, or one name
+    for both, they become the faces "facing_itself_1", "facing_itself_2", each as far as it goes on without an edge.
 
     What is outside of all bodies is gathered on every rank: the facets, no cells.
 
@@ -107,6 +109,13 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
     given = mesh.bodies if isinstance(mesh, JoinedMesh) else {"": mesh}
     bodies = [_OuterFacets.of(one) for one in given.values()]
     every = _Names(given, [body.groups for body in bodies], mesh.comm)
+    sheets = _sheets(every, bodies, distance)
+    if sheets:
+        given = {name: replace(one, faces={**one.faces}) for name, one in given.items()}
+        for body, own, keys in sheets:
+            list(given.values())[body].faces[own] = bodies[body].numbered(keys)
+        bodies = [of.with_faces(one) for of, one in zip(bodies, given.values(), strict=True)]
+        every = _Names(given, [body.groups for body in bodies], mesh.comm)
     opposite, facets = _opposite(every, bodies, distance)
     if not opposite:
         raise ValueError(_nothing(every, bodies, distance))
@@ -140,7 +149,8 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
         )
     joined = isinstance(mesh, JoinedMesh)
     with_all = JoinedMesh(dict(zip(given, with_faces, strict=True))) if joined else with_faces[0]
-    return FoundPairs(with_all, tuple(pairs.values()), tuple(every.called(body, own) for body, own in made))
+    names = [every.called(body, own) for body, own in (*(sheet[:2] for sheet in sheets), *made)]
+    return FoundPairs(with_all, tuple(pairs.values()), tuple(names))
 
 
 class _OuterFacets(NamedTuple):
@@ -153,6 +163,7 @@ class _OuterFacets(NamedTuple):
         points: The points of the lines from each polygon, on the facet, metres, shape (c, 16, 3).
         facet: Facet numbers of the mesh, ascending, shape (f,).
         key: Their numbers over all ranks, shape (f,).
+        nodes: Numbers over all ranks of their corners, shape (f, 3 or 4).
         component: The component of the mesh of each, shape (f,).
         face: The number of the named face of each, from 1; 0 without a name; shape (f,).
         groups: The group that has all cells of each component, the smallest of several; "" without.
@@ -164,6 +175,7 @@ class _OuterFacets(NamedTuple):
     points: FloatArray
     facet: npt.NDArray[np.int32]
     key: IntArray
+    nodes: IntArray
     component: IntArray
     face: IntArray
     groups: list[str]
@@ -185,12 +197,18 @@ class _OuterFacets(NamedTuple):
         polygons = Cells(np.repeat(np.arange(len(facet)), len(pieces)), corners, start)
         r, s = np.moveaxis(_points(kind.corners) @ kind.points[pieces], 2, 0)
         points = np.einsum("npq,fni->fpqi", np.stack(kind.values(r, s)), patch.x).reshape(-1, r.shape[1], 3)
-        sizes = [comm.allreduce(int(np.isin(facet, own).sum())) for own in mesh.faces.values()]
-        face = np.zeros(len(facet), dtype=np.int64)
-        for which in np.argsort(sizes, kind="stable")[::-1]:  # the smallest last
-            face[np.isin(facet, list(mesh.faces.values())[which])] = which + 1
         key = starts_of(comm, len(facet))[comm.rank] + np.arange(len(facet))
-        return cls(kind, patch.x, polygons, points, facet, key, component, face, _groups(mesh, of_cells))
+        nodes, face = patch.nodes[:, : kind.corners], np.zeros(len(facet), dtype=np.int64)
+        groups = _groups(mesh, of_cells)
+        return cls(kind, patch.x, polygons, points, facet, key, nodes, component, face, groups).with_faces(mesh)
+
+    def with_faces(self, mesh: NamedMesh) -> _OuterFacets:
+        """The same with the named faces of a mesh; collective."""
+        sizes = [mesh.comm.allreduce(int(np.isin(self.facet, own).sum())) for own in mesh.faces.values()]
+        face = np.zeros(len(self.facet), dtype=np.int64)
+        for which in np.argsort(sizes, kind="stable")[::-1]:  # the smallest last
+            face[np.isin(self.facet, list(mesh.faces.values())[which])] = which + 1
+        return self._replace(face=face)
 
     def numbered(self, keys: IntArray) -> npt.NDArray[np.int32]:
         """This rank's facets among those with these numbers over all ranks."""
@@ -260,10 +278,42 @@ class _Names:
         (body, component, _), other = self.side(side), self.part(against)
         return "_".join(filter(None, (self._component(body, component), "facing", other.replace(SEPARATOR, "_"))))
 
+    def facing_itself(self, side: int, number: int) -> str:
+        """The name in its body of a sheet that is made, opposite to another one of its component."""
+        body, component, face = self.side(side)
+        return "_".join(filter(None, (self._component(body, component), face, f"facing_itself_{number}")))
+
     def in_words(self, side: int) -> str:
         """A side in errors: its face, else its body or component."""
         body, _, face = self.side(side)
         return repr(self.called(body, face) if face else self.part(side))
+
+
+def _sheets(names: _Names, bodies: list[_OuterFacets], distance: float) -> list[tuple[int, str, IntArray]]:
+    """What faces the same component and has no name to tell it from what is opposite: body, name there, and numbers
+    over all ranks of the facets of one sheet each, by places; collective, the same on every rank."""
+    comm, every = names.comm, _all_facets(names, bodies)
+    found = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance, True)), "auto_pairs", comm)
+    mine = np.column_stack([np.concatenate(parts) for parts in list(zip(*found, strict=True))[:4]])
+    rows = np.unique(np.concatenate(comm.allgather(mine)), axis=0)
+    nodes = [np.concatenate(comm.allgather(body.nodes)) for body in bodies]
+    corners = [of[:, : body.kind.corners] for of, body in zip(every.x, bodies, strict=True)]
+    numbered, sheets = dict[tuple[int, int], int](), []
+    for side in np.unique(rows[:, :2]):
+        body, component, face = names.side(side)
+        ways = np.concatenate([rows, rows[:, [1, 0, 3, 2]]])
+        ways = ways[(ways[:, 0] == side) & ((ways[:, 1] == side) | (not face))]
+        beside = np.any(nodes[body][ways[:, 2], :, None] == nodes[body][ways[:, 3], None], axis=(1, 2))
+        ways = ways[~beside]  # in a notch
+        key = np.unique(ways[:, 2])
+        if not len(key):
+            continue
+        inside = ways[ways[:, 1] == side]
+        against = np.searchsorted(key, inside[:, 2:])
+        for rows_of in sheets_of(nodes[body][key], corners[body][key], against):
+            number = numbered[body, component] = 1 + numbered.get((body, component), 0)
+            sheets.append((body, names.facing_itself(side, number), key[rows_of]))
+    return sheets
 
 
 def _opposite(
@@ -273,7 +323,7 @@ def _opposite(
     number over all ranks of a facet of the first), shape (k, 3); collective, the same on every rank."""
     comm = names.comm
     every = _all_facets(names, bodies)
-    found = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance)), "auto_pairs", comm)
+    found = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance, False)), "auto_pairs", comm)
     one, two, facet, there, area, gap = (np.concatenate(parts) for parts in zip(*found, strict=True))
     facets = np.concatenate([np.column_stack([one, two, facet]), np.column_stack([two, one, there])])
     facets = np.unique(np.concatenate(comm.allgather(np.unique(facets, axis=0))), axis=0)
@@ -358,19 +408,26 @@ def _all_facets(names: _Names, bodies: list[_OuterFacets]) -> _AllFacets:
 
 
 def _met_by_all(
-    names: _Names, bodies: list[_OuterFacets], every: _AllFacets, distance: float
+    names: _Names, bodies: list[_OuterFacets], every: _AllFacets, distance: float, unnamed: bool
 ) -> Iterator[tuple[npt.NDArray[Any], ...]]:
-    """What the lines of this rank's facets meet: sides of these and opposite, their facets, share of the area, gap."""
+    """What the lines of this rank's facets meet: sides of these and opposite, their facets, share of the area, gap; if
+    `unnamed`, of what is in one body and has no two names."""
     for number, body in enumerate(bodies):
         side = names.sides(number, body)
         for at in np.array_split(np.arange(len(side)), len(side) // _AT_ONCE + 1):
-            cell, other, gap, share = _met(at, body, side, every, names.width, distance)
+            cell, other, gap, share = _met(at, body, side, every, names.width, distance, unnamed)
             area = share * body.cells.area[cell] / _LINES**2
             yield side[cell], every.side[other], body.key[body.cells.facet[cell]], every.key[other], area, gap
 
 
 def _met(
-    at: IntArray, body: _OuterFacets, own: IntArray, every: _AllFacets, width: int, distance: float
+    at: IntArray,
+    body: _OuterFacets,
+    own: IntArray,
+    every: _AllFacets,
+    width: int,
+    distance: float,
+    unnamed: bool,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """For lines from the points of polygons `at` of a body, of those on the sides `own`: their polygons, what is
     opposite, the gaps in metres, and the share of the line, which may meet an edge of several; shape (k,) each."""
@@ -398,7 +455,7 @@ def _met(
     use = ~back | (seen & ~hidden)
     use &= _nearest(of_line, np.where(use, np.abs(gap), np.inf), same)
     named = (own[one] % width > 0) & (side[other] % width > 0) & (own[one] != side[other])
-    use &= ~own_body | (named & (gap > -same))
+    use &= (own_body & ~named & (gap > -same)) if unnamed else (~own_body | (named & (gap > -same)))
     _, line, count = np.unique(of_line[use], return_inverse=True, return_counts=True)
     return one[use], other[use], gap[use], 1.0 / count[line.ravel()]
 
