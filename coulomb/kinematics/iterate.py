@@ -286,7 +286,8 @@ def fineness(answer: Solution, e: Evidence, undeformed: ContactBody) -> SmallStr
     faces = [face_samples(one.body, facets, answer.change[one.nodes]) for one, facets in members]
     deformation = deformations(e.displacement, e.internal, body.component, over)
     motions = answer.problem.state.rigid_motions
-    inside = undeformed.outside.overlap(surface, motions, answer.displacement, deformation, large=True)
+    given = np.zeros(len(surface.x))
+    inside = undeformed.outside.overlap(surface, given, motions, answer.displacement, deformation, large=True)
     deformed = _Deformed(e.comm, e.x, e.internal)
     return small_strain(answer.at_nodes, surface.foundations, deformed, e.displacement, faces, inside=inside)
 

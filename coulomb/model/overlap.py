@@ -52,17 +52,21 @@ class OutsideContacts:
     def overlap(
         self,
         points: ContactSurface,
+        given: FloatArray,
         motions: Sequence[RigidMotion],
         u: FloatArray,
         deformation: FloatArray,
         large: bool = False,
     ) -> Overlap | None:
-        """Where surfaces run through each other, with these contact points and motions of the foundations; other
-        arguments as of `Surface.deepest`; collective."""
+        """Where surfaces run through each other, with these contact points, gaps given there (m,), and motions of the
+        foundations; other arguments as of `Surface.deepest`; collective."""
         judged = [*(points.nodes[points.part == k] for k in self._pairs), *(tie.nodes for tie in self._ties)]
+        over, count = Reductions(self._body.comm), range(len(self._contacts))
+        gaps = [over.max(np.append(given[points.part == k], 0.0)) for k in count]
         obstacles = [
-            Obstacle(repr(contact.face), self._face(contact.face), foundation, moved(foundation, motion))
-            for contact, foundation, motion in zip(self._contacts, self._foundations, motions, strict=True)
+            Obstacle(repr(contact.face), self._face(contact.face), foundation, moved(foundation, motion), gap)
+            for contact, foundation, motion, gap in zip(self._contacts, self._foundations, motions, gaps, strict=True)
             if foundation is not None
         ]
-        return self._surface.deepest(u, self._body.component, deformation, judged, obstacles, large)
+        of_pairs = [*(gaps[k] for k in self._pairs), *(0.0 for _ in self._ties)]
+        return self._surface.deepest(u, self._body.component, deformation, judged, of_pairs, obstacles, large)

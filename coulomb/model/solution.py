@@ -272,7 +272,8 @@ class Solution:
         faces = [face_samples(one.body, facets, self.displacement[one.nodes]) for one, facets in members]
         u, over = self.displacement, Reductions(problem.comm)
         deformation = deformations(u, body.internal_force(u), body.component, over)
-        inside = problem.body.outside.overlap(problem.surface, problem.state.rigid_motions, u, deformation)
+        given, motions = problem.body.given_gap(problem.surface, problem.time), problem.state.rigid_motions
+        inside = problem.body.outside.overlap(problem.surface, given, motions, u, deformation)
         return small_strain(self.at_nodes, problem.surface.foundations, body, u, faces, blocked, inside)
 
     @property

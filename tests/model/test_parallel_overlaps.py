@@ -209,3 +209,13 @@ def test_what_is_behind_a_foundation_from_the_beginning_is_no_overlap():
     stop = Contact("jaw_up", 0.2, foundation=Plane((0.0, 0.0, 1.0 + 0.9 * GAP), (0.0, 0.0, 1.0)))
     answer = pressed(mesh, [stop]).solve()
     assert answer.valid and answer.small_strain.inside is None
+
+
+def test_a_gap_that_is_given_lets_surfaces_pass():
+    """A thin plate comes down by a gap beside the distance, which is larger than the plate is thick."""
+    plate = box((1.0, 1.0, 0.01), (2, 2, 2))
+    down = [PrescribedDisplacement("top", (0.0, 0.0, -0.04))]
+    assert ContactProblem(plate, STEEL, down, Contact("bottom", 0.2, gap=0.05)).solve().valid
+    bodies = join(plate=plate, base=moved(box((1.0, 1.0, 0.5), (2, 2, 2)), (0.0, 0.0, -0.5)))
+    held = [Clamp("base:bottom"), PrescribedDisplacement("plate:top", (0.0, 0.0, -0.04))]
+    assert ContactProblem(bodies, STEEL, held, Contact("plate:bottom", 0.2, against="base:top", gap=0.05)).solve().valid

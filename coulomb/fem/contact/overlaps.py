@@ -81,12 +81,14 @@ class Sides(NamedTuple):
 
 
 class Obstacle(NamedTuple):
-    """A rigid foundation before any motion and now, its contact face, and the name of that."""
+    """A rigid foundation before any motion and now, its contact face, the name of that, and the largest gap that is
+    given beside the distance, metres."""
 
     name: str
     face: Face
     before: RigidFoundation
     now: RigidFoundation
+    gap: float
 
 
 class _Worst(NamedTuple):
@@ -168,6 +170,7 @@ class Surface:
         component: IntArray,
         deformation: FloatArray,
         judged: Sequence[npt.NDArray[np.integer[Any]]],
+        gaps: Sequence[float],
         obstacles: Sequence[Obstacle] = (),
         large: bool = False,
     ) -> Overlap | None:
@@ -179,6 +182,8 @@ class Surface:
             component: The component of the meshes that each is in, shape (k,).
             deformation: Mean displacement of the forces that deform it, metres, shape (k,).
             judged: Of every pair this rank's slave nodes that are kept out.
+            gaps: Of every pair the largest gap that is given beside the distance, metres: by so much its bodies may be
+                inside each other.
             obstacles: The rigid foundations.
             large: Whether bodies may have moved far: then relative motions count as at most the deformation.
         """
@@ -192,7 +197,7 @@ class Surface:
         rows = np.column_stack([u, deformation, component, kept & self._slaves, self._masters])
         now = [self._now(rows, part) for part in range(len(self._parts))]
         points = np.concatenate([self._points(part, of) for part, of in enumerate(now)])
-        found = [self._in_bodies(rows, now, points, large)]
+        found = [self._in_bodies(rows, now, points, gaps, large)]
         found += [self._in_obstacle(points, one, large) for one in obstacles]
         return max(found, key=lambda one: one.depth / one.approach if one else 0.0)
 
@@ -226,7 +231,9 @@ class Surface:
 
     # --- bodies -------------------------------------------------------------------------------------------------------
 
-    def _in_bodies(self, rows: FloatArray, now: Sequence[_Now], points: Rows, large: bool) -> Overlap | None:
+    def _in_bodies(
+        self, rows: FloatArray, now: Sequence[_Now], points: Rows, gaps: Sequence[float], large: bool
+    ) -> Overlap | None:
         """The largest overlap of surfaces with bodies; collective."""
         comm = self._comm
         cells = [self._at(rows[:, :5], part, body.numbers) for part, body in enumerate(self._bodies)]
@@ -247,6 +254,10 @@ class Surface:
         inside = ~kept & np.isin(_keys(hits), began)
         before = np.zeros(len(hits))
         before[inside] = self._depths(hits["x"][inside], hits[inside], vectors[inside], now)[0]
+        for pair, gap in zip(self._sides, gaps, strict=True):
+            of = np.sort([pair.slave[0], pair.master[0]])
+            theirs = np.all(np.sort(np.column_stack([hits["part"], hits["inside"]]), axis=1) == of, axis=1)
+            depth = np.where(theirs, depth - max(gap, 0.0), depth)
         depth = np.where(kept, 0.0, np.minimum(depth - np.where(np.isfinite(before), before, 0.0), _way(hits)))
         worst = _worst(depth, _way(hits), hits, large, comm)
         if worst is None:
@@ -398,7 +409,7 @@ class Surface:
             return np.asarray(one.before.signed_distance(beside["x"])), np.asarray(one.now.signed_distance(y))
 
         try:
-            before, now = on_all_ranks(distances, "", comm)
+            before, now = (of + max(one.gap, 0.0) for of in on_all_ranks(distances, "", comm))
         except ValueError:
             return None
         in_ = (before >= -self._rounding) & (now < -self._rounding)

@@ -61,21 +61,25 @@ class WrittenSurface:
         if case is not None and ties:
             order = np.argsort(case.nodes_of_tied_body(run))
             self._judged += [order[tie.nodes] for tie in ties]
-        self._obstacles = [] if case is None else self._of_foundations(case, time)
+        given = [np.max(nodes.given_gap[nodes.part == k], initial=0.0) for k in range(len(faces))]
+        self._gaps = [*(float(given[one.contact]) for one in run.opposite), *(0.0 for _ in ties)]
+        self._obstacles = [] if case is None else self._of_foundations(case, time, given)
         parts = [Part(part.name, part.body, named[part.name]) for part in run.body.parts]
         self._surface = Surface(parts, sides, run.body.comm)
 
-    def _of_foundations(self, case: CaseReference, time: float) -> list[Obstacle]:
-        each = zip(case.contacts, self._slaves, case.foundations(None), case.foundations(time), strict=True)
+    def _of_foundations(self, case: CaseReference, time: float, given: Sequence[float]) -> list[Obstacle]:
+        each = zip(case.contacts, self._slaves, case.foundations(None), case.foundations(time), given, strict=True)
         return [
-            Obstacle(repr(contact.face), face, before, now) for contact, face, before, now in each if before and now
+            Obstacle(repr(contact.face), face, before, now, float(gap))
+            for contact, face, before, now, gap in each
+            if before and now
         ]
 
     def overlap(self, u: FloatArray, internal: FloatArray) -> Overlap | None:
         """The largest, at displacements with these internal forces, shapes (k, 3)."""
         body = self._run.body
         deformation = deformations(u, internal, body.component, Reductions(body.comm))
-        return self._surface.deepest(u, body.component, deformation, self._judged, self._obstacles)
+        return self._surface.deepest(u, body.component, deformation, self._judged, self._gaps, self._obstacles)
 
 
 def _named_faces(part: WrittenBody, case: CaseReference) -> dict[str, npt.NDArray[np.int32]]:
