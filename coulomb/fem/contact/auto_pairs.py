@@ -112,8 +112,8 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
     sheets = _sheets(every, bodies, distance)
     if sheets:
         given = {name: replace(one, faces={**one.faces}) for name, one in given.items()}
-        for body, own, keys in sheets:
-            list(given.values())[body].faces[own] = bodies[body].numbered(keys)
+        for body, own, sheet in sheets:
+            list(given.values())[body].faces[own] = bodies[body].numbered(sheet)
         bodies = [of.with_faces(one) for of, one in zip(bodies, given.values(), strict=True)]
         every = _Names(given, [body.groups for body in bodies], mesh.comm)
     opposite, facets = _opposite(every, bodies, distance)
@@ -149,7 +149,7 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
         )
     joined = isinstance(mesh, JoinedMesh)
     with_all = JoinedMesh(dict(zip(given, with_faces, strict=True))) if joined else with_faces[0]
-    names = [every.called(body, own) for body, own in (*(sheet[:2] for sheet in sheets), *made)]
+    names = [every.called(body, own) for body, own in (*(one[:2] for one in sheets), *made)]
     return FoundPairs(with_all, tuple(pairs.values()), tuple(names))
 
 
