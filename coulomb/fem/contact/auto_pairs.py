@@ -290,8 +290,8 @@ class _Names:
 
 
 def _sheets(names: _Names, bodies: list[_OuterFacets], distance: float) -> list[tuple[int, str, IntArray]]:
-    """What faces the same component and has no name to tell it from what is opposite: body, name there, and numbers
-    over all ranks of the facets of one sheet each, by places; collective, the same on every rank."""
+    """What faces the same side, that of a name or of none: body, name there, and numbers over all ranks of the facets
+    of one sheet each, by places; collective, the same on every rank."""
     comm, every = names.comm, _all_facets(names, bodies)
     found = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance, True)), "auto_pairs", comm)
     mine = np.column_stack([np.concatenate(parts) for parts in list(zip(*found, strict=True))[:4]])
@@ -299,18 +299,13 @@ def _sheets(names: _Names, bodies: list[_OuterFacets], distance: float) -> list[
     nodes = [np.concatenate(comm.allgather(body.nodes)) for body in bodies]
     corners = [of[:, : body.kind.corners] for of, body in zip(every.x, bodies, strict=True)]
     numbered, sheets = dict[tuple[int, int], int](), []
-    for side in np.unique(rows[:, :2]):
-        body, component, face = names.side(side)
-        ways = np.concatenate([rows, rows[:, [1, 0, 3, 2]]])
-        ways = ways[(ways[:, 0] == side) & ((ways[:, 1] == side) | (not face))]
-        beside = np.any(nodes[body][ways[:, 2], :, None] == nodes[body][ways[:, 3], None], axis=(1, 2))
-        ways = ways[~beside]  # in a notch
-        key = np.unique(ways[:, 2])
-        if not len(key):
-            continue
-        inside = ways[ways[:, 1] == side]
-        against = np.searchsorted(key, inside[:, 2:])
-        for rows_of in sheets_of(nodes[body][key], corners[body][key], against):
+    for side in np.unique(rows[:, 0]):
+        body, component, _ = names.side(side)
+        pairs = rows[rows[:, 0] == side, 2:]
+        notch = np.any(nodes[body][pairs[:, 0], :, None] == nodes[body][pairs[:, 1], None], axis=(1, 2))
+        key, against = np.unique(pairs[~notch], return_inverse=True)
+        against = against.reshape(-1, 2)
+        for rows_of in sheets_of(nodes[body][key], corners[body][key], against) if len(key) else ():
             number = numbered[body, component] = 1 + numbered.get((body, component), 0)
             sheets.append((body, names.facing_itself(side, number), key[rows_of]))
     return sheets
@@ -408,14 +403,14 @@ def _all_facets(names: _Names, bodies: list[_OuterFacets]) -> _AllFacets:
 
 
 def _met_by_all(
-    names: _Names, bodies: list[_OuterFacets], every: _AllFacets, distance: float, unnamed: bool
+    names: _Names, bodies: list[_OuterFacets], every: _AllFacets, distance: float, alike: bool
 ) -> Iterator[tuple[npt.NDArray[Any], ...]]:
     """What the lines of this rank's facets meet: sides of these and opposite, their facets, share of the area, gap; if
-    `unnamed`, of what is in one body and has no two names."""
+    `alike`, of what is on one side."""
     for number, body in enumerate(bodies):
         side = names.sides(number, body)
         for at in np.array_split(np.arange(len(side)), len(side) // _AT_ONCE + 1):
-            cell, other, gap, share = _met(at, body, side, every, names.width, distance, unnamed)
+            cell, other, gap, share = _met(at, body, side, every, names.width, distance, alike)
             area = share * body.cells.area[cell] / _LINES**2
             yield side[cell], every.side[other], body.key[body.cells.facet[cell]], every.key[other], area, gap
 
@@ -427,7 +422,7 @@ def _met(
     every: _AllFacets,
     width: int,
     distance: float,
-    unnamed: bool,
+    alike: bool,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """For lines from the points of polygons `at` of a body, of those on the sides `own`: their polygons, what is
     opposite, the gaps in metres, and the share of the line, which may meet an edge of several; shape (k,) each."""
@@ -454,8 +449,8 @@ def _met(
     hidden = np.isin(of_line, of_line[seen & own_body])
     use = ~back | (seen & ~hidden)
     use &= _nearest(of_line, np.where(use, np.abs(gap), np.inf), same)
-    named = (own[one] % width > 0) & (side[other] % width > 0) & (own[one] != side[other])
-    use &= (own_body & ~named & (gap > -same)) if unnamed else (~own_body | (named & (gap > -same)))
+    same_side, named = own[one] == side[other], (own[one] % width > 0) & (side[other] % width > 0)
+    use &= (same_side if alike else ~own_body | (named & ~same_side)) & (~own_body | (gap > -same))
     _, line, count = np.unique(of_line[use], return_inverse=True, return_counts=True)
     return one[use], other[use], gap[use], 1.0 / count[line.ravel()]
 
