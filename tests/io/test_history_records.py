@@ -13,7 +13,8 @@ from shared_problems import RUBBER, rubbed
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, InteriorPoint, LoadHistory, Plane, Sphere, Traction
 from coulomb.io import output
-from coulomb.io.history_files import at_nodes
+from coulomb.io.history_files import at_points, points_in_files
+from coulomb.io.run_directory import RunDirectory
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,9 @@ def test_slip_is_written_as_that_of_the_step(tmp_path):
     problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (4, 4, 3)), RUBBER, [Clamp("top")], contact)
     before, step = LoadHistory([1.5, 2.0]).steps(problem)
     output.write(step.solution, tmp_path)
-    elasticity, nodes = step.solution.problem.elasticity, step.solution.problem.surface.nodes
-    written = at_nodes(tmp_path / "contact.xdmf", "slip", [("", elasticity.x[nodes])], problem.comm)
+    nodes = step.solution.problem.surface.nodes
+    _, points = points_in_files(RunDirectory(tmp_path), problem)
+    written = at_points(tmp_path / "contact.xdmf", "slip", points, problem.comm)
     slip = (step.solution.displacement - before.solution.displacement)[nodes] - [1e-3, 0.0, 0.0]
     slip[:, 2] = 0.0
     assert np.allclose(written, slip, rtol=0.0, atol=1e-6 * np.abs(slip).max())
