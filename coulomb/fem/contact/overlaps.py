@@ -45,9 +45,9 @@ _LEAST: Final = 0.05
 _GOES_ON: Final = 0.7
 """Cosine of the angle between a facet and the normal of the face beside it above which that goes on there."""
 
-_OPPOSED: Final = -0.1
+_OPPOSED: Final = -0.3
 """Cosine of the angle between the normals of a surface and of a facet below which it can get in there: flush sides of
-bodies on each other are not opposed."""
+bodies on each other are not opposed, nor those of the halves of a bolt, whose facets may be aslant to the section."""
 
 _BOXES: Final = 64
 """By which each rank describes where its cells are."""
