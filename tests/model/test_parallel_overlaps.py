@@ -210,6 +210,26 @@ def test_what_is_behind_a_foundation_from_the_beginning_is_no_overlap():
     assert answer.valid and answer.small_strain.inside is None
 
 
+@pytest.mark.parametrize("joined", [False, True])
+def test_a_foundation_stops_what_is_joined_with_its_body(joined):
+    """A second cantilever, without a foundation, bends through the plane of the floor under a block: beside it no
+    answer is the worse for that, glued to its side it is."""
+    cube = box((1.0, 1.0, 1.0), (2, 2, 2))
+    beam = moved(box((6.0, 1.0, 1.0), (6, 2, 2)), translate=(1.0 if joined else 9.0, 0.0, 0.0))
+    floor = Contact("cube:bottom", 0.2, foundation=Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    supports = [Clamp("cube:left")] if joined else [Clamp("cube:left"), Clamp("beam:left")]
+    answer = ContactProblem(
+        join(cube=cube, beam=beam),
+        STEEL,
+        supports,
+        floor,
+        [Traction("beam:right", (0.0, 0.0, -2e6))],
+        ties=[Tied("beam:left", "cube:right")] if joined else [],
+        small_strain="warn",
+    ).solve()
+    assert answer.certificate.passed and (answer.small_strain.inside is not None) == joined
+
+
 def test_a_gap_that_is_given_lets_surfaces_pass():
     """A thin plate comes down by a gap beside the distance, which is larger than the plate is thick."""
     plate = box((1.0, 1.0, 0.01), (2, 2, 2))

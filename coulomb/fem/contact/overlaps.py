@@ -198,7 +198,8 @@ class Surface:
         now = [self._now(rows, part) for part in range(len(self._parts))]
         points = np.concatenate([self._points(part, of) for part, of in enumerate(now)])
         found = [self._in_bodies(rows, now, points, gaps, large)]
-        found += [self._in_obstacle(points, one, large) for one in obstacles]
+        stopped = self._stopped(component, [one.face for one in obstacles])
+        found += [self._in_obstacle(points, one, on, large) for one, on in zip(obstacles, stopped, strict=True)]
         return max(found, key=lambda one: one.depth / one.approach if one else 0.0)
 
     def _now(self, rows: FloatArray, part: int) -> _Now:
@@ -390,10 +391,28 @@ class Surface:
 
     # --- foundations --------------------------------------------------------------------------------------------------
 
-    def _in_obstacle(self, points: Rows, one: Obstacle, large: bool) -> Overlap | None:
-        """The largest overlap with a rigid foundation of what began outside of it, beside its contact face; None where
-        it has no signed distance; collective."""
-        comm, rows, on = self._comm, self._on(one.face).astype(np.float64), list[Flags]()
+    def _stopped(self, component: IntArray, faces: Sequence[Face]) -> list[Flags]:
+        """Which of this rank's nodes the foundations of contact faces can stop: those of the face's component, and of
+        those that pairs and ties join with it and that have no foundation themselves.  A plane has no end, where the
+        machine stands that is beside; collective."""
+
+        def components(*of: Face) -> set[int]:
+            here = {int(number) for face in of for number in component[self._on(face)]}
+            return set().union(*self._comm.allgather(here))
+
+        joined, own = [components(*pair) for pair in self._sides], [components(face) for face in faces]
+        found = []
+        for one in own:
+            reached = set(one)
+            for _ in joined:
+                reached = reached.union(*(pair for pair in joined if pair & reached))
+            found.append(np.isin(component, list(one | reached.difference(*own))))
+        return found
+
+    def _in_obstacle(self, points: Rows, one: Obstacle, stopped: Flags, large: bool) -> Overlap | None:
+        """The largest overlap with a rigid foundation of what began outside of it, beside its contact face, of nodes
+        that it can stop, shape (k,); None where it has no signed distance; collective."""
+        comm, rows, on = self._comm, (self._on(one.face) | ~stopped).astype(np.float64), list[Flags]()
         for part in range(len(self._parts)):
             nodes = points["nodes"][points["part"] == part]
             known, inverse = np.unique(nodes, return_inverse=True)  # the first one may be -1: none
