@@ -350,7 +350,7 @@ class PairSamples:
         inner, ways = self._inner, self._way[:, :, None] * self._along
         a = np.maximum(self.area, 1e-300)
         average = np.einsum("mi,mi->m", self._means(ways), n)
-        off = self._unsure(self._way[:, :, None])[:, 0] + self._most(self._beyond[:, None])[:, 0]
+        off = np.einsum("mi,mi->m", self._unsure(ways), np.abs(n)) + self._most(self._beyond[:, None])[:, 0]
         off += _ROUNDING * self.radius
         least = most = average
         if self._slave.degree == 1:
