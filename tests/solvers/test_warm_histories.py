@@ -95,7 +95,7 @@ def test_learnt_columns_turn_with_the_frames(solver):
         "bottom",
         0.3,
         foundation=Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
-        rotation=Rotation((1.5, 0.5, 0.0), (0.0, 1.0, 0.0), [(1, 0.0), (3, 1e-4)]),
+        rotation=Rotation((1.5, 0.5, 0.0), (0.0, 1.0, 0.0), [(1, 0.0), (3, -1e-4)]),
     )
     columns = []
     for step in LoadHistory([1.0, 2.0, 3.0]).steps(fine(contact=tilting, linear_solver=solver)):

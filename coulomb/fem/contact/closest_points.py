@@ -21,7 +21,7 @@ from .. import compat
 from ..bodies import DisplacementSpace
 from ..meshes import fetched, starts_of
 
-_FACING: Final = -0.2
+FACING: Final = -0.2
 """Largest cosine between a line and the normals of the facets that it may meet."""
 
 _INSIDE: Final = 1e-7
@@ -265,9 +265,9 @@ def _towards(face: Facets, tree: object, start: FloatArray, along: FloatArray, n
     most = min(4, len(face))
     facet = tree.query(near, k=most)[1].reshape(len(near), most)  # type: ignore[attr-defined]
     cosine = np.einsum("qki,qi->qk", face.normal[facet], along)
-    first = np.argmax(cosine < _FACING, axis=1)
+    first = np.argmax(cosine < FACING, axis=1)
     row = np.arange(len(near))
-    facet, cosine = facet[row, first], np.minimum(cosine[row, first], _FACING)
+    facet, cosine = facet[row, first], np.minimum(cosine[row, first], FACING)
     way = np.einsum("qi,qi->q", face.middle[facet] - start, face.normal[facet]) / cosine
     return start + way[:, None] * along
 
@@ -299,7 +299,7 @@ def _meet(
         if not np.all(plane):
             _, x, a, b = face.at(facet, place)
         n = face.sign[facet, None] * np.cross(a, b)
-        facing = np.einsum("ci,ci->c", n, along) < _FACING * np.linalg.norm(n, axis=1)
+        facing = np.einsum("ci,ci->c", n, along) < FACING * np.linalg.norm(n, axis=1)
         off = np.linalg.norm(start + way[:, None] * along - x, axis=1) if not np.all(plane) else np.zeros(len(way))
     r, s = place.T
     outer = r + s - 1.0 if face.corners == 3 else np.maximum(r, s) - 1.0

@@ -23,9 +23,10 @@ import numpy.typing as npt
 import scipy.sparse
 
 from ...arrays import FloatArray, IntArray, unit_vectors
+from ...nearest import tree_of
 from ..geometry import RigidFoundation
-from ..meshes import CurvedFaces
 from .closest_points import (
+    FACING,
     PIECES,
     Facets,
     Hits,
@@ -36,6 +37,11 @@ from .closest_points import (
     plane_vectors,
     reference_nodes,
 )
+from .facet_heights import risen
+
+_ASLANT: Final = -0.9
+"""Cosine between a slave facet and a master facet beside the end of the master above which lines may miss the second:
+the side of a disc whose facets lean outwards."""
 
 _KINK: Final = {1: 0.1, 2: 0.25}
 """Error of an average over int |lambda_j| dS/a_j times the largest distance of what is averaged from the functions of
@@ -59,13 +65,6 @@ _BENT: Final = 0.05
 """Error of areas of facets that are no parallelograms or plane triangles with straight edges, over how far they are
 bent: the mortar integration has straight edges.  Between two facets errors cancel but for this part of them, where the
 face ends they are those of the slivers beyond the straight edges."""
-
-_SLANT: Final = 2.0
-_OFF: Final = 1.5
-"""See `_risen`."""
-
-_CREASE: Final = 0.9
-"""Cosine between a facet and the mean normals at its corners below which a smooth surface has an edge there."""
 
 _LEAST_DUAL: Final = 0.05
 """Covered share of a facet below which its functions are the linear ones of the corners."""
@@ -181,6 +180,7 @@ class PairSamples:
             self._to_surfaces(place)
         self._at_corners = facet_functions(slave.corners, 1, points)[0]
         self._functions(node, standing, columns)
+        self._missing = self._missed()
 
     def _met(self, start: FloatArray, along: FloatArray) -> Hits:
         one, other = self._slave, self._master
@@ -283,8 +283,24 @@ class PairSamples:
         means: FloatArray = self._sums(np.einsum("kq,kqd->kd", self._weight, inner))
         return means / np.maximum(self.area, 1e-300)[:, None]
 
-    def _unsure(self, values: FloatArray) -> FloatArray:
-        """How far these may be off, shape (m, d)."""
+    def _missed(self) -> tuple[IntArray, IntArray]:
+        """Pairs of a facet that is not before the master everywhere, by its number among the chosen, and a master facet
+        near it that is aslant, of which the strip before the slave may be between the lines."""
+        facet = np.flatnonzero(~np.all(self._there, axis=1))
+        if not len(facet) or not len(self._master):
+            return facet[:0], facet[:0]
+        own = self._chosen[facet]
+        reach = self._slave.radius[own] + float(self._master.radius.max())
+        near = tree_of(self._master.middle).query_ball_point(self._slave.middle[own], reach)
+        pair = np.repeat(np.arange(len(facet)), [len(some) for some in near])
+        other = np.concatenate([np.asarray(some, dtype=np.int64) for some in near])
+        cosine = np.einsum("ki,ki->k", self._slave.normal[own[pair]], self._master.normal[other])
+        aslant = (cosine < FACING) & (cosine > _ASLANT)
+        return facet[pair[aslant]], other[aslant]
+
+    def _unsure(self, values: FloatArray, missed: FloatArray | None = None) -> FloatArray:
+        """How far these may be off, shape (m, d); with the values (k, n, d) at the nodes of the master facets
+        that lines may have missed."""
         fitted, there = self._fitted(values), self._there[:, :, None]
         most = np.where(there, values, -np.inf).max(axis=1, initial=-np.inf)
         least = np.where(there, values, np.inf).min(axis=1, initial=np.inf)
@@ -298,6 +314,9 @@ class PairSamples:
         error = np.where(many[:, None], np.minimum(kinked * off, 3.0 * kinked * kink + _SMOOTH * off), kinked * off)
         off = error + self._part_off[:, None] * spread
         off = np.where(self._dual[:, None], np.minimum(off, spread), kinked * _LINEAR * spread)
+        if missed is not None:
+            np.maximum.at(most, self._missing[0], missed.max(axis=1))
+            np.minimum.at(least, self._missing[0], missed.min(axis=1))
         f, p = self._around
         high, low = np.full((2, self._count, values.shape[2]), -np.inf)
         np.maximum.at(high, p, most[f])
@@ -350,7 +369,11 @@ class PairSamples:
         inner, ways = self._inner, self._way[:, :, None] * self._along
         a = np.maximum(self.area, 1e-300)
         average = np.einsum("mi,mi->m", self._means(ways), n)
-        off = np.einsum("mi,mi->m", self._unsure(ways), np.abs(n)) + self._most(self._beyond[:, None])[:, 0]
+        facet, other = self._missing
+        one, normal = self._chosen[facet], self._slave.normal[self._chosen[facet]]
+        heights = np.einsum("kni,ki->kn", self._master.x[other] - self._slave.middle[one][:, None], normal)
+        missed = heights[:, :, None] * normal[:, None]
+        off = np.einsum("mi,mi->m", self._unsure(ways, missed), np.abs(n)) + self._most(self._beyond[:, None])[:, 0]
         off += _ROUNDING * self.radius
         least = most = average
         if self._slave.degree == 1:
@@ -384,7 +407,8 @@ class PairSamples:
         values = facet_functions(self._master.corners, self._master.degree, place[met])[0]
         there[met] = np.einsum("qn,qnd->qd", values, opposite[facet[met]])
         both = here, there
-        return np.stack([self._means(of) for of in both]), np.stack([self._unsure(of) for of in both])
+        unsure = self._unsure(here), self._unsure(there, opposite[self._missing[1]])
+        return np.stack([self._means(of) for of in both]), np.stack(unsure)
 
     # --- what the facets stand for ------------------------------------------------------------------------------------
 
@@ -402,7 +426,7 @@ class PairSamples:
         )
         for sign, (face, surface, directions, facet, at, x) in zip((-1.0, 1.0), sides, strict=True):
             if surface is not None or (given.smooth and face.degree == 1):
-                rise, unsure = _risen(face, surface, directions, facet, at, x, along)
+                rise, unsure = risen(face, surface, directions, facet, at, x, along)
                 self._way[there] += sign * rise
                 most = np.zeros(len(place))
                 np.maximum.at(most, np.nonzero(there)[0], unsure)
@@ -427,58 +451,3 @@ def _around(
         f, p = np.concatenate([f, empty[beside.row]]), np.concatenate([p, beside.col.astype(np.int64)])
     chosen, number = np.unique(f, return_inverse=True)
     return chosen.astype(np.int64), (number.reshape(-1).astype(np.int64), p.astype(np.int64))
-
-
-def _along(surface: RigidFoundation, start: FloatArray, along: FloatArray, way: float) -> FloatArray:
-    """Way in metres from points (q, 3) along unit vectors to a surface, shape (q,), by Newton's method."""
-    found = np.full(len(start), way)
-    for _ in range(6 if len(start) else 0):
-        x = start + found[:, None] * along
-        slope = np.einsum("qi,qi->q", surface.normal(x), along)
-        found = found - surface.signed_distance(x) / np.where(np.abs(slope) < 0.1, np.copysign(0.1, slope), slope)
-    return found
-
-
-def _risen(
-    face: Facets,
-    surface: RigidFoundation | None,
-    held: FloatArray | None,
-    facet: IntArray,
-    at: FloatArray,
-    x: FloatArray,
-    along: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """The way along unit vectors (q, 3) from points x (q, 3) of facets (q,), with the linear functions `at`
-    (q, corners) of the corners, to a surface or, without one, to the smooth face with the mean normals n_k of the
-    facets at the corners, 1/2 sum N_k ((x_k - x) . n_k) n_k; and how far it may be off; metres, shape (q,) each.
-
-    At nodes where the face ends on a plane of symmetry, by projectors on `held` directions at the nodes (f, n, 3, 3),
-    normals are within it.  The mortar integration has second-order facets with nodes on the surface, and their heights
-    above places of the facets: with a bulge s and an angle between line and normals, that is off by up to the part
-    sin^2 of s.  Of facets that are of second order themselves the difference from the surface is not known better.
-    """
-    corner, size = face.nodes[:, : face.corners], int(face.nodes.max()) + 1
-    areas = plane_vectors(face.x[:, : face.corners]) * face.sign[:, None]
-    sums, total = np.zeros((size, 3)), np.zeros(size)
-    np.add.at(sums, corner, areas[:, None])
-    np.add.at(total, corner, np.linalg.norm(areas, axis=1)[:, None])
-    means = (sums / np.maximum(total, 1e-300)[:, None])[corner]
-    n = unit_vectors(means)
-    slant = np.max(1.0 - np.einsum("qki,qi->qk", n[facet], along) ** 2, axis=1)
-    if isinstance(surface, CurvedFaces):
-        rise = np.einsum("qi,qi->q", surface.bulges(face.x[:, : face.corners], facet, at), along)
-        return rise, _SLANT * slant * np.abs(rise)
-    if surface is not None:
-        rise = _along(surface, x, along, 0.0)
-        return rise, np.abs(rise) * (_OFF if face.degree == 2 else _SLANT * slant)
-    aslant = np.einsum("fki,fi->fk", n, face.normal) < _CREASE
-    creased = np.any(aslant | (np.linalg.norm(means, axis=2) < _CREASE), axis=1)
-    across = np.zeros_like(n) if held is None else np.einsum("fkij,fkj->fki", held[:, : face.corners], n)
-    symmetric = (face.rim | np.roll(face.rim, 1, axis=1)) & (np.linalg.norm(across, axis=2) < 0.5)
-    away = face.x[facet][:, : face.corners] - x[:, None]
-    found = []
-    for normals in (n, unit_vectors(np.where(symmetric[:, :, None], n - across, n))):
-        each = np.einsum("qki,qki->qk", away, normals[facet])
-        bulge = 0.5 * np.einsum("qk,qk,qki,qi->q", at, each, normals[facet], along)
-        found.append(np.where(creased[facet], 0.0, bulge))
-    return found[1], np.abs(found[1] - found[0]) + _SLANT * slant * np.abs(found[1])
