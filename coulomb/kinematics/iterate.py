@@ -289,7 +289,9 @@ def fineness(answer: Solution, e: Evidence, undeformed: ContactBody) -> SmallStr
     given = np.zeros(len(surface.x))
     inside = undeformed.outside.overlap(surface, given, motions, answer.displacement, deformation, large=True)
     deformed = _Deformed(e.comm, e.x, e.internal)
-    return small_strain(answer.at_nodes, surface.foundations, deformed, e.displacement, faces, inside=inside)
+    return small_strain(
+        answer.at_nodes, surface.foundations, deformed, e.displacement, faces, inside=inside, large=True
+    )
 
 
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:

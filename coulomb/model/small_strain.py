@@ -227,6 +227,7 @@ def small_strain(
     between: Sequence[FaceSamples] = (),
     blocked: float = 0.0,
     inside: Overlap | None = None,
+    large: bool = False,
 ) -> SmallStrain:
     """Measure an answer; collective.
 
@@ -238,6 +239,8 @@ def small_strain(
         between: Places on each contact face.
         blocked: The deformation that the loads would cause where nothing can move, metres (`Evidence`).
         inside: The largest overlap of surfaces.
+        large: Whether places are those after a large motion: nodes on a foundation may have got there, and do not tell
+            that their facets stand for a face of its curvature.
     """
     over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
     pressing = normal > _PRESSING * max(over.max(normal), 0.0)
@@ -272,7 +275,7 @@ def small_strain(
         turn=largest(turn, over),
         slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
         gradient=body.largest_gradient(u),
-        between=_relative(_deepest(at_nodes, foundations, between), deformation),
+        between=_relative(_deepest(at_nodes, foundations, between, large), deformation),
         chord=_relative(chord, approach),
         rounding=_relative(rounded, approach),
         overlap=0.0 if inside is None else inside.depth / inside.approach,
@@ -300,7 +303,7 @@ def _relative(depth: float, deformation: float) -> float:
 
 
 def _deepest(
-    answer: NodalAnswer, foundations: Sequence[RigidFoundation | None], between: Sequence[FaceSamples]
+    answer: NodalAnswer, foundations: Sequence[RigidFoundation | None], between: Sequence[FaceSamples], large: bool
 ) -> float:
     """Largest depth in metres of places on faces inside their foundations, beyond what the chord of the facets
     explains; of faces whose contact points are nodes on facets between these; collective."""
@@ -314,7 +317,8 @@ def _deepest(
                 at, none = points[part == k], np.all(gap[part == k] == given[part == k])
                 noise = 2.0 * float(np.max(np.abs(of.signed_distance(at)), initial=0.0)) if none else 0.0
                 extent = float(np.max(np.ptp(at, axis=0))) if len(at) else 0.0
-                found.append(_depths(face, of, points, given, noise if noise <= 2.0 * NOISE * extent else 0.0))
+                noise = noise if noise <= 2.0 * NOISE * extent else 0.0
+                found.append(_depths(face, of, points, given, noise, large))
         return found
 
     try:
@@ -378,7 +382,12 @@ def _with_corner(face: FaceSamples, points: FloatArray) -> npt.NDArray[np.bool_]
 
 
 def _depths(
-    face: FaceSamples, foundation: RigidFoundation, points: FloatArray, given: FloatArray, noise: float = 0.0
+    face: FaceSamples,
+    foundation: RigidFoundation,
+    points: FloatArray,
+    given: FloatArray,
+    noise: float = 0.0,
+    large: bool = False,
 ) -> FloatArray:
     """Depths of facets, as `_deepest`, for the contact points (m, 3) of all ranks with their given gaps (m,); depths up
     to `noise` in metres are rounding errors of coordinates (`without_noise`)."""
@@ -394,7 +403,7 @@ def _depths(
     if not np.any(near):
         return np.zeros(0)
     least = face.least(near, remaining)
-    chords = face.chord_on(foundation.signed_distance)[near]
+    chords = face.chord[near] if large else face.chord_on(foundation.signed_distance)[near]
     depths: FloatArray = np.where(np.abs(least) <= max(_ROUNDING * size, noise), 0.0, -least) - _CHORDS * chords
     return depths
 

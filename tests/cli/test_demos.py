@@ -100,7 +100,7 @@ def test_demo_block():
     residuals = line(text, r"^Coulomb residual +# +#$")
     assert max(residuals) <= 1e-8 and line(text, r"two answers differ by # of the forces")[0] <= 1e-6
     assert steps[0] < steps[1] and products[0] < 0.5 * products[1]
-    history = table(text, r"^ +(\d+) +(\d\.\de-\d\d) +(nan|\d[\d.]*)$")
+    history = table(text, r"^ +(\d+) +(\d\.\de[-+]\d\d) +(nan|\d[\d.]*)$")
     assert list(history[:, 0]) == list(range(1, int(problems) + 1)) and history[-1, 1] == residuals[1]
     assert np.isnan(history[0, 2]) and not np.isnan(history[1:, 2]).any()  # the first has none before it
     mean = (history[-1, 1] / history[0, 1]) ** (1.0 / (problems - 1.0))

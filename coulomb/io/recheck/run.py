@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from ...contact_fields import ANSWER, names
+from ...contact_fields import ANSWER, COMPLIANCES, names
 from ...fem.bodies import TEMPERATURE
 from ...model.certificate import Certificate
 from ...solvers.successive_tresca import SuccessiveTresca
@@ -89,6 +89,7 @@ class Findings:
         named = unjudged(SUMMARY, run.summary, self.found.judged)
         named += [f"time of {name}" for name, time in zip(FIELDS, times, strict=True) if time not in self.found.judged]
         named += [f"{name} of {SOLUTION}" for name in run.described[0].fields if name not in OURS]
+        named += [f"{name} of {CONTACT}" for name in dict.fromkeys(COMPLIANCES)]  # of the solver's matrix A
         step = " of the step" if run.files.step_number is not None else ""
         return named + [f"{name}{step}" for name in unread(run.folder, _READ)]
 
