@@ -369,7 +369,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
         *_actions(e, over),
         *(
             Check(name, worst(value, 0.0), ANGLE_LIMIT if unit else LIMIT, unit, meaning)
-            for name, value, unit, meaning in pair_lines(e.pairs, scales.length, over)
+            for name, value, unit, meaning in pair_lines(e.pairs, _of_pairs(e, scales, over), over)
         ),
         inside,
         at_points("adhesion", -pressing, "no node is pulled, nor has a force off the contact faces"),
@@ -428,10 +428,18 @@ def _faults(e: Evidence, scales: Scales, over: Reductions) -> list[str]:
     return faults
 
 
+def _of_pairs(e: Evidence, scales: Scales, over: Reductions) -> FloatArray:
+    """Displacement scale of every pair, metres: that of its contact points; of all where it has none."""
+    numbers = [k for k, others in enumerate(e.opposite) if others]
+    own = over.largest(np.array([np.max(scales.at_points[e.part == k], initial=0.0) for k in numbers]))
+    known = len(numbers) == len(e.pairs)
+    return np.where(own > 0.0, own, scales.length) if known else np.full(len(e.pairs), scales.length)
+
+
 def _ties(e: Evidence, scales: Scales, over: Reductions) -> tuple[Check, ...]:
     if e.jump is None:
         return ()
-    apart = over.max(np.abs(e.jump)) / scales.length
+    apart = over.max(np.abs(e.jump) / scales.lengths[scales.body][:, None])
     return (Check("ties", worst(apart, 0.0), LIMIT, "", "tied faces neither open nor slip"),)
 
 

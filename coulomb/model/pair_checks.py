@@ -159,24 +159,27 @@ def findings(
     return PairFindings(face, against, worst, float(np.max(off.allowed, initial=0.0)))
 
 
-def pair_lines(pairs: tuple[PairFindings, ...], length: float, over: Reductions) -> list[tuple[str, float, str, str]]:
-    """Name, value, unit and meaning of the lines of the certificate; `length` is the scale of displacements, metres."""
+def pair_lines(
+    pairs: tuple[PairFindings, ...], lengths: FloatArray, over: Reductions
+) -> list[tuple[str, float, str, str]]:
+    """Name, value, unit and meaning of the lines of the certificate; `lengths` are the scales of displacements of the
+    pairs, metres."""
     if not pairs:
         return []
     every = concatenated(over.comm, np.array([[pair.worst for pair in pairs]]))  # (ranks, pairs, 4, 4)
     allowed = over.max(np.array([pair.allowed for pair in pairs]))
-    lines = []
+    lines, ones = [], np.ones(len(pairs))
     for k, (name, unit, scale, words) in enumerate(
         (
-            ("pair gap", "", length, f"gaps as by lines from face to face, to {allowed:.1e} m by the facets"),
-            ("pair displacement", "", length, "displacements of both faces as at these lines"),
-            ("pair normal", "deg", 1.0, "normals as of the facets around"),
-            ("pair weights", "", 1.0, "areas and averages over both faces as at these lines"),
+            ("pair gap", "", lengths, f"gaps as by lines from face to face, to {allowed:.1e} m by the facets"),
+            ("pair displacement", "", lengths, "displacements of both faces as at these lines"),
+            ("pair normal", "deg", ones, "normals as of the facets around"),
+            ("pair weights", "", ones, "areas and averages over both faces as at these lines"),
         )
     ):
-        values = np.where(np.isnan(every[:, :, k, 0]), np.inf, every[:, :, k, 0])
+        values = np.where(np.isnan(every[:, :, k, 0]), np.inf, every[:, :, k, 0]) / scale
         rank, number = np.unravel_index(int(np.argmax(values)), values.shape)
-        value, *place = every[rank, number, k].tolist()
+        value, place = float(values[rank, number]), every[rank, number, k, 1:].tolist()
         at = f"; worst: {pairs[number].face!r} against {pairs[number].against!r} at x = {in_words(place)}"
-        lines.append((name, value / scale, unit, words + (at if value > 0.0 else "")))
+        lines.append((name, value, unit, words + (at if value > 0.0 else "")))
     return lines

@@ -18,6 +18,7 @@ from coulomb import (
     NotConverged,
     Plane,
     PrescribedDisplacement,
+    Tied,
     box,
     join,
     moved,
@@ -94,6 +95,33 @@ def test_rubber_on_steel():
         part, over = problem.surface.part, Reductions(problem.comm)
         pressed = [np.abs(over.sum(solution.force_on_body[part == number, 2])) for number in (0, 1)]
         assert pressed[0] > 0.0 and pressed[0] == pytest.approx(pressed[1], rel=1e-8)
+
+
+def test_pairs_and_ties_are_judged_by_their_own_scale():
+    """A pair of foam, and one of steel whose gaps are off by a thousandth of the steel's displacement; the same of the
+    jump of a tie."""
+    strain = {"soft": 1e-3, "stiff": 1e-3 * SOFT / STIFF}
+    meshes, materials, supports, contacts, ties = {}, {}, [], [], []
+    for k, (name, young) in enumerate({"soft": SOFT, "stiff": STIFF}.items()):
+        for j, at in enumerate(("a", "b", "c")):
+            meshes[f"{name}_{at}"] = moved(box((0.1, 0.1, 0.1), (2, 2, 1)), translate=(float(k), 0.0, 0.1 * j))
+            materials[f"{name}_{at}"] = Material(young, 0.3)
+        supports += [PrescribedDisplacement(f"{name}_a:bottom", (0.0, 0.0, 0.0))]
+        supports += [PrescribedDisplacement(f"{name}_c:top", (0.0, 0.0, -0.1 * strain[name]))]
+        contacts.append(Contact(f"{name}_b:bottom", 0.3, against=f"{name}_a:top"))
+        ties.append(Tied(f"{name}_c:bottom", f"{name}_b:top"))
+    solution = ContactProblem(join(**meshes), materials, supports, contacts, ties=ties, small_strain="warn").solve()
+    evidence = solution.problem.evidence(solution.contact_force, solution.displacement, None)
+    assert judge(evidence).passed
+    off = 1e-3 * 0.1 * strain["stiff"]
+    foam, steel = evidence.pairs
+    worst = steel.worst.copy()
+    worst[0] = off, 1.0, 0.0, 0.1
+    gaps = judge(replace(evidence, pairs=(foam, replace(steel, worst=worst))))
+    assert [check.name for check in gaps.checks if not check.passed] == ["pair gap"]
+    assert "'stiff_b:bottom' against 'stiff_a:top'" in gaps["pair gap"].meaning
+    jump = np.where(evidence.x[:, :1] > 0.5, off, 0.0) * np.ones(3)
+    assert [check.name for check in judge(replace(evidence, jump=jump)).checks if not check.passed] == ["ties"]
 
 
 def test_a_body_without_load_has_a_scale():
