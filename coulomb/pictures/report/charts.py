@@ -38,7 +38,7 @@ def convergence_figure(run: Run) -> Any:
     outer = bool(rows) and "change" in rows[0]
     figure, (left, right) = _figure(2)
     number = _column(rows, "iteration")
-    _logarithmic(left, number, _column(rows, "residual"), "o-", _FIRST, 4.0, "residual")
+    _logarithmic(left, number, _column(rows, "residual"), "o-", _FIRST, 4.0, "residual, of the worst contact’s force")
     what = "Tresca problem" if outer else "path-following step" if rows and "theta" in rows[0] else "step"
     if rows and "theta" in rows[0]:
         theta = _column(rows, "theta")
@@ -51,7 +51,7 @@ def convergence_figure(run: Run) -> Any:
         left.axhline(run.tolerance, color=_THIRD, linewidth=1, linestyle=":")
         where = ("axes fraction", "data")
         left.annotate("tolerance", (0.02, run.tolerance), xycoords=where, va="bottom", color=_THIRD)
-    left.set(xlabel=what, ylabel="relative measure")
+    left.set(xlabel=what, ylabel="measure")
     _legend(left)
     _decades(left, "residual 0 in every step")
     right.bar(number, _column(rows, "krylov"), color=_FIRST, width=0.7, label="CG iterations")
