@@ -37,7 +37,7 @@ PRESSURE, SHEAR, FRICTION, SLIP = 4e7, 1e7, 0.3, 1e-4
 CELLS = {1: (4, 5, 3), 2: (2, 3, 2)}
 """Along the edges of the cube, by the order of the elements."""
 
-RESIDUAL = 1e-11
+RESIDUAL = 1e-10  # of the worst node by its own force; products leave 1.4e-11 of one of them
 
 TURN = np.linalg.qr(np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.1], [0.48, 0.64, 0.7]]))[0]
 TURN *= np.linalg.det(TURN)
