@@ -17,7 +17,7 @@ from ..linalg.reductions import Reductions
 from .laws import FrictionLaw
 from .results import Accept, Goal, NotConverged, ProgressCallback, SolverResult, Status
 from .rigid_motions import MotionBasis, RigidMotions
-from .scales import ContactScales, relative, sizes
+from .scales import ContactScales, relative
 from .settings import Settings, within
 
 _FAR_SHORTER: Final = 1e-3
@@ -255,8 +255,7 @@ class FrictionProblem:
         """
         if self.rigid is None:
             return 0.0
-        basis, over = self.motion_basis, self.reductions
-        lacking = self.rigid.beyond_rounding(self.rigid.out_of_balance(x, over), x, over)
+        basis, over, lacking = self.motion_basis, self.reductions, self.rigid.out_of_balance(x, self.reductions)
         change = (basis.T @ lacking) @ basis.rows
         resisted = over.max(np.append(relative(change.reshape(-1, 3), scale), 0.0))
         free = float(np.linalg.norm(basis.free.T @ lacking)) / basis.size
@@ -309,25 +308,20 @@ class FrictionProblem:
         """
         if self.rigid is not None:
             return 0.0
-        closed, rounding = self._rounding(x, gradient)
-        rounding = np.where(closed[:, None] & self.unknown, rounding, 0.0)
+        w, loads = gradient.reshape(-1, 3), self.b.reshape(-1, 3)
+        felt = (np.abs(w + loads) + np.abs(loads)) / self.scales.compliance
+        closed = x[0::3] > np.maximum(self.lower, w[:, 0] / self.scales.compliance[:, 0])
+        rounding = np.where(closed[:, None] & self.unknown, _EPSILON * felt, 0.0)
         left = self.reductions.max(np.append(relative(rounding, self.force_scale(x, gradient)), 0.0))
         return left if left > _RESOLVED else 0.0
-
-    def _rounding(self, x: FloatArray, gradient: FloatArray) -> tuple[npt.NDArray[np.bool_], FloatArray]:
-        """Which contacts are closed, shape (m,), and forces that rounding errors of A x and b make, shape (m, 3)."""
-        w, loads, a = gradient.reshape(-1, 3), self.b.reshape(-1, 3), self.scales.compliance
-        return x[0::3] > np.maximum(self.lower, w[:, 0] / a[:, 0]), _EPSILON * (np.abs(w + loads) + np.abs(loads)) / a
 
     @cached_property
     def scales(self) -> ContactScales:
         return ContactScales.of(self.A.diagonal(), self.body, self.reductions)
 
     def left_over(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
-        """x - P(x - w/a) by every contact's compliance, newtons, shape (m, 3); 0 if open and within rounding errors."""
-        left = self.law.left_over(x, gradient / self.scales.compliance.ravel(), self.lower).reshape(-1, 3)
-        closed, rounding = self._rounding(x, gradient)
-        return np.where((closed | (sizes(left) > sizes(rounding)))[:, None], left, 0.0)
+        """x - P(x - w/a) with the compliances of every contact, newtons, shape (m, 3); see `residual`."""
+        return self.law.left_over(x, gradient / self.scales.compliance.ravel(), self.lower).reshape(-1, 3)
 
     def force_scale(self, x: FloatArray, gradient: FloatArray) -> FloatArray:
         """Force by which every contact is judged, newtons, shape (m,); see `residual`."""

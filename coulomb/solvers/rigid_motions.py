@@ -58,11 +58,6 @@ class RigidMotions:
         """e - G x in newtons, shape (q,), of forces x (3 m,) in newtons; collective."""
         return self.e - over.total(self.G @ x)
 
-    def beyond_rounding(self, lacking: FloatArray, x: FloatArray, over: Reductions) -> FloatArray:
-        """The `out_of_balance` (q,) of forces x (3 m,), 0 where rounding errors of G x and e explain it; collective."""
-        felt = over.total(np.abs(self.G) @ np.abs(x)) + np.abs(self.e)
-        return np.where(np.abs(lacking) > np.finfo(float).eps * felt, lacking, 0.0)
-
     def described(self, alpha: FloatArray) -> str:
         """The motions of alpha (q,) by name, the largest first, without those below a hundredth of it."""
         names = self.names or tuple(f"motion {k + 1}" for k in range(self.count))

@@ -9,7 +9,6 @@ a_t (the mean of two) of diag(A) there,
 
 Open contacts keep forces of 1e-14 of the largest, and grazing ones (x = w = 0) the square root of the path's theta: by
 their own force alone they would never be right, hence the second term.  A body without contact forces has only loads.
-Where that is less than rounding errors of A x and b in newtons, forces of open contacts below these are none.
 
 Contacts of different compliance that belong to one body, or to bodies that touch, act on each other: an error e of the
 force of a soft one, which its own residual says to be small, moves a stiff one s times stiffer by up to e/sqrt(s).  So
