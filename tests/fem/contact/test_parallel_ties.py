@@ -56,7 +56,10 @@ def apart(body):
     ("cell", "degree", "solver"), [("hexahedron", 1, IterativeSolver), ("tetrahedron", 2, DirectSolver)]
 )
 def test_ranks_find_what_one_does(cell, degree, solver):
-    alone, together = stack(MPI.COMM_SELF, cell, degree).solve(1e-12), stack(comm, cell, degree, solver).solve(1e-12)
+    tolerance = 1e-9  # of every contact's own force: of the body that touches nothing 1e-10 is left by rounding errors
+    alone, together = (
+        stack(*of).solve(tolerance) for of in ((MPI.COMM_SELF, cell, degree), (comm, cell, degree, solver))
+    )
     assert together.certificate.passed and together.certificate["ties"].value <= 1e-10
     x, own = everywhere(apart(together.problem.elasticity)), apart(alone.problem.elasticity)
     scale = np.abs(alone.displacement).max()
