@@ -126,7 +126,7 @@ def test_two_bodies_with_a_thermal_stress():
             coulomb.join(lower=lower, upper=upper),
             {"lower": expands, "upper": expands},
             [Clamp("lower:bottom")],
-            Contact("upper:bottom", 0.3, against="lower:top"),
+            Contact("lower:top", 0.3, against="upper:bottom", slave=True),
             [Traction("upper:top", (0.0, 0.0, -1e7))],
             temperature=30.0,
             reference_temperature=20.0,
