@@ -149,6 +149,7 @@ def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> S
     body = components_of(len(e.x), e.component, e.bodies)
     count = 1 + int(over.max(body.astype(np.float64)))
     owner = np.zeros(len(e.force), dtype=np.int64) if e.owner is None else e.owner
+    forces: FloatArray
     if count == 1 or not 0.0 < nodal < np.inf or not motion < np.inf:
         forces, lengths_, nodals = (np.full(count, value) for value in (force, length, nodal))
         at_points = np.full(len(owner), length)
@@ -195,7 +196,7 @@ def place_of_largest(
         here = np.where(np.isnan(values), np.inf, values)
         k = int(np.argmax(here))
         mine = np.array([[here[k], *place[k], part[k]]])
-    _, x, y, z, face = max(concatenated(over.comm, mine).tolist())
+    _, x, y, z, face = max(tuple(map(float, row)) for row in concatenated(over.comm, mine))
     name = f" of {faces[int(face)]!r}" if 0 <= face < len(faces) and faces[int(face)] else ""
     return f"at ({x:.4g}, {y:.4g}, {z:.4g}) m{name}"
 

@@ -110,8 +110,8 @@ class FoundationFace:
         before = self.distance(body.reference[local], moved=False)
         extent = max(over.max(axis) + over.max(-axis) for axis in body.reference.T)
         gap = self.distance(x[nodes]) + self.given[local]
-        n, gap = without_slopes(slope, body.held.projector_at(local), held), touching(gap, before, extent, held)
-        return OtherNodes(self.comm, nodes, x, n, gap, held)
+        normals = without_slopes(slope, body.held.projector_at(local), held)
+        return OtherNodes(self.comm, nodes, x, normals, touching(gap, before, extent, held), held)
 
 
 def without_slopes(slope: FloatArray, H: FloatArray, held: npt.NDArray[np.bool_]) -> FloatArray:

@@ -179,7 +179,7 @@ def pair_lines(
     ):
         values = np.where(np.isnan(every[:, :, k, 0]), np.inf, every[:, :, k, 0]) / scale
         rank, number = np.unravel_index(int(np.argmax(values)), values.shape)
-        value, place = float(values[rank, number]), every[rank, number, k, 1:].tolist()
+        value, place = float(values[rank, number]), [float(at) for at in every[rank, number, k, 1:]]
         at = f"; worst: {pairs[number].face!r} against {pairs[number].against!r} at x = {in_words(place)}"
         lines.append((name, value, unit, words + (at if value > 0.0 else "")))
     return lines

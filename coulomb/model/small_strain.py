@@ -345,7 +345,7 @@ def _largest_chords(
     every, own = ([np.concatenate(comm.allgather(of)) for of in side] for side in zip(*parts, strict=True))
 
     def bends() -> list[tuple[FloatArray, FloatArray]]:
-        found = [(np.zeros(0), np.zeros(0))] * len(foundations)
+        found: list[tuple[FloatArray, FloatArray]] = [(np.zeros(0), np.zeros(0))] * len(foundations)
         for k, (face, of) in enumerate(zip(faces, foundations, strict=False)):
             if of is not None and len(own[k]):
                 here = _with_corner(face, own[k])

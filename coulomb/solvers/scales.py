@@ -103,7 +103,7 @@ class ContactScales:
             loads: What they close in metres, shape (3 m,).
         """
         felt, forces = sizes(loads.reshape(-1, 3) / self.compliance), sizes(x.reshape(-1, 3))
-        least = np.full(self.bodies, -np.inf)
+        least: FloatArray = np.full(self.bodies, -np.inf)
         np.maximum.at(least, self.body, -felt)
         least = np.maximum(-self.over.largest(least), 0.0)
         loaded = np.maximum(_LOADS[0] * np.where(least < np.inf, least, 0.0), _LOADS[1] * self.largest(felt))

@@ -112,7 +112,7 @@ def tetrahedra_of(cell: Any, degree: int) -> IntArray:
     points = np.round(degree * lagrange_points(cell, degree)).astype(np.int64)
     if cell.name == "tetrahedron":
         points = points @ np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1]])
-    column = {tuple(point): k for k, point in enumerate(points.tolist())}
+    column = {tuple(map(int, point)): k for k, point in enumerate(points)}
     found = []
     for corner in product(range(degree), repeat=3):
         for axes in permutations(np.eye(3, dtype=np.int64)):
@@ -184,7 +184,7 @@ def depths_below(
     n /= np.maximum(np.linalg.norm(n, axis=1), 1e-300)[:, None]
     height = np.einsum("pi,pi->p", p - a, n)
     over = np.ones(len(p), dtype=bool)
-    distance = np.full(len(p), np.inf)
+    distance: FloatArray = np.full(len(p), np.inf)
     for start, end in ((a, b), (b, c), (c, a)):
         edge, away = end - start, p - start
         over &= np.einsum("pi,pi->p", np.cross(edge, away), n) >= 0.0

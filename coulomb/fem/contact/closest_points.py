@@ -83,7 +83,8 @@ def facet_rule(corners: int, degree: int) -> tuple[FloatArray, FloatArray, IntAr
         piece = np.array([0, 1, 3, 2])[((at[:, 0] > 0.5) + 2 * (at[:, 1] > 0.5)).astype(np.int64)]
         return at, np.outer(w, w).ravel(), piece.astype(np.int64) * (degree == 2)
     if degree == 1:
-        three, size = np.array([(1, 1), (4, 1), (1, 4)]) / 6.0, np.full(3, 1.0 / 6.0)
+        size: FloatArray = np.full(3, 1.0 / 6.0)
+        three = np.array([(1, 1), (4, 1), (1, 4)]) / 6.0
     else:  # of degree 4, Dunavant 1985
         a, b = 0.445948490915965, 0.091576213509771
         three = np.array([(x, y) for c in (a, b) for x, y in ((c, c), (1 - 2 * c, c), (c, 1 - 2 * c))])

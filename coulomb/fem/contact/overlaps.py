@@ -245,7 +245,7 @@ class Surface:
             return None
         vectors = self._vectors_of(hits, now)
         depth, near = self._depths(hits["was"], hits, vectors, now)
-        kept = np.zeros(len(hits), dtype=bool)
+        kept: Flags = np.zeros(len(hits), dtype=bool)
         for part, hit, facet in near:
             master = self._of_masters[part][facet] | self._beside_masters(part, facet)
             both = (hits["slave"][hit] & master) | (hits["master"][hit] & now[part].slave[facet])
@@ -264,7 +264,7 @@ class Surface:
         if worst is None:
             return None
         through = [(self._bodies[part], row) for part, hit, facet in near for row in facet[hit == worst.row]]
-        named = [(of.name_of(row), *of.normal(row).tolist()) for of, row in through]  # as near as each other
+        named = [(of.name_of(row), *map(float, of.normal(row))) for of, row in through]  # as near as each other
         face, *normal = min(one for ranks in comm.allgather(named) for one in ranks)
         return self._overlap(hits[worst.row], np.array(normal), face, worst)
 
@@ -382,7 +382,7 @@ class Surface:
             sizes = np.linalg.norm(against, axis=2) * np.linalg.norm(vector, axis=1)[:, None]
             opposed = np.any(np.einsum("pni,pi->pn", against, vector) < _OPPOSED * sizes, axis=1)
             hit, distance, row = hit[opposed], distance[opposed], row[opposed]
-            least = np.full(len(at), np.inf)
+            least: FloatArray = np.full(len(at), np.inf)
             np.minimum.at(least, hit, distance)
             least = depth[at] = _least(least, comm)
             same = distance <= (1.0 + _SAME) * least[hit] + self._rounding

@@ -209,7 +209,9 @@ class PairSamples:
             mass[self._dual], np.broadcast_to(self._span, (len(sizes), *self._span.shape))
         )
         self._own = np.einsum("fjn,qn,fq->fjq", found, self._values, self._size)
-        own, self._part_off, part = self._own, *np.zeros((2, len(share)))
+        own: FloatArray = self._own
+        part: FloatArray = np.zeros(len(share))
+        self._part_off: FloatArray = np.zeros(len(share))
         if width == 6:
             part, self._part_off = self._halfway()
             whole = np.einsum("jn,qn,fq->fjq", self._span, self._values, self._size)

@@ -302,7 +302,7 @@ def _opposite(run: WrittenRun) -> tuple[tuple[int, ...], ...]:
     """`Evidence.opposite`."""
     found: list[tuple[int, ...]] = [()] * len(run.face_names)
     for one in run.opposite:
-        found[one.contact] = tuple(np.unique(run.body.component[one.face.node]).tolist())
+        found[one.contact] = tuple(map(int, np.unique(run.body.component[one.face.node])))
     return tuple(found)
 
 
