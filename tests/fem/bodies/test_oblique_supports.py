@@ -52,7 +52,7 @@ def forces(step):
     return surface.x, step.solution.force_on_body
 
 
-HISTORY = LoadHistory([1.0, 2.0, 3.0], tolerance=1e-11)
+HISTORY = LoadHistory([1.0, 2.0, 3.0], tolerance=1e-10)
 
 
 @pytest.mark.parametrize(("cell", "linear_solver"), [("hexahedron", IterativeSolver), ("tetrahedron", DirectSolver)])

@@ -84,7 +84,7 @@ def test_a_sector_with_its_axis(linear_solver=IterativeSolver):
         mesh = box((0.5, 0.5, 0.5), (4, 3, 3), comm=over)
         return ContactProblem(mesh, Material(2e11, 0.3), [], contact, [turn], ties=ties, linear_solver=solver)
 
-    alone, together = quarter(MPI.COMM_SELF).solve(1e-11), quarter(comm, linear_solver).solve(1e-11)
+    alone, together = quarter(MPI.COMM_SELF).solve(1e-10), quarter(comm, linear_solver).solve(1e-10)
     assert together.certificate.passed
     x, own = everywhere(together.problem.elasticity.x), alone.problem.elasticity.x
     found, expected = by_place(x, everywhere(together.displacement)), by_place(own, alone.displacement)
@@ -139,9 +139,9 @@ def test_a_block_that_a_spring_alone_holds():
         contact = Contact("bottom", 0.2, foundation=Plane((0.0, 0.0, -1e-4), (0.0, 0.0, 1.0)))
         return ContactProblem(mesh, Material(1e9, 0.3), [], contact, [load], rigid_faces=[face], linear_solver=solver)
 
-    alone = held(MPI.COMM_SELF).solve(1e-11)
+    alone = held(MPI.COMM_SELF).solve(1e-10)
     for solver in (IterativeSolver, DirectSolver):
-        together = held(comm, solver).solve(1e-11)
+        together = held(comm, solver).solve(1e-10)
         assert together.certificate.passed and together.force_balance.balance <= 1e-8
         assert alone.at_nodes.totals()["normal_force"] > 100.0
         for one, other in (
