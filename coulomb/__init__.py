@@ -8,7 +8,9 @@ import os
 import sys
 from importlib import import_module
 
-from . import fem, model, solvers
+from . import fem as fem
+from . import model as model
+from . import solvers as solvers
 from .installation import Unusable
 from .lazy_names import late_bound, lazily_loaded
 
@@ -39,12 +41,7 @@ class _MpiFirst:
 
 sys.meta_path.insert(0, _MpiFirst())
 
-_MOVED = {"solvers": solvers.__all__, "model": model.__all__, "fem": fem.__all__, "fem.meshes": ["read_xdmf"]}
-"""Names of the version before, by where they are now."""
-
-__all__, __getattr__ = lazily_loaded(
-    __name__, __file__, _MOVED, renamed={"raised": "second_order", "read_gmsh": "read_mesh"}
-)
+__all__, __getattr__ = lazily_loaded(__name__, __file__)
 
 
 def _later(module, name):

@@ -9,37 +9,22 @@ from __future__ import annotations
 
 import re
 import sys
-import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 
-def lazily_loaded(
-    package: str, file: str, moved: Mapping[str, Iterable[str]] | None = None, renamed: Mapping[str, str] | None = None
-) -> tuple[list[str], Callable[[str], object]]:
-    """The `__all__` and the `__getattr__` of a package with this `__init__.py`.
-
-    Names of the version before warn: `moved` has them by the package where they are now, `renamed` with the new name.
-    """
+def lazily_loaded(package: str, file: str) -> tuple[list[str], Callable[[str], object]]:
+    """The `__all__` and the `__getattr__` of a package with this `__init__.py`."""
     lines = re.findall(r"^from (\.[\w.]+) import (\w+) as", Path(file).with_suffix(".pyi").read_text(), re.M)
     homes = {name: home for home, name in lines}
-    old = {name: f".{room}" for room, names in (moved or {}).items() for name in names}
 
     def load(name: str) -> object:
-        if name in (renamed or {}):
-            now = (renamed or {})[name]
-            warnings.warn(f"{package}.{name} is now {package}.{now}", DeprecationWarning, stacklevel=2)
-            return load(now)
-        home = homes.get(name) or old.get(name)
-        if home is None:
+        if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value: object = getattr(import_module(home, package), name)
-        if name in homes:
-            setattr(sys.modules[package], name, value)
-        else:
-            warnings.warn(f"{package}.{name} is now {package}{home}.{name}", DeprecationWarning, stacklevel=2)
+        value: object = getattr(import_module(homes[name], package), name)
+        setattr(sys.modules[package], name, value)
         return value
 
     return sorted(homes), load

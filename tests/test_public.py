@@ -1,6 +1,5 @@
 """Public names and their documentation, one version, types, imports without warnings."""
 
-import importlib
 import inspect
 import re
 import tomllib
@@ -35,16 +34,6 @@ def test_public_names():
     assert sorted(coulomb.__all__) == sorted(set(coulomb.__all__))
     assert len(coulomb.__all__) <= 53
     assert all(hasattr(coulomb, name) for name in coulomb.__all__)
-
-
-@pytest.mark.parametrize("room", ["solvers", "model", "fem", "fem.meshes"])
-def test_names_that_moved_into_rooms_warn(room):
-    there = importlib.import_module(f"coulomb.{room}")
-    assert coulomb._MOVED[room]
-    for name in coulomb._MOVED[room]:
-        assert hasattr(there, name) and name not in coulomb.__all__
-        with pytest.warns(DeprecationWarning, match=rf"^coulomb\.{name} is now coulomb\.{room}\.{name}$"):
-            assert getattr(coulomb, name) is getattr(there, name)
 
 
 def members(value):
@@ -100,8 +89,3 @@ for module in pkgutil.walk_packages(coulomb.__path__, "coulomb."):
 """,
     )
     assert done.returncode == 0, done.stderr
-
-
-def test_renamed_names_warn():
-    with pytest.warns(DeprecationWarning, match=r"^coulomb\.raised is now coulomb\.second_order$"):
-        assert coulomb.raised is coulomb.second_order

@@ -56,7 +56,7 @@ class PrescribedDisplacementTable(Table):
 
 
 class ClampTable(PrescribedDisplacementTable):
-    """Zero displacement of a face.  With a value (as in older case files) it is a [[prescribed_displacement]]."""
+    """Zero displacement of a face.  With a value it is a [[prescribed_displacement]]."""
 
     value: SpatialVector = (0.0, 0.0, 0.0)
 

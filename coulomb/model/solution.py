@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -197,12 +196,6 @@ class Solution:
         moved = (body.motions_of_faces(u, problem.time), body.bolts(u))
         ties = (body.shares_of_ties(imbalance), of_ties, *moved) if body.ties else ()
         return force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each, *ties)
-
-    @property
-    def acting(self) -> ForceBalance:
-        """`force_balance`, as it was called before."""
-        warnings.warn("Solution.acting is now Solution.force_balance", DeprecationWarning, stacklevel=2)
-        return self.force_balance
 
     @property
     def loads(self) -> tuple[Resultant, ...]:
