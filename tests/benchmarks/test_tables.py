@@ -1,10 +1,13 @@
 """`python -m benchmarks`: every table on a small problem, its CSV file, and what happens when a run fails."""
 
 import csv
+import re
 import shutil
 
 import numpy as np
 import pytest
+import typer
+from conftest import ROOT
 from typer.testing import CliRunner
 
 from benchmarks import peers, refinement
@@ -16,6 +19,29 @@ from benchmarks.refinement import Row as RefinedRow
 from benchmarks.refinement import beside
 from benchmarks.scaling import Row as ScalingRow
 from benchmarks.scaling import exponent
+
+MEASURED = ROOT / "benchmarks" / "measured"
+
+
+@pytest.mark.parametrize("file", sorted(MEASURED.iterdir()), ids=lambda file: file.stem)
+def test_a_measured_table_names_the_commands_that_made_it(file):
+    comments, rows = [], []
+    for line in file.read_text().splitlines():
+        (comments if line.startswith("# ") else rows).append(line)
+    header, *values = csv.reader(rows)
+    assert values and len(set(header)) == len(header) and {len(row) for row in values} == {len(header)}
+    names = typer.main.get_command(app).commands
+    for command in comments[1:]:
+        name = re.fullmatch(
+            r"# (?:python -m benchmarks (\S+)|python -m verification|coulomb run|\(by a script).*", command
+        )
+        assert name and (name[1] is None or name[1] in names), command
+    assert len(comments) > 1
+
+
+def test_the_page_names_tables_that_there_are():
+    named = re.findall(r"`([a-z0-9-*]+\.csv)`", (ROOT / "docs" / "measurements.md").read_text())
+    assert named and all(any(MEASURED.glob(name)) for name in named)
 
 
 @pytest.fixture
