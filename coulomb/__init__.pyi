@@ -36,6 +36,7 @@ from .io.history_files import HistoryFiles as HistoryFiles
 from .load_curve import LoadCurve as LoadCurve
 from .model.certificate import Certificate as Certificate
 from .model.contact import Contact as Contact
+from .model.contact import PressureFriction as PressureFriction
 from .model.contact import SlipRateFriction as SlipRateFriction
 from .model.contact import ThermalContact as ThermalContact
 from .model.contact import VariableFriction as VariableFriction

@@ -113,7 +113,7 @@ CONTACT_FIELDS = (
     ContactField(
         "coefficient", "coefficient of friction; of Tresca's law the slip stress in Pa", "", lambda at: at.coefficient
     ),
-    ContactField("friction", "coefficient of friction", "", lambda at: at.law.friction, follows=_CASE),
+    ContactField("friction", "coefficient of friction", "", lambda at: at.friction, follows=_CASE),
     ContactField("cohesion", "cohesion or slip stress", "Pa", lambda at: at.cohesion, follows=_CASE),
     ContactField("slip_bound", "bound of friction in the solver", "N", lambda at: at.slip_bound),
     ContactField(

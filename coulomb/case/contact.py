@@ -19,6 +19,7 @@ from .values import (
     TABLES,
     Clearance,
     Direction,
+    Friction,
     Length,
     Name,
     Number,
@@ -28,6 +29,7 @@ from .values import (
     SpatialStress,
     SpatialVector,
     Stiffness,
+    Stress,
     Table,
     Vector,
     Young,
@@ -38,7 +40,7 @@ from .values import (
 if TYPE_CHECKING:
     from ..fem.contact import FoundPair
     from ..fem.geometry import Coefficient, Rotation
-    from ..model.contact import Contact, SlipRateFriction, ThermalContact
+    from ..model.contact import Contact, PressureFriction, SlipRateFriction, ThermalContact
 
 
 class FoundationTable(Table):
@@ -80,7 +82,7 @@ class FoundationTable(Table):
         return Plane(self.point, self.normal)
 
 
-LAW_KEYS = ("friction", "slip_stress", "cohesion")
+LAW_KEYS = ("friction", "slip_stress", "cohesion", "friction_limit")
 """What describes the law of friction of a face or a region."""
 
 
@@ -104,10 +106,29 @@ class SlipRateTable(Table):
     decay_speed: Annotated[SpatialSpeed, BeforeValidator(_one_number)]
 
 
-BY_SLIP_RATE = "by slip rate"
+class PressureTable(Table):
+    """Friction by the contact pressure in pascals, linear between the points given and constant outside."""
+
+    pressure: Annotated[tuple[Stress, ...], Field(min_length=1, max_length=TABLES)]
+    coefficient: tuple[Friction, ...]
+
+    @model_validator(mode="after")
+    def _points(self) -> PressureTable:
+        self.friction()  # for its own errors
+        return self
+
+    def friction(self) -> PressureFriction:
+        from ..model.contact import PressureFriction
+
+        return PressureFriction(self.pressure, self.coefficient)
+
+
+BY_SLIP_RATE, BY_PRESSURE = "by slip rate", "by pressure"
 
 
 def _kind(given: Any) -> str:
+    if isinstance(given, PressureTable) or (isinstance(given, dict) and "pressure" in given):
+        return BY_PRESSURE
     if isinstance(given, dict | SlipRateTable):
         return BY_SLIP_RATE
     return ORTHOTROPIC if isinstance(given, list | tuple) else ISOTROPIC
@@ -116,10 +137,11 @@ def _kind(given: Any) -> str:
 FrictionValue = Annotated[
     Annotated[SpatialFriction, Tag(ISOTROPIC)]
     | Annotated[tuple[SpatialFriction, SpatialFriction], BeforeValidator(_two_numbers), Tag(ORTHOTROPIC)]
-    | Annotated[SlipRateTable, Tag(BY_SLIP_RATE)],
+    | Annotated[SlipRateTable, Tag(BY_SLIP_RATE)]
+    | Annotated[PressureTable, Tag(BY_PRESSURE)],
     Discriminator(_kind),
 ]
-"""One coefficient, or two: along a direction and across it; or by slip rate."""
+"""One coefficient, or two: along a direction and across it; or by slip rate, or by pressure."""
 
 
 class RegionTable(Table):
@@ -129,6 +151,7 @@ class RegionTable(Table):
     friction: FrictionValue | None = None
     slip_stress: SpatialStress | None = None
     cohesion: SpatialStress | None = None
+    friction_limit: SpatialStress | None = None
 
     @model_validator(mode="after")
     def _corners(self) -> RegionTable:
@@ -198,6 +221,7 @@ class ContactTable(Table):
     against_surface: FoundationTable | None = None
     slave: bool = False
     thermal: ThermalContactTable | None = None
+    friction_limit: SpatialStress | None = None
 
     @model_validator(mode="after")
     def _one_thing_to_touch(self) -> ContactTable:
@@ -226,13 +250,25 @@ class ContactTable(Table):
             raise ValueError("give either friction (Coulomb) or slip_stress (Tresca), one of the two")
         if self.cohesion is not None and self.friction is None:
             raise ValueError("cohesion goes with friction; slip_stress is a cohesion alone")
+        if self.friction_limit is not None and self.friction is None:
+            raise ValueError("friction_limit goes with friction; slip_stress is a limit itself")
+        if any(part.friction_limit == 0.0 for part in self._parts):
+            raise ValueError("friction_limit must be a stress > 0; friction = 0 is without friction")
         if self.gap_amplitude is not None and self.gap == 0.0:
             raise ValueError("gap_amplitude is a factor of gap, which is not given")
         frictions = [part.friction for part in self._parts]
         orthotropic = any(isinstance(friction, tuple) for friction in frictions)
-        if any(isinstance(friction, SlipRateTable) for friction in frictions) and (orthotropic or self.direction):
+        by_pressure = any(isinstance(friction, PressureTable) for friction in frictions)
+        if (by_pressure or any(isinstance(friction, SlipRateTable) for friction in frictions)) and (
+            orthotropic or self.direction
+        ):
             raise ValueError(
-                "friction by slip rate is the same in all directions: give neither a direction nor two coefficients"
+                "friction by slip rate or pressure is the same in all directions: give neither a direction nor two "
+                "coefficients"
+            )
+        if by_pressure and any(region.friction is not None for region in self.region):
+            raise ValueError(
+                "friction by pressure is the same on all of the face: give regions no friction of their own"
             )
         if orthotropic and self.direction is None:
             raise ValueError("two coefficients, friction = [along, across], need a direction")
@@ -261,11 +297,7 @@ class ContactTable(Table):
     def sloped(self) -> bool:
         """Whether friction grows with pressure anywhere on the face."""
         given = [part.friction for part in self._parts if part.friction is not None]
-        return any(
-            isinstance(number, str) or number > 0.0
-            for f in given
-            for number in (_decaying(f)[:2] if isinstance(f, SlipRateTable) else _pair(f))
-        )
+        return any(isinstance(number, str) or number > 0.0 for f in given for number in _coefficients(f))
 
     def toml(self) -> str:
         """The table as text of a case file, if it has no tables of its own but friction by slip rate."""
@@ -295,12 +327,15 @@ class ContactTable(Table):
             surface_of(self.against_surface),
             slave=self.slave,
             thermal=(self.thermal or ThermalContactTable()).thermal(),
+            friction_limit=self._coefficient("friction_limit"),
         )
 
-    def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | None:
+    def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | PressureFriction | None:
         """One coefficient, or two with a direction; by slip rate if the contact or a region has such a table."""
         from ..model.contact import SlipRateFriction
 
+        if isinstance(self.friction, PressureTable):
+            return self.friction.friction()
         if self.direction is not None:
             along, across = self._by_parts(_pair)
             return along, across
@@ -317,7 +352,7 @@ class ContactTable(Table):
             for k, base in enumerate(numbers(self.friction))
         ]
 
-    def _coefficient(self, law: Literal["friction", "slip_stress", "cohesion"]) -> Coefficient | None:
+    def _coefficient(self, law: Literal["friction", "slip_stress", "cohesion", "friction_limit"]) -> Coefficient | None:
         """Of this law: nothing, a number, or a function of place by region."""
         base = getattr(self, law)
         return None if base is None else self._by_region(base, [getattr(region, law) for region in self.region])
@@ -354,9 +389,16 @@ def surface_of(table: FoundationTable | None) -> RigidFoundation | None:
     return None if table is None else table.foundation()
 
 
+def _coefficients(friction: FrictionValue) -> tuple[float | str, ...]:
+    """All coefficients that are given."""
+    if isinstance(friction, PressureTable):
+        return friction.coefficient
+    return _decaying(friction)[:2] if isinstance(friction, SlipRateTable) else _pair(friction)
+
+
 def _pair(friction: FrictionValue) -> tuple[float | str, float | str]:
     """Along the direction and across it."""
-    assert not isinstance(friction, SlipRateTable)
+    assert not isinstance(friction, SlipRateTable | PressureTable)
     return friction if isinstance(friction, tuple) else (friction, friction)
 
 
@@ -364,7 +406,7 @@ def _decaying(friction: FrictionValue) -> tuple[float | str, float | str, float 
     """Static, kinetic, decay speed; a constant does not decay, at any speed."""
     if isinstance(friction, SlipRateTable):
         return friction.static, friction.kinetic, friction.decay_speed
-    assert not isinstance(friction, tuple)
+    assert not isinstance(friction, tuple | PressureTable)
     return friction, friction, 1.0
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Final, NamedTuple, Union, get_args, get_origi
 
 from pydantic import BaseModel, Tag, ValidationError
 
-from .contact import BY_SLIP_RATE, FACE, FACES
+from .contact import BY_PRESSURE, BY_SLIP_RATE, FACE, FACES
 from .curves import CURVE, ROWS_ALONE, CurveTable, columns_of
 from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
 from .values import EXPRESSION, FIELD, ISOTROPIC, NUMBER, ORTHOTROPIC
@@ -27,8 +27,8 @@ _FIRST_KEY = {
 """The probable key if a value is given in place of a table."""
 
 _TAGS = (
-    *(ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, CURVE, ROWS_ALONE, NUMBER, EXPRESSION, FIELD),
-    *(ONE_NUMBER, THREE_NUMBERS),
+    *(ONE, SEVERAL, FACE, FACES, ISOTROPIC, ORTHOTROPIC, BY_SLIP_RATE, BY_PRESSURE, CURVE, ROWS_ALONE),
+    *(NUMBER, EXPRESSION, FIELD, ONE_NUMBER, THREE_NUMBERS),
 )
 """Alternatives in the place of an error, which the user does not write."""
 

@@ -266,8 +266,11 @@ def export(
         if time is not None:
             problem = problem.at(time)
         problem.body.stiffness.expect_load_steps(problem.unknowns["contact"])  # all of A takes as many products
-        if problem.law.name(Reductions(problem.comm)) != "coulomb":
-            raise ValueError("FCLIB's problems have Coulomb's law; this case has a cohesion or a slip stress")
+        if not Reductions(problem.comm).all(problem.law.proportional):
+            raise ValueError(
+                "FCLIB's problems have Coulomb's law with constant coefficients; this case has a cohesion or a slip "
+                "stress, a friction limit or friction by pressure"
+            )
         if any(contact.axes is not None for contact in problem.contacts):
             raise ValueError("FCLIB's problems have one coefficient of friction per contact; this case has two")
         if problem.rigid is not None:

@@ -16,12 +16,12 @@ from ..case.contact import ContactTable
 from ..contact_fields import named_faces, normal_forces
 from ..fem.bodies import Member
 from ..fem.contact import FoundPair
+from ..fem.geometry import tangent_lengths
 from ..fem.meshes import corner_geometry
 from ..io.accuracy import accuracy, rounded
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
 from ..model.input_echo import contacts_of, loads_of, supports_of, ties_of
-from ..model.nodal_answer import law_numbers
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..pictures.report.units import (
@@ -39,7 +39,8 @@ from .console import bad_input, errors
 
 def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
     unknowns = problem.unknowns
-    law = law_in_words(law_numbers(problem.law, problem.surface.area, problem.surface.frames, Reductions(problem.comm)))
+    surface, over = problem.surface, Reductions(problem.comm)
+    law = law_in_words(problem.law.numbers(surface.area, tangent_lengths(surface.frames), over))
     console.out(
         f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
         f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}\n"
@@ -48,7 +49,7 @@ def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
 
 
 def law_in_words(numbers: dict[str, Any]) -> str:
-    """The law of friction with its coefficients, from `law_numbers`: Mohr-Coulomb friction 0.3, cohesion 2e+06 Pa."""
+    """The law of friction with its coefficients, from its numbers: Mohr-Coulomb friction 0.3, cohesion 2e+06 Pa."""
     return friction_in_words(
         numbers, lambda given, unit: f"{' to '.join(f'{value:g}' for value in given)} {unit}".strip()
     )

@@ -109,6 +109,39 @@ class VariableFriction:
 
 
 @dataclass(frozen=True)
+class PressureFriction:
+    """F as a function of the contact pressure p, linear between the points given and constant outside.
+
+    The bound of friction is F(p) p in every iterate of a solver: nothing lags behind.
+
+    Attributes:
+        pressures: In pascals, >= 0, ascending.
+        coefficients: F >= 0 at these pressures.
+
+    Raises:
+        ValueError: If they are not as many, or a number is out of its bounds.
+    """
+
+    pressures: Sequence[float]
+    coefficients: Sequence[float]
+
+    def __post_init__(self) -> None:
+        for name, values in (("pressures", self.pressures), ("coefficients", self.coefficients)):
+            if len(values) == 0 or not all(is_number(value) for value in values):
+                raise ValueError(f"friction: {name} must be numbers >= 0, but are {values!r}")
+        if len(self.pressures) != len(self.coefficients) or any(np.diff(self.pressures) <= 0.0):
+            raise ValueError(
+                "friction: pressures must ascend, with one coefficient each, but there are "
+                f"{list(self.pressures)} and {list(self.coefficients)}"
+            )
+
+    def factors(self, area: FloatArray, factor: float) -> tuple[FloatArray, FloatArray]:
+        """F times a factor, and the normal forces in newtons at which it is given, at nodes of areas (k,) in m^2;
+        shapes (k, points)."""
+        return np.tile(np.multiply(factor, self.coefficients), (len(area), 1)), np.multiply.outer(area, self.pressures)
+
+
+@dataclass(frozen=True)
 class ThermalContact:
     """Conduction of heat through a contact, in a problem with heat: h = conductance + factor (p/hardness)^exponent.
 
@@ -165,10 +198,11 @@ INSULATED = ThermalContact()
 
 @dataclass(frozen=True)
 class Contact:
-    """A contact face, its foundation and its law of friction |x_t| <= c a + F x_n, a the area of a node.
+    """A contact face, its foundation and its law of friction |x_t| <= min(c a + F x_n, q a), a the area of a node.
 
     Coulomb's law has friction F alone, Mohr-Coulomb's friction and cohesion c, Tresca's slip_stress in place of both: a
-    cohesion alone.  A cohesion resists slip, not opening, and acts on open nodes too.
+    cohesion alone.  A cohesion resists slip, not opening, and acts on open nodes too.  q is the `friction_limit`, if
+    there is any.
 
     Friction may be orthotropic, (F1, F2) with a direction: the friction force T lies in the ellipse with the semi-axes
     r F1/F along the direction and r F2/F across it, r = c a + F x_n and F the larger of both; slip is along the outward
@@ -177,7 +211,7 @@ class Contact:
     Attributes:
         face: Name of the contact face.
         friction: Coefficient of friction F >= 0, constant or a function of place; or two, along `direction` and across;
-            or `SlipRateFriction`, or any `VariableFriction` of place, time and slip rate.
+            or `SlipRateFriction`, or any `VariableFriction` of place, time and slip rate; or `PressureFriction`.
         slip_stress: Tresca friction: the shear stress in pascals at which the face slips, independent of pressure;
             constant or a function of place.
         foundation: Rigid foundation; by default the plane of the face itself (gap 0).
@@ -205,6 +239,8 @@ class Contact:
         slave: Whether the contact points of a pair are those of `face`, whatever the meshes; else those of the finer
             face, or of the softer body.  Large motions keep the first choice.
         thermal: Conduction of heat, in a problem with heat; by default no heat passes but that of friction, in halves.
+        friction_limit: The largest shear stress q > 0 in pascals that friction reaches, as where the softer surface
+            yields in shear (0.58 times its yield stress); constant or a function of place.
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -212,7 +248,7 @@ class Contact:
     """
 
     face: str
-    friction: Coefficient | Sequence[Coefficient] | FrictionModel | None = None
+    friction: Coefficient | Sequence[Coefficient] | FrictionModel | PressureFriction | None = None
     slip_stress: Coefficient | None = None
     foundation: RigidFoundation | None = None
     normals: Normals = "foundation"
@@ -231,6 +267,7 @@ class Contact:
     facing: bool = True
     slave: bool = False
     thermal: ThermalContact = INSULATED
+    friction_limit: Coefficient | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.thermal, ThermalContact):
@@ -256,10 +293,11 @@ class Contact:
         if isinstance(self.friction, str):
             raise ValueError(f"contact: friction must be a number >= 0, but is {self.friction!r}")
         coefficients = self.friction if isinstance(self.friction, Sequence) else ()
-        directed = self.direction is not None and isinstance(self.friction, FrictionModel)
-        if directed or any(isinstance(value, FrictionModel) for value in coefficients):
+        variable = FrictionModel, PressureFriction
+        directed = self.direction is not None and isinstance(self.friction, variable)
+        if directed or any(isinstance(value, variable) for value in coefficients):
             raise ValueError(
-                "contact: friction that depends on the slip rate is the same in all directions: give it alone, "
+                "contact: friction that depends on slip rate or pressure is the same in all directions: give it alone, "
                 "without a direction, or two numbers or functions of place, (along, across), with a direction"
             )
         if isinstance(self.friction, Sequence) and self.direction is None:
@@ -275,8 +313,14 @@ class Contact:
         ):
             for value in given if isinstance(given, Sequence) else (given,) if given is not None else ():
                 allowed = callable(value) or is_number(value)
-                if not (allowed or (name == "friction" and isinstance(value, FrictionModel))):
+                if not (allowed or (name == "friction" and isinstance(value, variable))):
                     raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
+        if self.friction_limit is not None and self.friction is None:
+            raise ValueError("contact: friction_limit goes with friction; slip_stress is a limit itself")
+        if not (self.friction_limit is None or callable(self.friction_limit)) and not (
+            is_number(self.friction_limit) and self.friction_limit > 0.0
+        ):
+            raise ValueError(f"contact: friction_limit must be a number of pascals > 0, but is {self.friction_limit!r}")
         if not (callable(self.gap) or is_number(self.gap, -np.inf)):
             raise ValueError(
                 "contact: gap must be a number of metres or a function of place, negative for an interference, "
@@ -358,13 +402,17 @@ class Contact:
                 return largest
             return evaluate_numbers(given, x, f"{what}: {name}", comm)
 
-        if isinstance(self.friction, FrictionModel):
-            friction = self.friction.coefficient(x, time, slip_rate, f"{what}: friction", comm)
+        factor, knots = self.friction_factor(time, comm), None
+        if isinstance(self.friction, PressureFriction):
+            friction, knots = self.friction.factors(area, factor)
+        elif isinstance(self.friction, FrictionModel):
+            friction = factor * self.friction.coefficient(x, time, slip_rate, f"{what}: friction", comm)
         else:
-            friction = values("friction", self.friction)
+            friction = factor * values("friction", self.friction)
 
         bearing = ("cohesion", self.cohesion) if self.slip_stress is None else ("slip_stress", self.slip_stress)
-        return FrictionLaw(values(*bearing) * area, self.friction_factor(time, comm) * friction)
+        limit = None if self.friction_limit is None else values("friction_limit", self.friction_limit) * area
+        return FrictionLaw(values(*bearing) * area, friction, limit, knots)
 
     def gap_at(self, x: FloatArray, comm: MPI.Comm) -> FloatArray:
         """The given gap in metres at nodes x (k, 3) of the face, without its amplitude, shape (k,); collective.

@@ -63,9 +63,12 @@ def without_equilibrium(problem: DiscreteProblem) -> str:
     rigid, over = problem.rigid, Reductions(problem.comm)
     if rigid is None:
         return ""
-    limit = LimitLoad(rigid, problem.law, over)
-    motion = limit.unbalanced()
-    if motion is None:
+    for law in problem.law.majorants():
+        limit = LimitLoad(rigid, law, over)
+        motion = limit.unbalanced()
+        if motion is not None:
+            break
+    else:
         return ""
     rough = problem.law.rough(_ROUGH)
     opening = LimitLoad(rigid, rough, over).unbalanced()

@@ -14,11 +14,18 @@ import numpy as np
 
 from ..arrays import FloatArray, is_number
 from ..fem.bodies import AppliedLoad, NodalForces, ThermalLoad, load_title
-from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere, evaluate_amplitude, on_all_ranks
+from ..fem.geometry import (
+    Cylinder,
+    Plane,
+    RigidFoundation,
+    Sphere,
+    evaluate_amplitude,
+    on_all_ranks,
+    tangent_lengths,
+)
 from ..linalg.reductions import Reductions
 from .contact import Contact
 from .discrete_problem import DiscreteProblem
-from .nodal_answer import law_numbers
 from .resultants import resultants
 
 _ROUNDING: Final = 1e-12
@@ -97,7 +104,7 @@ def contacts_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
             {
                 "face": contact.face,
                 "nodes": int(over.sum(here.astype(float))),
-                **law_numbers(problem.law.at(here), surface.area[here], surface.frames[here], over),
+                **problem.law.at(here).numbers(surface.area[here], tangent_lengths(surface.frames[here]), over),
                 "foundation": _foundation(contact, foundation),
                 **({} if foundation is not None else {"shape": _shape(contact)}),
                 "gap": {"min": over.min(surface.gap[here]), "max": over.max(surface.gap[here])},

@@ -153,6 +153,11 @@ class NodalAnswer:
         cohesion: FloatArray = self.law.cohesion / self.area
         return cohesion
 
+    @property
+    def friction(self) -> FloatArray:
+        """Coefficient of friction at these forces, shape (m,)."""
+        return self.law.coefficient(self.force[:, 0])
+
     @cached_property
     def on_body(self) -> FloatArray:
         """The forces on the body as space vectors, shape (m, 3)."""
@@ -237,7 +242,7 @@ class NodalAnswer:
     @property
     def coefficient(self) -> FloatArray:
         """Friction F; slip stress in pascals where all ranks have Tresca's law; shape (m,); collective."""
-        return self.cohesion if self.law.name(Reductions(self.comm)) == "tresca" else self.law.friction
+        return self.cohesion if self.law.name(Reductions(self.comm)) == "tresca" else self.friction
 
     def fields(self) -> dict[str, FloatArray]:
         """The `CONTACT_FIELDS` of contact.xdmf, scalars (m,) and space vectors (m, 3); collective."""
@@ -276,11 +281,11 @@ class NodalAnswer:
     def numbers(self) -> dict[str, Any]:
         """The entries of summary.json that follow from the contact nodes alone; collective, the same on all ranks."""
         over, x = Reductions(self.comm), self.force
-        rubbing = ~self._open | (self.law.cohesion > 0.0)  # a cohesion acts on open nodes too
+        rubbing = ~self._open | (self.bound > 0.0)  # a cohesion acts on open nodes too
         slip, stick = self._at_bound & rubbing, ~self._at_bound & rubbing
         counts = {"contact": np.ones(len(x)), "open": self._open, "stick": stick, "slip": slip}
         return {
-            **law_numbers(self.law, self.area, self.frames, over),
+            **self.law.numbers(self.area, self.scale, over),
             **self._force_on_body(),
             "totals": self.totals(),
             "faces": [
@@ -348,7 +353,7 @@ class NodalAnswer:
 
     def _law_numbers(self, part: int) -> dict[str, Any]:
         here = self.part == part
-        return law_numbers(self.law.at(here), self.area[here], self.frames[here], Reductions(self.comm))
+        return self.law.at(here).numbers(self.area[here], self.scale[here], Reductions(self.comm))
 
     def _vectors(self, components: FloatArray) -> FloatArray:
         vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
@@ -364,33 +369,6 @@ def relative_displacement(displacement: FloatArray, slip_origin: FloatArray) -> 
     closed = displacement.copy()
     closed[:, 1:] -= slip_origin[:, 1:]
     return closed
-
-
-def law_numbers(law: FrictionLaw, area: FloatArray, frames: FloatArray, over: Reductions) -> dict[str, Any]:
-    """Name and coefficients of a law of friction at nodes of these areas in m^2; collective, the same on all ranks.
-
-    Friction, and cohesion in pascals, are a number where all nodes have the same, else the smallest and the largest.
-    Where friction is orthotropic, `friction` is the larger coefficient, and those along t1 and t2 follow.
-    With Tresca's law the cohesion has its name, slip_stress, besides, and there is no friction.
-    """
-
-    def number(values: FloatArray) -> float | dict[str, float]:
-        least, largest = (float(f"{value:.15g}") for value in (over.min(values), over.max(values)))
-        same = largest - least <= 1e-12 * largest  # rounded in files
-        return least if same else {"min": least, "max": largest}
-
-    name, cohesion = law.name(over), number(law.cohesion / area)
-    pair = law.friction[:, None] * tangent_lengths(frames)
-    orthotropic = over.max(np.abs(pair[:, 0] - pair[:, 1])) > 1e-12 * over.max(law.friction)
-    along, across = (number(pair[:, k]) if orthotropic else None for k in range(2))
-    return {
-        "law": name,
-        "friction": None if name == "tresca" else number(law.friction),
-        "slip_stress": cohesion if name == "tresca" else None,
-        "cohesion": cohesion,
-        "friction_along": along,
-        "friction_across": across,
-    }
 
 
 _TURNED = names(opposite="reversed")

@@ -133,7 +133,9 @@ def open_motion(problem: FrictionProblem) -> FloatArray | None:
     None if supports hold all bodies, loads have to be balanced, nodes have cohesion, or there are no such amounts.
     """
     rigid, over, b = problem.rigid, problem.reductions, problem.b[0::3]
-    if rigid is None or over.any(bool(np.any(problem.law.cohesion > 0.0) or np.any(np.asarray(problem.lower) != 0.0))):
+    if rigid is None or over.any(
+        bool(np.any(problem.law.radius(np.zeros_like(b)) > 0.0) or np.any(np.asarray(problem.lower) != 0.0))
+    ):
         return None
     largest = over.max(np.append(np.abs(problem.b), 0.0))
     if np.max(np.abs(rigid.e)) > _BALANCED * over.norm(problem.b) / problem.mean_diagonal or largest == 0.0:

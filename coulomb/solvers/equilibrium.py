@@ -58,7 +58,7 @@ class LimitLoad:
 
     Args:
         rigid: The motions and the loads along them.
-        law: Of friction at this rank's m contact nodes.
+        law: Of friction at this rank's m contact nodes, without limits, and F constant (`FrictionLaw.majorants`).
         over: The ranks.
     """
 
@@ -237,9 +237,12 @@ def equilibrium(problem: FrictionProblem) -> Equilibrium:
         return Equilibrium(False, x.ravel(), motion, motion, float(motion @ rigid.e), 0.0)
     if size == 0.0:
         return Equilibrium(True, x.ravel())
-    law = FrictionLaw(problem.law.radius(x[:, 0]), problem.law.friction).only(problem.frictional, 0.0)
-    limit = LimitLoad(RigidMotions(basis.rows, resisted), law, over)
-    resisting = limit.unbalanced()
+    for line in problem.law.majorants():  # what not even a larger bound holds, this one does not
+        law = FrictionLaw(line.radius(x[:, 0]), line.friction).only(problem.frictional, 0.0)
+        limit = LimitLoad(RigidMotions(basis.rows, resisted), law, over)
+        resisting = limit.unbalanced()
+        if resisting is not None:
+            break
     x += limit.forces()
     if resisting is None:
         return Equilibrium(True, x.ravel())

@@ -58,6 +58,17 @@ def test_solver_and_problem_are_what_the_case_says():
         ("clamp.0.components='xw'", r"clamp.0.components = 'xw': should be 'x', 'y'"),
         ("contact={face='bottom'}", r"contact = .*: give either friction \(Coulomb\) or slip_stress \(Tresca\)"),
         ("contact.foundation={point=[0,0,0]}", r"needs normal"),
+        (
+            "contact.friction={pressure=[0, 1e7], coefficient=[0.3]}",
+            r"contact.friction = .*: friction: pressures must asc",
+        ),
+        ("contact.friction={pressure=[0, 1e7]}", "contact.friction.coefficient: is missing"),
+        ("contact.friction_limit=0", "friction_limit must be a stress > 0"),
+        ("contact={face='bottom', slip_stress=1e6, friction_limit=1e6}", "friction_limit goes with friction"),
+        (
+            "contact={face='bottom', friction={pressure=[0], coefficient=[0.3]}, direction=[1,0,0]}",
+            "by slip rate or pres",
+        ),
         ("material.young.x=1", r"--set material.young.x=1: there is no such place"),
     ],
 )

@@ -196,7 +196,10 @@ def test_a_missing_slip_rate_fails(monkeypatch):
         (lambda: SlipRateFriction((0.3, 0.1), 0.2, 0.1), "static must be a number >= 0, but is .0.3, 0.1."),
         (lambda: SlipRateFriction("rough", 0.2, 0.1), "static must be a number >= 0, but is rough"),
         (lambda: SlipRateFriction(0.3, 0.2, (0.1, 0.1)), "decay_speed must be a number > 0 .m/s., but is .0.1, 0.1."),
-        (lambda: Contact("bottom", (LAW, LAW), direction=(1, 0, 0)), "contact: friction that depends on the slip rate"),
+        (
+            lambda: Contact("bottom", (LAW, LAW), direction=(1, 0, 0)),
+            "contact: friction that depends on slip rate or pressure",
+        ),
         (lambda: Contact("bottom", (0.3, LAW), direction=(1, 0, 0)), "is the same in all directions: give it alone"),
         (lambda: Contact("bottom", LAW, direction=(1, 0, 0)), "is the same in all directions: give it alone"),
         (lambda: Contact("bottom", (None, 0.3), direction=(1, 0, 0)), "friction must be a number >= 0, but is None"),

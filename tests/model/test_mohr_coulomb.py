@@ -1,4 +1,4 @@
-"""Cohesion beside friction, |x_t| <= c a + F x_n: a block that slides steadily, faces with different laws, files."""
+"""Cohesion, a limit, F by pressure, |x_t| <= min(c a + F x_n, q a): a block that slides, faces with several laws."""
 
 import csv
 import json
@@ -8,7 +8,16 @@ import pytest
 from conftest import PRESSED_CASE, make_block, run_coulomb
 
 import coulomb
-from coulomb import Contact, ContactProblem, LoadHistory, Material, Plane, PrescribedDisplacement, Spring
+from coulomb import (
+    Contact,
+    ContactProblem,
+    LoadHistory,
+    Material,
+    Plane,
+    PrescribedDisplacement,
+    PressureFriction,
+    Spring,
+)
 from coulomb.case.case import read_case
 from coulomb.io.output import write
 from coulomb.io.recheck import check
@@ -40,15 +49,21 @@ def sliding(problem, times=TIMES):
         ("hexahedron", {"friction": FRICTION}),
         ("tetrahedron", {"slip_stress": COHESION}),
         ("tetrahedron", {"friction": FRICTION, "cohesion": COHESION}),
+        ("hexahedron", {"friction": FRICTION, "cohesion": COHESION, "friction_limit": 8e6}),
+        ("tetrahedron", {"friction": PressureFriction((1e6, 1e8), (0.4, 0.2))}),
     ],
-    ids=["coulomb", "tresca", "mohr-coulomb"],
+    ids=["coulomb", "tresca", "mohr-coulomb", "limit", "by pressure"],
 )
 def test_force_and_energy_of_steady_sliding(cell, law):
     """T = c A + F N, A = 1 m^2; sliding by s dissipates T s, and the clamp does that work."""
     *_, before, last = sliding(drawn(Contact("bottom", **law), cell))
     total = last.solution.at_nodes.totals()
     cohesion = law.get("cohesion", law.get("slip_stress", 0.0))
-    T = cohesion * 1.0 + law.get("friction", 0.0) * total["normal_force"]
+    at = last.solution.at_nodes
+    F = law.get("friction", 0.0)
+    F = np.interp(at.pressure, F.pressures, F.coefficients) if isinstance(F, PressureFriction) else F
+    bounds = np.minimum(cohesion + F * at.pressure, law.get("friction_limit", np.inf))
+    T = at.area @ bounds if len(law) > 2 or np.ndim(F) else cohesion * 1.0 + F * total["normal_force"]
     assert total["force"][0] == pytest.approx(-T, rel=1e-9)
     assert total["force"][1] == pytest.approx(0.0, abs=1e-5 * T)  # of the beginning, falls in each step
     assert last.state.energy.dissipated - before.state.energy.dissipated == pytest.approx(5e-3 * T, rel=1e-9)

@@ -1,4 +1,4 @@
-"""The law of friction |x_t| <= c a + F x_n: Tresca's, Coulomb's, both together and different from node to node."""
+"""The law of friction |x_t| <= min(c a + F(x_n) x_n, q): Tresca's, Coulomb's, with a limit, by pressure, and mixed."""
 
 import numpy as np
 import pytest
@@ -37,6 +37,71 @@ def test_radius_and_slope():
     assert law.slope(np.ones(3)).tolist() == [0.0, 0.5, 0.1] and law.frictional.all()
     assert FrictionLaw(np.zeros(2), np.array([0.0, 0.1])).frictional.tolist() == [False, True]
     assert law.scaled(10.0).radius(np.ones(3)) == pytest.approx(law.radius(np.full(3, 10.0)) / 10.0)
+
+
+def limited(seed, **parts):
+    """That with a largest friction at two thirds of the nodes, F by pressure (falling at half of them), or both."""
+    rng = np.random.default_rng([seed, 1])
+    A, b, law = mohr_coulomb(seed)
+    held = np.where(np.arange(NODES) % 3 < 2, 5e4 * rng.uniform(0.1, 1.0, NODES), np.inf)
+    knots = np.sort(1e5 * rng.uniform(0.0, 3.0, (NODES, 3)), axis=1)
+    values = np.sort(rng.uniform(0.1, 0.8, (NODES, 3)), axis=1)
+    values[::2] = values[::2, ::-1]
+    values[law.friction == 0.0] = 0.0
+    by_pressure = parts.get("by_pressure", False)
+    return (
+        A,
+        b,
+        FrictionLaw(
+            law.cohesion,
+            values if by_pressure else law.friction,
+            held if parts.get("limit", False) else None,
+            knots if by_pressure else None,
+        ),
+    )
+
+
+KINDS = {"limit": {"limit": True}, "by pressure": {"by_pressure": True}, "both": {"limit": True, "by_pressure": True}}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bounds_by_numpy(kind):
+    """Radius against interpolation by NumPy, slope against differences, units, parts, and bounds from above."""
+    _, _, law = limited(4, **KINDS[kind])
+    limit = np.full(NODES, np.inf) if law.limit is None else law.limit
+    table = [
+        (law.knots[k], law.friction[k]) if law.knots is not None else ([0.0], [law.friction[k]]) for k in range(NODES)
+    ]
+    for x in np.linspace(1e3, 5e5, 97):
+        F = np.array([np.interp(x, *row) for row in table])
+        r, at = np.minimum(law.cohesion + F * x, limit), np.full(NODES, x)
+        assert np.allclose(law.radius(at), r, rtol=1e-13) and np.allclose(law.coefficient(at), F, rtol=1e-13)
+        steps = (law.radius(at + 1e-2) - law.radius(at - 1e-2)) / 2e-2
+        smooth = np.abs(law.slope(at - 1e-2) - law.slope(at + 1e-2)) < 1e-6
+        assert smooth.sum() > NODES - 4 and np.allclose(law.slope(at)[smooth], steps[smooth], atol=1e-6)
+        assert np.allclose(2e3 * law.scaled(1e3, 2e3).radius(at / 1e3), r, rtol=1e-12)
+        assert all(np.all(one.radius(at) >= r * (1 - 1e-12)) for one in law.majorants())
+        parts = FrictionLaw.joined([law.at(np.arange(5)), FrictionLaw.coulomb(np.full(2, 0.3))])
+        assert np.allclose(parts.radius(np.full(7, x)), [*r[:5], 0.3 * x, 0.3 * x], rtol=1e-12)
+    far = np.min([one.radius(np.full(NODES, 1e9)) for one in law.majorants()], axis=0)
+    assert np.all(far <= limit * (1 + 1e-12)) and np.all(far <= 1.001 * law.radius(np.full(NODES, 1e9)) + 1e5)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", SOLVERS)
+def test_limits_and_tables_node_by_node(kind, name):
+    """The answer is that of Clarabel with the bounds that it has; these are the law's, and their kinds all occur."""
+    A, b, law = limited(5, **KINDS[kind])
+    x = SOLVERS[name].solve(FrictionProblem(dense_compliance(A), b, law)).x
+    theirs = by_clarabel(A, b, law.radius(x[0::3]), np.zeros(NODES))
+    assert np.linalg.norm(x - theirs) <= 1e-6 * np.linalg.norm(theirs)
+    size, slips = np.hypot(x[1::3], x[2::3]), np.hypot(x[1::3], x[2::3]) > 0.999 * law.radius(x[0::3])
+    if law.limit is not None:
+        assert np.any(slips & (size > 0.999 * law.limit)) and np.any(
+            slips & (size < 0.9 * law.limit) & (law.slope(x[0::3]) > 0)
+        )
+    if law.knots is not None:
+        assert np.any(slips & (x[0::3] > law.knots[:, 0]) & (x[0::3] < law.knots[:, -1]))
 
 
 def test_projection_with_given_bounds():
@@ -133,6 +198,17 @@ def test_one_node_by_hand():
         (FrictionLaw(np.ones(2), np.ones(3)), 0.0, r"friction must have shape \(2,\)"),
         (FrictionLaw(-np.ones(2), np.ones(2)), 0.0, "cohesion has entries that are negative"),
         (FrictionLaw(np.ones(2), np.array([0.1, np.nan])), 0.0, "friction has entries that are .* not finite"),
+        (
+            FrictionLaw(np.ones(2), np.ones(2), np.array([1.0, 0.0])),
+            0.0,
+            r"limit must have shape \(2,\), .* be positive",
+        ),
+        (FrictionLaw(np.ones(2), np.ones((2, 2)), None, np.array([[0, 1], [1, 0]])), 0.0, "knots must be ascending"),
+        (
+            FrictionLaw(np.ones(2), np.ones(2), None, np.array([[0, 1], [0, 1]])),
+            0.0,
+            r"friction must have shape \(2, 2\)",
+        ),
         (FrictionLaw(np.ones(2), np.ones(2)), np.zeros(3), r"lower must be a number or have shape \(2,\)"),
         (FrictionLaw(np.ones(2), np.array([0.1, 0.0])), -1.0, "lower must be >= 0 where friction > 0"),
     ],

@@ -179,6 +179,8 @@ def friction_in_words(law: Mapping[str, Any], shown: Callable[[Sequence[float], 
         return f"Tresca friction {of('slip_stress', 'Pa')}"
     directed = law.get("friction_along") is not None
     friction = f"{of('friction_along')} along and {of('friction_across')} across" if directed else of("friction")
+    if law.get("friction_limit") is not None:
+        friction += f", at most {of('friction_limit', 'Pa')}"
     if law["law"] == "coulomb":
         return f"Coulomb friction {friction}"
     return f"Mohr-Coulomb friction {friction}, cohesion {of('cohesion', 'Pa')}"

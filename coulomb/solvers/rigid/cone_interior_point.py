@@ -362,15 +362,15 @@ class ConeInteriorPoint(SolverSettings):
             isinstance(problem.A, MatrixCompliance)
             and problem.A.comm.size == 1
             and problem.rigid is None
-            and not np.any(law.cohesion)
+            and law.proportional
             and not np.any(lower)
         )
 
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         if not (self.suits(problem) and isinstance(problem.A, MatrixCompliance)):
             raise ValueError(
-                f"the {self.name} method is for Coulomb's law without cohesion, lower bounds and rigid motions, with A "
-                "as a matrix on one rank; use Automatic()"
+                f"the {self.name} method is for Coulomb's law with constant coefficients, without cohesion, lower "
+                "bounds and rigid motions, with A as a matrix on one rank; use Automatic()"
             )
         start, sweeps = task.start, self.sweeps if isinstance(self.sweeps, Sweeps) else None
         if self.sweeps is True:

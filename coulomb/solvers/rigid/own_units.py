@@ -18,7 +18,6 @@ import numpy as np
 from ...arrays import FloatArray
 from ...linalg.compliance import MatrixCompliance
 from ..friction_problem import FrictionProblem, Task
-from ..laws import FrictionLaw
 from ..results import SolverResult
 
 _ALIKE: Final = 10.0
@@ -55,7 +54,7 @@ class OwnUnits(NamedTuple):
         factors.array[:] = D
         matrix.diagonalScale(factors, factors)
         factors.destroy()
-        law = FrictionLaw(given.law.cohesion / D[::3], given.law.friction)
+        law = given.law.scaled(D[::3])
         rigid = given.rigid and replace(given.rigid, G=given.rigid.G * D)
         lower = given.lower if np.ndim(given.lower) == 0 and not given.lower else given.lower / D[::3]
 

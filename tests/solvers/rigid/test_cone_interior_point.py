@@ -139,7 +139,7 @@ def test_progress_interrupts():
 
 def test_what_it_does_not_solve_is_refused():
     problem = stack(3, 0.5, 1)
-    with pytest.raises(ValueError, match="Coulomb's law without cohesion"):
+    with pytest.raises(ValueError, match="Coulomb's law with constant coefficients, without cohesion"):
         solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(), cohesion=1.0)
     with pytest.raises(ValueError, match="work must be > 0"):
         ConeInteriorPoint(work=0.0)
