@@ -1,4 +1,4 @@
-"""A wrong input: its definition, the directories, files and faults it needs, and its message beside docs/errors.md."""
+"""A wrong input: its definition, what it needs of files and faults, and its message (data/wrong_inputs.json)."""
 
 import contextlib
 import io
@@ -22,10 +22,31 @@ from mpi4py import MPI
 from coulomb.cli import console
 
 comm = MPI.COMM_WORLD
-DOCUMENT = Path(__file__).parents[1] / "docs" / "errors.md"
+FILE = Path(__file__).parent / "data" / "wrong_inputs.json"
+MESSAGES = json.loads(FILE.read_text(encoding="utf-8"))
+"""By the wrong input in words: its message, its exit code if not 2; and where a case is changed by `--set` alone, the
+changes, the command if it is not `run`, the case if it is not BLOCK."""
 
 FROM_FILE = BLOCK.replace("box = [3.0, 1.0, 1.0]\ncells = [3, 1, 1]", 'file = "part.msh"')
 TOP = "[{face='top', value=[0,0,-1e-4], amplitude=[[0,0],[1,1]]}]"
+BODIES = """
+contact = { face = "upper:bottom", against = "lower:top", friction = 0.3 }
+[[body]]
+name = "lower"
+box = [1.0, 1.0, 1.0]
+cells = [1, 1, 1]
+material = { young = 2e11, poisson = 0.3 }
+[[body]]
+name = "upper"
+box = [1.0, 1.0, 1.0]
+cells = [1, 1, 1]
+translate = [0.0, 0.0, 1.0]
+material = { young = 2e11, poisson = 0.3 }
+[[clamp]]
+face = "lower:bottom"
+[[clamp]]
+face = "upper:top"
+"""
 STEPS = (f"clamp={TOP}", "traction=[]", "history={times=[0.5,1]}")
 
 
@@ -40,7 +61,7 @@ class Wrong:
         patch: What is simulated.
         alone: Whether the command runs on one rank only; False for both, None where it takes two ranks.
         library: Text of a library, which depends on its version, follows from here on.
-        message: Part of the message, where the document has none.
+        message: Part of the message, where the file has none.
     """
 
     what: str
@@ -58,6 +79,15 @@ def run(*changes, case="case.toml", command="run"):
 
 def case(text, name="case.toml"):
     return lambda: Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
+
+
+two = case(BODIES)
+
+
+def recorded(what):
+    """A wrong input that is in the file as a whole."""
+    of = MESSAGES[what]
+    return Wrong(what, run(*of["set"], command=of.get("command", "run")), two if "case" in of else lambda: None)
 
 
 def part(spoil=lambda file: None, after=lambda text: text, **options):
@@ -187,46 +217,44 @@ def answer(wrong, directory):
 
 
 def shown(wrong, code, text):
-    """Its row in the document, without the text of libraries."""
+    """What the file has of it, without the text of libraries."""
     start = text.find(wrong.library) if wrong.library else -1
     text = text if start < 0 else text[: start + len(wrong.library)].rstrip() + " ..."
-    ends = "" if code in (0, 2) else f" (exit code {code})"
-    return f"| {wrong.what}{ends} | {'<br>'.join(text.replace('|', chr(92) + '|').splitlines())} |"
+    return {"message": text} if code == 2 else {"code": code, "message": text}
 
 
-def document(table, answers):
-    """The table in Markdown; on one rank.
+def known(what):
+    return {key: value for key, value in MESSAGES[what].items() if key in ("code", "message")}
 
-    Args:
-        table: The wrong inputs by section.
-        answers: Exit codes and messages by `what`; the others are asked for.
-    """
-    lines = [
-        "# Messages about wrong input",
-        "",
-        "Written by `python tests/wrong_inputs.py`; `tests/cli/test_errors.py` compares it on one rank and on two. An",
-        "error ends with exit code 2 before anything is solved, unless another code is given; after a warning the run",
-        "continues. Here the case is `case.toml`, its mesh `part.msh`, its output `results`.",
-    ]
-    for title, rows in table.items():
-        lines += ["", f"## {title}", "", "| input | message |", "|---|---|"]
-        for wrong in rows:
-            if wrong.alone is not None:
-                with tempfile.TemporaryDirectory() as directory:
-                    lines.append(shown(wrong, *(answers.get(wrong.what) or answer(wrong, directory))))
-    return "\n".join(lines) + "\n"
+
+def rewrite(inputs):
+    """Write the file anew, with the messages as they are now; on one rank."""
+    for wrong in inputs:
+        if wrong.alone is not None:
+            with tempfile.TemporaryDirectory() as directory:
+                of = MESSAGES.setdefault(wrong.what, {})
+                of.pop("code", None)
+                of.update(shown(wrong, *answer(wrong, directory)))
+    FILE.write_text(json.dumps(MESSAGES, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def disagreements(inputs):
-    """Wrong inputs whose message is not that of the document, or not the same on all ranks; collective.
+    """Wrong inputs whose message is not that of the file, or not the same on all ranks; collective.
 
     Of those that rank 0 finds when it reads the case, the first twenty stand for all.
     """
-    text = DOCUMENT.read_text(encoding="utf-8")
-    faults, rows = [], re.sub(r"\d+", "#", text).splitlines()
-    for k, wrong in enumerate(inputs):
-        if wrong.alone or (k > 20 and f"| {wrong.what} | error: case.toml: " in text):
+
+    def without_numbers(of):
+        return {**of, "message": re.sub(r"\d+", "#", of["message"])}
+
+    faults, read = [], 0
+    for wrong in inputs:
+        if wrong.alone:
             continue
+        if wrong.what in MESSAGES and MESSAGES[wrong.what]["message"].startswith("error: case.toml: "):
+            read += 1
+            if read > 20:
+                continue
         directory = comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None)
         answers = comm.allgather(answer(wrong, directory))
         if comm.rank == 0:
@@ -234,7 +262,10 @@ def disagreements(inputs):
         if len(set(answers)) > 1:
             faults.append(f"{wrong.what}: the ranks do not agree: {answers}")
         code, text = answers[0]
-        known = code == 2 and wrong.message in text if wrong.message else False
-        if not known and re.sub(r"\d+", "#", shown(wrong, code, text)) not in rows:
+        if wrong.message:
+            expected = code == 2 and wrong.message in text
+        else:
+            expected = without_numbers(shown(wrong, code, text)) == without_numbers(known(wrong.what))
+        if not expected:
             faults.append(f"{wrong.what}: exit code {code}, {text!r}")
     return faults

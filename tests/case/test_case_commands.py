@@ -191,7 +191,7 @@ def test_unknown_free_memory(tmp_path):
 
 
 def test_force_runs_where_memory_seems_too_small(tmp_path, monkeypatch):
-    """That it is refused otherwise is in docs/errors.md."""
+    """That it is refused otherwise is in data/wrong_inputs.json."""
     monkeypatch.setattr("coulomb.model.memory.free_memory", lambda: 1e6)
     given = ("--set", "mesh.cells=[3,1,1]", "--set", "output.picture=false", "--output", tmp_path / "out", "--force")
     done = run_coulomb("run", ROOT / "demos" / "block.toml", *given)

@@ -190,6 +190,6 @@ def test_pipes_and_devices_are_refused_unopened(odd_files):
 
 
 def test_a_mesh_of_as_many_unknowns_as_petsc_has_numbers_for():
-    """What is refused is in docs/errors.md."""
+    """What is refused is in data/wrong_inputs.json."""
     refuse_too_many_cells((800, 800, 800), 1, force=True, comm=MPI.COMM_SELF)
     assert np.prod([801, 801, 801]) * 3 < 2**31 < np.prod([901, 901, 901]) * 3
