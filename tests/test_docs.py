@@ -115,10 +115,11 @@ def test_the_example_beside_another_program_runs(tmp_path):
 
 
 def test_it_builds(tmp_path):
+    """`--quiet` would hide warnings from `--strict`, links that lead nowhere among them."""
     pytest.importorskip("mkdocs")
     pytest.importorskip("material")
     pytest.importorskip("mkdocstrings")
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "NOTEBOOKS_EXECUTED": "false"}  # the test below runs them
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr

@@ -52,7 +52,8 @@ def neo_hookean(displacement: Any, mu: Any, lame: Any) -> Any:
 
     Args:
         displacement: A function.
-        mu, lame: Lame's constants in pascals: numbers, constants or functions.
+        mu: The shear modulus in pascals, a number, constant or function.
+        lame: Lame's first constant, likewise.
     """
     return NeoHookean.energy(_of(displacement), mu, lame)
 
@@ -268,9 +269,8 @@ class HyperelasticBody(NonlinearBody):
     Tractions and total forces keep their direction and are per undeformed area (dead loads), pressures follow the
     surface; prescribed rotations are finite.
 
-    Args:
-        As of `Elasticity`; materials are `NeoHookean`, `MooneyRivlin`, `Ogden`, `StVenantKirchhoff`, or `Material`,
-        which becomes the last of these.
+    Arguments are those of `Elasticity`; materials are `NeoHookean`, `MooneyRivlin`, `Ogden`, `StVenantKirchhoff`, or
+    `Material`, which becomes the last of these.
 
     Raises:
         ValueError: As `Elasticity`; if there is a temperature, or a material of another kind.

@@ -153,9 +153,8 @@ class LargeMotions(ContactProblem):
     """Bodies of large displacements in frictional contact with each other and with rigid foundations:
     `ContactProblem(..., kinematics="large")`.
 
-    Args:
-        As of `ContactProblem`: a `NonlinearBody`, or several as `coulomb.join` makes them, and their contacts; or a
-            mesh with material (`NeoHookean`, ...), supports and loads.
+    Arguments are those of `ContactProblem`: a `NonlinearBody`, or several as `coulomb.join` makes them, and their
+    contacts; or a mesh with material (`NeoHookean`, ...), supports and loads.
 
     Raises:
         ValueError: On every rank, if the input is invalid.

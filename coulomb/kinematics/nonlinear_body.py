@@ -59,7 +59,9 @@ class NonlinearBody(Body):
         residual: In place of an energy, a linear form: the work of internal forces less that of loads.
         tangent: The derivative of the residual along a trial function; None for UFL's.
         displacement: The function u in it, which is set to the answer.
-        bcs, faces, update: As of `Body`.
+        bcs: As of `Body`.
+        faces: As of `Body`.
+        update: As of `Body`.
 
     Raises:
         ValueError: On every rank, as `Body`; if u is not in the form.

@@ -178,7 +178,9 @@ class Body(SingleBody):
         update: Called with the time before anything is evaluated at that time, also for earlier times again; it sets
             coefficients, constants and boundary values, which must depend on the time alone.
         space: The function space of compiled forms, for results in the user's own space.
-        energy, residual, displacement: In place of a and L for large motions: `coulomb.kinematics.NonlinearBody`.
+
+    With `energy` or `residual`, and `displacement`, in place of a and L it is one of large motions:
+    `coulomb.kinematics.NonlinearBody`.
 
     Raises:
         ValueError: On every rank, if a form, a space, a boundary condition or a face is none that can be used, if a is
