@@ -43,6 +43,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import FloatArray
+from .driver import Answer, drive, result_of
 from .equilibrium import balanced_forces, push, sliding
 from .friction_problem import FrictionProblem, Solver, SolverSettings, Task
 from .frictionless_start import frictionless_start
@@ -150,12 +151,12 @@ class _Path:
     """The solution of a problem from one start after another."""
 
     def __init__(self, settings: InteriorPoint, problem: FrictionProblem, task: Task):
-        self._settings, self._problem, self._task, self._goal = settings, problem, task, task.goal
-        self._scaled = ScaledProblem(problem)
-        weighted = self._scaled.mixed and not isinstance(settings.newton, AugmentedSystem)
-        self._newton = settings.newton.system(self._scaled.A, self._scaled.sloped or weighted)
-        self._history: list[QPStep] = []
-        self._tried = self._finished = False
+        self.settings, self.problem, self.task, self.goal = settings, problem, task, task.goal
+        self.scaled = ScaledProblem(problem)
+        weighted = self.scaled.mixed and not isinstance(settings.newton, AugmentedSystem)
+        self.newton = settings.newton.system(self.scaled.A, self.scaled.sloped or weighted)
+        self.history: list[QPStep] = []
+        self.tried = self._finished = False
 
     def follow(self) -> SolverResult:
         """One start after another, each farther inside: near the boundary steps may block, far inside they are more.
@@ -164,183 +165,211 @@ class _Path:
         halves the residual, before a start from anew: 37 steps in place of 96 and more on soft springs.
         """
         results: list[SolverResult] = []
-        start, gradient = self._task.start, self._task.gradient
+        start, gradient = self.task.start, self.task.gradient
         near = math.inf
-        starts, v = list(self._settings.starts), None if start is None else self._warm(start, gradient)
-        products = self._settings.start_products
+        starts, v = list(self.settings.starts), None if start is None else self._warm(start, gradient)
+        products = self.settings.start_products
         try:
             while v is not None or products > 0 or starts:
                 if v is None and products > 0:
-                    v, products = frictionless_start(self._scaled, self._newton, products, _ITERATE), 0
+                    v, products = frictionless_start(self.scaled, self.newton, products, _ITERATE), 0
                 if v is None:  # equal pressure everywhere, no friction
-                    x_n, y = self._scaled.lower + 1.0, np.zeros((self._scaled.nodes, 2))
+                    x_n, y = self.scaled.lower + 1.0, np.zeros((self.scaled.nodes, 2))
                     v = self._centred(x_n, y, starts.pop(0))
                 results.append(self._steps(v, patient=not starts))
                 v, last = None, results[-1]
-                if last.status in (Status.CONVERGED, Status.INTERRUPTED) or last.residual <= self._goal.tolerance:
+                if last.status in (Status.CONVERGED, Status.INTERRUPTED) or last.residual <= self.goal.tolerance:
                     break
                 if last.status is Status.STAGNATED and last.residual <= min(_OFF, 0.5 * near):
                     near, v = last.residual, self._centred_again(self._last)
         finally:
             if not self._finished:
-                self._newton.keep()
-            self._newton.destroy()
+                self.newton.keep()
+            self.newton.destroy()
         best = min(results, key=lambda result: result.residual)
         if best.residual > _OFF and best.status is not Status.INTERRUPTED:
             best = next(filter(None, map(self._sliding_away, results)), best)
-        return replace(best, newton_steps=len(self._history), history=tuple(self._history))
+        return replace(best, newton_steps=len(self.history), history=tuple(self.history))
 
     def _sliding_away(self, result: SolverResult) -> SolverResult | None:
         """A result whose bodies slide away, with the motion."""
-        away = sliding(self._problem, result.x, result.gradient, result.rigid)
+        away = sliding(self.problem, result.x, result.gradient, result.rigid)
         return None if away is None else replace(result, equilibrium=away)
 
     def _centred(self, x_n: FloatArray, y: FloatArray, relative_theta: float) -> Iterate:
         """These forces, and centred multipliers with a multiple of rms(A x - b) as theta."""
-        scaled = self._scaled
-        A_x = self._newton.products.first(scaled.forces(x_n, y), _ITERATE)
+        scaled = self.scaled
+        A_x = self.newton.products.first(scaled.forces(x_n, y), _ITERATE)
         v = scaled.closing(Iterate(x_n, y, np.zeros((scaled.nodes, 2)), A_x))
         theta = relative_theta * max(scaled.rms(scaled.gradient(v) / scaled.energy), 1e-3)
         return v._replace(nu=scaled.over_constraints(scaled.target(theta), scaled.slack(x_n, y)))
 
     def _warm(self, start: FloatArray, gradient: FloatArray | None) -> Iterate:
         """An iterate near the forces `start`; without slope on the central path of their projection."""
-        scaled = self._scaled
+        scaled = self.scaled
         if scaled.sloped:
             x_n, y = scaled.inside(start, _WARM_PRESSURE, _WARM_FRICTION)
             return self._centred(x_n, y, _WARM_THETA)
-        gradient = self._problem.gradient(start) if gradient is None else gradient
+        gradient = self.problem.gradient(start) if gradient is None else gradient
         x = scaled.scaled(start)
         q = scaled.projection_step(x, scaled.scaled_gradient(gradient))
         distance = scaled.distance_from_solution(x, q)
-        x_n, y, nu = scaled.smoothed_projection(q, max(distance**1.5, 0.1 * self._goal.tolerance))
-        return scaled.closing(Iterate(x_n, y, nu, self._newton.products.first(scaled.forces(x_n, y), _ITERATE)))
+        x_n, y, nu = scaled.smoothed_projection(q, max(distance**1.5, 0.1 * self.goal.tolerance))
+        return scaled.closing(Iterate(x_n, y, nu, self.newton.products.first(scaled.forces(x_n, y), _ITERATE)))
 
     def _centred_again(self, v: Iterate) -> Iterate:
         """An iterate near the answer from which steps have ended, with its most accurate A x, sharper products from now
         on, and no product nu z far from the others."""
-        scaled = self._scaled
-        self._newton.tighten()
+        scaled = self.scaled
+        self.newton.tighten()
         z = scaled.slack(v.x_n, v.y)
         middle = scaled.target(scaled.theta(v.nu, z))
         nu = scaled.over_constraints(np.clip(v.nu * z, _WITHIN[0] * middle, _WITHIN[1] * middle), z)
-        return v._replace(A_x=self._newton.products.exact(scaled.forces(v.x_n, v.y)), w=None, nu=nu)
-
-    def _exact(self, v: Iterate) -> Iterate:
-        """The iterate with its most accurate A x: once a certificate has failed, that of the balanced displacement."""
-        scaled, balanced = self._scaled, self._problem.balanced
-        if balanced is None or not self._goal.refused:
-            return v._replace(A_x=self._newton.products.exact(scaled.forces(v.x_n, v.y)), w=None)
-        return scaled.with_gradient(v, balanced(scaled.unscaled(v)[0]))
+        return v._replace(A_x=self.newton.products.exact(scaled.forces(v.x_n, v.y)), w=None, nu=nu)
 
     def _steps(self, v: Iterate, patient: bool) -> SolverResult:
         """Newton steps from v until the residual is small enough; an impatient run ends when blocked."""
-        settings, scaled, newton, goal, history = self._settings, self._scaled, self._newton, self._goal, self._history
-        problem, first = self._problem, len(history)
-        theta, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), scaled.infeasibility(v)
-        beta = max(settings.beta, _WIDENING * gradient / theta)
-        err, krylov_tolerance, alpha = 1.0, settings.r_tol / settings.c_fact, 1.0
-        waits = scaled.sloped or not problem.A.exact  # then A x of an iterate is computed anew
-        best, best_at, blocked, reached, status = math.inf, first, 0, False, Status.MAX_ITERATIONS
-        least = theta
-        for iteration in range(first + 1, first + settings.max_iterations + 1):
-            sigma = settings.centring(alpha, gradient / (beta * theta) if waits else 0.0)
-            krylov_tolerance = min(settings.r_tol * err, settings.c_fact * krylov_tolerance)
-            step = newton_step(scaled, newton, v, sigma * theta, krylov_tolerance, beta)
-            step = correct_step(settings, scaled, newton, step, sigma * theta, beta) if waits else step
-            alpha, new = step_length(settings, scaled, step, beta, sigma)
-            if new is None:
-                status = Status.STAGNATED
-                break
-            err = scaled.relative_change(v, new)
-            x = scaled.forces(new.x_n, new.y)
-            v = new._replace(A_x=newton.products.advance(x, None if scaled.sloped else new.A_x, alpha, _ITERATE))
-            theta, before, gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), gradient, scaled.infeasibility(v)
-            if gradient > (1.0 + _GROWTH * alpha) * before:
-                newton.tighten()
-            # err is proportional to alpha, so a blocked step would look like convergence: the residual decides
-            residual = problem.residual(*scaled.unscaled(v)[:2])
-            if residual <= goal.residual or goal.refused:  # A x may be inexact: decide with the most accurate product
-                exact = self._exact(v)
-                forces, force_gradient, multipliers = scaled.unscaled(exact)
-                if goal.refused:
-                    v = exact if newton.products.corrects else v
-                    gradient = scaled.infeasibility(v)
-                    beta = max(beta, _WIDENING * gradient / theta)
-                residual = problem.residual(forces, force_gradient)
-                reached = goal.reached(residual, forces, scaled.rigid_motion(exact))
-            count = len(history) + 1
-            history.append(
-                InteriorPointStep(count, residual, step.iterations, theta, sigma, alpha, gradient, krylov_tolerance)
-            )
-            stop = self._reported(Progress(0, count, residual))
-            if reached:
-                break
-            if stop:
-                status = Status.INTERRUPTED
-                break
-            # if the certificate has refused an answer, only path following has products of the accuracy that it needs
-            due = settings.finish is not None and not self._tried and not goal.refused and goal.tolerance < residual
-            whole = problem.residual_of_bodies(*scaled.unscaled(v)[:2])  # falls more evenly than that of the worst
-            if due and whole <= _FINISH_FROM:
-                newton.keep()
-                finished = self._by_another(scaled.unscaled(v)[0], scaled.displaced(v))
-                if finished is not None:
-                    return finished
-                v = v._replace(A_x=newton.products.exact(x))
-            if whole < 0.9 * best or theta < 0.5 * least:  # where bodies slide far, the residual stays near 1
-                best, least, best_at = min(whole, best), min(theta, least), iteration
-            blocked = blocked + 1 if alpha < _BLOCKED else 0
-            if iteration - best_at >= goal.patience or (blocked == 3 and not patient):
-                status = Status.STAGNATED
-                break
-        self._last = v
-        if not reached:
-            exact = self._exact(v)
-            forces, force_gradient, multipliers = scaled.unscaled(exact)
-            residual = problem.residual(forces, force_gradient)
-        motion = scaled.rigid_motion(exact)
-        if problem.rigid is not None:
-            motion = problem.shortest_motion(forces, scaled.displaced(exact), motion)
-            force_gradient = scaled.displaced(exact) - problem.rigid.displacement(motion)
-        return SolverResult(
-            x=forces,
-            gradient=force_gradient,
-            slip_bound=problem.slip_bound(forces),
-            multipliers=multipliers,
-            status=goal.verdict(residual, forces, status, motion),
-            residual=residual,
-            rigid=motion,
-        )
+        steps = _Steps(self, v, patient)
+        status = drive(steps, self.goal, self.history, self.settings.max_iterations, self.task.progress)
+        self._last = steps.v
+        if steps.finished is not None:
+            return steps.finished
+        exact = steps.exact()
+        *_, multipliers = self.scaled.unscaled(exact)
+        return result_of(self.problem, self.goal, steps.answer(), multipliers, status, self.history)
 
-    def _reported(self, at: Progress) -> bool:
-        return self._task.progress is not None and bool(self._task.progress(at))
-
-    def _by_another(self, x: FloatArray, gradient: FloatArray) -> SolverResult | None:
-        """The result of `InteriorPoint.finish` from an iterate near the answer, if it converges or is interrupted;
+    def by_another(self, answer: Answer) -> SolverResult | None:
+        """The result of `InteriorPoint.finish` from an answer near the right one, if it converges or is interrupted;
         collective.
 
         Path following converges slowly where a node is at the edge of its disc without slip: the residual falls like
         the square root of theta.  The semismooth Newton method does not need theta.
-
-        x (3 m,) are its forces in newtons, `gradient` A x - b (3 m,) in metres, without rigid motions.
         """
-        method, first, self._tried = self._settings.finish, len(self._history), True
+        method, first, report, self.tried = self.settings.finish, len(self.history), self.task.progress, True
         assert method is not None
 
-        def reported(at: Progress) -> bool:
-            return self._reported(Progress(at.outer, first + at.path_following, at.residual))
+        def reported(at: Progress) -> bool | None:
+            return report is not None and report(Progress(at.outer, first + at.path_following, at.residual))
 
-        tolerance = self._goal.tolerance
+        x, gradient, tolerance = answer.x, answer.without, self.goal.tolerance
         try:
-            result = method.solve(self._problem, x, gradient=gradient, tolerance=tolerance, progress=reported)
+            result = method.solve(self.problem, x, gradient=gradient, tolerance=tolerance, progress=reported)
         except NotConverged as failure:
             result = failure.result
         steps = (step for step in result.history if isinstance(step, QPStep))
-        self._history += [replace(step, iteration=first + step.iteration) for step in steps]
+        self.history += [replace(step, iteration=first + step.iteration) for step in steps]
         self._finished = result.status is Status.CONVERGED
         ended = self._finished or result.status is Status.INTERRUPTED
         return replace(result, products=0, method="") if ended else None  # it is a part of this method
+
+
+class _Steps:
+    """Path following from one start: an `Iteration`.
+
+    Attributes:
+        v: The iterate.
+        finished: The result of another method, once one has brought it to the end.
+    """
+
+    finished: SolverResult | None = None
+
+    def __init__(self, path: _Path, v: Iterate, patient: bool):
+        self._path, self._patient, self.v, scaled = path, patient, v, path.scaled
+        self._theta, self._gradient = scaled.theta(v.nu, scaled.slack(v.x_n, v.y)), scaled.infeasibility(v)
+        self._beta = max(path.settings.beta, _WIDENING * self._gradient / self._theta)
+        self._change, self._krylov_tolerance, self._length = 1.0, path.settings.r_tol / path.settings.c_fact, 1.0
+        self._waits = scaled.sloped or not path.problem.A.exact  # then A x of an iterate is computed anew
+        self._best, self._least, self._since, self._blocked = math.inf, self._theta, 0, 0
+        self._exact: Iterate | None = None
+
+    def step(self) -> InteriorPointStep | None:
+        path, scaled = self._path, self._path.scaled
+        sigma = path.settings.centring(
+            self._length, self._gradient / (self._beta * self._theta) if self._waits else 0.0
+        )
+        direction = self._direction(sigma)
+        self._length, new = step_length(path.settings, scaled, direction, self._beta, sigma)
+        if new is None:
+            return None
+        self._change = scaled.relative_change(self.v, new)  # in proportion to the length: the residual decides
+        self._advance(new)
+        residual = self._residual()
+        return InteriorPointStep(
+            iteration=len(path.history) + 1,
+            residual=residual,
+            krylov=direction.iterations,
+            theta=self._theta,
+            sigma=sigma,
+            alpha=self._length,
+            gradient=self._gradient,
+            krylov_tolerance=self._krylov_tolerance,
+        )
+
+    def _direction(self, sigma: float) -> Step:
+        """The Newton step to nu_i z_i = sigma theta, with correctors where A x is computed anew in any case."""
+        path = self._path
+        settings, scaled, newton, target = path.settings, path.scaled, path.newton, sigma * self._theta
+        self._krylov_tolerance = min(settings.r_tol * self._change, settings.c_fact * self._krylov_tolerance)
+        step = newton_step(scaled, newton, self.v, target, self._krylov_tolerance, self._beta)
+        return correct_step(settings, scaled, newton, step, target, self._beta) if self._waits else step
+
+    def _advance(self, new: Iterate) -> None:
+        """To an iterate, with its A x; sharper products from then on where the gradient grows more than it should."""
+        scaled, newton, before = self._path.scaled, self._path.newton, self._gradient
+        x, predicted = scaled.forces(new.x_n, new.y), None if scaled.sloped else new.A_x
+        self.v = new._replace(A_x=newton.products.advance(x, predicted, self._length, _ITERATE))
+        self._theta = scaled.theta(self.v.nu, scaled.slack(self.v.x_n, self.v.y))
+        self._gradient, self._exact = scaled.infeasibility(self.v), None
+        if self._gradient > (1.0 + _GROWTH * self._length) * before:
+            newton.tighten()
+
+    def _residual(self) -> float:
+        """Of the iterate; with its most accurate A x where that decides, and once a certificate has refused."""
+        path, scaled = self._path, self._path.scaled
+        residual = path.problem.residual(*scaled.unscaled(self.v)[:2])
+        if not (residual <= path.goal.residual or path.goal.refused):
+            return residual
+        exact = self.exact()
+        if path.goal.refused:
+            self.v = exact if path.newton.products.corrects else self.v
+            self._gradient = scaled.infeasibility(self.v)
+            self._beta = max(self._beta, _WIDENING * self._gradient / self._theta)
+        return path.problem.residual(*scaled.unscaled(exact)[:2])
+
+    def exact(self) -> Iterate:
+        """The iterate with its most accurate A x: once a certificate has failed, that of the balanced displacement."""
+        if self._exact is None:
+            scaled, balanced, v = self._path.scaled, self._path.problem.balanced, self.v
+            if balanced is None or not self._path.goal.refused:
+                A_x = self._path.newton.products.exact(scaled.forces(v.x_n, v.y))
+                self._exact = v._replace(A_x=A_x, w=None)
+            else:
+                self._exact = scaled.with_gradient(v, balanced(scaled.unscaled(v)[0]))
+        return self._exact
+
+    def answer(self) -> Answer:
+        """With the most accurate A x, if it is known."""
+        scaled, v = self._path.scaled, self.v if self._exact is None else self._exact
+        return Answer(scaled.unscaled(v)[0], scaled.displaced(v), scaled.rigid_motion(v))
+
+    def stop(self) -> Status | None:
+        path, goal, scaled = self._path, self._path.goal, self._path.scaled
+        whole = path.problem.residual_of_bodies(
+            *scaled.unscaled(self.v)[:2]
+        )  # falls more evenly than that of the worst
+        # if the certificate has refused an answer, only path following has products of the accuracy that it needs
+        if path.settings.finish is not None and not path.tried and not goal.refused and whole <= _FINISH_FROM:
+            path.newton.keep()
+            self.finished = path.by_another(self.answer())
+            if self.finished is not None:
+                return self.finished.status
+            self.v = self.v._replace(A_x=path.newton.products.exact(scaled.forces(self.v.x_n, self.v.y)))
+        self._since += 1
+        if whole < 0.9 * self._best or self._theta < 0.5 * self._least:  # where bodies slide far, both stay near 1
+            self._best, self._least, self._since = min(whole, self._best), min(self._theta, self._least), 0
+        self._blocked = self._blocked + 1 if self._length < _BLOCKED else 0
+        stalled = self._since >= goal.patience or (self._blocked == 3 and not self._patient)
+        return Status.STAGNATED if stalled else None
 
 
 def smallest_force(problem: FrictionProblem, goal: Goal) -> SolverResult | None:

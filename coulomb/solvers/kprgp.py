@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from .driver import Answer, drive, result_of
 from .friction_problem import FrictionProblem, SolverSettings, Task
-from .results import ActiveSetStep, Progress, SolverResult, Status, StepKind
+from .results import ActiveSetStep, Goal, SolverResult, Status, StepKind
 from .settings import within
 
 _PATIENCE: Final = 1000  # steps without a better residual after the certificate has refused an answer
@@ -68,75 +69,78 @@ class KPRGP(SolverSettings):
                 "KPRGP solves problems whose bodies are all held by supports; for bodies that contact alone holds use "
                 "InteriorPoint() or SuccessiveTresca()"
             )
-        over, (goal, start, _, progress) = qp.reductions, task
-        a = self.step / norm_of(qp)
-        x = qp.completed(qp.project(np.zeros_like(qp.b) if start is None else start))
-        gradient = qp.gradient(x)
-        residual = qp.residual(x, gradient)
-        best, best_at = residual, 0
-        reached = goal.reached(residual, x)
-        history: list[ActiveSetStep] = []
-        split = _split(qp, x, gradient, a)
-        p, status = split.phi, Status.MAX_ITERATIONS
-        while not reached and len(history) < self.max_iterations:
-            reduced = (x - qp.project(x - a * split.phi.ravel())) / a
-            krylov = 0
-            if over.dot(split.beta, split.beta) <= self.proportionality**2 * over.dot(reduced, split.phi.ravel()):
-                A_p = np.empty_like(x)
-                qp.A.mult(p.ravel(), A_p)
-                krylov, curvature = 1, over.dot(p.ravel(), A_p)
-                slope = over.dot(gradient, p.ravel())
-                to_minimum = slope / curvature if curvature > 0.0 else math.inf if slope > 0.0 else 0.0
-                to_boundary = _feasible_step(qp, x.reshape(-1, 3), p, split.free)
-                if to_minimum <= to_boundary:
-                    kind: StepKind = "cg"
-                    x, gradient = x - to_minimum * p.ravel(), gradient - to_minimum * A_p
-                    split = _split(qp, x, gradient, a)
-                    p = split.phi - (over.dot(split.phi.ravel(), A_p) / curvature * p if curvature > 0.0 else 0.0)
-                else:
-                    kind = "expansion"
-                    x, gradient = x - to_boundary * p.ravel(), gradient - to_boundary * A_p
-                    phi = _split(qp, x, gradient, a).phi
-                    x, gradient, split = self._projected(qp, x - a * phi.ravel(), a)
-                    p = split.phi
-            else:
-                kind = "proportioning"
-                x, gradient, split = self._projected(qp, x - a * split.beta.ravel(), a)
-                p = split.phi
-            residual = qp.residual(x, gradient)
-            if (
-                residual <= goal.residual and kind == "cg"
-            ):  # the gradient was updated: compute the residual with a fresh product
-                gradient = qp.gradient(x)
-                residual = qp.residual(x, gradient)
-            reached = goal.reached(residual, x)
-            stationarity = over.norm(split.phi + split.beta)
-            history.append(ActiveSetStep(len(history) + 1, residual, krylov, kind, stationarity))
-            if progress is not None and progress(Progress(0, len(history), residual)):
-                status = Status.INTERRUPTED
-                break
-            if residual < 0.9 * best:
-                best, best_at = residual, len(history)
-            if goal.refused and len(history) - best_at >= _PATIENCE:
-                status = Status.STAGNATED
-                break
-        result = SolverResult(
-            x=x,
-            gradient=gradient,
-            slip_bound=qp.slip_bound(x),
-            multipliers=_multipliers(qp, x, gradient),
-            status=goal.verdict(residual, x, status),
-            residual=residual,
-            history=tuple(history),
+        goal, start = task.goal, task.start
+        at = _Steps(self, qp, qp.completed(qp.project(np.zeros_like(qp.b) if start is None else start)), goal)
+        status = drive(at, goal, at.history, self.max_iterations, task.progress, qp.residual(at.x, at.gradient))
+        found = Answer(at.x, at.gradient)
+        result = result_of(qp, goal, found, _multipliers(qp, at.x, at.gradient), status, at.history)
+        message = (
+            f"KPRGP ended with a residual of {result.residual:.1e} after {len(at.history)} steps "
+            f"({result.status.value}), {goal.missed(result.residual)}"
         )
-        message = f"KPRGP ended with a residual of {residual:.1e} after {len(history)} steps ({result.status.value}), "
-        return result if result.status is Status.CONVERGED else replace(result, message=message + goal.missed(residual))
+        return replace(result, newton_steps=0, message="" if result.status is Status.CONVERGED else message)
 
-    def _projected(self, qp: FrictionProblem, x: FloatArray, a: float) -> tuple[FloatArray, FloatArray, Split]:
-        """P(x), the gradient there by a fresh product, and its split."""
-        x = qp.project(x)
-        gradient = qp.gradient(x)
-        return x, gradient, _split(qp, x, gradient, a)
+
+class _Steps:
+    """Steps from x (3 m,) in newtons, a `driver.Iteration`; gradient A x - b in metres, shape (3 m,)."""
+
+    def __init__(self, settings: KPRGP, qp: FrictionProblem, x: FloatArray, goal: Goal):
+        self._settings, self._qp, self._goal, self._a = settings, qp, goal, settings.step / norm_of(qp)
+        self.history: list[ActiveSetStep] = []
+        self.x, self.gradient = x, qp.gradient(x)
+        self._split = _split(qp, x, self.gradient, self._a)
+        self._p, self._best, self._best_at = self._split.phi, qp.residual(x, self.gradient), 0
+
+    def step(self) -> ActiveSetStep:
+        qp, split, a, krylov = self._qp, self._split, self._a, 0
+        kind: StepKind = "proportioning"
+        over, x = qp.reductions, self.x
+        reduced = (x - qp.project(x - a * split.phi.ravel())) / a
+        proportional = self._settings.proportionality**2 * over.dot(reduced, split.phi.ravel())
+        if over.dot(split.beta, split.beta) <= proportional:
+            kind, krylov = self._conjugate_step(), 1
+        else:
+            self._to_projection(x - a * split.beta.ravel())
+        residual = qp.residual(self.x, self.gradient)
+        if residual <= self._goal.residual and kind == "cg":  # the gradient was updated: a fresh product decides
+            self.gradient = qp.gradient(self.x)
+            residual = qp.residual(self.x, self.gradient)
+        stationarity = over.norm(self._split.phi + self._split.beta)
+        return ActiveSetStep(len(self.history) + 1, residual, krylov, kind, stationarity)
+
+    def _conjugate_step(self) -> StepKind:
+        """A CG step on the free unknowns; to the boundary and beyond, projected, if that is nearer."""
+        qp, p = self._qp, self._p
+        over, A_p = qp.reductions, np.empty_like(self.x)
+        qp.A.mult(p.ravel(), A_p)
+        curvature, slope = over.dot(p.ravel(), A_p), over.dot(self.gradient, p.ravel())
+        to_minimum = slope / curvature if curvature > 0.0 else math.inf if slope > 0.0 else 0.0
+        to_boundary = _feasible_step(qp, self.x.reshape(-1, 3), p, self._split.free)
+        length = min(to_minimum, to_boundary)
+        self.x, self.gradient = self.x - length * p.ravel(), self.gradient - length * A_p
+        self._split = _split(qp, self.x, self.gradient, self._a)
+        if to_minimum > to_boundary:
+            self._to_projection(self.x - self._a * self._split.phi.ravel())
+            return "expansion"
+        phi = self._split.phi
+        self._p = phi - (over.dot(phi.ravel(), A_p) / curvature * p if curvature > 0.0 else 0.0)
+        return "cg"
+
+    def _to_projection(self, x: FloatArray) -> None:
+        """To P(x), with the gradient there by a fresh product."""
+        self.x = self._qp.project(x)
+        self.gradient = self._qp.gradient(self.x)
+        self._split = _split(self._qp, self.x, self.gradient, self._a)
+        self._p = self._split.phi
+
+    def answer(self) -> Answer:
+        return Answer(self.x, self.gradient)
+
+    def stop(self) -> Status | None:
+        residual, made = self.history[-1].residual, len(self.history)
+        if residual < 0.9 * self._best:
+            self._best, self._best_at = residual, made
+        return Status.STAGNATED if self._goal.refused and made - self._best_at >= _PATIENCE else None
 
 
 def norm_of(qp: FrictionProblem) -> float:

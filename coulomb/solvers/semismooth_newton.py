@@ -44,8 +44,9 @@ from ..arrays import FloatArray
 from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, LowRankApproximation
 from ..linalg.reductions import Reductions, summed
 from .contact_equations import ContactDerivative, ContactEquations
+from .driver import Answer, drive, result_of
 from .friction_problem import FrictionProblem, SolverSettings, Task
-from .results import Progress, SemismoothStep, SolverResult, Status
+from .results import SemismoothStep, SolverResult, Status
 from .rigid_motions import NO_MOTION
 from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import within
@@ -177,10 +178,14 @@ class SemismoothNewton(SolverSettings):
 
 
 class _Iteration:
-    """The steps from one start.  Forces in newtons; A, b, w in units of the mean diagonal a of A, newtons as well."""
+    """The steps from one start, a `driver.Iteration`.
+
+    Forces in newtons; A, b, w in units of the mean diagonal a of A, newtons as well.
+    """
 
     def __init__(self, settings: SemismoothNewton, problem: FrictionProblem, task: Task):
         self._settings, self._problem, self._goal, self._progress = settings, problem, task.goal, task.progress
+        self._history: list[SemismoothStep] = []
         self._over, self._a, m = problem.reductions, problem.mean_diagonal, problem.A.nodes
         self._T: FloatArray = np.empty((0, 0))
         self._e: FloatArray = NO_MOTION
@@ -216,8 +221,9 @@ class _Iteration:
         """From the best of the starts (c, 3 m) to the answer, or to where the residual stalls; collective."""
         d, frictional = self._scaled.diagonal, self._problem.frictional
         if not self._over.all(bool(np.all(d[:, 0] > 0.0) and np.all(d[frictional, 1:] > 0.0))):
-            x = starts[0].reshape(-1, 3)
-            return self._result(x, self._scaled.mult(x), np.zeros(len(self._e)), [], Status.STAGNATED)
+            self._x, self._alpha = starts[0].reshape(-1, 3), np.zeros(len(self._e))
+            self._A_x = self._scaled.mult(self._x)
+            return self._result(Status.STAGNATED)
         self._krylov = CarryingKrylov(
             self._constraints,
             3,
@@ -227,7 +233,14 @@ class _Iteration:
             PETSc.KSP.Type.FGMRES,
         )
         try:
-            return self._steps(*(self._best(starts) if gradient is None else self._from(starts[0], gradient)))
+            self._x, self._A_x, self._alpha = (
+                self._best(starts) if gradient is None else self._from(starts[0], gradient)
+            )
+            settings, start = self._settings, self._begin()
+            status = drive(self, self._goal, self._history, settings.max_iterations, self._progress, start)
+            if status is not None:
+                self._A_x = self._images.exact(self._x)
+            return self._result(status)
         finally:
             self._A.forget_new()
             self._scaled.keep(self._A.learnt, self._inverse)
@@ -277,55 +290,51 @@ class _Iteration:
         self._A.record(x, y)
         return y
 
-    def _steps(self, x: FloatArray, A_x: FloatArray, alpha: FloatArray) -> SolverResult:
-        settings, goal, history = self._settings, self._goal, list[SemismoothStep]()
-        status, best, best_at, iterations, changed, stop = Status.MAX_ITERATIONS, math.inf, 0, 0, 0, False
-        before: npt.NDArray[np.int64] | None = None
-        for step in range(settings.max_iterations + 1):
-            residual = self._residual(x, A_x, alpha)
-            reached = False
-            if residual <= goal.residual * (
-                self._finer if step == 0 else 1.0
-            ):  # A x may be inexact: decide with the most accurate product
-                x = self._equations.opened(x, self._w(A_x, alpha))  # without rounding errors at open nodes
-                A_x = self._images.exact(x)
-                residual = self._residual(x, A_x, alpha)
-                reached = goal.reached(
-                    residual, self._problem.completed(x.ravel()), None if not len(self._e) else self._motion(alpha)
-                )
-            at = self._equations.at(x, self._w(A_x, alpha))
-            if before is not None:
-                changed = int(self._over.sum((at.status != before).astype(float)))
-                history.append(SemismoothStep(step, residual, iterations, changed))
-                stop = self._progress is not None and bool(self._progress(Progress(0, step, residual)))
-            before = at.status
-            if reached:
-                break
-            if stop:
-                status = Status.INTERRUPTED
-                break
-            fallen = self._of_bodies(x, A_x, alpha)
-            if fallen < settings.falls * best:
-                best, best_at = fallen, step
-            hopeless = goal.refused and residual < settings.refused * goal.tolerance
-            if hopeless or step - best_at >= settings.patience or (not math.isfinite(residual) and step > 0):
-                status = Status.STAGNATED
-                break
-            if step == settings.max_iterations:
-                break
-            dx, A_dx, dalpha, iterations = self._solved(at, x, A_x, alpha, residual)
-            x, alpha = x + dx, alpha + dalpha
-            A_x = self._images.advance(x, A_x + A_dx, 1.0, settings.product)
-        if not reached:
-            A_x = self._images.exact(x)
-        return self._result(x, A_x, alpha, history, status)
+    def _begin(self) -> float:
+        """To the start; its residual if it may be the answer, else inf."""
+        found = self._residual(self._x, self._A_x, self._alpha)
+        self._left = self._sharp(found, self._finer)
+        self._at = self._equations.at(self._x, self._w(self._A_x, self._alpha))
+        self._fallen, self._since = self._of_bodies(self._x, self._A_x, self._alpha), 0
+        return self._left if found <= self._finer * self._goal.residual else math.inf
 
-    def _solved(
+    def _sharp(self, residual: float, part: float = 1.0) -> float:
+        """The residual; with the most accurate product where it decides, and without rounding errors at open nodes."""
+        if not residual <= part * self._goal.residual:
+            return residual
+        self._x = self._equations.opened(self._x, self._w(self._A_x, self._alpha))
+        self._A_x = self._images.exact(self._x)
+        return self._residual(self._x, self._A_x, self._alpha)
+
+    def step(self) -> SemismoothStep | None:
+        settings, before = self._settings, self._at.status
+        if self._goal.refused and self._left < settings.refused * self._goal.tolerance:
+            return None
+        dx, A_dx, dalpha, iterations = self._direction(self._at, self._x, self._A_x, self._alpha, self._left)
+        self._x, self._alpha = self._x + dx, self._alpha + dalpha
+        self._A_x = self._images.advance(self._x, self._A_x + A_dx, 1.0, settings.product)
+        self._left = self._sharp(self._residual(self._x, self._A_x, self._alpha))
+        self._at = self._equations.at(self._x, self._w(self._A_x, self._alpha))
+        changed = int(self._over.sum((self._at.status != before).astype(float)))
+        return SemismoothStep(len(self._history) + 1, self._left, iterations, changed)
+
+    def answer(self) -> Answer:
+        without = (self._a * (self._A_x - self._b)).ravel()
+        return Answer(self._problem.completed(self._x.ravel()), without, self._motion(self._alpha))
+
+    def stop(self) -> Status | None:
+        fallen = self._of_bodies(self._x, self._A_x, self._alpha)
+        self._since += 1
+        if fallen < self._settings.falls * self._fallen:
+            self._fallen, self._since = fallen, 0
+        stalled = self._since >= self._settings.patience or not math.isfinite(self._left)
+        return Status.STAGNATED if stalled else None
+
+    def _direction(
         self, at: ContactDerivative, x: FloatArray, A_x: FloatArray, alpha: FloatArray, residual: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
         """The step: dx, A dx, dalpha, and its Krylov iterations."""
         settings, over = self._settings, self._over
-        self._at = at
         scale = self._problem.force_scale(x.ravel(), self._a * self._w(A_x, alpha).ravel())
         self._rows = (1.0 / np.where(scale > 1e-290, scale, 1.0))[:, None]
         self._inverse.move(at)
@@ -347,28 +356,8 @@ class _Iteration:
             return NO_MOTION
         return self._a * (self._T.T @ alpha)
 
-    def _result(
-        self, x: FloatArray, A_x: FloatArray, alpha: FloatArray, history: list[SemismoothStep], status: Status
-    ) -> SolverResult:
-        problem, forces, motion = self._problem, self._problem.completed(x.ravel()), self._motion(alpha)
-        gradient = self._a * self._w(A_x, alpha)
-        if problem.rigid is not None:
-            without = (self._a * (A_x - self._b)).ravel()
-            motion = problem.shortest_motion(forces, without, motion)
-            gradient = (without - problem.rigid.displacement(motion)).reshape(-1, 3)
-        residual = self._problem.residual(forces, gradient.ravel())
-        multipliers = np.column_stack([gradient[:, 0], np.hypot(gradient[:, 1], gradient[:, 2])])
-        return SolverResult(
-            x=forces,
-            gradient=gradient.ravel(),
-            slip_bound=self._problem.slip_bound(forces),
-            multipliers=multipliers,
-            status=self._goal.verdict(residual, forces, status, motion),
-            newton_steps=len(history),
-            residual=residual,
-            history=tuple(history),
-            rigid=motion,
-        )
+    def _result(self, status: Status | None) -> SolverResult:
+        return result_of(self._problem, self._goal, self.answer(), None, status, self._history)
 
 
 def _without_zeros(diagonal: FloatArray) -> FloatArray:

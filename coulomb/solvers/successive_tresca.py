@@ -13,11 +13,12 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..linalg.reductions import Reductions
+from .driver import Answer, drive
 from .equilibrium import balanced_forces
 from .friction_problem import FrictionProblem, Solver, SolverSettings, Task
 from .interior_point import InteriorPoint
 from .newton_systems import AugmentedSystem
-from .results import Goal, NotConverged, OuterStep, Progress, ProgressCallback, SolverResult, Status
+from .results import Goal, NotConverged, OuterStep, Progress, SolverResult, Status
 from .settings import within
 
 _RANK_DEFICIENT: Final = 1e-12
@@ -100,135 +101,154 @@ class SuccessiveTresca(SolverSettings):
     name = "successive Tresca"
 
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
-        over, A = problem.reductions, problem.A
-        goal, start, _, progress = task
-        anderson = Anderson(self.memory, over)
-        balanced = balanced_forces(problem, self.name)
-        g = problem.law.radius(np.zeros(problem.A.nodes)) if start is None else problem.slip_bound(start)
-        old_g, old_image = None, None
-        last: SolverResult | None = None
-        best: tuple[float, SolverResult, FloatArray] | None = None
-        residual, damping = 1.0, self.damping or 1.0
-        whole, finer = 1.0, 1.0  # that of the bodies, and the accuracy for the worst contact where they reach the goal
-        history: list[OuterStep] = []
-        sizes: list[float] = []  # |r(x_n)|
-        turns: list[float] = []  # cosines between successive r(x_n) - g
-        misfit: FloatArray | None = None
-        status, why = Status.MAX_ITERATIONS, ""
-        for iteration in range(1, self.max_iterations + 1):
-            began, before = time.perf_counter(), A.products
-            inner = min(max(self.inner_precision * whole, 0.1 * goal.residual * finer, _ROUNDING), 1e-2)
-            inner = inner if problem.sloped else goal.residual  # the only Tresca problem
-            warm = last is not None
-            last, steps, krylov, trouble = self._tresca(problem, g, last, inner, iteration, progress)
-            if balanced is not None and last.equilibrium is not None:  # larger bounds have one
-                g = np.maximum(g, problem.slip_bound(balanced))
-                last, steps, krylov, trouble = self._tresca(problem, g, None, inner, iteration, progress)
-            last = replace(last, x=problem.completed(last.x))  # where the slip is known, with r(x_n) in place of g
-            image = problem.slip_bound(last.x)
-            residual = problem.residual(last.x, last.gradient)
-            whole = problem.residual_of_bodies(last.x, last.gradient)
-            finer = _FINER if whole <= goal.residual else 1.0
-            if best is None or residual < best[0]:
-                best = (residual, last, g)
-            old_misfit, misfit = misfit, image - g
-            size = over.norm(image)
-            sizes.append(size)
-            if old_misfit is not None:
-                turns.append(_cosine(old_misfit, misfit, over))
-            contraction, slope = _measure(g, old_g, image, old_image, over)
-            if self.damping is None and not math.isnan(slope):
-                damping = max(1.0 / (1.0 - min(slope, 0.0)), _LEAST_DAMPING)
-            history.append(
-                OuterStep(
-                    iteration=iteration,
-                    residual=residual,
-                    change=_ratio(over.norm(misfit), max(size, over.norm(g))),
-                    contraction=contraction,
-                    slope=slope,
-                    damping=damping,
-                    inner_tolerance=inner,
-                    path_following=steps,
-                    products=A.products - before,
-                    krylov=krylov,
-                    warm=warm,
-                    seconds=time.perf_counter() - began,
-                )
-            )
-            if goal.reached(residual, last.x, last.rigid):
-                break
-            if last.status is Status.INTERRUPTED:
-                status, why = Status.INTERRUPTED, trouble
-                break
-            if trouble and last.residual > 0.1 * residual:
-                status, why = Status.STAGNATED, trouble
-                break
-            seen = _diagnosis(history, sizes, turns)
-            if seen is not None:
-                status = seen
-                break
-            if sum(step.path_following for step in history) >= self.newton_steps:
-                break
-            old_g, old_image = g, image
-            if history[-1].change > _NEAR or (len(history) > 1 and history[-1].change > history[-2].change):
-                anderson.restart()
-            g = np.maximum(anderson.next(g, misfit, damping), 0.0)
-        assert best is not None
-        _, last, g = best
-        gradient = problem.gradient(last.x, last.rigid)
-        residual = problem.residual(last.x, gradient)
+        steps = _Steps(self, problem, task)
+        return steps.result(drive(steps, task.goal, steps.history, self.max_iterations))
+
+
+class _Steps:
+    """Tresca problems with slip bounds g (m,) in newtons, a `driver.Iteration`."""
+
+    def __init__(self, settings: SuccessiveTresca, problem: FrictionProblem, task: Task):
+        self._settings, self._problem, self._task = settings, problem, task
+        self.history: list[OuterStep] = []
+        self._anderson, self._balanced = (
+            Anderson(settings.memory, problem.reductions),
+            balanced_forces(problem, settings.name),
+        )
+        self._g = (
+            problem.law.radius(np.zeros(problem.A.nodes)) if task.start is None else problem.slip_bound(task.start)
+        )
+        self._before: tuple[FloatArray, FloatArray] | None = None  # g and r(x_n) of the problem before
+        self._last: SolverResult | None = None
+        self._best: tuple[float, SolverResult, FloatArray] | None = None
+        self._damping, self._misfit = settings.damping or 1.0, np.zeros_like(self._g)
+        self._whole, self._finer = 1.0, 1.0  # residual of the bodies; accuracy for the worst contact where they pass
+        self._sizes: list[float] = []  # |r(x_n)|
+        self._turns: list[float] = []  # cosines between successive r(x_n) - g
+        self._trouble = ""
+
+    def step(self) -> OuterStep:
+        settings, problem, goal = self._settings, self._problem, self._task.goal
+        began, products, warm = time.perf_counter(), problem.A.products, self._last is not None
+        if self.history:
+            self._g = self._next()
+        least = 0.1 * goal.residual * self._finer
+        inner = min(max(settings.inner_precision * self._whole, least, _ROUNDING), 1e-2)
+        inner = inner if problem.sloped else goal.residual  # the only Tresca problem
+        last, path_following, krylov = self._tresca(inner)
+        image, g = problem.slip_bound(last.x), self._g
+        residual = problem.residual(last.x, last.gradient)
+        self._whole = problem.residual_of_bodies(last.x, last.gradient)
+        self._finer = _FINER if self._whole <= goal.residual else 1.0
+        if self._best is None or residual < self._best[0]:
+            self._best = (residual, last, g)
+        change, contraction, slope = self._measured(image)
+        if settings.damping is None and not math.isnan(slope):
+            self._damping = max(1.0 / (1.0 - min(slope, 0.0)), _LEAST_DAMPING)
+        self._last, self._before = last, (g, image)
+        return OuterStep(
+            iteration=len(self.history) + 1,
+            residual=residual,
+            change=change,
+            contraction=contraction,
+            slope=slope,
+            damping=self._damping,
+            inner_tolerance=inner,
+            path_following=path_following,
+            products=problem.A.products - products,
+            krylov=krylov,
+            warm=warm,
+            seconds=time.perf_counter() - began,
+        )
+
+    def _next(self) -> FloatArray:
+        """The next g; accelerated once the map is near to linear."""
+        changes = [step.change for step in self.history[-2:]]
+        if changes[-1] > _NEAR or (len(changes) > 1 and changes[-1] > changes[0]):
+            self._anderson.restart()
+        return np.maximum(self._anderson.next(self._g, self._misfit, self._damping), 0.0)
+
+    def _measured(self, image: FloatArray) -> tuple[float, float, float]:
+        """How far r(x_n) is from g, and contraction and slope of the map between the last two g; nan for the first."""
+        over, g, before = self._problem.reductions, self._g, self._misfit
+        size, self._misfit = over.norm(image), image - g
+        self._sizes.append(size)
+        if self.history:
+            self._turns.append(_cosine(before, self._misfit, over))
+        contraction, slope = _measure(g, image, self._before, over)
+        return _ratio(over.norm(self._misfit), max(size, over.norm(g))), contraction, slope
+
+    def answer(self) -> Answer:
+        assert self._last is not None
+        return Answer(self._last.x, self._last.gradient, self._last.rigid)
+
+    def stop(self) -> Status | None:
+        assert self._last is not None
+        if self._last.status is Status.INTERRUPTED:
+            return Status.INTERRUPTED
+        if self._trouble and self._last.residual > 0.1 * self.history[-1].residual:
+            return Status.STAGNATED
+        self._trouble = ""
+        seen = _diagnosis(self.history, self._sizes, self._turns)
+        made = sum(step.path_following for step in self.history)
+        return Status.MAX_ITERATIONS if seen is None and made >= self._settings.newton_steps else seen
+
+    def result(self, status: Status | None) -> SolverResult:
+        """The best answer, with a product of its own."""
+        problem, goal, history = self._problem, self._task.goal, self.history
+        assert self._best is not None
+        _, best, g = self._best
+        gradient = problem.gradient(best.x, best.rigid)
+        residual = problem.residual(best.x, gradient)
         result = SolverResult(
-            x=last.x,
+            x=best.x,
             gradient=gradient,
-            slip_bound=np.where(problem.known_slip, problem.slip_bound(last.x), g),
-            multipliers=last.multipliers,
-            status=goal.verdict(residual, last.x, status, last.rigid),
+            slip_bound=np.where(problem.known_slip, problem.slip_bound(best.x), g),
+            multipliers=best.multipliers,
+            status=goal.verdict(residual, best.x, status or Status.STAGNATED, best.rigid),
             outer_steps=len(history),
             newton_steps=sum(step.path_following for step in history),
             residual=residual,
             history=tuple(history),
             contraction=_contraction(history),
-            rigid=last.rigid,
+            rigid=best.rigid,
         )
-        return result if result.status is Status.CONVERGED else replace(result, message=_message(goal, result, why))
+        if result.status is Status.CONVERGED:
+            return result
+        return replace(result, message=_message(goal, result, self._trouble))
 
-    def _tresca(
-        self,
-        problem: FrictionProblem,
-        g: FloatArray,
-        last: SolverResult | None,
-        tolerance: float,
-        outer: int,
-        progress: ProgressCallback | None,
-    ) -> tuple[SolverResult, int, int, str]:
-        """A Tresca problem from the last answer and, if that fails, from a cold start.
+    def _tresca(self, tolerance: float) -> tuple[SolverResult, int, int]:
+        """The Tresca problem: its answer, steps and Krylov iterations; with larger bounds where these leave no
+        equilibrium."""
+        problem, balanced = self._problem, self._balanced
+        last, steps, krylov = self._from(self._last, tolerance)
+        if balanced is not None and last.equilibrium is not None:
+            self._g = np.maximum(self._g, problem.slip_bound(balanced))
+            last, steps, krylov = self._from(None, tolerance)
+        return replace(last, x=problem.completed(last.x)), steps, krylov  # where the slip is known, with r(x_n)
 
-        Returns:
-            Its answer, the steps and Krylov iterations of both, and an error message or nothing.
-        """
+    def _from(self, last: SolverResult | None, tolerance: float) -> tuple[SolverResult, int, int]:
+        """The Tresca problem from the last answer and, if that fails, from a cold start: the answer, steps and Krylov
+        iterations of both."""
+        progress, outer = self._task.progress, len(self.history) + 1
+        problem = self._problem.with_slip_bound(self._g, together=self._problem.sloped)
 
         def report(p: Progress) -> bool | None:
             return progress is not None and progress(replace(p, outer=outer))
 
         steps = krylov = 0
-        trouble = ""
         for start in (last, None) if last is not None else (None,):
+            x, gradient = (None, None) if start is None else (start.x, start.gradient)
             try:
-                result = self.qp_solver.solve(
-                    problem.with_slip_bound(g, together=problem.sloped),
-                    None if start is None else start.x,
-                    gradient=None if start is None else start.gradient,
-                    tolerance=tolerance,
-                    progress=report,
-                )
-                trouble = ""
+                qp_solver, self._trouble = self._settings.qp_solver, ""
+                result = qp_solver.solve(problem, x, gradient=gradient, tolerance=tolerance, progress=report)
             except NotConverged as failure:
-                result, trouble = failure.result, str(failure)
+                result, self._trouble = failure.result, str(failure)
             steps += len(result.history)
             krylov += sum(step.krylov for step in result.history)
-            if not trouble or result.status is Status.INTERRUPTED:
+            if not self._trouble or result.status is Status.INTERRUPTED:
                 break
-        return result, steps, krylov, trouble
+        return result, steps, krylov
 
 
 def _diagnosis(history: list[OuterStep], sizes: list[float], turns: list[float]) -> Status | None:
@@ -256,12 +276,12 @@ def _ratio(part: float, whole: float) -> float:
 
 
 def _measure(
-    g: FloatArray, old_g: FloatArray | None, image: FloatArray, old_image: FloatArray | None, over: Reductions
+    g: FloatArray, image: FloatArray, before: tuple[FloatArray, FloatArray] | None, over: Reductions
 ) -> tuple[float, float]:
     """Contraction and slope of the map between its last two arguments; nan where there are none."""
-    if old_g is None or old_image is None:
+    if before is None:
         return math.nan, math.nan
-    dg, change = g - old_g, image - old_image
+    dg, change = g - before[0], image - before[1]
     size = over.norm(dg)
     if size == 0.0:
         return math.nan, math.nan
