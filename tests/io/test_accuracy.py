@@ -30,23 +30,6 @@ def stuck(tmp_path_factory):
     return with_report(directory), done.stdout
 
 
-def test_natural_scales():
-    summary = {
-        "force_on_body": {"normal": 200.0},
-        "loads": [{"force": [0.0, 0.0, -1e3], "moment": [0.0, 50.0, 0.0]}],
-        "totals": {"centre_of_pressure": [0.0, 0.2, 0.1], "greatest_slip": 3e-6},
-        "maximum": {"displacement": 2e-6, "contact_pressure": 1e6},
-    }
-    found = accuracy(summary, 1e-8)
-    assert found == pytest.approx({"N": 1e-5, "N m": 2e-6, "m": 3e-14, "Pa": 1e-2, "J": 3e-11, "J/m²": 3e-8}, rel=1e-12)
-    assert accuracy(summary, 1e-6)["N"] == pytest.approx(1e-3)
-    history = {"maximum": {name: {"value": 1.0} for name in ("displacement", "slip_in_a_step", "contact_pressure")}}
-    assert accuracy(summary, 1e-8, history, [5e3])["N"] == pytest.approx(5e-5)
-    assert accuracy(summary, 1e-8, history)["m"] == pytest.approx(1e-8)
-    assert accuracy({**summary, "mean_compliance": 1e-6, "nodes": {"contact": 4}}, 1e-8)["m"] == pytest.approx(1e-12)
-    assert accuracy({}, 1e-8)["N"] == 0.0
-
-
 def test_natural_scales_of_several_contacts():
     """Their forces have no sum: those of each count."""
     face = {"force": [0.0, 0.0, 0.0], "moment": [0.0, 0.0, 0.0]}

@@ -1,14 +1,11 @@
 """Step lengths, with one step per condition that violates it alone; sigma; starting points; correctors."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
-from conftest import dense_compliance, make_block, random_spd, random_tresca
+from conftest import dense_compliance, make_block, random_spd
 from floating_blocks import FloatingBlock, floating_problem
 
-from coulomb import InteriorPoint, NotConverged
-from coulomb.linalg.compliance.compliance import MatrixCompliance
+from coulomb import InteriorPoint
 from coulomb.solvers import DenseSystem, FrictionLaw, FrictionProblem, SchurComplementSystem, interior_point
 from coulomb.solvers.interior_point import correct_step, newton_step, step_length
 from coulomb.solvers.newton_systems import augmented_matrix
@@ -83,63 +80,6 @@ def test_a_step_goes_to_the_boundary_and_not_over_it(at):
     assert alpha == pytest.approx(SOLVER.to_boundary / 4.0)
 
 
-def test_centring_follows_the_last_step():
-    """sigma = (1 - alpha)^2 within [0.1, 0.5]."""
-    for alpha, sigma in ((1.0, 0.1), (0.9, 0.1), (0.5, 0.25), (0.4, 0.36), (0.1, 0.5)):
-        assert SOLVER.centring(alpha) == pytest.approx(sigma)
-
-
-def test_sigma_is_larger_where_the_gradient_limits_theta():
-    """Three times the part of beta theta that is taken, up to 1/2."""
-    for alpha, used, sigma in ((1.0, 0.0, 0.1), (0.5, 0.0, 0.25), (0.1, 0.1, 0.5), (1.0, 0.15, 0.45), (0.5, 0.5, 0.5)):
-        assert SOLVER.centring(alpha, used) == pytest.approx(sigma)
-
-
-class Inexact(MatrixCompliance):
-    """Exact products that are declared inexact."""
-
-    exact = False
-
-
-def test_sigma_is_larger_only_where_products_are_inexact():
-    """beta so small that the gradient takes up much of the neighbourhood."""
-    qp, A = random_tresca(30, seed=5)
-    matrix = dense_compliance(A).matrix
-    solver = InteriorPoint(beta=1.0)
-    exact, inexact = (
-        solver.solve(FrictionProblem.tresca(kind(matrix), qp.b, qp.law.cohesion)).history
-        for kind in (MatrixCompliance, Inexact)
-    )
-
-    def waited(history):
-        return [step.sigma / solver.centring(before.alpha) for before, step in pairwise(history)]
-
-    assert waited(exact) == pytest.approx(np.ones(len(exact) - 1))
-    assert max(waited(inexact)) > 1.5 and min(waited(inexact)) >= 1.0
-
-
-def test_a_blocked_start_is_replaced_by_one_farther_inside(monkeypatch):
-    """From the free gaps first, then theta of the starts, over rms(A x - b) at equal pressure: one after the other."""
-    qp, _ = random_tresca(20, seed=7)
-    seen = []
-
-    def short(settings, scaled, step, beta, sigma):
-        seen.append(scaled.theta(step.v.nu, scaled.slack(step.v.x_n, step.v.y)) / start_rms(scaled))
-        alpha = 0.02
-        return alpha, step.at(1e-12)
-
-    def start_rms(scaled):
-        x_n, zero = scaled.lower + 1.0, np.zeros((20, 2))
-        v = Iterate(x_n, zero, zero, scaled.A.mult(scaled.forces(x_n, zero)))
-        return scaled.rms(scaled.gradient(v))
-
-    monkeypatch.setattr("coulomb.solvers.interior_point.step_length", short)
-    with pytest.raises(NotConverged):
-        InteriorPoint(max_iterations=5).solve(qp)
-    assert 0.0 < max(seen[:3]) < 0.1
-    assert seen[3:] == pytest.approx([1e3] * 3 + [1e6] * 5, rel=1e-6)  # the last has no limit of short steps
-
-
 @pytest.mark.parametrize("blocked_at", [10, 13])
 def test_steps_that_end_near_an_answer_go_on_from_there(monkeypatch, blocked_at):
     """Not from a cold start, which throws the iterate away."""
@@ -187,25 +127,6 @@ def test_a_start_from_forces_alone_is_well_inside():
     assert np.linalg.norm(y, axis=1).max() <= 0.9 + 1e-12 and 0 < kept.sum() < 20
     assert np.allclose(forces[kept, 1:], x[kept, 1:])
     assert np.allclose(forces[:, 1] * x[:, 2], forces[:, 2] * x[:, 1])  # the direction is unchanged
-
-
-def test_a_warm_start_with_slope_takes_its_settings(monkeypatch):
-    """The first iterate: x_n >= 0.3 nominal forces, |y| <= 0.9, and nu z = 0.03 rms(A x - b) everywhere."""
-    rng = np.random.default_rng(9)
-    problem = FrictionProblem.coulomb(dense_compliance(random_spd(60, 10.0, rng)), rng.uniform(0.1, 1, 60), np.ones(20))
-    seen = []
-
-    def first(settings, scaled, step, beta, sigma):
-        seen.append((scaled, step.v))
-        return 0.0, None
-
-    monkeypatch.setattr("coulomb.solvers.interior_point.step_length", first)
-    with pytest.raises(NotConverged):
-        InteriorPoint().solve(problem, 1e-3 * rng.standard_normal(60))
-    scaled, v = seen[0]
-    rms = scaled.rms(scaled.gradient(v._replace(nu=np.zeros((20, 2)))))
-    assert v.x_n.min() == pytest.approx(0.3) and np.linalg.norm(v.y, axis=1).max() <= 0.9 + 1e-12
-    assert np.allclose(v.nu * scaled.slack(v.x_n, v.y), 0.03 * rms)
 
 
 # --- correctors -------------------------------------------------------------------------------------------------------

@@ -24,7 +24,6 @@ from coulomb import (
 from coulomb.fem.contact import KeptMatrix, contact_matrix, rows_of
 from coulomb.linalg.compliance.low_rank import (
     LinearResponseCache,
-    LowRankApproximation,
     RecycledColumns,
     turned_diagonal,
 )
@@ -65,19 +64,6 @@ def test_a_fine_history_takes_few_newton_steps(steps):
 
 def test_a_step_that_repeats_its_load_takes_at_most_one(steps):
     assert newton(steps)[6] <= 1
-
-
-def test_the_approximation_of_A_is_made_anew_only_where_it_changes(steps, monkeypatch):
-    """It and its products stay from load step to load step; frames that turn make a new one (below)."""
-    made = []
-    original = LowRankApproximation._set
-    monkeypatch.setattr(LowRankApproximation, "_set", lambda self, U: (made.append(self), original(self, U)))
-    counts = [
-        (step.solution.result.products, len(made)) for step in LoadHistory([1.0, 2.0, 3.0, 4.0, 5.0]).steps(fine())
-    ]
-    assert [products for products, _ in counts] == [step.solution.result.products for step in steps[:5]]
-    first, *later = (number for _, number in counts)
-    assert len({id(one) for one in made[first:]}) <= 1 and later[-1] - first <= 4
 
 
 def test_answers_are_those_of_the_interior_point_method(steps):
