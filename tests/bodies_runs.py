@@ -1,23 +1,17 @@
 """Small runs of several bodies for the tests of their files."""
 
+from case_texts import body
+
 from coulomb import Contact, ContactProblem, Material, SymmetryPlane, Traction, box, join, moved
 
 TWO = """\
 clamp = [{ face = "lower:bottom" }]
 temperature = { body = "upper", value = 25.0, reference = 20.0 }
 history = { times = [1, 2] }
-[[body]]
-name = "lower"
-box = [1.0, 1.0, 0.5]
-cells = [3, 2, 1]
-material = {young = 2.1e11, poisson = 0.3}
-[[body]]
-name = "upper"
-box = [0.8, 0.7, 0.4]
-cells = [2, 2, 1]
-cell = "tetrahedron"
-translate = [0.1, 0.15, 0.5]
-material = {young = 7e10, poisson = 0.33, expansion = 2e-7}
+"""
+TWO += body("lower", (1.0, 1.0, 0.5), (3, 2, 1), young=2.1e11)
+TWO += body("upper", (0.8, 0.7, 0.4), (2, 2, 1), (0.1, 0.15, 0.5), 7e10, 0.33, "tetrahedron", expansion=2e-7)
+TWO += """\
 [[spring]]
 face = "upper:left"
 stiffness = [1e10, 1e9, 1e9]
@@ -50,18 +44,9 @@ clamp = [{ face = "lower:bottom" }]
 prescribed_displacement = [{ face = "upper:top", value = [0, 0, -3e-4], amplitude = [[0, 0], [1, 1], [2, 0]] }]
 contact = { face = "upper:bottom", against = "lower:top", friction = 0.3 }
 history = { times = [1, 2] }
-[[body]]
-name = "lower"
-box = [1.2, 0.6, 0.4]
-cells = [5, 3, 2]
-material = {young = 2.1e11, poisson = 0.3}
-[[body]]
-name = "upper"
-box = [0.6, 0.3, 0.2]
-cells = [4, 3, 2]
-translate = [0.3, 0.15, 0.4]
-material = {young = 7e10, poisson = 0.33}
 """
+UNLOADED += body("lower", (1.2, 0.6, 0.4), (5, 3, 2), young=2.1e11)
+UNLOADED += body("upper", (0.6, 0.3, 0.2), (4, 3, 2), (0.3, 0.15, 0.4), 7e10, 0.33)
 """Two blocks, pressed together and released."""
 
 

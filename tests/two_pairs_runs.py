@@ -1,25 +1,15 @@
 """Runs of a body with one contact face, all around, between two others, for the tests of their files."""
 
 import numpy as np
+from case_texts import body
 from mesh_files import BoxFile
 
+PLATE = (1.0, 0.6, 0.3), (2, 1, 1)
 LENS = """\
-[[body]]
-name = "low"
-box = [1.0, 0.6, 0.3]
-cells = [2, 1, 1]
-translate = [0.0, 0.0, -0.3]
-material = {young = 2e11, poisson = 0.3}
 [[body]]
 name = "mid"
 file = "lens.msh"
 material = {young = 7e10, poisson = 0.3}
-[[body]]
-name = "up"
-box = [1.0, 0.6, 0.3]
-cells = [2, 1, 1]
-translate = [0.0, 0.0, 0.4]
-material = {young = 2e11, poisson = 0.3}
 [[clamp]]
 face = "low:bottom"
 [[prescribed_displacement]]
@@ -44,6 +34,7 @@ picture = false
 [history]
 times = [0.5, 1]
 """
+LENS = body("low", *PLATE, (0.0, 0.0, -0.3)) + LENS + body("up", *PLATE, (0.0, 0.0, 0.4))
 """A cushion, crowned by 1 mm above and below, between two plates: its lower and upper face and two of its sides are
 one, "around"."""
 

@@ -14,6 +14,7 @@ from unittest import mock
 
 import h5py
 import numpy as np
+from case_texts import body
 from conftest import SMALL_CASE as BLOCK
 from conftest import command_line
 from mesh_files import BoxFile
@@ -31,22 +32,10 @@ FROM_FILE = BLOCK.replace("box = [3.0, 1.0, 1.0]\ncells = [3, 1, 1]", 'file = "p
 TOP = "[{face='top', value=[0,0,-1e-4], amplitude=[[0,0],[1,1]]}]"
 BODIES = """
 contact = { face = "upper:bottom", against = "lower:top", friction = 0.3 }
-[[body]]
-name = "lower"
-box = [1.0, 1.0, 1.0]
-cells = [1, 1, 1]
-material = { young = 2e11, poisson = 0.3 }
-[[body]]
-name = "upper"
-box = [1.0, 1.0, 1.0]
-cells = [1, 1, 1]
-translate = [0.0, 0.0, 1.0]
-material = { young = 2e11, poisson = 0.3 }
-[[clamp]]
-face = "lower:bottom"
-[[clamp]]
-face = "upper:top"
+clamp = [{ face = "lower:bottom" }, { face = "upper:top" }]
 """
+UNIT = (1.0, 1.0, 1.0), (1, 1, 1)
+BODIES += body("lower", *UNIT) + body("upper", *UNIT, (0.0, 0.0, 1.0))
 STEPS = (f"clamp={TOP}", "traction=[]", "history={times=[0.5,1]}")
 
 

@@ -14,12 +14,14 @@ from unittest import mock
 import h5py
 import numpy as np
 import scipy.sparse
+from case_texts import body
 from wrong_input import (
     BLOCK,
     BODIES,
     FROM_FILE,
     MESSAGES,
     STEPS,
+    UNIT,
     Wrong,
     another_run,
     case,
@@ -162,14 +164,6 @@ RESOURCES = (
     Wrong("a log that cannot be written", (*run(), "--log", ".")),
 )
 
-THIRD = """[[body]]
-name = "lid"
-box = [1.0, 1.0, 1.0]
-cells = [1, 1, 1]
-translate = [0.0, 0.0, 5.0]
-material = { young = 1e9, poisson = 0.3 }
-"""
-
 LOWER = "body.0={name='lower', file='part.msh', material="
 
 
@@ -198,7 +192,7 @@ SEVERAL = (
     Wrong("contacts of a case that names them all", ("contacts", "case.toml"), two),
     Wrong("export of a body that contact alone holds", (*EXPORT, "clamp=[{face='lower:bottom'}]"), two, alone=True),
     Wrong("a cut on the boundary", run("mesh.cut=['bottom']"), part()),
-    Wrong("a body that nothing holds or touches", run(), case(BODIES.replace("[[clamp]]", THIRD + "[[clamp]]", 1))),
+    Wrong("a body that nothing holds or touches", run(), case(BODIES + body("lid", *UNIT, (0.0, 0.0, 5.0), 1e9))),
 )
 
 _CONTACTS = 8

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_texts import body
 from conftest import run_coulomb
 from mesh_files import BoxFile
 from mpi4py import MPI
@@ -22,23 +23,16 @@ output = { picture = false }
 [auto_contact]
 distance = 1e-4
 friction = 0.3
-[[body]]
-name = "base"
-box = [1.2, 0.6, 0.4]
-cells = [4, 2, 2]
-material = { young = 2.1e11, poisson = 0.3 }
+"""
+STACK += body("base", (1.2, 0.6, 0.4), (4, 2, 2), young=2.1e11)
+STACK += """\
 [[body]]
 name = "pad"
 file = "pad.msh"
 translate = [0.2, 0.1, 0.4]
 material = { young = 1e10, poisson = 0.3 }
-[[body]]
-name = "lid"
-box = [0.8, 0.4, 0.2]
-cells = [5, 3, 1]
-translate = [0.2, 0.1, 0.6]
-material = { young = 7e10, poisson = 0.33 }
 """
+STACK += body("lid", (0.8, 0.4, 0.2), (5, 3, 1), (0.2, 0.1, 0.6), 7e10, 0.33)
 """A pad, whose mesh has no named faces but one, between two boxes."""
 
 BY_HAND = """

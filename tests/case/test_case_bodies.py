@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_texts import body
 from mesh_files import BoxFile
 from mpi4py import MPI
 
@@ -15,19 +16,11 @@ from coulomb.io.case_record import case_record, case_text, differences
 BLOCKS = """
 clamp = [{ face = "lower:bottom" }, { face = "upper:top" }]
 contact = { face = "upper:bottom", against = "lower:top", friction = 0.4 }
-[[body]]
-name = "lower"
-box = [1.2, 0.6, 0.4]
-cells = [2, 1, 1]
-material = { young = 2.1e11, poisson = 0.3 }
-[[body]]
-name = "upper"
-box = [0.8, 0.4, 0.4]
-cells = [1, 1, 1]
-cell = "tetrahedron"
-translate = [0.2, 0.1, 0.4]
+"""
+BLOCKS += body("lower", (1.2, 0.6, 0.4), (2, 1, 1), young=2.1e11)
+BLOCKS += body("upper", (0.8, 0.4, 0.4), (1, 1, 1), (0.2, 0.1, 0.4), 7e10, 0.33, "tetrahedron")
+BLOCKS += """\
 rotate = { axis = [0.0, 0.0, 2.0], angle = 1.5707963267948966, point = [0.4, 0.2, 0.0] }
-material = { young = 7.0e10, poisson = 0.33 }
 """
 
 

@@ -6,6 +6,7 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from case_texts import body
 from conftest import run_coulomb
 from rubber_blocks import DRAWN, LAME, MU
 from scipy.optimize import brentq
@@ -22,18 +23,9 @@ SMOOTH = Contact("bottom", friction=0.0)
 ROLLERS = [SymmetryPlane("left"), SymmetryPlane("front")]
 
 
-TWO = """\
-[[body]]
-name = "lower"
-box = [1.6, 1.0, 0.5]
-cells = [2, 1, 1]
-material = { law = "neo-hookean", young = 3e6, poisson = 0.3 }
-[[body]]
-name = "upper"
-box = [0.8, 0.8, 0.5]
-cells = [2, 1, 1]
-material = { young = 1e6, poisson = 0.3 }
-translate = [0.1, 0.1, 0.5]
+TWO = body("lower", (1.6, 1.0, 0.5), (2, 1, 1), young=3e6, law='"neo-hookean"')
+TWO += body("upper", (0.8, 0.8, 0.5), (2, 1, 1), (0.1, 0.1, 0.5), 1e6)
+TWO += """\
 [[clamp]]
 face = "lower:bottom"
 [[prescribed_displacement]]

@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from case_texts import one_body
 from check_runs import change, copied, edit
 from conftest import SMALL_CASE
 
@@ -26,18 +27,10 @@ from coulomb.io.recheck.run import check_run
 
 PLY = OrthotropicMaterial((1.3e11, 1.1e10, 9e9), (0.28, 0.3, 0.4), (5e9, 4.5e9, 3.5e9))
 
-CASE = """\
-[mesh]
-box = [1.0, 0.8, 0.6]
-cells = [3, 2, 2]
-cell = "tetrahedron"
-[material]
-young = [1.3e11, 1.1e10, 9e9]
-poisson = [0.28, 0.3, 0.4]
-shear = [5e9, 4.5e9, 3.5e9]
-directions = [["1 + x", "y", 0.3], [0, 0, 1]]
-density = 1600.0
-expansion = [-1e-6, 3e-5, 2e-5]
+WOUND = {"shear": [5e9, 4.5e9, 3.5e9], "directions": '[["1 + x", "y", 0.3], [0, 0, 1]]', "density": 1600.0}
+WOUND |= {"young": [1.3e11, 1.1e10, 9e9], "poisson": [0.28, 0.3, 0.4], "expansion": [-1e-6, 3e-5, 2e-5]}
+CASE = one_body((1.0, 0.8, 0.6), (3, 2, 2), cell="tetrahedron", **WOUND)
+CASE += """\
 [temperature]
 value = "20 + 40*x - 30*z"
 reference = 15.0

@@ -5,6 +5,7 @@ import json
 import meshio
 import numpy as np
 import pytest
+from case_texts import one_body
 from check_runs import run_case
 from mpi4py import MPI
 
@@ -168,14 +169,8 @@ def test_load_of_its_own_kind():
     assert np.linalg.norm(found.force) <= 1e-12 * found.nodal and solution.force_balance.balance <= 1e-12
 
 
-CASE = """\
-[mesh]
-box = [1.0, 0.5, 0.4]
-cells = [3, 2, 2]
-[material]
-young = 2.1e11
-poisson = 0.3
-expansion = 1.2e-5
+CASE = one_body((1.0, 0.5, 0.4), (3, 2, 2), 2.1e11, expansion=1.2e-5)
+CASE += """\
 [temperature]
 file = "T.vtu"
 field = "T"

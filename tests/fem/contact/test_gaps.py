@@ -5,6 +5,7 @@ from dataclasses import replace
 import meshio
 import numpy as np
 import pytest
+from case_texts import one_body
 from check_runs import change, copied, edit, field, run_case
 from mpi4py import MPI
 
@@ -19,13 +20,8 @@ from coulomb.model import contact_body as contacts
 from coulomb.model.input_echo import contacts_of
 
 RUBBER = Material(1e7, 0.3)
-STEPS = """\
-[mesh]
-box = [2.0, 1.0, 0.5]
-cells = [4, 2, 2]
-[material]
-young = 1e7
-poisson = 0.3
+STEPS = one_body((2, 1, 0.5), (4, 2, 2), 1e7)
+STEPS += """\
 [[clamp]]
 face = "top"
 [contact]
