@@ -1,6 +1,7 @@
 """A wrong input: its definition, what it needs of files and faults, and its message (data/wrong_inputs.json)."""
 
 import contextlib
+import fcntl
 import io
 import json
 import os
@@ -145,10 +146,16 @@ def edit_written_case():
     path.write_text(json.dumps(written))
 
 
+@contextlib.contextmanager
 def another_run():
-    Path("results").mkdir()
-    holder = "process 7 on elsewhere, since 2026-01-01 12:00:00 (coulomb run)"
-    Path("results/run.lock").write_text(f"elsewhere another-boot: {holder}\n")
+    """A run that holds the directory of the results."""
+    if comm.rank == 0:
+        Path("results").mkdir()
+    with Path("results/run.lock").open("w") if comm.rank == 0 else contextlib.nullcontext() as file:
+        if file is not None:
+            fcntl.flock(file, fcntl.LOCK_EX)
+            print("process 7 on elsewhere, since 2026-01-01 12:00:00 (coulomb run)", file=file, flush=True)
+        yield
 
 
 def cut(path):

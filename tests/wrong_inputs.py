@@ -248,15 +248,14 @@ COMMANDS = (
     Wrong("convert onto a file that exists", ("convert", "part.msh", "part.xdmf"), case("", "part.xdmf"), alone=True),
     Wrong("convert a damaged mesh", ("convert", "part.msh", "part.xdmf"), case("solid cube", "part.msh"), alone=True),
     Wrong("resume with another mesh", ("resume", "results"), ran(*STEPS, then=edit_written_case)),
-    Wrong("a directory that belongs to another run", run(), another_run, library="cannot be seen from "),
+    Wrong("a directory that belongs to another run", run(), patch=another_run),
     Wrong(
         "resume with a step cut short",
         ("resume", "results"),
         ran(*STEPS, then=cut("results/steps/0002/solution.h5")),
         library="solution.h5: ",
     ),
-    Wrong("a history where another one is", run(*STEPS), ran(*STEPS)),
-    Wrong("another case where there are results", run("contact.friction=0.4"), ran()),
+    Wrong("results that are to be kept", (*run(*STEPS), "--keep"), ran(*STEPS)),
     Wrong("a file of the user in place of results", (*run(), "--output", "."), case("1;2", "history.csv")),
     Wrong("check where nothing has run", ("check", "."), alone=True),
     Wrong(

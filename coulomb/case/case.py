@@ -16,7 +16,7 @@ from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face
 from .contact import AutoContactTable, ContactTable, ContactTables
 from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
 from .error_messages import fault_of, tables_of_several
-from .files import apply, named_files, parsed, read_text, rename_files
+from .files import LARGEST, RECORDED, apply, named_files, parsed, read_text, recorded, rename_files
 from .loads import (
     ClampTable,
     HeatTable,
@@ -452,17 +452,19 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
     """Read a case file; rank 0 reads, all ranks get the same case or the same error.
 
     Args:
-        path: The TOML file; the names of mesh files in it are relative to its directory.
+        path: The TOML file, or the JSON file that a run has written; names of mesh files in it are relative to its
+            directory.
         changes: Settings "key.key=value" that replace or add to those of the file, values in TOML.
 
     Raises:
         ValueError: If the file cannot be read, is not TOML, or is not a valid case, with key, value and allowed values.
     """
+    written = Path(path).suffix == ".json"
     try:
-        text = on_rank_0(launched(), lambda: read_text(path))
+        text = on_rank_0(launched(), lambda: read_text(path, RECORDED if written else LARGEST))
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
-    tables = parsed(text, path, tables_of_several(Case))
+    tables = recorded(text, path) if written else parsed(text, path, tables_of_several(Case))
     for change in changes:
         apply(tables, change)
     folder = Path(path).parent

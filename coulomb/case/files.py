@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import errno
+import json
 import re
 import tomllib
 from collections.abc import Mapping
@@ -21,6 +22,9 @@ KeyPath = tuple[str | int, ...]
 LARGEST: Final = 4_000_000
 """Maximum bytes of a case file: a hundred thousand rows of an amplitude.  TOML is read at about a megabyte per
 second."""
+
+RECORDED: Final = 20 * LARGEST
+"""The same of a case that a run has written, in which tables of amplitudes are in full."""
 
 _DEEPEST: Final = 20
 """Maximum number of names in a dotted key; a case needs four."""
@@ -45,6 +49,17 @@ def read_text(path: str | Path, most: int = LARGEST) -> str:
         return found.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise OSError(errno.EILSEQ, f"it is not UTF-8 text: {error}", str(path)) from None
+
+
+def recorded(text: str, path: str | Path) -> dict[str, Any]:
+    """The tables of a case that a run has written; ValueError if it is no JSON object."""
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: is not JSON of a case: {error}") from None
+    if not isinstance(found, dict):
+        raise ValueError(f"{path}: is not JSON of a case")
+    return found
 
 
 def parsed(text: str, path: str | Path, several: frozenset[str]) -> dict[str, Any]:

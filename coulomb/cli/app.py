@@ -18,7 +18,9 @@ import typer
 
 from .. import process
 from ..installation import unusable
-from ..ranks import launched
+from ..io.atomic_output import finish_for_reader
+from ..io.run_directory import CASE, RunDirectory
+from ..ranks import launched, on_rank_0
 from ..version import __version__
 from .case_commands import Changes, check_case, contacts, convert, new
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, fail, refuse_ranks, showing_messages
@@ -62,10 +64,17 @@ LogFile = Annotated[
 
 @app.command()
 def run(
-    case: Annotated[Path, typer.Argument(help="Case file, TOML.", metavar="CASE.toml")],
+    case: Annotated[
+        Path, typer.Argument(help="Case file; or the directory of a run, whose case is run again.", metavar="CASE.toml")
+    ],
     changes: Changes = None,
     directory: Annotated[
-        Path | None, typer.Option("--output", help="Directory of the results, in place of the case's output.directory.")
+        Path | None,
+        typer.Option(
+            "--output",
+            help="Directory of the results, in place of the case's output.directory.  Those that are there are kept as "
+            "DIRECTORY.previous.",
+        ),
     ] = None,
     page: Annotated[bool, typer.Option("--report", help="Write report.html as well, as output.report = true.")] = False,
     error: Annotated[
@@ -85,10 +94,7 @@ def run(
     quiet: Quiet = False,
     log_file: LogFile = None,
     force: Force = False,
-    overwrite: Annotated[
-        bool,
-        typer.Option("--overwrite", help="Replace results of another case or a load history, once there are new ones."),
-    ] = False,
+    keep: Annotated[bool, typer.Option("--keep", help="Do not run if there are results in the directory.")] = False,
 ) -> None:
     """Solve a case, certify the answer, write the results."""
     from ..case.case import read_case
@@ -97,7 +103,8 @@ def run(
     with opened(quiet, log_file) as session:
         with bad_input():
             asked = {"output.report=true": page, "output.error=true": error}
-            settings = read_case(case, [*(changes or ()), *(change for change, given in asked.items() if given)])
+            file, there = recorded(case)
+            settings = read_case(file, [*(changes or ()), *(change for change, given in asked.items() if given)])
             wanted = None if refine_to is None else (_part(refine_to), refine_for or [], most_unknowns)
             if wanted is not None and settings.history is not None:
                 raise ValueError("--refine-to is for single runs: refine the mesh for the loads of one time")
@@ -107,8 +114,27 @@ def run(
         with drawing_soon(settings) as renderer:
             from .run_case import compute
 
-            target = directory or Path(settings.output.directory)
-            compute(session, settings, case, target, force, overwrite=overwrite, renderer=renderer, refinement=wanted)
+            target = directory or there or Path(settings.output.directory)
+            compute(session, settings, case, target, force, keep=keep, renderer=renderer, refinement=wanted)
+
+
+def recorded(case: Path) -> tuple[Path, Path | None]:
+    """The file of a case, and the directory of the run that has recorded it, None for other files; the same on every
+    rank.
+
+    Raises:
+        ValueError: On every rank, if a directory has no case.
+    """
+
+    def find() -> str:
+        run = RunDirectory(case if case.is_dir() else case.parent)
+        if case.is_dir() and not run.case.is_file():
+            raise ValueError(f"{case}: has no {CASE}: give a case file, or the directory of a run of one")
+        return str(case.is_dir() or (case.name == CASE and (run.summary.exists() or run.is_history)) or "")
+
+    of_run = bool(on_rank_0(launched(), find))
+    folder = case.parent if case.name == CASE else case
+    return RunDirectory(folder).case if of_run else case, folder if of_run else None
 
 
 def _part(text: str) -> float:
@@ -316,6 +342,7 @@ def check(directory: Annotated[Path, typer.Argument(help="Directory of the resul
 
     from ..io.recheck import check as check_files
 
+    finish_for_reader(directory)
     with bad_input():
         found = check_files(directory, _console.out)
     _console.out(found.ending)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..contact_fields import names
+from ..io.atomic_output import finish_for_reader
 from ..io.run_directory import REPORT, RunDirectory
 from ..pictures import drawing_process
 from ..pictures.drawing_process import DrawingProcess
@@ -55,6 +56,7 @@ def plot(
     if scale is not None and not (math.isfinite(scale) and 0.0 <= scale <= 1e12):
         fail(f"--scale must be from 0 to 1e12, but is {scale}")
     _refuse_nowhere(save)
+    finish_for_reader(directory)
     _draw("plot", json.dumps([str(directory), field, scale, view, save and str(save), step]))
 
 
@@ -65,6 +67,7 @@ def report(
     """Write one HTML page about a run, certified or not: case, certificate, pictures, convergence, a 3D view."""
     refuse_ranks("coulomb report")
     _refuse_nowhere(save)
+    finish_for_reader(directory)
     _draw("page", str(directory), str(save or RunDirectory(directory).report))
 
 

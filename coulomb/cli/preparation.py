@@ -1,4 +1,4 @@
-"""From a case to a problem that may be run: what is in its directory may be replaced, memory and disk suffice."""
+"""From a case to a problem that may be run: memory and disk suffice."""
 
 from __future__ import annotations
 
@@ -10,11 +10,8 @@ from petsc4py import PETSc
 
 from ..case.case import Case
 from ..fem.bodies import LOCKING_ABOVE
-from ..io.atomic_output import Present, present
-from ..io.case_record import case_in, case_record, differences
 from ..io.history_files import steps_left
 from ..io.output import refuse_full_disk, size_on_disk
-from ..io.run_directory import CASE, RunDirectory
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
 from ..model.memory import least_memory, least_room, most_unknowns
 from ..model.problem import ContactProblem
@@ -23,22 +20,17 @@ from ..regular_file import unwritable
 from .console import errors
 
 
-def prepared(
-    settings: Case, target: Path, force: bool, overwrite: bool | None = None, resume: bool = False
-) -> tuple[Case, ContactProblem]:
-    """A case with the contacts that are found (`Case.resolved`), and its problem, after a check of directory and,
-    unless forced, of memory and disk, and of supports against foundations; collective, with a ValueError on every rank.
+def prepared(settings: Case, target: Path, force: bool, resume: bool = False) -> tuple[Case, ContactProblem]:
+    """A case with the contacts that are found (`Case.resolved`), and its problem, after a check of supports against
+    foundations and, unless forced, of memory and disk; collective, with a ValueError on every rank.
 
-    `overwrite` is whether any results may be replaced, or only those of the same case; None if none are.  To `resume` a
-    few load steps multigrid may be faster.
+    To `resume` a few load steps multigrid may be faster.
     """
     comm = MPI.COMM_WORLD
     for mesh in settings.meshes.values():
         if mesh.cells is not None:
             refuse_too_many_cells(mesh.cells, mesh.degree or 1, force, comm)
     settings = settings.resolved(comm)
-    if overwrite is not None:
-        refuse_to_replace(settings, target, overwrite, comm)
     problem = settings.problem(comm)
     problem.refuse_held_inside(() if settings.history is None else settings.history.ends)
     if resume and (left := steps_left(target, comm)) is not None:
@@ -60,52 +52,6 @@ def refuse_unwritable(target: Path) -> None:
     """A ValueError on every rank if a directory cannot be made or written to; collective."""
     if found := on_rank_0(MPI.COMM_WORLD, lambda: unwritable(target)):
         raise ValueError(f"output {target}: cannot be written: {found}; choose another (--output)")
-
-
-def refuse_to_replace(case: Case, target: Path, overwrite: bool, comm: MPI.Comm) -> None:
-    """Check that a run destroys nothing without being asked to; collective.
-
-    The results of a single run may be replaced by those of the same case; the method of solution, the output and the
-    treatment of large strains may differ.  All other results need `overwrite`.  Files that are not results of this
-    package, and write-protected ones, are never replaced: a ValueError on every rank, with a remedy.
-    """
-    digests = case_record(case, comm)["files"]
-
-    def look() -> str:
-        found = present(target)
-        return found.fault() or ("" if overwrite else _refusal(case, digests, found))
-
-    try:
-        fault = on_rank_0(comm, look)
-    except OSError as error:
-        fault = f"output {target}: cannot be read: {error.strerror or error}"
-    if fault:
-        raise ValueError(fault)
-
-
-_REMEDY = "replace them by --overwrite, or choose another directory (--output)"
-
-
-def _refusal(case: Case, digests: dict[str, str], found: Present) -> str:
-    if found.steps:
-        again = "" if case.history is None else f"continue with `coulomb resume {found.folder}`, "
-        return f"{found.folder} already holds {found.steps} load steps: {again}{_REMEDY}"
-    if not found.results:
-        return ""
-    if case.history is not None:
-        return f"{found.folder} holds the results of a single run, this case has a [history]: {_REMEDY}"
-    if CASE not in found.names:
-        return f"{found.folder} holds results of a run from Python, or without its {CASE}: {_REMEDY}"
-    try:
-        before = case_in(RunDirectory(found.folder).case)
-    except ValueError:
-        return f"{found.folder} holds results of a case that cannot be read, or of another version: {_REMEDY}"
-    recorded = RunDirectory(found.folder).read_summary().get("mesh_files") or {}
-    changed = differences(before, recorded, case, digests)
-    if not changed:
-        return ""
-    listed = "; ".join(changed[:3]) + (f"; and {len(changed) - 3} more" if len(changed) > 3 else "")
-    return f"{found.folder} holds the results of another case ({listed}): {_REMEDY}"
 
 
 # --- memory -------------------------------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ import json
 import math
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -27,10 +26,10 @@ from ..fem.meshes import InspectedMesh, JoinedMesh, NamedMesh, gathered
 from ..fem.meshes import write as write_mesh
 from ..io import output
 from ..io.accuracy import accuracy
-from ..io.atomic_output import PARTIAL, discard, locked, present, set_aside, settle
+from ..io.atomic_output import PARTIAL, locked, refuse_to_replace
 from ..io.case_record import case_record, case_text, refuse_another_case, write_case
 from ..io.error_bars import ComparisonHistories, error_of
-from ..io.history_files import HistoryFiles, read_summary, steps_on_disk, whole_history
+from ..io.history_files import HistoryFiles, read_summary, steps_left, steps_on_disk, whole_history
 from ..io.other_meshes import NoErrorBars
 from ..io.refinement import Refined, refine
 from ..io.run_directory import CASE, MESH, PICTURE, RunDirectory
@@ -77,12 +76,13 @@ def compute(
     target: Path,
     force: bool,
     resume: bool = False,
-    overwrite: bool = False,
+    keep: bool = False,
     renderer: DrawingProcess | None = None,
     refinement: Refinement | None = None,
 ) -> None:
     """Pose the problem of a case and solve it, or continue its load history from the steps in the directory of the
-    results (`resume`); ends the command with its exit code.
+    results (`resume`); ends the command with its exit code.  Results that are there are replaced, unless the user wants
+    to `keep` them.
 
     `source` is the file or directory of the case as given by the user.  If forced, case.json says that strains outside
     the theory are accepted.  `renderer` is the drawing process, if it has been started already.  With a `refinement`
@@ -96,17 +96,22 @@ def compute(
     with threadpool_limits(limits=1 if MPI.COMM_WORLD.size > 1 else None), _holding(target, MPI.COMM_WORLD):
         announce()
         with bad_input():
-            settings, problem = prepared(settings, target, force, None if resume else overwrite, resume)
+            session.kept = "" if resume else refuse_to_replace(target, not keep, MPI.COMM_WORLD)
+            settings, problem = prepared(settings, target, force, resume)
         problem.started = session.started
         introduce(session.console, source, problem)
+        with suppress(ValueError):  # a history that cannot be read is replaced as well
+            if session.kept and steps_left(target, problem.comm):
+                go_on = f"coulomb resume {target}"
+                session.console.out(f"{target} has an unfinished load history, which `{go_on}` would continue")
         show_input(session.console, settings, problem)
         warn_of_locking(settings, problem)
         with bad_input(NotPositiveDefinite):  # seen when K is factorised
             if settings.history is not None:
-                _take_steps(session, settings, problem, target, resume, overwrite)
+                _take_steps(session, settings, problem, target, resume)
             else:
                 with threadpool_limits(limits=_threads(problem, renderer)):
-                    _solve_once(session, settings, problem, target, overwrite, renderer, refinement)
+                    _solve_once(session, settings, problem, target, renderer, refinement)
 
 
 def _threads(problem: ContactProblem, renderer: DrawingProcess | None) -> int | None:
@@ -134,7 +139,6 @@ def _solve_once(
     settings: Case,
     problem: ContactProblem,
     target: Path,
-    overwrite: bool,
     renderer: DrawingProcess | None,
     refinement: Refinement | None = None,
 ) -> None:
@@ -144,22 +148,17 @@ def _solve_once(
             solution, trouble = _solve(session, settings, problem)
             files, mesh, bars = case_record(settings, problem.comm)["files"], None, dict[str, Any]()
         else:
-            refined = _refine(session, settings, problem, refinement, target, overwrite)
+            refined = _refine(session, settings, problem, refinement, target)
             solution, trouble, bars = refined.solution, refined.trouble, _entry(refined)
             settings, files, mesh = stack.enter_context(refined_case(settings, solution, target))
-        _write_and_report(session, settings, solution, trouble, target, overwrite, renderer, bars, files, mesh)
+        _write_and_report(session, settings, solution, trouble, target, renderer, bars, files, mesh)
 
 
-def _refine(
-    session: Session, settings: Case, problem: ContactProblem, refinement: Refinement, target: Path, overwrite: bool
-) -> Refined:
-    """The answer on a mesh refined until its error bars are small enough.
-
-    That on every mesh is written, for a run that is killed later, unless earlier results would be lost.
-    """
+def _refine(session: Session, settings: Case, problem: ContactProblem, refinement: Refinement, target: Path) -> Refined:
+    """The answer on a mesh refined until its error bars are small enough; that on every mesh is written, for a run that
+    is killed later."""
     to, totals, unknowns = refinement
-    display, comm = Display(session.console, changing=True), problem.comm
-    empty = comm.bcast(not present(target).results if comm.rank == 0 else False)
+    display = Display(session.console, changing=True)
 
     def so_far(found: Refined) -> str:
         known = "no error bars yet" if found.bars is None else f"error bars of {100.0 * found.largest:.2g} %"
@@ -173,11 +172,10 @@ def _refine(
             f"mesh of {sizes['displacement']} displacement and {sizes['contact']} contact unknowns: "
             f"error of the stress {100.0 * stress:.2g} %{bars}"
         )
-        if empty:
-            found.solution.problem.seconds["total"] = time.perf_counter() - session.began
-            with suppress(OSError), refined_case(settings, found.solution, target) as (case, files, mesh):
-                extra = {"message": f"not finished: {so_far(found)}", "mesh_files": files, **_entry(found)}
-                output.write(found.solution, target, extra, {CASE: case_text(case)}, overwrite, mesh=mesh)
+        found.solution.problem.seconds["total"] = time.perf_counter() - session.began
+        with suppress(OSError), refined_case(settings, found.solution, target) as (case, files, mesh):
+            extra = {"message": f"not finished: {so_far(found)}", "mesh_files": files, **_entry(found)}
+            _write(session, found.solution, target, extra, case, mesh)
 
     with display, bad_input():
         solver, progress = settings.contact_solver(), session.progress(display)
@@ -199,7 +197,6 @@ def _write_and_report(
     solution: Solution,
     trouble: str,
     target: Path,
-    overwrite: bool,
     renderer: DrawingProcess | None,
     bars: dict[str, Any],
     files: dict[str, str],
@@ -212,19 +209,19 @@ def _write_and_report(
     stopped = session.interruption
     try:
         extra = {"message": trouble, **({"mesh_files": files} if files else {}), **bars}
-        contents = output.write(solution, target, extra, {CASE: case_text(settings)}, overwrite, mesh=mesh)
+        contents = _write(session, solution, target, extra, settings, mesh)
         if asked and (bars := _error_bars(session, settings, solution)):  # the answer is safe
             problem.seconds["total"] = time.perf_counter() - session.began
-            contents = output.write(solution, target, extra | bars, {CASE: case_text(settings)}, overwrite)
-        if overwrite:
-            on_rank_0(problem.comm, lambda: discard(target))
+            contents = _write(session, solution, target, extra | bars, settings)
         if settings.output.picture and not stopped.asked():
             contents = picture_of_run.add_picture(contents, target, problem.comm, lambda: stopped.requested, renderer)
     except OSError as error:
         contents, written = summary(solution), False
         trouble += f"{'; ' if trouble else ''}{target}: cannot be written: {error.strerror or error}"
     took = time.perf_counter() - session.began
-    report(session.console, solution, contents, target if written else None, took, settings.solver.tolerance)
+    report(
+        session.console, solution, contents, target if written else None, session.kept, took, settings.solver.tolerance
+    )
     if written and settings.output.report:
         _draw(session, lambda stop: write_report(target, stop))
     if not trouble and (said := failing_at_tolerance(solution.certificate, settings.solver.tolerance)):
@@ -241,6 +238,15 @@ def _write_and_report(
         raise typer.Exit(INTERRUPTED)
     if trouble or not solution.valid:
         raise typer.Exit(FAILED)
+
+
+def _write(
+    session: Session, solution: Solution, target: Path, extra: dict[str, Any], case: Case, mesh: Path | None = None
+) -> dict[str, Any]:
+    """Write an answer and its case; results before are kept, but not those of this run."""
+    contents = output.write(solution, target, extra, {CASE: case_text(case)}, mesh=mesh, keep=not session.written)
+    session.written = True
+    return contents
 
 
 def _written(mesh: InspectedMesh, path: Path) -> str:
@@ -260,7 +266,9 @@ def refined_case(
 
     def begin() -> str:
         target.mkdir(parents=True, exist_ok=True)
-        return tempfile.mkdtemp(prefix=PARTIAL, dir=target)
+        folder = target / f"{PARTIAL}-mesh"
+        folder.mkdir()
+        return str(folder)
 
     def case_in(place: Path) -> Case:
         tables = settings.model_dump(mode="json", exclude_unset=True)
@@ -340,54 +348,16 @@ def _error_bars(session: Session, settings: Case, solution: Solution) -> dict[st
         return {}
 
 
-@contextmanager
-def in_place_of(target: Path, overwrite: bool, resume: bool, comm: MPI.Comm) -> Iterator[None]:
-    """Around a load history: set the results in its directory aside if they are to be overwritten; collective.
-
-    They are removed once the history is complete, also by a later `coulomb resume`; moved back if it ends before its
-    first step; kept otherwise.
-    """
-    with bad_input():
-        try:
-            aside = on_rank_0(comm, lambda: str((set_aside(target) if overwrite else None) or ""))
-        except OSError as error:
-            raise ValueError(f"output {target}: cannot be written: {error.strerror or error}") from None
-
-    def end() -> None:
-        try:
-            remark = on_rank_0(comm, lambda: settle(target, Path(aside) if aside else None, overwrite or resume))
-        except OSError as error:
-            remark = f"the results before are in {aside}: {error.strerror or error}"
-        if remark:
-            errors.out(f"warning: {remark}")
-
-    try:
-        yield
-    except typer.Exit:  # on all ranks; other exceptions may be those of one
-        end()
-        raise
-    end()
-
-
-def _take_steps(
-    session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool, overwrite: bool
-) -> None:
+def _take_steps(session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool) -> None:
     """Run a load history; ends the command with its exit code."""
+    console, comm = session.console, problem.comm
     with bad_input():
-        record = case_record(settings, problem.comm)
-        done = steps_on_disk(target, problem.comm)
-        changed = refuse_another_case(settings, target, done, problem.comm) if resume and done else []
+        record = case_record(settings, comm)
+        done = steps_on_disk(target, comm) if resume else 0
+        changed = refuse_another_case(settings, target, done, comm) if done else []
     for change in changed:
         errors.out(f"warning: from step {done + 1} on {change}")
-    with in_place_of(target, overwrite, resume, problem.comm):
-        _take_recorded_steps(session, settings, problem, target, resume, record)
-
-
-def _take_recorded_steps(
-    session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool, record: dict[str, Any]
-) -> None:
-    console, comm = session.console, problem.comm
-    began, trouble, code = time.perf_counter(), "", FAILED
+    began, trouble, then, code = time.perf_counter(), "", "", FAILED
     display = Display(console, changing=True)
     warned: tuple[str, ...] = ()
     taken = 0
@@ -421,9 +391,9 @@ def _take_recorded_steps(
             display.expect(remaining)
         return session.interruption.asked() and left > 0
 
-    files = HistoryFiles(target, resume=resume, case=record, entries=_bars_of_steps(session, settings, problem))
+    bars, write = _bars_of_steps(session, settings, problem), partial(write_case, settings, target, comm)
+    files = HistoryFiles(target, resume=resume, case=record, entries=bars, when_begun=write)
     try:
-        write_case(settings, target, comm)
         with display, bad_input():
             progress = session.progress(display)
             settings.load_history().run(problem, files, progress=progress, on_step=say)
@@ -434,12 +404,11 @@ def _take_recorded_steps(
         if failure.result.status is Status.INTERRUPTED:
             code = INTERRUPTED
         else:
-            trouble += _keep_failed(failure, RunDirectory(target).failed.path)
+            trouble += _keep_failed(failure, files)
     except OSError as error:
-        trouble = (
-            f"{target}: cannot be written: {error.strerror or error}; free some space, then: coulomb resume {target}"
-        )
-    history = whole_history(target, comm)
+        trouble = f"{target}: cannot be written: {error.strerror or error}"
+        then = f"free some space, then: coulomb resume {target}"
+    history = whole_history(target, comm) if files.rows else None
     if history is not None:
         if settings.output.picture and code != INTERRUPTED:
             _draw(session, lambda stop: on_rank_0(comm, lambda: picture_of_run.draw(target, stop)), f"{PICTURE} ")
@@ -447,14 +416,17 @@ def _take_recorded_steps(
             _draw(session, lambda stop: write_report(target, stop))
         last = RunDirectory(target).step(history["steps"])
         show_error_bars(console, read_summary(last.path, comm), settings.solver.tolerance)
-        report_history(console, history, taken, time.perf_counter() - began, target, settings.solver.tolerance)
+        report_history(
+            console, history, taken, time.perf_counter() - began, target, session.kept, settings.solver.tolerance
+        )
     if not trouble and session.interruption.asked():
         fail(_cut_short(settings, target), INTERRUPTED)
     if trouble:
         if code == INTERRUPTED:
-            done = steps_on_disk(target, comm)
-            trouble += f"; the {done} load steps before are in {target}{os.sep}; to continue: coulomb resume {target}"
-        errors.out(f"error: {trouble}")
+            before = f"the {len(files.rows)} load steps before are in {target}{os.sep}"
+            then = f"{before}; to continue: coulomb resume {target}"
+        then = then if files.begun else f"{target}{os.sep} has its earlier results"
+        errors.out(f"error: {trouble}{f'; {then}' if then else ''}")
     if trouble or not all(row["valid"] for row in files.rows):
         raise typer.Exit(code)
 
@@ -474,9 +446,11 @@ def _cut_short(settings: Case, target: Path) -> str:
     return f"interrupted at the end: the results are complete in {target}{os.sep}{missing}"
 
 
-def _keep_failed(failure: StepFailed, target: Path) -> str:
+def _keep_failed(failure: StepFailed, files: HistoryFiles) -> str:
+    target = files.directory.failed.path
     try:
-        output.write(failure.problem.solution(failure.result), target)
+        files.begin(failure.problem.comm)
+        output.write(failure.problem.solution(failure.result), target, keep=False)
     except OSError as error:
         return f"; the last iterate could not be written: {error.strerror or error}"
     return f"; the last iterate is in {target}"

@@ -29,15 +29,18 @@ if TYPE_CHECKING:
     from .terminal import Display
 
 
-@dataclass(frozen=True)
+@dataclass
 class Session:
-    """Console, log, interruption and start time of a run."""
+    """Console, log, interruption and start time of a run, the directory that keeps the results before, and whether an
+    answer has been written."""
 
     console: Console
     log: Log
     interruption: Interruption
     began: float
     started: datetime = field(default_factory=now)
+    kept: str = ""
+    written: bool = False
 
     def progress(self, display: Display) -> ProgressCallback:
         """Callback that shows a step, logs it, and returns whether to stop."""

@@ -196,9 +196,16 @@ class Display:
 
 
 def report(
-    console: Console, solution: Solution, contents: dict[str, Any], target: Path | None, total: float, tolerance: float
+    console: Console,
+    solution: Solution,
+    contents: dict[str, Any],
+    target: Path | None,
+    kept: str,
+    total: float,
+    tolerance: float,
 ) -> None:
-    """Print the last lines of a run; numbers below the accuracy that the tolerance of its solver gives as 0."""
+    """Print the last lines of a run; numbers below the accuracy that the tolerance of its solver gives as 0.  `kept` is
+    the directory of the results before, if there were any."""
     iterations, nodes, least = contents["iterations"], contents["nodes"], accuracy(contents, tolerance)["N"]
     outer = f"{iterations['outer']} Tresca problems, " if iterations["outer"] else ""
     rate = contents["contraction"]
@@ -234,7 +241,11 @@ def report(
     if "could not" in picture:
         errors.out(f"warning: {PICTURE} {picture}")
     if target is not None:
-        console.out(f"results in {target}{os.sep}")
+        console.out(f"results in {target}{os.sep}{_before(kept)}")
+
+
+def _before(kept: str) -> str:
+    return f", those before in {kept}{os.sep}" if kept else ""
 
 
 def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float) -> None:
@@ -277,12 +288,13 @@ def _forces(values: Sequence[float], least: float) -> str:
 
 
 def report_history(
-    console: Console, history: dict[str, Any], taken: int, seconds: float, target: Path, tolerance: float
+    console: Console, history: dict[str, Any], taken: int, seconds: float, target: Path, kept: str, tolerance: float
 ) -> None:
     """Print the last lines of a load history: figures of all its steps, labelled as such.
 
     `history` is the entry of this name in its summary.  This run has `taken` steps in some seconds; the others existed
-    before (`coulomb resume`).  Slip and energies are printed as 0 up to the tolerance of the solver.
+    before (`coulomb resume`); `kept` is the directory of earlier results.  Slip and energies are printed as 0 up to the
+    tolerance of the solver.
     """
     done, largest = history["iterations"], history["maximum"]
     least = tolerance * max(map(abs, history["energy"].values()))
@@ -298,7 +310,7 @@ def report_history(
         f"energy in J since the start: loads {energy['loads']:.6g}, prescribed displacements "
         f"{energy['prescribed']:.6g}, foundation {energy['foundation']:.6g}; elastic {energy['elastic']:.6g}, friction "
         f"{energy['dissipated']:.6g}, time-stepping error {energy['imbalance']:.2g}",
-        f"{taken} steps in this run{before}, {seconds:.2f} seconds; results in {target}{os.sep}",
+        f"{taken} steps in this run{before}, {seconds:.2f} seconds; results in {target}{os.sep}{_before(kept)}",
         _steps_that_count(history),
     )
     warn(*history["remarks"])

@@ -1,15 +1,14 @@
 """One run at a time in a directory, and how its results take the place of earlier ones.
 
-A run locks its directory by `flock` on a file in it, which ends with its process in any case; the file names the
-process for others.
+A run locks its directory by `flock` on a file in it, which ends with its process, also on NFS.
 
-A run that is killed at any time loses neither the old nor the new results.  New results are written completely into
-`.partial-*`; its new name `.complete` commits them.  Then the old ones are removed, the summary first, the name changes
-to `.complete-moving`, and the new ones are moved into place, the summary last, so that a directory with a summary never
-mixes two runs.  The next run finishes a move that was cut short.  The steps of a load history are written one by one:
-the old results wait in `replaced-*` until the new history is complete.
+A kill at any time leaves the old results or the new ones whole.  New ones are written completely into `.partial`; the
+name `.complete` commits them.  Then those that are there get a second name in DIRECTORY.previous (hard links), leave
+the directory, the summary first, and the new ones are moved into place, the summary last: a directory with a summary
+never mixes two runs.  The next run finishes what was cut short.  The steps of a load history are written one by one:
+earlier results leave the directory before the first.  Files that are not of the format stay where they are.
 
-Files on one process; standard library only, but for the ranks.
+On one process but for `locked` and `refuse_to_replace`; standard library only, but for the ranks.
 """
 
 from __future__ import annotations
@@ -19,86 +18,64 @@ import os
 import re
 import shutil
 import socket
-import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from ..ranks import on_rank_0
-from .run_directory import (
-    CASE,
-    FAILED,
-    FIELDS,
-    HISTORY,
-    LOCK,
-    MESH,
-    PICTURE,
-    REPORT,
-    STEPS,
-    SUMMARY,
-    RunDirectory,
-    read_json,
-)
+from ..regular_file import unwritable
+from .run_directory import FAILED, FIELDS, FILES, LOCK, MESH, STEPS, SUMMARY, RunDirectory, read_json
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-PARTIAL = ".partial-"
-_COMPLETE, _MOVING, _REPLACED = ".complete", ".complete-moving", "replaced-"
-_FILES = (SUMMARY, HISTORY, CASE, PICTURE, REPORT, *FIELDS, *(name.replace(".xdmf", ".h5") for name in FIELDS))
-_NOTE = "REPLACED.txt"
-_NOTE_TEXT = """\
-Earlier results, which `coulomb run --overwrite` is replacing by those of a new load history.  They are removed when the
-new history is complete.  To keep them, move this directory elsewhere.
-"""
+PARTIAL: Final = ".partial"
+"""Directory in that of the results in which new ones are written; names that begin so are those of killed runs."""
+
+_COMPLETE, _OWN, _MOVING, _OLD = ".complete", ".complete-own", ".complete-moving", ".old"
+"""New results: for others, for earlier ones of the same run, and half moved; and old results that are removed."""
+
+_NAMES: Final = (SUMMARY, *FILES, *(name.replace(".xdmf", ".h5") for name in FIELDS), STEPS, FAILED, MESH)
 
 # --- the lock -----------------------------------------------------------------------------------------------------
 
 _held: dict[Path, int] = {}
-"""Descriptors of the locks of this process, which may request the same lock twice."""
-
-
-class InUseError(ValueError):
-    """The directory is in use by another run."""
+"""Descriptors of the locks of this process, which may request the same lock, or one below it, twice."""
 
 
 @contextmanager
-def locked(directory: str | Path, comm: MPI.Comm) -> Iterator[None]:
+def locked(directory: str | Path, comm: MPI.Comm | None) -> Iterator[None]:
     """Lock a directory, created if necessary, for the duration of the context; rank 0 holds the lock; collective.
 
     Raises:
-        InUseError: On every rank, if another run holds it, with its holder and a remedy.
+        ValueError: On every rank, if another run holds it, with its holder and a remedy.
         OSError: On every rank, if the directory cannot be written to.
     """
-    folder, mine = Path(directory), False
-    made: list[Path] = []
+    folder, made, mine = Path(directory), list[Path](), list[Path]()
 
     def take() -> str:
-        nonlocal mine
         made.extend(path for path in (folder, *folder.parents) if not path.exists())
         folder.mkdir(parents=True, exist_ok=True)
-        if folder.resolve() not in _held:
-            try:
-                _held[folder.resolve()] = _take(folder / LOCK)
-            except InUseError as error:
-                return str(error)
-            mine = True
+        place = folder.resolve()
+        if not any(place.is_relative_to(other) for other in _held):
+            _held[place] = _take(folder / LOCK)
+            mine.append(place)
             finish(folder)
+            for partial in folder.glob(f"{PARTIAL}*"):
+                shutil.rmtree(partial, ignore_errors=True)
         return ""
 
     try:
-        if fault := on_rank_0(comm, take):
-            raise InUseError(fault)
+        on_rank_0(comm, take)
         yield
     finally:
-        if mine:
+        for place in mine:
             with suppress(OSError):
                 (folder / LOCK).unlink()
-            os.close(_held.pop(folder.resolve()))
+            os.close(_held.pop(place))
         for path in made:  # a refused run leaves no directory behind
             with suppress(OSError):
                 path.rmdir()
@@ -106,48 +83,28 @@ def locked(directory: str | Path, comm: MPI.Comm) -> Iterator[None]:
 
 def _take(path: Path) -> int:
     """Lock a file; returns its descriptor."""
-    descriptor, locks = os.open(path, os.O_RDWR | os.O_CREAT, 0o644), True
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
-        machine, _, holder = os.pread(descriptor, 1000, 0).decode(errors="replace").strip().partition(": ")
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            who = f"{path.parent} is in use by {holder or 'a run that has just started'}"
-            raise InUseError(f"{who}: wait for its end, or choose another directory") from None
-        except OSError:  # a file system without locks
-            locks = False
-        if not _is_still(path, descriptor):  # released in the meantime
-            os.close(descriptor)
-            return _take(path)
-        if machine and not (locks and set(machine.split()).intersection(_machine())):
-            raise InUseError(  # some file systems have locks between the processes of one machine only
-                f"{path.parent} is in use by {holder}, which cannot be seen from {socket.gethostname()}; if that run "
-                f"is known to have ended, remove {path}"
-            )
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{' '.join(_machine())}: {_this_process()}\n".encode(), 0)
-    except BaseException:
-        with suppress(OSError):
-            os.close(descriptor)
-        raise
-    for partial in path.parent.glob(f"{PARTIAL}*"):  # of a killed run
-        shutil.rmtree(partial, ignore_errors=True)
-    return descriptor
-
-
-def _is_still(path: Path, descriptor: int) -> bool:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        holder = os.pread(descriptor, 1000, 0).decode(errors="replace").strip() or "a run that has just started"
+        os.close(descriptor)
+        raise ValueError(
+            f"{path.parent} is in use by {holder}: wait for its end, or choose another directory"
+        ) from None
+    except OSError:  # a file system without locks
+        pass
     try:
-        return os.path.samestat(os.stat(path), os.fstat(descriptor))
+        same = os.path.samestat(os.stat(path), os.fstat(descriptor))
     except FileNotFoundError:
-        return False
-
-
-def _machine() -> tuple[str, ...]:
-    """Two names of this machine: of its host, also after a restart, and of its boot, also in another container."""
-    try:
-        return socket.gethostname(), Path("/proc/sys/kernel/random/boot_id").read_text(encoding="utf-8").strip()
-    except OSError:
-        return (socket.gethostname(),)
+        same = False
+    if not same:  # it was released, and removed, in the meantime
+        os.close(descriptor)
+        return _take(path)
+    os.ftruncate(descriptor, 0)
+    with suppress(OSError):  # a full disk: what the message would say
+        os.pwrite(descriptor, f"{_this_process()}\n".encode(), 0)
+    return descriptor
 
 
 def _this_process() -> str:
@@ -159,197 +116,158 @@ def _this_process() -> str:
 # --- what is there ------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Present:
-    """Files of the format of results in a directory.
+def previous(target: Path) -> Path:
+    """The directory that keeps the results before."""
+    place = target.resolve() if target.is_symlink() or target.name in ("", "..") else target
+    return place.with_name(f"{place.name}.previous")
 
-    Attributes:
-        folder: The directory.
-        names: Those at its top, files and directories.
-        steps: Number of complete load steps.
-        recognised: Whether they are results of this package: a summary or a case says so.
+
+def refuse_to_replace(target: Path, overwrite: bool, comm: MPI.Comm) -> str:
+    """Check before a run what it would replace; collective.
+
+    Returns:
+        The directory that will keep the results that are there; empty if there are none.
+
+    Raises:
+        ValueError: On every rank, with a remedy: if there are results, and they are not to be replaced; if files with
+            names of the format are none of this package, or if DIRECTORY.previous has others or write-protected ones.
     """
 
-    folder: Path
-    names: tuple[str, ...]
-    steps: int
-    recognised: bool
-
-    @property
-    def results(self) -> bool:
-        """Whether there is an answer that could be lost; a case alone is none."""
-        return self.steps > 0 or SUMMARY in self.names
-
-    def fault(self) -> str:
-        """Reason why they must not be replaced even if that is asked for; empty if they may be."""
-        if self.names and not self.recognised:
-            return (
-                f"{self.folder / self.names[0]} is not known to be a result of coulomb, which would replace it (no "
-                f"{SUMMARY} or {CASE} of coulomb is beside it): move it away, or choose another directory (--output)"
-            )
-        for path in self._all():
-            mode = path.lstat().st_mode
-            if stat.S_ISREG(mode) and not mode & 0o222:
-                return f"{path} is write-protected: choose another directory (--output), or permit it (chmod u+w)"
-            if path.name in _FILES and stat.S_ISDIR(mode):
-                return f"{path} is not a file: move it away, or choose another directory (--output)"
-            if path.parent != self.folder and not _is_ours(path):
-                return (
-                    f"{path} is not a result of coulomb, but among load steps: move it away, or choose another "
-                    "directory (--output)"
+    def look() -> str:
+        kept, there = previous(target), _has_results(target)
+        if there and not overwrite:
+            raise ValueError(f"{target} holds results, which are to be kept: choose another directory (--output)")
+        for folder in (target, kept):
+            names = _names_in(folder)
+            if names and not _is_ours(folder):
+                raise ValueError(
+                    f"{folder / names[0]} is not known to be a result of coulomb, which would replace it (no summary "
+                    "or case of coulomb is beside it): move it away, or choose another directory (--output)"
                 )
-        return ""
+        if there and (reason := unwritable(kept.parent)):
+            raise ValueError(f"the results in {target} cannot be kept as {kept}: {reason}; move them away")
+        for path in sorted(kept.rglob("*")) if there else ():
+            if path.name == LOCK:
+                os.close(_take(path))
+            elif not (_is_of_format(path.relative_to(kept)) and path.lstat().st_mode & 0o222):
+                raise ValueError(
+                    f"{path} is write-protected or not a result of coulomb, and the next results would take the place "
+                    f"of those in {kept}: move it away"
+                )
+        return str(kept) if there else ""
 
-    def _all(self) -> Iterator[Path]:
-        """The files, also those in the directories of steps; links are not followed."""
-        for name in self.names:
-            path = self.folder / name
-            yield path
-            if name in (STEPS, FAILED, MESH) and not path.is_symlink():
-                yield from sorted(path.rglob("*"))
-
-
-def present(folder: Path) -> Present:
-    """What there is in a directory, which need not exist."""
-    names = tuple(name for name in (*_FILES, STEPS, FAILED, MESH) if os.path.lexists(folder / name))
-    files = RunDirectory(folder)
-    steps = len(files.complete_steps) if files.is_history else 0
-    return Present(folder, names, steps, steps > 0 or _says(files.summary) or _says(files.case))
-
-
-def _says(path: Path) -> bool:
-    """Whether a summary or a case is one of this package."""
     try:
-        contents = read_json(path)
-    except ValueError:
-        return False
-    if path.name == CASE:
-        return {"mesh", "contact"} <= contents.keys()
-    return "certificate" in contents and bool({"coulomb", "history", "last"} & contents.keys())
+        return on_rank_0(comm, look)
+    except OSError as error:
+        raise ValueError(f"output {target}: cannot be read: {error.strerror or error}") from None
 
 
-def _is_ours(path: Path) -> bool:
-    """Whether a path below `steps`, `failed` or `mesh` is of the format."""
-    if any(part.startswith((PARTIAL, _COMPLETE)) for part in path.parts):
-        return True
-    if path.is_dir() and not path.is_symlink():
-        return path.name == FAILED or bool(re.fullmatch(r"\d{4,}", path.name))
-    of_mesh = path.parent.name == MESH and path.suffix in (".xdmf", ".h5")
-    return of_mesh or path.name.lstrip(".") in _FILES or path.name == LOCK
+def _names_in(folder: Path) -> list[str]:
+    """The names of the format in a directory, which need not exist."""
+    return [name for name in _NAMES if os.path.lexists(folder / name)]
 
 
-# --- a single answer ----------------------------------------------------------------------------------------------
+def _has_results(folder: Path) -> bool:
+    """Whether there is an answer that could be lost; a case alone is none."""
+    files = RunDirectory(folder)
+    return files.summary.exists() or bool(files.complete_steps)
 
 
-def commit(folder: Path, target: Path) -> None:
-    """Replace the results in a directory by those in a directory `.partial-*` in it, which has all files; an OSError if
-    one cannot be moved, where the new ones are kept."""
-    finish(target)
-    os.rename(folder, target / _COMPLETE)
+def _is_ours(folder: Path) -> bool:
+    """Whether a summary or a case is one of this package."""
+    files = RunDirectory(folder)
+    for path in (files.summary, files.step(1).summary, files.case):
+        with suppress(ValueError):
+            keys = read_json(path).keys()
+            if {"mesh", "contact"} <= keys or ("certificate" in keys and {"coulomb", "history", "last"} & keys):
+                return True
+    return False
+
+
+def _is_of_format(path: Path) -> bool:
+    """Whether a path in a directory of results is of the format."""
+    *_, last = parts = path.parts
+    known = last.lstrip(".") in _NAMES or last.startswith((PARTIAL, _COMPLETE, _OLD))
+    in_steps = parts[0] == STEPS and re.fullmatch(r"\d{4,}", last) is not None
+    return known or in_steps or (parts[0] == MESH and path.suffix in (".xdmf", ".h5"))
+
+
+# --- replacing ----------------------------------------------------------------------------------------------------
+
+
+def commit(folder: Path, target: Path, keep: bool = True) -> None:
+    """Replace the results in a directory by those in its directory `.partial`, which has all files.
+
+    After an OSError these are in `.complete`, and the next run tries again.  The results before are kept as
+    TARGET.previous, unless they are of the same run (`keep`).
+    """
+    os.rename(folder, target / (_COMPLETE if keep else _OWN))
     finish(target)
 
 
 def finish(target: Path) -> None:
     """Move complete results into place, also those of a run that was killed at it."""
-    complete, moving = target / _COMPLETE, target / _MOVING
-    if complete.is_dir():
-        _remove_results(target)
-        os.rename(complete, moving)
+    if (target / _OLD).is_dir():
+        _remove(target)
+    for name in (_COMPLETE, _OWN):
+        if (target / name).is_dir():
+            set_aside(target, name == _COMPLETE)
+            os.rename(target / name, target / _MOVING)
+    moving = target / _MOVING
     if moving.is_dir():
         for file in sorted(moving.iterdir(), key=lambda file: file.name == SUMMARY):
             os.replace(file, target / file.name)
         moving.rmdir()
 
 
-def _remove_results(folder: Path) -> None:
-    """Remove what is of the format, the summary first; of links the link."""
-    for name in present(folder).names:
-        _remove(folder / name)
+def finish_for_reader(target: Path) -> None:
+    """Move complete results into place after a run was killed at it, if no run is there and the files may be moved."""
+    if any(target.glob(f"{_COMPLETE}*")):
+        with suppress(OSError, ValueError), locked(target, None):
+            pass
 
 
-def _remove(path: Path) -> None:
-    if path.is_symlink() or not path.is_dir():
-        path.unlink()
-        return
-    for inside in path.iterdir():
-        if _is_ours(inside):
-            _remove(inside)
-    with suppress(OSError):  # not empty: a user's file is in it
-        path.rmdir()
+def set_aside(target: Path, keep: bool = True) -> str:
+    """Remove the results in a directory, and keep them as TARGET.previous; after an OSError they are where they were.
 
-
-# --- a load history -----------------------------------------------------------------------------------------------
-
-
-def set_aside(target: Path) -> Path | None:
-    """Move the results of a directory into a new directory `replaced-*` in it; None if there are none.
-
-    After an OSError they are where they were.
+    Links are kept and removed as links.  Returns nothing to report.
     """
-    names = present(target).names
-    if not names:
-        return None
-    number = 1
-    while os.path.lexists(target / f"{_REPLACED}{number}"):
-        number += 1
-    aside = target / f"{_REPLACED}{number}"
-    aside.mkdir()
-    try:
-        (aside / _NOTE).write_text(_NOTE_TEXT, encoding="utf-8")
-        for name in names:
-            os.rename(target / name, aside / name)
-    except OSError:
-        _put_back(aside, target)
-        raise
-    return aside
-
-
-def _put_back(aside: Path, target: Path) -> None:
-    for path in sorted(aside.iterdir()):
-        if path.name != _NOTE:
-            os.rename(path, target / path.name)
-    (aside / _NOTE).unlink(missing_ok=True)
-    aside.rmdir()
-
-
-def set_aside_in(target: Path) -> list[Path]:
-    """Directories of results that were set aside and are still there."""
-    return sorted(path for path in target.glob(f"{_REPLACED}*") if (path / _NOTE).is_file())
-
-
-def settle(target: Path, aside: Path | None, replaced: bool) -> str:
-    """At the end of a load history: what becomes of the results that `set_aside` has set aside, and a remark for the
-    user.
-
-    They are removed once the history is complete, if they may be `replaced`, moved back if it has no step, and kept
-    otherwise.
-
-    Raises:
-        OSError: If they cannot be moved back.
-    """
-    files = RunDirectory(target)
-    done = files.complete_steps
-    if not done:
-        if aside is None or files.failed.path.exists():
-            return "" if aside is None else f"the results before are in {aside}"
-        _remove_results(target)
-        _put_back(aside, target)
-        return f"no load step was completed: {target} has its earlier results"
-    try:
-        complete = not files.step(done[-1]).read_summary().get("step", {}).get("pending")
-    except ValueError:
-        complete = False
-    if complete and replaced:
-        discard(target)
-    left = set_aside_in(target)
-    return f"{', '.join(map(str, left))}: earlier results, kept until the load history is complete" if left else ""
-
-
-def discard(target: Path) -> str:
-    """Remove all results that were set aside in a directory, but no user's files.  Returns nothing to report."""
-    for aside in set_aside_in(target):
-        _remove_results(aside)
-        (aside / _NOTE).unlink()
-        with suppress(OSError):
-            aside.rmdir()
+    if keep and _has_results(target):
+        kept = previous(target)
+        work = kept.with_name(f".{kept.name}")
+        shutil.rmtree(work, ignore_errors=True)
+        (work / "new").mkdir(parents=True)
+        try:
+            for name in _names_in(target):
+                link_tree(target / name, work / "new" / name)
+            if kept.exists():
+                os.rename(kept, work / "old")
+            os.rename(work / "new", kept)
+        finally:
+            shutil.rmtree(work, ignore_errors=True)
+    _remove(target)
     return ""
+
+
+def link_tree(path: Path, to: Path) -> None:
+    """Give a file, or all files of a directory, a second name; copies where a file system has no hard links."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.copytree(path, to, symlinks=True, copy_function=_link)
+    else:
+        _link(path, to)
+
+
+def _link(path: str | os.PathLike[str], to: str | os.PathLike[str]) -> None:
+    try:
+        os.link(path, to, follow_symlinks=False)
+    except OSError:
+        shutil.copy2(path, to, follow_symlinks=False)
+
+
+def _remove(target: Path) -> None:
+    """Remove what is of the format, the summary first.  While `.old` exists, what is there is old."""
+    old = target / _OLD
+    old.mkdir(exist_ok=True)
+    for name in _names_in(target):
+        os.rename(target / name, old / name)
+    shutil.rmtree(old)

@@ -8,15 +8,15 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from ..case.case import Case
-from ..case.error_messages import fault_of
-from ..case.files import LARGEST, KeyPath, named_files, read_text, rename_files
+from ..case.case import Case, read_case
+from ..case.files import KeyPath, named_files, rename_files
 from ..ranks import launched, on_rank_0
 from ..regular_file import refuse_irregular
 from .history_files import read_step
@@ -54,46 +54,23 @@ def written_case(directory: Path) -> Case:
     Raises:
         ValueError: On every rank, if there is none or it cannot be read.
     """
-    file = RunDirectory(directory).case
-    try:
-        text = on_rank_0(launched(), lambda: read_text(file, 20 * LARGEST))
-    except OSError as error:
-        if on_rank_0(launched(), lambda: str(int(_of_forms(directory)))) == "1":
-            raise ValueError(
-                f"{directory}: these are results of a body of your own forms, which are not in the files: continue in "
-                f"the script that has them: LoadHistory.run(problem, HistoryFiles({str(directory)!r}, resume=True))"
-            ) from None
-        raise ValueError(f"{directory}: no case to resume: {CASE} cannot be read: {error.strerror or error}") from None
-    return _validated(text, file)
+    files = RunDirectory(directory)
 
+    def look() -> str:
+        if files.case.exists():
+            return ""
+        with suppress(ValueError):
+            summary = files.read_summary()
+            if "forms" in summary or "forms" in (summary.get("last") or {}):
+                return (
+                    "these are results of a body of your own forms, which are not in the files: continue in the script "
+                    f"that has them: LoadHistory.run(problem, HistoryFiles({str(directory)!r}, resume=True))"
+                )
+        return f"no case to resume: it has no {CASE}"
 
-def _of_forms(directory: Path) -> bool:
-    """Whether results, or the last load step, are of a `Body`; on one rank."""
-    try:
-        summary = RunDirectory(directory).read_summary()
-    except ValueError:
-        return False
-    last = summary.get("last")
-    return "forms" in summary or (isinstance(last, dict) and "forms" in last)
-
-
-def case_in(file: Path) -> Case:
-    """The case in a file case.json; on one rank.
-
-    Raises:
-        ValueError: If it cannot be read.
-    """
-    try:
-        return _validated(read_text(file, 20 * LARGEST), file)
-    except OSError as error:
-        raise ValueError(f"{file}: cannot be read: {error.strerror or error}") from None
-
-
-def _validated(text: str, file: Path) -> Case:
-    try:
-        return Case.model_validate_json(text)
-    except ValidationError as error:
-        raise fault_of(error, str(file), Case) from None
+    if fault := on_rank_0(launched(), look):
+        raise ValueError(f"{directory}: {fault}")
+    return read_case(files.case)
 
 
 _FREE = ("output", "solver", "history.halvings", "small_strain")
@@ -167,16 +144,6 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
     return free
 
 
-def differences(before: Case, digests: Mapping[str, str], case: Case, now: Mapping[str, str]) -> list[str]:
-    """Descriptions of the differences of two cases with digests of their files (`case_record`), those of the earlier
-    one empty if they are unknown, except those that do not change the answer: `_FREE`."""
-    changed = [f"the contents of {_key(key)}" for key in digests if now.get(key, digests[key]) != digests[key]]
-    listed = _differences(before.model_dump(mode="json"), case.model_dump(mode="json"))
-    then, here = (_files(one.model_dump(mode="json")) for one in (before, case))
-    same = {_key(key) for key in now if key in digests or _path(then, key) == _path(here, key)}
-    return changed + [text for key, text in listed if key not in same and not key.startswith(_FREE)]
-
-
 def _files(tables: Mapping[str, Any]) -> dict[str, str]:
     """Names of the files of a case, by their keys in records: of the mesh without its table."""
 
@@ -189,10 +156,6 @@ def _files(tables: Mapping[str, Any]) -> dict[str, str]:
 def _key(recorded: str) -> str:
     """The key in a case for that of a record."""
     return recorded if "." in recorded else f"mesh.{recorded}"
-
-
-def _path(files: Mapping[str, str], key: str) -> Path | None:
-    return Path(files[key]).absolute() if key in files else None
 
 
 def _differences(then: Any, now: Any, key: str = "") -> Iterator[tuple[str, str]]:

@@ -33,7 +33,7 @@ from ..model.small_strain import MEASURES, SmallStrain
 from ..nearest import same_nodes
 from ..ranks import on_rank_0
 from . import output
-from .atomic_output import locked
+from .atomic_output import locked, refuse_to_replace, set_aside
 from .field_files import data_of, grids_of, mesh_at, parts_of_field
 from .result_grids import collections, names_of_sides
 from .run_directory import FIELDS, HISTORY, STEPS, SUMMARY, RunDirectory, step_place
@@ -49,16 +49,20 @@ class HistoryFiles:
     Args:
         directory: Created if necessary.
         resume: Continue from the last step that exists.
+        overwrite: Whether results that are there, and not continued, may be replaced: with the first step they are
+            kept as DIRECTORY.previous.
         case: Record of the case, stored in the summary of every step under step.case (`case_record`).
         entries: Gives further entries of the summary of a step.
+        when_begun: Called when the directory is that of this history.
 
     Attributes:
         directory: The directory.
         rows: The rows of history.csv so far.
+        begun: Whether the directory is that of this history, no longer of earlier results.
 
     Raises:
-        ValueError: When the run begins, on every rank: if there are steps and `resume` is not set, if they belong to
-            another problem, or if another run uses the directory.
+        ValueError: When the run begins, on every rank: if the steps to `resume` belong to another problem, if there are
+            results and `overwrite` is not set, or if another run uses the directory.
         OSError: On every rank, if a step cannot be written; the steps before are kept.
     """
 
@@ -67,12 +71,15 @@ class HistoryFiles:
         directory: str | Path,
         *,
         resume: bool = False,
+        overwrite: bool = True,
         case: Mapping[str, Any] | None = None,
         entries: Callable[[LoadStep], Mapping[str, Any]] = lambda _: {},
+        when_begun: Callable[[], None] = lambda: None,
     ):
         self.directory, self._entries = RunDirectory(Path(directory)), entries
         self.rows: list[dict[str, Any]] = []
-        self._resume, self._case = resume, case
+        self._resume, self._overwrite, self._case, self._when_begun = resume, overwrite, case, when_begun
+        self._continues = self.begun = False
         self._series: list[output.Series] = []
         self._start = 0.0
         self._history: Entries = {}
@@ -83,28 +90,36 @@ class HistoryFiles:
         """Lock the directory for this run; gives the state from which to continue (`Recorder`)."""
         comm = problem.comm
         with locked(self.directory.path, comm):
-            found = comm.bcast(self.directory.complete_steps if comm.rank == 0 else None)
-            if not self._resume:
-                refuse_steps(self.directory.path, len(found))
+            found = comm.bcast(self.directory.complete_steps if self._resume and comm.rank == 0 else [])
+            self._continues, self.begun = bool(found), False
+            if found or not refuse_to_replace(self.directory.path, self._overwrite, comm):
+                self.begin(comm)
             summaries = [read_summary(self.directory.step(number).path, comm) for number in found]
             self.rows, self._history = [summary["step"]["row"] for summary in summaries], whole(summaries)
             self._start, self._seconds = beginning.time, problem.seconds
             self._series = [output.Series(self.directory.path, name) for name in FIELDS]
             yield self.state_after(problem, found[-1]) if found else beginning
 
+    def begin(self, comm: MPI.Comm) -> None:
+        """Set earlier results aside, unless they are continued, once in a run; collective."""
+        if self.begun:
+            return
+        if not self._continues:
+            on_rank_0(comm, lambda: set_aside(self.directory.path))
+        self._when_begun()
+        self.begun = True
+
     def record(self, step: LoadStep) -> None:
         """Write a step and the files of all steps so far; collective."""
         comm = step.solution.problem.comm
+        self.begin(comm)
         row = step.row
-        for (
-            name,
-            value,
-        ) in self._seconds.items():  # assembly and factorisation, done once, are counted in the first step
-            own = step.solution.problem.seconds
+        own = step.solution.problem.seconds
+        for name, value in self._seconds.items():  # assembly and factorisation, done once, count in the first step
             own[name] = own.get(name, 0.0) + value
         self._seconds = {}
         extra = {"step": self._record(step, row), **self._entries(step)}
-        contents = output.write(step.solution, self.directory.step(step.state.number).path, extra=extra)
+        contents = output.write(step.solution, self.directory.step(step.state.number).path, extra=extra, keep=False)
         self.rows.append(row)
         self._history = added(self._history, contents)
         on_rank_0(comm, lambda: self._write_whole(contents))
@@ -201,19 +216,6 @@ def refuse_other_forms(problem: ContactProblem, before: Mapping[str, Any] | None
         raise ValueError(
             f"{step}: was computed with other forms or conditions: {', '.join(changed)} of the body differ from those "
             "recorded in its summary.json under forms; continue with the same body, or in another directory"
-        )
-
-
-def refuse_steps(folder: Path, found: int) -> None:
-    """Refuse to start a history in the directory of another one.
-
-    Raises:
-        ValueError: If there are load steps.
-    """
-    if found:
-        raise ValueError(
-            f"{folder} already holds {found} load steps: continue with `coulomb resume {folder}`, remove them, "
-            "or choose another directory"
         )
 
 

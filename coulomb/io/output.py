@@ -8,7 +8,6 @@ import json
 import math
 import os
 import shutil
-import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
@@ -26,7 +25,7 @@ from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
 from ..ranks import on_rank_0
 from ..solvers.results import OuterStep, QPStep
-from .atomic_output import PARTIAL, commit, present
+from .atomic_output import PARTIAL, commit, link_tree, locked, refuse_to_replace
 from .energy_error import recovered_errors
 from .grid_file import write_grids
 from .result_grids import body_grids, collections, contact_facets, contact_grids
@@ -42,43 +41,61 @@ def write(
     directory: str | Path,
     extra: Mapping[str, Any] | None = None,
     texts: Mapping[str, str] | None = None,
-    overwrite: bool = False,
+    overwrite: bool = True,
     fields: Mapping[str, Any] | None = None,
     mesh: Path | None = None,
+    keep: bool = True,
 ) -> dict[str, Any]:
-    """Write all results into a directory; existing files are replaced only when all new ones are complete.
+    """Write all results into a directory; those that are there are kept as DIRECTORY.previous when all new ones are
+    complete.
 
     Args:
         solution: The answer, converged or not.
         directory: Created if necessary.
         extra: Additional entries for summary.json.
         texts: Contents of additional files, by name.
-        overwrite: Whether load steps in the directory are removed.
+        overwrite: Whether results that are there may be replaced.
         fields: The user's functions to be written beside, by name (`user_fields.interpolated`).
-        mesh: Directory of meshes that is moved there (`MESH`).
+        mesh: Directory of meshes that is moved there (`MESH`); by default the one that is there, if a text names it.
+        keep: Whether results that are there are kept; not those of the same run.
 
     Returns:
         The summary, with the seconds of the output added.
 
     Raises:
         OSError: On every rank, if the directory cannot be written to.
-        ValueError: On every rank, if it has load steps, and `overwrite` is not set.
+        ValueError: On every rank, if another run uses it, or it has files that must not be replaced.
     """
-    comm, problem, began = solution.problem.comm, solution.problem, time.perf_counter()
+    comm, target = solution.problem.comm, Path(directory)
     same_on_all_ranks({"directory": str(directory), "overwrite": overwrite}, comm)
-    target = Path(directory)
-    if not overwrite and (found := comm.bcast(present(target).steps if comm.rank == 0 else 0)):
-        raise ValueError(f"{target} holds a load history of {found} steps: choose another directory, or remove it")
+    with locked(target, comm):
+        if keep:
+            refuse_to_replace(target, overwrite, comm)
+        return _write_complete(solution, target, extra or {}, texts or {}, fields or {}, mesh, keep)
+
+
+def _write_complete(
+    solution: Solution,
+    target: Path,
+    extra: Mapping[str, Any],
+    texts: Mapping[str, str],
+    fields: Mapping[str, Any],
+    mesh: Path | None,
+    keep: bool,
+) -> dict[str, Any]:
+    """See `write`."""
+    comm, problem, began, folder = solution.problem.comm, solution.problem, time.perf_counter(), target / PARTIAL
 
     def begin() -> str:
-        target.mkdir(parents=True, exist_ok=True)
-        return tempfile.mkdtemp(prefix=PARTIAL, dir=target)
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        return ""
 
-    folder = Path(on_rank_0(comm, begin))
+    on_rank_0(comm, begin)
     try:
         refuse_full_disk(problem, folder)
-        _write_fields(solution, folder, fields or {}, (extra or {}).get("error"))
-        contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **(extra or {})}
+        _write_fields(solution, folder, fields, extra.get("error"))
+        contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **extra}
         contents["run"] = provenance(problem.started, comm)
 
         def finish() -> str:
@@ -87,11 +104,13 @@ def write(
             contents["picture"] = "not asked for"
             contents["run"]["ended"] = moment(now())
             write_json(contents, folder / SUMMARY)
-            for name, text in (texts or {}).items():
+            for name, text in texts.items():
                 (folder / name).write_text(text, encoding="utf-8")
             if mesh is not None:
                 os.rename(mesh, folder / MESH)
-            commit(folder, target)
+            elif any(str((target / MESH).absolute()) in text for text in texts.values()):
+                link_tree(target / MESH, folder / MESH)
+            commit(folder, target, keep)
             return json.dumps(contents)
 
         contents = dict(json.loads(on_rank_0(comm, finish)))

@@ -30,6 +30,9 @@ SOLUTION, CONTACT = "solution.xdmf", "contact.xdmf"
 
 FIELDS = (SOLUTION, CONTACT)
 
+FILES = (HISTORY, CASE, PICTURE, REPORT, *FIELDS)
+"""The files beside the summary; each of the fields has another with its data."""
+
 LOCK = "run.lock"
 """Exists while a run uses the directory."""
 

@@ -280,19 +280,21 @@ class Solution:
         """Whether the certificate passed and the small-strain theory holds, or was not enforced; collective."""
         return self.certificate.passed and not self.outside
 
-    def write(self, directory: str | Path, fields: Mapping[str, Any] | None = None) -> None:
-        """Fields, history, summary and picture into a directory; existing files are replaced once all are written.
+    def write(self, directory: str | Path, fields: Mapping[str, Any] | None = None, *, overwrite: bool = True) -> None:
+        """Fields, history, summary and picture into a directory; results that are there are kept as DIRECTORY.previous.
 
         Args:
             directory: Created if necessary.
             fields: Functions of DOLFINx on the mesh of the body to be written beside, by name: of continuous spaces at
                 the nodes, of others in the cells.
+            overwrite: Whether results that are there may be replaced.
 
         Raises:
             OSError: On every rank, if the directory cannot be written to.
-            ValueError: On every rank, if a function cannot be written.
+            ValueError: On every rank, if a function cannot be written, if a run uses the directory, or if results are
+                there that must not be replaced.
         """
-        late_bound["write"](self, directory, fields or {})
+        late_bound["write"](self, directory, fields or {}, overwrite)
 
     def face(self, name: str) -> FaceAnswer:
         """The nodes, facets and fields of a contact face, or of a face opposite in a pair; of a face in several pairs

@@ -24,11 +24,12 @@ from .drawing_process import DrawingProcess
 
 
 def write_with_picture(
-    solution: Solution, directory: str | Path, fields: Mapping[str, Any] | None = None
+    solution: Solution, directory: str | Path, fields: Mapping[str, Any] | None = None, overwrite: bool = True
 ) -> dict[str, Any]:
     """See `Solution.write`."""
     problem = solution.problem
-    contents = add_picture(write(solution, directory, fields=fields), Path(directory), problem.comm)
+    written = write(solution, directory, overwrite=overwrite, fields=fields)
+    contents = add_picture(written, Path(directory), problem.comm)
     problem.seconds.update(contents["seconds"])
     return contents
 

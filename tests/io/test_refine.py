@@ -270,7 +270,7 @@ def test_a_run_keeps_its_mesh_and_is_checked_and_run_again(tmp_path, cell):
     assert run_coulomb("run", again, "--output", tmp_path / "again", "--quiet").returncode == 0
     other = json.loads((tmp_path / "again" / "summary.json").read_text())
     assert other["totals"]["normal_force"] == pytest.approx(summary["totals"]["normal_force"], rel=1e-7)
-    assert run_coulomb("run", case, "--refine-to", "10%", "--output", results, "--overwrite").returncode == 0
+    assert run_coulomb("run", case, "--refine-to", "10%", "--output", results).returncode == 0
 
 
 def test_a_budget_that_does_not_suffice_is_an_error_with_results(tmp_path):

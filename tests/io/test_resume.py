@@ -1,5 +1,6 @@
 """`coulomb resume` continues with the computed case and refuses any other."""
 
+import functools
 import json
 import shutil
 
@@ -33,8 +34,8 @@ def stopped(tmp_path_factory):
     BoxFile().write(home / "part.msh")
     (home / "case.toml").write_text(CASE)
     case = read_case(home / "case.toml")
-    write_case(case, home / "out", comm)
-    files = HistoryFiles(home / "out", case=case_record(case, comm))
+    keep = functools.partial(write_case, case, home / "out", comm)
+    files = HistoryFiles(home / "out", case=case_record(case, comm), when_begun=keep)
     case.load_history().run(case.problem(comm), files, on_step=lambda _: True)
     assert len(files.rows) == 1
     return home
