@@ -79,7 +79,7 @@ class MaterialTable(Table):
         for name in needed:
             if getattr(self, name) is None:
                 raise ValueError(f"{name} is missing" + (f"; law = {self.law!r} needs it" if self.law else ""))
-        linear = ("shear", "directions", "expansion", "conductivity") if self.law else ()
+        linear = ("shear", "directions", "conductivity") if self.law else ()
         for name in {"young", "poisson", "c1", "c2", "mu", "alpha", "bulk"} - {*needed} | {*linear}:
             if getattr(self, name) is not None:
                 law = "an elastic material" if self.law is None else f"law = {self.law!r}"
@@ -131,22 +131,23 @@ class MaterialTable(Table):
             )
         from ..fem.bodies import Material
 
+        expansion = self.expansion
+        assert not isinstance(expansion, tuple)
         if self.c1 is not None and self.c2 is not None and self.bulk is not None:
             from ..kinematics import MooneyRivlin
 
-            return MooneyRivlin(self.c1, self.c2, self.bulk, self.density)
+            return MooneyRivlin(self.c1, self.c2, self.bulk, self.density, expansion)
         if self.mu is not None and self.alpha is not None and self.bulk is not None:
             from ..kinematics import Ogden
 
-            return Ogden(self.mu, self.alpha, self.bulk, self.density)
+            return Ogden(self.mu, self.alpha, self.bulk, self.density, expansion)
         assert isinstance(self.young, float) and isinstance(self.poisson, float)
         if self.law is not None:
             from ..kinematics import NeoHookean, StVenantKirchhoff
 
             kind = NeoHookean if self.law == "neo-hookean" else StVenantKirchhoff
-            return kind(self.young, self.poisson, self.density)
-        assert not isinstance(self.expansion, tuple)
-        return Material(self.young, self.poisson, self.density, self.expansion, self.conductivity)
+            return kind(self.young, self.poisson, self.density, expansion)
+        return Material(self.young, self.poisson, self.density, expansion, self.conductivity)
 
 
 class GroupMaterialTable(MaterialTable):

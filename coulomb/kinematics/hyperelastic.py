@@ -28,8 +28,11 @@ from ..fem.bodies import (
     Pressure,
     Spring,
     Support,
+    Temperature,
+    ThermalLoad,
     by_group,
     cell_measure,
+    material_of_cells,
 )
 from ..fem.compat import fem, ufl
 from ..fem.geometry import Amplitude, Field, evaluate_amplitude
@@ -45,6 +48,12 @@ def invariants(F: Any) -> Invariants:
     C = F.T * F
     first = ufl.tr(C)
     return first, 0.5 * (first**2 - ufl.tr(C * C)), ufl.det(F)
+
+
+def elastic(of: Invariants, stretch: Any) -> Invariants:
+    """The invariants of F/j from those of F, with a stretch j that is the same in all directions."""
+    I1, I2, J = of
+    return (I1, I2, J) if stretch is None else (I1 / stretch**2, I2 / stretch**4, J / stretch**3)
 
 
 def neo_hookean(displacement: Any, mu: Any, lame: Any) -> Any:
@@ -101,7 +110,7 @@ def _power_sum(I1: Any, I2: Any, s: float) -> Any:
 
 class NeoHookean(Material):
     """A neo-Hookean material (`neo_hookean`) by Young's modulus in pascals and Poisson's ratio of small strains;
-    density in kg/m^3.  Arguments and errors as of `Material`."""
+    density in kg/m^3, expansion in 1/K.  Arguments and errors as of `Material`."""
 
     law: ClassVar[str] = "neo-hookean"
 
@@ -137,6 +146,7 @@ class MooneyRivlin(Material):
         c1, c2: In pascals, >= 0, not both 0; the shear modulus of small strains is 2 (c1 + c2).
         bulk: Bulk modulus in pascals, > 0.
         density: In kg/m^3, > 0; only gravity needs it.
+        expansion: In 1/K; only a temperature needs it.
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -148,12 +158,12 @@ class MooneyRivlin(Material):
 
     law: ClassVar[str] = "mooney-rivlin"
 
-    def __init__(self, c1: float, c2: float, bulk: float, density: float | None = None):
+    def __init__(self, c1: float, c2: float, bulk: float, density: float | None = None, expansion: float | None = None):
         for name, value in (("c1", c1), ("c2", c2), ("bulk", bulk)):
             if not is_number(value, 0.0):
                 raise ValueError(f"material: {name} must be a number of pascals, not negative, but is {value!r}")
         young, poisson = _of_moduli(2.0 * (c1 + c2), bulk)
-        super().__init__(young, poisson, density)
+        super().__init__(young, poisson, density, expansion)
         for name, value in (("c1", c1), ("c2", c2), ("bulk", bulk)):
             object.__setattr__(self, name, value)
 
@@ -179,6 +189,7 @@ class Ogden(Material):
         alpha: Exponents in [-6, 6].
         bulk: Bulk modulus in pascals, > 0.
         density: In kg/m^3, > 0; only gravity needs it.
+        expansion: In 1/K; only a temperature needs it.
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -190,7 +201,14 @@ class Ogden(Material):
 
     law: ClassVar[str] = "ogden"
 
-    def __init__(self, mu: Sequence[float], alpha: Sequence[float], bulk: float, density: float | None = None):
+    def __init__(
+        self,
+        mu: Sequence[float],
+        alpha: Sequence[float],
+        bulk: float,
+        density: float | None = None,
+        expansion: float | None = None,
+    ):
         pairs = list(zip(mu, alpha, strict=False))
         if not 0 < len(mu) == len(alpha) or not all(is_number(one, -math.inf) for one in (*mu, *alpha)):
             raise ValueError("material: mu and alpha must be lists of numbers, as many of one as of the other")
@@ -200,7 +218,7 @@ class Ogden(Material):
                 f"alpha = {list(alpha)}"
             )
         young, poisson = _of_moduli(0.5 * sum(m * a for m, a in pairs), bulk)
-        super().__init__(young, poisson, density)
+        super().__init__(young, poisson, density, expansion)
         for name, value in (("mu", tuple(map(float, mu))), ("alpha", tuple(map(float, alpha))), ("bulk", bulk)):
             object.__setattr__(self, name, value)
 
@@ -238,7 +256,7 @@ def hyperelastic(material: object) -> Hyperelastic:
     if isinstance(material, Hyperelastic):
         return material
     if type(material) is Material:
-        return StVenantKirchhoff(material.young, material.poisson, material.density)
+        return StVenantKirchhoff(material.young, material.poisson, material.density, material.expansion)
     raise ValueError(
         "material of large motions must be NeoHookean, MooneyRivlin, Ogden, StVenantKirchhoff or an isotropic "
         f"Material, but is {material!r}; for others give a NonlinearBody with your own energy"
@@ -267,13 +285,15 @@ class HyperelasticBody(NonlinearBody):
     """A body of hyperelastic materials on a mesh.
 
     Tractions and total forces keep their direction and are per undeformed area (dead loads), pressures follow the
-    surface; prescribed rotations are finite.
+    surface; prescribed rotations are finite.  A temperature stretches by j = 1 + expansion dT: the strain energy is
+    that of F/j, times j^3 (multiplicative split; S. Vujosevic, V. A. Lubarda: Finite-strain thermoelasticity based on
+    multiplicative decomposition of deformation gradient, Theor. Appl. Mech. 28-29, 2002).
 
     Arguments are those of `Elasticity`; materials are `NeoHookean`, `MooneyRivlin`, `Ogden`, `StVenantKirchhoff`, or
     `Material`, which becomes the last of these.
 
     Raises:
-        ValueError: As `Elasticity`; if there is a temperature, or a material of another kind.
+        ValueError: As `Elasticity`; if there is a material of another kind.
     """
 
     def __init__(
@@ -287,10 +307,8 @@ class HyperelasticBody(NonlinearBody):
         body_force_amplitude: Amplitude = 1.0,
         gravity: Sequence[float] = _NOTHING,
         gravity_amplitude: Amplitude = 1.0,
-        thermal: Any = None,
+        thermal: ThermalLoad | None = None,
     ):
-        if thermal is not None:
-            raise ValueError("temperature: large motions have no thermal strains yet; leave it out")
         laws = [(group, hyperelastic(material)) for group, material in by_group(materials)]
         several = isinstance(materials, Mapping)
         materials = {str(group): law for group, law in laws} if several else laws[0][1]
@@ -302,9 +320,11 @@ class HyperelasticBody(NonlinearBody):
         u, v, w = fem.Function(loaded.V, name="displacement"), ufl.TestFunction(loaded.V), ufl.TrialFunction(loaded.V)
         F, dx = ufl.Identity(3) + ufl.grad(u), cell_measure(loaded.domain)
         # derivatives by the invariants q: terms are then as many as these, however long the law is
-        q, J = invariants(F), ufl.det(F)
+        J, self.thermal, self._amplitude = ufl.det(F), thermal, fem.Constant(loaded.domain, 1.0)
+        stretch = None if thermal is None else self._thermal_stretch(thermal, mesh, materials)
+        q = elastic(invariants(F), stretch)
         known = [ufl.variable(one) for one in q]
-        density = self._density(laws, known)
+        density = self._density(laws, known) * (1.0 if stretch is None else stretch**3)
         by_q = [ufl.diff(density, one) for one in known]
         rates = [ufl.derivative(one, u, v) for one in q]
         inside = sum(a * rate for a, rate in zip(by_q, rates, strict=True)) * dx
@@ -315,7 +335,9 @@ class HyperelasticBody(NonlinearBody):
         )
         tangent += sum(a * ufl.derivative(rate, u, w) for a, rate in zip(by_q, rates, strict=True))
         gradient = ufl.variable(F)
-        stress = sum(a * ufl.diff(one, gradient) for a, one in zip(by_q, invariants(gradient), strict=True))
+        stress = sum(
+            a * ufl.diff(one, gradient) for a, one in zip(by_q, elastic(invariants(gradient), stretch), strict=True)
+        )
         self._cauchy = stress * F.T / J
         faces = [mesh.facets(load.face, load.kind) for load in self._follow]
         faces += [mesh.facets(spring.face, "spring") for spring in springs]
@@ -360,6 +382,15 @@ class HyperelasticBody(NonlinearBody):
             found += mine[0][1].energy(of, *(loaded._on_cells(one, name) for name, one in values.items()))
         return found
 
+    def _thermal_stretch(self, thermal: ThermalLoad, mesh: NamedMesh, materials: Materials) -> Any:
+        """1 + expansion dT, a scalar of UFL, at the present amplitude; collective."""
+        loaded = self._loaded
+        expansion = material_of_cells(mesh, materials, heated=True).expansion
+        assert expansion is not None
+        self._change = thermal.change(loaded, mesh)
+        kelvin = loaded.function(np.repeat(self._change[:, None], 3, axis=1), "temperature")[0]
+        return 1.0 + self._amplitude * loaded._on_cells(expansion, "expansion") * kelvin
+
     def _value(self, load: Pressure, facets: npt.NDArray[np.int32]) -> Any:
         """The pressure at amplitude 1, a scalar of UFL, from its nodal values."""
         values = load.nodal_values(self._loaded, facets)
@@ -368,12 +399,17 @@ class HyperelasticBody(NonlinearBody):
     def _at_time(self, time: float) -> None:
         for factor, load in zip(self._factors, self._follow, strict=True):
             factor.value = evaluate_amplitude(load.amplitude, time, f"pressure on {load.face!r}")
+        if self.thermal is not None:
+            self._amplitude.value = evaluate_amplitude(self.thermal.amplitude, time, "temperature")
 
     def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
         inside, *_ = super()._outer_forces(u, time)
         dead, load = self._loaded.at(time), sum((one.forces for one in self._following()), np.zeros_like(u))
         spring = self._loaded.spring_force(u)
-        return Loading(time, inside.load + dead.load, dead.prescribed), dead.load + load, spring
+        heat = None
+        if self.thermal is not None:
+            heat = Temperature(float(self._amplitude.value) * self._change, self.thermal.reference, 0.0)
+        return Loading(time, inside.load + dead.load, dead.prescribed, heat), dead.load + load, spring
 
     def _following(self) -> Iterator[NodalForces]:
         """The forces of pressures at the present displacement."""

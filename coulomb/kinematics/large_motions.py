@@ -170,15 +170,10 @@ class LargeMotions(ContactProblem):
             raise ValueError("ties and rigid faces are for small strains: for large motions make one mesh of the parts")
         super().__init__(*arguments, linear_solver=linear_solver, explicit=explicit, **others)
         for one in self.contacts:
-            if callable(one.gap) or one.gap or one.adjust or one.smooth or one.surface or one.against_surface:
+            if one.adjust or one.smooth or one.surface or one.against_surface:
                 raise ValueError(
-                    f"contact face {one.face!r}: gap, adjust, smooth and surface describe the undeformed place; large "
+                    f"contact face {one.face!r}: adjust, smooth and surface describe the undeformed place; large "
                     "motions measure gaps between the facets as they are"
-                )
-            if any(callable(value) for value in (one.friction, one.slip_stress, one.cohesion)):
-                raise ValueError(
-                    f"contact face {one.face!r}: friction that is a function of place is not possible with large "
-                    "motions yet; give a number, or several contact faces"
                 )
         self._remedy = [0]  # the first that is tried, of this problem at all times
         self._methods = {"linear_solver": linear_solver, "explicit": explicit}

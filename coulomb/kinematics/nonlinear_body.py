@@ -118,7 +118,9 @@ class NonlinearBody(Body):
         loading, load, spring = there._outer_forces(u, time)
         rest = loading.prescribed - self.held_part(u)
         values = self._a.values
-        there._place = _Place(u.copy(), Loading(time, loading.load, rest), loading.prescribed, values, load, spring)
+        there._place = _Place(
+            u.copy(), Loading(time, loading.load, rest, loading.temperature), loading.prescribed, values, load, spring
+        )
         return there
 
     def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:

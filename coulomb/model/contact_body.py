@@ -149,10 +149,10 @@ class ContactFaces:
 
     def law(self, surface: ContactSurface, time: float, slip_rate: FloatArray) -> FrictionLaw:
         """The law of friction at this rank's contact points at a time, slip rates (m,) in m/s; collective."""
-        laws, places = [], []
+        laws, places, x = [], [], surface.points.before_deformation(surface.x)
         for part, contact in enumerate(self._contacts):
             here = np.flatnonzero(surface.part == part)
-            laws.append(contact.law(surface.x[here], surface.area[here], time, slip_rate[here], self._comm))
+            laws.append(contact.law(x[here], surface.area[here], time, slip_rate[here], self._comm))
             places.append(here)
         return FrictionLaw.joined(laws).at(np.argsort(np.concatenate(places)))
 

@@ -90,7 +90,7 @@ class FoundationFace:
     def given(self) -> FloatArray:
         """The part of the gap that is given with the contact, metres, shape (k,), 0 off the face; collective."""
         factor = self.contact.gap_factor(self.time, self.comm)
-        return self._at_nodes(factor * self.contact.gap_at(self.member.body.x[self.nodes], self.comm))
+        return self._at_nodes(factor * self.contact.gap_at(self.member.body.reference[self.nodes], self.comm))
 
     def _at_nodes(self, values: FloatArray) -> FloatArray:
         everywhere = np.zeros(len(self.member.body.x))
@@ -210,7 +210,7 @@ class HeldInPairs:
         nodes = self._found[number]
         if nodes is None:
             return None
-        given = contact.gap_factor(time, comm) * contact.gap_at(nodes.x[nodes.nodes], comm)
+        given = contact.gap_factor(time, comm) * contact.gap_at(self._elasticity.reference[nodes.nodes], comm)
         return replace(nodes, gap=nodes.gap + given)
 
 

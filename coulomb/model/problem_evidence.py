@@ -187,7 +187,8 @@ def _findings(
         known = body.judged_pairs.get(number)
         if known is None or known.pair is not body.pair(number):
             known = body.judged_pairs[number] = JudgedPair(body.elasticity, contact, body.pair(number))
-        given = contact.gap_factor(time, comm) * contact.gap_at(known.pair.x, comm)
+        place = known.pair.points.before_deformation(known.pair.x)
+        given = contact.gap_factor(time, comm) * contact.gap_at(place, comm)
         found.append(known.findings(frames, gap - given, rows[ends[number] : ends[number + 1]], u))
     return tuple(found)
 
@@ -210,7 +211,7 @@ def _face(body: ContactBody, number: int, time: float, before: Before | None, sl
     free = facing & (free_lengths(points.of(member, body.elasticity), n, body.elasticity) > HELD_BELOW)
     points, n, x, H = points.only(free), n[free], x[free], H[free]
     gaps = without_noise(gaps[free], x, elasticity) + added[free]
-    law = contact.law(x, points.area, time, slip_rate[points.nodes], comm)
+    law = contact.law(points.before_deformation(x), points.area, time, slip_rate[points.nodes], comm)
     frames = contact.frames(n, H, x, comm)
     points = points.of(member, body.elasticity)
     return points, frames, gaps, law, face.motion.since(then, x), face.beside(body.elasticity)
@@ -219,7 +220,8 @@ def _face(body: ContactBody, number: int, time: float, before: Before | None, sl
 def _pair(body: ContactBody, number: int, time: float, slip_rate: FloatArray) -> _Face:
     """As `_face`, of a pair of deformable faces: what moves there is in the displacement."""
     contact, comm, pair = body.contacts[number], body.comm, body.pair(number)
-    gap = pair.gap + contact.gap_factor(time, comm) * contact.gap_at(pair.x, comm)
-    law = contact.law(pair.x, pair.points.area, time, slip_rate[pair.points.nodes], comm)
+    place = pair.points.before_deformation(pair.x)
+    gap = pair.gap + contact.gap_factor(time, comm) * contact.gap_at(place, comm)
+    law = contact.law(place, pair.points.area, time, slip_rate[pair.points.nodes], comm)
     frames = pair_frames(pair, contact.axes, comm)
     return pair.points, frames, gap, law, np.zeros_like(pair.x), body.held_in_pairs.at(number, time)

@@ -59,6 +59,7 @@ from .materials import (
     Materials,
     OrthotropicMaterial,
     by_group,
+    material_of_cells,
     midpoints,
 )
 from .mesh_components import mesh_components, unjoined_parts

@@ -46,6 +46,11 @@ class Nodes(Protocol):
         ...
 
     @property
+    def reference(self) -> FloatArray:
+        """Where they are before deformation, shape (k, 3)."""
+        ...
+
+    @property
     def numbering(self) -> Numbering:
         """Their global numbers."""
         ...

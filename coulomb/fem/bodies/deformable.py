@@ -384,6 +384,10 @@ class WrappedBodies(Deformable):
         self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
         self.contradictions = bodies.contradictions
 
+    @property
+    def reference(self) -> FloatArray:
+        return self.bodies.reference
+
     @cached_property
     def _held_diagonal(self) -> FloatArray:
         return np.concatenate([member.body.held_diagonal for member in self.members])

@@ -238,6 +238,12 @@ class JoinedBodies(Deformable):
     def members(self) -> tuple[Member, ...]:
         return self._members
 
+    @cached_property
+    def reference(self) -> FloatArray:
+        if all(one.body.x is one.body.reference for one in self._members):
+            return self.x
+        return np.concatenate([one.body.reference for one in self._members])
+
     def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
         of, own = self._mesh.split(name, what)
         member = next(member for member in self._members if member.name == of)

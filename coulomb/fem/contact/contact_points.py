@@ -197,6 +197,11 @@ class ContactPoints:
             return self.average(values[:, None])[:, 0]
         return np.column_stack([matrix_product(self._matrix, column) for column in values.T])
 
+    def before_deformation(self, x: FloatArray) -> FloatArray:
+        """Where points that are at x (m, 3) now were before their bodies were deformed, metres; collective."""
+        space = self.space
+        return x if space.x is space.reference else x - self.average(space.x - space.reference)
+
     def gap(self, values: FloatArray) -> FloatArray:
         """The gap of each point by those at this rank's nodes (k,), metres, shape (m,): their average, but no less than
         the smallest of them, or than 0 if none is negative: what does not overlap has no interference.  Collective."""

@@ -440,7 +440,7 @@ def pair_surface(
     gap_factor: float,
 ) -> ContactSurface:
     """The contact points of a pair as a surface; arguments as of `contact_surface`; collective."""
-    given = gap_field(pair.x)
+    given = gap_field(pair.points.before_deformation(pair.x))
     frames = pair_frames(pair, axes, elasticity.comm)
     part = np.zeros(len(pair.x), dtype=np.int64)
     matrices = matrices_of(elasticity, pair.points, frames)

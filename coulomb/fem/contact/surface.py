@@ -182,7 +182,8 @@ def contact_surface(
         foundation: The obstacle.
         normals: Source of the normals, before deformation.
         axes: Orthotropic friction, by which the tangents are rotated and scaled.
-        gap_field: A gap in metres that is added to the distance, of nodes x (k, 3) of this rank; collective.
+        gap_field: A gap in metres that is added to the distance, of nodes of this rank that were at x (k, 3) before
+            deformation; collective.
         gap_factor: Its amplitude.
         facing: Whether nodes that face away from the foundation are no contact points; else all are.
 
@@ -236,7 +237,7 @@ def contact_surface(
     distance = without_noise(distance[keep], x, body)
     given = np.zeros(len(body.x))
     if gap_field is not None:
-        given[on_face] = gap_field(place)
+        given[on_face] = gap_field(body.reference[on_face])
     field = points.average(given)
     gaps = without_rounding(distance + gap_factor * field, body.x, comm)
     if axes is None:
