@@ -381,8 +381,6 @@ class Case(Table):
             raise ValueError(
                 'tie, rigid_face: not with solver.kinematics = "large": make one mesh of the parts, as by Coherence'
             )
-        if self.temperature is not None:
-            raise ValueError('temperature: not with solver.kinematics = "large", which has no thermal strains')
         return self
 
     @model_validator(mode="after")

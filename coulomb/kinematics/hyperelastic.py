@@ -18,6 +18,7 @@ from scipy.special import roots_jacobi
 from ..arrays import FloatArray, is_number
 from ..fem import compat
 from ..fem.bodies import (
+    AppliedLoad,
     Load,
     LoadedBody,
     Loading,
@@ -33,6 +34,8 @@ from ..fem.bodies import (
     by_group,
     cell_measure,
     material_of_cells,
+    range_of,
+    shown_range,
 )
 from ..fem.compat import fem, ufl
 from ..fem.geometry import Amplitude, Field, evaluate_amplitude
@@ -366,6 +369,9 @@ class HyperelasticBody(NonlinearBody):
         self._pressure_forms = [fem.form(ufl.replace(-one, {u: self._function})) for one in pressures]
         self.held, self.contradictions = loaded.held, loaded.contradictions
         self.materials, self.loads = materials, loaded.loads
+        if thermal is not None:  # its forces are in the internal ones
+            size = shown_range(range_of(self._change, self.comm))
+            self.loads = (*loaded.loads, AppliedLoad(thermal, np.zeros_like(self.reference), size))
 
     def _density(self, laws: Sequence[tuple[str | None, Any]], of: Sequence[Any]) -> Any:
         """Strain energy per undeformed volume: the sum of those of all laws, each 0 in the cells of others."""

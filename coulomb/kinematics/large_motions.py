@@ -169,12 +169,6 @@ class LargeMotions(ContactProblem):
         if others.get("ties") or others.get("rigid_faces"):
             raise ValueError("ties and rigid faces are for small strains: for large motions make one mesh of the parts")
         super().__init__(*arguments, linear_solver=linear_solver, explicit=explicit, **others)
-        for one in self.contacts:
-            if one.adjust or one.smooth or one.surface or one.against_surface:
-                raise ValueError(
-                    f"contact face {one.face!r}: adjust, smooth and surface describe the undeformed place; large "
-                    "motions measure gaps between the facets as they are"
-                )
         self._remedy = [0]  # the first that is tried, of this problem at all times
         self._methods = {"linear_solver": linear_solver, "explicit": explicit}
         self.contacts: tuple[Contact, ...] = tuple(
@@ -188,7 +182,14 @@ class LargeMotions(ContactProblem):
 
     def _contacts_of(self, given: object) -> tuple[Contact, ...]:
         """Facets that face away from a foundation may turn towards it."""
-        return tuple(replace(one, facing=False) for one in super()._contacts_of(given))
+        contacts = super()._contacts_of(given)
+        for one in contacts:
+            if one.adjust or one.smooth or one.surface or one.against_surface:
+                raise ValueError(
+                    f"contact face {one.face!r}: adjust, smooth and surface describe the undeformed place; large "
+                    "motions measure gaps between the facets as they are"
+                )
+        return tuple(replace(one, facing=False) for one in contacts)
 
     @property
     def points_of_states(self) -> StatePoints:

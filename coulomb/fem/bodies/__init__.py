@@ -42,6 +42,7 @@ from .loads import (
     Traction,
     load_title,
     range_of,
+    shown_range,
     vanishes,
 )
 from .located_points import LocatedPoints, locate
