@@ -34,7 +34,7 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
     if ground is not None:
         forces += of_components(ground, elasticity.x, component, parts, elasticity.comm)
     diagonal = elasticity.K.getDiagonal()
-    stiff = diagonal.array.reshape(-1, 3).mean(axis=1)
+    stiff = diagonal.array.reshape(-1, 3).mean(axis=1)[: len(elasticity.x)]
     diagonal.destroy()
     found: list[tuple[FloatArray, FloatArray]] = []
     for number in range(len(parts)):
@@ -49,9 +49,7 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
             T = free @ V[:, soft] / np.sqrt(sizes[soft])
             R, KR = np.zeros((2, *modes.shape[:2], T.shape[1]))
             R[here], KR[here] = own @ T, resisting @ T
-            found.append(
-                (elasticity.reduced(elasticity.free_part(R)), elasticity.held.free_part(elasticity.transferred(KR)))
-            )
+            found.append((elasticity.reduced(elasticity.held.free_part(R)), elasticity.along_unknowns(KR)))
     if not found:
         return None
     R, KR = (np.concatenate(columns, axis=2) for columns in zip(*found, strict=True))

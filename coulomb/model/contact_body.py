@@ -33,6 +33,7 @@ from ..fem.contact import (
     pair_surface,
     rows_of,
     slave_side,
+    with_unknowns,
 )
 from ..fem.geometry import RigidFoundation, RigidMotion, Spin, moved, on_all_ranks, same_place, since_at, spin
 from ..linalg.compliance import LinearSolver, chosen
@@ -224,10 +225,11 @@ def rigid_motions(elasticity: Deformable, surface: ContactSurface, loading: Load
     free = elasticity.free
     if not len(free):
         return None
-    R = elasticity.free_part(free.modes(elasticity.x))
+    R = elasticity.free_unknowns
     G = np.stack([rows_of(surface.free_B, R[:, :, number]).ravel() for number in range(len(free))])
-    each = [loading.load, *(one.forces for one in elasticity.loads_in(loading))]
-    sums = [np.einsum("kcq,kc->q", R, loading.load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]
+    load = elasticity.along_unknowns(loading.load, loading.time)
+    each = [load, *(elasticity.along_unknowns(one.forces) for one in elasticity.loads_in(loading))]
+    sums = [np.einsum("kcq,kc->q", R, load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]
     e, size = elasticity.comm.allreduce(np.array(sums), op=MPI.SUM)
     return RigidMotions(G, np.where(np.abs(e) <= _ROUNDING * size, 0.0, e), tuple(map(str, free.motions)))
 
@@ -237,7 +239,7 @@ def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:
     free = elasticity.free
     if not len(free):
         return
-    R = elasticity.free_part(free.modes(elasticity.x))
+    R = elasticity.free_unknowns
     for number in dict.fromkeys(motion.component for motion in free.motions):
         own = [k for k, motion in enumerate(free.motions) if motion.component == number]
         moved = [rows_of(surface.free_B, R[:, :, k]) for k in own]  # all of them, on every rank
@@ -322,8 +324,6 @@ class ContactBody:
         probes: Sequence[Probe] = (),
     ):
         chosen(0, 0, comm.size, linear_solver, explicit)  # impossible combinations are refused before the assembly
-        self._given = comm, contacts, time, linear_solver, explicit, probes
-        self._others: list[ContactBody] = [self]
         self.comm, self.seconds = comm, dict[str, float]()
         with timed(self.seconds, "assembly"):
             self.elasticity = make()
@@ -338,24 +338,25 @@ class ContactBody:
             self.held_in_pairs = HeldInPairs(self.contacts, self.elasticity, self.pair)
             motions = faces.rigid_motions(time)
             try:
-                self._reference = faces.surface(self.elasticity, motions, time)
+                reference = faces.surface(self.elasticity, motions, time)
             except FullyHeld:  # a contradiction says more
                 elasticity = self.elasticity.at_time(time)
                 self.refuse_held_inside(elasticity, elasticity.at(time))
                 raise
-            self._latest = _Positioned(self._reference, motions, faces.gap_factors(time))
-            refuse_untouched(self.elasticity, self._reference)
+            self._latest = {self.elasticity.locked: _Positioned(reference, motions, faces.gap_factors(time))}
+            refuse_untouched(self.elasticity, reference)
+            self._references = {self.elasticity.locked: reference}  # with the unknowns of which bolts are locked
             self.probes = self.located(probes)
         of_ties = (text for tie in self.elasticity.ties for text in tie.remarks)
-        self.remarks = (*self.elasticity.contradictions, *self._reference.remarks, *of_ties)
+        self.remarks = (*self.elasticity.contradictions, *reference.remarks, *of_ties)
         self.kept_matrix, self.judged_pairs = KeptMatrix(), dict[int, JudgedPair]()
-        free, points = 3 * len(self.elasticity.x) - self.elasticity.held.number, 3 * len(self._reference.nodes)
+        free, points = 3 * len(self.elasticity.x) - self.elasticity.held.number, 3 * len(reference.nodes)
         self.unknowns = {
             "displacement": self.comm.allreduce(free, op=MPI.SUM),
             "contact": self.comm.allreduce(points, op=MPI.SUM),
         }
         self.stiffness = ContactStiffness(
-            self.elasticity, self._reference, self.unknowns, linear_solver, explicit, self.seconds
+            self.elasticity, self._references, self.unknowns, linear_solver, explicit, self.seconds
         )
 
     @property
@@ -404,19 +405,6 @@ class ContactBody:
 
     # --- state at a time ----------------------------------------------------------------------------------------------
 
-    def at_time(self, time: float) -> ContactBody:
-        """Itself, or the body with the bolts that are locked at a time, which has other unknowns; collective."""
-        elasticity = self.elasticity.at_time(time)
-        for known in self._others:
-            if known.elasticity.locked == elasticity.locked:
-                return known
-        other = ContactBody(lambda: elasticity, *self._given)
-        other.stiffness.expect_load_steps(self.stiffness.load_steps)
-        self._others.append(other)
-        other._others = self._others
-        self.stiffness.invalidate()  # the memory of its factors
-        return other
-
     def refuse_undefined(self, time: float) -> None:
         """Raise ValueError on every rank if an amplitude or a motion has no value at a time; collective."""
         self.elasticity.at_time(time).at(time)
@@ -452,27 +440,41 @@ class ContactBody:
         moved += closed[:, None] * surface.frames[:, 0]
         return moved
 
-    def surface(self, motions: Sequence[RigidMotion], time: float) -> ContactSurface:
-        """The contact surface with the foundations moved, and their gaps at a time; frames and B stay the same objects
-        while the normals do; collective.  Raises ValueError on every rank if the set of contact nodes changes."""
-        factors = self._faces.gap_factors(time)
-        if self.comm.allreduce(self._latest.is_at(motions, factors), op=MPI.LAND):
-            return self._latest.surface
-        after, before = self._faces.surface(self.elasticity, motions, time), self._reference
+    def surface(
+        self, motions: Sequence[RigidMotion], time: float, elasticity: Deformable | None = None
+    ) -> ContactSurface:
+        """The contact surface with the foundations moved, and their gaps at a time, by default for the bolts that are
+        locked at first; frames and B stay the same objects while the normals do; collective.
+
+        Raises:
+            ValueError: On every rank, if the set of contact nodes changes.
+        """
+        factors, elasticity = self._faces.gap_factors(time), elasticity or self.elasticity
+        locked = elasticity.locked
+        if locked not in self._references:  # the same points, by other unknowns
+            (first, *_), (known, *_) = self._references.values(), self._latest.values()
+            self._references[locked] = with_unknowns(elasticity, first)
+            refuse_untouched(elasticity, self._references[locked])
+            self._latest[locked] = replace(known, surface=with_unknowns(elasticity, known.surface))
+        latest, before = self._latest[locked], self._references[locked]
+        if self.comm.allreduce(latest.is_at(motions, factors), op=MPI.LAND):
+            return latest.surface
+        after = self._faces.surface(elasticity, motions, time)
         if not self.comm.allreduce(np.array_equal(before.nodes, after.nodes), op=MPI.LAND):
             raise ValueError(f"contact: at time {time:g} the foundation's normals make other nodes contact nodes")
         turned = not np.allclose(before.frames, after.frames, rtol=0.0, atol=1e-14)
         if not self.comm.allreduce(turned, op=MPI.LOR):
-            after = replace(after, frames=before.frames, B=before.B, free_B=before.free_B)
-        self._latest = _Positioned(after, motions, factors)
+            same = before.slip_prescribed
+            after = replace(after, frames=before.frames, B=before.B, free_B=before.free_B, slip_prescribed=same)
+        self._latest[locked] = _Positioned(after, motions, factors)
         return after
 
     def state(self, time: float, before: Before | None = None) -> ContactState:
         """The state at a time, in which slip is measured from the end of the load step before, moved with the
         foundation since; by default from zero displacement; arguments and errors as of `ContactProblem.at`;
         collective."""
-        motions = self.rigid_motions(time)
-        surface = self.surface(motions, time)
+        motions, elasticity = self.rigid_motions(time), self.elasticity.at_time(time)
+        surface = self.surface(motions, time, elasticity)
         spins = tuple(spin(motion, None, 1.0) for motion in motions)
         origin: FloatArray = np.zeros_like(surface.x)
         slip_rate: FloatArray = np.zeros(len(surface.x))
@@ -484,7 +486,6 @@ class ContactBody:
             origin = surface.rows(before.displacement) + surface.components(carried)
             spins = tuple(map(spin, motions, then, repeat(time - before.time)))
         law = self._faces.law(surface, time, slip_rate)
-        elasticity = self.elasticity.at_time(time)
         if before is None:
             elasticity.refuse_beginning(time)
         loading = elasticity.at(time) if before is None else elasticity.after(time, before.displacement)

@@ -162,7 +162,7 @@ class FixedStiffness:
     def _factorised(
         self, last: npt.NDArray[np.integer[Any]], symbolic: list[Front] | SharedSymbolic | None
     ) -> MultifrontalSolver | DistributedMultifrontalSolver:
-        K, x, single = self.elasticity.K, self.elasticity.x, False if self._many else None
+        K, x, single = self.elasticity.K, self.elasticity.points, False if self._many else None
         if self.elasticity.comm.size > 1:
             shared = symbolic if isinstance(symbolic, SharedSymbolic) else None
             return DistributedMultifrontalSolver(K, x, last, single, shared)
@@ -198,7 +198,8 @@ class ContactStiffness:
 
     What was computed for one K is used until another is asked for (`of`), or K is said to have changed (`replace`,
     `invalidate`).  Arguments as of `FixedStiffness`; without `linear_solver` the one that is predicted to be faster is
-    taken, without `explicit` A is formed by size.
+    taken, without `explicit` A is formed by size.  `references` are the contact surfaces in whose frames A is computed,
+    by which bolts are locked.
 
     Attributes:
         version: Increases whenever what was computed before is no longer valid.
@@ -209,13 +210,13 @@ class ContactStiffness:
     def __init__(
         self,
         elasticity: Deformable,
-        reference: ContactSurface,
+        references: Mapping[tuple[bool, ...], ContactSurface],
         unknowns: Mapping[str, int],
         linear_solver: LinearSolver | None,
         explicit: bool | None,
         seconds: dict[str, float],
     ):
-        self.elasticity, self._reference, self._unknowns = elasticity, reference, unknowns
+        self.elasticity, self._references, self._unknowns = elasticity, references, unknowns
         self.comm, self._seconds = elasticity.comm, seconds
         self._given, self.load_steps = (linear_solver, explicit), 1
         self._symbolic: list[Front] | SharedSymbolic | None = None
@@ -223,7 +224,7 @@ class ContactStiffness:
         self.changed, self._condensed, self._may_condense, self._dense = "", False, True, False
         self._rounding: tuple[object, float, FloatArray] | None = None
         self._latest: FixedStiffness | None = None
-        self._first = True
+        self._factors_of: set[tuple[bool, ...]] = set()
         self.version = 0
 
     # --- K^-1 and A ---------------------------------------------------------------------------------------------------
@@ -232,10 +233,16 @@ class ContactStiffness:
         """K^-1 and A of the body in a state, the last of which are kept; wall times are added to `seconds`."""
         if self._latest is None or self._latest.elasticity.K is not elasticity.K:
             solver, explicit = self._chosen
-            many, spent = self._first and self.in_double, self._seconds if seconds is None else seconds
-            self._first = False
+            self.elasticity, spent = elasticity, self._seconds if seconds is None else seconds
+            many = elasticity.locked not in self._factors_of and self.in_double
+            self._factors_of.add(elasticity.locked)
             self._latest = FixedStiffness(elasticity, self._reference, solver, explicit, spent, self._symbolic, many)
         return self._latest
+
+    @property
+    def _reference(self) -> ContactSurface:
+        """The contact surface in whose frames A is computed, by the unknowns that the body has now."""
+        return self._references[self.elasticity.locked]
 
     def invalidate(self) -> None:
         """Forget K^-1, A and what the Krylov methods have found of it: the entries of K have changed."""
@@ -294,7 +301,7 @@ class ContactStiffness:
 
     def _fronts(self, contact_last: bool) -> tuple[list[Front] | SharedSymbolic, Work]:
         """The fronts of K, and what a factorisation takes; collective."""
-        K, x, comm = self.elasticity.K, self.elasticity.x, self.comm
+        K, x, comm = self.elasticity.K, self.elasticity.points, self.comm
         last = self._reference.nodes_in_rows if contact_last else np.empty(0, dtype=np.int64)
         if comm.size == 1:
             fronts = symbolic(K, x, last)
@@ -332,7 +339,7 @@ class ContactStiffness:
         collective."""
         seen, (first, last) = self._reference.nodes_in_rows, self._reference.B.getOwnershipRangeColumn()
         nodal = len(seen) == len(self._reference.nodes) and bool(np.all((3 * seen >= first) & (3 * seen < last)))
-        nodal = nodal and (not self.elasticity.ties or self._reference.free_B is self._reference.B)
+        nodal = nodal and (not self.elasticity.ties or not self._reference.slip_prescribed)
         mine = nodal and self._may_condense and self._given[1] is None and len(self.elasticity.free) == 0
         return self.linear_solver is DirectSolver and bool(self.comm.allreduce(mine, op=MPI.LAND))
 
@@ -372,7 +379,8 @@ class ContactStiffness:
         if self.comm.rank == 0:
             _log.warning("%s; %s", why, f"{then} instead" if fit else "factors of K do not fit into the memory")
         if fit:
-            self.changed, self._symbolic, self._first = f"{why}; {then} instead", found, True
+            self.changed, self._symbolic = f"{why}; {then} instead", found
+            self._factors_of.clear()
             self.invalidate()
             self._chosen, self._condensed = (DirectSolver, explicit), condense
         self._work = None  # and no limit

@@ -17,7 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, Loading
+from ..fem.bodies import Deformable, Loading, displacements_of
 from ..fem.geometry import on_every_rank
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance, StiffnessSolver
@@ -62,15 +62,17 @@ def iteratively_refined(
     """
     over, x = Reductions(elasticity.comm), elasticity.x
     ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
-    arms = (x - ends.mean(axis=1)) / (0.5 * np.linalg.norm(np.ptp(ends, axis=1)))
+    half = np.full(len(x), 0.5 * np.linalg.norm(np.ptp(ends, axis=1)))
+    rigid = elasticity.reduced(displacements_of(x - ends.mean(axis=1), half))
 
     def left_over(u: FloatArray) -> tuple[FloatArray, float]:
         """The residual at this rank's nodes, and its size relative to the forces on the body."""
         spring = elasticity.spring_force(u) - elasticity.anchoring * u
-        imbalance = elasticity.transferred(loading.load + spring + on_body - elasticity.internal_force(u))
-        residual, reaction = elasticity.free_part(imbalance), elasticity.held_part(imbalance)
+        forces = loading.load + spring + on_body - elasticity.internal_force(u)
+        residual = elasticity.along_unknowns(forces, loading.time)
+        reaction = elasticity.held_part(elasticity.transferred(forces))
         outer = (loading.load, spring, on_body, reaction)
-        sums = over.total(np.concatenate([residual.sum(axis=0), np.cross(arms, residual).sum(axis=0)]))
+        sums = over.total(np.einsum("kcj,kc->j", rigid, residual))
         scale = np.max([over.sum(lengths(part)) for part in outer])
         length = np.max([over.norm(part) for part in outer])
         return residual, float(
@@ -236,7 +238,7 @@ class DiscreteProblem:
         """
         rows = self.surface.rows(u)
         closed = relative_displacement(rows, self.state.slip_origin)
-        if self.surface.free_B is self.surface.B:  # no slip is prescribed
+        if not self.surface.slip_prescribed:
             return closed
         size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.state.slip_origin).max(axis=1, initial=0.0)
         closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
@@ -245,7 +247,7 @@ class DiscreteProblem:
     def known_relative_displacement(self, x: FloatArray, alpha: FloatArray) -> FloatArray | None:
         """`relative_displacement` under forces x (3 m,) in newtons, moved by alpha, if it takes no solve with K; None
         otherwise, and where slips are prescribed; collective."""
-        if self.surface.free_B is not self.surface.B:
+        if self.surface.slip_prescribed:
             return None
         product = self.A.known_product(x)
         if product is None:
@@ -275,7 +277,7 @@ class DiscreteProblem:
     def displacement(self, x: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
         collective."""
-        free_u = self.elasticity.reduced(self._free_displacement)
+        free_u = self.elasticity.reduced(self._free_displacement, self.loading)
         u = self._with_prescribed(self.A.displacement(x, self.f, free_u.ravel()).reshape(-1, 3))
         free = self.A.matrix_free
         if free is not None and free.found:
@@ -286,8 +288,7 @@ class DiscreteProblem:
 
     def moved(self, u: FloatArray, alpha: FloatArray) -> FloatArray:
         """u + R alpha, amounts alpha (q,) of the free motions; metres, shapes (k, 3)."""
-        elasticity = self.elasticity
-        return u + elasticity.free_part(elasticity.free.modes(elasticity.x) @ alpha) if len(alpha) else u
+        return u + self.elasticity.free_part(self.elasticity.free_unknowns @ alpha) if len(alpha) else u
 
     @_OfStiffness
     def _free_displacement(self) -> FloatArray:
@@ -311,7 +312,8 @@ class DiscreteProblem:
             return self.stiffness.responses.response(self.f.array_r, self.loading.prescribed, solved)
 
     def _with_prescribed(self, u: FloatArray) -> FloatArray:
-        """u with exactly the prescribed displacements, which a solver holds to its tolerance only; shapes (k, 3)."""
+        """The displacement (k, 3) of unknowns u (k + p, 3), with exactly the prescribed displacements, which a solver
+        holds to its tolerance only."""
         return self.elasticity.free_part(u) + self.loading.prescribed
 
     def nodal_contact_force(self, x: FloatArray) -> FloatArray:
@@ -357,7 +359,7 @@ class DiscreteProblem:
     def prepare_products(self) -> None:
         """Let the products by A to come be as accurate as the displacement under load and contact forces is, also where
         soft springs alone hold the body; collective."""
-        self.A.under_load(self.f, self.elasticity.reduced(self._free_displacement).ravel())
+        self.A.under_load(self.f, self.elasticity.reduced(self._free_displacement, self.loading).ravel())
 
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""

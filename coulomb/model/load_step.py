@@ -218,30 +218,30 @@ class State(Moment):
         problem, surface, elasticity = solution.problem, solution.problem.surface, solution.problem.elasticity
         over = Reductions(problem.comm)
 
-        def forces(body: Deformable, u: FloatArray, load: FloatArray, on_body: FloatArray, bolts: FloatArray) -> Forces:
+        def forces(body: Deformable, u: FloatArray, load: FloatArray, on_body: FloatArray, time: float) -> Forces:
             kept = body.internal_force(u) - body.spring_force(u)
-            return Forces(u, load - bolts, kept, *on_bodies(body, kept, load - bolts, on_body, bolts))
+            return Forces(u, load, kept, *on_bodies(body, kept, load, on_body, time))
 
         def on_bodies(
-            body: Deformable, kept: FloatArray, load: FloatArray, on_body: FloatArray, bolts: FloatArray
+            body: Deformable, kept: FloatArray, load: FloatArray, on_body: FloatArray, time: float
         ) -> tuple[FloatArray, FloatArray]:
             of_contact = surface.at_nodes(surface.force_components(on_body))
-            of_ties = body.forces_of_ties(kept - load - of_contact - bolts) + bolts
+            of_ties = body.forces_of_ties(kept - load - of_contact, time)
             return of_contact + of_ties, of_ties
 
-        on_body, bolts = solution.force_on_body, elasticity.pretension(self.time)
+        on_body = solution.force_on_body
         if self.forces is not None:
-            at_start, of_ties = on_bodies(elasticity, self.forces.kept, self.forces.load, self.force_on_body, bolts)
+            given = self.forces.kept, self.forces.load, self.force_on_body, self.time
+            at_start, of_ties = on_bodies(elasticity, *given)
             then = replace(self.forces, on_body=at_start, of_ties=of_ties)
         else:
             before = elasticity.at_time(self.time)
             loading = before.at(self.time)
             if self.temperature_change is not None:
                 loading = before.heated(loading, self.temperature_change)
-            then = forces(before, self.displacement, loading.load, self.force_on_body, bolts)
+            then = forces(before, self.displacement, loading.load, self.force_on_body, self.time)
             elasticity.at_time(problem.time)  # the user's coefficients are those of the present again
-        bolts = elasticity.pretension(problem.time)
-        now = forces(elasticity, solution.displacement, problem.loading.load, on_body, bolts)
+        now = forces(elasticity, solution.displacement, problem.loading.load, on_body, problem.time)
         moved = problem.body.foundation_displacement(surface, self.time, problem.time)
         foundation = 0.5 * over.dot(self.force_on_body + on_body, moved)
         answer = solution.at_nodes

@@ -251,9 +251,8 @@ class ContactProblem(DiscreteProblem):
         refuse_wrong(self.made_of, {"time": time})
         seconds: dict[str, float] = {}
         with timed(seconds, "assembly"):
-            body = self.body.at_time(time)
-            state = body.state(time, before)
-        return self.in_state(state, seconds, before, body)
+            state = self.body.state(time, before)
+        return self.in_state(state, seconds, before)
 
     @property
     def _named(self) -> dict[str, Any]:
@@ -281,14 +280,12 @@ class ContactProblem(DiscreteProblem):
         state: ContactState,
         seconds: dict[str, float] | None = None,
         before: Before | None = None,
-        body: ContactBody | None = None,
     ) -> Self:
-        """The problem of the same body (or of `body`) in another state; `seconds` and `before` as of
-        `DiscreteProblem`."""
+        """The problem of the same body in another state; `seconds` and `before` as of `DiscreteProblem`."""
         problem = type(self).__new__(type(self))  # __init__ makes the body
         problem._given = self._given
         DiscreteProblem.__init__(
-            *(problem, body or self.body, state, self.small_strain, self.started),
+            *(problem, self.body, state, self.small_strain, self.started),
             *({} if seconds is None else seconds, before),
         )
         return problem

@@ -94,9 +94,8 @@ def gather_evidence(
     closed = relative_displacement(rows, origin)
     bound = law.radius(force[:, 0])
     internal, spring = elasticity.internal_force(u), elasticity.spring_force(u)
-    bolts = elasticity.pretension(state.time)
-    load = state.loading.load - bolts
-    on_body += elasticity.forces_of_ties(internal - load - spring - on_body - bolts) + bolts
+    load = state.loading.load
+    on_body += elasticity.forces_of_ties(internal - load - spring - on_body, state.time)
     component = components_of(len(u), elasticity.component, [member.nodes for member in elasticity.members])
     own = at_all_points(taken_as_is(compliance), compliance, Reductions(body.comm))
     strays = surface.nodes[~known][stray_rows]

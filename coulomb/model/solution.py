@@ -159,9 +159,8 @@ class Solution:
         """The fields of solution.xdmf of loads and supports, and of bodies of the user's forms their internal forces,
         shapes (k, 3); collective."""
         u, body, loading = self.displacement, self.problem.elasticity, self.problem.loading
-        bolts = body.pretension(loading.time)
         found = {
-            "load": loading.load - bolts,
+            "load": loading.load,
             "prescribed": body.held_part(loading.prescribed),
             "spring_force": body.spring_force(u),
         }
@@ -170,8 +169,8 @@ class Solution:
         if body.ties:
             on_body = -self.problem.nodal_contact_force(self.contact_force)
             imbalance = body.internal_force(u) - body.spring_force(u) - found["load"] - on_body
-            found["tie_force"] = body.forces_of_ties(imbalance - bolts) + bolts
-            found |= body.stresses_of_ties(imbalance)
+            found["tie_force"] = body.forces_of_ties(imbalance, loading.time)
+            found |= body.stresses_of_ties(imbalance, loading.time)
         return found
 
     @cached_property
@@ -180,9 +179,8 @@ class Solution:
         problem, u = self.problem, self.displacement
         body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
         inner = body.internal_force(u) - body.spring_force(u)
-        bolts = body.pretension(problem.time)
-        imbalance = inner - problem.loading.load + bolts - on_body
-        of_ties = body.forces_of_ties(imbalance - bolts) + bolts
+        imbalance = inner - problem.loading.load - on_body
+        of_ties = body.forces_of_ties(imbalance, problem.time)
         held = body.held_part(imbalance - of_ties)
         supports = chain(body.shares(held), body.spring_forces(u))
         over, members = Reductions(problem.comm), body.members
@@ -194,7 +192,7 @@ class Solution:
         ]
         each = {member.name: member.nodes for member in members} if len(members) > 1 else {}
         moved = (body.motions_of_faces(u, problem.time), body.bolts(u))
-        ties = (body.shares_of_ties(imbalance), of_ties, *moved) if body.ties else ()
+        ties = (body.shares_of_ties(imbalance, problem.time), of_ties, *moved) if body.ties else ()
         return force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each, *ties)
 
     @property

@@ -57,7 +57,7 @@ def zero_open_forces(problem: DiscreteProblem, x: FloatArray, closed: FloatArray
     normal[grazing | opened] = 0.0
     frictionless = (problem.slip_bound(force.ravel()) == 0.0) & (np.hypot(force[:, 1], force[:, 2]) <= small)
     force[frictionless, 1:] = 0.0
-    if problem.surface.free_B is not problem.surface.B:
+    if problem.surface.slip_prescribed:
         products = row_products(problem.surface.free_B, problem.surface.points)
         _set_friction_on_supports(problem, force, closed[:, 1:], products[:, 1:, 1:])
         _unload_wedged(problem, force, products)

@@ -22,12 +22,13 @@ from .displacement_space import (
     INTERPOLATION,
     DisplacementSpace,
     attach_interpolation,
+    attach_near_kernel,
     attach_rigid_body_modes,
     free_earlier_bodies,
 )
 from .elasticity import Elasticity, LoadedBody
 from .form_body import BilinearForm, Body, FormValues
-from .free_motions import FreeMotion, FreeMotions, OpenedPart, anchors_of, free_motions, motions_in_words
+from .free_motions import FreeMotion, FreeMotions, OpenedPart, free_motions, motions_in_words
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .loads import (
     TEMPERATURE,

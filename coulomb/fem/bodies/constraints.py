@@ -85,13 +85,13 @@ class HeldNodes(Nodes, Protocol):
 
     def projection(self) -> PETSc.Mat:
         """P, the projection on the free directions of the nodes: block diagonal, shape (n, n), distributed."""
-        rows = block_diagonal(np.eye(3) - self.held.projector_at(np.arange(self.held.count)), self)
+        rows = block_diagonal(np.eye(3) - self.held.projector_at(np.arange(self.held.count)), self.numbering)
         return distributed_rows(rows, rows.shape, self)
 
 
-def block_diagonal(blocks: FloatArray, nodes: Nodes) -> scipy.sparse.csr_matrix:
-    """This rank's rows of the matrix with these blocks (k, 3, 3) on its diagonal."""
-    count, numbering = len(blocks), nodes.numbering
+def block_diagonal(blocks: FloatArray, numbering: Numbering) -> scipy.sparse.csr_matrix:
+    """This rank's rows of the matrix with these blocks (k, 3, 3) on its diagonal, by the numbers of their nodes."""
+    count = len(blocks)
     entries = (blocks, numbering.first + np.arange(count), np.arange(count + 1))
     return scipy.sparse.bsr_matrix(entries, shape=(3 * count, 3 * numbering.total)).tocsr()
 

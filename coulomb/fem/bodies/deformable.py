@@ -37,7 +37,8 @@ class Loading:
         temperature: None for a body without.
         parts: Of several bodies, the loading of each, in their order.
         untied: Of tied bodies, that of these without ties.
-        apart: By how much tied nodes are prescribed to be apart from what they follow, metres, shape (k, 3).
+        apart: By how much tied nodes are prescribed to be apart from what they follow, by own unknowns of the ties that
+            are prescribed as well, metres, shape (k, 3).
     """
 
     time: float
@@ -74,7 +75,7 @@ class Tie:
     """Two faces that are tied to each other; this rank's slave nodes.
 
     Attributes:
-        kind: "tie", "cyclic symmetry" or "rigid face".
+        kind: "tie", "cyclic symmetry", "rigid face" or "pretension".
         face, against: The faces; nodes of the first follow those of the other.
         why: Why it is the first, in words.
         nodes: Slave nodes among this rank's k nodes, ascending, shape (m,).
@@ -85,8 +86,10 @@ class Tie:
         traction: Tractions at them by forces on nodes, 1/m^2, shape (m, nodes of all ranks).
         remarks: What a user should know of it.
         directions: Projectors on the directions along which the nodes follow others, shape (m, 3, 3): all of them, but
-            for nodes on an axis of cyclic symmetry, which may move along it, those of a rigid face that is free along
-            itself, and those by which the motion of a rigid face is described.
+            for nodes on an axis of cyclic symmetry, which may move along it, and those of a rigid face that is free
+            along itself.
+        own: N, their displacements by q unknowns that the tie has of its own, metres per metre, shape (m, 3, q), the
+            same q on every rank.
     """
 
     kind: str
@@ -101,6 +104,7 @@ class Tie:
     traction: scipy.sparse.csr_matrix
     remarks: tuple[str, ...]
     directions: FloatArray
+    own: FloatArray
 
 
 @dataclass(frozen=True)
@@ -116,9 +120,17 @@ class Bolt:
 
 
 class Deformable(HeldNodes, ABC):
-    """Linear elastic bodies with their supports and loads; `materials` are None if they are in the user's forms,
-    `contradictions` messages about supports that prescribe different displacements where they meet."""
+    """Linear elastic bodies with their supports and loads.
 
+    Attributes:
+        materials: None if they are in the user's forms.
+        contradictions: Messages about supports that prescribe different displacements where they meet.
+        ties: What ties faces to each other, moves them as rigid bodies, or shortens them.
+        locked: Whether the shortening of each bolt is given, prescribed or locked: it is no unknown then.
+    """
+
+    ties: tuple[Tie, ...] = ()
+    locked: tuple[bool, ...] = ()
     contradictions: tuple[str, ...]
     materials: Materials | None
     loads: tuple[AppliedLoad, ...]
@@ -189,34 +201,45 @@ class Deformable(HeldNodes, ABC):
         return self.free.component
 
     @property
-    def ties(self) -> tuple[Tie, ...]:
-        """The ties between faces."""
-        return ()
+    def points(self) -> FloatArray:
+        """Where the unknowns of K are, metres, shape (k + p, 3): this rank's nodes, then p nodes of the unknowns that
+        ties have of their own."""
+        return self.x
 
     def transferred(self, forces: FloatArray) -> FloatArray:
-        """Nodal forces (k, 3), or (k, 3, j), with those on nodes that are tied to others as forces on these;
-        collective."""
+        """Nodal forces (k, 3), or (k, 3, j), with those on nodes that are tied to others as forces on these, and on
+        own unknowns, shape (k + p, 3), or (k + p, 3, j); collective."""
         return forces
 
+    def along_unknowns(self, forces: FloatArray, time: float | None = None) -> FloatArray:
+        """Nodal forces (k, 3), or (k, 3, j), as those along the unknowns of K, 0 where these are prescribed, shape (k +
+        p, 3), or (k + p, 3, j); at a time with the forces of bolts then; collective."""
+        return self.held.free_part(forces)
+
     def prevented(self, modes: FloatArray) -> FloatArray:
-        """Nodal forces (k, 3, j) of unit springs in place of supports and of cyclic symmetry, in motions (k, 3, j);
-        collective."""
+        """Nodal forces (k, 3, j) of unit springs in place of supports and of ties, in motions (k, 3, j); collective."""
         return self.held_part(modes)
 
-    def reduced(self, u: FloatArray) -> FloatArray:
-        """The unknowns of K of displacements u (k, 3), or (k, 3, j): 0 at nodes that are tied to others."""
+    def reduced(self, u: FloatArray, loading: Loading | None = None) -> FloatArray:
+        """The unknowns of K of displacements u (k, 3), or (k, 3, j), under a loading, or none: 0 at nodes that are tied
+        to others, shape (k + p, 3), or (k + p, 3, j); collective."""
         return u
 
-    def forces_of_ties(self, imbalance: FloatArray) -> FloatArray:
-        """The forces of all ties on the bodies in newtons, by the internal forces less all other forces, shapes (k, 3);
-        collective."""
-        return imbalance - self.transferred(imbalance)
+    @property
+    def free_unknowns(self) -> FloatArray:
+        """The unknowns of K in each of the free motions, shape (k + p, 3, q); collective."""
+        return self.reduced(self.held.free_part(self.free.modes(self.x)))
 
-    def shares_of_ties(self, imbalance: FloatArray) -> Iterator[NodalForces]:
+    def forces_of_ties(self, imbalance: FloatArray, time: float) -> FloatArray:
+        """The forces of all ties and bolts on the bodies at a time in newtons, by the internal forces less all other
+        forces, shapes (k, 3); collective."""
+        return np.zeros_like(imbalance)
+
+    def shares_of_ties(self, imbalance: FloatArray, time: float) -> Iterator[NodalForces]:
         """The forces of every tie on the nodes of its slave face, in the order given; collective."""
         yield from ()
 
-    def stresses_of_ties(self, imbalance: FloatArray) -> dict[str, FloatArray]:
+    def stresses_of_ties(self, imbalance: FloatArray, time: float) -> dict[str, FloatArray]:
         """The `TIE_STRESSES` in pascals at this rank's nodes, shapes (k,), 0 off slave nodes; none without ties;
         collective."""
         return {}
@@ -227,19 +250,9 @@ class Deformable(HeldNodes, ABC):
         yield from ()
 
     @property
-    def locked(self) -> tuple[bool, ...]:
-        """Whether the shortening of each bolt is given, prescribed or locked; bodies that differ in it differ in their
-        unknowns."""
-        return ()
-
-    @property
     def locks(self) -> tuple[float, ...]:
         """The times at which tightening ends."""
         return ()
-
-    def pretension(self, time: float) -> FloatArray:
-        """The part of the load at a time that bolts exert across their sections, newtons, shape (k, 3); collective."""
-        return np.zeros_like(self.x)
 
     def bolts(self, u: FloatArray) -> Iterator[Bolt]:
         """Of every bolt what is known of it at displacements u (k, 3), in the order given; collective."""

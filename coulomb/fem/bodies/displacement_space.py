@@ -396,6 +396,21 @@ def attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:
     coordinates.destroy()
 
 
+def attach_near_kernel(matrix: PETSc.Mat, modes: FloatArray) -> None:
+    """The near-nullspace of a matrix whose columns are this rank's unknowns, from modes of these (k, 3, 6), linearly
+    independent; collective."""
+    comm, V = matrix.comm.tompi4py(), modes.reshape(3 * len(modes), -1)
+    V = np.linalg.solve(np.linalg.cholesky(comm.allreduce(V.T @ V, op=MPI.SUM)), V.T)
+    vectors = []
+    for column in V:
+        vectors.append(matrix.createVecRight())
+        vectors[-1].array[:] = column
+    kernel = PETSc.NullSpace().create(constant=False, vectors=vectors, comm=comm)
+    matrix.setNearNullSpace(kernel)
+    for one in (kernel, *vectors):
+        one.destroy()
+
+
 # Frees what earlier bodies left behind, in a process that makes many of them.  A compiled form is in a reference
 # cycle (in DOLFINx's `fem.form`) and holds the mesh, its matrices and some ten communicators, of which MPICH has 2046.
 # Python collects cycles by the number of small objects, not by these.  PETSc moreover destroys matrices only when all

@@ -53,6 +53,7 @@ from .surface import (
     joined,
     own_plane,
     plane_of_face,
+    with_unknowns,
     without_noise,
 )
 from .tied_bodies import TiedBodies

@@ -28,7 +28,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..bodies import DisplacementSpace, HeldDirections, HeldNodes, Nodes, distributed_rows, local_rows, matrix_product
+from ..bodies import DisplacementSpace, HeldDirections, Nodes, distributed_rows, local_rows, matrix_product
 from ..geometry import held_length
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import facet_patch
@@ -86,23 +86,27 @@ def _blocks(weights: scipy.sparse.csr_matrix, frames: FloatArray) -> scipy.spars
     return rows
 
 
-def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: HeldNodes) -> PETSc.Mat:
-    """B P, P the projection on the free directions of the nodes; B itself if nothing changes; collective.
+def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: Deformable) -> tuple[PETSc.Mat, bool]:
+    """B T, T from the unknowns of K to displacements, and whether it differs from B: B itself if neither the entries
+    nor the number of unknowns do; collective.
 
-    A contact force acts on free displacements only: A = B P K^-1 P B^T.  A row along prescribed directions is zero.
+    A contact force acts on free displacements only: A = B T K^-1 T^T B^T.  A row along prescribed directions is zero.
     """
     comm = points.space.comm
     P = body.projection()
     product = B.matMult(P)
     P.destroy()
     whole, free = (local_rows(matrix) for matrix in (B, product))
+    columns = product.getSizes()[1]
     product.destroy()
     largest = abs(whole).max(axis=1).toarray().ravel()
     free.data[np.abs(free.data) <= _ROUNDING * np.repeat(largest, np.diff(free.indptr))] = 0.0
     free.eliminate_zeros()
-    if comm.allreduce((free != whole).nnz == 0, op=MPI.LAND):
-        return B
-    return _distributed(free, points)
+    wide = scipy.sparse.csr_matrix((whole.data, whole.indices, whole.indptr), free.shape)
+    other = comm.allreduce((free != wide).nnz > 0, op=MPI.LOR)
+    if not other and free.shape == whole.shape:
+        return B, False
+    return distributed_rows(free, columns, points.space, None), other
 
 
 def free_lengths(points: ContactPoints, n: FloatArray, body: Deformable) -> FloatArray:

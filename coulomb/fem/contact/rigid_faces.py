@@ -1,10 +1,9 @@
 """Faces that move as rigid bodies: all nodes follow the motion of a reference point.
 
 A motion is a combination of r rigid motions rho_j, those that are neither prescribed nor prevented by supports on the
-face.  r degrees of freedom of nodes of the face determine its amounts, alpha = E^-1 (u - t) there, E the motions at
-them; all others follow, u = rho(x) alpha + t(x), t the prescribed part.  So the face has no unknowns but those of its
-nodes, and equilibrium of the forces on it, T^T of the nodal forces, is that of their resultants along the free motions.
-A plane face that is free along itself has the motions along its normal n alone, and n . u follows them.
+face.  Their amounts are unknowns of the face's own, in metres: u = rho(x) alpha + t(x), t the prescribed part.
+Equilibrium of the forces on it is that of their resultants along the free motions.  A plane face that is free along
+itself has the motions along its normal n alone, and n . u follows them.
 
 A spring of stiffness S between the reference point and the ground acts on q = C^T u, the rigid motion that fits the
 displacements best: C = A (A^T A)^-1, A the rigid motions at the nodes.  Its nodal forces -C S q have resultants -S q.
@@ -22,9 +21,8 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
-from ..bodies import Deformable, Tie, anchors_of, displacements_of, null_space
+from ..bodies import Deformable, Tie, displacements_of, null_space
 from ..geometry import Amplitude, Point, check_angle, check_point, evaluate_amplitude, on_all_ranks
-from ..meshes import starts_of
 
 _FREE: Final = 1e-10
 """Part of the energy of a motion that supports take below which they do not prevent it."""
@@ -124,25 +122,20 @@ class FaceMotion:
 
     Attributes:
         given: As given.
-        point: The reference point, metres, shape (3,).
+        place: The reference point, metres, shape (3,).
         nodes: Its nodes among this rank's k nodes, ascending, shape (m,).
         ways: Orthonormal directions along which its nodes follow the motion, shape (d, 3).
         motions: The free motions as translations of the point and rotations about it, shape (6, r).
         given_part: What is prescribed as such a motion, for an amplitude of 1, shape (6,).
-        anchors: Number of the node of each of the r degrees of freedom among this rank's, -1 elsewhere, and its
-            direction (3,).
-        inverse: E^-1, shape (r, r).
         spread: C, shape (m, 3, 6); 0 but on one component of the mesh, so that forces on each are by its own motion.
     """
 
     given: RigidFace
-    point: FloatArray
+    place: FloatArray
     nodes: npt.NDArray[np.int64]
     ways: FloatArray
     motions: FloatArray
     given_part: FloatArray
-    anchors: tuple[tuple[int, FloatArray], ...]
-    inverse: FloatArray
     spread: FloatArray
 
     def spring_force(self, u: FloatArray, stiffness: FloatArray, comm: MPI.Comm) -> FloatArray:
@@ -157,7 +150,7 @@ class FaceMotion:
         """The stiffness (6,) of unit springs at all nodes, of those x (k, 3) of this rank, where the spring has any;
         collective."""
         count, square = comm.allreduce(
-            np.array([len(self.nodes), np.sum((x[self.nodes] - self.point) ** 2)]), op=MPI.SUM
+            np.array([len(self.nodes), np.sum((x[self.nodes] - self.place) ** 2)]), op=MPI.SUM
         )
         return np.where(self.given.stiffness > 0.0, np.repeat([count, square], 3), 0.0)
 
@@ -173,7 +166,7 @@ class FaceMotion:
     def prescribed(self, x: FloatArray, time: float, comm: MPI.Comm) -> FloatArray:
         """t at nodes x (k, 3) of the face, 0 at others, metres, shape (k, 3), of which `ways` matter; collective."""
         values, t = self.values(time, comm), np.zeros_like(x)
-        t[self.nodes] = _moved(values[:, None], x[self.nodes] - self.point)[:, :, 0]
+        t[self.nodes] = _moved(values[:, None], x[self.nodes] - self.place)[:, :, 0]
         return t
 
     def refuse_other(self, held: FloatArray, size: float, comm: MPI.Comm) -> None:
@@ -184,13 +177,6 @@ class FaceMotion:
                 f"{self.given.what}: supports prescribe other displacements at some of its nodes: leave these "
                 "components free, or end the supports before the face"
             )
-
-    def found(self, u: FloatArray, t: FloatArray, values: FloatArray, comm: MPI.Comm) -> FloatArray:
-        """Translation of the point and rotation about it, shape (6,), of displacements u with the prescribed part t (k,
-        3) of the values (6,); collective."""
-        there = [way @ (u[node] - t[node]) if node >= 0 else 0.0 for node, way in self.anchors]
-        amounts = self.inverse @ comm.allreduce(np.array(there), op=MPI.SUM)
-        return values + self.motions @ amounts
 
 
 def _moved(motions: FloatArray, r: FloatArray) -> FloatArray:
@@ -242,42 +228,30 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
     energy = comm.allreduce(np.einsum("miq,mip->qp", against, against), op=MPI.SUM)
     count = comm.allreduce(float(len(nodes)), op=MPI.SUM)
     motions = free @ null_space(energy, _FREE * count) if free.shape[1] else free
+    moved = follow @ _moved(motions, r)
+    sizes, axes = np.linalg.eigh(comm.allreduce(np.einsum("miq,mip->qp", moved, moved), op=MPI.SUM))
+    motions = motions @ axes[:, sizes > _FREE * count]  # not those about a line of nodes
     if motions.shape[1] == 0:
         raise ValueError(
             f"{given.what}: nothing of it is free; prescribe its motion by PrescribedDisplacement or a clamp"
         )
-    everywhere = np.zeros(len(body.x), dtype=bool)
-    everywhere[nodes] = True
-    frame = np.zeros((3, 3))
-    frame[: len(ways)] = ways
-
-    def along_ways(at: FloatArray) -> FloatArray:
-        return frame @ _moved(motions, at - point)
-
-    anchors = anchors_of(body.x, [everywhere], along_ways, comm)
-    first, directions = starts_of(comm, len(body.x)), np.tile(follow, (len(nodes), 1, 1))
-    inverse = np.linalg.inv([along_ways(anchor.x[None])[0, anchor.axis] for anchor in anchors])
-    columns = np.array([3 * (first[anchor.rank] + anchor.node) + np.arange(3) for anchor in anchors], dtype=np.int64)
-    weights = frame[[anchor.axis for anchor in anchors]]
-    mine = tuple(
-        (anchor.node if anchor.rank == comm.rank else -1, way) for anchor, way in zip(anchors, weights, strict=True)
-    )
-    for node, way in mine:
-        if node >= 0:
-            directions[np.searchsorted(nodes, node)] -= np.outer(way, way)
-    blocks = directions @ (np.eye(3) - held) @ (_moved(motions, r) @ inverse)
-    total = 3 * body.numbering.total
-    carried = scipy.sparse.csr_matrix(
-        (weights.ravel(), columns.ravel(), np.arange(len(anchors) + 1) * 3), (len(anchors), total)
-    )
-    rows = (scipy.sparse.csr_matrix(blocks.reshape(-1, len(anchors))) @ carried).tocsr()
-    rows.eliminate_zeros()
-    none, nothing = scipy.sparse.csr_matrix((len(nodes), body.numbering.total)), np.zeros((len(nodes), 3))
+    none = scipy.sparse.csr_matrix((3 * len(nodes), 3 * body.numbering.total))
     tie = Tie(
-        *(given.kind, given.face, given.face, "its nodes follow its motion", nodes, np.zeros(len(nodes)), nothing),
-        *(rows, rows, none, (), directions),
+        given.kind,
+        given.face,
+        given.face,
+        "its nodes follow its motion",
+        nodes=nodes,
+        area=np.zeros(len(nodes)),
+        normal=np.zeros((len(nodes), 3)),
+        rows=none,
+        beside=none,
+        traction=scipy.sparse.csr_matrix((len(nodes), body.numbering.total)),
+        remarks=(),
+        directions=np.tile(follow, (len(nodes), 1, 1)),
+        own=follow @ _moved(motions, r),
     )
-    return tie, FaceMotion(given, point, nodes, ways, motions, given_part, mine, inverse, spread)
+    return tie, FaceMotion(given, point, nodes, ways, motions, given_part, spread)
 
 
 def _normal(given: RigidFace, mean: FloatArray, r: FloatArray, comm: MPI.Comm) -> FloatArray:

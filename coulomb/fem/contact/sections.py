@@ -1,8 +1,6 @@
-"""Sections of bolts: tied faces with one amount s more, u_slave = W u + s n.
+"""Sections of bolts: tied faces with one unknown s of their own, u_slave = W u + s n.
 
-Where a force F is given, one degree of freedom u_i of a slave node carries the amount: s = (u_i - (W u)_i) / n_i, and
-all others follow, u_slave = W u + n s.  F is then a pair of forces, F n on the slave nodes by their areas and -W^T
-times it on what they follow: T^T of it is the force on s alone.  Where s is given, it is an offset.
+A force F of the bolt is the force along s; where s is given, or locked, it is no unknown.
 """
 
 from __future__ import annotations
@@ -13,13 +11,11 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
-from ..bodies import Deformable, RigidPart, Tie, anchors_of
+from ..bodies import Deformable, RigidPart, Tie
 from ..geometry import Amplitude, Point, check_direction, evaluate_amplitude, on_all_ranks
-from ..meshes import starts_of
 from .ties import Tied, tie_of
 
 _SAME_TIME: Final = 1e-9
@@ -96,46 +92,28 @@ class Pretension(Tied):
         return factor * float((self.shortening if self.force is None else self.force) or 0.0)
 
     def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> tuple[Tie, Section]:
-        """The tie where its shortening is given, and the section; collective; errors as of `section_of`."""
+        """The tie, and the section; collective; errors as of `section_of`."""
         section = section_of(body, self, taken)
-        return section.fixed, section
+        return section.tie, section
 
 
 @dataclass(frozen=True)
 class Section:
-    """The section of a bolt; this rank's m slave nodes.
+    """The section of a bolt.
 
     Attributes:
         given: As given.
-        fixed: The tie where s is given.
-        movable: The tie where a force is given: s is carried by a degree of freedom.
+        tie: Its nodes, with s as an unknown of their own.
         direction: n, out of the slave face, shape (3,).
-        centre: Its middle, metres, shape (3,).
+        place: Its middle, metres, shape (3,).
         radius: Root of its area over pi, metres.
-        weights: Shares of the slave nodes in its area, shape (m,).
     """
 
     given: Pretension
-    fixed: Tie
-    movable: Tie
+    tie: Tie
     direction: FloatArray
-    centre: FloatArray
+    place: FloatArray
     radius: float
-    weights: FloatArray
-
-    @property
-    def nodes(self) -> npt.NDArray[np.int64]:
-        return self.fixed.nodes
-
-    def along(self, amounts: FloatArray | float, shape: tuple[int, ...]) -> FloatArray:
-        """Vectors along the bolt at its slave nodes by amounts (m,), shape (k, 3)."""
-        found = np.zeros(shape)
-        found[self.nodes] = np.multiply.outer(np.broadcast_to(amounts, len(self.nodes)), self.direction)
-        return found
-
-    def amount(self, apart: FloatArray, comm: MPI.Comm) -> float:
-        """s in metres of what slave nodes are apart from what they follow, u - W u, shape (k, 3); collective."""
-        return float(comm.allreduce(float(self.weights @ (apart[self.nodes] @ self.direction)), op=MPI.SUM))
 
 
 def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]) -> Section:
@@ -146,7 +124,7 @@ def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]
             the bolt.
     """
     comm, tie = body.comm, tie_of(body, given, taken)
-    x, nodes = body.x[tie.nodes], tie.nodes
+    x = body.x[tie.nodes]
     sums = comm.allreduce(np.concatenate([[tie.area.sum()], tie.area @ tie.normal, tie.area @ x]), op=MPI.SUM)
     area, mean, centre = float(sums[0]), sums[1:4] / sums[0], sums[4:] / sums[0]
     n = mean if given.direction is None else np.array(given.direction, dtype=np.float64)
@@ -163,28 +141,8 @@ def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]
         raise ValueError(
             f"{given.what}: supports hold nodes of the section along the bolt: end them before the section"
         )
-    held = body.held.projector_at(nodes)
-    suited = np.zeros(len(body.x), dtype=bool)
-    suited[nodes] = True
-    unheld = suited.copy()
-    unheld[nodes] = np.trace(held, axis1=1, axis2=2) == 0.0
-    (anchor,) = anchors_of(body.x, [unheld, suited], lambda at: np.tile(n[:, None], (len(at), 1, 1)), comm)
-    axis, mine, count = anchor.axis, anchor.rank == comm.rank, len(nodes)
-    column = 3 * (starts_of(comm, len(body.x))[anchor.rank] + anchor.node) + axis
-    place = 3 * int(np.searchsorted(nodes, anchor.node)) + axis if mine else -1
-    own = tie.rows[place] if mine else None
-    row = comm.bcast(None if own is None else (own.indices, own.data), root=anchor.rank)
-    width = tie.rows.shape[1]
-    carried = scipy.sparse.csr_matrix((row[1], row[0], [0, len(row[0])]), (1, width))
-    amount = (scipy.sparse.csr_matrix(([1.0], [column], [0, 1]), (1, width)) - carried) / n[axis]
-    rows = (tie.rows + scipy.sparse.csr_matrix(np.tile(n, count)[:, None]) @ amount).tocsr()
-    directions = np.array(tie.directions)
-    if mine:
-        rows.data[rows.indptr[place] : rows.indptr[place + 1]] = 0.0
-        directions[place // 3, axis, axis] = 0.0
-    rows.eliminate_zeros()
-    movable = replace(tie, rows=rows, directions=directions)
-    return Section(given, tie, movable, n, centre, float(np.sqrt(area / np.pi)), tie.area / area)
+    own = np.tile(n[:, None], (len(tie.nodes), 1, 1))
+    return Section(given, replace(tie, own=own), n, centre, float(np.sqrt(area / np.pi)))
 
 
 def openings(
@@ -203,7 +161,7 @@ def openings(
     named = []
     for way in wanted.T:
         moving = [sections[k] for k in np.flatnonzero(np.abs(way) > _SHORTENS)]
-        name = " with ".join(f"the bolt at {section.fixed.face!r}" for section in moving)
-        named.append((name, RigidPart(moving[0].centre, moving[0].radius), moving[0].direction))
+        name = " with ".join(f"the bolt at {section.tie.face!r}" for section in moving)
+        named.append((name, RigidPart(moving[0].place, moving[0].radius), moving[0].direction))
     ways: FloatArray = right[:rank].T @ ((bolts / sizes[:rank]).T @ wanted)
     return ways, named

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final, Literal
 
@@ -71,8 +71,9 @@ class ContactSurface:
         gap: Distance to the foundation along n before deformation in metres, with the given gap, shape (m,).
         gap_field: The given gap, metres, without its amplitude, shape (m,).
         B: Rows n, t1, t2 of every contact point; columns the displacements.  Shape (3 m, n), distributed.
-        free_B: B without the parts of its rows along prescribed directions: A = free_B K^-1 free_B^T.  B itself if
-            no contact node has a prescribed direction.
+        free_B: B T, by the unknowns of K: without the parts of its rows along prescribed directions, and with what
+            contact nodes follow in their place.  A = free_B K^-1 free_B^T.
+        slip_prescribed: Whether the entries of free_B are others than those of B.
         foundations: The foundation of each face, to which gaps are measured; None against a deformable face.
         chord: How far gaps to a face opposite are from linear between a point and those beside it, metres, shape (m,):
             h^2/(8 R) on curved faces; 0 against a foundation.
@@ -88,6 +89,7 @@ class ContactSurface:
     gap_field: FloatArray
     B: PETSc.Mat
     free_B: PETSc.Mat
+    slip_prescribed: bool
     foundations: tuple[RigidFoundation | None, ...]
     chord: FloatArray
     remarks: tuple[str, ...] = ()
@@ -129,8 +131,9 @@ class ContactSurface:
 
     @property
     def nodes_in_rows(self) -> npt.NDArray[np.int64]:
-        """Global numbers of the nodes in the rows of this rank, ascending: also of nodes that these follow."""
-        matrices = [self.B] if self.free_B is self.B else [self.B, self.free_B]
+        """Global numbers of the nodes in the rows of this rank, ascending: also of nodes that these follow, and of
+        unknowns of their own, which come after all nodes."""
+        matrices = [self.B, self.free_B] if self.slip_prescribed else [self.B]
         return np.unique(np.concatenate([matrix.getValuesCSR()[1] // 3 for matrix in matrices])).astype(np.int64)
 
 
@@ -290,9 +293,15 @@ def without_noise(gap: FloatArray, x: FloatArray, body: DisplacementSpace) -> Fl
     return np.zeros_like(gap) if noisy and all(one for _, one in every) else gap
 
 
-def matrices_of(elasticity: Deformable, points: ContactPoints, frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat]:
+def matrices_of(elasticity: Deformable, points: ContactPoints, frames: FloatArray) -> tuple[PETSc.Mat, PETSc.Mat, bool]:
     B = contact_matrix(points, frames)
-    return B, free_contact_matrix(B, points, elasticity)
+    return B, *free_contact_matrix(B, points, elasticity)
+
+
+def with_unknowns(elasticity: Deformable, surface: ContactSurface) -> ContactSurface:
+    """A surface with other own unknowns of ties prescribed than before; collective."""
+    free_B, slip_prescribed = free_contact_matrix(surface.B, surface.points, elasticity)
+    return replace(surface, free_B=free_B, slip_prescribed=slip_prescribed)
 
 
 def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> ContactSurface:

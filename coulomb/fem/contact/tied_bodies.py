@@ -1,14 +1,22 @@
-"""Bodies of which some faces are tied to each other.
+"""Bodies of which some faces are tied to each other, move as rigid bodies, or are the sections of bolts.
 
-With T, the map from the displacements v of nodes that follow no other to those of all, u = T v, equilibrium is
-T^T (internal - outer forces) = 0: the stiffness is T^T K T, as sparse as that of one mesh where the meshes match, and
-positive definite.  The rows of nodes that follow others have a diagonal alone, as those of held directions, so that K
-has the same unknowns as without ties.  The forces of a tie are the forces that slave nodes lack, and -W^T times them on
-the master.
+Displacements follow from unknowns v, u = T v + g: those of nodes that follow no other, and unknowns of the constraints'
+own, six or fewer of a rigid face and one of a bolt, in metres.  Along the directions D in which nodes follow others,
+u = W u + N y, with y own unknowns; W of one constraint may be on nodes of others.  Equilibrium is T^T (internal - outer
+forces) = F, with F the forces of bolts on their own unknowns: the stiffness is T^T K T, as sparse as that of one mesh
+where the meshes match, and positive definite.  The rows of nodes that follow others, and of own unknowns that are
+prescribed, as the shortening of a locked bolt, have a diagonal alone, as those of held directions.
+
+The forces of constraints are those that slave nodes lack, lambda = D (internal - outer forces + W^T lambda), and
+-W^T lambda on what these follow; N^T lambda = F.  Own unknowns are those that fit displacements best.
+
+Own unknowns are on the last rank, after its nodes and padded to nodes of three, so that nodes have the same numbers
+among unknowns as among displacements.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
@@ -30,14 +38,16 @@ from ..bodies import (
     FreeMotions,
     Loading,
     NodalForces,
+    Numbering,
     OpenedPart,
     Tie,
     WrappedBodies,
     at_nodes_of,
     attach_interpolation,
-    attach_rigid_body_modes,
+    attach_near_kernel,
     block_diagonal,
     component_modes,
+    displacements_of,
     distributed_rows,
     free_motions,
     local_rows,
@@ -58,7 +68,9 @@ def _each_column(of: Callable[[FloatArray], FloatArray], v: FloatArray) -> Float
     """A function of nodal vectors (k, 3) for each of several (k, 3, j)."""
     if v.ndim == 2:
         return of(v)
-    return np.stack([of(v[:, :, j]) for j in range(v.shape[2])], axis=2) if v.shape[2] else v
+    if not v.shape[2]:
+        return of(np.zeros(v.shape[:2]))[:, :, None][:, :, :0]
+    return np.stack([of(v[:, :, j]) for j in range(v.shape[2])], axis=2)
 
 
 class TiedBodies(WrappedBodies):
@@ -71,27 +83,16 @@ class TiedBodies(WrappedBodies):
         face_motions: The motions of the rigid faces.
         sections: The sections of the bolts.
         locked: Whether the shortening of each of them is given.
+        slaves: Which of this rank's nodes follow others, shape (k,).
+        points: Where the unknowns are, metres: this rank's nodes, on the last rank then the own ones, shape (k + p, 3).
+        unknowns: Their numbers.
     """
 
-    def __init__(
-        self,
-        bodies: Deformable,
-        given: Sequence[Tied | RigidFace],
-        time: float = 0.0,
-        like: TiedBodies | None = None,
-        locked: tuple[bool, ...] = (),
-    ):
+    def __init__(self, bodies: Deformable, given: Sequence[Tied | RigidFace], time: float = 0.0):
         super().__init__(bodies)
         self.given = tuple(given)
         self._K: tuple[PETSc.Mat, PETSc.Mat, FloatArray] | None = None
-        self._ties: tuple[Tie, ...] = () if like is None else like.ties
-        self.face_motions: tuple[FaceMotion, ...] = () if like is None else like.face_motions
-        self.sections: tuple[Section, ...] = () if like is None else like.sections
-        self.slaves: npt.NDArray[np.bool_] = np.zeros(len(self.x), dtype=bool) if like is None else like.slaves
-        self._others: list[TiedBodies] = [self] if like is None else like._others
-        self._locked = locked
-        if like is not None:
-            return
+        self.slaves: npt.NDArray[np.bool_] = np.zeros(len(self.x), dtype=bool)
         pairs = [{one.face, one.against} for one in self.given if isinstance(one, Tied)]
         for number, pair in enumerate(pairs):
             if pair in pairs[:number]:
@@ -102,82 +103,90 @@ class TiedBodies(WrappedBodies):
             ties.append(tie)
             moving.append(part)
             self.slaves[tie.nodes] = True
-        self._ties = tuple(ties)
+        self.ties = tuple(ties)
         self.face_motions = tuple(part for part in moving if isinstance(part, FaceMotion))
         self.sections = tuple(part for part in moving if isinstance(part, Section))
-        self._locked = tuple(section.given.fixed(time) for section in self.sections)
+        self.locked = tuple(section.given.fixed(time) for section in self.sections)
+        padded = [-(-tie.own.shape[2] // 3) for tie in ties]
+        ends = 3 * np.cumsum([0, *padded])
+        self._own = [slice(int(at), int(at) + tie.own.shape[2]) for at, tie in zip(ends, ties, strict=False)]
+        here, last = int(ends[-1]) // 3, self.comm.rank == self.comm.size - 1
+        middles = [part.place for part in moving if isinstance(part, FaceMotion | Section)]
+        places = np.repeat(np.reshape(middles, (-1, 3)), [count for count in padded if count], axis=0)
+        self._points: FloatArray = np.concatenate([self.x, places]) if last else self.x
+        self.unknowns = replace(self.numbering, local=len(self.points), total=self.numbering.total + here)
+        self._states = [self]
 
     @property
-    def ties(self) -> tuple[Tie, ...]:
-        return self._ties
-
-    @property
-    def locked(self) -> tuple[bool, ...]:
-        return self._locked
+    def points(self) -> FloatArray:
+        return self._points
 
     @property
     def locks(self) -> tuple[float, ...]:
         return tuple(s.given.lock for s in self.sections if s.given.lock is not None)
 
-    @property
-    def _movable(self) -> tuple[Section, ...]:
-        """The sections of which the shortening is not given."""
-        return tuple(section for section, locked in zip(self.sections, self._locked, strict=True) if not locked)
-
-    @property
-    def _linked(self) -> tuple[Tie, ...]:
-        """The ties as they are now."""
-        movable = {id(section.fixed): section.movable for section in self._movable}
-        return tuple(movable.get(id(tie), tie) for tie in self._ties)
-
-    def _with(self, bodies: Deformable, locked: tuple[bool, ...]) -> TiedBodies:
-        """The same with other coefficients of K, or other bolts locked; collective."""
-        for known in self._others:
+    def at_time(self, time: float) -> TiedBodies:
+        """The same with the coefficients of K and the bolts locked at a time; T, ties and faces are shared;
+        collective."""
+        bodies, locked = self.bodies.at_time(time), tuple(section.given.fixed(time) for section in self.sections)
+        for known in self._states:
             if known.bodies is bodies and known.locked == locked:
                 return known
-        first = self._others[0].bodies
-        self._others[:] = [known for known in self._others if known.bodies is bodies or known.bodies is first]
-        self._others.append(TiedBodies(bodies, self.given, like=self, locked=locked))
-        return self._others[-1]
-
-    @property
-    def _whole(self) -> TiedBodies:
-        """The same with all bolts locked."""
-        return self._with(self.bodies, (True,) * len(self.sections))
+        other = copy.copy(self)
+        other.bodies, other.locked, other._K = bodies, locked, None
+        other.__dict__.pop("free", None)
+        self._states[1:] = [known for known in self._states[1:] if known.bodies is bodies]
+        self._states.append(other)
+        return other
 
     # --- the map ------------------------------------------------------------------------------------------------------
 
     @cached_property
     def _tied(self) -> FloatArray:
-        """Projectors on the directions along which nodes follow others, shape (k, 3, 3)."""
+        """D: projectors on the directions along which nodes follow others, shape (k, 3, 3)."""
         tied = np.zeros((len(self.x), 3, 3))
-        for tie in self._linked:
+        for tie in self.ties:
             free = np.eye(3) - self.held.projector_at(tie.nodes)
             sizes, directions = np.linalg.eigh(free @ tie.directions @ free)
             tied[tie.nodes] = np.einsum("mia,ma,mja->mij", directions, np.round(sizes), directions)
         return tied
-
-    def _not_following(self) -> PETSc.Mat:
-        """The matrix that keeps the displacements of nodes that follow no other."""
-        rows = block_diagonal(np.eye(3) - self._tied, self)
-        rows.eliminate_zeros()
-        return distributed_rows(rows, rows.shape, self)
 
     @cached_property
     def _rows(self) -> PETSc.Mat:
         """W of all slave nodes, shape (n, n), distributed; rows of others are empty."""
         n, axes = 3 * len(self.x), np.arange(3)
         follow = scipy.sparse.csr_matrix((n, 3 * self.numbering.total))
-        for tie in self._linked:
+        for tie in self.ties:
             at = (3 * tie.nodes[:, None] + axes).ravel()
             lift = scipy.sparse.csr_matrix((np.ones(len(at)), (at, np.arange(len(at)))), (n, len(at)))
             follow = follow + lift @ tie.rows
         return distributed_rows(follow.tocsr(), (n, follow.shape[1]), self)
 
     @cached_property
+    def _weights(self) -> list[tuple[npt.NDArray[np.int64], slice, FloatArray, FloatArray]]:
+        """Of every constraint with own unknowns its nodes, where its unknowns are among all own ones, and D N and the
+        fit (N^T D N)^-1 N^T D of these to displacements of the nodes, shapes (m, 3, q); collective."""
+        found = []
+        for tie, own in zip(self.ties, self._own, strict=True):
+            if tie.own.shape[2]:
+                N = np.einsum("mij,mjq->miq", self._tied[tie.nodes], tie.own)
+                gram = self.comm.allreduce(np.einsum("miq,mip->qp", N, N), op=MPI.SUM)
+                found.append((tie.nodes, own, N, N @ np.linalg.inv(gram)))
+        return found
+
+    @cached_property
     def _follows(self) -> PETSc.Mat:
-        """T, from the displacements of nodes that follow no other to those of all; collective."""
-        E, W = self._not_following(), self._rows
+        """T, from all unknowns, own ones that are prescribed included, to displacements; collective."""
+        n, axes = 3 * len(self.x), np.arange(3)
+        shape = n, 3 * self.unknowns.total
+        rows = block_diagonal(np.eye(3) - self._tied, self.unknowns)
+        for nodes, own, N, _ in self._weights:
+            at = (3 * nodes[:, None] + axes).ravel()
+            columns = 3 * self.numbering.total + np.arange(own.start, own.stop)
+            where = np.repeat(at, len(columns)), np.tile(columns, len(at))
+            rows = rows + scipy.sparse.csr_matrix((N.ravel(), where), shape)
+        rows.eliminate_zeros()
+        E, W = distributed_rows(rows.tocsr(), (3 * len(self.points), shape[1]), self), self._rows
         T, change = E.copy(), 1.0
         for _ in range(_LONGEST_CHAIN):  # nodes that follow nodes that follow others
             then = W.matMult(T)
@@ -189,24 +198,90 @@ class TiedBodies(WrappedBodies):
                 return T
         raise ValueError(f"{', '.join(one.what for one in self.given)}: nodes follow each other in a circle")
 
+    @property
+    def _loose(self) -> FloatArray:
+        """1 at own unknowns that are free, 0 at those of locked bolts and where they are padded, shape (3 p,)."""
+        loose: FloatArray = np.zeros(3 * (self.unknowns.total - self.numbering.total))
+        for own in self._own:
+            loose[own] = 1.0
+        for own, locked in zip(self._of_bolts, self.locked, strict=True):
+            loose[own] = 0.0 if locked else 1.0
+        return loose
+
+    @property
+    def _of_bolts(self) -> list[slice]:
+        """Where the unknowns of bolts are among own ones."""
+        of = {id(section.tie): section for section in self.sections}
+        return [own for tie, own in zip(self.ties, self._own, strict=True) if id(tie) in of]
+
+    def _amounts(self, apart: FloatArray) -> FloatArray:
+        """The own unknowns that fit what nodes are apart from those that they follow, (k, 3) or (k, 3, j), best, shape
+        (3 p,) or (3 p, j), the same on every rank; collective."""
+        y = np.zeros((len(self._loose), *apart.shape[2:]))
+        for nodes, own, _, fit in self._weights:
+            y[own] = np.einsum("miq,mi...->q...", fit, apart[nodes])
+        return self.comm.allreduce(y, op=MPI.SUM) if self._weights else y
+
+    def _moved(self, y: FloatArray) -> FloatArray:
+        """D N y of own unknowns (3 p,) or (3 p, j), shape (k, 3) or (k, 3, j)."""
+        u = np.zeros((*self.x.shape, *y.shape[1:]))
+        for nodes, own, N, _ in self._weights:
+            u[nodes] = np.einsum("miq,q...->mi...", N, y[own])
+        return u
+
+    def _apart(self, u: FloatArray) -> FloatArray:
+        """D (u - W u) of displacements (k, 3), or (k, 3, j): by how much nodes are apart from those that they follow;
+        collective."""
+        return np.einsum("kij,kj...->ki...", self._tied, u - _each_column(partial(rows_of, self._rows), u))
+
+    def _with_own(self, of_nodes: FloatArray, own: FloatArray) -> FloatArray:
+        """Values at nodes (k, 3, ...), and those of own unknowns (3 p, ...) where these are, as of unknowns."""
+        here = len(self.points) - len(self.x)
+        return np.concatenate([of_nodes, own[: 3 * here].reshape(here, 3, *own.shape[1:])])
+
     def free_part(self, v: FloatArray) -> FloatArray:
-        """T P v: the displacement of which v (k, 3), or (k, 3, j), is the part along free directions; collective."""
-        return _each_column(partial(rows_of, self._follows), self.held.free_part(v))
+        """T v without its part along held directions and prescribed own unknowns, of unknowns v (k + p, 3), or (k + p,
+        3, j), shape (k, 3), or (k, 3, j); collective."""
+        return _each_column(partial(rows_of, self._follows), self._kept(v))
+
+    def _kept(self, v: FloatArray) -> FloatArray:
+        """Unknowns, or forces along them, without those that are prescribed."""
+        free, own = self.held.free_part(v), self._with_own(np.zeros((0, 3)), self._loose)
+        free[len(self.x) :] *= own.reshape(*own.shape, *(1,) * (v.ndim - 2))
+        return free
 
     def transferred(self, forces: FloatArray) -> FloatArray:
-        """T^T times the forces."""
+        """T^T times the forces, shape (k + p, 3), or (k + p, 3, j)."""
         return _each_column(partial(at_nodes_of, self._follows), forces)
 
-    def prevented(self, modes: FloatArray) -> FloatArray:
-        apart = modes - _each_column(partial(rows_of, self._follows), modes)
-        return self.held_part(modes) + apart - self.transferred(apart)
+    def along_unknowns(self, forces: FloatArray, time: float | None = None) -> FloatArray:
+        transferred = self.transferred(forces)
+        if time is not None:
+            transferred += self._with_own(np.zeros_like(self.x), self._tension(time))
+        return self._kept(transferred)
 
-    def reduced(self, u: FloatArray) -> FloatArray:
-        return u - np.einsum("kij,kj...->ki...", self._tied, u)
+    def prevented(self, modes: FloatArray) -> FloatArray:
+        apart = self._left_apart(self._apart(modes))
+        return self.held_part(modes) + apart - _each_column(partial(at_nodes_of, self._rows), apart)
+
+    def _left_apart(self, apart: FloatArray) -> FloatArray:
+        """What own unknowns that are free do not account for."""
+        y = self._amounts(apart)
+        return apart - self._moved(self._loose.reshape(-1, *(1,) * (y.ndim - 1)) * y)
+
+    def reduced(self, u: FloatArray, loading: Loading | None = None) -> FloatArray:
+        apart = self._apart(u)
+        y = self._amounts(apart if loading is None else apart - loading.apart)
+        own = self._loose.reshape(-1, *(1,) * (y.ndim - 1)) * y
+        return self._with_own(u - np.einsum("kij,kj...->ki...", self._tied, u), own)
 
     def projection(self) -> PETSc.Mat:
-        """T P, shape (n, n), distributed."""
-        P = super().projection()
+        """T without held directions and prescribed own unknowns, distributed."""
+        blocks = np.tile(np.eye(3), (len(self.points), 1, 1))
+        blocks[: len(self.x)] -= self.held.projector_at(np.arange(len(self.x)))
+        blocks[len(self.x) :] *= self._with_own(np.zeros((0, 3)), self._loose)[:, None]
+        rows = block_diagonal(blocks, self.unknowns)
+        P = distributed_rows(rows, (rows.shape[0], rows.shape[1]), self)
         product = self._follows.matMult(P)
         P.destroy()
         product.setAttr("mesh", self.lifetime)
@@ -216,8 +291,8 @@ class TiedBodies(WrappedBodies):
 
     @property
     def K(self) -> PETSc.Mat:
-        """(T P)^T K T P of the stiffness K of the bodies, and what K has on the diagonal of held directions and of
-        slave nodes."""
+        """(T P)^T K T P of the stiffness K of the bodies, springs of own unknowns, and what K has on the diagonal of
+        held directions, of slave nodes and of own unknowns that are prescribed."""
         of_bodies = self.bodies.K
         if self._K is None or self._K[0] is not of_bodies:
             self._K = (of_bodies, *self._reduced_stiffness(of_bodies))
@@ -229,54 +304,63 @@ class TiedBodies(WrappedBodies):
         return self._K[2]
 
     def _reduced_stiffness(self, of_bodies: PETSc.Mat) -> tuple[PETSc.Mat, FloatArray]:
+        count, axes = len(self.x), [0, 1, 2]
         S, diagonal = of_bodies.copy(), of_bodies.getDiagonal()
         diagonal.array[:] -= self.bodies.anchoring.ravel()
         S.setDiagonal(diagonal)
-        blocks = np.zeros((len(self.x), 3, 3))
+        blocks = np.zeros((len(self.points), 3, 3))
         blocks[self.held.nodes] = self._held_diagonal[self.held.nodes][:, :, None] * self.held.projector
         mean = diagonal.array_r.reshape(-1, 3).mean(axis=1)
-        blocks[self.slaves] += (mean[:, None, None] * self._tied)[self.slaves]
+        blocks[:count] += mean[:, None, None] * self._tied
+        typical = self.comm.allreduce(float(mean.sum()), op=MPI.SUM) / self.numbering.total
+        blocks[count:] = typical * (1.0 - self._with_own(np.zeros((0, 3)), self._loose))[:, :, None] * np.eye(3)
         TP = self.projection()
         product = S.PtAP(TP)
         present = product.getDiagonal()
-        anchoring: FloatArray = self.free.anchored(self.x.shape) * present.array_r.reshape(-1, 3)
-        blocks[:, [0, 1, 2], [0, 1, 2]] += anchoring
-        rows = local_rows(product) + block_diagonal(blocks, self) + self._springs_in_K()
+        anchoring: FloatArray = self.free.anchored(self.x.shape) * present.array_r.reshape(-1, 3)[:count]
+        blocks[:count, axes, axes] += anchoring
+        rows = local_rows(product) + block_diagonal(blocks, self.unknowns) + self._springs()
         for thing in (S, diagonal, TP, product, present):
             thing.destroy()
-        K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(self.x), rows.shape[1]), self)
+        K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(self.points), rows.shape[1]), self)
         K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         K.setOption(PETSc.Mat.Option.SPD, True)
-        attach_rigid_body_modes(K, self.x)
+        attach_near_kernel(K, self._rigid_modes(self.x))
         if of_bodies.getAttr(INTERPOLATION) is not None:
             attach_interpolation(K, self._interpolation)
         return K, anchoring
 
-    def _springs_in_K(self) -> scipy.sparse.csr_matrix:
-        """This rank's rows of (T P)^T C S C^T T P of all rigid faces: C^T T P is not zero at the anchors alone."""
-        n, axes = 3 * len(self.x), np.arange(3)
-        found = scipy.sparse.csr_matrix((n, 3 * self.numbering.total))
-        for motion in self._sprung:
-            spread = np.zeros((len(self.x), 3, 6))
-            spread[motion.nodes] = motion.spread
-            at = np.unique([node for node, _ in motion.anchors if node >= 0]).astype(np.int64)
-            dofs = (3 * at[:, None] + axes).ravel()
-            own = self.held.free_part(self.transferred(spread))[at].reshape(-1, 6)
-            columns = np.concatenate(self.comm.allgather(3 * self.numbering.first + dofs))
-            block = (own * motion.given.stiffness) @ np.concatenate(self.comm.allgather(own)).T
-            entries = (block.ravel(), (np.repeat(dofs, len(columns)), np.tile(columns, len(dofs))))
-            found = found + scipy.sparse.csr_matrix(entries, found.shape)
-        return found
+    def _springs(self) -> scipy.sparse.csr_matrix:
+        """This rank's rows of (C^T N)^T S C^T N of all rigid faces, along their own unknowns; collective."""
+        first, found = 3 * self.numbering.total, np.zeros((len(self._loose), len(self._loose)))
+        for motion, (_, own, N, _) in zip(self.face_motions, self._weights, strict=False):  # rigid faces are first
+            along = self.comm.allreduce(np.einsum("mcp,mcq->pq", motion.spread, N), op=MPI.SUM)
+            found[own, own] = (along.T * motion.given.stiffness) @ along
+        row, column = np.nonzero(found)
+        here = 3 * (len(self.points) - len(self.x))
+        row, column = row[row < here], column[row < here]
+        entries = found[row, column], (3 * len(self.x) + row, first + column)
+        return scipy.sparse.csr_matrix(entries, (3 * len(self.points), 3 * self.unknowns.total))
+
+    def _rigid_modes(self, x: FloatArray) -> FloatArray:
+        """The rigid motions of all bodies at nodes x (n, 3) of a mesh of them, and own unknowns in these, shape
+        (n + p, 3, 6); collective."""
+        (whole,) = component_modes(self.x, np.zeros(len(self.x), dtype=np.int64), self.comm)[1]
+        at, there = (displacements_of(of - whole.centre, np.full(len(of), whole.radius)) for of in (x, self.x))
+        return self._with_own(at, self._loose[:, None] * self._amounts(self._apart(there)))
 
     def _interpolation(self) -> PETSc.Mat:
-        """That of the bodies, without what follows other nodes."""
-        P = self.bodies.K.getAttr(INTERPOLATION)()
-        E = self._not_following()
-        product = E.matMult(P)
-        product.setNearNullSpace(P.getNearNullSpace())
-        product.setAttr("mesh", self.lifetime)
-        for one in (E, P):
-            one.destroy()
+        """That of the bodies, without what follows other nodes, and with own unknowns as they are."""
+        P, own = self.bodies.K.getAttr(INTERPOLATION)(), len(self._loose)
+        E = block_diagonal(np.eye(3) - self._tied, Numbering(0, len(self.x), len(self.x)))
+        here = 3 * (len(self.points) - len(self.x))
+        rows = scipy.sparse.block_diag([E @ local_rows(P), scipy.sparse.identity(own, format="csr")[:here]], "csr")
+        rows.eliminate_zeros()
+        product = distributed_rows(rows, (P.getLocalSize()[1] + here, rows.shape[1]), self)
+        parts = [member.body for member in self.members]
+        coarse = np.concatenate([one.x if one.degree == 1 else one.vertices.space.x for one in parts])
+        attach_near_kernel(product, self._rigid_modes(coarse))
+        P.destroy()
         return product
 
     @cached_property
@@ -291,7 +375,7 @@ class TiedBodies(WrappedBodies):
             self.x, component, self._resisted(modes), self._limit, tuple(places & ~self.slaves), self.comm
         )
         found = replace(found, bodies=names)
-        return self._opened(found, places[-1] & ~self.slaves) if self._movable else found
+        return found if all(self.locked) else self._opened(found, places[-1] & ~self.slaves)
 
     @property
     def _limit(self) -> float:
@@ -313,18 +397,16 @@ class TiedBodies(WrappedBodies):
         The parts on the two sides of a section are bodies of their own there; of the motions of all of them against
         which nothing has energy, those are taken that change the lengths of bolts.
         """
-        movable = [section.fixed for section in self._movable]
-        part, names = self._joined_components([tie for tie in self.ties if not any(tie is one for one in movable)])
+        bolts = zip(self.sections, self._of_bolts, self.locked, strict=True)
+        loose = [(section, own) for section, own, locked in bolts if not locked]
+        part, names = self._joined_components([tie for tie in self.ties if not any(tie is one.tie for one, _ in loose)])
         modes, parts = component_modes(self.x, part, self.comm)
         each = np.concatenate([np.where((part == k)[:, None, None], modes, 0.0) for k in range(len(parts))], axis=2)
         energy = self.comm.allreduce(np.einsum("kci,kcj->ij", each, self._resisted(each)), op=MPI.SUM)
         free = null_space(energy, self._limit)
         motions = each @ free
-        loose = ~np.array(self.locked)
-        amounts = [self._amounts(motions[:, :, j])[loose] for j in range(motions.shape[2])]
-        if not amounts:
-            return found
-        ways, named = openings(np.array(amounts).T, self._movable)
+        amounts = self._amounts(self._apart(motions))[[own.start for _, own in loose]]
+        ways, named = openings(amounts, [section for section, _ in loose])
         if not named:
             return found
         of_parts = (free @ ways).reshape(len(parts), 6, -1)
@@ -342,6 +424,9 @@ class TiedBodies(WrappedBodies):
             entries = tie.rows.tocoo()
             masters = fetched(self.comm, starts, (entries.col // 3).astype(np.int64), component)
             found.append(np.unique(np.column_stack([component[tie.nodes[entries.row // 3]], masters]), axis=0))
+            if tie.own.shape[2]:  # moved by the same unknowns
+                together = np.unique(np.concatenate(self.comm.allgather(np.unique(component[tie.nodes]))))
+                found.append(np.column_stack([together[:-1], together[1:]]))
         pairs = np.concatenate(self.comm.allgather(np.concatenate(found)))
         graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), (count, count))
         number = connected_components(graph, directed=False)[1].astype(np.int64)
@@ -354,7 +439,11 @@ class TiedBodies(WrappedBodies):
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
     def at(self, time: float) -> Loading:
-        return self._loading(time, np.zeros(len(self.sections)))
+        return self._loading(time, self._none)
+
+    @property
+    def _none(self) -> FloatArray:
+        return np.zeros(len(self._loose))
 
     def refuse_beginning(self, time: float) -> None:
         for one in (section.given for section in self.sections):
@@ -365,11 +454,11 @@ class TiedBodies(WrappedBodies):
                 )
 
     def after(self, time: float, before: FloatArray) -> Loading:
-        return self._loading(time, self._amounts(before) if self.sections else np.empty(0))
+        return self._loading(time, self._amounts(self._apart(before)) if self.sections else self._none)
 
     def _loading(self, time: float, kept: FloatArray) -> Loading:
         """Prescribed displacements are u with no unknowns: those of supports, rigid faces and bolts, and what follows
-        them; `kept` are the amounts of bolts that are locked; collective."""
+        them; `kept` are the own unknowns (3 p,) by which bolts are locked; collective."""
         of_bodies, offset = self.bodies.at(time), np.zeros_like(self.x)
         for motion in self.face_motions:
             offset += motion.prescribed(self.x, time, self.comm)
@@ -378,61 +467,65 @@ class TiedBodies(WrappedBodies):
             size = self.comm.allreduce(max(given), op=MPI.MAX)
             for motion in self.face_motions:
                 motion.refuse_other(self.held_part(of_bodies.prescribed - offset), size, self.comm)
-            followed = rows_of(self._rows, offset)
-            for motion in self.face_motions:
-                offset[motion.nodes] -= followed[motion.nodes]
-        for section, locked, amount in zip(self.sections, self.locked, kept, strict=True):
+        y = self._none
+        for section, own, locked in zip(self.sections, self._of_bolts, self.locked, strict=True):
             if locked:
-                value = section.given.value(time, self.comm) if section.given.force is None else amount
-                offset += section.along(value, offset.shape)
-        prescribed = rows_of(self._follows, of_bodies.prescribed)
-        apart = offset = np.einsum("kij,kj->ki", self._tied, offset)
+                y[own] = section.given.value(time, self.comm) if section.given.force is None else kept[own]
+        apart = offset = np.einsum("kij,kj->ki", self._tied, offset) + self._moved(y)
+        prescribed = rows_of(self._follows, self._with_own(of_bodies.prescribed, self._none))
         for _ in range(_LONGEST_CHAIN):  # u = W u + apart at slave nodes
             prescribed = prescribed + offset
             offset = np.einsum("kij,kj->ki", self._tied, rows_of(self._rows, offset))
             if not self.comm.allreduce(bool(np.any(offset)), op=MPI.LOR):
                 break
-        return replace(
-            of_bodies, load=of_bodies.load + self.pretension(time), prescribed=prescribed, untied=of_bodies, apart=apart
-        )
+        return replace(of_bodies, prescribed=prescribed, untied=of_bodies, apart=apart)
 
-    def pretension(self, time: float) -> FloatArray:
-        forces = np.zeros_like(self.x)
-        movable = [section for section in self.sections if not section.given.fixed(time)]
-        for section in movable:
-            forces += section.along(section.given.value(time, self.comm) * section.weights, forces.shape)
-        return forces - at_nodes_of(self._whole._rows, forces) if movable else forces
-
-    def _amounts(self, u: FloatArray) -> FloatArray:
-        """The shortening of every bolt at displacements u (k, 3), metres; collective."""
-        apart = u - rows_of(self._whole._rows, u)
-        return np.array([section.amount(apart, self.comm) for section in self.sections])
+    def _tension(self, time: float) -> FloatArray:
+        """The forces of bolts along own unknowns at a time, newtons, shape (3 p,); collective."""
+        forces = self._none
+        for section, own in zip(self.sections, self._of_bolts, strict=True):
+            if not section.given.fixed(time):
+                forces[own] = section.given.value(time, self.comm)
+        return forces
 
     def bolts(self, u: FloatArray) -> Iterator[Bolt]:
-        amounts = self._amounts(u) if self.sections else ()
-        for section, amount, locked in zip(self.sections, amounts, self.locked, strict=True):
-            yield Bolt(section.fixed.face, section.centre, section.direction, float(amount), locked)
+        y = self._amounts(self._apart(u)) if self.sections else self._none
+        for section, own, locked in zip(self.sections, self._of_bolts, self.locked, strict=True):
+            yield Bolt(section.tie.face, section.place, section.direction, float(y[own.start]), locked)
 
     def f(self, loading: Loading) -> PETSc.Vec:
         f, forces, g = self.K.createVecRight(), loading.load, loading.prescribed
         if self.comm.allreduce(bool(np.any(g)), op=MPI.LOR):
             forces = forces - self.internal_force(g) + self.spring_force(g)
-        free = self.held.free_part(self.transferred(forces))
-        f.array[:] = (free + self._held_diagonal * self.held_part(g)).ravel()
+        along = self.along_unknowns(forces, loading.time)
+        along[: len(self.x)] += self._held_diagonal * self.held_part(g)
+        f.array[:] = along.ravel()
         return f
 
-    def _on_slaves(self, imbalance: FloatArray) -> FloatArray:
-        """The forces of all ties on their slave nodes, shapes (k, 3); collective."""
-        forces = np.zeros_like(imbalance)
+    def _on_slaves(self, imbalance: FloatArray, time: float) -> FloatArray:
+        """lambda: the forces of all ties on their slave nodes, shapes (k, 3); along own unknowns that are free they add
+        up to those of bolts; collective."""
+        forces, tension = np.zeros_like(imbalance), self._tension(time)
         for _ in range(_LONGEST_CHAIN):
             before = forces
             forces = np.einsum("kij,kj->ki", self._tied, imbalance + at_nodes_of(self._rows, before))
+            if self._weights:
+                along = self._none
+                for nodes, own, N, _ in self._weights:
+                    along[own] = np.einsum("miq,mi->q", N, forces[nodes])
+                along = self._loose * (self.comm.allreduce(along, op=MPI.SUM) - tension)
+                for nodes, own, _, fit in self._weights:
+                    forces[nodes] -= fit @ along[own]
             if not self.comm.allreduce(bool(np.any(forces != before)), op=MPI.LOR):
                 break
         return forces
 
-    def shares_of_ties(self, imbalance: FloatArray) -> Iterator[NodalForces]:
-        forces = self._whole._on_slaves(imbalance)
+    def forces_of_ties(self, imbalance: FloatArray, time: float) -> FloatArray:
+        forces = self._on_slaves(imbalance, time)
+        return forces - at_nodes_of(self._rows, forces)
+
+    def shares_of_ties(self, imbalance: FloatArray, time: float) -> Iterator[NodalForces]:
+        forces = self._on_slaves(imbalance, time)
         for tie in self.ties:
             share, own = np.zeros_like(forces), forces[tie.nodes]
             share[tie.nodes] = own
@@ -441,8 +534,8 @@ class TiedBodies(WrappedBodies):
             beside.destroy()
             yield NodalForces(tie.kind.replace(" ", "_"), tie.face, share)
 
-    def stresses_of_ties(self, imbalance: FloatArray) -> dict[str, FloatArray]:
-        forces = self._whole._on_slaves(imbalance)
+    def stresses_of_ties(self, imbalance: FloatArray, time: float) -> dict[str, FloatArray]:
+        forces = self._on_slaves(imbalance, time)
         starts, found = starts_of(self.comm, len(self.x)), np.zeros((2, len(self.x)))
         for tie in self.ties:
             there = fetched(self.comm, starts, tie.traction.indices.astype(np.int64), forces)
@@ -455,15 +548,14 @@ class TiedBodies(WrappedBodies):
         return dict(zip(TIE_STRESSES, found, strict=True))
 
     def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-        for motion in self.face_motions:
-            values, t = motion.values(time, self.comm), motion.prescribed(self.x, time, self.comm)
-            yield motion.given.face, motion.point, motion.found(u, t, values, self.comm)
+        apart = self._apart(u) if self.face_motions else u
+        for motion, (_, own, _, _) in zip(self.face_motions, self._weights, strict=False):
+            given = np.einsum("kij,kj->ki", self._tied, motion.prescribed(self.x, time, self.comm))
+            found = motion.values(time, self.comm) + motion.motions @ self._amounts(apart - given)[own]
+            yield motion.given.face, motion.place, found
 
     def jump(self, u: FloatArray, loading: Loading) -> FloatArray:
-        return np.einsum("kij,kj->ki", self._tied, u - rows_of(self._rows, u)) - loading.apart
-
-    def at_time(self, time: float) -> TiedBodies:
-        return self._with(self.bodies.at_time(time), tuple(section.given.fixed(time) for section in self.sections))
+        return self._left_apart(self._apart(u) - loading.apart)
 
     # --- springs at reference points ----------------------------------------------------------------------------------
 

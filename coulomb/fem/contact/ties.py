@@ -335,7 +335,21 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
             scipy.sparse.vstack([of, scipy.sparse.csr_matrix((more * count, of.shape[1]))], format="csr")
             for of, more in ((rows, 3), (beside_rows, 3), (traction, 1))
         )
-    return Tie(given.kind, face, against, why, nodes, area, n, rows, beside_rows, traction, named, directions)
+    return Tie(
+        given.kind,
+        face,
+        against,
+        why,
+        nodes=nodes,
+        area=area,
+        normal=n,
+        rows=rows,
+        beside=beside_rows,
+        traction=traction,
+        remarks=named,
+        directions=directions,
+        own=np.zeros((len(nodes), 3, 0)),
+    )
 
 
 def _clamped(body: Deformable, face: str, taken: npt.NDArray[np.bool_]) -> int:

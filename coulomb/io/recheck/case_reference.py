@@ -385,12 +385,12 @@ class CaseTies:
     def found(self, u: FloatArray, imbalance: FloatArray) -> TiesFound:
         """By displacements and the internal forces less all forces but those of ties, shapes (k, 3)."""
         order, node, body = np.argsort(self._node), self._node, self._body
-        left, bolts = imbalance[order], body.pretension(self._time)
+        left, time = imbalance[order], self._time
         return TiesFound(
-            (body.forces_of_ties(left - bolts) + bolts)[node],
-            body.jump(u[order], body.after(self._time, u[order]))[node],
-            {name: values[node] for name, values in body.stresses_of_ties(left).items()},
-            tuple(NodalForces(one.kind, one.face, one.forces[node]) for one in body.shares_of_ties(left)),
-            tuple(body.motions_of_faces(u[order], self._time)),
+            body.forces_of_ties(left, time)[node],
+            body.jump(u[order], body.after(time, u[order]))[node],
+            {name: values[node] for name, values in body.stresses_of_ties(left, time).items()},
+            tuple(NodalForces(one.kind, one.face, one.forces[node]) for one in body.shares_of_ties(left, time)),
+            tuple(body.motions_of_faces(u[order], time)),
             tuple(body.bolts(u[order])),
         )
