@@ -30,7 +30,7 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
     over, component = Reductions(elasticity.comm), elasticity.free.component
     modes, parts = component_modes(elasticity.x, component, elasticity.comm)
     held, ground = elasticity.prevented(modes), elasticity.ground
-    forces = elasticity.anchoring[:, :, None] * modes
+    forces = elasticity.anchoring[: len(modes), :, None] * modes
     if ground is not None:
         forces += of_components(ground, elasticity.x, component, parts, elasticity.comm)
     diagonal = elasticity.K.getDiagonal()

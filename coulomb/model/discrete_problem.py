@@ -67,11 +67,11 @@ def iteratively_refined(
 
     def left_over(u: FloatArray) -> tuple[FloatArray, float]:
         """The residual at this rank's nodes, and its size relative to the forces on the body."""
-        spring = elasticity.spring_force(u) - elasticity.anchoring * u
+        spring, anchored = elasticity.spring_force(u), elasticity.anchoring * elasticity.reduced(u, loading)
         forces = loading.load + spring + on_body - elasticity.internal_force(u)
-        residual = elasticity.along_unknowns(forces, loading.time)
+        residual = elasticity.along_unknowns(forces, loading.time) - anchored
         reaction = elasticity.held_part(elasticity.transferred(forces))
-        outer = (loading.load, spring, on_body, reaction)
+        outer = (loading.load, spring - anchored[: len(u)], on_body, reaction)
         sums = over.total(np.einsum("kcj,kc->j", rigid, residual))
         scale = np.max([over.sum(lengths(part)) for part in outer])
         length = np.max([over.norm(part) for part in outer])

@@ -28,7 +28,7 @@ from .displacement_space import (
 )
 from .elasticity import Elasticity, LoadedBody
 from .form_body import BilinearForm, Body, FormValues
-from .free_motions import FreeMotion, FreeMotions, OpenedPart, free_motions, motions_in_words
+from .free_motions import FreeMotion, FreeMotions, OpenedPart, anchors, free_motions, motions_in_words
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .loads import (
     TEMPERATURE,

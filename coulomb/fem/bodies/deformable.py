@@ -265,8 +265,8 @@ class Deformable(HeldNodes, ABC):
     @property
     @abstractmethod
     def anchoring(self) -> FloatArray:
-        """Stiffness of the springs that K has at the anchors of `free`, N/m, shape (k, 3); they are no internal forces,
-        and carry nothing where loads and contact forces are in equilibrium."""
+        """Stiffness of the springs that K has at the `anchors` of `free`, N/m, shape (k + p, 3); they are no internal
+        forces, and carry nothing where loads and contact forces are in equilibrium."""
 
     @property
     def ground(self) -> FloatArray | None:

@@ -22,7 +22,7 @@ from .body import STRESSES, ElasticBody, strain
 from .constraints import SupportedNodes, contradictions, prescribed_rows
 from .deformable import Loading, SingleBody
 from .displacement_space import HeldSpace
-from .free_motions import FreeMotions, free_motions
+from .free_motions import FreeMotions, anchors, free_motions
 from .loads import (
     AppliedLoad,
     BodyForce,
@@ -193,7 +193,7 @@ class LoadedBody(ElasticBody, HeldSpace):
     ) -> FreeMotions:
         """The rigid motions of size 1 without energy, by forces (k, 3, 6) of the `component_modes` and held nodes."""
         against = forces + self.held_part(modes)
-        return free_motions(self.x, component, against, limit, self.anchor_places, self.mesh.comm)
+        return free_motions(self.x, component, against, limit, self.mesh.comm)
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
         shares = self._rows.shares(reaction, len(self.supports))
@@ -332,7 +332,7 @@ class Elasticity(LoadedBody, SingleBody):
             S.destroy()
         diagonal = self._K.getDiagonal()
         stiff = comm.allreduce(float(np.max(diagonal.array, initial=0.0)), op=MPI.MAX)
-        anchored = self.free.anchored(self.x.shape)
+        anchored = anchors(self.free, self.free.modes(self.x), self.anchor_places, comm)
         # As stiff as K there: multigrid then takes as many iterations as for a clamped body; with 1e3 times K's
         # diagonal up to twice as many.
         self._anchoring: FloatArray = anchored * diagonal.array.reshape(-1, 3)

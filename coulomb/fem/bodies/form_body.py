@@ -21,7 +21,7 @@ from .constraints import DirichletConditions, rows_of
 from .deformable import Loading, SingleBody
 from .displacement_space import summed
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
-from .free_motions import FreeMotions, free_motions
+from .free_motions import FreeMotions, anchors, free_motions
 from .loads import NodalForces
 from .mesh_components import mesh_components
 from .rigid_modes import component_modes, of_components, rigid_modes
@@ -339,7 +339,7 @@ class Body(SingleBody):
         diagonal = K.getDiagonal()
         alone = diagonal.array.reshape(-1, 3).copy()
         ground, free = self._resistance(values, float(diagonal.max()[1]), 1e-12 * float(diagonal.norm()))
-        anchoring = free.anchored(self.x.shape) * alone
+        anchoring = anchors(free, free.modes(self.x), self.anchor_places, self.mesh.comm) * alone
         diagonal.array[:] += anchoring.ravel()
         K.setDiagonal(diagonal)
         diagonal.destroy()
@@ -362,7 +362,7 @@ class Body(SingleBody):
         limit = _FREE * comm.allreduce(len(self.x), op=MPI.SUM)
         own, parts = component_modes(self.x, self._component, comm)
         forces = self.held_part(own) + of_components(ground, self.x, self._component, parts, comm)
-        return free_motions(self.x, self._component, forces, limit, self.anchor_places, comm)
+        return free_motions(self.x, self._component, forces, limit, comm)
 
 
 def _signature(form: Any) -> str | None:

@@ -9,14 +9,12 @@ zero there, the springs carry nothing, and K u = f.  The stiffness of the spring
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 from mpi4py import MPI
 
 from ...arrays import FloatArray
@@ -26,70 +24,53 @@ _WORSE: Final = 0.3
 """How much worse the first places may determine the motions than the best."""
 
 
-@dataclass(frozen=True)
-class Anchor:
-    """A degree of freedom at which a spring makes K positive definite: a node of a rank, at x (3,), and an axis."""
+def anchors(
+    free: FreeMotions, R: FloatArray, places: Sequence[npt.NDArray[np.bool_]], comm: MPI.Comm
+) -> npt.NDArray[np.bool_]:
+    """As many unknowns as there are free motions, which these determine well, shape (n, 3); collective.
 
-    rank: int
-    node: int
-    axis: int
-    x: FloatArray
-
-
-def anchors_of(
-    x: FloatArray, places: Sequence[npt.NDArray[np.bool_]], rows: Callable[[FloatArray], FloatArray], comm: MPI.Comm
-) -> list[Anchor]:
-    """As many degrees of freedom of a component as it has free motions, which these determine well; collective.
-
-    They are at the extreme nodes in 26 directions, of the first places that determine the motions nearly as well as the
-    best.
+    They are the pivots of the rows of R, by components; of the first places that determine the motions nearly as well
+    as the best.
 
     Args:
-        x: This rank's nodes, metres, shape (k, 3).
-        places: Which nodes suit, the best first, shapes (k,).
-        rows: The motions q at points (p, 3), shape (p, 3, q).
+        free: The motions.
+        R: This rank's n unknowns in them, by nodes of three, shape (n, 3, q).
+        places: Which nodes suit, the best first, shapes (n,); the last ones determine all motions.
         comm: The ranks.
-
-    Raises:
-        ValueError: On every rank, if no node suits.
     """
-    found: list[list[Anchor]] = []
-    quality: list[float] = []
-    for suited in places:
-        extremes = _extremes(x, np.flatnonzero(suited), comm)
-        if len(extremes) == 0:
-            continue
-        at = np.array([place for place, _, _ in extremes])
-        moved = rows(at)
-        count = moved.shape[2]
-        _, R, order = scipy.linalg.qr(moved.reshape(-1, count).T, mode="economic", pivoting=True)
-        dofs = [divmod(int(dof), 3) for dof in order[:count]]
-        found.append([Anchor(*extremes[place][1:], axis, extremes[place][0]) for place, axis in dofs])
-        quality.append(float(np.abs(R[count - 1, count - 1])) if len(R) >= count else 0.0)
-    if not found:
-        raise ValueError(
-            "contact alone holds a part all of whose nodes follow others, as on rigid faces: hold it by a support, "
-            "as a plane of symmetry on one of the faces, or mesh it with more cells across or of second order"
-        )
-    return next(one for one, good in zip(found, quality, strict=True) if good > _WORSE * max(quality))
+    found = np.zeros(R.shape[:2], dtype=bool)
+    of = np.array([motion.component for motion in free.motions], dtype=np.int64)
+    for number in np.unique(of):
+        own = R[:, :, of == number]
+        if number >= len(free.bodies) - free.opening:  # bolts: against what the anchors before hold
+            E = np.concatenate(comm.allgather(R[found]))
+            before = of < number
+            own = own - R[:, :, before] @ np.linalg.solve(E[:, before], E[:, of == number])
+        tried = [_pivots(own, suited, comm) for suited in places]
+        best = max(size for _, size in tried)
+        found |= next(pivots for pivots, size in tried if size > _WORSE * best)
+    return found
 
 
-def _extremes(x: FloatArray, nodes: npt.NDArray[np.int64], comm: MPI.Comm) -> list[tuple[FloatArray, int, int]]:
-    """Place, rank and number of the extreme nodes in 26 directions, the same on every rank; collective."""
-    ways = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) != (0, 0, 0)])
-    ways = ways / np.linalg.norm(ways, axis=1)[:, None] + np.array([3.1e-3, 1.7e-3, 5.3e-3])  # of equals the same one
-    heights = x[nodes] @ ways.T
-    mine = []
-    if len(nodes):
-        mine = [(float(heights[k, way]), x[nodes[k]], int(nodes[k])) for way, k in enumerate(heights.argmax(axis=0))]
-    gathered = comm.allgather(mine)
-    found: dict[tuple[int, int], FloatArray] = {}
-    for way in range(len(ways)):
-        given = [(*own[way], rank) for rank, own in enumerate(gathered) if own]
-        if given:
-            _, place, node, rank = max(given, key=lambda one: one[0])
-            found[rank, node] = place
-    return sorted(((place, *owner) for owner, place in found.items()), key=lambda one: one[0].tolist())
+def _pivots(R: FloatArray, suited: npt.NDArray[np.bool_], comm: MPI.Comm) -> tuple[npt.NDArray[np.bool_], float]:
+    """The pivots of the rows of R (n, 3, q) at suited nodes (n,), shape (n, 3), and the size of the last;
+    collective."""
+    found, nodes, size = np.zeros(R.shape[:2], dtype=bool), np.flatnonzero(suited & np.any(R != 0.0, axis=(1, 2))), 0.0
+    rows = R[nodes]
+    for _ in range(R.shape[2]):
+        lengths = np.linalg.norm(rows, axis=2)
+        each = comm.allgather(float(np.max(lengths, initial=0.0)))
+        rank, size = int(np.argmax(each)), max(each)
+        row = None
+        if comm.rank == rank and lengths.size:
+            node, axis = divmod(int(np.argmax(lengths)), 3)
+            row = rows[node, axis] / (size or 1.0)
+            found[nodes[node], axis] = True
+        row = comm.bcast(row, root=rank)
+        if row is None:  # no node suits
+            return found, 0.0
+        rows = rows - (rows @ row)[:, :, None] * row
+    return found, size
 
 
 _PURE: Final = 1e-6
@@ -165,21 +146,17 @@ class FreeMotions:
     Attributes:
         component: The component of each of this rank's k nodes, shape (k,).
         motions: Each of one metre: at the centre of its component, or at the radius.
-        anchors: As many degrees of freedom, in the order of the motions' components.
         bodies: What each component is called in messages.
         openings: Displacements of the last p of the motions, which move several components against each other, metres,
             shape (k, 3, p); they count as components of their own, of no nodes.
-        of_openings: E with these, shape (q, q).
         opened_parts: The parts that the last p motions move, if there are any.
     """
 
     comm: MPI.Comm
     component: npt.NDArray[np.int64]
     motions: tuple[FreeMotion, ...]
-    anchors: tuple[Anchor, ...]
     bodies: tuple[str, ...]
     openings: FloatArray | None = None
-    of_openings: FloatArray | None = None
     opened_parts: tuple[OpenedPart, ...] = ()
 
     def __len__(self) -> int:
@@ -195,31 +172,10 @@ class FreeMotions:
             R[:, :, -self.openings.shape[2] :] = self.openings
         return R
 
-    @cached_property
-    def at_anchors(self) -> FloatArray:
-        """E: the rows of R at the anchors, shape (q, q)."""
-        if self.of_openings is not None:
-            return self.of_openings
-        each = zip(self.anchors, self.motions, strict=True)
-        rows = [
-            [one.at(at.x[None])[0, at.axis] if one.component == own.component else 0.0 for one in self.motions]
-            for at, own in each
-        ]
-        return np.array(rows).reshape(len(self), len(self))
-
-    def amounts(self, u: FloatArray) -> FloatArray:
-        """The amounts (q,) of the motions in displacements u (k, 3) that would be 0 at the anchors without them;
-        collective."""
-        there = np.array([u[a.node, a.axis] if a.rank == self.comm.rank else 0.0 for a in self.anchors])
-        return np.linalg.solve(self.at_anchors, self.comm.allreduce(there, op=MPI.SUM))
-
-    def anchored(self, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
-        """Which components of this rank's nodes are anchors, shape (k, 3)."""
-        anchored = np.zeros(shape, dtype=bool)
-        for anchor in self.anchors:
-            if anchor.rank == self.comm.rank:
-                anchored[anchor.node, anchor.axis] = True
-        return anchored
+    @property
+    def opening(self) -> int:
+        """The number p of `openings`."""
+        return 0 if self.openings is None else self.openings.shape[2]
 
     def of(self, alpha: FloatArray) -> tuple[FreeMotion, ...]:
         """The motion of every component that can move, for amounts alpha (q,) of the motions."""
@@ -235,7 +191,7 @@ class FreeMotions:
         parts of them; without what are rounding errors."""
         of_components = self.of(alpha)
         found = [(self.bodies[one.component], one) for one in of_components]
-        count = 0 if self.openings is None else self.openings.shape[2]
+        count = self.opening
         if count and np.max(np.abs(alpha[-count:])) > SMALL * np.max(np.abs(alpha)):
             rigid = {one.component: one for one in of_components}
             found = [(part.name, part.motion(alpha[-count:], rigid.get(part.component))) for part in self.opened_parts]
@@ -267,49 +223,20 @@ class FreeMotions:
         self,
         openings: FloatArray,
         motions: Sequence[tuple[str, RigidPart, FloatArray]],
-        x: FloatArray,
-        places: npt.NDArray[np.bool_],
         parts: Sequence[OpenedPart],
     ) -> FreeMotions:
-        """With p motions more, which move several components against each other; collective.
+        """With p motions more, which move several components against each other.
 
         Args:
             openings: Their displacements, metres, shape (k, 3, p).
             motions: What each is called in messages, where it is, and along which direction (3,) it opens.
-            x: This rank's nodes, metres, shape (k, 3).
-            places: Which nodes suit as anchors, shape (k,).
             parts: What they move.
         """
         count, names = len(self.bodies), tuple(name for name, *_ in motions)
         more = tuple(FreeMotion(count + k, part, along, np.zeros(3)) for k, (_, part, along) in enumerate(motions))
-        known, anchors = self.modes(x), list(self.anchors)
-        for k in range(len(more)):  # each is anchored where it moves most while no anchor before does
-            E = self._rows(known, anchors)
-            own = openings[:, :, k] - known @ np.linalg.solve(E, self._rows(openings[:, :, [k]], anchors))[:, 0]
-            there = np.where(places[:, None], np.abs(own), 0.0)
-            node, axis = divmod(int(np.argmax(there)), 3) if there.size else (0, 0)
-            best = self.comm.allgather(float(np.max(there, initial=0.0)))
-            rank = int(np.argmax(best))
-            node, axis, at = self.comm.bcast((node, axis, x[node] if there.size else None), root=rank)
-            anchors.append(Anchor(rank, node, axis, at))
-            known = np.concatenate([known, openings[:, :, [k]]], axis=2)
         return replace(
-            self,
-            motions=self.motions + more,
-            anchors=tuple(anchors),
-            bodies=self.bodies + names,
-            openings=openings,
-            of_openings=self._rows(known, anchors),
-            opened_parts=tuple(parts),
+            self, motions=self.motions + more, bodies=self.bodies + names, openings=openings, opened_parts=tuple(parts)
         )
-
-    def _rows(self, R: FloatArray, anchors: Sequence[Anchor]) -> FloatArray:
-        """Rows of motions R (k, 3, q) at degrees of freedom, shape (anchors, q); collective."""
-        E = np.zeros((len(anchors), R.shape[2]))
-        for row, anchor in enumerate(anchors):
-            if anchor.rank == self.comm.rank:
-                E[row] = R[anchor.node, anchor.axis]
-        return self.comm.allreduce(E, op=MPI.SUM)
 
 
 def free_motions(
@@ -317,7 +244,6 @@ def free_motions(
     component: npt.NDArray[np.int64],
     forces: FloatArray,
     limit: float,
-    places: Sequence[npt.NDArray[np.bool_]],
     comm: MPI.Comm,
 ) -> FreeMotions:
     """The rigid motions of the components of a body that cause no forces; collective.
@@ -327,43 +253,31 @@ def free_motions(
         component: Their components, shape (k,).
         forces: Nodal forces that supports and springs make of the `component_modes`, in any unit, shape (k, 3, 6).
         limit: Energy of a motion up to which it is free, in the same unit and metres.
-        places: Which nodes suit as anchors, the best first, shapes (k,).
         comm: The ranks.
     """
     motions: list[FreeMotion] = []
-    anchors: list[Anchor] = []
     modes, parts = component_modes(x, component, comm)
     for number, part in enumerate(parts):
         here = component == number
         energy = comm.allreduce(np.einsum("kci,kcj->ij", modes[here], forces[here]), op=MPI.SUM)
         basis = _basis_along_axes(null_space(energy, limit))
-        if basis.shape[1] == 0:
-            continue
-        found = [FreeMotion(number, part, column[:3], column[3:] / part.radius) for column in basis.T]
-        motions += found
-        anchors += anchors_of(x, [here & suited for suited in places], partial(_displacements_at, found), comm)
+        motions += [FreeMotion(number, part, column[:3], column[3:] / part.radius) for column in basis.T]
     centres = (", ".join(f"{value:.3g}" for value in tidy(part.centre, part.radius)) for part in parts)
     bodies = tuple(f"component {k} of the body, around ({centre})" for k, centre in enumerate(centres, 1))
-    return FreeMotions(comm, component, tuple(motions), tuple(anchors), bodies if len(parts) > 1 else ("the body",))
+    return FreeMotions(comm, component, tuple(motions), bodies if len(parts) > 1 else ("the body",))
 
 
-def joined_motions(parts: Sequence[FreeMotions], names: Sequence[str], nodes: Sequence[slice]) -> FreeMotions:
+def joined_motions(parts: Sequence[FreeMotions], names: Sequence[str]) -> FreeMotions:
     """The free motions of several bodies, of which this rank's nodes follow each other."""
     motions: list[FreeMotion] = []
-    anchors: list[Anchor] = []
     bodies: list[str] = []
     component = []
-    for part, name, own in zip(parts, names, nodes, strict=True):
+    for part, name in zip(parts, names, strict=True):
         first = len(bodies)
         component.append(first + part.component)
         motions += [replace(motion, component=first + motion.component) for motion in part.motions]
-        anchors += [replace(anchor, node=own.start + anchor.node) for anchor in part.anchors]
         bodies += [body.replace("the body", f'body "{name}"') for body in part.bodies]
-    return FreeMotions(parts[0].comm, np.concatenate(component), tuple(motions), tuple(anchors), tuple(bodies))
-
-
-def _displacements_at(motions: Sequence[FreeMotion], x: FloatArray) -> FloatArray:
-    return np.stack([motion.at(x) for motion in motions], axis=2)
+    return FreeMotions(parts[0].comm, np.concatenate(component), tuple(motions), tuple(bodies))
 
 
 def _basis_along_axes(free: FloatArray) -> FloatArray:

@@ -305,8 +305,7 @@ class JoinedBodies(Deformable):
 
     @cached_property
     def free(self) -> FreeMotions:
-        names, bodies, slices = zip(*((one.name, one.body.free, one.nodes) for one in self._members), strict=True)
-        return joined_motions(bodies, names, slices)
+        return joined_motions(*zip(*((one.body.free, one.name) for one in self._members), strict=True))
 
     @property
     def anchoring(self) -> FloatArray:

@@ -1,26 +1,19 @@
 """Bodies of which some faces are tied to each other, move as rigid bodies, or are the sections of bolts.
 
-Displacements follow from unknowns v, u = T v + g: those of nodes that follow no other, and unknowns of the constraints'
-own, six or fewer of a rigid face and one of a bolt, in metres.  Along the directions D in which nodes follow others,
-u = W u + N y, with y own unknowns; W of one constraint may be on nodes of others.  Equilibrium is T^T (internal - outer
-forces) = F, with F the forces of bolts on their own unknowns: the stiffness is T^T K T, as sparse as that of one mesh
-where the meshes match, and positive definite.  The rows of nodes that follow others, and of own unknowns that are
-prescribed, as the shortening of a locked bolt, have a diagonal alone, as those of held directions.
-
-The forces of constraints are those that slave nodes lack, lambda = D (internal - outer forces + W^T lambda), and
--W^T lambda on what these follow; N^T lambda = F.  Own unknowns are those that fit displacements best.
-
-Own unknowns are on the last rank, after its nodes and padded to nodes of three, so that nodes have the same numbers
-among unknowns as among displacements.
+Displacements follow from unknowns, u = T v + g (`Reduction`): those of nodes that follow no other, and those that
+constraints have of their own.  Equilibrium is T^T (internal - outer forces) = F, with F the forces of bolts along their
+own unknowns: the stiffness is T^T K T, as sparse as that of one mesh where the meshes match, and positive definite.
+The rows of nodes that follow others, and of own unknowns that are prescribed, as the shortening of a locked bolt, have
+a diagonal alone, as those of held directions.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
-from typing import Any, Final
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -42,6 +35,7 @@ from ..bodies import (
     OpenedPart,
     Tie,
     WrappedBodies,
+    anchors,
     at_nodes_of,
     attach_interpolation,
     attach_near_kernel,
@@ -56,21 +50,10 @@ from ..bodies import (
     rows_of,
 )
 from ..meshes import fetched, starts_of
+from .reduction import LONGEST_CHAIN, Reduction
 from .rigid_faces import FaceMotion, RigidFace
 from .sections import Section, openings
 from .ties import Tied
-
-_LONGEST_CHAIN: Final = 8
-"""Ties of which each follows the next."""
-
-
-def _each_column(of: Callable[[FloatArray], FloatArray], v: FloatArray) -> FloatArray:
-    """A function of nodal vectors (k, 3) for each of several (k, 3, j)."""
-    if v.ndim == 2:
-        return of(v)
-    if not v.shape[2]:
-        return of(np.zeros(v.shape[:2]))[:, :, None][:, :, :0]
-    return np.stack([of(v[:, :, j]) for j in range(v.shape[2])], axis=2)
 
 
 class TiedBodies(WrappedBodies):
@@ -84,8 +67,6 @@ class TiedBodies(WrappedBodies):
         sections: The sections of the bolts.
         locked: Whether the shortening of each of them is given.
         slaves: Which of this rank's nodes follow others, shape (k,).
-        points: Where the unknowns are, metres: this rank's nodes, on the last rank then the own ones, shape (k + p, 3).
-        unknowns: Their numbers.
     """
 
     def __init__(self, bodies: Deformable, given: Sequence[Tied | RigidFace], time: float = 0.0):
@@ -107,19 +88,15 @@ class TiedBodies(WrappedBodies):
         self.face_motions = tuple(part for part in moving if isinstance(part, FaceMotion))
         self.sections = tuple(part for part in moving if isinstance(part, Section))
         self.locked = tuple(section.given.fixed(time) for section in self.sections)
-        padded = [-(-tie.own.shape[2] // 3) for tie in ties]
-        ends = 3 * np.cumsum([0, *padded])
-        self._own = [slice(int(at), int(at) + tie.own.shape[2]) for at, tie in zip(ends, ties, strict=False)]
-        here, last = int(ends[-1]) // 3, self.comm.rank == self.comm.size - 1
-        middles = [part.place for part in moving if isinstance(part, FaceMotion | Section)]
-        places = np.repeat(np.reshape(middles, (-1, 3)), [count for count in padded if count], axis=0)
-        self._points: FloatArray = np.concatenate([self.x, places]) if last else self.x
-        self.unknowns = replace(self.numbering, local=len(self.points), total=self.numbering.total + here)
+        places = [part.place for part in moving if isinstance(part, FaceMotion | Section)]
+        self._map = Reduction(bodies, ties, places)
+        of_tie = {id(tie): own for tie, own in zip(ties, self._map.own, strict=True)}
+        self._of_bolts = [of_tie[id(section.tie)].start for section in self.sections]
         self._states = [self]
 
     @property
     def points(self) -> FloatArray:
-        return self._points
+        return self._map.points
 
     @property
     def locks(self) -> tuple[float, ...]:
@@ -141,151 +118,38 @@ class TiedBodies(WrappedBodies):
 
     # --- the map ------------------------------------------------------------------------------------------------------
 
-    @cached_property
-    def _tied(self) -> FloatArray:
-        """D: projectors on the directions along which nodes follow others, shape (k, 3, 3)."""
-        tied = np.zeros((len(self.x), 3, 3))
-        for tie in self.ties:
-            free = np.eye(3) - self.held.projector_at(tie.nodes)
-            sizes, directions = np.linalg.eigh(free @ tie.directions @ free)
-            tied[tie.nodes] = np.einsum("mia,ma,mja->mij", directions, np.round(sizes), directions)
-        return tied
-
-    @cached_property
-    def _rows(self) -> PETSc.Mat:
-        """W of all slave nodes, shape (n, n), distributed; rows of others are empty."""
-        n, axes = 3 * len(self.x), np.arange(3)
-        follow = scipy.sparse.csr_matrix((n, 3 * self.numbering.total))
-        for tie in self.ties:
-            at = (3 * tie.nodes[:, None] + axes).ravel()
-            lift = scipy.sparse.csr_matrix((np.ones(len(at)), (at, np.arange(len(at)))), (n, len(at)))
-            follow = follow + lift @ tie.rows
-        return distributed_rows(follow.tocsr(), (n, follow.shape[1]), self)
-
-    @cached_property
-    def _weights(self) -> list[tuple[npt.NDArray[np.int64], slice, FloatArray, FloatArray]]:
-        """Of every constraint with own unknowns its nodes, where its unknowns are among all own ones, and D N and the
-        fit (N^T D N)^-1 N^T D of these to displacements of the nodes, shapes (m, 3, q); collective."""
-        found = []
-        for tie, own in zip(self.ties, self._own, strict=True):
-            if tie.own.shape[2]:
-                N = np.einsum("mij,mjq->miq", self._tied[tie.nodes], tie.own)
-                gram = self.comm.allreduce(np.einsum("miq,mip->qp", N, N), op=MPI.SUM)
-                found.append((tie.nodes, own, N, N @ np.linalg.inv(gram)))
-        return found
-
-    @cached_property
-    def _follows(self) -> PETSc.Mat:
-        """T, from all unknowns, own ones that are prescribed included, to displacements; collective."""
-        n, axes = 3 * len(self.x), np.arange(3)
-        shape = n, 3 * self.unknowns.total
-        rows = block_diagonal(np.eye(3) - self._tied, self.unknowns)
-        for nodes, own, N, _ in self._weights:
-            at = (3 * nodes[:, None] + axes).ravel()
-            columns = 3 * self.numbering.total + np.arange(own.start, own.stop)
-            where = np.repeat(at, len(columns)), np.tile(columns, len(at))
-            rows = rows + scipy.sparse.csr_matrix((N.ravel(), where), shape)
-        rows.eliminate_zeros()
-        E, W = distributed_rows(rows.tocsr(), (3 * len(self.points), shape[1]), self), self._rows
-        T, change = E.copy(), 1.0
-        for _ in range(_LONGEST_CHAIN):  # nodes that follow nodes that follow others
-            then = W.matMult(T)
-            then.axpy(1.0, E)
-            T.axpy(-1.0, then)
-            change, T = T.norm(), then
-            if change == 0.0:
-                T.setAttr("mesh", self.lifetime)  # keeps it alive: see compat.assemble_matrix
-                return T
-        raise ValueError(f"{', '.join(one.what for one in self.given)}: nodes follow each other in a circle")
-
     @property
     def _loose(self) -> FloatArray:
-        """1 at own unknowns that are free, 0 at those of locked bolts and where they are padded, shape (3 p,)."""
-        loose: FloatArray = np.zeros(3 * (self.unknowns.total - self.numbering.total))
-        for own in self._own:
+        """1 at own unknowns that are free, 0 at those of locked bolts and where they are padded, shape (width,)."""
+        loose: FloatArray = np.zeros(self._map.width)
+        for own in self._map.own:
             loose[own] = 1.0
-        for own, locked in zip(self._of_bolts, self.locked, strict=True):
-            loose[own] = 0.0 if locked else 1.0
+        loose[self._of_bolts] = ~np.array(self.locked, dtype=bool)
         return loose
 
-    @property
-    def _of_bolts(self) -> list[slice]:
-        """Where the unknowns of bolts are among own ones."""
-        of = {id(section.tie): section for section in self.sections}
-        return [own for tie, own in zip(self.ties, self._own, strict=True) if id(tie) in of]
-
-    def _amounts(self, apart: FloatArray) -> FloatArray:
-        """The own unknowns that fit what nodes are apart from those that they follow, (k, 3) or (k, 3, j), best, shape
-        (3 p,) or (3 p, j), the same on every rank; collective."""
-        y = np.zeros((len(self._loose), *apart.shape[2:]))
-        for nodes, own, _, fit in self._weights:
-            y[own] = np.einsum("miq,mi...->q...", fit, apart[nodes])
-        return self.comm.allreduce(y, op=MPI.SUM) if self._weights else y
-
-    def _moved(self, y: FloatArray) -> FloatArray:
-        """D N y of own unknowns (3 p,) or (3 p, j), shape (k, 3) or (k, 3, j)."""
-        u = np.zeros((*self.x.shape, *y.shape[1:]))
-        for nodes, own, N, _ in self._weights:
-            u[nodes] = np.einsum("miq,q...->mi...", N, y[own])
-        return u
-
-    def _apart(self, u: FloatArray) -> FloatArray:
-        """D (u - W u) of displacements (k, 3), or (k, 3, j): by how much nodes are apart from those that they follow;
-        collective."""
-        return np.einsum("kij,kj...->ki...", self._tied, u - _each_column(partial(rows_of, self._rows), u))
-
-    def _with_own(self, of_nodes: FloatArray, own: FloatArray) -> FloatArray:
-        """Values at nodes (k, 3, ...), and those of own unknowns (3 p, ...) where these are, as of unknowns."""
-        here = len(self.points) - len(self.x)
-        return np.concatenate([of_nodes, own[: 3 * here].reshape(here, 3, *own.shape[1:])])
-
     def free_part(self, v: FloatArray) -> FloatArray:
-        """T v without its part along held directions and prescribed own unknowns, of unknowns v (k + p, 3), or (k + p,
-        3, j), shape (k, 3), or (k, 3, j); collective."""
-        return _each_column(partial(rows_of, self._follows), self._kept(v))
-
-    def _kept(self, v: FloatArray) -> FloatArray:
-        """Unknowns, or forces along them, without those that are prescribed."""
-        free, own = self.held.free_part(v), self._with_own(np.zeros((0, 3)), self._loose)
-        free[len(self.x) :] *= own.reshape(*own.shape, *(1,) * (v.ndim - 2))
-        return free
+        """T v without its part along held directions and prescribed own unknowns, of unknowns v (k + p, 3), or
+        (k + p, 3, j), shape (k, 3), or (k, 3, j); collective."""
+        return self._map.lifted(self._map.kept(v, self._loose))
 
     def transferred(self, forces: FloatArray) -> FloatArray:
-        """T^T times the forces, shape (k + p, 3), or (k + p, 3, j)."""
-        return _each_column(partial(at_nodes_of, self._follows), forces)
+        return self._map.transferred(forces)
 
     def along_unknowns(self, forces: FloatArray, time: float | None = None) -> FloatArray:
         transferred = self.transferred(forces)
         if time is not None:
-            transferred += self._with_own(np.zeros_like(self.x), self._tension(time))
-        return self._kept(transferred)
+            transferred += self._map.with_own(np.zeros_like(self.x), self._tension(time))
+        return self._map.kept(transferred, self._loose)
 
     def prevented(self, modes: FloatArray) -> FloatArray:
-        apart = self._left_apart(self._apart(modes))
-        return self.held_part(modes) + apart - _each_column(partial(at_nodes_of, self._rows), apart)
-
-    def _left_apart(self, apart: FloatArray) -> FloatArray:
-        """What own unknowns that are free do not account for."""
-        y = self._amounts(apart)
-        return apart - self._moved(self._loose.reshape(-1, *(1,) * (y.ndim - 1)) * y)
+        apart = self._map.left_apart(self._map.apart(modes), self._loose)
+        return self.held_part(modes) + self._map.on_followed(apart)
 
     def reduced(self, u: FloatArray, loading: Loading | None = None) -> FloatArray:
-        apart = self._apart(u)
-        y = self._amounts(apart if loading is None else apart - loading.apart)
-        own = self._loose.reshape(-1, *(1,) * (y.ndim - 1)) * y
-        return self._with_own(u - np.einsum("kij,kj...->ki...", self._tied, u), own)
+        return self._map.reduced(u, self._loose, 0.0 if loading is None else loading.apart)
 
     def projection(self) -> PETSc.Mat:
-        """T without held directions and prescribed own unknowns, distributed."""
-        blocks = np.tile(np.eye(3), (len(self.points), 1, 1))
-        blocks[: len(self.x)] -= self.held.projector_at(np.arange(len(self.x)))
-        blocks[len(self.x) :] *= self._with_own(np.zeros((0, 3)), self._loose)[:, None]
-        rows = block_diagonal(blocks, self.unknowns)
-        P = distributed_rows(rows, (rows.shape[0], rows.shape[1]), self)
-        product = self._follows.matMult(P)
-        P.destroy()
-        product.setAttr("mesh", self.lifetime)
-        return product
+        return self._map.projection(self._loose)
 
     # --- stiffness ----------------------------------------------------------------------------------------------------
 
@@ -311,15 +175,15 @@ class TiedBodies(WrappedBodies):
         blocks = np.zeros((len(self.points), 3, 3))
         blocks[self.held.nodes] = self._held_diagonal[self.held.nodes][:, :, None] * self.held.projector
         mean = diagonal.array_r.reshape(-1, 3).mean(axis=1)
-        blocks[:count] += mean[:, None, None] * self._tied
+        blocks[:count] += mean[:, None, None] * self._map.tied
         typical = self.comm.allreduce(float(mean.sum()), op=MPI.SUM) / self.numbering.total
-        blocks[count:] = typical * (1.0 - self._with_own(np.zeros((0, 3)), self._loose))[:, :, None] * np.eye(3)
+        blocks[count:] = typical * (1.0 - self._map.with_own(np.zeros((0, 3)), self._loose))[:, :, None] * np.eye(3)
         TP = self.projection()
         product = S.PtAP(TP)
         present = product.getDiagonal()
-        anchoring: FloatArray = self.free.anchored(self.x.shape) * present.array_r.reshape(-1, 3)[:count]
-        blocks[:count, axes, axes] += anchoring
-        rows = local_rows(product) + block_diagonal(blocks, self.unknowns) + self._springs()
+        anchoring: FloatArray = self._anchors() * present.array_r.reshape(-1, 3)
+        blocks[:, axes, axes] += anchoring
+        rows = local_rows(product) + block_diagonal(blocks, self._map.numbering) + self._springs()
         for thing in (S, diagonal, TP, product, present):
             thing.destroy()
         K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(self.points), rows.shape[1]), self)
@@ -330,31 +194,39 @@ class TiedBodies(WrappedBodies):
             attach_interpolation(K, self._interpolation)
         return K, anchoring
 
+    def _anchors(self) -> npt.NDArray[np.bool_]:
+        """Which unknowns are anchors of free motions: those of nodes that follow no other, if these determine all
+        motions, shape (k + p, 3); collective."""
+        places = np.zeros((3, len(self.points)), dtype=bool)
+        for member in self.members:
+            places[:, member.nodes] = member.body.anchor_places
+        places[:, : len(self.x)] &= ~self.slaves
+        places[-1] = True
+        return anchors(self.free, self.free_unknowns, list(places), self.comm)
+
     def _springs(self) -> scipy.sparse.csr_matrix:
         """This rank's rows of (C^T N)^T S C^T N of all rigid faces, along their own unknowns; collective."""
-        first, found = 3 * self.numbering.total, np.zeros((len(self._loose), len(self._loose)))
-        for motion, (_, own, N, _) in zip(self.face_motions, self._weights, strict=False):  # rigid faces are first
+        width, here = self._map.width, 3 * self._map.here
+        found = np.zeros((width, width))
+        for motion, (_, own, N, _) in zip(self.face_motions, self._map.weights, strict=False):  # rigid faces are first
             along = self.comm.allreduce(np.einsum("mcp,mcq->pq", motion.spread, N), op=MPI.SUM)
             found[own, own] = (along.T * motion.given.stiffness) @ along
-        row, column = np.nonzero(found)
-        here = 3 * (len(self.points) - len(self.x))
-        row, column = row[row < here], column[row < here]
-        entries = found[row, column], (3 * len(self.x) + row, first + column)
-        return scipy.sparse.csr_matrix(entries, (3 * len(self.points), 3 * self.unknowns.total))
+        nodes = scipy.sparse.csr_matrix((3 * len(self.x), 3 * self.numbering.total))
+        return scipy.sparse.block_diag([nodes, scipy.sparse.csr_matrix(found)[:here]], "csr")
 
     def _rigid_modes(self, x: FloatArray) -> FloatArray:
         """The rigid motions of all bodies at nodes x (n, 3) of a mesh of them, and own unknowns in these, shape
         (n + p, 3, 6); collective."""
         (whole,) = component_modes(self.x, np.zeros(len(self.x), dtype=np.int64), self.comm)[1]
         at, there = (displacements_of(of - whole.centre, np.full(len(of), whole.radius)) for of in (x, self.x))
-        return self._with_own(at, self._loose[:, None] * self._amounts(self._apart(there)))
+        return np.concatenate([at, self.reduced(there)[len(self.x) :]])
 
     def _interpolation(self) -> PETSc.Mat:
         """That of the bodies, without what follows other nodes, and with own unknowns as they are."""
-        P, own = self.bodies.K.getAttr(INTERPOLATION)(), len(self._loose)
-        E = block_diagonal(np.eye(3) - self._tied, Numbering(0, len(self.x), len(self.x)))
-        here = 3 * (len(self.points) - len(self.x))
-        rows = scipy.sparse.block_diag([E @ local_rows(P), scipy.sparse.identity(own, format="csr")[:here]], "csr")
+        P, here = self.bodies.K.getAttr(INTERPOLATION)(), 3 * self._map.here
+        E = block_diagonal(np.eye(3) - self._map.tied, Numbering(0, len(self.x), len(self.x)))
+        own = scipy.sparse.identity(self._map.width, format="csr")[:here]
+        rows = scipy.sparse.block_diag([E @ local_rows(P), own], "csr")
         rows.eliminate_zeros()
         product = distributed_rows(rows, (P.getLocalSize()[1] + here, rows.shape[1]), self)
         parts = [member.body for member in self.members]
@@ -368,14 +240,9 @@ class TiedBodies(WrappedBodies):
         """The rigid motions of bodies and of what is tied together, and those along bolts that are not locked."""
         component, names = self._joined_components(self.ties)
         modes, _ = component_modes(self.x, component, self.comm)
-        places = np.zeros((3, len(self.x)), dtype=bool)
-        for member in self.members:
-            places[:, member.nodes] = member.body.anchor_places
-        found = free_motions(
-            self.x, component, self._resisted(modes), self._limit, tuple(places & ~self.slaves), self.comm
-        )
+        found = free_motions(self.x, component, self._resisted(modes), self._limit, self.comm)
         found = replace(found, bodies=names)
-        return found if all(self.locked) else self._opened(found, places[-1] & ~self.slaves)
+        return found if all(self.locked) else self._opened(found)
 
     @property
     def _limit(self) -> float:
@@ -391,29 +258,29 @@ class TiedBodies(WrappedBodies):
             forces = forces - motion.spring_force(modes, motion.unit_stiffness(self.x, self.comm), self.comm)
         return forces
 
-    def _opened(self, found: FreeMotions, places: npt.NDArray[np.bool_]) -> FreeMotions:
+    def _opened(self, found: FreeMotions) -> FreeMotions:
         """With the motions in which bolts that are not locked become shorter and nothing is deformed; collective.
 
         The parts on the two sides of a section are bodies of their own there; of the motions of all of them against
         which nothing has energy, those are taken that change the lengths of bolts.
         """
-        bolts = zip(self.sections, self._of_bolts, self.locked, strict=True)
-        loose = [(section, own) for section, own, locked in bolts if not locked]
-        part, names = self._joined_components([tie for tie in self.ties if not any(tie is one.tie for one, _ in loose)])
+        loose = np.flatnonzero(~np.array(self.locked))
+        sections = [self.sections[k] for k in loose]
+        part, names = self._joined_components([tie for tie in self.ties if not any(tie is s.tie for s in sections)])
         modes, parts = component_modes(self.x, part, self.comm)
         each = np.concatenate([np.where((part == k)[:, None, None], modes, 0.0) for k in range(len(parts))], axis=2)
         energy = self.comm.allreduce(np.einsum("kci,kcj->ij", each, self._resisted(each)), op=MPI.SUM)
         free = null_space(energy, self._limit)
         motions = each @ free
-        amounts = self._amounts(self._apart(motions))[[own.start for _, own in loose]]
-        ways, named = openings(amounts, [section for section, _ in loose])
+        amounts = self._map.amounts(self._map.apart(motions))[[self._of_bolts[k] for k in loose]]
+        ways, named = openings(amounts, sections)
         if not named:
             return found
         of_parts = (free @ ways).reshape(len(parts), 6, -1)
         numbers = [int(np.max(found.component[part == k], initial=-1)) for k in range(len(parts))]
         numbers = np.max(self.comm.allgather(numbers), axis=0).tolist()
         opened = [OpenedPart(*one) for one in zip(names, numbers, parts, of_parts, strict=True)]
-        return found.opened(motions @ ways, named, self.x, places, opened)
+        return found.opened(motions @ ways, named, opened)
 
     def _joined_components(self, ties: Sequence[Tie]) -> tuple[IntArray, tuple[str, ...]]:
         """The component of every node, where those of these ties are one, shape (k,), and their names; collective."""
@@ -439,11 +306,7 @@ class TiedBodies(WrappedBodies):
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
     def at(self, time: float) -> Loading:
-        return self._loading(time, self._none)
-
-    @property
-    def _none(self) -> FloatArray:
-        return np.zeros(len(self._loose))
+        return self._loading(time, np.zeros(self._map.width))
 
     def refuse_beginning(self, time: float) -> None:
         for one in (section.given for section in self.sections):
@@ -454,11 +317,11 @@ class TiedBodies(WrappedBodies):
                 )
 
     def after(self, time: float, before: FloatArray) -> Loading:
-        return self._loading(time, self._amounts(self._apart(before)) if self.sections else self._none)
+        return self._loading(time, self._map.amounts(self._map.apart(before)))
 
     def _loading(self, time: float, kept: FloatArray) -> Loading:
         """Prescribed displacements are u with no unknowns: those of supports, rigid faces and bolts, and what follows
-        them; `kept` are the own unknowns (3 p,) by which bolts are locked; collective."""
+        them; `kept` are the own unknowns (width,) by which bolts are locked; collective."""
         of_bodies, offset = self.bodies.at(time), np.zeros_like(self.x)
         for motion in self.face_motions:
             offset += motion.prescribed(self.x, time, self.comm)
@@ -467,31 +330,31 @@ class TiedBodies(WrappedBodies):
             size = self.comm.allreduce(max(given), op=MPI.MAX)
             for motion in self.face_motions:
                 motion.refuse_other(self.held_part(of_bodies.prescribed - offset), size, self.comm)
-        y = self._none
+        y, found = np.zeros(self._map.width), self._map
         for section, own, locked in zip(self.sections, self._of_bolts, self.locked, strict=True):
             if locked:
                 y[own] = section.given.value(time, self.comm) if section.given.force is None else kept[own]
-        apart = offset = np.einsum("kij,kj->ki", self._tied, offset) + self._moved(y)
-        prescribed = rows_of(self._follows, self._with_own(of_bodies.prescribed, self._none))
-        for _ in range(_LONGEST_CHAIN):  # u = W u + apart at slave nodes
+        apart = offset = found.followed(offset) + found.moved(y)
+        prescribed = found.lifted(found.with_own(of_bodies.prescribed, np.zeros(found.width)))
+        for _ in range(LONGEST_CHAIN):  # u = W u + apart at slave nodes
             prescribed = prescribed + offset
-            offset = np.einsum("kij,kj->ki", self._tied, rows_of(self._rows, offset))
+            offset = found.followed(rows_of(found.W, offset))
             if not self.comm.allreduce(bool(np.any(offset)), op=MPI.LOR):
                 break
         return replace(of_bodies, prescribed=prescribed, untied=of_bodies, apart=apart)
 
     def _tension(self, time: float) -> FloatArray:
-        """The forces of bolts along own unknowns at a time, newtons, shape (3 p,); collective."""
-        forces = self._none
+        """The forces of bolts along own unknowns at a time, newtons, shape (width,); collective."""
+        forces = np.zeros(self._map.width)
         for section, own in zip(self.sections, self._of_bolts, strict=True):
             if not section.given.fixed(time):
                 forces[own] = section.given.value(time, self.comm)
         return forces
 
     def bolts(self, u: FloatArray) -> Iterator[Bolt]:
-        y = self._amounts(self._apart(u)) if self.sections else self._none
+        y = self._map.amounts(self._map.apart(u))
         for section, own, locked in zip(self.sections, self._of_bolts, self.locked, strict=True):
-            yield Bolt(section.tie.face, section.place, section.direction, float(y[own.start]), locked)
+            yield Bolt(section.tie.face, section.place, section.direction, float(y[own]), locked)
 
     def f(self, loading: Loading) -> PETSc.Vec:
         f, forces, g = self.K.createVecRight(), loading.load, loading.prescribed
@@ -502,30 +365,14 @@ class TiedBodies(WrappedBodies):
         f.array[:] = along.ravel()
         return f
 
-    def _on_slaves(self, imbalance: FloatArray, time: float) -> FloatArray:
-        """lambda: the forces of all ties on their slave nodes, shapes (k, 3); along own unknowns that are free they add
-        up to those of bolts; collective."""
-        forces, tension = np.zeros_like(imbalance), self._tension(time)
-        for _ in range(_LONGEST_CHAIN):
-            before = forces
-            forces = np.einsum("kij,kj->ki", self._tied, imbalance + at_nodes_of(self._rows, before))
-            if self._weights:
-                along = self._none
-                for nodes, own, N, _ in self._weights:
-                    along[own] = np.einsum("miq,mi->q", N, forces[nodes])
-                along = self._loose * (self.comm.allreduce(along, op=MPI.SUM) - tension)
-                for nodes, own, _, fit in self._weights:
-                    forces[nodes] -= fit @ along[own]
-            if not self.comm.allreduce(bool(np.any(forces != before)), op=MPI.LOR):
-                break
-        return forces
+    def _lacking(self, imbalance: FloatArray, time: float) -> FloatArray:
+        return self._map.lacking(imbalance, self._loose, self._tension(time))
 
     def forces_of_ties(self, imbalance: FloatArray, time: float) -> FloatArray:
-        forces = self._on_slaves(imbalance, time)
-        return forces - at_nodes_of(self._rows, forces)
+        return self._map.on_followed(self._lacking(imbalance, time))
 
     def shares_of_ties(self, imbalance: FloatArray, time: float) -> Iterator[NodalForces]:
-        forces = self._on_slaves(imbalance, time)
+        forces = self._lacking(imbalance, time)
         for tie in self.ties:
             share, own = np.zeros_like(forces), forces[tie.nodes]
             share[tie.nodes] = own
@@ -535,7 +382,7 @@ class TiedBodies(WrappedBodies):
             yield NodalForces(tie.kind.replace(" ", "_"), tie.face, share)
 
     def stresses_of_ties(self, imbalance: FloatArray, time: float) -> dict[str, FloatArray]:
-        forces = self._on_slaves(imbalance, time)
+        forces = self._lacking(imbalance, time)
         starts, found = starts_of(self.comm, len(self.x)), np.zeros((2, len(self.x)))
         for tie in self.ties:
             there = fetched(self.comm, starts, tie.traction.indices.astype(np.int64), forces)
@@ -548,14 +395,13 @@ class TiedBodies(WrappedBodies):
         return dict(zip(TIE_STRESSES, found, strict=True))
 
     def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-        apart = self._apart(u) if self.face_motions else u
-        for motion, (_, own, _, _) in zip(self.face_motions, self._weights, strict=False):
-            given = np.einsum("kij,kj->ki", self._tied, motion.prescribed(self.x, time, self.comm))
-            found = motion.values(time, self.comm) + motion.motions @ self._amounts(apart - given)[own]
-            yield motion.given.face, motion.place, found
+        for motion, (_, own, _, _) in zip(self.face_motions, self._map.weights, strict=False):
+            given = motion.prescribed(self.x, time, self.comm)
+            y = self._map.amounts(self._map.apart(u) - self._map.followed(given))[own]
+            yield motion.given.face, motion.place, motion.values(time, self.comm) + motion.motions @ y
 
     def jump(self, u: FloatArray, loading: Loading) -> FloatArray:
-        return self._left_apart(self._apart(u) - loading.apart)
+        return self._map.left_apart(self._map.apart(u) - loading.apart, self._loose)
 
     # --- springs at reference points ----------------------------------------------------------------------------------
 

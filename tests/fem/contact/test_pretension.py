@@ -97,6 +97,7 @@ def test_the_joint_diagram():
         load = 3e3 * max(time - 1.0, 0.0)
         expected = force * min(time, 1.0) + load / 3.0
         assert step.solution.certificate.passed and found.locked == (time > 1.0)
+        assert step.solution.problem.body is problem.body  # pairs, faces and surface are not found again
         assert found.force == pytest.approx(load if load > 1.5 * force else expected, rel=1e-8)
         assert step.row["bolt_up:bottom_force"] == found.force
         if time == 1.0:
@@ -105,6 +106,25 @@ def test_the_joint_diagram():
             assert step.state.energy.prescribed == pytest.approx(0.5 * force * shortened, rel=1e-9)
             assert abs(step.state.energy.imbalance) <= 1e-9 * force * shortened
         assert found.shortening == pytest.approx(shortened if time >= 1.0 else 0.75 * force / stiffness, rel=1e-4)
+
+
+def test_unknowns_and_displacements_with_a_tie_a_bolt_and_a_rigid_face():
+    """u = T v: rigid motions have unknowns of their own, v = 0 at a locked bolt; T^T of forces does the same work."""
+    given = {"ties": [Pretension("up:bottom", "low:top", force=1.0, lock=1.0)], "rigid_faces": [RigidFace("up:top")]}
+    low, up = box((1.0, 1.0, 1.0), (2, 2, 1)), moved(box((1.0, 1.0, 1.0), (3, 3, 1)), (0.0, 0.0, 1.0))
+    body = ContactProblem(join(low=low, up=up), Material(E, 0.3), [], Contact("low:bottom", 0.3), **given).elasticity
+    rigid = np.array([1.0, 2.0, -3.0]) + np.cross([0.3, -0.2, 0.5], body.x)
+    stretched = rigid + 0.2 * (body.x[:, 2:] > 0.5) * (np.arange(len(body.x)) >= 18)[:, None] * [0.0, 0.0, 1.0]
+    for time, u in ((0.5, rigid), (0.5, stretched), (1.5, rigid)):
+        there = body.at_time(time)
+        v = there.reduced(u)
+        assert there.points.shape == v.shape == (len(body.x) + 3, 3)
+        assert np.abs(there.free_part(v) - u).max() <= 1e-12
+        forces = np.sin(np.arange(u.size)).reshape(u.shape)
+        assert np.sum(there.along_unknowns(forces) * v) == pytest.approx(np.sum(forces * u), rel=1e-11)
+        (bolt,) = there.bolts(u)
+        assert abs(bolt.shortening) == pytest.approx(0.0 if u is rigid else 0.2, abs=1e-12)
+        assert bolt.locked == (time > 1.0)
 
 
 def test_a_length_in_place_of_a_force():

@@ -1,0 +1,227 @@
+"""The map from unknowns to displacements that ties, rigid faces and bolts make: u = T v + g.
+
+Unknowns v are the displacements of nodes, and those that constraints have of their own, six or fewer of a rigid face
+and one of a bolt, in metres.  Along the directions D in which nodes follow others, u = W u + N y, with y own unknowns;
+W of one constraint may be on nodes of others.  With E = I - D,
+
+    T = E + D (W T + N T_own).
+
+The forces of constraints are those that slave nodes lack, lambda = D (internal - outer forces + W^T lambda), and
+-W^T lambda on what these follow; along own unknowns that are free N^T lambda = F, the forces of bolts.  Own unknowns
+are those that fit displacements best.
+
+Own unknowns are on the last rank, after its nodes and padded to nodes of three, so that nodes have the same numbers
+among unknowns as among displacements.  Which of them are free, `loose`, changes in time: T and all that is here do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cached_property, partial
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from ..bodies import Deformable, Tie, at_nodes_of, block_diagonal, distributed_rows, rows_of
+
+LONGEST_CHAIN: Final = 8
+"""Ties of which each follows the next."""
+
+
+def _each_column(of: Callable[[FloatArray], FloatArray], v: FloatArray) -> FloatArray:
+    """A function of nodal vectors (k, 3) for each of several (k, 3, j)."""
+    if v.ndim == 2:
+        return of(v)
+    if not v.shape[2]:
+        return of(np.zeros(v.shape[:2]))[:, :, None][:, :, :0]
+    return np.stack([of(v[:, :, j]) for j in range(v.shape[2])], axis=2)
+
+
+def _scaled(factors: FloatArray, values: FloatArray) -> FloatArray:
+    """Values of any shape (n, ...) times factors (n,)."""
+    product: FloatArray = factors.reshape(-1, *(1,) * (values.ndim - 1)) * values
+    return product
+
+
+class Reduction:
+    """T of some constraints on the nodes of bodies; this rank's k nodes and p nodes of own unknowns.
+
+    Args:
+        bodies: The bodies without constraints.
+        ties: What their nodes follow.
+        places: Where the own unknowns of those that have any are, metres, each of shape (3,).
+
+    Attributes:
+        points: Where the unknowns are, metres, shape (k + p, 3); p is 0 but on the last rank.
+        numbering: The numbers of the unknowns.
+        own: Where those of each tie are among all own unknowns.
+        width: How many these are on all ranks, with what pads them.
+    """
+
+    def __init__(self, bodies: Deformable, ties: Sequence[Tie], places: Sequence[FloatArray]):
+        self._bodies, self._x, self._held, self._comm = bodies, bodies.x, bodies.held, bodies.comm
+        self._ties, self._of_nodes = tuple(ties), bodies.numbering
+        padded = [-(-tie.own.shape[2] // 3) for tie in ties]
+        starts = 3 * np.cumsum([0, *padded])
+        self.own = [slice(int(at), int(at) + tie.own.shape[2]) for at, tie in zip(starts, ties, strict=False)]
+        self.width = int(starts[-1])
+        x = np.repeat(np.reshape(places, (-1, 3)), [count for count in padded if count], axis=0)
+        last = self._comm.rank == self._comm.size - 1
+        self.points: FloatArray = np.concatenate([self._x, x]) if last else self._x
+        self.here = len(self.points) - len(self._x)
+        total = self._of_nodes.total + self.width // 3
+        self.numbering = replace(self._of_nodes, local=len(self.points), total=total)
+
+    @cached_property
+    def tied(self) -> FloatArray:
+        """D: projectors on the directions along which nodes follow others, shape (k, 3, 3)."""
+        tied = np.zeros((len(self._x), 3, 3))
+        for tie in self._ties:
+            free = np.eye(3) - self._held.projector_at(tie.nodes)
+            sizes, directions = np.linalg.eigh(free @ tie.directions @ free)
+            tied[tie.nodes] = np.einsum("mia,ma,mja->mij", directions, np.round(sizes), directions)
+        return tied
+
+    @cached_property
+    def W(self) -> PETSc.Mat:
+        """W of all slave nodes, shape (n, n), distributed; rows of others are empty."""
+        n, axes = 3 * len(self._x), np.arange(3)
+        follow = scipy.sparse.csr_matrix((n, 3 * self._of_nodes.total))
+        for tie in self._ties:
+            at = (3 * tie.nodes[:, None] + axes).ravel()
+            lift = scipy.sparse.csr_matrix((np.ones(len(at)), (at, np.arange(len(at)))), (n, len(at)))
+            follow = follow + lift @ tie.rows
+        return self._distributed(follow.tocsr(), n)
+
+    @cached_property
+    def weights(self) -> list[tuple[npt.NDArray[np.int64], slice, FloatArray, FloatArray]]:
+        """Of every constraint with own unknowns its nodes, where its unknowns are among all own ones, and D N and the
+        fit (N^T D N)^-1 N^T D of these to displacements of the nodes, shapes (m, 3, q); collective."""
+        found = []
+        for tie, own in zip(self._ties, self.own, strict=True):
+            if tie.own.shape[2]:
+                N = np.einsum("mij,mjq->miq", self.tied[tie.nodes], tie.own)
+                gram = self._comm.allreduce(np.einsum("miq,mip->qp", N, N), op=MPI.SUM)
+                found.append((tie.nodes, own, N, N @ np.linalg.inv(gram)))
+        return found
+
+    @cached_property
+    def T(self) -> PETSc.Mat:
+        """From all unknowns, own ones that are prescribed included, to displacements; collective.  ValueError on every
+        rank if nodes follow each other in a circle."""
+        rows = block_diagonal(np.eye(3) - self.tied, self.numbering)
+        for nodes, own, N, _ in self.weights:
+            at = (3 * nodes[:, None] + np.arange(3)).ravel()
+            columns = 3 * self._of_nodes.total + np.arange(own.start, own.stop)
+            where = np.repeat(at, len(columns)), np.tile(columns, len(at))
+            rows = rows + scipy.sparse.csr_matrix((N.ravel(), where), rows.shape)
+        rows.eliminate_zeros()
+        E = self._distributed(rows.tocsr(), 3 * len(self.points))
+        T, change = E.copy(), 1.0
+        for _ in range(LONGEST_CHAIN):  # nodes that follow nodes that follow others
+            then = self.W.matMult(T)
+            then.axpy(1.0, E)
+            T.axpy(-1.0, then)
+            change, T = T.norm(), then
+            if change == 0.0:
+                T.setAttr("mesh", self._bodies.lifetime)  # keeps it alive: see compat.assemble_matrix
+                return T
+        said = ", ".join(f"{tie.kind} of {tie.face!r}" for tie in self._ties)
+        raise ValueError(f"{said}: nodes follow each other in a circle")
+
+    def _distributed(self, rows: scipy.sparse.csr_matrix, columns: int) -> PETSc.Mat:
+        return distributed_rows(rows, (columns, rows.shape[1]), self._bodies)
+
+    # --- own unknowns -------------------------------------------------------------------------------------------------
+
+    def amounts(self, apart: FloatArray) -> FloatArray:
+        """The own unknowns that fit what nodes are `apart` from those that they follow, (k, 3) or (k, 3, j), best,
+        shape (width,) or (width, j), the same on every rank; collective."""
+        y = np.zeros((self.width, *apart.shape[2:]))
+        for nodes, own, _, fit in self.weights:
+            y[own] = np.einsum("miq,mi...->q...", fit, apart[nodes])
+        return self._comm.allreduce(y, op=MPI.SUM) if self.weights else y
+
+    def moved(self, y: FloatArray) -> FloatArray:
+        """D N y of own unknowns (width,) or (width, j), shape (k, 3) or (k, 3, j)."""
+        u = np.zeros((*self._x.shape, *y.shape[1:]))
+        for nodes, own, N, _ in self.weights:
+            u[nodes] = np.einsum("miq,q...->mi...", N, y[own])
+        return u
+
+    def apart(self, u: FloatArray) -> FloatArray:
+        """D (u - W u) of displacements (k, 3), or (k, 3, j): by how much nodes are apart from those that they follow;
+        collective."""
+        return self.followed(u - _each_column(partial(rows_of, self.W), u))
+
+    def followed(self, u: FloatArray) -> FloatArray:
+        """D u of nodal vectors (k, 3), or (k, 3, j)."""
+        return np.einsum("kij,kj...->ki...", self.tied, u)
+
+    def left_apart(self, apart: FloatArray, loose: FloatArray) -> FloatArray:
+        """What own unknowns that are free do not account for."""
+        return apart - self.moved(_scaled(loose, self.amounts(apart)))
+
+    def with_own(self, of_nodes: FloatArray, own: FloatArray) -> FloatArray:
+        """Values at nodes (k, 3, ...), and those of own unknowns (width, ...) where these are, as of unknowns."""
+        return np.concatenate([of_nodes, own[: 3 * self.here].reshape(self.here, 3, *own.shape[1:])])
+
+    # --- unknowns and displacements -----------------------------------------------------------------------------------
+
+    def kept(self, v: FloatArray, loose: FloatArray) -> FloatArray:
+        """Unknowns, or forces along them, without those that are prescribed; shapes (k + p, 3), or (k + p, 3, j)."""
+        free = self._held.free_part(v)
+        free[len(self._x) :] *= loose[: 3 * self.here].reshape(self.here, 3, *(1,) * (v.ndim - 2))
+        return free
+
+    def lifted(self, v: FloatArray) -> FloatArray:
+        """T v, shape (k, 3), or (k, 3, j); collective."""
+        return _each_column(partial(rows_of, self.T), v)
+
+    def transferred(self, forces: FloatArray) -> FloatArray:
+        """T^T times nodal forces (k, 3), or (k, 3, j), shape (k + p, 3), or (k + p, 3, j); collective."""
+        return _each_column(partial(at_nodes_of, self.T), forces)
+
+    def on_followed(self, forces: FloatArray) -> FloatArray:
+        """Forces on slave nodes (k, 3), or (k, 3, j), less W^T times them on what these follow; collective."""
+        return forces - _each_column(partial(at_nodes_of, self.W), forces)
+
+    def reduced(self, u: FloatArray, loose: FloatArray, offset: FloatArray | float = 0.0) -> FloatArray:
+        """The unknowns of displacements u (k, 3), or (k, 3, j), of which slave nodes are prescribed to be apart by an
+        offset; 0 at slave nodes; collective."""
+        return self.with_own(u - self.followed(u), _scaled(loose, self.amounts(self.apart(u) - offset)))
+
+    def projection(self, loose: FloatArray) -> PETSc.Mat:
+        """T without held directions and prescribed own unknowns, distributed."""
+        blocks = np.tile(np.eye(3), (len(self.points), 1, 1))
+        blocks[: len(self._x)] -= self._held.projector_at(np.arange(len(self._x)))
+        blocks[len(self._x) :] *= loose[: 3 * self.here].reshape(-1, 1, 3)
+        P = self._distributed(block_diagonal(blocks, self.numbering), 3 * len(self.points))
+        product = self.T.matMult(P)
+        P.destroy()
+        product.setAttr("mesh", self._bodies.lifetime)
+        return product
+
+    def lacking(self, imbalance: FloatArray, loose: FloatArray, tension: FloatArray) -> FloatArray:
+        """lambda: the forces of all constraints on their slave nodes, by the internal forces less all other forces,
+        shapes (k, 3), and forces along own unknowns (width,); collective."""
+        forces = np.zeros_like(imbalance)
+        for _ in range(LONGEST_CHAIN):
+            before = forces
+            forces = self.followed(imbalance + at_nodes_of(self.W, before))
+            if self.weights:
+                along = np.zeros(self.width)
+                for nodes, own, N, _ in self.weights:
+                    along[own] = np.einsum("miq,mi->q", N, forces[nodes])
+                along = loose * (self._comm.allreduce(along, op=MPI.SUM) - tension)
+                for nodes, own, _, fit in self.weights:
+                    forces[nodes] -= fit @ along[own]
+            if not self._comm.allreduce(bool(np.any(forces != before)), op=MPI.LOR):
+                break
+        return forces
