@@ -195,8 +195,8 @@ class Iterate:
         at = number[there.surface.nodes]
         then = replace(there, slip_rate=before.slip_rate[at], accumulated=before.accumulated.at(at))
         if start is not None:
-            slip = start.slip(self.body, there.surface, there.rigid_motions, self.foundations)
-            spins = map(spin, there.rigid_motions, start.motions, repeat(time - before.time))
+            slip = start.slip(self.body, there.surface, there.foundation_motions, self.foundations)
+            spins = map(spin, there.foundation_motions, start.motions, repeat(time - before.time))
             then = replace(then, slip_origin=-there.surface.components(slip), spins=tuple(spins))
         self.problem = posed.in_state(then, posed.body.seconds, before)
 
@@ -219,7 +219,7 @@ class Iterate:
         stiffness = np.zeros((len(self.u), 3, 3))
         if not surface.points.nodal:
             return stiffness
-        for part, (foundation, motion) in enumerate(zip(self.foundations, state.rigid_motions, strict=True)):
+        for part, (foundation, motion) in enumerate(zip(self.foundations, state.foundation_motions, strict=True)):
             here = (surface.part == part) & (x[0::3] > 0.0)
             if foundation is not None and np.any(here):
                 bent = curvature(moved(foundation, motion), surface.x[here])
@@ -260,7 +260,7 @@ class Iterate:
 
     def start(self) -> FaceMotion:
         """The start of a load step from here; collective."""
-        surface, motions = self.problem.state.surface, self.problem.state.rigid_motions
+        surface, motions = self.problem.state.surface, self.problem.state.foundation_motions
         return FaceMotion(*foot_points(self.body, surface.faces, motions, self.foundations), surface, motions)
 
 
@@ -285,7 +285,7 @@ def fineness(answer: Solution, e: Evidence, undeformed: ContactBody) -> SmallStr
     members = [body.face(face, "contact") for face in surface.faces]
     faces = [face_samples(one.body, facets, answer.change[one.nodes]) for one, facets in members]
     deformation = deformations(e.displacement, e.internal, body.component, over)
-    motions = answer.problem.state.rigid_motions
+    motions = answer.problem.state.foundation_motions
     given = np.zeros(len(surface.x))
     inside = undeformed.outside.overlap(surface, given, motions, answer.displacement, deformation, large=True)
     deformed = _Deformed(e.comm, e.x, e.internal)

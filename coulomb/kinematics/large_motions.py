@@ -442,16 +442,6 @@ class LargeMotions(ContactProblem):
         return replace(energy, elastic=before.energy.elastic + change)
 
 
-def _solve(
-    problem: ContactProblem,
-    tolerance: float,
-    start: FloatArray,
-    solver: Solver | None,
-    progress: ProgressCallback | None,
-) -> Solution:
-    return problem.solve(tolerance, solver, progress, start)
-
-
 def _together(results: Sequence[SolverResult], x: FloatArray, certificate: Certificate, reached: bool) -> SolverResult:
     """The result of all linear problems of a step: sums; CONVERGED if the residual reached the tolerance, STAGNATED if
     the certificate passed above it."""

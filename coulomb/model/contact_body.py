@@ -115,7 +115,7 @@ class ContactFaces:
             left_out |= {each: left_out[each] | lost[each] for each in changed}
         return found
 
-    def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
+    def foundation_motions(self, time: float) -> tuple[RigidMotion, ...]:
         return on_all_ranks(
             lambda: tuple(c.rigid_motion(time, "contact: foundation") for c in self._contacts), "", self._comm
         )
@@ -168,7 +168,7 @@ class ContactState:
     Attributes:
         elasticity: The body with the coefficients of its stiffness at this time.
         loading: Loads and prescribed displacements.
-        rigid_motions: Of the foundations of the faces.
+        foundation_motions: Of the foundations of the faces.
         spins: Axis and angular velocity of the foundations of the faces; None where there is no rotation.
         surface: Contact points with their frames, gaps and B, for the foundations at this time.
         law: Of friction at the contact points.
@@ -181,7 +181,7 @@ class ContactState:
 
     elasticity: Deformable
     loading: Loading
-    rigid_motions: tuple[RigidMotion, ...]
+    foundation_motions: tuple[RigidMotion, ...]
     spins: tuple[Spin | None, ...]
     surface: ContactSurface
     law: FrictionLaw
@@ -336,7 +336,7 @@ class ContactBody:
                 _log.warning("%s", text)
             self._faces = faces = ContactFaces(self.contacts, self.elasticity)
             self.held_in_pairs = HeldInPairs(self.contacts, self.elasticity, self.pair)
-            motions = faces.rigid_motions(time)
+            motions = faces.foundation_motions(time)
             try:
                 reference = faces.surface(self.elasticity, motions, time)
             except FullyHeld:  # a contradiction says more
@@ -408,7 +408,7 @@ class ContactBody:
     def refuse_undefined(self, time: float) -> None:
         """Raise ValueError on every rank if an amplitude or a motion has no value at a time; collective."""
         self.elasticity.at_time(time).at(time)
-        self.rigid_motions(time)
+        self.foundation_motions(time)
         if self.heat is not None:
             self.heat.conduction.factors(time)
         for contact in self.contacts:
@@ -421,8 +421,8 @@ class ContactBody:
         time, given = loading.time, loading.prescribed
         refuse_held_inside(self.contacts, self.foundations, self.held_in_pairs, elasticity, time, given, exact)
 
-    def rigid_motions(self, time: float) -> tuple[RigidMotion, ...]:
-        return self._faces.rigid_motions(time)
+    def foundation_motions(self, time: float) -> tuple[RigidMotion, ...]:
+        return self._faces.foundation_motions(time)
 
     def pair(self, number: int) -> Pair:
         return self._faces.pair(number, self.elasticity)
@@ -435,7 +435,7 @@ class ContactBody:
     def foundation_displacement(self, surface: ContactSurface, then: float, now: float) -> FloatArray:
         """Displacement of the foundations' surfaces between two times at the contact points, by rigid motion and by
         changing gaps, metres, shape (m, 3); collective."""
-        moved = since_at(self.rigid_motions(now), self.rigid_motions(then), surface.part, surface.x)
+        moved = since_at(self.foundation_motions(now), self.foundation_motions(then), surface.part, surface.x)
         closed = self.given_gap(surface, now) - self.given_gap(surface, then)
         moved += closed[:, None] * surface.frames[:, 0]
         return moved
@@ -473,14 +473,14 @@ class ContactBody:
         """The state at a time, in which slip is measured from the end of the load step before, moved with the
         foundation since; by default from zero displacement; arguments and errors as of `ContactProblem.at`;
         collective."""
-        motions, elasticity = self.rigid_motions(time), self.elasticity.at_time(time)
+        motions, elasticity = self.foundation_motions(time), self.elasticity.at_time(time)
         surface = self.surface(motions, time, elasticity)
         spins = tuple(spin(motion, None, 1.0) for motion in motions)
         origin: FloatArray = np.zeros_like(surface.x)
         slip_rate: FloatArray = np.zeros(len(surface.x))
         accumulated = Accumulated.none(len(surface.x))
         if before is not None:
-            then = self.rigid_motions(before.time)
+            then = self.foundation_motions(before.time)
             carried = since_at(motions, then, surface.part, surface.x)
             slip_rate, accumulated = before.slip_rate, before.accumulated
             origin = surface.rows(before.displacement) + surface.components(carried)

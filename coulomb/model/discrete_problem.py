@@ -202,8 +202,8 @@ class DiscreteProblem:
 
     @property
     def motions(self) -> FloatArray:
-        """Translations of the foundations, metres, shape (faces, 3); their rotations are in `state.rigid_motions`."""
-        return np.array([motion.translation for motion in self.state.rigid_motions])
+        """Translations of the foundations, metres, shape (faces, 3); rotations are in `state.foundation_motions`."""
+        return np.array([motion.translation for motion in self.state.foundation_motions])
 
     @_OfStiffness
     def f(self) -> PETSc.Vec:

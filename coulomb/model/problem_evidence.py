@@ -201,7 +201,7 @@ def _face(body: ContactBody, number: int, time: float, before: Before | None, sl
         return _pair(body, number, time, slip_rate)
     face = FoundationFace(contact, foundation, body.elasticity, time)
     member, elasticity = face.member, face.member.body
-    then = face.motion if before is None else body.rigid_motions(before.time)[number]
+    then = face.motion if before is None else body.foundation_motions(before.time)[number]
     points = contact_points(elasticity, face.facets)
     x, at = points.average(elasticity.x), points.nodes
     n = face.outward[at] if contact.normals == "body" else -face.slope(x)

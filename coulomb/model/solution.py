@@ -263,7 +263,7 @@ class Solution:
         faces = [face_samples(one.body, facets, self.displacement[one.nodes]) for one, facets in members]
         u, over = self.displacement, Reductions(problem.comm)
         deformation = deformations(u, body.internal_force(u), body.component, over)
-        given, motions = problem.body.given_gap(problem.surface, problem.time), problem.state.rigid_motions
+        given, motions = problem.body.given_gap(problem.surface, problem.time), problem.state.foundation_motions
         inside = problem.body.outside.overlap(problem.surface, given, motions, u, deformation)
         return small_strain(self.at_nodes, problem.surface.foundations, body, u, faces, blocked, inside)
 

@@ -78,7 +78,9 @@ class WithFirstFoundation(LoadHistory):
         if state.number == 0:
             return posed
         first = problem.at(self.times[0])
-        return posed.in_state(replace(posed.state, rigid_motions=first.state.rigid_motions, surface=first.surface))
+        return posed.in_state(
+            replace(posed.state, foundation_motions=first.state.foundation_motions, surface=first.surface)
+        )
 
 
 class WithFirstLoad(LoadHistory):
