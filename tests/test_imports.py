@@ -52,8 +52,6 @@ def test_public_names_load_no_drawing_libraries():
         (["check-case", "WRONG"], 2, "wrong.toml: material.yuong = 1: there is no such key; did you mean young?"),
         (["new", "sphere"], 2, "'sphere' is not one of"),
         (["plot", "--help"], 0, "--field"),
-        (["verification", "--case", "hertz"], 2, "`python -m benchmarks NAME` or"),
-        (["benchmark", "table1", "--p", "4"], 2, "`python -m benchmarks NAME` or"),
     ],
 )
 def test_messages_load_no_numerical_libraries(tmp_path, words, code, said):

@@ -177,16 +177,6 @@ app.command("contacts")(contacts)
 app.command("convert")(convert)
 
 
-@app.command("benchmark", hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
-@app.command("verification", hidden=True, context_settings={"allow_extra_args": True, "ignore_unknown_options": True})
-def elsewhere() -> None:
-    """Says where benchmarks and verification are; to be removed in the next version."""
-    fail(
-        "benchmarks and verification are not in the package: from a checkout of the repository run "
-        "`python -m benchmarks NAME` or `python -m verification`"
-    )
-
-
 @app.command()
 def info() -> None:
     """Versions and PETSc's packages, for a bug report."""

@@ -16,6 +16,8 @@ from conftest import ROOT, reference, run_coulomb, run_python, run_script
 
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
 CASES = sorted((ROOT / "demos").glob("*.toml"))
+SLOW = {"paper.py", "rubber_block.py"}
+SCRIPTS = [pytest.param(path.name, marks=[pytest.mark.slow] if path.name in SLOW else []) for path in DEMOS]
 NUMBER = r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)"
 
 
@@ -79,9 +81,9 @@ def line(text, pattern):
     return found
 
 
-@pytest.mark.parametrize("demo", DEMOS, ids=lambda path: path.name)
+@pytest.mark.parametrize("demo", SCRIPTS)
 def test_every_script_is_certified(demo):
-    assert "certificate passed" in said(demo.name) and "FAILED" not in said(demo.name)
+    assert "certificate passed" in said(demo) and "FAILED" not in said(demo)
 
 
 def test_every_demo_has_a_test():
@@ -178,6 +180,7 @@ def test_demo_sliding_block():
     assert abs(missing) < 0.01 * dissipated
 
 
+@pytest.mark.slow
 def test_demo_paper():
     """Sizes of Table 1's first line, a path that falls to the tolerance, few products, and Theorem 1's bound."""
     text = said("paper.py")
@@ -320,6 +323,7 @@ def test_demo_forms():
     assert len((ROOT / "demos" / "forms.py").read_text().splitlines()) <= 40
 
 
+@pytest.mark.slow
 def test_demo_rubber_block():
     """The block sticks first, then friction over normal force is 0.3 but for the slope where it is."""
     rows = table(said("rubber_block.py"), r"^#0* s: # linear problems, T # N, N # N$")
@@ -378,6 +382,7 @@ def test_demo_tread_block():
     assert force[-1, 0] == pytest.approx(0.8 * force[-1, 2], rel=0.02) and force[1, 0] < 0.3 * force[1, 2]
 
 
+@pytest.mark.slow
 def test_demo_bolted_flange():
     """Four bolts tightened to 20 kN and locked: equal parts of the pull of 10 kN each, as the stiffer flanges let."""
     text = said("bolted_flange.toml")
