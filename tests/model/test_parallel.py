@@ -30,19 +30,26 @@ def shared_directory(tmp_path_factory):
 
 
 @pytest.mark.parametrize("law", ["coulomb", "tresca"])
-def test_block_against_the_independent_solver(law):
-    totals, fields = reference(6, law)
-    solution = make_block(6, slip_stress=1e7 if law == "tresca" else None).solve()
+@pytest.mark.parametrize("p", [6, 10])
+def test_block_against_the_independent_solver(p, law):
+    totals, fields = reference(p, law)
+    solution = make_block(p, slip_stress=1e7 if law == "tresca" else None).solve()
     surface = solution.problem.surface
     force = everywhere(-surface.vectors(solution.contact_force.reshape(-1, 3)))
-    x = everywhere(surface.x)
+    x, area = everywhere(surface.x), everywhere(surface.area)
     order, mine = np.lexsort(fields["contact_coordinates"].round(9).T), np.lexsort(x.round(9).T)
     expected = fields["force_on_body"][order]
     assert len(x) == totals["contact_nodes"]  # every node on exactly one rank
     assert np.linalg.norm(force[mine] - expected) <= 1e-6 * np.linalg.norm(expected)
-    assert solution.certificate.passed
+    assert np.allclose(area[mine], fields["area"][order], rtol=1e-10)
     result = summary(solution)
+    assert result["certificate"]["passed"]
     assert [result["nodes"][k] for k in ("open", "stick", "slip")] == [totals[k] for k in ("open", "stick", "slip")]
+    on_body, along = result["force_on_body"], totals["tangential_force_on_body_N"]
+    assert on_body["normal"] == pytest.approx(totals["total_normal_force_N"], rel=1e-6)
+    assert np.linalg.norm(np.subtract(on_body["tangential"], along)) <= 1e-6 * np.linalg.norm(along)
+    assert result["maximum"]["contact_pressure"] == pytest.approx(totals["max_contact_pressure_Pa"], rel=1e-6)
+    assert result["maximum"]["displacement"] == pytest.approx(totals["max_displacement_m"], rel=1e-6)
     assert len(set(comm.allgather(json.dumps(result["force_on_body"])))) == 1
 
 
