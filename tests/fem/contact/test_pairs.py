@@ -111,31 +111,6 @@ def test_a_clamped_face_is_no_slave():
             assert problem.contacts[0].face == "upper:bottom"
 
 
-def test_nodes_of_two_pairs_are_contact_points_of_one(caplog):
-    """Two blocks side by side on one, whose finer top is the slave of both: along their common edge, nodes count once.
-
-    All are pressed alike: the pressure is uniform, as with one pair.
-    """
-    lower = box((2.0, 1.0, 0.5), (8, 4, 1))
-    upper = {name: moved(box((1.0, 1.0, 0.5), (2, 2, 1)), (x, 0.0, 0.5)) for name, x in (("one", 0.0), ("two", 1.0))}
-    sides = [
-        *(Clamp(f"{body}:{face}", components="x") for body, face in (("lower", "left"), ("one", "left"))),
-        *(Clamp(f"{body}:{face}", components="x") for body, face in (("lower", "right"), ("two", "right"))),
-        *(Clamp(f"{body}:front", components="y") for body in ("lower", "one", "two")),
-        Clamp("lower:bottom", components="z"),
-        *(PrescribedDisplacement(f"{body}:top", (0.0, 0.0, -1e-4), components="z") for body in ("one", "two")),
-        Clamp("one:right", components="x"),
-        Clamp("two:left", components="x"),
-    ]
-    pairs = [Contact(f"{body}:bottom", against="lower:top", friction=0.0) for body in ("one", "two")]
-    problem = ContactProblem(join(lower=lower, **upper), Material(2.1e11, 0.0), sides, pairs)
-    assert [contact.face for contact in problem.contacts] == ["lower:top", "lower:top"]
-    assert "contact points of another face" in caplog.text
-    solution = problem.solve()
-    assert solution.certificate.passed
-    assert solution.at_nodes.fields()["pressure"] == pytest.approx(2.1e11 * 1e-4 / 1.0, rel=1e-6)
-
-
 def test_a_penetration_before_deformation_is_said(caplog):
     pressed(-2e-5)
     assert "penetrates 'lower:top' by up to 2e-05 m" in caplog.text
