@@ -126,6 +126,7 @@ def test_a_body_slides_between_walls():
         assert found.direction[0] > 0.9 and found.load == pytest.approx(pull, rel=0.1) and found.resistance < found.load
 
 
+@pytest.mark.slow
 def test_a_body_slides_between_walls_that_curve_away():
     """Where most nodes are far from the wall, the motion is not larger than the gaps, but than those under pressure."""
     problem = loaded(FloatingBlock(between=True), (4e5, 0.0, -WEIGHT), everywhere=True)
