@@ -126,7 +126,9 @@ class Linearised(ContactProblem):
 
     def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
         """Without nodes that supports hold: they are at their place when the displacement is."""
-        return replace(self._evidence(x, u, self.compliances), held_gap=np.zeros(0))
+        none = np.zeros(0, dtype=np.int64)
+        e = self._evidence(x, u, self.compliances)
+        return replace(e, held_gap=np.zeros(0), held_owner=none, held_part=none)
 
     def evidence_here(self, x: FloatArray, compliance: FloatArray) -> Evidence:
         """The evidence of the nonlinear problem for forces x (3 m,) at the displacement from which it is linearised;

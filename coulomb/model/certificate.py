@@ -86,6 +86,8 @@ class Evidence:
         pairs: Of every pair, what is off in its gaps, normals and averages.
         held_gap: What is left of the gap at nodes of the contact faces that are no contact points, since their
             displacement along the normal is prescribed, or they face away from the foundation, metres, shape (q,).
+        held_owner: Number of the component, or body, of each of these nodes, shape (q,).
+        held_part: That of its contact if it is on a pair, else any, shape (q,).
     """
 
     comm: MPI.Comm
@@ -112,6 +114,8 @@ class Evidence:
     jump: FloatArray | None = None
     pairs: tuple[PairFindings, ...] = ()
     held_gap: FloatArray = field(default_factory=lambda: np.zeros(0))
+    held_owner: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    held_part: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     owner: npt.NDArray[np.int64] | None = None
     place: FloatArray | None = None
     part: npt.NDArray[np.int64] | None = None
@@ -155,7 +159,7 @@ def rounding_forces(body: Strained, u: FloatArray) -> FloatArray:
     return body.internal_force(2.0**-52 * motion * varying_signs(body.x, body.comm))
 
 
-def rigid_balance(e: Evidence, outer: FloatArray, length: float, turnover: float) -> tuple[float, float, int]:
+def rigid_balance(e: Evidence, outer: FloatArray, lengths_: FloatArray, turnover: float) -> tuple[float, float, int]:
     """Imbalance of three forces and three moments of every component; for free rigid motions, relative to the springs.
 
     A rigid motion causes no internal force, except in an elastic foundation that is part of the internal forces.  If no
@@ -167,23 +171,16 @@ def rigid_balance(e: Evidence, outer: FloatArray, length: float, turnover: float
     Args:
         e: Evidence; of the contact only the forces at the nodes are used.
         outer: Loads, forces of springs, reactions, contact forces on the body in newtons, shape (4, k, 3).
-        length: Scale of displacements in metres.
+        lengths_: Scale of displacements of every component, metres, shape (n,).
         turnover: Sum of the magnitudes of the outer forces of all nodes, at least the effect of rounding, newtons.
 
     Returns:
         Largest of six sums over the sum of all forces, and the largest imbalance of a free motion over its spring
         forces, of all components; and their number; collective.
     """
-    over = Reductions(e.comm)
-    parts = _parts(e, over)
-    found = [_of_part(e, here, outer, length, turnover) for here in parts]
-    return worst(*(balance for balance, _ in found)), worst(*(drift for _, drift in found)), len(parts)
-
-
-def _parts(e: Evidence, over: Reductions) -> list[npt.NDArray[np.bool_]]:
-    """The nodes of each component of the meshes, shapes (k,); of each body if the components are not known."""
     component = components_of(len(e.x), e.component, e.bodies)
-    return [component == number for number in range(1 + int(over.max(component.astype(np.float64))))]
+    found = [_of_part(e, component == number, outer, length, turnover) for number, length in enumerate(lengths_)]
+    return worst(*(balance for balance, _ in found)), worst(*(drift for _, drift in found)), len(found)
 
 
 def _of_part(
@@ -337,7 +334,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     along = force[:, 1] * slip[:, 0] + force[:, 2] * slip[:, 1]
     angle = np.where(compared, np.degrees(np.arctan2(across, along)), 0.0)
     held = e.held.held_part(e.displacement - e.prescribed) / scales.lengths[scales.body][:, None]
-    balance, drift, parts = rigid_balance(e, np.array(outer), scales.length, scales.turnover)
+    balance, drift, parts = rigid_balance(e, np.array(outer), scales.lengths, scales.turnover)
     each = ", of every body" if e.bodies else f", of each of {parts} components" if parts > 1 else ""
     sums = f"loads, springs, reactions, contact: forces and moments add to zero{each}"
     remaining = np.column_stack([e.gap - e.relative_displacement[:, 0], -e.relative_displacement[:, 1:]])  # A x - b
@@ -357,8 +354,8 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
 
     found = f"{deepest:.1e} m, over {_range(length, over)} m{mean}"
     inside = at_points("penetration", -gap, found)
-    if held_in / scales.length > inside.value:
-        inside = relative("penetration", held_in / scales.length, found)
+    if (beside := over.max(-e.held_gap / scales.at_held)) > inside.value:
+        inside = relative("penetration", beside, found)
     checks = (
         relative("finite", float(len(faults)), "; ".join(faults) or "no number overflows or vanishes"),
         relative("equilibrium", worst(*left), f"forces in balance at free nodes{each}"),

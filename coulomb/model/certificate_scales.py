@@ -89,6 +89,7 @@ class Scales:
         owner: Number of the body of every contact point, shape (m,).
         forces, lengths, nodals: The same of every body, shape (n,).
         at_points: Length of every contact point, in pairs the larger one of the two sides, metres, shape (m,).
+        at_held: The same of every node of `Evidence.held_gap`, shape (q,).
     """
 
     force: float
@@ -101,6 +102,7 @@ class Scales:
     lengths: FloatArray
     nodals: FloatArray
     at_points: FloatArray
+    at_held: FloatArray
 
     def of_points(self, values: FloatArray, over: Reductions) -> FloatArray:
         """Largest value (m,) of the contact points of every body, at least 0, shape (n,); collective."""
@@ -152,8 +154,8 @@ def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> S
     forces: FloatArray
     if count == 1 or not 0.0 < nodal < np.inf or not motion < np.inf:
         forces, lengths_, nodals = (np.full(count, value) for value in (force, length, nodal))
-        at_points = np.full(len(owner), length)
-        return Scales(force, length, nodal, turnover, body, owner, forces, lengths_, nodals, at_points)
+        at = np.full(len(owner), length), np.full(e.held_gap.shape, length)
+        return Scales(force, length, nodal, turnover, body, owner, forces, lengths_, nodals, *at)
     nodes, points = _Bodies(body, count, over), _Bodies(owner, count, over)
     forces = points.largest(np.max(np.abs(e.force), axis=1))
     noises = ROUNDING * nodes.largest(np.max(np.abs(e.rounding), axis=1))
@@ -172,11 +174,12 @@ def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> S
     for nodes_of, one in zip(e.bodies or (slice(None),), np.broadcast_to(blocked, max(len(e.bodies), 1)), strict=True):
         alone[nodes_of] = one
     lengths_ = np.maximum(lengths_, nodes.largest(alone))
-    at_points = lengths_[owner]
+    at_points, at_held = lengths_[owner], lengths_[e.held_owner]
     for number, others in enumerate(e.opposite):
-        here = e.part == number
-        at_points[here] = np.maximum(at_points[here], max((lengths_[one] for one in others), default=0.0))
-    return Scales(force, length, nodal, turnover, body, owner, forces, lengths_, nodals, at_points)
+        for at, part in ((at_points, e.part), (at_held, e.held_part)):
+            here = part == number
+            at[here] = np.maximum(at[here], max((lengths_[one] for one in others), default=0.0))
+    return Scales(force, length, nodal, turnover, body, owner, forces, lengths_, nodals, at_points, at_held)
 
 
 def place_of_largest(

@@ -100,6 +100,8 @@ def gather_evidence(
     own = at_all_points(taken_as_is(compliance), compliance, Reductions(body.comm))
     strays = surface.nodes[~known][stray_rows]
     parts = np.repeat(np.arange(len(faces)), [len(face[0].nodes) for face in faces])
+    others = [one for *_, one in faces if one is not None]
+    beside = [np.full(len(one.nodes), number) for number, (*_, one) in enumerate(faces) if one is not None]
     return Evidence(
         comm=body.comm,
         x=elasticity.x,
@@ -129,7 +131,9 @@ def gather_evidence(
         opposite=tuple(_opposite(body, contact.against, component) for contact in body.contacts),
         actions=_actions(elasticity.x, points, frames, force, [len(face[0].nodes) for face in faces]),
         pairs=_findings(body, state.time, faces, rows, u),
-        held_gap=np.concatenate([none[:0], *(others.remaining(u) for *_, others in faces if others is not None)]),
+        held_gap=np.concatenate([none[:0], *(one.remaining(u) for one in others)]),
+        held_owner=component[np.concatenate([judged[:0], *(one.nodes for one in others)])],
+        held_part=np.concatenate([parts[:0], *beside]),
     )
 
 

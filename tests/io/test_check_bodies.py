@@ -14,6 +14,7 @@ from coulomb.io.case_record import written_case
 from coulomb.io.field_files import read_grids
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
+from coulomb.model.held_nodes import OtherNodes
 
 FIRST, LAST = "steps/0001", "steps/0002"
 
@@ -173,6 +174,46 @@ def test_a_step_without_loads(tmp_path):
     """No contact force, and gaps of 1e-16 m: the natural residual has no force with which it could be compared."""
     found = check(run_case(UNLOADED, tmp_path / "run"))
     assert found.passed and not found.faults, str(found)
+
+
+FOAM_BESIDE_STEEL = """\
+output = { picture = false }
+[[body]]
+name = "foam"
+box = [0.1, 0.1, 0.1]
+cells = [2, 2, 2]
+material = { young = 1e4, poisson = 0.3 }
+[[body]]
+name = "steel"
+box = [0.1, 0.1, 0.1]
+cells = [2, 2, 2]
+translate = [1.0, 0.0, 0.0]
+material = { young = 2e11, poisson = 0.3 }
+[[prescribed_displacement]]
+face = "foam:top"
+value = [0.0, 0.0, -1e-4]
+[[prescribed_displacement]]
+face = "steel:right"
+value = [0.0, 0.0, 0.0]
+[[traction]]
+face = "steel:top"
+value = [0.0, 0.0, -10.0]
+[[contact]]
+face = "foam:bottom"
+friction = 0.0
+[[contact]]
+face = "steel:bottom"
+friction = 0.0
+"""
+
+
+def test_held_nodes_are_judged_by_their_own_body(tmp_path, monkeypatch):
+    """A ten-millionth of the displacement of the foam, which is twice that of the steel."""
+    folder = run_case(FOAM_BESIDE_STEEL, tmp_path / "run")
+    assert check(folder).passed
+    monkeypatch.setattr(OtherNodes, "remaining", lambda self, u: np.full(len(self.nodes), -1e-11))
+    found = check(folder).certificate
+    assert [one.name for one in found.checks if not one.passed] == ["penetration"]
 
 
 APART = """\

@@ -18,7 +18,9 @@ from coulomb import (
     NotConverged,
     Plane,
     PrescribedDisplacement,
+    Spring,
     Tied,
+    Traction,
     box,
     join,
     moved,
@@ -27,6 +29,7 @@ from coulomb.io.output import write
 from coulomb.io.recheck.run import check_run
 from coulomb.linalg.reductions import Reductions
 from coulomb.model.certificate import judge
+from coulomb.model.held_nodes import OtherNodes
 
 SOFT, STIFF = 1e4, 2e11
 
@@ -78,6 +81,35 @@ def test_the_certificate_judges_every_body_by_its_own_scale():
         certificate = judge(replace(evidence, gap=gap))
         assert not certificate["penetration"].passed and not certificate["natural residual"].passed
         assert f"of '{'b' if young == STIFF else 'a'}:bottom'" in certificate["natural residual"].meaning
+
+
+def beside_foam():
+    """A block of steel, pressed onto a smooth floor, pulled against weak springs, and held at a side; foam beside."""
+    a, pull_a, on_a = parts(SOFT, 0, "a:", 1e-2)
+    mesh = join(a=block(0, (3, 3, 3), MPI.COMM_SELF), b=block(1, (3, 3, 2), MPI.COMM_SELF))
+    return ContactProblem(
+        mesh,
+        {"a": a, "b": Material(STIFF, 0.3)},
+        [pull_a, PrescribedDisplacement("b:front", (0.0, 0.0, 0.0), "yz")],
+        [on_a, Contact("b:bottom", friction=0.0)],
+        [Traction("b:top", (1e-2, 0.0, -100.0))],
+        springs=[Spring("b:right", (1e5, 0.0, 0.0))],
+        small_strain="warn",
+    )
+
+
+def test_free_motions_and_held_nodes_are_judged_by_their_own_body(monkeypatch):
+    """Springs of the steel that carry a thousandth more than its load, and nodes held inside its floor by its whole
+    displacement: less than a millionth of the displacement of the foam."""
+    problem = beside_foam()
+    solution = problem.solve()
+    assert solution.certificate.passed
+    further = solution.displacement + np.where(problem.elasticity.x[:, :1] > 0.5, (1e-10, 0.0, 0.0), 0.0)
+    certificate = judge(problem.evidence(solution.contact_force, further))
+    assert [check.name for check in certificate.checks if not check.passed] == ["rigid motion"]
+    monkeypatch.setattr(OtherNodes, "remaining", lambda self, u: np.full(len(self.nodes), -1e-10))
+    certificate = judge(problem.evidence(solution.contact_force, solution.displacement))
+    assert [check.name for check in certificate.checks if not check.passed] == ["penetration"]
 
 
 def test_rubber_on_steel():

@@ -125,6 +125,7 @@ class Recomputation:
         only_written = nodes.only(nodes.written)
         judged, written = (some.answer(run, u, on_face, x, self.spins) for some in (nodes, only_written))
         heated = {TEMPERATURE: taken(run.on_body[TEMPERATURE])} if TEMPERATURE in run.on_body else {}
+        beside = np.concatenate([np.zeros(0, dtype=np.int32), *(one.nodes for one in self.others)])
         certificate = judge(
             Evidence(
                 comm=MPI.COMM_SELF,
@@ -151,6 +152,8 @@ class Recomputation:
                 jump=None if tied is None else tied.jump,
                 pairs=self.pairs,
                 held_gap=np.concatenate([np.zeros(0), *(one.remaining(u) for one in self.others)]),
+                held_owner=body.component[beside],
+                held_part=np.full(len(beside), -1),
                 owner=body.component[run.node[nodes.index]],
                 place=judged.x,
                 part=nodes.part,
