@@ -15,6 +15,7 @@ from pydantic import BaseModel, Tag, ValidationError
 from .contact import BY_PRESSURE, BY_SLIP_RATE, FACE, FACES
 from .curves import CURVE, ROWS_ALONE, CurveTable, columns_of
 from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
+from .synonyms import example, line, right
 from .values import EXPRESSION, FIELD, ISOTROPIC, NUMBER, ORTHOTROPIC
 
 _MOST: Final = 10
@@ -44,11 +45,8 @@ _BOUNDS = {
 }
 """Errors of numbers beyond a bound."""
 
-_MEANT = {
-    **{"interference": "gap, negative for an interference", "master": "against", "opposite": "against"},
-    "auto": "[auto_contact], a table of its own",
-}
-"""What is meant by keys that others use."""
+_MEANT = {"auto": "[auto_contact], a table of its own"}
+"""What is meant by a key that is a table."""
 
 _Model = type[BaseModel]
 
@@ -99,34 +97,47 @@ def _explain(entry: Any, case: _Model) -> str:
     key, given = ".".join(map(str, location)) or "case", entry["input"]
     names = ".".join(part for part in location if isinstance(part, str))
     if entry["type"] == "extra_forbidden":
-        return f"{key} = {_shown(given)}: there is no such key{_meant(location, case)}"
+        better = right(".".join(part for part in location[:-1] if isinstance(part, str)), str(location[-1]), given)
+        return f"{key} = {_shown(given)}: there is no such key{f': {better}' if better else _meant(location, case)}"
+    usual = example(str(location[-1])) if location else ""
+    for_example = f", for example {usual}" if usual else ""
     if entry["type"] == "missing" and isinstance(location[-1], str) and place == entry["loc"]:
-        return f"{key}: is missing"
+        return f"{key}: is missing{for_example}"
     if key == "case":  # inconsistent parts, named in the message
         return str(entry["msg"]).removeprefix("Value error, ")
     if entry["type"] == "tuple_type" and isinstance(given, dict) and names in tables_of_several(case):
         return f"{key}: there may be several: write [[{names}]], with double brackets, in place of [{names}]"
     if entry["type"] == "float_type" and isinstance(given, int) and abs(given) > sys.float_info.max:
         return f"{key} = {_shown(given)}: is too large: numbers are at most {sys.float_info.max:.1e}"
-    if entry["type"] in _OTHER_TYPES and (right := expected_value(case, place)):
-        return f"{key} = {_shown(given)}: should be {right}{', not text' if isinstance(given, str) else ''}"
+    if entry["type"] in _OTHER_TYPES and (wanted := expected_value(case, place)):
+        meant = _number(given) if isinstance(location[-1], str) else None
+        instead = "" if meant is None else f": write {line(str(location[-1]), meant)}"
+        return f"{key} = {_shown(given)}: should be {wanted}{', not text' if isinstance(given, str) else ''}{instead}"
     if entry["type"] == "tuple_type":
         return f"{key} = {_shown(given)}: is a list of tables: write [[{names}]], and below it its keys"
     if entry["type"] in ("model_type", "model_attributes_type"):
         if isinstance(given, list) and len(location) == 1:
             return f"{key}: there is only one: write [{names}], with single brackets"
         first = _FIRST_KEY.get(names)
-        example = f", for example {first} = {_shown(given)}" if first and isinstance(given, str) else ""
+        below = f", for example {first} = {_shown(given)}" if first and isinstance(given, str) else ""
         brackets = f"[[{names}]]" if names in tables_of_several(case) and names not in _FIRST_KEY else f"[{names}]"
-        return f"{key} = {_shown(given)}: is a table: write {brackets}, and below it its keys{example}"
+        return f"{key} = {_shown(given)}: is a table: write {brackets}, and below it its keys{below}"
     if entry["type"] in _BOUNDS:  # pydantic writes 1e-12 as 0.000000000001
         (bound,) = entry["ctx"].values()
         number = str(bound) if isinstance(bound, int) else f"{bound:g}"
-        return f"{key} = {_shown(given)}: should be {_BOUNDS[entry['type']]} {number}"
+        return f"{key} = {_shown(given)}: should be {_BOUNDS[entry['type']]} {number}{for_example}"
     message = str(entry["msg"]).removeprefix("Value error, ").replace(" after validation", "")
     for subject in ("Input ", "String ", "Tuple "):
         message = message.removeprefix(subject)
     return f"{key} = {_shown(given)}: {message.replace('Input', 'it')}"
+
+
+def _number(text: Any) -> float | None:
+    """That of a text which is one, None of others."""
+    try:
+        return float(text) if isinstance(text, str) else None
+    except ValueError:
+        return None
 
 
 def _shown(value: Any) -> str:
@@ -143,7 +154,9 @@ def _meant(location: tuple[int | str, ...], case: _Model) -> str:
     name = str(location[-1])
     here = ".".join(part for part in location[:-1] if isinstance(part, str))
     tables = list(_tables(case))
-    known = {place: list(model.model_fields) for place, model, _ in tables}
+    known: dict[str, list[str]] = {}
+    for place, model, _ in tables:
+        known[place] = list(dict.fromkeys([*known.get(place, []), *model.model_fields]))
     curves = {place for place, model, _ in tables if issubclass(model, CurveTable)}
     several = tables_of_several(case)
     homes = [place for place, keys in known.items() if name in keys and place != here and place not in curves]
@@ -172,7 +185,9 @@ def _tables(model: _Model, name: str = "", several: bool = False) -> Iterator[tu
     yield name, model, several
     for key, field in model.model_fields.items():
         found = list(_models(field.annotation))
-        for inner, in_list in found[-1:]:  # of alternatives the model for several, which has all keys
+        if found[1:] and all(set(one.model_fields) <= set(found[-1][0].model_fields) for one, _ in found):
+            found = found[-1:]  # of alternatives the model for several, which has all keys
+        for inner, in_list in found:
             yield from _tables(inner, f"{name}.{key}" if name else key, in_list)
 
 

@@ -140,9 +140,9 @@ def test_a_run_is_that_of_the_contacts_given_by_hand():
     done = run_coulomb("check", "ranks")
     assert done.returncode == 0 and "files agree" in done.stdout, done.stdout + done.stderr
     again = run_coulomb("run", "case.toml", "--output", "ranks", *tight)
-    assert again.returncode == 0, again.stderr  # the same case: its results may be replaced
-    other = run_coulomb("run", "case.toml", "--output", "auto", "--set", "auto_contact.friction=0.2")
-    assert other.returncode == 2 and "another case" in other.stderr
+    assert again.returncode == 0, again.stderr
+    other = run_coulomb("run", "case.toml", "--output", "auto", "--keep", "--set", "auto_contact.friction=0.2")
+    assert other.returncode == 2 and "auto" in other.stderr, other.stderr
 
 
 def test_a_load_history_is_continued_with_the_same_pairs():

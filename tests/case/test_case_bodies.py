@@ -122,7 +122,7 @@ def test_adjust_may_be_0():
         ),
         ("body.0.clamp={face='top'}", "there is no such key; [[clamp]] is a table of its own (known"),
         ("body.0.mesh={box=[1,1,1]}", "there is no such key; its keys, as box or file, stand in [[body]] itself"),
-        ("contact.master='lower:top'", "there is no such key; did you mean against?"),
+        ("contact.master='lower:top'", 'there is no such key: write against = "lower:top"'),
         ("clamp=[{face='lower.bottom'}]", 'should name body and face, as in "lower:bottom"'),
         ("contact.motion=[[0,0,0,0],[1,0,0,1]]", "motion does not go with against"),
         ("body=[]", "case.toml: mesh: is missing\n"),

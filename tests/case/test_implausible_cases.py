@@ -91,7 +91,7 @@ MONSTERS = {
         BLOCK + 1001 * '[[clamp]]\nface = "left"\n',
         r"clamp = .*: should have at most 1000 items, not",
     ),
-    "wrong clamps": (BLOCK + 900 * "[[clamp]]\n", r"clamp\.10\.face: is missing\ncase\.toml: and 890 more"),
+    "wrong clamps": (BLOCK + 900 * "[[clamp]]\n", r"clamp\.10\.face: is missing, .*\ncase\.toml: and 890 more"),
     "too many times": (
         f"{BLOCK}[history]\ntimes = [{','.join(map(str, range(1, 100_002)))}]\n",
         r"at most 100000 items",
