@@ -16,7 +16,6 @@ import typer
 from ..contact_fields import names
 from ..io.atomic_output import finish_for_reader
 from ..io.run_directory import REPORT, RunDirectory
-from ..pictures import drawing_process
 from ..pictures.drawing_process import DrawingProcess
 from ..ranks import launched, on_rank_0
 from .console import BAD_INPUT, FAILED, console, fail, refuse_ranks
@@ -78,9 +77,7 @@ def drawing_soon(settings: Case) -> Iterator[DrawingProcess | None]:
     None under MPI, whose ranks need all cores, and for large meshes, which need the memory: there it starts afterwards.
     """
     soon = settings.output.picture and settings.history is None and launched() is None and settings.small
-    if not soon:
-        drawing_process.stop_early()
-    renderer = drawing_process.begin() if soon else None
+    renderer = DrawingProcess("overview") if soon else None
     try:
         yield renderer
     finally:

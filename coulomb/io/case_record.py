@@ -16,7 +16,7 @@ from mpi4py import MPI
 from pydantic import ValidationError
 
 from ..case.case import Case, read_case
-from ..case.files import KeyPath, named_files, rename_files
+from ..case.files import named_files, rename_files
 from ..ranks import launched, on_rank_0
 from ..regular_file import refuse_irregular
 from .history_files import read_step
@@ -128,11 +128,8 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
         then = Case.model_validate(before["tables"]).model_dump(mode="json")
     except ValidationError:
         raise ValueError(f"{step}: was computed by another version of coulomb; run the case again") from None
-    changed = [
-        f"the contents of {_key(key)}" for key in before["files"] if now["files"].get(key) != before["files"][key]
-    ]
-    same = {_key(key) for key in before["files"]}
-    differences = list(_differences(then, case.model_dump(mode="json")))
+    changed = [f"the contents of {key}" for key in before["files"] if now["files"].get(key) != before["files"][key]]
+    same, differences = before["files"].keys(), list(_differences(then, case.model_dump(mode="json")))
     free = [text for key, text in differences if key.startswith(_FREE) and not key.startswith("output")]
     changed += [text for key, text in differences if key not in same and not key.startswith(_FREE)]
     if changed:
@@ -145,17 +142,8 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
 
 
 def _files(tables: Mapping[str, Any]) -> dict[str, str]:
-    """Names of the files of a case, by their keys in records: of the mesh without its table."""
-
-    def key(place: KeyPath) -> str:
-        return ".".join(map(str, place[1:] if place[0] == "mesh" else place))
-
-    return {key(place): name for place, name in sorted(named_files(tables).items(), key=str)}
-
-
-def _key(recorded: str) -> str:
-    """The key in a case for that of a record."""
-    return recorded if "." in recorded else f"mesh.{recorded}"
+    """Names of the files of a case, by their keys."""
+    return {".".join(map(str, place)): name for place, name in sorted(named_files(tables).items(), key=str)}
 
 
 def _differences(then: Any, now: Any, key: str = "") -> Iterator[tuple[str, str]]:

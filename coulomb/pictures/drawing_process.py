@@ -1,6 +1,7 @@
 """Drawing in a separate process, `python -m coulomb.pictures.report`: a renderer may crash, and must not start MPI.
 
-The process that draws picture.png is started early, since it needs a second to load its libraries.
+The one that draws picture.png loads its libraries, and VTK opens its first window, while the run solves: 0.5 to 1 s for
+which a run that drew itself would wait.
 """
 
 from __future__ import annotations
@@ -12,10 +13,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-
-from ..ranks import has_launcher
 
 PACKAGES = {
     "matplotlib": "matplotlib",
@@ -106,33 +105,6 @@ def missing(error: ModuleNotFoundError) -> str:
         return ""
     every = " ".join(dict.fromkeys(PACKAGES.values()))
     return f"{PACKAGES[module]} is not installed, and pictures need it: ./install.sh, or pip install {every}"
-
-
-# --- picture.png --------------------------------------------------------------------------------------------------
-
-_early: DrawingProcess | None = None
-
-
-def begin_early(arguments: Sequence[str]) -> None:
-    """Start the process before the command line, from the command on, is parsed, if a run may need it and there is a
-    second processor.  `begin` takes it over; `stop_early` ends it if the case does not need it."""
-    global _early
-    runs = arguments[:1] == ["run"] and not {"--help", "output.picture=false"}.intersection(arguments)
-    if runs and processors() > 1 and not has_launcher():
-        _early = DrawingProcess("overview")
-
-
-def begin() -> DrawingProcess:
-    """The process started early, or a new one; it reads the directory of the run from its standard input."""
-    global _early
-    begun, _early = _early, None
-    return begun or DrawingProcess("overview")
-
-
-def stop_early() -> None:
-    """End the process started early, if there is one that has not been taken over."""
-    if _early is not None:
-        begin().stop()
 
 
 def processors() -> int:

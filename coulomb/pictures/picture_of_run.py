@@ -19,7 +19,6 @@ from ..io.run_directory import PICTURE, RunDirectory
 from ..model.provenance import moment, now
 from ..model.solution import Solution
 from ..ranks import on_rank_0
-from . import drawing_process
 from .drawing_process import DrawingProcess
 
 
@@ -68,7 +67,7 @@ def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: Dr
     In a separate process, perhaps one that has been started already, since a renderer may crash.  `stop` is called
     repeatedly; a true result stops the drawing.
     """
-    code, said = (renderer or drawing_process.begin()).finish(str(directory.absolute()), stop=stop)
+    code, said = (renderer or DrawingProcess("overview")).finish(str(directory.absolute()), stop=stop)
     if not code:
         return ""
     picture = RunDirectory(directory).picture

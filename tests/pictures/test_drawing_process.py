@@ -1,4 +1,4 @@
-"""The process that draws picture.png starts early if needed and ends with the run; what is said of missing packages."""
+"""The process that draws picture.png ends with the run; what is said of missing packages."""
 
 import os
 import re
@@ -12,66 +12,10 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, SMALL_CASE, run_coulomb
 
-from coulomb.pictures import drawing_process
 from coulomb.pictures.drawing_process import PACKAGES
 from coulomb.ranks import RANK_VARIABLES
 
 MARK = "COULOMB_TEST_OF_THE_OVERVIEW"
-
-
-class Started:
-    """A stand-in for a process."""
-
-    def __init__(self, *arguments):
-        self.stopped = False
-
-    def stop(self):
-        self.stopped = True
-
-
-@pytest.fixture
-def two_processors(monkeypatch):
-    """A machine with two processors, without an MPI launcher, and processes that only record their start."""
-    for name in RANK_VARIABLES:
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1}, raising=False)
-    monkeypatch.setattr(drawing_process, "DrawingProcess", Started)
-    monkeypatch.setattr(drawing_process, "_early", None)
-    return monkeypatch
-
-
-def test_a_run_starts_and_uses_one_drawing_process(two_processors):
-    drawing_process.begin_early(["run", "case.toml"])
-    begun = drawing_process._early
-    assert isinstance(begun, Started)
-    assert drawing_process.begin() is begun and drawing_process._early is None
-    assert drawing_process.begin() is not begun
-
-
-def test_a_case_without_a_picture_ends_the_drawing_process(two_processors):
-    drawing_process.begin_early(["run", "case.toml"])
-    begun = drawing_process._early
-    drawing_process.stop_early()
-    drawing_process.stop_early()
-    assert begun.stopped and drawing_process._early is None
-
-
-def test_commands_without_pictures_start_no_process(two_processors):
-    for line in ("", "--help", "check-case case.toml", "run --help", "run c.toml --set output.picture=false"):
-        drawing_process.begin_early(line.split())
-        assert drawing_process._early is None, line
-
-
-def test_under_mpi_or_on_one_processor_no_process_is_started_early(two_processors):
-    with two_processors.context() as patch:
-        patch.setattr(os, "sched_getaffinity", lambda _: {0}, raising=False)
-        drawing_process.begin_early(["run", "case.toml"])
-        assert drawing_process._early is None
-    for name in RANK_VARIABLES:
-        with two_processors.context() as patch:
-            patch.setenv(name, "0")
-            drawing_process.begin_early(["run", "case.toml"])
-            assert drawing_process._early is None
 
 
 def marked(mark):
@@ -100,7 +44,6 @@ def waits_for(condition, seconds=30.0):
 
 
 needs_proc = pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="no /proc on this platform")
-several = pytest.mark.skipif(drawing_process.processors() < 2, reason="on one processor nothing begins early")
 
 
 @needs_proc
@@ -111,10 +54,9 @@ def test_a_wrong_case_leaves_no_process(tmp_path):
 
 
 @needs_proc
-@several
 def test_a_kill_while_it_loads_leaves_no_process(tmp_path):
     run = started(str(tmp_path), "run", str(ROOT / "demos" / "block.toml"), "--output", str(tmp_path / "results"))
-    assert waits_for(lambda: len(marked(tmp_path)) > 1)  # the run, and the process begun early
+    assert waits_for(lambda: len(marked(tmp_path)) > 1)  # the run, and the process that draws
     run.send_signal(signal.SIGKILL)
     run.communicate()
     assert run.returncode != 0

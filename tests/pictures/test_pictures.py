@@ -12,7 +12,7 @@ from PIL import Image
 
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, box
 from coulomb.io import output
-from coulomb.pictures import drawing_process
+from coulomb.pictures.drawing_process import DrawingProcess
 from coulomb.pictures.report import picture, scene
 from coulomb.pictures.report.fields import ZONES, Bar, Limits, limits_of, named
 from coulomb.pictures.report.files import read_run
@@ -195,11 +195,11 @@ def test_legend_counts_nodes_in_words():
 
 def test_the_drawing_process_ends_with_its_input():
     """As when the run that started it is killed: its standard input ends."""
-    assert drawing_process.begin().finish("", seconds=120.0) == (0, "")
+    assert DrawingProcess("overview").finish("", seconds=120.0) == (0, "")
 
 
 def test_the_drawing_process_can_be_stopped():
-    process = drawing_process.begin()
+    process = DrawingProcess("overview")
     process.stop()
     process.stop()
     assert process._process.returncode == -9
