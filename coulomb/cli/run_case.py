@@ -410,11 +410,12 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
         then = f"free some space, then: coulomb resume {target}"
     history = whole_history(target, comm) if files.rows else None
     if history is not None:
-        if settings.output.picture and code != INTERRUPTED:
+        files_of = RunDirectory(target)
+        if settings.output.picture and code != INTERRUPTED and _outdated(files_of.picture, comm):
             _draw(session, lambda stop: on_rank_0(comm, lambda: picture_of_run.draw(target, stop)), f"{PICTURE} ")
-        if settings.output.report:
+        if settings.output.report and _outdated(files_of.report, comm):
             _draw(session, lambda stop: write_report(target, stop))
-        last = RunDirectory(target).step(history["steps"])
+        last = files_of.step(history["steps"])
         show_error_bars(console, read_summary(last.path, comm), settings.solver.tolerance)
         report_history(
             console, history, taken, time.perf_counter() - began, target, session.kept, settings.solver.tolerance
@@ -429,6 +430,16 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
         errors.out(f"error: {trouble}{f'; {then}' if then else ''}")
     if trouble or not all(row["valid"] for row in files.rows):
         raise typer.Exit(code)
+
+
+def _outdated(drawn: Path, comm: MPI.Comm) -> bool:
+    """Whether a picture or the report is not there or older than the summary beside it; collective."""
+
+    def look() -> str:
+        summary = RunDirectory(drawn.parent).summary
+        return "" if drawn.exists() and drawn.stat().st_mtime_ns > summary.stat().st_mtime_ns else "outdated"
+
+    return bool(on_rank_0(comm, look))
 
 
 def _draw(session: Session, draw: Callable[[Callable[[], bool]], str], what: str = "") -> None:

@@ -2,6 +2,7 @@
 
 import functools
 import json
+import os
 import shutil
 
 import pytest
@@ -10,6 +11,7 @@ from mesh_files import BoxFile
 from mpi4py import MPI
 
 from coulomb.case.case import read_case
+from coulomb.cli import run_case
 from coulomb.io.case_record import case_record, refuse_another_case, write_case, written_case
 from coulomb.io.history_files import HistoryFiles
 from coulomb.model.load_history import LoadHistory
@@ -164,3 +166,16 @@ def test_the_digest_of_an_xdmf_mesh_covers_its_data(tmp_path):
     first = _digest(tmp_path / "part.xdmf")
     (tmp_path / "part.h5").write_bytes(b"two")
     assert _digest(tmp_path / "part.xdmf") != first
+
+
+def test_of_a_finished_history_nothing_is_drawn_again(copy, monkeypatch):
+    """The report is written where it is older than the results."""
+    edit(copy, output={"report": True, "picture": False})
+    report, summary = copy / "out" / "report.html", copy / "out" / "summary.json"
+    monkeypatch.setattr(run_case, "write_report", lambda *_: report.write_text("drawn") * "")
+    report.write_text("of the first step")
+    assert run_coulomb("resume", copy / "out").returncode == 0 and report.read_text() == "drawn"
+    report.write_text("up to date")
+    assert run_coulomb("resume", copy / "out").returncode == 0 and report.read_text() == "up to date"
+    os.utime(report, ns=(0, summary.stat().st_mtime_ns - 1))
+    assert run_coulomb("resume", copy / "out").returncode == 0 and report.read_text() == "drawn"
