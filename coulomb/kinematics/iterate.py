@@ -25,6 +25,7 @@ from ..model.problem import ContactProblem
 from ..model.problem_evidence import gather_evidence
 from ..model.small_strain import SmallStrain, small_strain
 from ..model.solution import Solution
+from ..solvers.friction_problem import FrictionProblem
 from ..solvers.successive_tresca import Anderson
 from .nonlinear_body import NonlinearBody
 from .slip import FaceMotion, foot_points
@@ -120,6 +121,11 @@ class Linearised(ContactProblem):
     """The contact problem of changes du of a displacement u; judged by the scales of u + du."""
 
     silent = True
+
+    @property
+    def friction_problem(self) -> FrictionProblem:
+        """Judged body by body: contact by contact by the evidence at the next iterate."""
+        return replace(super().friction_problem, together=True)
 
     def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
         """They are judged where they end."""
