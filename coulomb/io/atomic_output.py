@@ -13,6 +13,7 @@ On one process but for `locked` and `refuse_to_replace`; standard library only, 
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import re
@@ -47,8 +48,10 @@ _held: dict[Path, int] = {}
 
 
 @contextmanager
-def locked(directory: str | Path, comm: MPI.Comm | None) -> Iterator[None]:
+def locked(directory: str | Path, comm: MPI.Comm | None) -> Iterator[bool]:
     """Lock a directory, created if necessary, for the duration of the context; rank 0 holds the lock; collective.
+
+    Gives whether this process had not locked it before.
 
     Raises:
         ValueError: On every rank, if another run holds it, with its holder and a remedy.
@@ -66,11 +69,10 @@ def locked(directory: str | Path, comm: MPI.Comm | None) -> Iterator[None]:
             finish(folder)
             for partial in folder.glob(f"{PARTIAL}*"):
                 shutil.rmtree(partial, ignore_errors=True)
-        return ""
+        return "now" if mine else ""
 
     try:
-        on_rank_0(comm, take)
-        yield
+        yield bool(on_rank_0(comm, take))
     finally:
         for place in mine:
             with suppress(OSError):
@@ -144,22 +146,25 @@ def refuse_to_replace(target: Path, overwrite: bool, comm: MPI.Comm) -> str:
                     f"{folder / names[0]} is not known to be a result of coulomb, which would replace it (no summary "
                     "or case of coulomb is beside it): move it away, or choose another directory (--output)"
                 )
-        if there and (reason := unwritable(kept.parent)):
-            raise ValueError(f"the results in {target} cannot be kept as {kept}: {reason}; move them away")
-        for path in sorted(kept.rglob("*")) if there else ():
-            if path.name == LOCK:
-                os.close(_take(path))
-            elif not (_is_of_format(path.relative_to(kept)) and path.lstat().st_mode & 0o222):
-                raise ValueError(
-                    f"{path} is write-protected or not a result of coulomb, and the next results would take the place "
-                    f"of those in {kept}: move it away"
-                )
+        if there:
+            _refuse_to_lose(kept)
         return str(kept) if there else ""
 
     try:
         return on_rank_0(comm, look)
     except OSError as error:
         raise ValueError(f"output {target}: cannot be read: {error.strerror or error}") from None
+
+
+def _refuse_to_lose(kept: Path) -> None:
+    """A ValueError if the results in DIRECTORY.previous cannot be replaced, with a remedy."""
+    if reason := unwritable(kept.parent):
+        raise ValueError(f"results cannot be kept as {kept}: {reason}; move them away")
+    for path in sorted(kept.rglob("*")) if kept.is_dir() or not kept.exists() else [kept]:
+        if path.name == LOCK:
+            os.close(_take(path))
+        elif path == kept or not (_is_of_format(path.relative_to(kept)) and path.lstat().st_mode & 0o222):
+            raise ValueError(f"{path} is write-protected or no result of coulomb, and {kept} is replaced: move it away")
 
 
 def _names_in(folder: Path) -> list[str]:
@@ -234,6 +239,10 @@ def set_aside(target: Path, keep: bool = True) -> str:
     """
     if keep and _has_results(target):
         kept = previous(target)
+        try:
+            _refuse_to_lose(kept)
+        except ValueError as error:  # since the run began
+            raise OSError(errno.EEXIST, str(error)) from None
         work = kept.with_name(f".{kept.name}")
         shutil.rmtree(work, ignore_errors=True)
         (work / "new").mkdir(parents=True)

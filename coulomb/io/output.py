@@ -68,8 +68,8 @@ def write(
     """
     comm, target = solution.problem.comm, Path(directory)
     same_on_all_ranks({"directory": str(directory), "overwrite": overwrite}, comm)
-    with locked(target, comm):
-        if keep:
+    with locked(target, comm) as alone:
+        if keep and alone:  # a run that has locked it has asked when it began
             refuse_to_replace(target, overwrite, comm)
         return _write_complete(solution, target, extra or {}, texts or {}, fields or {}, mesh, keep)
 

@@ -213,10 +213,26 @@ def test_foreign_and_protected_files_in_what_would_be_lost(made):
     run()
     before = everything(KEPT)
     for path in (field, notes):
-        assert f"{path} is write-protected or not a result of coulomb" in run(code=2)
+        assert f"{path} is write-protected or no result of coulomb" in run(code=2)
         path.unlink()
     assert before.keys() - everything(KEPT).keys() == {path.relative_to(KEPT) for path in (field, notes)}
     run()
+
+
+@pytest.mark.parametrize("name", ["out.previous", "out.previous/notes"])
+def test_what_would_be_lost_appears_during_a_run(made, name):
+    """The new answer waits until it is moved away."""
+    before, refusal = there(made, "single"), f"{name} is write-protected or no result of coulomb"
+    with pytest.raises(OSError, match=refusal), locked("out", comm):
+        Path(name).parent.mkdir(exist_ok=True)
+        Path(name).touch()
+        output.write(solved_block(2), "out")
+    assert {path: text for path, text in everything().items() if path.parts[0][0] != "."} == before
+    assert refusal in run(code=2)
+    Path(name).rename("elsewhere")
+    with locked("out", comm):
+        assert "case.json" not in map(str, everything()) and everything(KEPT) == before
+    assert check("out").passed
 
 
 def test_links_are_replaced_not_what_they_point_to(made):
