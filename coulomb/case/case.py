@@ -377,9 +377,9 @@ class Case(Table):
             return self
         if self.history is None:
             raise ValueError('solver.kinematics = "large" needs a [history]: large motions are computed in load steps')
-        if self.ties or self.rigid_face:
+        if self.pretension or self.cyclic_symmetry or self.rigid_face:
             raise ValueError(
-                'tie, rigid_face: not with solver.kinematics = "large": make one mesh of the parts, as by Coherence'
+                'pretension, cyclic_symmetry, rigid_face: not with solver.kinematics = "large", which has [[tie]]'
             )
         return self
 

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, JoinedBodies, rigid_modes
-from ..fem.contact import ContactSurface, face_samples
+from ..fem.contact import ContactSurface, TiedBodies, face_samples
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.reductions import Reductions
 from ..model.certificate import Evidence, rounding_forces
@@ -113,6 +113,9 @@ _TOUCHES: Final = 1e-10
 _STICKS: Final = 1.0 - 1e-6
 """Friction over its bound below which a node sticks."""
 
+_ROUNDING: Final = 2.0**-46
+"""Jump of tied nodes over the largest displacement that is a rounding error."""
+
 _DIFFERENCE: Final = 1e-4
 """Step of the differences of normals over the size of a face."""
 
@@ -158,9 +161,15 @@ class Linearised(ContactProblem):
             internal=residual + load,
             load=load,
             prescribed=body.held_part(here - rigid) + e.prescribed,
+            jump=self._jump(here + du, over) if body.ties else None,
             ground=None,
             rounding=rounding_forces(body, here + du),
         )
+
+    def _jump(self, u: FloatArray, over: Reductions) -> FloatArray:
+        """Of tied nodes at a displacement u (k, 3), metres; 0 where it is a rounding error of u; collective."""
+        jump = self.elasticity.jump(u, self.loading)
+        return np.where(np.abs(jump) <= _ROUNDING * over.max(np.abs(u).ravel()), 0.0, jump)
 
 
 def curvature(foundation: RigidFoundation, x: FloatArray) -> FloatArray:
@@ -331,7 +340,7 @@ def rigid_part(body: Deformable, u: FloatArray, over: Reductions) -> FloatArray:
 
 def components(body: Deformable, over: Reductions) -> Iterator[npt.NDArray[np.bool_]]:
     """The nodes of each component of the bodies, shapes (k,); collective."""
-    component = body.free.component
+    component = body.component
     for number in range(1 + int(over.max(component.astype(np.float64)))):
         yield component == number
 
@@ -343,6 +352,8 @@ def linearised(body: Deformable, u: FloatArray, time: float) -> Deformable:
 
 def each(body: Deformable, change: Callable[[NonlinearBody, slice], NonlinearBody]) -> Deformable:
     """The same bodies, each changed; the change is given its nodes."""
+    if isinstance(body, TiedBodies):
+        return body.over(each(body.bodies, change))
     changed = {one.name: change(nonlinear(one.body), one.nodes) for one in body.members}
     return JoinedBodies(changed) if isinstance(body, JoinedBodies) else next(iter(changed.values()))
 

@@ -23,6 +23,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable
+from ..fem.contact import Tied
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
@@ -34,7 +35,6 @@ from ..model.load_step import Earlier, Energy, Forces, State
 from ..model.nodal_answer import Accumulated
 from ..model.probes import Probe, ProbeValue
 from ..model.problem import ContactProblem
-from ..model.resultants import ForceBalance, force_balance
 from ..model.small_strain import SmallStrain
 from ..model.solution import Solution
 from ..model.stopping_criterion import StoppingCriterion
@@ -115,25 +115,21 @@ class LargeSolution(Solution):
 
     @property
     def forces_at_nodes(self) -> dict[str, FloatArray]:
-        e = self.evidence
+        internal, spring, load = self.inner_forces
         prescribed = [nonlinear(one.body).place.prescribed for one in self.problem.elasticity.members]
         return {
-            "load": e.load,
+            "load": load,
             "prescribed": np.concatenate(prescribed),
-            "spring_force": e.spring,
-            "internal_force": e.internal,
-            "rounding_force": e.rounding,
+            "spring_force": spring,
+            "internal_force": internal,
+            "rounding_force": self.evidence.rounding,
+            **self.tie_fields,
         }
 
-    @cached_property
-    def force_balance(self) -> ForceBalance:
-        """Resultants of all loads and supports at the deformed place, and the balance of all forces; collective."""
-        e, body = self.evidence, self.problem.elasticity
-        held = body.held_part(e.internal - e.load - e.spring - e.on_body)
-        given = body.loads_in(self.problem.loading)
-        supports = chain(body.shares(held), body.spring_forces(self.displacement))
-        each = {member.name: member.nodes for member in body.members} if len(body.members) > 1 else {}
-        return force_balance(given, supports, e.on_body, body.x, Reductions(self.problem.comm), (), each)
+    @property
+    def inner_forces(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        e = self.evidence
+        return e.internal, e.spring, e.load
 
     @cached_property
     def probes(self) -> tuple[ProbeValue, ...]:
@@ -166,8 +162,10 @@ class LargeMotions(ContactProblem):
         if arguments and isinstance(arguments[0], Deformable):
             for member in arguments[0].members:
                 nonlinear(member.body)
-        if others.get("ties") or others.get("rigid_faces"):
-            raise ValueError("ties and rigid faces are for small strains: for large motions make one mesh of the parts")
+        if others.get("rigid_faces") or any(type(one) is not Tied for one in others.get("ties", ())):
+            raise ValueError(
+                "rigid faces, bolts and cyclic symmetry are for small strains; large motions have ties (Tied)"
+            )
         super().__init__(*arguments, linear_solver=linear_solver, explicit=explicit, **others)
         self._remedy = [0]  # the first that is tried, of this problem at all times
         self._methods = {"linear_solver": linear_solver, "explicit": explicit}

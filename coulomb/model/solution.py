@@ -158,28 +158,41 @@ class Solution:
     def forces_at_nodes(self) -> dict[str, FloatArray]:
         """The fields of solution.xdmf of loads and supports, and of bodies of the user's forms their internal forces,
         shapes (k, 3); collective."""
-        u, body, loading = self.displacement, self.problem.elasticity, self.problem.loading
-        found = {
-            "load": loading.load,
-            "prescribed": body.held_part(loading.prescribed),
-            "spring_force": body.spring_force(u),
-        }
+        body, (internal, spring, load) = self.problem.elasticity, self.inner_forces
+        prescribed = body.held_part(self.problem.loading.prescribed)
+        found = {"load": load, "prescribed": prescribed, "spring_force": spring}
         if body.forms() is not None:
-            found |= {"internal_force": body.internal_force(u), "rounding_force": rounding_forces(body, u)}
-        if body.ties:
-            on_body = -self.problem.nodal_contact_force(self.contact_force)
-            imbalance = body.internal_force(u) - body.spring_force(u) - found["load"] - on_body
-            found["tie_force"] = body.forces_of_ties(imbalance, loading.time)
-            found |= body.stresses_of_ties(imbalance, loading.time)
-        return found
+            rounding = rounding_forces(body, self.displacement)
+            found |= {"internal_force": internal, "rounding_force": rounding}
+        return found | self.tie_fields
+
+    @property
+    def inner_forces(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Internal forces, those of springs, and loads, at the nodes, newtons, shapes (k, 3); collective."""
+        body, u = self.problem.elasticity, self.displacement
+        return body.internal_force(u), body.spring_force(u), self.problem.loading.load
+
+    @cached_property
+    def _imbalance(self) -> FloatArray:
+        """What supports and ties hold, newtons, shape (k, 3); collective."""
+        internal, spring, load = self.inner_forces
+        return internal - spring - load + self.problem.nodal_contact_force(self.contact_force)
+
+    @property
+    def tie_fields(self) -> dict[str, FloatArray]:
+        """Forces of ties at the nodes, shape (k, 3), and their stresses, shape (k,); collective."""
+        body, time = self.problem.elasticity, self.problem.time
+        if not body.ties:
+            return {}
+        forces = {"tie_force": body.forces_of_ties(self._imbalance, time)}
+        return forces | body.stresses_of_ties(self._imbalance, time)
 
     @cached_property
     def force_balance(self) -> ForceBalance:
         """Resultants of all loads and supports, and the balance of all forces; collective."""
         problem, u = self.problem, self.displacement
         body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
-        inner = body.internal_force(u) - body.spring_force(u)
-        imbalance = inner - problem.loading.load - on_body
+        imbalance = self._imbalance
         of_ties = body.forces_of_ties(imbalance, problem.time)
         held = body.held_part(imbalance - of_ties)
         supports = chain(body.shares(held), body.spring_forces(u))

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import coulomb
 from coulomb.case.case import Case
-from coulomb.kinematics import LargeMotions
+from coulomb.kinematics import LargeMotions, NeoHookean
 
 
 def test_a_pressed_block_has_the_stress_of_the_formula():
@@ -54,3 +54,48 @@ def test_a_case_has_the_rows_of_one_rank():
         for name in here:
             if name.startswith(("force", "normal_force", "prescribed", "energy", "greatest_slip")):
                 assert there[name] == pytest.approx(here[name], rel=1e-7, abs=1e-7 * size)
+
+
+def test_tied_halves_bend_onto_a_plane_as_one_mesh():
+    """A tie moves with its faces: energies, forces and displacements are those of one mesh with the same nodes."""
+    rubber, end = NeoHookean(1e6, 0.3), {"force": (0.0, 0.0, -6000.0), "amplitude": [(0.0, 0.0), (1.0, 1.0)]}
+    plane = coulomb.Plane((0.0, 0.0, -0.2), (0.0, 0.0, 1.0))
+
+    def half(comm, cells=2):
+        return coulomb.box((1.0, 0.5, 0.5), (cells, 1, 1), comm=comm)
+
+    def last(mesh, left, bottom, right, ties=()):
+        contact, load = coulomb.Contact(bottom, friction=0.3, foundation=plane), coulomb.TotalForce(right, **end)
+        given = mesh, rubber, [coulomb.Clamp(left)], contact, [load]
+        problem = coulomb.ContactProblem(*given, kinematics="large", ties=ties)
+        *_, step = coulomb.LoadHistory([0.5, 1.0]).steps(problem)
+        assert step.solution.valid
+        return step
+
+    whole = coulomb.box((2.0, 0.5, 0.5), (4, 1, 1), comm=MPI.COMM_SELF)
+    one = last(whole, "left", "bottom", "right")
+    halves = coulomb.join(a=half(MPI.COMM_WORLD), b=coulomb.moved(half(MPI.COMM_WORLD), (1.0, 0.0, 0.0)))
+    tied = last(halves, "a:left", "b:bottom", "b:right", [coulomb.Tied("b:left", "a:right")])
+    force = np.array(one.solution.at_nodes.totals()["force"])
+    assert np.array(tied.solution.at_nodes.totals()["force"]) == pytest.approx(force, abs=1e-6 * np.abs(force).max())
+    for name in ("energy_loads", "energy_elastic", "energy_dissipated"):
+        assert tied.row[name] == pytest.approx(one.row[name], rel=1e-6), name
+    (tie,), (clamp,) = tied.solution.ties, one.solution.reactions
+    assert np.array(tie.force) == pytest.approx(np.array(clamp.force), abs=1e-6 * np.abs(clamp.force).max())
+
+
+def test_tied_halves_turn_without_stress():
+    """By 90 degrees, with meshes that do not match; the plane is far below."""
+    turn = coulomb.PrescribedRotation("a:left", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.5 * np.pi)
+    b = coulomb.moved(coulomb.box((1.0, 0.5, 0.5), (2, 3, 2)), (1.0, 0.0, 0.0))
+    plane = coulomb.Plane((0.0, 0.0, -9.0), (0.0, 0.0, 1.0))
+    problem = coulomb.ContactProblem(
+        coulomb.join(a=coulomb.box((1.0, 0.5, 0.5), (2, 1, 1)), b=b),
+        *(NeoHookean(1e6, 0.3), [turn], coulomb.Contact("b:bottom", friction=0.3, foundation=plane)),
+        ties=[coulomb.Tied("b:left", "a:right")],
+        kinematics="large",
+    )
+    (step,) = coulomb.LoadHistory([1.0]).steps(problem)
+    x = problem.elasticity.reference
+    turned = np.column_stack([x[:, 2], x[:, 1], -x[:, 0]])
+    assert step.solution.valid and x + step.solution.displacement == pytest.approx(turned, abs=1e-7)

@@ -109,11 +109,18 @@ class TiedBodies(WrappedBodies):
         for known in self._states:
             if known.bodies is bodies and known.locked == locked:
                 return known
-        other = copy.copy(self)
-        other.bodies, other.locked, other._K = bodies, locked, None
-        other.__dict__.pop("free", None)
+        other = self.over(bodies)
+        other.locked = locked
         self._states[1:] = [known for known in self._states[1:] if known.bodies is bodies]
         self._states.append(other)
+        return other
+
+    def over(self, bodies: Deformable) -> TiedBodies:
+        """The same ties of the same bodies with another stiffness, or at another place."""
+        other = copy.copy(self)
+        other.bodies, other.x, other._K = bodies, bodies.x, None
+        for name in ("free", "_held_diagonal"):
+            other.__dict__.pop(name, None)
         return other
 
     # --- the map ------------------------------------------------------------------------------------------------------
