@@ -12,6 +12,7 @@ from coulomb import (
     Material,
     Plane,
     Pressure,
+    Pretension,
     SymmetryPlane,
     Tied,
     Traction,
@@ -334,7 +335,8 @@ def test_names_of_ties():
     with pytest.raises(ValueError, match="by its name"):
         Tied("a:top", 3)
     with pytest.raises(ValueError, match="for small strains"):
-        ContactProblem(box((1, 1, 1), (1, 1, 1)), STEEL, [], FAR, kinematics="large", ties=[Tied("left", "right")])
+        bolt = Pretension("left", "right", force=1.0)
+        ContactProblem(box((1, 1, 1), (1, 1, 1)), STEEL, [], FAR, kinematics="large", ties=[bolt])
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
