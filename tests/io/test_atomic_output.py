@@ -14,7 +14,6 @@ from pathlib import Path
 
 import pytest
 from conftest import SMALL_CASE, make_block, run_coulomb, run_python, solved_block
-from mesh_files import BoxFile
 from mpi4py import MPI
 
 import coulomb
@@ -177,16 +176,6 @@ def test_on_ranks(made):
         assert done.returncode == code, done.stderr
         assert done.stderr.count("error: out holds results") == (code == 2)
     assert check("out").passed and friction("out/steps/0002") == 0.4 and check(KEPT).passed
-
-
-def test_a_mesh_file_may_change():
-    BoxFile().write(Path("part.msh"))
-    Path("case.toml").write_text(SMALL_CASE.replace("box = [3.0, 1.0, 1.0]\ncells = [3, 1, 1]", 'file = "part.msh"'))
-    run()
-    with Path("part.msh").open("a") as file:
-        file.write("\n$Comments\nchanged\n$EndComments\n")
-    run()
-    assert check("out").passed
 
 
 # --- files of the user --------------------------------------------------------------------------------------------
