@@ -48,7 +48,7 @@ def anchors(
             own = own - R[:, :, before] @ np.linalg.solve(E[:, before], E[:, of == number])
         tried = [_pivots(own, suited, comm) for suited in places]
         best = max(size for _, size in tried)
-        found |= next(pivots for pivots, size in tried if size > _WORSE * best)
+        found |= next(pivots for pivots, size in tried if size >= _WORSE * best)
     return found
 
 
