@@ -39,20 +39,20 @@ from ..linalg.compliance import (
     undecided,
 )
 from ..linalg.factors import (
-    DistributedMultifrontalSolver,
+    FirstRankSolver,
     Front,
     MultifrontalSolver,
     NotPositiveDefinite,
-    SharedSymbolic,
     Work,
     predicted_work,
     symbolic,
+    usual_work,
 )
 from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
 from .certificate import rounding_forces
 from .conditioning import ill_conditioned, measures_of, on_soft_springs, soft_motions
-from .memory import least_room
+from .memory import first_room
 from .provenance import timed
 
 _log = logging.getLogger(__name__)
@@ -124,7 +124,7 @@ class FixedStiffness:
         linear_solver: LinearSolver,
         explicit: bool,
         seconds: dict[str, float],
-        symbolic: list[Front] | SharedSymbolic | None = None,
+        symbolic: list[Front] | None = None,
         many: bool = False,
     ):
         self.elasticity, self._reference, self._symbolic = elasticity, reference, symbolic
@@ -138,7 +138,7 @@ class FixedStiffness:
         return self._contact_last if self._explicit else self._any_order
 
     @cached_property
-    def _contact_last(self) -> MultifrontalSolver | DistributedMultifrontalSolver:
+    def _contact_last(self) -> MultifrontalSolver | FirstRankSolver:
         """K^-1 with the contact nodes eliminated last, which gives A."""
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
             return self._factorised(self._reference.nodes_in_rows, self._symbolic)
@@ -160,21 +160,19 @@ class FixedStiffness:
         return None if self._linear_solver is DirectSolver else soft_motions(self.elasticity)
 
     def _factorised(
-        self, last: npt.NDArray[np.integer[Any]], symbolic: list[Front] | SharedSymbolic | None
-    ) -> MultifrontalSolver | DistributedMultifrontalSolver:
+        self, last: npt.NDArray[np.integer[Any]], symbolic: list[Front] | None
+    ) -> MultifrontalSolver | FirstRankSolver:
         K, x, single = self.elasticity.K, self.elasticity.points, False if self._many else None
         if self.elasticity.comm.size > 1:
-            shared = symbolic if isinstance(symbolic, SharedSymbolic) else None
-            return DistributedMultifrontalSolver(K, x, last, single, shared)
-        known = symbolic if isinstance(symbolic, list) else None
-        return MultifrontalSolver(K, x, last, single, known, self._many)
+            return FirstRankSolver(K, x, last, single, self._many)
+        return MultifrontalSolver(K, x, last, single, symbolic, self._many)
 
     @cached_property
     def _compliance(self) -> BodyCompliance:
         """A in the reference frames."""
         solver, B = self.solver, self._reference.free_B
         with timed(self._seconds, "compliance"):
-            if self._explicit and isinstance(solver, MultifrontalSolver | DistributedMultifrontalSolver):
+            if self._explicit and isinstance(solver, MultifrontalSolver | FirstRankSolver):
                 return SchurCompliance(B, solver)
             return MatrixFreeCompliance(B, self.elasticity.K, solver, soft=self._soft)
 
@@ -219,7 +217,7 @@ class ContactStiffness:
         self.elasticity, self._references, self._unknowns = elasticity, references, unknowns
         self.comm, self._seconds = elasticity.comm, seconds
         self._given, self.load_steps = (linear_solver, explicit), 1
-        self._symbolic: list[Front] | SharedSymbolic | None = None
+        self._symbolic: list[Front] | None = None
         self._work: Work | None = None
         self.changed, self._condensed, self._may_condense, self._dense = "", False, True, False
         self._rounding: tuple[object, float, FloatArray] | None = None
@@ -263,7 +261,7 @@ class ContactStiffness:
     def method(self) -> str:
         """Name of the solver for K^-1."""
         if self.linear_solver is DirectSolver:
-            return (MultifrontalSolver if self.comm.size == 1 else DistributedMultifrontalSolver).method
+            return (MultifrontalSolver if self.comm.size == 1 else FirstRankSolver).method
         return self.linear_solver.name
 
     def rounding_forces(self, elasticity: Deformable, u: FloatArray) -> FloatArray:
@@ -291,7 +289,7 @@ class ContactStiffness:
         with timed(self._seconds, "stiffness"):
             formed = m <= EXPLICIT_UP_TO
             found, work = self._fronts(formed)
-            soft, room = on_soft_springs(self.elasticity), least_room(comm)
+            soft, room = on_soft_springs(self.elasticity), first_room(comm)
             direct = factorise(work, self.measures, self.load_steps, soft, self.precision, room, comm.size, formed)
             if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
                 self._work = work
@@ -299,15 +297,13 @@ class ContactStiffness:
             self._symbolic = found
         return DirectSolver, formed
 
-    def _fronts(self, contact_last: bool) -> tuple[list[Front] | SharedSymbolic, Work]:
-        """The fronts of K, and what a factorisation takes; collective."""
-        K, x, comm = self.elasticity.K, self.elasticity.points, self.comm
-        last = self._reference.nodes_in_rows if contact_last else np.empty(0, dtype=np.int64)
-        if comm.size == 1:
-            fronts = symbolic(K, x, last)
-            return fronts, predicted_work(fronts)
-        shared = SharedSymbolic(K, x, last)
-        return shared, shared.work()
+    def _fronts(self, contact_last: bool) -> tuple[list[Front] | None, Work]:
+        """The fronts of K on one rank, and what a factorisation takes; collective."""
+        K, x, last = self.elasticity.K, self.elasticity.points, self._reference.nodes_in_rows
+        if self.comm.size > 1:
+            return None, usual_work(self._unknowns["displacement"], self.interface if contact_last else 0)
+        fronts = symbolic(K, x, last if contact_last else np.empty(0, dtype=np.int64))
+        return fronts, predicted_work(fronts)
 
     @contextmanager
     def limited(self, solver: StiffnessSolver) -> Iterator[None]:
@@ -355,7 +351,7 @@ class ContactStiffness:
 
     def _fit(self, work: Work, formed: bool) -> bool:
         """Whether factors of K fit into the memory, where A is formed or not, the same on all ranks; collective."""
-        return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, least_room(self.comm), formed)))
+        return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, first_room(self.comm), formed)))
 
     def change_method(self, why: str, condense: bool = False) -> bool:
         """From multigrid to factors of K, from products by A to condensed Newton systems (if `condense`), or from

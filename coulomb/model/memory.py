@@ -20,6 +20,7 @@ _BODY: Final = 2.3e3  # per displacement unknown: mesh, K, multigrid, fields
 _MULTIGRID: Final = 350.0  # per displacement unknown: K in blocks, the last solutions
 _FACTOR: Final = 104.0  # over n^(4/3): the factor of K in single precision; in double twice as much
 _FRONTS: Final = 132.0  # the same with the contact nodes last, including memory of fronts not yet reused
+_GATHERED: Final = 1.2e3  # per displacement unknown: K on the first of several ranks, which factorises it
 _DENSE: Final = 6.0  # over m^2: the Schur complement and the inverse of its factor
 _COLUMNS: Final = 8.0 / 3.0  # over m^2, in double precision: columns of the inverse for products (`DenseInverse`)
 _WIDER: Final = 2.4  # rows of K of 27-node hexahedra over those of 8-node ones; of 10-node tetrahedra they are as long
@@ -52,7 +53,7 @@ def memory_needed(
         return least + _MULTIGRID * wider * n
     factor: float = (2.0 if double else 1.0) * (_FRONTS if explicit else _FACTOR) * n ** (4 / 3)
     dense = ((2.0 if double else 1.0) * _DENSE + (_COLUMNS if double else 0.0)) * m**2 if explicit else 0.0
-    return least + factor + dense
+    return least + factor + dense + (_GATHERED * wider * n if ranks > 1 else 0.0)
 
 
 def least_memory(displacement: int, ranks: int, nodes: int = 8) -> float:
@@ -80,6 +81,12 @@ def free_memory(proc: Path = _PROC, groups: Path = _GROUPS) -> float | None:
             found += _rooms(root, path, limit, usage, "total_inactive_file")
     known = [value for value in found if value is not None]
     return min(known) if known else None
+
+
+def first_room(comm: MPI.Comm) -> float:
+    """The free memory where the first rank is, which has the factors, bytes; inf if it is unknown; collective."""
+    free = free_memory() if comm.rank == 0 else None
+    return float(comm.bcast(float("inf") if free is None else free))
 
 
 def least_room(comm: MPI.Comm) -> float:

@@ -45,7 +45,7 @@ def test_check_case_on_ranks(tmp_path):
     done = run_coulomb("check-case", tmp_path / "case.toml", ranks=2)
     assert done.returncode == 0, done.stderr
     assert listed(done.stdout) == EXPECTED
-    assert "K direct (nested dissection, shared fronts), A explicit" in done.stdout
+    assert "K direct (nested dissection, on the first rank), A explicit" in done.stdout
     assert "GB of memory on 2 ranks" in done.stdout
 
 

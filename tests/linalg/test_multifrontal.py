@@ -15,7 +15,7 @@ from coulomb.linalg.compliance.schur_compliance import SchurCompliance
 from coulomb.linalg.factors import frontal_factors, multifrontal
 from coulomb.linalg.factors.frontal_factors import FrontalFactors
 from coulomb.linalg.factors.multifrontal import DenseInverse, MultifrontalSolver
-from coulomb.linalg.factors.nested_dissection import dissect, dissect_part
+from coulomb.linalg.factors.nested_dissection import dissect
 from coulomb.linalg.petsc_arrays import NodalRows, nodal_blocks
 from coulomb.solvers import DirectSolver
 
@@ -211,48 +211,36 @@ def test_small_graphs(edges, last, single, monkeypatch):
     assert solver.single == single
 
 
-def rows_and_fronts(what):
-    """K of a small block, and its fronts: to the end, or of the first nodes only, with a border."""
+def rows_and_fronts():
+    """K of a small block, and its fronts."""
     problem = block(3, cell="tetrahedron")
     K, x = nodal_blocks(problem.elasticity.K), problem.elasticity.x
-    if what == "part":
-        K.data[K.indptr[60] :] = 0.0
-        K.eliminate_zeros()
     graph = scipy.sparse.csr_matrix((np.ones(len(K.indices)), K.indices, K.indptr), shape=(len(x),) * 2)
-    fronts = dissect(graph, x, np.sort(problem.surface.nodes), 7) if what == "whole" else dissect_part(graph, x, 60, 7)
-    return NodalRows(K), fronts, K.toarray()
+    return NodalRows(K), dissect(graph, x, np.sort(problem.surface.nodes), 7), K.toarray()
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("what", ["whole", "part"])
-def test_factors_substitutions_and_what_is_left(what, dtype):
-    """Against dense matrices: L L^T = K, the Schur complement on the border, substitutions with L."""
-    rows, fronts, K = rows_and_fronts(what)
-    assert len(fronts) > 5 and (len(fronts[-1].border) > 0) == (what == "part")
+def test_factors_and_substitutions(dtype):
+    """Against dense matrices: L L^T = K, substitutions with L."""
+    rows, fronts, K = rows_and_fronts()
+    assert len(fronts) > 5
     factors = FrontalFactors(rows, fronts, dtype)
     unknowns = (3 * factors.order[:, None] + np.arange(3)).ravel()
-    count = 3 * sum(len(front.own) for front in fronts)
     dense = K[np.ix_(unknowns, unknowns)].astype(np.float64)
     limit = 200 * np.finfo(dtype).eps
-    L = np.linalg.cholesky(dense[:count, :count])
-    below = np.linalg.solve(L, dense[:count, count:]).T
-    if what == "part":
-        update = np.tril(factors.update)
-        assert np.abs(update - np.tril(-below @ below.T)).max() <= limit * np.abs(dense).max()
+    L = np.linalg.cholesky(dense)
     for alone in (False, True):  # forces everywhere, and on the nodes of the last front alone
         x = np.random.default_rng(3).standard_normal(len(unknowns)).astype(dtype)
         if alone:
-            x[: count - 3 * len(fronts[-1].own)] = 0.0
+            x[: len(x) - 3 * len(fronts[-1].own)] = 0.0
         given = x.astype(np.float64)
         factors.forward(x)
         size = np.abs(L).max() * np.abs(x).max()
-        assert np.abs(L @ x[:count] - given[:count]).max() <= limit * size
-        if what == "part":
-            assert np.abs(x[count:] + below @ x[:count] - given[count:]).max() <= limit * size
+        assert np.abs(L @ x - given).max() <= limit * size
         given = x.astype(np.float64)
         factors.backward(x)
         size = np.abs(L).max() * np.abs(x).max()
-        assert np.abs(L.T @ x[:count] + below.T @ given[count:] - given[:count]).max() <= limit * size
+        assert np.abs(L.T @ x - given).max() <= limit * size
 
 
 # --- products with the inverse of a front: by its lower triangle, and by the columns of what is not 0 ---

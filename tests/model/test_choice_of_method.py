@@ -55,7 +55,7 @@ MEASURED = {  # operations, bytes; measures; expected precision; whether direct 
 @pytest.mark.parametrize("name", MEASURED)
 def test_the_faster_method_where_both_were_measured(name):
     work, measures, precision, direct = MEASURED[name]
-    assert factorise(Work(*work, work[0]), measures, precision=precision) is direct
+    assert factorise(Work(*work), measures, precision=precision) is direct
 
 
 @pytest.mark.parametrize("name", MEASURED)
@@ -65,8 +65,8 @@ def test_load_histories_want_factors(name):
     work, measures, *_ = MEASURED[name]
     precision = Precision.DOUBLE if measures.displacement <= 50_000 else ONCE
     direct = "ring" not in name and "plate" not in name
-    assert factorise(Work(*work, work[0]), measures, 8, precision=precision) is direct
-    assert factorise(Work(*work, work[0]), measures, 48, precision=precision)
+    assert factorise(Work(*work), measures, 8, precision=precision) is direct
+    assert factorise(Work(*work), measures, 48, precision=precision)
 
 
 def test_what_decides_the_iterations():
@@ -109,36 +109,37 @@ def test_the_part_of_a_face_that_is_near(drop, near):
 
 
 def test_what_decides():
-    work, body = Work(1e10, 1e8, 1e10), Measures(25_000, 1000, 1.7)
+    work, body = Work(1e10, 1e8), Measures(25_000, 1000, 1.7)
     assert factorise(work, body) and factorise(work, body, room=1e8)
     assert not factorise(work, body, room=0.9e8)  # does not fit into the memory
     assert not factorise(work, body, 8, precision=Precision.DOUBLE, room=1.9e8)
-    assert not factorise(Work(1e8, 1e6, 1e8), Measures(1000, 30, 1.7), room=1.9e6)  # in double precision twice as much
-    assert not factorise(work._replace(longest=1e12), body)
-    assert factorise(work._replace(longest=5e10), body._replace(slenderness=3000.0))  # long by multigrid: a thin body
+    assert not factorise(Work(1e8, 1e6), Measures(1000, 30, 1.7), room=1.9e6)  # in double precision twice as much
+    assert not factorise(work._replace(operations=1e12), body)
+    assert factorise(
+        work._replace(operations=5e10), body._replace(slenderness=3000.0)
+    )  # long by multigrid: a thin body
     assert not factorise(work, body._replace(contact=10_000))  # the Schur complement of wide contact faces is expensive
-    slow = work._replace(longest=1e12)
+    slow = work._replace(operations=1e12)
     assert factorise(slow, body, soft=True) and not factorise(slow, body, soft=True, room=1.9e8)
     assert not factorise(slow, body, 8) and factorise(slow, body, 80)
-    assert 0.5 * seconds_direct(work, 1000) < seconds_direct(work, 1000, ranks=2) < seconds_direct(work, 1000)
     assert seconds_direct(work, 1000) > 1e-11 * 1e10
 
 
 def test_wide_contact_faces():
     """Where A is not formed, every step factorises anew, whatever the contact; a sheet of 110 000 unknowns wants that,
     a block that lies on its face does not."""
-    work, thin = Work(2.4e9, 2e8, 2.4e9), Measures(109_800, 36_600, 178.0, second_order=True, aspect=3.3)
+    work, thin = Work(2.4e9, 2e8), Measures(109_800, 36_600, 178.0, second_order=True, aspect=3.3)
     given = {"precision": TWICE, "formed": False}
     condensed = seconds_direct(work, 36_600, **given)
     assert condensed == seconds_direct(work, 3, **given) < 0.2 * seconds_direct(work, 36_600, precision=TWICE)
     assert factorise(work, thin, **given)
     assert factorise(work, thin, **given, room=8e8) and not factorise(work, thin, **given, room=7.9e8)
     assert factorise(work, thin, precision=TWICE, soft=True, room=4e8)  # A formed, there is one set of factors
-    assert not factorise(Work(6e10, 6.5e8, 6e10), Measures(153_900, 17_100, 3.0), formed=False)
+    assert not factorise(Work(6e10, 6.5e8), Measures(153_900, 17_100, 3.0), formed=False)
 
 
 def test_costs_of_load_steps_and_ranks():
-    work, body = Work(1e10, 1e8, 1e10), Measures(20_000, 1000, 1.7)
+    work, body = Work(1e10, 1e8), Measures(20_000, 1000, 1.7)
     later = [seconds_direct(work, 1000, steps) for steps in (1, 2, 24)]
     assert later[2] - later[0] == pytest.approx(23 * (later[1] - later[0]))
     seconds = [seconds_direct(work, 1000, 1, precision) for precision in (ONCE, Precision.DOUBLE, TWICE)]
@@ -146,12 +147,8 @@ def test_costs_of_load_steps_and_ranks():
     assert seconds_direct(work, 1000, 8, Precision.DOUBLE) < later[0] + 7 * (later[1] - later[0])
     one, two, many = (seconds_multigrid(body, steps) for steps in (1, 2, 24))
     assert many - one == pytest.approx(23 * (two - one)) and later[1] - later[0] < 0.5 * (two - one)
-    for costs in (
-        [seconds_direct(Work(0.0, 1e12, 0.0), 1, ranks=ranks) for ranks in (1, 2)],
-        [seconds_direct(Work(0.0, 0.0, 0.0), 10**6, 1, TWICE, ranks) for ranks in (1, 2)],
-        [seconds_multigrid(Measures(10**9, 1, 1.7), ranks=ranks) for ranks in (1, 2)],
-    ):
-        assert 1.0 < costs[0] / costs[1] <= 2.0 + 1e-3
+    one, two = (seconds_multigrid(Measures(10**9, 1, 1.7), ranks=ranks) for ranks in (1, 2))
+    assert 1.0 < one / two <= 2.0 + 1e-3
 
 
 def test_where_the_size_leaves_it_open():
@@ -178,7 +175,7 @@ def test_the_choice_is_made_once(monkeypatch, direct):
     monkeypatch.setattr(contact_stiffness, "undecided", lambda *given: given[2:] == (None, None))
     monkeypatch.setattr(contact_stiffness, "factorise", stub)
     monkeypatch.setattr(contact_stiffness, "symbolic", lambda *_: fronts)
-    monkeypatch.setattr(contact_stiffness, "least_room", lambda _: 7.0)
+    monkeypatch.setattr(contact_stiffness, "first_room", lambda _: 7.0)
     monkeypatch.setattr(multifrontal, "_fronts_of", lambda *_: pytest.fail("dissected again"))
     problem = make_block(3)
     assert not asked  # the number of load steps is not yet known

@@ -71,7 +71,7 @@ def test_a_thin_sheet_wants_factors(monkeypatch):
 
 def test_patience():
     """Three times the expected iterations at least, and as long as factors take where these take longer."""
-    body, quick, slow = Measures(40_000, 2500, 1.7), Work(1e9, 1e7, 1e9), Work(1e13, 1e9, 1e13)
+    body, quick, slow = Measures(40_000, 2500, 1.7), Work(1e9, 1e7), Work(1e13, 1e9)
     assert patience(quick, body) == pytest.approx(3.0 * body.iterations)
     ratio = seconds_direct(slow, 2500) / seconds_multigrid(body)
     assert ratio > 3.0 and patience(slow, body) == pytest.approx(ratio * body.iterations)
@@ -164,7 +164,7 @@ def test_the_choice_of_the_user_stands(caplog, by_multigrid):
 
 def test_factors_that_do_not_fit(monkeypatch, caplog, by_multigrid):
     """Multigrid goes on beyond its patience then, and fails for itself."""
-    monkeypatch.setattr(contact_stiffness, "least_room", lambda _: 1.0)
+    monkeypatch.setattr(contact_stiffness, "first_room", lambda _: 1.0)
     monkeypatch.setattr(contact_stiffness, "patience", lambda *_: 1.0)
     problem = sheet()
     with caplog.at_level(logging.WARNING, "coulomb"), pytest.raises(NotConverged, match="failed: after 100 iterations"):

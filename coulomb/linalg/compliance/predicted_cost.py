@@ -68,9 +68,9 @@ def chosen(
 ) -> tuple[LinearSolver, bool]:
     """The solver for K by displacement and contact unknowns over all ranks, and whether A is formed.
 
-    K is factorised by `MultifrontalSolver` on one rank and by `DistributedMultifrontalSolver` on several, whether A is
-    formed or not; where it is not, on several ranks only if the user chooses it: each solve waits for all ranks several
-    times.  `linear_solver` and `explicit` are the user's choices, if any.
+    K is factorised by `MultifrontalSolver` on one rank, and by the first of several for all (`FirstRankSolver`); where
+    A is not formed, on several only if the user chooses it.  `linear_solver` and `explicit` are the user's choices, if
+    any.
 
     Raises:
         ValueError: If A is to be formed without a factorisation of K.
@@ -114,7 +114,6 @@ _LEAST_COMPRESSIBLE: Final = 1e-6
 
 _PATIENCE: Final = 3.0  # times the expected iterations, before factors are made instead
 
-_FACTOR_RANKS: Final = 0.9  # speed-up of everything but the operations of the fronts: ranks to this power; 1.87 on two
 _MULTIGRID_RANKS: Final = 0.63  # of multigrid and its path following; 1.55 on two
 
 
@@ -176,7 +175,6 @@ def seconds_direct(
     contact: int,
     steps: int = 1,
     precision: Precision = Precision.SINGLE,
-    ranks: int = 1,
     formed: bool = True,
 ) -> float:
     """With K factorised and the Schur complement on the contact nodes, to the certificate of the last load step.
@@ -186,19 +184,17 @@ def seconds_direct(
         contact: Displacements on which contact forces act.
         steps: Number of load steps.
         precision: Expected of the factors.
-        ranks: Number of ranks.
         formed: Whether A is formed; where it is not, K with springs is factorised in every step of path following
             (`CondensedSystem`).
     """
     constant, square, byte = _PATH
-    shared: float = ranks**_FACTOR_RANKS
-    factors = _OPERATION * work.longest + _BYTE * work.bytes / shared
+    factors = _OPERATION * work.operations + _BYTE * work.bytes
     times, cube, later = precision.value
     if formed:
-        path = constant + (square * contact**2 + byte * work.bytes) / shared
+        path = constant + square * contact**2 + byte * work.bytes
     else:
         path, cube = _CONDENSED * Precision.DOUBLE.value[0] * factors, 0.0
-    return times * factors + cube * contact**3 / ranks + path * (1.0 + later * (steps - 1))
+    return times * factors + cube * contact**3 + path * (1.0 + later * (steps - 1))
 
 
 def seconds_multigrid(measures: Measures, steps: int = 1, ranks: int = 1) -> float:
@@ -229,7 +225,7 @@ def factorise(
     if not fits(work, not soft and precision is Precision.SINGLE, room, formed):
         return False
     multigrid = seconds_multigrid(measures, steps, ranks)
-    return soft or seconds_direct(work, measures.contact, steps, precision, ranks, formed) <= multigrid
+    return soft or seconds_direct(work, measures.contact, steps, precision, formed) <= multigrid
 
 
 def fits(work: Work, single: bool, room: float, formed: bool = True) -> bool:
@@ -255,5 +251,5 @@ def patience(
     Multigrid then does not contract as predicted, and has taken as long as the step takes with factors.  Arguments as
     of `seconds_direct`.
     """
-    direct = seconds_direct(work, measures.contact, steps, precision, ranks, formed)
+    direct = seconds_direct(work, measures.contact, steps, precision, formed)
     return max(direct / seconds_multigrid(measures, steps, ranks), _PATIENCE) * measures.iterations

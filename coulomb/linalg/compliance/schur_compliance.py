@@ -10,12 +10,12 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..factors import DistributedMultifrontalSolver, MultifrontalSolver, inverse_factor
+from ..factors import FirstRankSolver, MultifrontalSolver, inverse_factor
 from ..reductions import Reductions, summed
 from .compliance import LimitedProducts, MatrixFreeCompliance
 from .low_rank import RecycledColumns
 
-SchurSolver = MultifrontalSolver | DistributedMultifrontalSolver
+SchurSolver = MultifrontalSolver | FirstRankSolver
 
 _ACCURATE: Final = 20
 """Products with K, of those that nothing is known about beforehand, that take as long as a factorisation of K."""

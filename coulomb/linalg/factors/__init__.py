@@ -1,8 +1,8 @@
-"""Cholesky factors of K by nested dissection and multifrontal elimination, on one rank and several, refined to double
-precision.
+"""Cholesky factors of K by nested dissection and multifrontal elimination, on one rank, for all of them, refined to
+double precision.
 """
 
-from .distributed_multifrontal import DistributedMultifrontalSolver, SharedSymbolic
+from .first_rank import FirstRankSolver
 from .frontal_factors import NotPositiveDefinite
-from .multifrontal import SINGLE_FROM, MultifrontalSolver, Work, inverse_factor, predicted_work, symbolic
+from .multifrontal import SINGLE_FROM, MultifrontalSolver, Work, inverse_factor, predicted_work, symbolic, usual_work
 from .nested_dissection import Front

@@ -6,6 +6,8 @@ the update matrices, since the first access to new memory takes about as long as
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg.blas import dsyrk, dtrsm, ssyrk, strsm
@@ -14,8 +16,10 @@ from scipy.linalg.lapack import dpotrf, spotrf
 from ...arrays import FloatArray
 from ...native import kernels
 from ..petsc_arrays import NodalRows
-from .blas import Real
 from .nested_dissection import Front, Nodes
+
+Real = npt.NDArray[Any]
+"""Numbers in single or double precision."""
 
 _ROUTINES = {np.dtype(np.float32): (spotrf, strsm, ssyrk), np.dtype(np.float64): (dpotrf, dtrsm, dsyrk)}
 
@@ -27,8 +31,7 @@ class NotPositiveDefinite(ValueError):
 class FrontalFactors:
     """L of K = L L^T, of every front its columns: head (own, own), a lower triangle, and below (border, own).
 
-    All matrices are in Fortran order.  Of a part of a body (`dissect_part`) the last front has a border, whose nodes
-    come last in `order`; `update` is what remains there, a lower triangle whose entries above are undefined.
+    All matrices are in Fortran order.
 
     Entries of K, sums of update matrices and substitutions are left to C: numpy takes three times as long on the block
     of 11 000 unknowns.
@@ -39,7 +42,7 @@ class FrontalFactors:
 
     def __init__(self, K: NodalRows, fronts: list[Front], dtype: npt.DTypeLike):
         self.dtype = np.dtype(dtype)
-        self.order: Nodes = np.concatenate([*(front.own for front in fronts), fronts[-1].border]).astype(np.int64)
+        self.order: Nodes = np.concatenate([front.own for front in fronts]).astype(np.int64)
         own, border = (
             np.array([len(getattr(front, side)) for front in fronts], dtype=np.int64) for side in ("own", "border")
         )
@@ -62,10 +65,9 @@ class FrontalFactors:
             self.below.append(memory[at + e * e : at + e * (e + b)].reshape((b, e), order="F"))
             at += e * (e + b)
         with np.errstate(all="ignore"):  # above the diagonal is anything
-            self.update = self._eliminated(fronts)
+            self._eliminate(fronts)
 
-    def _eliminated(self, fronts: list[Front]) -> Real:
-        """The update matrix of the last front, after the elimination of all."""
+    def _eliminate(self, fronts: list[Front]) -> None:
         potrf, trsm, syrk = _ROUTINES[self.dtype]
         updates = dict[int, Real]()
         whole = {front.children[0]: number for number, front in enumerate(fronts) if _is_update_of_child(fronts, front)}
@@ -91,7 +93,6 @@ class FrontalFactors:
                 self._add(updates.pop(child), fronts[child], len(head), update)
                 stacks.pop(child)
             updates[number] = update
-        return updates[len(fronts) - 1]
 
     def _add(self, child: Real, front: Front, own: int, into: Real, below: Real | None = None) -> None:
         """Add a child's update matrix, its front given, to the parent's `own` columns, head and below, or the rest of
@@ -100,11 +101,11 @@ class FrontalFactors:
         self._extend(rest, child, len(child), len(front.runs), front.runs, own, len(below), into, below)
 
     def forward(self, x: Real) -> None:
-        """x <- L^-1 x in the order of elimination, shape (3 k,); on the last border, what remains of x."""
+        """x <- L^-1 x in the order of elimination, shape (3 k,)."""
         self._forward(len(self.heads), *self._columns, x, self._work)
 
     def backward(self, x: Real) -> None:
-        """x <- L^-T x in the order of elimination, shape (3 k,), with given x on the last border."""
+        """x <- L^-T x in the order of elimination, shape (3 k,)."""
         self._backward(len(self.heads), *self._columns, x, self._work)
 
     def solve(self, rhs: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Solves with K by factors in single precision, refined to the accuracy of double precision; on any number of ranks."""
+"""Solves with K by factors in single precision, refined to the accuracy of double precision."""
 
 from __future__ import annotations
 
