@@ -13,7 +13,7 @@ cones.py:
    it turns where the path is blocked;
 4. convex problems with given slip, s <- |Z_t(s)|, with Anderson acceleration and Newton steps after each.  The slip of
    each is unique whatever the rank of A, unlike the forces on which successive Tresca iterates.  Where they fail,
-   sweeps again.
+   sweeps again, and at last curves that begin with open contacts, each with other gaps.
 
 Proved: a fixed point of the slip is a solution; the curve has one at its end, in general position and if forces stay
 bounded.  Not proved: that the path leads to one, that the fixed point attracts, or how long the curve is.  CONVERGED
@@ -137,6 +137,8 @@ class _ConeRun:
                 self._successive_slips(self._half_of_the_rest())
                 if first is not None:
                     self._sweep_on(first)
+                for number in range(self._settings.curves):
+                    self._follow_curve(self._settings.work, number)
                 if self._cones.matrix.operations > self._settings.work:
                     status = Status.MAX_ITERATIONS
         except _Ended as end:
@@ -246,11 +248,11 @@ class _ConeRun:
         """Operations at which a method that begins now has spent half of what is left, so that another one follows."""
         return 0.5 * (self._cones.matrix.operations + self._settings.work)
 
-    def _follow_curve(self, enough: float) -> None:
-        """The curve of smoothed problems, with Newton steps where it has come near a solution, until this many
-        operations have been spent.
+    def _follow_curve(self, enough: float, opened: int | None = None) -> None:
+        """The curve of smoothed problems, or one from open contacts by its number, with Newton steps where it has come
+        near a solution, until this many operations have been spent.
         """
-        curve, near = ConeCurve(self._cones), _NEAR
+        curve, near = ConeCurve(self._cones, opened), _NEAR
         at = curve.start()
         for _ in range(self._settings.curve):
             at = curve.step(at) if at is not None else None
@@ -261,6 +263,8 @@ class _ConeRun:
             if size <= near:
                 near = _NEARER * size
                 self._newton(at.X, self._settings.newton // 2)
+        if opened is not None:
+            self._newton(self._X, 2 * self._settings.newton, patient=True)
 
     def _successive_slips(self, enough: float) -> None:
         """Convex problems with given slip until it repeats itself, or this many operations have been spent."""
@@ -335,6 +339,7 @@ class ConeInteriorPoint(SolverSettings):
         path: Steps of the interior-point path.
         curve: Steps along the curve of smoothed problems.
         convex: Convex problems with given slip.
+        curves: Curves that begin with open contacts.
         proximal: Proximal term of the nonsmooth Newton matrix, over the mean diagonal of A and the size of the natural
             map.
         work: Floating-point operations of all factorisations, and of what takes as long; an estimate.
@@ -349,9 +354,10 @@ class ConeInteriorPoint(SolverSettings):
     path: int = within("[1, inf)", 80)
     curve: int = within("[0, inf)", 250)
     convex: int = within("[0, inf)", 40)
+    curves: int = within("[0, inf)", 8)
     proximal: float = within("(0, inf)", 0.1)
     work: float = within("(0, inf)", 2e11)
-    systems: int = within("[1, inf)", 3000)
+    systems: int = within("[1, inf)", 6000)
 
     name = "cone interior point"
 

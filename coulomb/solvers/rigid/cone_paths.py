@@ -17,6 +17,12 @@ X and Z are functions of one unknown V = X - rho Z: with its eigenvalues l in th
 (l + r)/2, r = sqrt(l^2 + 4 tau^2), those of rho Z (r - l)/2.  Lengths are measured in V/r: the size of a step relative
 to where a contact changes its state.
 
+Where bodies slide far on contacts of large friction no W X + q is in L^* with room to spare: there is no start at
+tau = 1, or forces grow along the curve.  A curve from open contacts has tau (g + k X) in place of tau e, gaps g decades
+apart and springs k of the contacts' own compliance: for every tau > 0 it has a solution (W + tau k is definite), and
+at tau = 1 hardly any force.  Each g gives another curve, and some of them lead to a solution; not proved: that one
+does.
+
 Before it, the interior-point path of the same problem:
 
     Z = W X + q + |Z_t| e, X o Z = theta e, X and Z inside L (cones.py), theta to 0
@@ -153,7 +159,8 @@ class ConePath:
 
 
 _FIRST, _LARGEST, _SHORTEST = 0.3, 3.0, 1e-6  # steps along the curve
-_REACHED: Final = 1e-8  # tau at which the curve ends
+_REACHED: Final = 1e-13  # tau at which the curve ends
+_APART: Final = (0.0, 2.0)  # log10 of the gaps of open contacts, over the largest of q
 _STARTING: Final = 100  # Newton steps to its start
 
 
@@ -166,13 +173,17 @@ _WEIGHT: Final = 0.1
 class CurvePoint:
     """A point (V, log tau), near the curve, with V = X - rho Z of shape (m, 3), rho forces over displacements, (m, 1).
 
+    The gaps at tau = 1 have shape (m,), the springs' compliances `soft` (m, 1); both are without units.
+
     Attributes:
         X: Forces, inside L, shape (m, 3).
         Z: Displacements, inside L, shape (m, 3).
-        G: Z - W X - q - (eta |Z_t|_tau + tau) e, shape (m, 3), 0 on the curve.
+        G: Z - W X - q - (eta |Z_t|_tau + tau gaps) e - tau soft X, shape (m, 3), 0 on the curve.
     """
 
-    def __init__(self, problem: ConeProblem, V: FloatArray, log: float, rho: FloatArray):
+    def __init__(
+        self, problem: ConeProblem, V: FloatArray, log: float, rho: FloatArray, gaps: FloatArray, soft: FloatArray
+    ):
         self.V, self.log, self.tau = V, log, float(np.exp(log))
         tau, size = self.tau, radius(V)
         self._direction = V[:, 1:] / np.where(size > 0.0, size, 1.0)[:, None]
@@ -184,14 +195,17 @@ class CurvePoint:
         self._z = np.where(self._l > 0.0, smaller, larger)
         self.X, self.Z = self._vectors(self._x), self._vectors(self._z) / rho
         eta, smoothed = max(0.0, 1.0 - tau), np.sqrt(radius(self.Z) ** 2 + tau**2)
-        self.G: FloatArray = self.Z - problem.w(self.X)
-        self.G[:, 0] -= eta * (smoothed - tau) + tau
+        self._soft = tau * soft
+        self.G: FloatArray = self.Z - problem.w(self.X) - self._soft * self.X
+        self.G[:, 0] -= eta * (smoothed - tau) + tau * gaps
         self._E = np.tile(np.eye(3), (len(V), 1, 1))
         self._E[:, 0, 1:] = -eta * self.Z[:, 1:] / smoothed[:, None]
         moved = self._vectors(2.0 * tau**2 / self._r)  # dX/d(log tau) at this V, and rho dZ/d(log tau)
         problem.products += 1
         self.G_log = times(self._E, moved / rho) - (problem.W @ moved.ravel()).reshape(-1, 3)
-        self.G_log[:, 0] -= eta * (tau**2 / smoothed - tau) + tau - (tau * (smoothed - tau) if eta > 0.0 else 0.0)
+        self.G_log -= self._soft * (self.X + moved)
+        widened = tau * (smoothed - tau) if eta > 0.0 else 0.0
+        self.G_log[:, 0] -= eta * (tau**2 / smoothed - tau) + tau * gaps - widened
         self._rho = rho
 
     def _vectors(self, eigenvalues: FloatArray) -> FloatArray:
@@ -214,7 +228,7 @@ class CurvePoint:
     def newton_blocks(self) -> FloatArray:
         """D of the matrix W + D for dX: -dZ/dX at constant tau, and with it the slip."""
         D = self._blocks(self._z / self._x, self._z.sum(axis=0) / self._x.sum(axis=0)) / self._rho[:, :, None]
-        return self._E @ D
+        return self._E @ D + self._soft[:, :, None] * np.eye(3)
 
     def unknowns(self, dX: FloatArray) -> FloatArray:
         """dV of a dX at constant tau."""
@@ -240,15 +254,19 @@ class _Directions(NamedTuple):
 
 
 class ConeCurve:
-    """The curve, step by step.
+    """The curve, step by step; `opened` is the number of one from open contacts, None for gaps of 1 without springs.
 
     Attributes:
         rejected: Steps that were too long.
         h: Length of the next step.
     """
 
-    def __init__(self, problem: ConeProblem):
-        self._problem, self.h = problem, _FIRST
+    def __init__(self, problem: ConeProblem, opened: int | None = None):
+        self._problem, self.h, m = problem, _FIRST, problem.contacts
+        self._gaps, self._soft = np.ones(m), np.zeros((m, 1))
+        if opened is not None:
+            apart = 10.0 ** np.random.default_rng(opened).uniform(*_APART, m)
+            self._gaps, self._soft = apart * float(np.abs(problem.q).max()), 1.0 / problem.rho
         self._rho: FloatArray = _WEIGHT * problem.rho
         self.rejected = 0
 
@@ -272,7 +290,7 @@ class ConeCurve:
         return None
 
     def _point(self, V: FloatArray, log: float) -> CurvePoint:
-        return CurvePoint(self._problem, V, log, self._rho)
+        return CurvePoint(self._problem, V, log, self._rho, self._gaps, self._soft)
 
     def _directions(self, at: CurvePoint) -> _Directions | None:
         matrix = self._problem.matrix

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.sparse
+from singular_problems import rigid_bodies
 
 from benchmarks.rigid_bodies import capsules, scattered, stack
 from coulomb import NotConverged, Status, solve_coulomb
@@ -29,6 +30,27 @@ def test_problems_on_which_the_path_is_blocked(problem):
         solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(sweeps=False, curve=0, convex=4))
 
 
+@pytest.mark.parametrize("seed", [0, 3, 6, 9])
+def test_bodies_that_slide_far_on_rough_contacts(seed):
+    """Twelve contacts with F = 5, open, sticking or slipping: no w has F |w_t| <= w_n at all of them, all other methods
+    end.  The answer, not always the one that was put in, satisfies the law contact by contact.
+    """
+    rng, m, F = np.random.default_rng(seed), 12, 5.0
+    H = rigid_bodies(m, rng)
+    A, state, x, w = H.T @ H, rng.integers(0, 3, m), np.zeros((m, 3)), np.zeros((m, 3))
+    a, push = np.diag(A).mean(), rng.normal(size=(m, 2))
+    push /= np.linalg.norm(push, axis=1)[:, None]
+    x[:, 0], w[:, 0] = np.where(state > 0, rng.uniform(0.1, 10.0, m), 0.0), np.where(state == 0, a, 0.0)
+    x[:, 1:] = (F * x[:, 0] * np.where(state == 1, 0.5, 1.0))[:, None] * push
+    w[:, 1:] = -push * np.where(state == 2, a * 10.0 ** rng.uniform(-1.0, 1.0, m), 0.0)[:, None]
+    b = A @ x.ravel() - w.ravel()
+    found = solve_coulomb(A, b, F, ConeInteriorPoint(sweeps=False, convex=0)).x.reshape(m, 3)
+    v = found - (A @ found.ravel() - b).reshape(m, 3) / a
+    bound, size = F * found[:, 0], np.hypot(v[:, 1], v[:, 2])
+    assert np.abs(found[:, 0] - np.maximum(v[:, 0], 0.0)).max() <= 1e-7 * np.abs(found).max()
+    assert np.abs(found[:, 1:] - v[:, 1:] * np.minimum(1.0, bound / size)[:, None]).max() <= 1e-7 * np.abs(found).max()
+
+
 def test_the_curve_leaves_work_to_convex_problems():
     """A long curve, with many turns, spends at most half of the work; convex problems and sweeps the rest."""
     problem = scattered(30, 120, 2.0, 703)
@@ -46,15 +68,15 @@ def test_derivative_along_the_curve(log):
     """Of G by V, through the Newton matrix, and by log tau: central differences; X o Z = tau^2 e / rho."""
     problem, rng = cones(stack(3, 0.7, 1)), np.random.default_rng(2)
     V, dV, h = rng.standard_normal((12, 3)), rng.standard_normal((12, 3)), 1e-6
-    rho = 0.1 * problem.rho
-    at = CurvePoint(problem, V, log, rho)
+    fixed = (rho := 0.1 * problem.rho), rng.uniform(1.0, 9.0, 12), rng.uniform(0.5, 2.0, (12, 1))
+    at = CurvePoint(problem, V, log, *fixed)
     expected = np.zeros((12, 3))
     expected[:, 0] = at.tau**2
     assert np.allclose(product(at.X, rho * at.Z), expected, atol=1e-14)
-    by_log = (CurvePoint(problem, V, log + h, rho).G - CurvePoint(problem, V, log - h, rho).G) / (2 * h)
+    by_log = (CurvePoint(problem, V, log + h, *fixed).G - CurvePoint(problem, V, log - h, *fixed).G) / (2 * h)
     assert np.allclose(at.G_log, by_log, atol=1e-8)
-    by_V = (CurvePoint(problem, V + h * dV, log, rho).G - CurvePoint(problem, V - h * dV, log, rho).G) / (2 * h)
-    dX = (CurvePoint(problem, V + h * dV, log, rho).X - CurvePoint(problem, V - h * dV, log, rho).X) / (2 * h)
+    by_V = (CurvePoint(problem, V + h * dV, log, *fixed).G - CurvePoint(problem, V - h * dV, log, *fixed).G) / (2 * h)
+    dX = (CurvePoint(problem, V + h * dV, log, *fixed).X - CurvePoint(problem, V - h * dV, log, *fixed).X) / (2 * h)
     image = (problem.W @ dX.ravel()).reshape(-1, 3) + times(at.newton_blocks(), dX)
     assert np.allclose(-image, by_V, atol=1e-6 * np.abs(by_V).max())
     assert np.allclose(at.unknowns(dX), dV, atol=1e-6)

@@ -83,7 +83,7 @@ def test_work_is_limited_by_counts():
 
 def test_sweeps_at_last():
     """A stack on which the other methods are cut short: 90 000 sweeps from those at the start, for half of the work."""
-    problem, short = stack(8, 1.0, 2), {"newton": 1, "path": 1, "curve": 0, "convex": 0}
+    problem, short = stack(8, 1.0, 2), {"newton": 1, "path": 1, "curve": 0, "convex": 0, "curves": 0}
     result = solved(problem, ConeInteriorPoint(**short))
     assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
     assert result.products > 50_000 and result.newton_steps < 5
@@ -125,7 +125,7 @@ def test_convex_problems_where_the_path_ends_early():
     assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-7
     assert 1 <= result.outer_steps <= 8 and result.products > result.newton_steps == len(result.history)
     with pytest.raises(NotConverged, match="and 1 convex problems"):
-        solved(problem, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4, convex=1))
+        solved(problem, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4, convex=1, curves=0))
 
 
 def test_progress_interrupts():
@@ -192,7 +192,7 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
 def test_the_curve_has_at_most_the_steps_of_the_setting(monkeypatch):
     steps, step = [], ConeCurve.step
     monkeypatch.setattr(ConeCurve, "step", lambda self, at: steps.append(self) or step(self, at))
-    refused(stack(8, 1.0, 2), newton=1, path=1, curve=3, convex=0)
+    refused(stack(8, 1.0, 2), newton=1, path=1, curve=3, convex=0, curves=0)
     assert len(steps) == 3
 
 
