@@ -34,6 +34,9 @@ _EPSILON: Final = 2.0**-52
 _RESOLVED: Final = 1e-12
 """Rounding errors of forces below this, the least tolerance of a case, are none."""
 
+_OF_MOTIONS: Final = 0.25
+"""Rounding error of a sum of rigid motions in the mean, over the unit of rounding and the root of their squares."""
+
 _OF_CARRIED: Final = 1e-2
 """Part of these errors that counts: a residual of 1e-8 allows 1e-6 of the force of a contact."""
 
@@ -286,7 +289,9 @@ class FrictionProblem:
         if self.together:
             worst = self.residual_of_bodies(x, gradient)
         else:
-            worst = max(self.reductions.max(np.append(relative(left, scale), 0.0)), self.unresolved(x, gradient))
+            worst = self.reductions.max(np.append(relative(left, scale), 0.0))
+            if self.rigid is None or worst <= _CARRIED_FROM:  # with motions for a product
+                worst = max(worst, self.unresolved(x, gradient))
         if self.rigid is not None:
             worst = max(worst, self.imbalance(x, scale))
         if 0.0 < worst <= _CARRIED_FROM and self.scales.mixed and not self.together:
@@ -304,14 +309,16 @@ class FrictionProblem:
         """Largest part of the force of a closed contact that rounding errors of A x and b change; collective.
 
         Where these nearly cancel at a contact that is far stiffer than what moves it, no arithmetic of double precision
-        finds its force.  With rigid motions 0: they make A x and b large together.
+        finds its force.  Of bodies that contact alone holds the motions cancel, as those of two blocks on a pad.
         """
-        if self.rigid is not None:
-            return 0.0
         w, loads = gradient.reshape(-1, 3), self.b.reshape(-1, 3)
-        felt = (np.abs(w + loads) + np.abs(loads)) / self.scales.compliance
+        felt = np.abs(w + loads) + np.abs(loads)
+        if self.rigid is not None:
+            G, alpha = self.rigid.G, self.motion_basis.amounts(self.without_motion(x) - gradient)
+            moved = _OF_MOTIONS * np.sqrt(alpha**2 @ G**2)
+            felt = np.where(np.any(G != 0.0, axis=0), moved, felt.ravel()).reshape(-1, 3)
         closed = x[0::3] > np.maximum(self.lower, w[:, 0] / self.scales.compliance[:, 0])
-        rounding = np.where(closed[:, None] & self.unknown, _EPSILON * felt, 0.0)
+        rounding = np.where(closed[:, None] & self.unknown, _EPSILON * felt / self.scales.compliance, 0.0)
         left = self.reductions.max(np.append(relative(rounding, self.force_scale(x, gradient)), 0.0))
         return left if left > _RESOLVED else 0.0
 

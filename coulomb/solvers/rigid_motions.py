@@ -125,6 +125,11 @@ class MotionBasis:
     def size(self) -> float:
         return float(self._spectrum[0][-1]) or 1.0
 
+    def amounts(self, displacement: FloatArray) -> FloatArray:
+        """Of the motions that are nearest to a displacement (3 m,) in metres, shape (q,); collective."""
+        nearest: FloatArray = self.T.T @ self.over.total(self.rows @ displacement)
+        return nearest
+
     def distance(self, out_of_balance: FloatArray) -> float:
         """Length of the smallest change of the forces that restores equilibrium, newtons.
 

@@ -129,6 +129,33 @@ def test_rubber_on_steel():
         assert pressed[0] > 0.0 and pressed[0] == pytest.approx(pressed[1], rel=1e-8)
 
 
+def test_what_rounding_leaves_of_steel_on_steel_on_a_pad():
+    """Contact alone holds both, and their motions with the pad cancel between them: the softer it is, the larger."""
+    pad, low, up = (
+        box((0.1, 0.1, 0.05), (2, 2, 1)),
+        box((0.06, 0.06, 0.04), (2, 2, 1)),
+        box((0.05, 0.05, 0.03), (2, 2, 1)),
+    )
+    mesh = join(pad=pad, low=moved(low, translate=(0.02, 0.02, 0.05)), up=moved(up, translate=(0.025, 0.025, 0.09)))
+    found = []
+    for young in (1e5, 1e4):
+        problem = ContactProblem(
+            mesh,
+            {"pad": Material(young, 0.4), "low": Material(STIFF, 0.3), "up": Material(STIFF, 0.3)},
+            [PrescribedDisplacement("pad:bottom", (0.0, 0.0, 0.0))],
+            [Contact("up:bottom", 0.3, against="low:top"), Contact("low:bottom", 0.5, against="pad:top")],
+            [Traction("up:top", (1.5e5, 5e4, -1e6))],
+            small_strain="warn",
+        )
+        with pytest.raises(NotConverged, match="rounding errors of displacements alone leave") as failure:
+            problem.solve(solver=InteriorPoint(1e-12, max_iterations=30))
+        posed, result = problem.friction_problem, failure.value.result
+        found.append(posed.unresolved(result.x, result.gradient))
+        reached = Reductions(problem.comm).max(posed.residuals(result.x, result.gradient))
+        assert 0.1 * reached < found[-1] < 10.0 * reached
+    assert found[1] == pytest.approx(10.0 * found[0], rel=0.01)
+
+
 def test_pairs_and_ties_are_judged_by_their_own_scale():
     """A pair of foam, and one of steel whose gaps are off by a thousandth of the steel's displacement; the same of the
     jump of a tie."""
