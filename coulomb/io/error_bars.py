@@ -132,7 +132,8 @@ class ErrorBars:
     Attributes:
         bars: Of every total.
         answers: What was compared: the answer itself, then the others.
-        relative_stress_error: Error of the stress over the stress, in the energy norm; None where it is not known.
+        relative_stress_error: Error of the stress over the stress, both of all bodies, in the energy norm; None where
+            it is not known.
         warnings: On cells that lock, on bars that may be too short since these could not be compared, and on polygons
             that are not in the bars.
     """

@@ -93,7 +93,7 @@ def test_page_of_a_history(history):
     for part in summary["reactions"]:
         said = f"{part['kind'].replace('_', ' ')} on {part['face']} {vector(part['force'], 'N', 5)}"
         assert said.replace("\u202f", " ") in words
-    assert f"left over, relative to the largest {number(summary['balance'], 2)}" in words
+    assert f"left over, relative to the largest force {number(summary['balance'], 2)}" in words
     assert words.count("passed") == 6
     data = data_of(history)
     assert [step["label"] for step in data["steps"]] == [f"time {t}\u202fs" for t in range(1, 7)]

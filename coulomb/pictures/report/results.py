@@ -257,8 +257,11 @@ def forces(run: Run) -> Table:
         if against is not None:
             opposite = {"force": face["opposite_force"], "moment": face["opposite_moment"]}
             rows.append(_row(f"contact at {against}, opposite", opposite, accuracy))
-    rows += [(f"left over on {body['name']}", number(body["balance"], 2), "") for body in summary.get("bodies", ())]
-    return columns, [*rows, ("left over, relative to the largest", number(summary["balance"], 2), "")]
+    rows += [
+        (f"left over on {body['name']}, relative to the largest force", number(body["balance"], 2), "")
+        for body in summary.get("bodies", ())
+    ]
+    return columns, [*rows, ("left over, relative to the largest force", number(summary["balance"], 2), "")]
 
 
 def faces(run: Run) -> Table:
