@@ -7,14 +7,14 @@ by more than the facets explain counts.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, in_words
 from ..fem.bodies import Deformable, DisplacementSpace, HeldDirections
-from ..fem.contact import Claims, Deviations, Pair, PairSamples, Shape, Surfaces, facets_of, gathered
+from ..fem.contact import Claims, Deviations, Pair, PairSamples, Shape, Surfaces, facets_of, gathered, opposite_nodes
 from ..linalg.reductions import Reductions, concatenated
 from .contact import Contact
 
@@ -25,8 +25,8 @@ class PairFindings:
 
     Attributes:
         face, against: The names of the faces.
-        worst: Rows gap and displacement in metres, normal in degrees, weights; columns the value, and the place in
-            metres; shape (4, 4).
+        worst: Rows gap and displacement in metres, normal in degrees, weights, number of nodes left out; columns the
+            value, and the place in metres; shape (5, 4).
         allowed: The largest difference of gaps that facets explain, metres.
     """
 
@@ -69,10 +69,24 @@ class PairReference:
     def __init__(self, slave: Side, master: Side, node: IntArray, shape: Shape):
         self._spaces = slave.space, master.space
         (one, here), (other, there) = (facets_of(side.space, side.facets) for side in (slave, master))
-        self._nodes = here, there
+        self._nodes, self._slave, self._facets = (here, there), slave, (one, other)
         held = (slave.projectors(here), master.projectors(there)) if shape.smooth else None
         surfaces = Surfaces(shape.smooth, shape.slave, shape.master, held)
         self.samples = PairSamples(one, other, node, concatenated(slave.space.comm, node), surfaces)
+
+    def left_out(self, known: npt.NDArray[np.bool_]) -> FloatArray:
+        """Places of slave nodes before the master that must be contact points and are none, metres, shape (q, 3): all
+        but `known` ones of this rank's nodes of the body, (k,), those on both faces, and those held along the normal;
+        not collective."""
+        (slave, master), space = self._facets, self._slave.space
+        local = space.nodes_of(self._slave.facets)
+        node = space.numbering.first + local[~known[local]].astype(np.int64)
+        if space is self._spaces[1]:
+            node = node[~np.isin(node, master.nodes)]
+        row, x, n = opposite_nodes(slave, master, node)
+        held = self._slave.held.projector_at(node[row] - space.numbering.first)
+        found: FloatArray = x[np.linalg.norm(np.einsum("mij,mj->mi", held, n), axis=1) < _HELD]
+        return found
 
     def averages(self, own: FloatArray, opposite: FloatArray) -> tuple[FloatArray, FloatArray]:
         """`PairSamples.averages` of values at this rank's nodes of the slave's and of the master's body; collective."""
@@ -109,8 +123,20 @@ class PairReference:
 _ROUNDING: Final = 1e-9
 """Of averages over the size of facets, and of weights."""
 
+_HELD: Final = 0.999
+"""Held part of a normal from which a node needs no contact point: normals of curved faces are means."""
+
 _OF_LARGEST: Final = 1e-13
 """Rounding errors of averages over the largest displacement."""
+
+
+def tied_nodes(body: Deformable) -> IntArray:
+    """This rank's nodes that ties move, and those that move these: contact points of both may be held; collective."""
+    own, first = [np.empty(0, dtype=np.int64)], body.numbering.first
+    for tie in body.ties:
+        moving = concatenated(body.comm, np.unique(tie.rows.indices // 3).astype(np.int64)) - first
+        own += [tie.nodes, moving[(moving >= 0) & (moving < body.numbering.local)]]
+    return np.concatenate(own)
 
 
 class JudgedPair:
@@ -127,6 +153,7 @@ class JudgedPair:
         self._held = slave.body.held.projector_at(local)
         one, other = (Side(member.body, facets, member.body.held) for member, facets in faces)
         self._reference = PairReference(one, other, self._node, contact.shape)
+        self._tied, self._left = tied_nodes(elasticity), np.zeros((0, 3))
         fields = probing_fields(elasticity.x, Reductions(elasticity.comm).max(np.abs(elasticity.x)) or 1.0)
         own, opposite = pair.points.average(fields), pair.points.opposite_average(fields)
         assert opposite is not None
@@ -136,23 +163,43 @@ class JudgedPair:
         """Values (k, d) of the nodes of all bodies at those of the slave's and of the master's."""
         return values[self._nodes[0]], values[self._nodes[1]]
 
-    def findings(self, frames: FloatArray, gap: FloatArray, rows: FloatArray, u: FloatArray) -> PairFindings:
+    def findings(
+        self,
+        frames: FloatArray,
+        gap: FloatArray,
+        rows: FloatArray,
+        u: FloatArray,
+        points: npt.NDArray[np.integer[Any]],
+    ) -> PairFindings:
         """What is off with frames (m, 3, 3), gaps (m,) without given ones, and displacements `rows` (m, 3) in the
-        frames by those of the nodes u (k, 3), metres; collective."""
+        frames by those of the nodes u (k, 3), metres, and the nodes of the contact `points` of all faces;
+        collective."""
         pair, contact = self.pair, self._contact
         moved = self._reference.displacement(self._sides(u), pair.points.mirrored, frames, rows)
         claims = Claims(self._node, frames[:, 0], gap, pair.points.area, self._held, contact.adjust)
         if self._last is None or not self._last[0].same(claims):
             self._last = claims, self._reference.samples.deviations(claims)
-        return findings(pair.face, pair.against, pair.x, self._last[1], self._weights, moved)
+            known = np.zeros(len(u), dtype=bool)
+            known[points] = known[self._tied] = True
+            self._left = self._reference.left_out(known[self._nodes[0]])
+        return findings(pair.face, pair.against, pair.x, self._last[1], self._weights, moved, self._left)
 
 
 def findings(
-    face: str, against: str, x: FloatArray, off: Deviations, weights: FloatArray, moved: FloatArray
+    face: str,
+    against: str,
+    x: FloatArray,
+    off: Deviations,
+    weights: FloatArray,
+    moved: FloatArray,
+    left_out: FloatArray,
 ) -> PairFindings:
-    """The worst at contact points x (m, 3), of the claims of a pair and of what is off in weights and displacements."""
-    worst = np.zeros((4, 4))
-    for row, values in zip(worst, (off.gap, moved, off.normal, np.maximum(weights, off.area)), strict=True):
+    """The worst at contact points x (m, 3), of the claims of a pair and of what is off in weights and displacements;
+    and the places (q, 3) of nodes that must be contact points and are none."""
+    worst = np.zeros((5, 4))
+    if len(left_out):
+        worst[4] = len(left_out), *left_out[0]
+    for row, values in zip(worst, (off.gap, moved, off.normal, np.maximum(weights, off.area)), strict=False):
         if len(values):
             at = int(np.argmax(np.where(np.isnan(values), np.inf, values)))
             row[:] = values[at], *x[at]
@@ -166,7 +213,7 @@ def pair_lines(
     pairs, metres."""
     if not pairs:
         return []
-    every = concatenated(over.comm, np.array([[pair.worst for pair in pairs]]))  # (ranks, pairs, 4, 4)
+    every = concatenated(over.comm, np.array([[pair.worst for pair in pairs]]))  # (ranks, pairs, 5, 4)
     allowed = over.max(np.array([pair.allowed for pair in pairs]))
     lines, ones = [], np.ones(len(pairs))
     for k, (name, unit, scale, words) in enumerate(
@@ -175,6 +222,7 @@ def pair_lines(
             ("pair displacement", "", lengths, "displacements of both faces as at these lines"),
             ("pair normal", "deg", ones, "normals as of the facets around"),
             ("pair weights", "", ones, "areas and averages over both faces as at these lines"),
+            ("pair points", "", ones, "nodes before the face opposite are contact points"),
         )
     ):
         values = np.where(np.isnan(every[:, :, k, 0]), np.inf, every[:, :, k, 0]) / scale

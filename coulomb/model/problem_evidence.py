@@ -182,7 +182,7 @@ def _findings(
     """What is off in the pairs among the faces, whose points have displacements `rows` (m, 3) along their frames by
     those of the nodes u (k, 3); collective."""
     found, comm = [], body.comm
-    ends = np.cumsum([0, *(len(face[0].nodes) for face in faces)])
+    ends, points = np.cumsum([0, *(len(face[0].nodes) for face in faces)]), [face[0].nodes for face in faces]
     for number, (_, frames, gap, *_) in enumerate(faces):
         contact = body.contacts[number]
         if contact.against is None:
@@ -192,7 +192,9 @@ def _findings(
             known = body.judged_pairs[number] = JudgedPair(body.elasticity, contact, body.pair(number))
         place = known.pair.points.before_deformation(known.pair.x)
         given = contact.gap_factor(time, comm) * contact.gap_at(place, comm)
-        found.append(known.findings(frames, gap - given, rows[ends[number] : ends[number + 1]], u))
+        found.append(
+            known.findings(frames, gap - given, rows[ends[number] : ends[number + 1]], u, np.concatenate(points))
+        )
     return tuple(found)
 
 

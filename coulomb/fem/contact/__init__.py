@@ -38,7 +38,7 @@ from .pair import (
     slave_side,
     within,
 )
-from .pair_evidence import Claims, Deviations, PairSamples, Surfaces
+from .pair_evidence import Claims, Deviations, PairSamples, Surfaces, opposite_nodes
 from .rigid_faces import RigidFace
 from .sections import Pretension
 from .surface import (

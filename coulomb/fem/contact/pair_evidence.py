@@ -75,6 +75,10 @@ _ROUND: Final = 0.01
 _PART: Final = 0.05
 """Error of the mean distance of a facet to the master over the largest distance of it from linear."""
 
+_OPPOSITE: Final = 0.4
+"""Share of its part of the face before the master from which a node must be a contact point: twice that from which it
+is one."""
+
 _SINGULAR: Final = 1e-4
 """Ratio of the eigenvalues of a mass matrix below which the points before the master are too few for dual functions."""
 
@@ -168,7 +172,7 @@ class PairSamples:
             along = planes[:, piece]
         else:
             along = np.repeat(slave.normal[chosen][:, None], len(at), axis=1)
-        self._along, self._hits = along, self._met(place.reshape(-1, 3), along.reshape(-1, 3))
+        self._along, self._hits = along, _met(slave, master, place.reshape(-1, 3), along.reshape(-1, 3))
         self._there = (self._hits.facet >= 0).reshape(size.shape)
         self._values, self._at_all = values[: len(points)], values
         whole = size[:, : len(points)] * weights
@@ -181,13 +185,6 @@ class PairSamples:
         self._at_corners = facet_functions(slave.corners, 1, points)[0]
         self._functions(node, standing, columns)
         self._missing = self._missed()
-
-    def _met(self, start: FloatArray, along: FloatArray) -> Hits:
-        one, other = self._slave, self._master
-        depth, reach = 0.25 * min(one.extent, other.extent), one.extent + other.extent
-        if len(one) and len(other):
-            reach += float(np.min(np.linalg.norm(other.middle - one.middle[0], axis=1)))
-        return hits(start, along, other, depth, reach)
 
     def _functions(self, node: IntArray, standing: IntArray, columns: IntArray) -> None:
         """lambda_j on the facets: dual functions, those of nodes without a contact point shared by the others of the
@@ -433,6 +430,44 @@ class PairSamples:
                 most = np.zeros(len(place))
                 np.maximum.at(most, np.nonzero(there)[0], unsure)
                 self._beyond += most
+
+
+def _met(slave: Facets, master: Facets, start: FloatArray, along: FloatArray) -> Hits:
+    depth, reach = 0.25 * min(slave.extent, master.extent), slave.extent + master.extent
+    if len(slave) and len(master):
+        reach += float(np.min(np.linalg.norm(master.middle - slave.middle[0], axis=1)))
+    return hits(start, along, master, depth, reach)
+
+
+def opposite_nodes(slave: Facets, master: Facets, node: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Those of some slave nodes (k,) that are before the master and must be contact points, rows of them, (m,), with
+    places and unit normals (m, 3); not collective."""
+    columns = np.arange(3 if slave.nodes.shape[1] == 6 else slave.nodes.shape[1])
+    facet = np.flatnonzero(np.any(np.isin(slave.nodes[:, columns], node), axis=1))
+    at, weights, _ = facet_rule(slave.corners, slave.degree)
+    x, sign = slave.x[facet], slave.sign[facet]
+    values, along_r, along_s = facet_functions(slave.corners, slave.degree, at)
+    vectors = sign[:, None, None] * np.cross(along_r @ x, along_s @ x)
+    lines = np.repeat(slave.normal[facet], len(at), axis=0)
+    there = _met(slave, master, (values @ x).reshape(-1, 3), lines).facet.reshape(len(facet), len(at)) >= 0
+    hats = facet_functions(slave.corners, 1 if len(columns) == 3 else slave.degree, at)[0]
+    sizes = np.linalg.norm(vectors, axis=2) * weights
+    sums = np.concatenate(
+        [
+            np.stack([sizes * there @ hats, sizes @ hats], axis=2),
+            np.einsum("fqi,q,qk->fki", vectors, weights, hats),
+            x[:, columns],
+        ],
+        axis=2,
+    )  # (f, columns, 8)
+    nodes, found = slave.nodes[facet][:, columns], np.zeros((len(node), 8))
+    order = np.argsort(node)
+    f, k = np.nonzero(np.isin(nodes, node))
+    row = order[np.searchsorted(node, nodes[f, k], sorter=order)] if len(node) else f
+    np.add.at(found, row, sums[f, k])
+    found[row, 5:] = sums[f, k, 5:]
+    chosen = np.flatnonzero(found[:, 0] > _OPPOSITE * found[:, 1])
+    return chosen, found[chosen, 5:], unit_vectors(found[chosen, 2:5])
 
 
 def _around(

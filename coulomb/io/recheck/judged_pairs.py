@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...fem.contact import NO_SHAPE, Claims
-from ...model.pair_checks import PairFindings, PairReference, Side, findings, probing_fields
+from ...model.pair_checks import PairFindings, PairReference, Side, findings, probing_fields, tied_nodes
 from ..run_files import WrittenFace, WrittenRun
 from .case_reference import CaseReference
 from .contact_nodes import ContactNodes
@@ -28,6 +28,10 @@ def judged_pairs(
     found = []
     fields = probing_fields(run.body.x, float(np.max(np.abs(run.body.x))) or 1.0)
     u: FloatArray = run.on_body["displacement"]
+    known = np.full(len(u), case is None)  # without a case ties are not known
+    known[run.node[nodes.index[nodes.written]]] = True
+    if case is not None and case.tied:
+        known[np.argsort(case.nodes_of_tied_body(run))[tied_nodes(case.tied_body)]] = True
     for other in run.opposite:
         number, here = other.contact, nodes.only(nodes.part == other.contact)
         (face, facets), there = faces[number], other.face.part
@@ -46,5 +50,6 @@ def judged_pairs(
         adjust = np.inf if case is None else case.contacts[number].adjust
         claims = Claims(node, here.frames[:, 0], gap, here.area, held, adjust)
         x, name = here.place(run.on_face["x"]), run.face_names[number]
-        found.append(findings(name, other.against, x, reference.samples.deviations(claims), weights, moved))
+        off, left = reference.samples.deviations(claims), reference.left_out(known[face.part.nodes])
+        found.append(findings(name, other.against, x, off, weights, moved, left))
     return tuple(found)

@@ -18,7 +18,7 @@ from coulomb.model.certificate import judge
 from verification.ring_pair import rings
 
 STEEL = Material(2.1e11, 0.3)
-LINES = ("pair gap", "pair displacement", "pair normal", "pair weights")
+LINES = ("pair gap", "pair displacement", "pair normal", "pair weights", "pair points")
 
 
 def blocks(shift=0.1, cells=("hexahedron", "hexahedron"), degree=1, distorted=0.0, **contact):
@@ -86,19 +86,42 @@ def moved_on(rows):
     return replace(rows, opposite=(0.95 * rows.opposite + last).tocsr())
 
 
-FAULTS = {
-    "pair gap": wrong_gap,
-    "pair normal": wrong_rows(turned),
-    "pair weights": wrong_rows(lambda rows: replace(rows, area=1.02 * rows.area)),
-    "pair displacement": wrong_rows(moved_on),
-}
+def middle_of(rows):
+    """The contact point nearest to the middle of all."""
+    return np.argmin(np.linalg.norm(rows.x - rows.x.mean(axis=0), axis=1))
+
+
+def without_one(rows):
+    """A contact point is left out."""
+    keep = np.arange(len(rows.node)) != middle_of(rows)
+    names = ("node", "area", "whole", "normal", "x", "separation", "chord", "overlap", "weights", "opposite")
+    return replace(rows, **{name: getattr(rows, name)[keep] for name in names})
+
+
+def one_row_wrong(rows):
+    """One average over the slave has 5 % of its weight at another node."""
+    row = scipy.sparse.diags(0.05 * (np.arange(len(rows.node)) == middle_of(rows)))
+    return replace(
+        rows,
+        weights=(rows.weights - row @ rows.weights + row @ rows.weights[np.roll(np.arange(len(rows.node)), 1)]).tocsr(),
+    )
+
+
+FAULTS = (
+    ("pair gap", wrong_gap),
+    ("pair normal", wrong_rows(turned)),
+    ("pair weights", wrong_rows(lambda rows: replace(rows, area=1.02 * rows.area))),
+    ("pair weights", wrong_rows(one_row_wrong)),
+    ("pair displacement", wrong_rows(moved_on)),
+    ("pair points", wrong_rows(without_one)),
+)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_right_pairs_pass_and_wrong_ones_fail(kind, monkeypatch):
     right = judged(KINDS[kind]())
     assert {name: right[name].value for name in LINES} == dict.fromkeys(LINES, 0.0)
-    for line, plant in FAULTS.items():
+    for line, plant in FAULTS:
         with monkeypatch.context() as patch:
             plant(patch)
             wrong = judged(KINDS[kind]())
