@@ -332,7 +332,7 @@ class Elasticity(LoadedBody, SingleBody):
             S.destroy()
         diagonal = self._K.getDiagonal()
         stiff = comm.allreduce(float(np.max(diagonal.array, initial=0.0)), op=MPI.MAX)
-        anchored = anchors(self.free, self.free.modes(self.x), self.anchor_places, comm)
+        anchored = anchors(self.free, self.free.modes(self.x), self.x, self.anchor_places, comm)
         # As stiff as K there: multigrid then takes as many iterations as for a clamped body; with 1e3 times K's
         # diagonal up to twice as many.
         self._anchoring: FloatArray = anchored * diagonal.array.reshape(-1, 3)

@@ -339,7 +339,7 @@ class Body(SingleBody):
         diagonal = K.getDiagonal()
         alone = diagonal.array.reshape(-1, 3).copy()
         ground, free = self._resistance(values, float(diagonal.max()[1]), 1e-12 * float(diagonal.norm()))
-        anchoring = anchors(free, free.modes(self.x), self.anchor_places, self.mesh.comm) * alone
+        anchoring = anchors(free, free.modes(self.x), self.x, self.anchor_places, self.mesh.comm) * alone
         diagonal.array[:] += anchoring.ravel()
         K.setDiagonal(diagonal)
         diagonal.destroy()

@@ -25,16 +25,17 @@ _WORSE: Final = 0.3
 
 
 def anchors(
-    free: FreeMotions, R: FloatArray, places: Sequence[npt.NDArray[np.bool_]], comm: MPI.Comm
+    free: FreeMotions, R: FloatArray, x: FloatArray, places: Sequence[npt.NDArray[np.bool_]], comm: MPI.Comm
 ) -> npt.NDArray[np.bool_]:
     """As many unknowns as there are free motions, which these determine well, shape (n, 3); collective.
 
-    They are the pivots of the rows of R, by components; of the first places that determine the motions nearly as well
-    as the best.
+    They are the pivots of the rows of R at the extreme nodes in 26 directions, by components; of the first places that
+    determine the motions nearly as well as the best.
 
     Args:
         free: The motions.
         R: This rank's n unknowns in them, by nodes of three, shape (n, 3, q).
+        x: Where these are, metres, shape (n, 3).
         places: Which nodes suit, the best first, shapes (n,); the last ones determine all motions.
         comm: The ranks.
     """
@@ -46,16 +47,28 @@ def anchors(
             E = np.concatenate(comm.allgather(R[found]))
             before = of < number
             own = own - R[:, :, before] @ np.linalg.solve(E[:, before], E[:, of == number])
-        tried = [_pivots(own, suited, comm) for suited in places]
+        moved = np.any(own != 0.0, axis=(1, 2))
+        suited = [np.flatnonzero(one & moved) for one in places]
+        tried = [_pivots(own, nodes, comm) for nodes in (*(_extremes(x, one, comm) for one in suited), suited[-1])]
         best = max(size for _, size in tried)
         found |= next(pivots for pivots, size in tried if size >= _WORSE * best)
     return found
 
 
-def _pivots(R: FloatArray, suited: npt.NDArray[np.bool_], comm: MPI.Comm) -> tuple[npt.NDArray[np.bool_], float]:
-    """The pivots of the rows of R (n, 3, q) at suited nodes (n,), shape (n, 3), and the size of the last;
+def _extremes(x: FloatArray, nodes: npt.NDArray[np.int64], comm: MPI.Comm) -> npt.NDArray[np.int64]:
+    """Of all ranks' nodes the extreme ones in 26 directions; those of this rank, ascending; collective."""
+    ways = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) != (0, 0, 0)])
+    ways = ways / np.linalg.norm(ways, axis=1)[:, None] + np.array([3.1e-3, 1.7e-3, 5.3e-3])  # of equals the same one
+    heights = x[nodes] @ ways.T
+    farthest = np.array(comm.allgather(np.max(heights, axis=0, initial=-np.inf)))
+    own = np.flatnonzero(np.argmax(farthest, axis=0) == comm.rank)
+    return np.unique(nodes[np.argmax(heights[:, own], axis=0)]) if len(nodes) else nodes
+
+
+def _pivots(R: FloatArray, nodes: npt.NDArray[np.int64], comm: MPI.Comm) -> tuple[npt.NDArray[np.bool_], float]:
+    """The pivots of the rows of R (n, 3, q) at some of this rank's nodes, shape (n, 3), and the size of the last;
     collective."""
-    found, nodes, size = np.zeros(R.shape[:2], dtype=bool), np.flatnonzero(suited & np.any(R != 0.0, axis=(1, 2))), 0.0
+    found, size = np.zeros(R.shape[:2], dtype=bool), 0.0
     rows = R[nodes]
     for _ in range(R.shape[2]):
         lengths = np.linalg.norm(rows, axis=2)

@@ -209,7 +209,7 @@ class TiedBodies(WrappedBodies):
             places[:, member.nodes] = member.body.anchor_places
         places[:, : len(self.x)] &= ~self.slaves
         places[-1] = True
-        return anchors(self.free, self.free_unknowns, list(places), self.comm)
+        return anchors(self.free, self.free_unknowns, self.points, list(places), self.comm)
 
     def _springs(self) -> scipy.sparse.csr_matrix:
         """This rank's rows of (C^T N)^T S C^T N of all rigid faces, along their own unknowns; collective."""
