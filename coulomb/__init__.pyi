@@ -33,6 +33,7 @@ from .fem.meshes import moved as moved
 from .fem.meshes import read_mesh as read_mesh
 from .fem.meshes import second_order as second_order
 from .io.history_files import HistoryFiles as HistoryFiles
+from .io.recheck import check as check
 from .load_curve import LoadCurve as LoadCurve
 from .model.certificate import Certificate as Certificate
 from .model.contact import Contact as Contact

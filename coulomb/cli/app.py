@@ -324,7 +324,7 @@ def _time_of(settings: Case, asked: float | None) -> float | None:
 
 @app.command()
 def check(directory: Annotated[Path, typer.Argument(help="Directory of the results of a run.")]) -> None:
-    """Check results from their files alone: 0 if they are certified and agree, 1 if not, 2 if they cannot be read.
+    """Check results by their case, posed anew: 0 if they are certified and agree, 1 if not, 2 if they cannot be read.
 
     A run, a load history with all its steps, or one of these steps.
     """
@@ -334,7 +334,7 @@ def check(directory: Annotated[Path, typer.Argument(help="Directory of the resul
 
     finish_for_reader(directory)
     with bad_input():
-        found = check_files(directory, _console.out)
+        found = check_files(directory, say=_console.out)
     _console.out(found.ending)
     if not found.passed:
         raise typer.Exit(FAILED)

@@ -94,7 +94,7 @@ def _write_complete(
     on_rank_0(comm, begin)
     try:
         refuse_full_disk(problem, folder)
-        _write_fields(solution, folder, fields, extra.get("error"))
+        write_fields(solution, folder, fields, extra.get("error"))
         contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **extra}
         contents["run"] = provenance(problem.started, comm)
 
@@ -121,7 +121,7 @@ def _write_complete(
     return contents
 
 
-def _write_fields(solution: Solution, folder: Path, given: Mapping[str, Any], bars: Mapping[str, Any] | None) -> None:
+def write_fields(solution: Solution, folder: Path, given: Mapping[str, Any], bars: Mapping[str, Any] | None) -> None:
     """solution.xdmf and contact.xdmf with their HDF5 files; beside error bars with the error of the stress where it is
     known: by recovery, scaled to that of all cells together in the bars."""
     problem, (bodies, faces) = solution.problem, collections(solution.problem)
@@ -231,14 +231,14 @@ def _write_history(history: tuple[OuterStep, ...] | tuple[QPStep, ...], path: Pa
 def write_json(contents: dict[str, Any], path: Path) -> None:
     """Write a JSON file, replacing an existing one atomically."""
     partial = path.with_name(f".{path.name}")
-    partial.write_text(json.dumps(_finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    partial.write_text(json.dumps(finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     os.replace(partial, path)
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
     """Replace nan and inf, which JSON does not have, by null."""
     if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
+        return {key: finite(entry) for key, entry in value.items()}
     if isinstance(value, list):
-        return [_finite(entry) for entry in value]
+        return [finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -380,12 +380,6 @@ class ContactProblem(DiscreteProblem):
             loading = self.elasticity.heated(self.loading, change)
             return self.in_state(replace(self.state, loading=loading, heat=flows), self.seconds, self.before)
 
-        def at_contact(answer: Solution) -> tuple[ContactSurface, float, FloatArray, FloatArray]:
-            nodes, before = answer.at_nodes, self.before
-            work = (nodes.accumulated.friction_work - nodes.earlier.friction_work) * nodes.area
-            power = np.zeros_like(work) if before is None else work / (self.time - before.time)
-            return self.surface, self.time, nodes.pressure, power
-
         over, factor, step = Reductions(self.comm), 1.0, None
         change: FloatArray = np.zeros(len(self.elasticity.x))
         if isinstance(self.before, State) and self.before.temperature_change is not None:
@@ -489,6 +483,15 @@ class ContactProblem(DiscreteProblem):
         """One thread of BLAS where multigrid's kernels have several: OpenBLAS waits for its next call in busy loops."""
         threaded = self.body.stiffness.linear_solver is IterativeSolver and threads() > 1
         return threadpool_limits(limits=1, user_api="blas") if threaded else nullcontext()
+
+
+def at_contact(answer: Solution) -> tuple[ContactSurface, float, FloatArray, FloatArray]:
+    """What conduction takes of an answer: contact points, time, pressures in pascals and the power of friction in
+    watts, shapes (m,); without load steps it has none."""
+    nodes, problem = answer.at_nodes, answer.problem
+    work = (nodes.accumulated.friction_work - nodes.earlier.friction_work) * nodes.area
+    power = np.zeros_like(work) if problem.before is None else work / (problem.time - problem.before.time)
+    return problem.surface, problem.time, nodes.pressure, power
 
 
 def _vector(values: FloatArray) -> str:

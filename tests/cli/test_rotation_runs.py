@@ -61,10 +61,10 @@ def test_the_files_agree(text, tmp_path):
     assert float(row["bottom_angle"]) == 0.4 and abs(float(row["bottom_torque"])) > 1.0
     assert float(row["bottom_power"]) == pytest.approx(float(row["bottom_torque"]) * 0.4 / 3.0, rel=1e-12)
     folder = copied(text, tmp_path / "run")
-    (folder / "case.json").unlink()  # rotation as written, the rest of the motion from the slip origin
+    (folder / "case.json").unlink()
     found = check(folder)
     assert found.passed, found
-    assert "but for its rotation, whose axis and angle are those of summary.json" in found.ending
+    assert "judged from the files alone" in found.ending
 
 
 SPOILT = {
@@ -76,17 +76,11 @@ SPOILT = {
 }
 
 
-@pytest.mark.parametrize("with_case", [True, False])
-def test_changed_figures(with_case, tmp_path):
-    """Each in its own step, or column of the table.  Without a case torque and power follow from forces and axis, and a
-    wrong rotation does not fit the slip origin."""
+def test_changed_figures(tmp_path):
+    """Each in its own step, or column of the table."""
     folder = copied(SHOE, tmp_path / "run")
     for number, name in ((1, "torque"), (2, "power"), (3, "angular velocity"), (4, "axis")):
         edit(folder / f"steps/{number:04d}/summary.json", lambda s, name=name: SPOILT[name](s["faces"][0]))
-    if not with_case:
-        (folder / "case.json").unlink()
-        assert [step.number for step in check(folder).steps if not step.passed] == [1, 2, 3, 4]
-        return
     edit(folder / "steps/0003/summary.json", lambda s: SPOILT["angle"](s["faces"][0]))
     table, columns = rows_of(folder), ("bottom_angle", "bottom_torque", "bottom_power")
     for column in columns:

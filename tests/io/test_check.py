@@ -1,10 +1,10 @@
-"""`coulomb check`: the certificate from the files alone."""
+"""`coulomb check` of the runs of scripts, by their problem and from the files alone."""
 
 import shutil
 
 import numpy as np
 import pytest
-from check_runs import change
+from check_runs import change, edit
 from conftest import make_block, run_coulomb
 
 import coulomb
@@ -33,8 +33,9 @@ def assert_same(again, certificate):
 
 def test_same_certificate(run):
     solution, directory = run
-    assert_same(check(directory), solution.certificate)
-    assert "certificate passed\nrecorded by the run: certificate had passed" in str(check(directory))
+    found = check(directory, solution.problem)
+    assert_same(found, solution.certificate)
+    assert "certificate passed\nrecorded by the run: certificate had passed" in str(found)
 
 
 def pressed(place):
@@ -63,13 +64,15 @@ def pressed_onto_the_floor():
 def test_other_problems(problem, tmp_path):
     solution = problem().solve()
     output.write(solution, tmp_path)
-    assert_same(check(tmp_path), solution.certificate)
+    assert_same(check(tmp_path, problem()), solution.certificate)
+    assert check(tmp_path).passed
 
 
 def test_far_from_the_origin(tmp_path):
-    """DOLFINx writes fields as it evaluates them at the points: there it rounds by their coordinates."""
-    output.write(pressed(lambda x: x + np.array([[1000.0], [-500.0], [3000.0]])).solve(), tmp_path)
-    assert check(tmp_path).passed
+    """Normals and gaps are rounded by the coordinates."""
+    problem = pressed(lambda x: x + np.array([[1000.0], [-500.0], [3000.0]]))
+    output.write(problem.solve(), tmp_path)
+    assert check(tmp_path, problem).passed and check(tmp_path).passed
 
 
 def swap(path, old, new):
@@ -86,21 +89,45 @@ def one_node(data):
     [
         ("solution.h5", "displacement", one_node, "equilibrium"),
         ("solution.h5", "displacement", lambda u: 1.0001 * u, "equilibrium"),
-        ("solution.h5", "load", lambda f: 0.99 * f, "equilibrium"),
-        ("solution.h5", "young", lambda E: 1.001 * E, "equilibrium"),
-        ("solution.h5", "spring_force", lambda f: f + 1e3, "equilibrium"),
         ("contact.h5", "contact_force", one_node, "equilibrium"),
         ("contact.h5", "contact_force", lambda x: -x, "adhesion"),
-        ("contact.h5", "friction", lambda F: 0.9 * F, "friction cone"),
-        ("contact.h5", "friction", lambda F: 1.1 * F, "slip inside the cone"),
-        ("contact.h5", "initial_gap", lambda gap: gap - 1e-5, "penetration"),
-        ("contact.h5", "initial_gap", lambda gap: gap + 1e-5, "complementarity"),
     ],
 )
-def test_changed_files_fail(copy, file, field, function, failing):
+def test_changed_answers_are_no_answers(run, copy, file, field, function, failing):
+    change(copy / file, field, function)
+    found = check(copy, run[0].problem)
+    assert not found.passed and not found.certificate[failing].passed
+
+
+@pytest.mark.parametrize(
+    ("file", "field", "function", "fault"),
+    [
+        ("solution.h5", "displacement", lambda u: 1.0001 * u, "summary.json.maximum.displacement"),
+        ("solution.h5", "load", lambda f: 0.99 * f, "summary.json: loads"),
+        ("contact.h5", "contact_force", one_node, "contact.xdmf: pressure"),
+        ("contact.h5", "contact_force", lambda x: -x, "contact.xdmf: tension"),
+        ("contact.h5", "friction", lambda F: 0.9 * F, "contact.xdmf: friction beyond its bound"),
+        ("contact.h5", "friction", lambda F: 1.1 * F, "contact.xdmf: friction_use"),
+        ("contact.h5", "gap", lambda gap: gap - 1e-5, "contact.xdmf: forces, gaps and slip leave"),
+        ("contact.h5", "slip", lambda slip: 0.0 * slip, "summary.json.totals.greatest_slip"),
+        ("contact.h5", "area", lambda area: 1.001 * area, "contact.xdmf: pressure"),
+        ("contact.h5", "normal", lambda n: 1.001 * n, "contact.xdmf: length of normal"),
+    ],
+)
+def test_the_files_alone_tell(copy, file, field, function, fault):
+    """Without the problem, too, what contradicts itself is found; and the lines name what was not judged."""
     change(copy / file, field, function)
     found = check(copy)
-    assert not found.passed and not found.certificate[failing].passed
+    assert not found.passed and any(one.startswith(fault) for one in found.faults), found.faults
+    assert any(line.startswith("not judged without the problem: equilibrium") for line in found.trusted)
+
+
+def test_a_certificate_beyond_its_limits(copy):
+    edit(copy / "summary.json", lambda contents: contents["certificate"]["equilibrium"].update(value=1.0))
+    faults = check(copy).faults
+    assert any(fault.startswith("summary.json.certificate.equilibrium.passed: True, but False") for fault in faults)
+    edit(copy / "summary.json", lambda contents: contents["certificate"]["equilibrium"].update(passed=False))
+    assert any(fault.startswith("summary.json.certificate.passed: True, but False") for fault in check(copy).faults)
 
 
 @pytest.mark.parametrize(

@@ -53,10 +53,10 @@ def test_figures_of_pairs_and_bodies_are_sums_of_nodal_forces():
 
 
 @pytest.mark.parametrize(
-    ("condition", "changes"),
+    ("failed", "changes"),
     [
         (
-            "action and reaction",
+            [],
             {
                 "solution/lower/von_mises_stress": "solution.xdmf: von_mises_stress of lower",
                 "contact/upper_bottom/initial_gap": "contact.xdmf: initial_gap",
@@ -67,7 +67,7 @@ def test_figures_of_pairs_and_bodies_are_sums_of_nodal_forces():
             },
         ),
         (
-            "equilibrium",
+            ["equilibrium"],
             {
                 "solution/upper/displacement": "solution.xdmf: von_mises_stress of upper",
                 "solution/lower/young": "solution.xdmf: young",
@@ -78,13 +78,13 @@ def test_figures_of_pairs_and_bodies_are_sums_of_nodal_forces():
         ),
     ],
 )
-def test_changed_fields_are_noticed(condition, changes, tmp_path):
+def test_changed_fields_are_noticed(failed, changes, tmp_path):
     folder = copied(TWO, tmp_path / "run") / FIRST
     for place in changes:
         file, _, field = place.partition("/")
         change(folder / f"{file}.h5", field, one)
     found = check(folder)
-    assert condition in [check.name for check in found.certificate.checks if not check.passed]
+    assert {*failed} <= {check.name for check in found.certificate.checks if not check.passed}
     for fault in changes.values():
         assert any(line.startswith(fault) for line in found.faults), found.faults
 
@@ -136,7 +136,8 @@ def test_another_order_of_the_faces_of_a_pair_is_the_same_case(tmp_path):
         contact["face"] = "lower:right"
 
     edit(folder / "case.json", elsewhere)
-    assert any("facets" in line for step in check(folder).steps for line in step.faults)
+    with pytest.raises(ValueError, match=r"case\.json: its problem cannot be posed: contact face 'upper:bottom'"):
+        check(folder)
 
 
 def test_a_history_resumes_with_the_same_figures(tmp_path):
@@ -241,14 +242,11 @@ friction = 0.2
 """A block is pushed into another one, with which it has no contact."""
 
 
-@pytest.mark.parametrize("with_case", [True, False])
-def test_surfaces_that_run_through_each_other_are_judged_again(tmp_path, with_case):
+def test_surfaces_that_run_through_each_other_are_judged_again(tmp_path):
     (tmp_path / "case.toml").write_text(APART)
     done = run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "results")
     assert done.returncode == 1 and "'upper:bottom' is 0.01 m inside, through 'lower:top'" in done.stderr
     folder = tmp_path / "results"
-    if not with_case:
-        (folder / "case.json").unlink()
     found = check(folder)
     assert (
         found.certificate.passed and not found.faults and not found.passed and "through each other" in found.outside[0]

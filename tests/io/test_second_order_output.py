@@ -94,9 +94,10 @@ def test_programs_that_show_them(written):
 
 
 def test_check_recomputes_them(written):
-    _, _, folder = written
-    found = check(folder)
+    _, solution, folder = written
+    found = check(folder, solution.problem)
     assert found.passed, str(found)
+    assert check(folder).passed
 
 
 @pytest.mark.parametrize(
@@ -114,7 +115,7 @@ def test_check_recomputes_them(written):
 )
 def test_changed_numbers_are_noticed(written, file, name, where, factor, fault, tmp_path):
     """Of a vertex, or of a node in the middle of an edge, of the body or on the contact face."""
-    _, _, folder = written
+    _, solution, folder = written
     for part in folder.iterdir():
         shutil.copy(part, tmp_path)
     grid = read_grid(folder / f"{file}.xdmf")
@@ -123,7 +124,7 @@ def test_changed_numbers_are_noticed(written, file, name, where, factor, fault, 
     size = np.abs(grid.fields[name]) if grid.fields[name].ndim == 1 else np.linalg.norm(grid.fields[name], axis=1)
     changed = np.argmax(np.where(vertices == (where == "vertex"), size, -1.0)) == np.arange(len(size))
     change(tmp_path / f"{file}.h5", name, lambda values: np.where(changed[:, None], factor * values, values))
-    found = check(tmp_path)
+    found = check(tmp_path, solution.problem)
     assert not found.passed and re.search(fault, str(found)), str(found)
 
 

@@ -172,7 +172,7 @@ def test_changed_fields_are_found(written, tmp_path):
     for number, name in zip((2, 4, 6), ACCUMULATED, strict=True):
         change(copy / f"steps/{number:04d}/contact.h5", name, lambda values: values * (1.0 + 1e-6))
     faults = {step.number: step.faults for step in check(copy).steps if not step.passed}
-    assert list(faults) == [2, 3, 4, 5, 6, 7]
+    assert list(faults) == [2, 4, 6]
     for number, name in zip((2, 4, 6), ACCUMULATED, strict=True):
         assert any(fault.startswith(f"contact.xdmf: {name}") for fault in faults[number])
 
@@ -196,4 +196,4 @@ def test_a_step_by_itself(written, tmp_path):
     assert check(written / "steps" / "0004").passed
     alone = shutil.copytree(written / "steps" / "0004", tmp_path / "alone")
     found = check(alone)
-    assert found.passed and any("accumulated_slip" in line for line in found.trusted)
+    assert found.passed and any("slip origin" in line for line in found.trusted)

@@ -26,7 +26,7 @@ from coulomb import (
     moved,
 )
 from coulomb.io.output import write
-from coulomb.io.recheck.run import check_run
+from coulomb.io.recheck import check
 from coulomb.linalg.reductions import Reductions
 from coulomb.model.certificate import judge
 from coulomb.model.held_nodes import OtherNodes
@@ -203,6 +203,7 @@ def test_the_worst_contact_is_named_where_the_residual_is_not_reached():
 
 
 def test_the_check_has_the_same_scales(tmp_path):
-    write(foam_beside_steel(MPI.COMM_SELF).solve(), tmp_path)
-    findings = check_run(tmp_path, None)
+    problem = foam_beside_steel(MPI.COMM_SELF)
+    write(problem.solve(), tmp_path)
+    findings = check(tmp_path, problem)
     assert findings.certificate.passed and not findings.faults

@@ -1,39 +1,47 @@
-"""Recheck of the files of a run from the files alone, without the solver, K and A: `coulomb check`."""
+"""`coulomb check`: the answer in the files of a run, judged in the problem posed anew, and every file written anew and
+compared with that of the run."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
+from ...model.problem import ContactProblem
 from ..run_directory import RunDirectory
-from .case_reference import CaseReference
-from .history import HistoryFindings, check_history, check_large, check_step, is_large
-from .run import Findings, check_run
+from .findings import Findings, HistoryFindings
+from .history import check_history
+from .posed import Posed
+from .run import check_run, check_step
 
 __all__ = ["check"]
 
 
-def check(directory: str | Path, say: Callable[[str], None] = lambda line: None) -> Findings | HistoryFindings:
-    """Check what a run, a load history or one of its steps has written, on one rank.
+def check(
+    directory: str | Path, problem: ContactProblem | None = None, say: Callable[[str], None] = lambda line: None
+) -> Findings | HistoryFindings:
+    """Check what a run, a load history or one of its steps has written.
 
-    Mesh, displacement and contact forces are read, and the certificate is computed from them.  All written data that
-    follow from these are recomputed and compared: the fields of solution.xdmf and contact.xdmf and the numbers of
-    summary.json; for a load history each step relative to the step before, and the files of the whole history.  If
-    there is a case.json, the input data are compared with the case: law and coefficients, materials, supports, springs,
-    loads, the nodes of the contact face, their normals and gaps.  Data that could not be compared are listed.  Steps of
-    large motions are judged in the problem of their case, posed anew (`check_large`).
+    The problem is posed anew by case.json, or given.  Displacement and contact forces are read from the files and put
+    into it: they are judged (the certificate, by code that the solver does not use), and all that follows from them and
+    from the problem is computed and written again, without solving, beside the files: fields of solution.xdmf and
+    contact.xdmf, summary.json, and of a load history each step from the one before, and the files of the whole.  What
+    is compared must agree; what could not be is listed.  Without a problem the files alone are judged (`files_alone`).
 
     Args:
         directory: Its directory.
+        problem: The problem of a script, on all ranks that share it; collective then.  By default that of case.json, on
+            one rank.
         say: Called with the result of each step of a history.
 
     Raises:
-        ValueError: If a file is missing, cannot be read, or does not match the others.
+        ValueError: If a file is missing, cannot be read, or does not match the others or the problem.
     """
     folder, files = Path(directory), RunDirectory(Path(directory))
+    whole = files.of_history if files.step_number is not None else files
     try:
+        posed = Posed.of(whole.path, problem)
         if files.is_history:
-            return (check_large if is_large(files) else check_history)(folder, say)
-        return check_step(folder) if files.step_number is not None else check_run(folder, CaseReference.of(folder))
+            return check_history(files, posed, say)
+        return check_step(files, posed) if files.step_number is not None else check_run(files, posed)
     except (KeyError, TypeError, IndexError, AttributeError) as error:  # entries of wrong type or structure
         raise ValueError(f"{folder}: is incomplete, or written by another version of coulomb: {error!r}") from None

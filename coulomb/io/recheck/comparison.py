@@ -14,14 +14,20 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from ...arrays import FloatArray, in_words
-from ..run_files import OF_LARGEST
 
 RELATIVE: Final = 1e-9
 """Relative tolerance of a recomputed number: files hold 16 digits, of which sums lose a few."""
 
+OF_LARGEST: Final = 1e-14
+"""Rounding of a field relative to its largest entry, at least."""
+
 _OF_ITSELF: Final = 1e-13
+
+_OF_SUMS: Final = 1e-13
+"""Rounding of a number in JSON relative to the largest of its key: components of one force, forces of all faces."""
 
 
 class Rounding:
@@ -55,6 +61,10 @@ class Comparison:
 
     def fault(self, text: str) -> None:
         self.faults.append(text)
+
+    def share(self, comm: MPI.Comm) -> None:
+        """Give all ranks the faults of all; collective."""
+        self.faults = [fault for faults in comm.allgather(self.faults) for fault in faults]
 
     def field(
         self,
@@ -91,6 +101,19 @@ class Comparison:
         """Compare JSON entries: all expected ones must exist and agree; numbers up to rounding, others exactly, in
         which a figure may be rounded as in `others`, those recomputed from perturbed data.
         """
+        self._tree(what, written, expected, others, source, _largest(expected, {}, ""), "")
+
+    def _tree(
+        self,
+        what: str,
+        written: Any,
+        expected: Any,
+        others: Sequence[Any],
+        source: str,
+        scales: Mapping[str, float],
+        of: str,
+    ) -> None:
+        """`tree`, with the largest numbers by key; `of` is the key of an entry."""
         if not isinstance(expected, Mapping | list) or not expected:
             self.judged.add(what)
         if isinstance(expected, Mapping) and isinstance(written, Mapping):
@@ -98,17 +121,19 @@ class Comparison:
                 if key not in written:
                     self.fault(f"{what}.{key}: is missing")
                 else:
-                    self.tree(f"{what}.{key}", written[key], value, [_at(other, key) for other in others], source)
+                    inside = [_at(other, key) for other in others]
+                    self._tree(f"{what}.{key}", written[key], value, inside, source, scales, str(key))
             return
         if isinstance(expected, list) and isinstance(written, list) and len(expected) == len(written):
             for k, (one, value) in enumerate(zip(written, expected, strict=True)):
-                self.tree(f"{what}[{k}]", one, value, [_at(other, k) for other in others], source)
+                self._tree(f"{what}[{k}]", one, value, [_at(other, k) for other in others], source, scales, of)
             return
         if _is_float(expected) and (_is_float(written) or isinstance(written, int)) and not isinstance(written, bool):
             if not np.isfinite(expected):
                 self.fault(f"{what}: {written!r}, but what follows from {source} is not finite")
                 return
             rounding = max((abs(o - expected) for o in others if _is_float(o)), default=0.0)
+            rounding += _OF_SUMS * scales.get(of, 0.0)
             if abs(written - expected) <= RELATIVE * abs(expected) + rounding:
                 return
         elif written == expected and isinstance(written, bool) == isinstance(expected, bool):
@@ -118,6 +143,19 @@ class Comparison:
         elif _is_float(expected) and not np.isfinite(expected) and written is None:  # JSON has neither nan nor inf
             return
         self.fault(f"{what}: {_shown(written)}, but {_shown(expected)} follows from {source}")
+
+
+def _largest(tree: Any, found: dict[str, float], of: str) -> dict[str, float]:
+    """Adds the largest numbers by their keys, those of lists by that of the list."""
+    if isinstance(tree, Mapping):
+        for key, value in tree.items():
+            _largest(value, found, str(key))
+    elif isinstance(tree, list):
+        for value in tree:
+            _largest(value, found, of)
+    elif _is_float(tree) and np.isfinite(tree):
+        found[of] = max(found.get(of, 0.0), abs(tree))
+    return found
 
 
 def unjudged(what: str, written: Any, judged: Collection[str]) -> list[str]:

@@ -21,9 +21,7 @@ from coulomb.fem.bodies.materials import (
     symmetric,
     thermal_strain,
 )
-from coulomb.io.recheck.case_reference import CaseReference
-from coulomb.io.recheck.history import check_history
-from coulomb.io.recheck.run import check_run
+from coulomb.io.recheck import check
 
 PLY = OrthotropicMaterial((1.3e11, 1.1e10, 9e9), (0.28, 0.3, 0.4), (5e9, 4.5e9, 3.5e9))
 
@@ -168,7 +166,7 @@ def run(tmp_path):
 
 
 def test_check_of_a_run(run):
-    found = check_history(run)
+    found = check(run)
     assert found.passed and all(step.passed for step in found.steps), str(found)
 
 
@@ -189,8 +187,8 @@ FIELDS = [
 
 
 def test_changed_fields_are_noticed(run):
-    """Each against the case; and without it since stresses and forces no longer follow from them."""
-    step, whole = run / "steps" / "0002", (run / "steps" / "0002" / "solution.h5").read_bytes()
+    """Each against the case."""
+    step = run / "steps" / "0002"
 
     def changed(values, by):
         values = values * (1.0 + 1e-6)
@@ -198,12 +196,8 @@ def test_changed_fields_are_noticed(run):
         return values
 
     for name in FIELDS:
-        (step / "solution.h5").write_bytes(whole)
         change(step / "solution.h5", name, partial(changed, by=1e-6 * name.startswith("direction")))
-        assert any("von_mises_stress" in text for text in check_run(step, None).faults), name
-    for name in FIELDS[:-1]:
-        change(step / "solution.h5", name, partial(changed, by=1e-6 * name.startswith("direction")))
-    faults = check_run(step, CaseReference.of(run)).faults
+    faults = check(step).faults
     assert all(any(f"solution.xdmf: {name}" in text for text in faults) for name in FIELDS)
 
 
@@ -212,14 +206,5 @@ def test_changed_summary_is_noticed(run):
     edit(step / "summary.json", lambda s: s["material"][0].update(shear=[5e9, 4.5e9, 3.6e9]))
     edit(step / "summary.json", lambda s: s["temperature_change"].update(max=s["temperature_change"]["max"] + 1e-4))
     edit(step / "summary.json", lambda s: s.update(reference_temperature=15.1))
-    faults = "\n".join(check_run(step, CaseReference.of(run)).faults)
+    faults = "\n".join(check(step).faults)
     assert "shear" in faults and "temperature_change.max" in faults and "reference_temperature" in faults
-    alone = "\n".join(check_run(step, None).faults)
-    assert "material: is not that of the cells" in alone and "temperature_change.max" in alone
-
-
-def test_negative_energy_in_a_file(run):
-    step = run / "steps" / "0001"
-    change(step / "solution.h5", "orthotropic_poisson", lambda values: 20.0 * values)
-    with pytest.raises(ValueError, match=r"solution\.h5: material: poisson: nu12"):
-        check_run(step, None)

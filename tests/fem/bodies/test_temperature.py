@@ -15,8 +15,7 @@ from coulomb.case.case import read_case
 from coulomb.fem import compat
 from coulomb.fem.bodies.loads import ThermalLoad
 from coulomb.io.case_record import case_record
-from coulomb.io.recheck.case_reference import CaseReference
-from coulomb.io.recheck.run import check_run
+from coulomb.io.recheck import check
 from coulomb.model.input_echo import loads_of
 
 STEEL = Material(2.1e11, 0.3, expansion=1.2e-5)
@@ -189,11 +188,11 @@ def test_case_with_a_field_from_a_file(tmp_path):
     run = run_case(CASE, tmp_path / "run")
     summary = json.loads((run / "summary.json").read_text())
     assert summary["temperature_change"] == pytest.approx({"min": -2.5, "max": 74.0})
-    assert check_run(run, CaseReference.of(run)).passed
+    assert check(run).passed
     settings = read_case(tmp_path / "run.toml")
     assert set(case_record(settings, MPI.COMM_SELF)["files"]) == {"temperature.file"}
     written(tmp_path / "T.vtu", "hexahedron", values=lambda x: linear(x) + 1e-3)
-    faults = "\n".join(check_run(run, CaseReference.of(run)).faults)
+    faults = "\n".join(check(run).faults)
     assert "solution.xdmf: temperature_change" in faults and "solution.xdmf: load" in faults
     (tmp_path / "T.vtu").unlink()
-    assert any("T.vtu is not there" in line for line in check_run(run, CaseReference.of(run)).trusted)
+    assert any("T.vtu is not there" in line for line in check(run).trusted)

@@ -205,13 +205,15 @@ SURFACES = {
 
 @pytest.mark.parametrize("given", SURFACES.values(), ids=SURFACES)
 def test_check_knows_the_surfaces_of_a_run_from_python(given, tmp_path):
-    """Without a case it takes them from summary.json; those that are functions it cannot know, nor gaps that follow."""
-    output.write(rolled(6, "hexahedron", 1, 3e5, 0.3, **given).solve(), tmp_path / "run")
-    assert check(tmp_path / "run").faults == ()
+    problem = rolled(6, "hexahedron", 1, 3e5, 0.3, **given)
+    output.write(problem.solve(), tmp_path / "run")
+    assert check(tmp_path / "run").faults == () == check(tmp_path / "run", problem).faults
     summary = json.loads((tmp_path / "run/summary.json").read_text())
     summary["understood"]["contacts"][0]["shape"] = {"smooth": False, "surface": None, "against_surface": None}
     (tmp_path / "run/summary.json").write_text(json.dumps(summary))
-    assert any(fault.startswith("contact.xdmf: initial_gap") for fault in check(tmp_path / "run").faults)
+    assert any("contacts[0].shape" in fault for fault in check(tmp_path / "run", problem).faults)
+    flat = rolled(6, "hexahedron", 1, 3e5, 0.3)
+    assert any(fault.startswith("contact.xdmf: initial_gap") for fault in check(tmp_path / "run", flat).faults)
 
 
 @pytest.mark.parametrize("interference", [1e-5, 0.0, -1e-5])

@@ -94,11 +94,8 @@ def test_a_run_with_gaps_agrees_with_its_case_and_changes_are_noticed(tmp_path):
     found = check(folder)
     assert found.steps[0].passed and not found.steps[1].passed
     assert any("given_gap" in fault and "the case" in fault for fault in found.steps[1].faults)
-    (folder / "case.json").rename(tmp_path / "case.json")  # without it the gap follows from motion and given gap
-    assert any("initial_gap" in fault for fault in check(folder).steps[1].faults)
     change(folder / "steps/0002/contact.h5", "given_gap", lambda gap: gap / (1.0 + 1e-4))
     assert check(folder).passed
-    (tmp_path / "case.json").rename(folder / "case.json")
     edit(folder / "case.json", lambda case: case["contact"].update(gap="1.0001e-3*(x - 1.2)"))
     assert not any(step.passed for step in check(folder).steps)
 
@@ -134,7 +131,7 @@ def test_a_gap_from_a_file(tmp_path):
     assert list(before) == ["contact.gap.file"] and before != digests()
     (tmp_path / "worn.vtu").unlink()
     found = check(folder)
-    assert found.passed and any("worn.vtu is not there: given_gap" in line for line in found.trusted)
+    assert found.passed and any("worn.vtu is not there: formats" in line for line in found.trusted)
 
 
 def test_what_was_understood_of_a_gap():

@@ -1,0 +1,158 @@
+"""Results of the check of a run, of a load step and of a load history, in lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ...model.certificate import Certificate
+from ..field_files import data_of
+from ..run_directory import CASE, FIELDS, HISTORY, SUMMARY, RunDirectory
+
+_MOST: Final = 12
+"""Maximum number of faults listed; one wrong number causes many."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Result of the check of a run or a load step.
+
+    Attributes:
+        contents: Its summary.json.
+        certificate: Certificate of displacement and contact forces; None if the files alone were judged.
+        outside: Violations of the theory of small strains, unless they were accepted.
+        faults: Data that do not follow from displacement and contact forces, or from the problem, a line each.
+        taken: Data that could not be compared, a line each.
+        unjudged: Names of the data in the files for which there is nothing to compare with.
+        numbers: The entries of its summary that follow from the answer, and from perturbed ones.
+    """
+
+    contents: Mapping[str, Any]
+    certificate: Certificate | None
+    outside: tuple[str, ...]
+    faults: tuple[str, ...]
+    taken: tuple[str, ...]
+    unjudged: tuple[str, ...]
+    numbers: tuple[Mapping[str, Any], ...] = ()
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the run itself recorded that its certificate had passed."""
+        return bool(self.contents["certificate"]["passed"])
+
+    @property
+    def certified(self) -> bool:
+        """Whether the certificate passes; without a problem, whether it is recorded to have passed."""
+        return self.recorded if self.certificate is None else self.certificate.passed
+
+    @property
+    def passed(self) -> bool:
+        """Whether the certificate passes, the answer is inside the theory, and all data agree."""
+        return self.certified and not self.outside and not self.faults
+
+    @property
+    def trusted(self) -> tuple[str, ...]:
+        """Data that could not be compared, a line each."""
+        return *self.taken, as_recorded(self.unjudged)
+
+    @property
+    def failed(self) -> list[str]:
+        """Lines about what has failed beside the comparison."""
+        failed = [] if self.certificate is None or self.certificate.passed else str(self.certificate).splitlines()
+        failed += ["certificate FAILED, as recorded by the run"] * (self.certificate is None and not self.recorded)
+        return [*failed, *(f"outside small-strain theory: {text}" for text in self.outside)]
+
+    @property
+    def ending(self) -> str:
+        """All lines."""
+        return str(self)
+
+    def __str__(self) -> str:
+        before = f"recorded by the run: certificate {'had passed' if self.recorded else 'had FAILED'}"
+        certificate = [] if self.certificate is None else [str(self.certificate)]
+        outside = [f"outside small-strain theory: {text}" for text in self.outside]
+        return "\n".join([*certificate, *outside, before, *verdict(self.faults), *self.trusted])
+
+
+@dataclass(frozen=True)
+class StepFindings:
+    """Result of the check of a load step that ended at a time."""
+
+    number: int
+    time: float
+    of: Findings
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """As of `Findings`."""
+        return self.of.faults
+
+    @property
+    def passed(self) -> bool:
+        """As of `Findings`."""
+        return self.of.passed
+
+    @property
+    def details(self) -> str:
+        """Lines about what has failed."""
+        return "\n".join(f"  {line}" for line in [*self.of.failed, *verdict(self.faults)])
+
+    def __str__(self) -> str:
+        line = f"step {self.number:3d}  time {self.time:<8.4g}"
+        return f"{line} certificate passed, files agree" if self.passed else f"{line} FAILED\n{self.details}"
+
+
+@dataclass(frozen=True)
+class HistoryFindings:
+    """Result of the check of a load history: of its steps, data that do not follow from these, and data that could not
+    be compared or are missing, a line each."""
+
+    steps: tuple[StepFindings, ...]
+    faults: tuple[str, ...]
+    trusted: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether all steps are certified and all data agree."""
+        return all(step.passed for step in self.steps) and not self.faults
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the run itself recorded that all certificates had passed."""
+        return all(step.of.recorded for step in self.steps)
+
+    @property
+    def ending(self) -> str:
+        """The lines after those of the steps."""
+        good = sum(step.passed for step in self.steps)
+        before = f"recorded by the run: certificates {'had passed' if self.recorded else 'had FAILED'}"
+        besides = ", but the files of the whole FAILED" if self.faults else ""
+        last = f"{good} of {len(self.steps)} load steps passed{besides}"
+        return "\n".join([before, *verdict(self.faults), *self.trusted, last])
+
+    def __str__(self) -> str:
+        return "\n".join([*map(str, self.steps), self.ending])
+
+
+def verdict(faults: Sequence[str]) -> list[str]:
+    """Lines about the comparison of fields and numbers."""
+    if not faults:
+        return ["files agree: every field and number that can be computed again"]
+    more = [f"  and {len(faults) - _MOST} more"] if len(faults) > _MOST else []
+    return ["files FAILED:", *(f"  {fault}" for fault in faults[:_MOST]), *more]
+
+
+def as_recorded(names: Sequence[str]) -> str:
+    """The line about data for which there is nothing to compare with."""
+    return f"as recorded by the run, nothing to compare with: {', '.join(names)}"
+
+
+def unread(files: RunDirectory) -> list[str]:
+    """Names of the files of a run, or of a load history, that are not compared, and of what a case has that does not
+    change the answer."""
+    read = (SUMMARY, *FIELDS, *((HISTORY,) if files.is_history else [data_of(name).name for name in FIELDS]))
+    found = sorted(path.name for path in files.path.iterdir() if path.is_file() and path.name not in (*read, CASE))
+    method = ("output", "solver", "halvings") if files.case.exists() else ()
+    step = " of the step" if files.step_number is not None else ""
+    return [f"{name}{step}" for name in [*found, *(f"{name} of {CASE}" for name in method)]]

@@ -1,0 +1,178 @@
+"""The problem of a run posed anew, and displacement and contact forces of the files put into it: judged, and written by
+the rooms that wrote the run, but without its solver."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from mpi4py import MPI
+
+from ...arrays import FloatArray
+from ...case.case import Case
+from ...case.files import named_files
+from ...contact_fields import COMPLIANCES
+from ...fem.bodies import TEMPERATURE
+from ...kinematics.large_motions import LargeMotions
+from ...model.certificate import judge
+from ...model.load_step import LoadStep, State
+from ...model.problem import ContactProblem, at_contact
+from ...model.problem_evidence import gather_evidence
+from ...model.solution import Solution
+from ...solvers.results import SolverResult, Status
+from ...solvers.successive_tresca import SuccessiveTresca
+from ..case_record import written_case
+from ..history_files import at_points, points_in_files
+from ..output import finite, write_fields
+from ..run_directory import RunDirectory
+from ..summary import summary
+from .comparison import Rounding
+
+OF_SOLVER: Final = (
+    *("status", "method", "iterations", "residual", "contraction", "mean_compliance"),
+    *("seconds", "peak_memory_bytes", "versions", "coulomb"),
+)
+"""Entries of a summary that do not follow from the answer."""
+
+SEEDS: Final = (0, 1, 2)
+"""Seeds of the answers that are judged: 0 as written, the others with its numbers perturbed."""
+
+
+@dataclass(frozen=True)
+class Posed:
+    """A problem posed anew; its case, None if it was given in Python."""
+
+    problem: ContactProblem
+    settings: Case | None
+
+    @staticmethod
+    def of(folder: Path, problem: ContactProblem | None) -> Posed | str:
+        """That of the results in a directory, or in words why there is none; collective.
+
+        Raises:
+            ValueError: On every rank, if case.json is no case, or its problem cannot be posed.
+        """
+        if problem is not None:
+            return Posed(problem, None)
+        if not RunDirectory(folder).case.exists():
+            return "there is no case.json"
+        settings = written_case(folder)
+        files = named_files(settings.model_dump(mode="json", exclude_unset=True, exclude={"output"}))
+        if lost := sorted({name for name in files.values() if not Path(name).exists()}):
+            return f"{', '.join(lost)} is not there"
+        try:
+            return Posed(settings.problem(MPI.COMM_SELF), settings)
+        except ValueError as error:
+            raise ValueError(f"{RunDirectory(folder).case}: its problem cannot be posed: {error}") from None
+
+    @property
+    def large(self) -> bool:
+        """Whether its motions are large."""
+        return isinstance(self.problem, LargeMotions)
+
+    def accepts(self, record: Mapping[str, Any]) -> bool:
+        """Whether answers outside the theory of small strains are accepted; of a load step also by the case that it was
+        computed from, if that is recorded: the setting may change between steps."""
+        before: Any = record.get("case", {}).get("tables", {"small_strain": "warn"})
+        given = self.settings.small_strain if self.settings is not None else self.problem.small_strain
+        return bool(given == "warn" == (before.get("small_strain") if self.settings is not None else "warn"))
+
+
+@dataclass(frozen=True)
+class Reposed(Solution):
+    """The answer in the files of a run, with diag(A) as recorded, shape (m, 3), and its summary."""
+
+    recorded: FloatArray
+    contents: Mapping[str, Any]
+
+    @property
+    def compliances(self) -> FloatArray:
+        """As recorded."""
+        return self.recorded
+
+    @property
+    def mean_compliance(self) -> float:
+        """As recorded."""
+        return float(self.contents["mean_compliance"])
+
+    @property
+    def methods(self) -> dict[str, Any]:
+        """As recorded."""
+        return dict(self.contents["method"])
+
+
+class WrittenAnswer:
+    """Displacement and contact forces in the files of a run or a load step, and what else is taken from these.
+
+    Args:
+        files: Its directory.
+        problem: The problem posed anew, at any time.
+    """
+
+    def __init__(self, files: RunDirectory, problem: ContactProblem):
+        self.contents, comm = files.read_summary(), problem.comm
+        bodies, faces = points_in_files(files, problem)
+        self.displacement = at_points(files.solution, "displacement", bodies, comm)
+        self.force_on_body = at_points(files.contact, "contact_force", faces, comm)
+
+        def scalar(name: str) -> FloatArray:
+            return at_points(files.contact, name, faces, comm)[:, 0]
+
+        self._compliances = np.column_stack([scalar(name) for name in COMPLIANCES])
+        self._slip_bound = scalar("slip_bound") if SuccessiveTresca.name in str(self.contents.get("method")) else None
+        self._temperature = None
+        if problem.body.heat is not None:
+            self._temperature = at_points(files.solution, TEMPERATURE, bodies, comm)[:, 0]
+
+    def judged(self, problem: ContactProblem, seed: int) -> Solution:
+        """Judged in a problem posed at their time, as written or with rounding errors; collective."""
+        u, f = self.displacement, self.force_on_body
+        if seed:
+            rounding = Rounding((seed, problem.comm.rank), 1e-14)
+            u, f = rounding.of(u), rounding.of(f)
+        if isinstance(problem, LargeMotions):
+            return problem.recomputed(u, f, self._compliances)
+        if self._temperature is not None:
+            loading = problem.elasticity.heated(problem.loading, self._temperature)
+            problem = problem.in_state(replace(problem.state, loading=loading), problem.seconds, problem.before)
+        x = -problem.surface.force_components(f).ravel()
+        bound = problem.slip_bound(x)
+        evidence = gather_evidence(problem.body, problem.state, x, u, self._compliances, problem.before)
+        result = SolverResult(x, x, bound, np.zeros((len(bound), 2)), Status.STAGNATED, float("nan"))
+        given = bound if self._slip_bound is None else self._slip_bound
+        answer = Reposed(problem, x, u, given, result, judge(evidence), self._compliances, self.contents)
+        if self._temperature is None or problem.body.heat is None:
+            return answer
+        said = self.contents.get("heat", {})
+        flows = problem.body.heat.flows(*at_contact(answer), self._temperature)
+        heat = replace(flows, rounds=said.get("rounds", 0), agreement=said.get("agreement", 0.0))
+        return replace(answer, problem=problem.in_state(replace(problem.state, heat=heat), None, problem.before))
+
+    def conducted(self, answer: Solution) -> FloatArray:
+        """The changes of temperature that follow from the contact forces and slip, shape (k,); collective.
+
+        Raises:
+            ValueError: On every rank, if these fix no temperature.
+        """
+        heat = answer.problem.body.heat
+        assert heat is not None and self._temperature is not None
+        found: FloatArray = heat.solve(*at_contact(answer), self._temperature)
+        return found
+
+
+def written(answer: Solution, folder: Path, contents: Mapping[str, Any], state: State | None) -> dict[str, Any]:
+    """Write the fields of an answer into a directory, which rank 0 has, and give its summary; collective.
+
+    The numbers of the run in it are those of `contents`, the summary of the files.
+    """
+    write_fields(answer, folder, {}, contents.get("error"))
+    numbers = {name: value for name, value in summary(answer).items() if name not in OF_SOLVER}
+    if state is not None:
+        row = LoadStep(answer, state, 0).row
+        row |= {"path_following": contents["iterations"]["path_following"], "residual": contents["residual"]}
+        numbers["step"] = {"number": state.number, "time": state.time, "energy": asdict(state.energy), "row": row}
+    return dict(json.loads(json.dumps(finite(numbers))))
