@@ -247,6 +247,7 @@ def test_charts_where_nothing_touches(tmp_path, history, method):
 
 
 def test_a_run_from_python_has_no_case(tmp_path):
+    output.write(solved_block(6), tmp_path)
     (tmp_path / "case.json").write_text("{}")  # of an earlier run: not of this one
     (tmp_path / "report.html").write_text("")
     output.write(solved_block(6), tmp_path)
