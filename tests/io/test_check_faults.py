@@ -1,5 +1,4 @@
-"""`coulomb check` finds faults that are planted in the files of small runs, one at a time, by the case and by the
-problem of a script."""
+"""`coulomb check` finds faults that are planted in the files of small runs, one at a time."""
 
 import shutil
 
