@@ -132,11 +132,12 @@ _OF_LARGEST: Final = 1e-13
 
 def tied_nodes(body: Deformable) -> IntArray:
     """This rank's nodes that ties move, and those that move these: contact points of both may be held; collective."""
-    own, first = [np.empty(0, dtype=np.int64)], body.numbering.first
+    own: list[IntArray] = []
+    first = body.numbering.first
     for tie in body.ties:
         moving = concatenated(body.comm, np.unique(tie.rows.indices // 3).astype(np.int64)) - first
         own += [tie.nodes, moving[(moving >= 0) & (moving < body.numbering.local)]]
-    return np.concatenate(own)
+    return np.concatenate([np.empty(0, dtype=np.int64), *own])
 
 
 class JudgedPair:
@@ -153,7 +154,8 @@ class JudgedPair:
         self._held = slave.body.held.projector_at(local)
         one, other = (Side(member.body, facets, member.body.held) for member, facets in faces)
         self._reference = PairReference(one, other, self._node, contact.shape)
-        self._tied, self._left = tied_nodes(elasticity), np.zeros((0, 3))
+        self._tied = tied_nodes(elasticity)
+        self._left: FloatArray = np.zeros((0, 3))
         fields = probing_fields(elasticity.x, Reductions(elasticity.comm).max(np.abs(elasticity.x)) or 1.0)
         own, opposite = pair.points.average(fields), pair.points.opposite_average(fields)
         assert opposite is not None

@@ -34,8 +34,8 @@ _EPSILON: Final = 2.0**-52
 _RESOLVED: Final = 1e-12
 """Rounding errors of forces below this, the least tolerance of a case, are none."""
 
-_OF_MOTIONS: Final = 0.25
-"""Rounding error of a sum of rigid motions in the mean, over the unit of rounding and the root of their squares."""
+_ROUNDED: Final = 0.5 / math.sqrt(3.0)
+"""Root mean square of rounding errors, over the distance of numbers beside each other."""
 
 _OF_CARRIED: Final = 1e-2
 """Part of these errors that counts: a residual of 1e-8 allows 1e-6 of the force of a contact."""
@@ -312,13 +312,12 @@ class FrictionProblem:
         finds its force.  Of bodies that contact alone holds the motions cancel, as those of two blocks on a pad.
         """
         w, loads = gradient.reshape(-1, 3), self.b.reshape(-1, 3)
-        felt = np.abs(w + loads) + np.abs(loads)
+        felt = np.hypot(w + loads, loads)
         if self.rigid is not None:
             G, alpha = self.rigid.G, self.motion_basis.amounts(self.without_motion(x) - gradient)
-            moved = _OF_MOTIONS * np.sqrt(alpha**2 @ G**2)
-            felt = np.where(np.any(G != 0.0, axis=0), moved, felt.ravel()).reshape(-1, 3)
+            felt = np.where(np.any(G != 0.0, axis=0), np.sqrt(alpha**2 @ G**2), felt.ravel()).reshape(-1, 3)
         closed = x[0::3] > np.maximum(self.lower, w[:, 0] / self.scales.compliance[:, 0])
-        rounding = np.where(closed[:, None] & self.unknown, _EPSILON * felt / self.scales.compliance, 0.0)
+        rounding = np.where(closed[:, None] & self.unknown, _ROUNDED * _EPSILON * felt / self.scales.compliance, 0.0)
         left = self.reductions.max(np.append(relative(rounding, self.force_scale(x, gradient)), 0.0))
         return left if left > _RESOLVED else 0.0
 

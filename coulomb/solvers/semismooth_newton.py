@@ -186,6 +186,9 @@ class _Iteration:
     def __init__(self, settings: SemismoothNewton, problem: FrictionProblem, task: Task):
         self._settings, self._problem, self._goal, self._progress = settings, problem, task.goal, task.progress
         self._history: list[SemismoothStep] = []
+        self._x: FloatArray
+        self._A_x: FloatArray
+        self._alpha: FloatArray
         self._over, self._a, m = problem.reductions, problem.mean_diagonal, problem.A.nodes
         self._T: FloatArray = np.empty((0, 0))
         self._e: FloatArray = NO_MOTION

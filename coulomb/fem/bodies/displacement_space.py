@@ -399,7 +399,8 @@ def attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:
 def attach_near_kernel(matrix: PETSc.Mat, modes: FloatArray) -> None:
     """The near-nullspace of a matrix whose columns are this rank's unknowns, from modes of these (k, 3, 6), linearly
     independent; collective."""
-    comm, V = matrix.comm.tompi4py(), modes.reshape(3 * len(modes), -1)
+    comm = matrix.comm.tompi4py()
+    V: FloatArray = modes.reshape(3 * len(modes), -1)
     V = np.linalg.solve(np.linalg.cholesky(comm.allreduce(V.T @ V, op=MPI.SUM)), V.T)
     vectors = []
     for column in V:

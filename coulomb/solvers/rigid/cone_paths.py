@@ -263,7 +263,8 @@ class ConeCurve:
 
     def __init__(self, problem: ConeProblem, opened: int | None = None):
         self._problem, self.h, m = problem, _FIRST, problem.contacts
-        self._gaps, self._soft = np.ones(m), np.zeros((m, 1))
+        self._gaps: FloatArray = np.ones(m)
+        self._soft: FloatArray = np.zeros((m, 1))
         if opened is not None:
             apart = 10.0 ** np.random.default_rng(opened).uniform(*_APART, m)
             self._gaps, self._soft = apart * float(np.abs(problem.q).max()), 1.0 / problem.rho
