@@ -247,7 +247,7 @@ def test_case_file(tmp_path, factor=0.5):
 def test_regions():
     """A region has one coefficient or two, in the direction of the face."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("coulomb.case.case.read_text", lambda path: CASE.replace("CELL", "hexahedron"))
+        patch.setattr("coulomb.case.case.read_text", lambda *given: CASE.replace("CELL", "hexahedron"))
         regions = "{box=[[0,0,0],[0.4,1,1]], friction=0.2}, {box=[[0.9,0,0],[1,1,1]], friction=[0.05, 0.2]}"
         problem = read_case("case.toml", [f"contact.region=[{regions}]"]).problem()
     x, surface = problem.surface.x[:, 0], problem.surface
