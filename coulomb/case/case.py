@@ -467,7 +467,7 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
         apply(tables, change)
     folder = Path(path).parent
     rename_files(tables, {place: str(folder / name) for place, name in named_files(tables).items()})
-    read_curves(Path(path), tables)
+    read_curves(Path(path), tables, written)
     try:
         return Case.model_validate(tables)
     except ValidationError as error:

@@ -115,8 +115,9 @@ def columns_of(key: str) -> str:
     return _COLUMNS.get(key.rpartition("_")[2], "")
 
 
-def read_curves(case: Path, tables: Any, key: str = "") -> None:
-    """Put the rows of CSV files, relative to the directory of the case, into the tables of a case.
+def read_curves(case: Path, tables: Any, recorded: bool = False, key: str = "") -> None:
+    """Put the rows of CSV files, relative to the directory of the case, into the tables of a case; a recorded one has
+    them, beside the name of the file.
 
     Raises:
         ValueError: On every rank, if a file cannot be read, with key, file and line.
@@ -124,19 +125,21 @@ def read_curves(case: Path, tables: Any, key: str = "") -> None:
     if isinstance(tables, list):
         for number, table in enumerate(tables):
             if isinstance(table, dict):  # not the rows of a table in time
-                read_curves(case, table, f"{key}.{number}")
+                read_curves(case, table, recorded, f"{key}.{number}")
     if not isinstance(tables, dict):
         return
     for name, value in tables.items():
         here = f"{key}.{name}" if key else str(name)
         if isinstance(value, dict) and columns_of(str(name)) and isinstance(value.get("file"), str):
+            if "table" in value and recorded:
+                continue
             if "table" in value:
                 raise ValueError(f"{case}: {here}: give either table or file, one of the two")
             columns = columns_of(str(name))
             value["table"] = _rows(case.parent / value["file"], columns, f"{case}: {here}")
             value["file"] = str(case.parent / value["file"])
         elif isinstance(value, dict | list):
-            read_curves(case, value, here)
+            read_curves(case, value, recorded, here)
 
 
 def _rows(path: Path, columns: str, what: str) -> list[list[float]]:
