@@ -374,7 +374,7 @@ def test_a_full_disk_keeps_the_old_results(made, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    for owner, name in ((output, "_write_fields"), (output, "write_json"), (os, "link")):
+    for owner, name in ((output, "write_fields"), (output, "write_json"), (os, "link")):
         with monkeypatch.context() as patch:
             patch.setattr(owner, name, full)
             patch.setattr(shutil, "copy2", full)

@@ -160,8 +160,8 @@ def test_an_origin_that_does_not_move_with_the_foundation_fails(monkeypatch):
 @pytest.mark.parametrize(
     ("method", "wrong"),
     [
-        ("surface", lambda self, motions, time: self._reference),
-        ("rigid_motions", lambda self, time: (RigidMotion(np.zeros(3)),)),
+        ("surface", lambda self, *_: self._references[self.elasticity.locked]),
+        ("foundation_motions", lambda self, time: (RigidMotion(np.zeros(3)),)),
     ],
 )
 def test_a_foundation_that_does_not_move_fails(monkeypatch, method, wrong):
