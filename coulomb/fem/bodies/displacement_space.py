@@ -400,7 +400,7 @@ def attach_near_kernel(matrix: PETSc.Mat, modes: FloatArray) -> None:
     """The near-nullspace of a matrix whose columns are this rank's unknowns, from modes of these (k, 3, 6), linearly
     independent; collective."""
     comm = matrix.comm.tompi4py()
-    V: FloatArray = modes.reshape(3 * len(modes), -1)
+    V: FloatArray = modes.reshape(-1, modes.shape[2])  # a rank may have no nodes
     V = np.linalg.solve(np.linalg.cholesky(comm.allreduce(V.T @ V, op=MPI.SUM)), V.T)
     vectors = []
     for column in V:
