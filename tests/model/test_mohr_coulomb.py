@@ -199,3 +199,16 @@ def test_regions_and_tables(tmp_path):
     assert np.allclose(problem.law.friction, np.where(x > 0.9, 0.1, 0.3))
     assert np.allclose(problem.law.cohesion, np.where(x < 0.4, 1e6, 4e6) * area)
     assert Reductions(problem.comm).sum(problem.law.cohesion) == pytest.approx(4e6 - 3e6 * 0.5)
+
+
+@pytest.mark.parametrize("limit", [4e6, lambda x: 2e6 + 4e6 * x[0]], ids=["a number", "by place"])
+def test_a_limit_is_judged_from_the_files_alone(tmp_path, limit):
+    """The run of a script has no case: the summary has the limit, and one that is changed is noticed."""
+    problem = drawn(Contact("bottom", friction=FRICTION, friction_limit=limit), cells=(2, 2, 2)).at(2.0)
+    write(problem.solve(), tmp_path)
+    found = check(tmp_path)
+    assert found.passed, found
+    contents = json.loads((tmp_path / "summary.json").read_text())
+    contents["faces"][0]["friction_limit"] = 1e6
+    (tmp_path / "summary.json").write_text(json.dumps(contents))
+    assert not check(tmp_path).passed

@@ -118,7 +118,7 @@ def _answer(run: WrittenRun) -> tuple[NodalAnswer, Any]:
     rows[:, 0] = at["initial_gap"] - at["gap"]
     answer = NodalAnswer(
         comm=MPI.COMM_SELF,
-        law=FrictionLaw(at["cohesion"] * at["area"], at["friction"]),
+        law=FrictionLaw(at["cohesion"] * at["area"], at["friction"], _limits(run, at)),
         faces=tuple(face["faces"][0] for face in run.summary["faces"]),
         part=np.round(at["face"]).astype(np.int64),
         x=at["x"],
@@ -138,6 +138,18 @@ def _answer(run: WrittenRun) -> tuple[NodalAnswer, Any]:
         several=len(run.body.parts) > 1,
     )
     return answer, here
+
+
+def _limits(run: WrittenRun, at: Mapping[str, FloatArray]) -> FloatArray | None:
+    """Largest friction at the contact points, newtons, shape (m,): of every face that in the summary, or where it is a
+    function of place the bound in the files, between the smallest and the largest; None without limits."""
+    given = [face.get("friction_limit") for face in run.summary["faces"]]
+    if all(one is None for one in given):
+        return None
+    ends = [(one["min"], one["max"]) if isinstance(one, Mapping) else (one or np.inf,) * 2 for one in given]
+    low, high = np.array(ends)[np.round(at["face"]).astype(np.int64)].T * at["area"]
+    limits: FloatArray = np.clip(at["slip_bound"], low, high)
+    return limits
 
 
 def _compare_cone(run: WrittenRun, answer: NodalAnswer, here: Any, found: Comparison) -> None:
