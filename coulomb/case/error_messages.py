@@ -97,8 +97,7 @@ def _explain(entry: Any, case: _Model) -> str:
     key, given = ".".join(map(str, location)) or "case", entry["input"]
     names = ".".join(part for part in location if isinstance(part, str))
     if entry["type"] == "extra_forbidden":
-        better = right(".".join(part for part in location[:-1] if isinstance(part, str)), str(location[-1]), given)
-        return f"{key} = {_shown(given)}: there is no such key{f': {better}' if better else _meant(location, case)}"
+        return f"{key} = {_shown(given)}: there is no such key{_meant(location, given, case)}"
     usual = example(str(location[-1])) if location else ""
     for_example = f", for example {usual}" if usual else ""
     if entry["type"] == "missing" and isinstance(location[-1], str) and place == entry["loc"]:
@@ -149,14 +148,17 @@ def _shown(value: Any) -> str:
         return "..."
 
 
-def _meant(location: tuple[int | str, ...], case: _Model) -> str:
-    """The table to which a key belongs, or a similar key, and the known keys of its table."""
+def _meant(location: tuple[int | str, ...], given: Any, case: _Model) -> str:
+    """The line that is meant, or the table to which a key belongs, or a similar key, and the known keys of its
+    table."""
     name = str(location[-1])
     here = ".".join(part for part in location[:-1] if isinstance(part, str))
     tables = list(_tables(case))
     known: dict[str, list[str]] = {}
     for place, model, _ in tables:
         known[place] = list(dict.fromkeys([*known.get(place, []), *model.model_fields]))
+    if better := right(here, name, given, known.get(here, ())):
+        return f": {better}"
     curves = {place for place, model, _ in tables if issubclass(model, CurveTable)}
     several = tables_of_several(case)
     homes = [place for place, keys in known.items() if name in keys and place != here and place not in curves]

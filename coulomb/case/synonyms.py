@@ -6,7 +6,7 @@ The words are those of CalculiX, Abaqus, FEBio, MOOSE and of textbooks.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 _EVERYWHERE: Final = {
@@ -22,8 +22,7 @@ _KEYS: Final = {
         "gap": "clearance offset initial_gap",
         "friction_limit": "taumax tau_max shear_limit shear_stress_limit max_shear",
         "slip_stress": "tresca shear_strength yield_shear",
-        "foundation": "rigid rigid_surface obstacle plane floor",
-        "adjust": "tolerance search_tolerance position_tolerance",
+        "adjust": "search_tolerance position_tolerance",
     },
     "material": {
         "young": "e e1 youngs young_modulus youngs_modulus modulus elastic elasticity elastic_modulus",
@@ -39,9 +38,9 @@ _KEYS: Final = {
     "clamp": {"components": "dofs dof directions axes component", "value": "displacement u"},
     "prescribed_displacement": {"components": "dofs dof directions axes", "value": "displacement u"},
     "spring": {"stiffness": "k value spring_constant"},
-    "mesh": {"file": "path filename mesh name", "cells": "divisions elements n size", "box": "lengths dimensions"},
-    "history": {"times": "steps_at time time_points increments", "steps": "n number", "end": "period total_time"},
-    "solver": {"tolerance": "tol residual eps", "kinematics": "nlgeom large"},
+    "mesh": {"file": "path filename mesh name", "cells": "divisions elements", "box": "lengths dimensions"},
+    "history": {"times": "steps_at time_points", "steps": "n number", "end": "period total_time"},
+    "solver": {"tolerance": "tol residual eps"},
     "output": {"directory": "folder path dir name"},
 }
 """Of every table, its keys and other words for them."""
@@ -98,10 +97,11 @@ def example(key: str) -> str:
     return line(key, _EXAMPLES[key]) if key in _EXAMPLES else ""
 
 
-def right(table: str, word: str, value: Any) -> str:
-    """What to write in place of a word that a table does not know ("" for the whole case), in words that end with the
-    line; empty if nothing is known."""
+def right(table: str, word: str, value: Any, known: Collection[str]) -> str:
+    """What to write in place of a word that a table ("" for the whole case) does not know among its `known` keys, in
+    words that end with the line; empty if nothing is known."""
     word, last = word.lower(), table.rpartition(".")[2]
+    last = "contact" if last in ("region", "pair", "auto_contact") else last  # which have keys of a contact
     if not table:
         return _table(word, value)
     if last == "contact" and word in _NEEDLESS:
@@ -111,7 +111,7 @@ def right(table: str, word: str, value: Any) -> str:
     if last == "solver" and word == "nlgeom":
         return f"write {line('kinematics', 'large' if value in (True, 'YES', 'yes') else 'small')}"
     for key, words in {**_EVERYWHERE, **_KEYS.get(last, {})}.items():
-        if word in words.split():
+        if word in words.split() and key in known:
             return f"write {line(key, value)}"
     return ""
 

@@ -69,6 +69,8 @@ def test_solver_and_problem_are_what_the_case_says():
             "contact={face='bottom', friction={pressure=[0], coefficient=[0.3]}, direction=[1,0,0]}",
             "by slip rate or pres",
         ),
+        ("mesh.size=0.1", r"mesh.size = 0.1: there is no such key \(known here: box, cells"),
+        ("contact.region=[{box=[[0,0,0],[1,1,1]], mu=0.2}]", r"contact.region.0.mu = 0.2: .*: write friction = 0.2$"),
         ("contact.mu=0.3", r"contact.mu = 0.3: there is no such key: write friction = 0.3$"),
         ("contact.interference=2e-5", r"no such key: write gap = -2e-05$"),
         ("contact.penalty=1e9", r"leave it out: contact and friction are exact"),
