@@ -57,6 +57,10 @@ _WORSE: Final = 10.0
 where contact is."""
 
 
+_ARM: Final = 1e-3
+"""Largest distance of tied faces over the root of a node's area; chords of a ring of facets of 4 degrees leave 2e-4."""
+
+
 class StepCut(NotConverged):
     """A load step has no answer: why, in words."""
 
@@ -167,6 +171,8 @@ class LargeMotions(ContactProblem):
                 "rigid faces, bolts and cyclic symmetry are for small strains; large motions have ties (Tied)"
             )
         super().__init__(*arguments, linear_solver=linear_solver, explicit=explicit, **others)
+        if self.elasticity.ties:
+            self._refuse_ties_across_gaps()
         self._remedy = [0]  # the first that is tried, of this problem at all times
         self._methods = {"linear_solver": linear_solver, "explicit": explicit}
         self.contacts: tuple[Contact, ...] = tuple(
@@ -177,6 +183,22 @@ class LargeMotions(ContactProblem):
         part = np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces])
         self._points, self._number = StatePoints(np.concatenate(faces), part), np.full(len(self.elasticity.x), -1)
         self._number[self._points.nodes] = np.arange(len(part))
+
+    def _refuse_ties_across_gaps(self) -> None:
+        """Nodes of a tie follow across a distance d as the ends of rigid arms, with the linear part of their rotations:
+        turned far, they end up to d from where they belong.  W leaves just d of a displacement u = x, a uniform
+        stretch; collective."""
+        body, over = self.elasticity, Reductions(self.comm)
+        undeformed = linearised(body, np.zeros_like(body.x), self.time)
+        arms = np.linalg.norm(undeformed.jump(body.x, undeformed.at(self.time)), axis=1)
+        for tie in body.ties:
+            d, facet = over.max(arms[tie.nodes]), over.max(np.sqrt(tie.area))
+            if d > _ARM * facet:
+                raise ValueError(
+                    f"tie of {tie.face!r} to {tie.against!r}: the faces are up to {d:.3g} m apart, {d / facet:.1%} of "
+                    "a facet's length; in large motions tied faces must touch: move one of the bodies "
+                    "(coulomb.moved), or mesh the gap; where both are curved, use finer or second-order cells"
+                )
 
     def _contacts_of(self, given: object) -> tuple[Contact, ...]:
         """Facets that face away from a foundation may turn towards it."""

@@ -89,12 +89,18 @@ def test_tied_halves_turn_without_stress():
     turn = coulomb.PrescribedRotation("a:left", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 0.5 * np.pi)
     b = coulomb.moved(coulomb.box((1.0, 0.5, 0.5), (2, 3, 2)), (1.0, 0.0, 0.0))
     plane = coulomb.Plane((0.0, 0.0, -9.0), (0.0, 0.0, 1.0))
-    problem = coulomb.ContactProblem(
-        coulomb.join(a=coulomb.box((1.0, 0.5, 0.5), (2, 1, 1)), b=b),
-        *(NeoHookean(1e6, 0.3), [turn], coulomb.Contact("b:bottom", friction=0.3, foundation=plane)),
-        ties=[coulomb.Tied("b:left", "a:right")],
-        kinematics="large",
-    )
+
+    def tied(b):
+        return coulomb.ContactProblem(
+            coulomb.join(a=coulomb.box((1.0, 0.5, 0.5), (2, 1, 1)), b=b),
+            *(NeoHookean(1e6, 0.3), [turn], coulomb.Contact("b:bottom", friction=0.3, foundation=plane)),
+            ties=[coulomb.Tied("b:left", "a:right")],
+            kinematics="large",
+        )
+
+    with pytest.raises(ValueError, match=r"faces are up to 0.001 m apart, 0.5% of a facet's length"):
+        tied(coulomb.moved(b, (1e-3, 0.0, 0.0)))  # would be left behind by 1 mm
+    problem = tied(b)
     (step,) = coulomb.LoadHistory([1.0]).steps(problem)
     x = problem.elasticity.reference
     turned = np.column_stack([x[:, 2], x[:, 1], -x[:, 0]])
