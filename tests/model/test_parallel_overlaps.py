@@ -84,7 +84,7 @@ def test_a_slot_with_contact_of_the_body_with_itself():
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 def test_both_sides_of_a_slot_are_a_pair_whatever_their_names(cell):
-    """With names, without, and with one name for both."""
+    """With names, without, with one name for both, and with a name of one side alone."""
     whole = clip(cell)
     jaws = np.concatenate([whole.faces[name] for name in ("jaw_up", "jaw_low")])
     one = NamedMesh(whole.domain, {**clip(cell, names=()).faces, "jaws": np.sort(jaws)})
@@ -93,6 +93,7 @@ def test_both_sides_of_a_slot_are_a_pair_whatever_their_names(cell):
         (whole, {"jaw_up", "jaw_low"}),
         (clip(cell, names=()), {"facing_itself_1", "facing_itself_2"}),
         (one, {"jaws_facing_itself_1", "jaws_facing_itself_2"}),
+        (clip(cell, names=("jaw_up",)), {"jaw_up", "facing_jaw_up"}),
     ):
         found = auto_pairs(mesh, 1.5 * GAP)
         (pair,) = found.pairs
@@ -101,7 +102,7 @@ def test_both_sides_of_a_slot_are_a_pair_whatever_their_names(cell):
         answer = pressed(found.mesh, [Contact(pair.face, 0.2, against=pair.against)], 2e7).solve()
         assert answer.valid
         forces.append(answer.at_nodes.totals(1)["normal_force"])
-    assert forces == pytest.approx(3 * forces[:1], rel=1e-6) and forces[0] > 1e5
+    assert forces == pytest.approx(4 * forces[:1], rel=1e-6) and forces[0] > 1e5
     with pytest.raises(ValueError, match="no faces"):
         auto_pairs(clip(cell, names=()), 0.5 * GAP)
 

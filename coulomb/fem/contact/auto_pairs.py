@@ -23,7 +23,7 @@ from ..geometry import on_all_ranks
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, boundary_facets, fetched, starts_of
 from .facet_patch import FacetKind, facet_patch, functions_at
 from .mortar_parts import FACING, Cells, SphereTree, sphere_tree
-from .sheets import sheets_of
+from .sheets import goes_on, sheets_of
 
 _LINES: Final = 4
 """Points along an edge of a facet."""
@@ -85,8 +85,9 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
     Facets with a name stand for the whole face of this name, of several for that with fewest facets.  Facets without a
     name that face another body become a face, "lug:facing_pin"; in a mesh with several components "lug_facing_pin" by
     the groups of their cells, without groups "part_1_facing_part_2", numbered by their smallest x, then y, then z.  Two
-    sides of one component with a gap between them, as of a slot, are a pair as well; if they have no names, or one name
-    for both, they become the faces "facing_itself_1", "facing_itself_2", each as far as it goes on without an edge.
+    sides of one component with a gap between them, as of a slot, are a pair as well; the one without a name becomes
+    "facing_jaw" by the other's.  If both have none, or one name, they become the faces "facing_itself_1",
+    "facing_itself_2", each as far as it goes on without an edge.  Facets with a common node do not face each other.
 
     What is outside of all bodies is gathered on every rank: the facets, no cells.
 
@@ -275,7 +276,8 @@ class _Names:
 
     def facing(self, side: int, against: int) -> str:
         """The name in its body of a face that is made."""
-        (body, component, _), other = self.side(side), self.part(against)
+        (body, component, _), of, other = self.side(side), self.side(against), self.part(against)
+        other = of[2] if of[:2] == (body, component) else other
         return "_".join(filter(None, (self._component(body, component), "facing", other.replace(SEPARATOR, "_"))))
 
     def facing_itself(self, side: int, number: int) -> str:
@@ -302,10 +304,9 @@ def _sheets(names: _Names, bodies: list[_OuterFacets], distance: float) -> list[
     for side in np.unique(rows[:, 0]):
         body, component, _ = names.side(side)
         pairs = rows[rows[:, 0] == side, 2:]
-        notch = np.any(nodes[body][pairs[:, 0], :, None] == nodes[body][pairs[:, 1], None], axis=(1, 2))
-        key, against = np.unique(pairs[~notch], return_inverse=True)
+        key, against = np.unique(pairs, return_inverse=True)
         against = against.reshape(-1, 2)
-        for rows_of in sheets_of(nodes[body][key], corners[body][key], against) if len(key) else ():
+        for rows_of in sheets_of(nodes[body][key], corners[body][key], against):
             number = numbered[body, component] = 1 + numbered.get((body, component), 0)
             sheets.append((body, names.facing_itself(side, number), key[rows_of]))
     return sheets
@@ -316,8 +317,7 @@ def _opposite(
 ) -> tuple[list[tuple[int, int, float, float, float]], IntArray]:
     """Pairs of sides within a distance, with area, smallest and largest gap, ascending; and rows (side, side opposite,
     number over all ranks of a facet of the first), shape (k, 3); collective, the same on every rank."""
-    comm = names.comm
-    every = _all_facets(names, bodies)
+    comm, every = names.comm, _all_facets(names, bodies)
     found = on_all_ranks(lambda: list(_met_by_all(names, bodies, every, distance, False)), "auto_pairs", comm)
     one, two, facet, there, area, gap = (np.concatenate(parts) for parts in zip(*found, strict=True))
     facets = np.concatenate([np.column_stack([one, two, facet]), np.column_stack([two, one, there])])
@@ -330,11 +330,13 @@ def _opposite(
     np.maximum.at(high, inverse.ravel(), gap)
     sums = np.concatenate(comm.allgather(np.column_stack([rows, count, total, low, high])))
     pairs = []
-    for a, b in np.unique(np.sort(sums[:, :2], axis=1), axis=0):
+    for a, b in np.unique(np.sort(sums[:, :2], axis=1), axis=0).astype(np.int64).tolist():
+        if goes_on(facets, names.width, b, a):
+            continue
         ways = [sums[np.all(sums[:, :2] == way, axis=1), 2:] for way in ((a, b), (b, a))]
         finer = max(ways, key=lambda way: way[:, 0].sum())
         of_both = np.concatenate(ways)
-        pairs.append((int(a), int(b), float(finer[:, 1].sum()), float(of_both[:, 2].min()), float(of_both[:, 3].max())))
+        pairs.append((a, b, float(finer[:, 1].sum()), float(of_both[:, 2].min()), float(of_both[:, 3].max())))
     return pairs, facets
 
 
@@ -347,6 +349,7 @@ class _AllFacets:
         body: The number of the body of each polygon, shape (c,).
         side: Its side, shape (c,).
         key: Its facet, by the number in its body over all ranks, shape (c,).
+        nodes: The numbers of the corners of this in its body, of triangles the last one twice, shape (c, 4).
         kinds: Of the facets of each body.
         x: The nodes of the facets of each body, metres, shape (f, n, 3) each.
         same: Distances that differ by less are the same, metres.
@@ -357,6 +360,7 @@ class _AllFacets:
     body: IntArray
     side: IntArray
     key: IntArray
+    nodes: IntArray
     kinds: list[FacetKind]
     x: list[FloatArray]
     same: float
@@ -390,16 +394,17 @@ def _all_facets(names: _Names, bodies: list[_OuterFacets]) -> _AllFacets:
         np.repeat(np.arange(len(bodies)), [len(body.cells.facet) for body in bodies]),
         np.concatenate([names.sides(k, body) for k, body in enumerate(bodies)]),
         np.concatenate([body.key[body.cells.facet] for body in bodies]),
+        np.concatenate([body.nodes[body.cells.facet][:, [0, 1, 2, -1]] for body in bodies]),
     )
-    corners, start, body, side, key = (np.concatenate(parts) for parts in zip(*comm.allgather(mine), strict=True))
-    x = [np.concatenate(comm.allgather(body.x)) for body in bodies]
+    corners, start, body, side, key, nodes = map(np.concatenate, zip(*comm.allgather(mine), strict=True))
+    x = [np.concatenate(comm.allgather(one.x)) for one in bodies]
     chords = [0.0]
-    for one, nodes in zip(bodies, x, strict=True):
-        straight = np.einsum("jn,fji->fni", one.kind.vertex_functions, nodes[:, : one.kind.corners])
-        chords.append(float(np.linalg.norm(nodes - straight, axis=2).max(initial=0.0)))
+    for one, there in zip(bodies, x, strict=True):
+        straight = np.einsum("jn,fji->fni", one.kind.vertex_functions, there[:, : one.kind.corners])
+        chords.append(float(np.linalg.norm(there - straight, axis=2).max(initial=0.0)))
     same = _SAME * float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
-    kinds = [one.kind for one in bodies]
-    return _AllFacets(Cells(np.arange(len(corners)), corners, start), body, side, key, kinds, x, same, max(chords))
+    kinds, cells = [one.kind for one in bodies], Cells(np.arange(len(corners)), corners, start)
+    return _AllFacets(cells, body, side, key, nodes, kinds, x, same, max(chords))
 
 
 def _met_by_all(
@@ -449,8 +454,8 @@ def _met(
     hidden = np.isin(of_line, of_line[seen & own_body])
     use = ~back | (seen & ~hidden)
     use &= _nearest(of_line, np.where(use, np.abs(gap), np.inf), same)
-    same_side, named = own[one] == side[other], (own[one] % width > 0) & (side[other] % width > 0)
-    use &= (same_side if alike else ~own_body | (named & ~same_side)) & (~own_body | (gap > -same))
+    notch = np.any(body.nodes[cells.facet[one], :, None] == every.nodes[other, None], axis=(1, 2))
+    use &= ((own[one] == side[other]) == alike) & (~own_body | (gap > -same) & ~notch)
     _, line, count = np.unique(of_line[use], return_inverse=True, return_counts=True)
     return one[use], other[use], gap[use], 1.0 / count[line.ravel()]
 

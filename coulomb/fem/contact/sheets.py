@@ -29,3 +29,14 @@ def sheets_of(nodes: IntArray, corners: FloatArray, against: IntArray) -> list[I
     middle = corners.mean(axis=1)
     order = np.lexsort(middle.T[::-1])
     return [np.flatnonzero(sheet == one) for one in dict.fromkeys(sheet[order].tolist())]
+
+
+def goes_on(facets: IntArray, width: int, named: int, bare: int) -> bool:
+    """Whether the side `bare`, of facets without a name, is opposite to a `named` one of its component only beside
+    another face of it that has a name: by rows (side, side opposite, facet), where a side is `width` times its
+    component and the number of its face."""
+    if bare % width or named // width != bare // width:
+        return False
+    _, against, facet = facets[facets[:, 0] == named].T
+    face = (against // width == bare // width) & (against % width > 0)
+    return bool(np.all(np.isin(facet[against == bare], facet[face])))

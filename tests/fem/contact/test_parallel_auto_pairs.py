@@ -1,6 +1,7 @@
 """Pairs of faces found by `auto_pairs`, on any number of ranks: alone, or with mpirun."""
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,7 +12,7 @@ from mpi4py import MPI
 from ranks import same_error
 
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, auto_pairs, box, join, moved, read_mesh
-from coulomb.fem.meshes import corners_of
+from coulomb.fem.meshes import NamedMesh, boundary_facets, corners_of, distributed
 
 comm = MPI.COMM_WORLD
 KINDS = [("hexahedron", 1), ("tetrahedron", 1), ("hexahedron", 2), ("tetrahedron", 2)]
@@ -143,7 +144,7 @@ def test_components_of_one_mesh(keep, grouped):
     assert [integral(found.mesh, name) for name in (low, high)] == pytest.approx([1.0, 1.0])
 
 
-def clip(named=True):
+def clip(kept=("low", "high")):
     """A strip bent into a U: its two arms face each other."""
 
     def place(x):
@@ -158,18 +159,62 @@ def clip(named=True):
     facets = mesh.faces["bottom"]
     middle = mesh.domain.geometry.x[corners_of(mesh.domain, facets)].mean(axis=1)
     arms = {"low": (middle[:, 0] < 0.0) & (middle[:, 2] < 0.0), "high": (middle[:, 0] < 0.0) & (middle[:, 2] > 0.0)}
-    return replace(mesh, faces={name: facets[here] for name, here in arms.items()} if named else {})
+    return replace(mesh, faces={name: facets[arms[name]] for name in kept})
 
 
 def test_arms_of_one_body():
-    """With names, and without: half of the bend then belongs to each.  The arms' own thickness is no gap."""
+    """With names, with one, and without: half of the bend then belongs to each.  The arms' own thickness is no gap."""
     found = auto_pairs(clip(), 0.12)
     assert names(found) == [("low", "high")]
     assert found.pairs[0].gap == pytest.approx((0.1, 0.1), rel=1e-9)
-    bare = auto_pairs(clip(named=False), 0.12)
+    one = auto_pairs(clip(("low",)), 0.12)
+    assert {"low", "facing_low"} in [{*pair} for pair in names(one)]  # the bend has sheets of its own
+    low = sum(pair.area for pair in one.pairs if "low" in (pair.face, pair.against))
+    assert low == pytest.approx(found.pairs[0].area, rel=0.05)
+    bare = auto_pairs(clip(()), 0.12)
     assert names(bare) == [("facing_itself_1", "facing_itself_2")] and len(bare.made) == 2
     assert bare.pairs[0].gap == pytest.approx((0.1, 0.1), rel=0.2)
-    assert "no faces of different bodies" in same_error(lambda: auto_pairs(clip(named=False), 0.05))
+    assert "no faces of different bodies" in same_error(lambda: auto_pairs(clip(()), 0.05))
+
+
+@pytest.mark.parametrize("kept", [(), ("up",), ("low",), ("up", "low")], ids=str)
+def test_sides_of_a_notch_are_no_pair(kept):
+    """Facets that meet at its edge."""
+    inner, outer = (np.array([(-1.0, z), (x, 0.0), (-1.0, -z)]) for x, z in ((0.0, 0.5), (0.6, 0.8)))
+
+    def place(k):
+        at = np.rint(k[0]).astype(int)
+        x, z = ((1.0 - k[2]) * outer[at].T + k[2] * inner[at].T).reshape(2, -1)
+        return np.stack([x, k[1], z])
+
+    mesh = box((2.0, 1.0, 1.0), (2, 1, 1), place=place)
+    facets = mesh.faces["top"]
+    up = mesh.domain.geometry.x[corners_of(mesh.domain, facets)].mean(axis=1)[:, 2] > 0.0
+    named = replace(mesh, faces={name: facets[up if name == "up" else ~up] for name in kept})
+    assert "nor at any distance" in same_error(lambda: auto_pairs(named, 0.5))
+
+
+HEXAHEDRON = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+
+
+@pytest.mark.parametrize("kept", [("tongue",), ("tongue", "left")], ids=str)
+def test_a_tongue_between_two_jaws_of_its_body(kept):
+    """Both sides of the tongue have one name, of the jaws one or none has."""
+    x, y, z = np.array([0.0, 1.0, 1.02, 2.0, 2.02, 3.0]), np.linspace(0.0, 1.0, 3), np.array([0.0, 1.0, 2.0, 3.0])
+    points, shape = np.array(list(product(x, y, z))), (6, 3, 4)
+    origins = [at for at in product(range(5), range(2), range(3)) if at[0] % 2 == 0 or at[2] == 0]
+    cells = np.array([[np.ravel_multi_index(tuple(np.add(at, c)), shape) for c in HEXAHEDRON] for at in origins])
+    first = comm.rank == 0
+    domain = distributed(comm, points[: None if first else 0], cells[: None if first else 0])
+    facets = boundary_facets(domain)
+    at = domain.geometry.x[corners_of(domain, facets)].mean(axis=1)
+    on = {"tongue": np.abs(np.abs(at[:, 0] - 1.51) - 0.49) < 1e-9, "left": np.abs(at[:, 0] - 1.0) < 1e-9}
+    found = auto_pairs(NamedMesh(domain, {name: facets[on[name] & (at[:, 2] > 1.0)] for name in kept}), 0.03)
+    expected = {("facing_tongue", "tongue"): 2.0 * (3 - len(kept))} | {("tongue", "left"): 2.0}
+    assert {names(found)[k]: found.pairs[k].area for k in range(len(found.pairs))} == pytest.approx(
+        dict(list(expected.items())[: len(kept)])
+    )
+    assert integral(found.mesh, "facing_tongue") == pytest.approx(2.0 * (3 - len(kept)))
 
 
 def test_a_solve_is_that_of_the_pair_given_by_hand():
