@@ -178,9 +178,9 @@ def named_faces(faces: Sequence[Mapping[str, Any]]) -> list[tuple[str, Mapping[s
     return [(name, face) for (name, _), face in zip(sides_of(faces), faces, strict=True)]
 
 
-def normal_forces(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Normal force of every contact in a line of history.csv, newtons, by its name, of the only one by ""."""
-    end = "normal_force"
+def normal_forces(row: Mapping[str, Any], end: str = "normal_force") -> dict[str, Any]:
+    """Normal force of every contact in a line of history.csv, newtons, by its name, of the only one by ""; or another
+    total of contacts with this name."""
     if end in row:
         return {"": row[end]}
     return {name.removesuffix(f"_{end}"): value for name, value in row.items() if name.endswith(f"_{end}")}

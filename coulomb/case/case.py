@@ -14,7 +14,17 @@ from ..model.times import HALVINGS, refuse_missed, refuse_times
 from ..ranks import launched, on_rank_0
 from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face
 from .contact import AutoContactTable, ContactTable, ContactTables
-from .curves import AmplitudeTable, amplitude_of, read_curves, refuse_ended
+from .curves import (
+    AmplitudeTable,
+    FactorCurveTable,
+    Factors,
+    MotionCurveTable,
+    Translations,
+    amplitude_of,
+    columns_of,
+    read_curves,
+    refuse_ended,
+)
 from .error_messages import fault_of, tables_of_several
 from .files import LARGEST, RECORDED, apply, named_files, parsed, read_text, recorded, rename_files
 from .loads import (
@@ -401,34 +411,42 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _time_needs_a_history(self) -> Case:
-        of_contacts = ("motion", "rotation", "gap_amplitude")
-        timed = {f"{key}.{name}": getattr(table, name) for name in of_contacts for key, table in self.contacts.items()}
-        timed |= {"body_force_amplitude": self.body_force_amplitude, "gravity_amplitude": self.gravity_amplitude}
-        timed |= {"temperature.amplitude": None if self.temperature is None else self.temperature.amplitude}
-        timed |= {f"{key}.amplitude": getattr(table, "amplitude", None) for key, table in self._on_faces.items()}
-        timed |= {f"pretension.{k}.amplitude": table.amplitude for k, table in enumerate(self.pretension)}
-        timed |= {f"heat.{k}.amplitude": table.amplitude for k, table in enumerate(self.heat)}
-        timed |= {f"rigid_face.{k}.amplitude": table.amplitude for k, table in enumerate(self.rigid_face)}
+        timed = {key: rows for key, (_, rows) in self.timed.items()}
         if self.history is None:
-            for key, value in timed.items():
-                if value is not None:
+            for key in timed:
+                if not key.endswith("friction_amplitude"):
                     raise ValueError(f"{key} depends on time: it needs a [history]")
             for k, table in enumerate(self.pretension):
                 if table.lock is not None:
                     raise ValueError(f"pretension.{k}.lock: bolts are locked between load steps: it needs a [history]")
-        timed |= {f"{key}.friction_amplitude": table.friction_amplitude for key, table in self.contacts.items()}
-        timed |= {f"{key}.rotation": table.rotation.angle for key, table in self.contacts.items() if table.rotation}
         end = self.history.ends[-1] if self.history is not None else 0.0
         if self.history is not None:
             refuse_missed([one.lock for one in self.pretension if one.lock is not None], 0.0, self.history.ends)
         ends = {f"pretension.{k}.amplitude": one.lock for k, one in enumerate(self.pretension) if one.lock is not None}
-        for key, value in timed.items():
-            if value is not None:
-                try:
-                    refuse_ended(value, min(end, ends.get(key, end)))
-                except ValueError as error:
-                    raise ValueError(f"{key}: {error}") from None
+        for key, rows in timed.items():
+            try:
+                refuse_ended(rows, min(end, ends.get(key, end)))
+            except ValueError as error:
+                raise ValueError(f"{key}: {error}") from None
         return self
+
+    @property
+    def timed(self) -> dict[str, tuple[Table, Factors | Translations]]:
+        """What depends on time, by its key in the case: the table that has it, and its rows."""
+        several = ("pretension", "heat", "rigid_face")
+        tables: dict[str, Table | None] = {"": self, "temperature": self.temperature, **self._on_faces, **self.contacts}
+        tables |= {f"{kind}.{k}": table for kind in several for k, table in enumerate(getattr(self, kind))}
+        tables |= {f"{key}.rotation": table.rotation for key, table in self.contacts.items()}
+        found: dict[str, tuple[Table, Factors | Translations]] = {}
+        for key, table in tables.items():
+            for name, rows in table or ():
+                if (
+                    table is not None
+                    and columns_of(name)
+                    and isinstance(rows, tuple | FactorCurveTable | MotionCurveTable)
+                ):
+                    found[f"{key}.{name}".removeprefix(".")] = table, rows
+        return found
 
     def load_history(self) -> LoadHistory:
         from ..model.load_history import LoadHistory

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from ..arrays import FloatArray
 from ..load_curve import After, LoadCurve
 from ..ranks import launched, on_rank_0
 from .files import read_text
@@ -92,6 +93,12 @@ def amplitude_of(given: Factors | None) -> Amplitude:
 
 def motion_of(given: Translations | None) -> Motion | None:
     return given.curve() if isinstance(given, CurveTable) else given
+
+
+def values_at(given: Factors | Translations, time: float) -> FloatArray:
+    """A factor, shape (1,), or a translation, shape (3,), at a time."""
+    curve = given.curve() if isinstance(given, CurveTable) else CurveTable(table=given).curve()
+    return curve.at(time)
 
 
 def rows_of(given: Factors | Translations) -> tuple[tuple[float, ...], ...]:

@@ -52,6 +52,7 @@ from .session import Session
 from .terminal import (
     Display,
     about,
+    changes_in_words,
     forces_in_a_step,
     introduce,
     report,
@@ -362,6 +363,7 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
     warned: tuple[str, ...] = ()
     taken = 0
     forces: list[float] = []
+    ends = [0.0]
 
     def say(step: LoadStep) -> bool:
         nonlocal warned, taken
@@ -369,11 +371,14 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
         forces.extend(normal_forces(row).values())
         least = accuracy(step.solution.force_balance.entries(), settings.solver.tolerance, forces=forces)
         halved = f", halved {step.halvings} times" if step.halvings else ""
-        when, problems = f"{row['time']:.4g} s", step.solution.methods.get("linear_problems")
+        problems, began_at = step.solution.methods.get("linear_problems"), ends[-1]
+        ends.append(row["time"])
+        changes, when = changes_in_words(settings, began_at, row["time"]), f"{row['time']:.4g} s"
         linear = "" if problems is None else f"{problems} linear problems, "
         console.out(
-            f"step {row['step']:3d}  time {when:<9} {forces_in_a_step(row, least['N'])}, open {row['open']}, stick "
-            f"{row['stick']}, slip {row['slip']}, {linear}{row['path_following']} PF steps, "
+            f"step {row['step']:3d}  {when:<8} {changes:<20} "
+            f"{forces_in_a_step(row, least['N'])}; open {row['open']}, stick {row['stick']}, slip {row['slip']}; "
+            f"{linear}{row['path_following']} steps, "
             f"residual {row['residual']:.1e}"
             f"{'' if row['certified'] else ', certificate FAILED'}"
             f"{', OUTSIDE THE THEORY' if step.solution.outside else ''}{halved}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,46 +13,43 @@ from rich.console import Console
 
 from ..arrays import FloatArray
 from ..case.case import Case
-from ..case.contact import ContactTable
+from ..case.contact import ContactTable, RotationTable
+from ..case.curves import rows_of, values_at
+from ..case.loads import (
+    PointLoadTable,
+    PrescribedDisplacementTable,
+    PrescribedRotationTable,
+    PressureTable,
+    TotalForceTable,
+    TractionTable,
+)
+from ..case.ties import PretensionTable
 from ..contact_fields import named_faces, normal_forces
 from ..fem.bodies import Member
 from ..fem.contact import FoundPair
 from ..fem.geometry import tangent_lengths
 from ..fem.meshes import corner_geometry
-from ..io.accuracy import accuracy, rounded
+from ..io.accuracy import accuracy
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
 from ..model.input_echo import contacts_of, loads_of, supports_of, ties_of
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
-from ..pictures.report.units import (
-    NARROW,
-    bars_in_words,
-    compared_in_words,
-    friction_in_words,
-    scale_of,
-    share_of_tolerance,
-)
+from ..pictures.report.words import bars_in_words, compared_in_words, friction_in_words, in_few, share_of_tolerance
 from ..process import animated
 from ..solvers.results import Progress
+from ..units import plain, quantity, vector
 from .console import bad_input, errors
 
 
 def introduce(console: Console, case: Path, problem: ContactProblem) -> None:
     unknowns = problem.unknowns
     surface, over = problem.surface, Reductions(problem.comm)
-    law = law_in_words(problem.law.numbers(surface.area, tangent_lengths(surface.frames), over))
+    law = plain(friction_in_words(problem.law.numbers(surface.area, tangent_lengths(surface.frames), over)))
     console.out(
         f"{case}: {unknowns['displacement']} displacement and {unknowns['contact']} contact unknowns, {law}, "
         f"{problem.comm.size} {'rank' if problem.comm.size == 1 else 'ranks'}\n"
         + "\n".join([body_in_words(problem), *problem.body.chosen])
-    )
-
-
-def law_in_words(numbers: dict[str, Any]) -> str:
-    """The law of friction with its coefficients, from its numbers: Mohr-Coulomb friction 0.3, cohesion 2e+06 Pa."""
-    return friction_in_words(
-        numbers, lambda given, unit: f"{' to '.join(f'{value:g}' for value in given)} {unit}".strip()
     )
 
 
@@ -67,15 +65,10 @@ def body_in_words(problem: ContactProblem) -> str:
         if body.degree == 2:
             kind = f"{body.V.dofmap.dof_layout.num_dofs}-node {kind}"
         name = f" {member.name!r}" if member.name else ""
-        return f"body{name} {' x '.join(map(metres, lengths))}; {cells} {kind}, {nodes} nodes"
+        size = " x ".join(plain(quantity(length, "m")) for length in lengths)
+        return f"{'body':<8}{name} {size}; {cells} {kind}, {nodes} nodes"
 
     return "\n".join(map(line, problem.elasticity.members))
-
-
-def metres(length: float) -> str:
-    """A length in a suitable unit: 3 m, 40 mm, 2.5 km."""
-    factor, unit = scale_of(length, "m")
-    return f"{length / factor:.4g} {unit.replace('µ', 'u')}"
 
 
 def about(seconds: float) -> str:
@@ -101,8 +94,8 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
         console,
         "load",
         [
-            f"{load.what}{'' if history is None else f', largest at {load.time:g} s'}: force {_vector(load.force)} N, "
-            f"moment about the origin {_vector(load.moment)} N m"
+            f"{load.what}{'' if history is None else f', largest at {load.time:g} s'}: force "
+            + plain(f"{vector(load.force, 'N')}, moment about the origin {vector(load.moment, 'N m')}")
             for load in loads
         ],
     )
@@ -113,7 +106,8 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
     _print(console, "contact", [contact_in_words(one) for one in contacts_of(problem)])
     ties = ties_of(problem)
     words = [
-        f"{one['kind']} of {one['face']!r} to {one['against']!r}: {one['nodes']} nodes, {one['area']:.4g} m^2"
+        f"{one['kind']} of {one['face']!r} to {one['against']!r}: {one['nodes']} nodes, "
+        + plain(quantity(one["area"], "m²"))
         if one["area"]
         else f"{one['kind']} {one['face']!r}: {one['nodes']} nodes"
         for one in ties
@@ -125,7 +119,7 @@ def found_in_words(table: ContactTable, pair: FoundPair) -> str:
     """A contact that auto_contact has found, with its area and gap."""
     low, high = pair.gap
     return (
-        f"{table.face!r} against {table.against!r}: {pair.area:.3g} m^2 face each other, "
+        f"{table.face!r} against {table.against!r}: {plain(quantity(pair.area, 'm²', 3))} face each other, "
         f"gap {_range({'min': low, 'max': high})}"
     )
 
@@ -137,13 +131,14 @@ def contact_in_words(one: dict[str, Any]) -> str:
         times = " times its amplitude" if "gap amplitude" in one["moves"] else ""
         given = f", of which given {_range(one['given_gap'])}{times}"
     moves = f", moves by {one['moves']}" if one["moves"] else ""
-    return f"{one['face']!r}: {one['nodes']} nodes, {law_in_words(one)}, gap {gap}{given}; {one['foundation']}{moves}"
+    law = plain(friction_in_words(one))
+    return f"{one['face']!r}: {one['nodes']} nodes, {law}, gap {gap}{given}; {one['foundation']}{moves}"
 
 
 def _range(values: dict[str, float]) -> str:
-    """In metres, one number if all are the same."""
-    low, high = values["min"], values["max"]
-    return metres(low) if high - low <= 1e-9 * max(abs(low), abs(high)) else f"{metres(low)} to {metres(high)}"
+    """Lengths, one if all are the same."""
+    low, high = (plain(quantity(values[name], "m")) for name in ("min", "max"))
+    return low if low == high else f"{low} to {high}"
 
 
 def _print(console: Console, what: str, lines: Sequence[str], most: int = _LINES) -> None:
@@ -151,10 +146,6 @@ def _print(console: Console, what: str, lines: Sequence[str], most: int = _LINES
         console.out(f"{what:<8} {line}")
     if len(lines) > most:
         console.out(f"{what:<8} and {len(lines) - most} more, in summary.json")
-
-
-def _vector(values: FloatArray) -> str:
-    return f"({', '.join(f'{value:.6g}' for value in values)})"
 
 
 # --- progress -----------------------------------------------------------------------------------------------------
@@ -206,27 +197,29 @@ def report(
 ) -> None:
     """Print the last lines of a run; numbers below the accuracy that the tolerance of its solver gives as 0.  `kept` is
     the directory of the results before, if there were any."""
-    iterations, nodes, least = contents["iterations"], contents["nodes"], accuracy(contents, tolerance)["N"]
+    iterations, nodes, least = contents["iterations"], contents["nodes"], accuracy(contents, tolerance)
+    shown, forces = partial(quantity, accuracy=least), partial(vector, unit="N", digits=6, accuracy=least)
+    pressure, slip = contents["maximum"]["contact_pressure"], contents["totals"]["greatest_slip"]
     outer = f"{iterations['outer']} Tresca problems, " if iterations["outer"] else ""
     rate = contents["contraction"]
     contraction = f", contraction {rate:.2g}" if rate is not None and np.isfinite(rate) else ""
     seconds = ", ".join(f"{name} {value:.2f}" for name, value in contents["seconds"].items() if name != "total")
-    each = [f"{body['name']} ({_forces(body['contact_force'], least)})" for body in contents.get("bodies", ())]
-    pressing = [f"{name} {_forces([face['normal_force']], least)}" for name, face in named_faces(contents["faces"])]
-    on_body = f"normal force in N of {', '.join(pressing)}"
+    each = [f"{body['name']} {forces(body['contact_force'])}" for body in contents.get("bodies", ())]
+    on_body = ", ".join(
+        f"{f'{name}: ' if len(contents['faces']) > 1 else ''}normal {shown(face['normal_force'], 'N', 6)}, "
+        f"friction {shown(face['friction_force'], 'N', 6)}"
+        for name, face in named_faces(contents["faces"])
+    )
     if each:
-        on_body = f"contact force in N on {', '.join(each)}; {on_body}"
-    elif (force := contents.get("force_on_body")) is not None:  # not of components of one mesh in several pairs
-        on_body = f"force on the body ({_forces(force['vector'], least)}) N; {on_body}"
-        if "normal" in force:
-            normal, tangential = _forces([force["normal"]], least), _forces(force["tangential"], least)
-            on_body = f"force on the body: normal {normal} N, tangential ({tangential}) N"
+        on_body = f"contact force on {', '.join(each)}; {on_body}"
+    elif (vector_of := contents.get("force_on_body")) is not None:  # not of components of one mesh in several pairs
+        on_body = f"force on the body {forces(vector_of['vector'])}; {on_body}"
     lines = (
         f"{contents['status']} ({contents['method']['solver']}): residual {contents['residual']:.1e}, {outer}"
         f"{iterations['path_following']} path-following steps, {iterations['products']} products{contraction}",
-        on_body,
+        plain(on_body),
         f"contact nodes {nodes['contact']}: open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}; "
-        f"largest pressure {contents['maximum']['contact_pressure']:.6g} Pa",
+        + plain(f"largest pressure {shown(pressure, 'Pa')}, largest slip {shown(slip, 'm')}"),
         str(solution.certificate),
         f"seconds: {seconds}; {total:.2f} in all",
     )
@@ -251,11 +244,7 @@ def _before(kept: str) -> str:
 def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float) -> None:
     """Print totals with their error bars, if the summary has them, and whether the tolerance of the solver leaves more
     than a hundredth of one."""
-    plain = str.maketrans(f"{NARROW}−µ⁻⁰¹²³⁴⁵⁶⁷⁸⁹", " -u-0123456789") | str.maketrans({"±": "+-"})
-    rows = [
-        (name, shown.replace("m²", "m^2").replace("×10", "e").translate(plain))
-        for name, shown, _ in bars_in_words(contents)
-    ]
+    rows = [(name, plain(shown)) for name, shown, _ in bars_in_words(contents)]
     if rows:
         console.out(f"error bars of the mesh, from {compared_in_words(contents)}:")
     for name, shown in rows[:_LINES]:
@@ -270,21 +259,83 @@ def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float
 
 
 def forces_in_a_step(row: dict[str, Any], least: float) -> str:
-    """The contact forces of a load step in words, from its line of history.csv: of several faces or pairs those of
-    each, since their sum has a meaning on one body only.  Magnitudes up to `least` newtons are printed as 0."""
-    on_body = rounded((row[f"force_{axis}"] for axis in "xyz" if f"force_{axis}" in row), least)
-    force = f", force ({', '.join(f'{component:.6g}' for component in on_body)}) N" if on_body else ""
-    pressing = normal_forces(row)
-    values = rounded(pressing.values(), least)
-    each = [f"{name} {value:.6g} N".lstrip() for name, value in zip(pressing, values, strict=True)]
+    """The contact forces of a load step in words, from its line of history.csv, of the first contacts and bolts;
+    magnitudes up to `least` newtons are printed as 0."""
+
+    def force(value: float) -> str:
+        return f"{plain(quantity(value, 'N', accuracy={'N': least})):<8}"
+
+    rubbing = normal_forces(row, "friction_force")
+    shown = [
+        f"{f'{name}: ' if name else ''}normal {force(pressing)} friction {force(rubbing[name])}"
+        for name, pressing in normal_forces(row).items()
+    ]
+    if "force_x" in row:
+        of = vector([row[f"force_{axis}"] for axis in "xyz"], "N", accuracy={"N": least})
+        shown.append(f"force {plain(of)}")
     begin, end = "bolt_", "_force"
     bolts = {name[len(begin) : -len(end)]: row[name] for name in row if name.startswith(begin) and name.endswith(end)}
-    screwed = "".join(f"; bolt {face} {value:.6g} N" for face, value in bolts.items())
-    return f"normal {', '.join(each)}{force}{screwed}"
+    screwed = [f"bolt {face} {force(value)}" for face, value in bolts.items()]
+    return "  ".join(in_few(some, sep="  ") for some in (shown, screwed) if some).rstrip()
 
 
-def _forces(values: Sequence[float], least: float) -> str:
-    return ", ".join(f"{value:.9g}" for value in rounded(values, least))
+def changes_in_words(case: Case, before: float, time: float) -> str:
+    """What a load step from one time to another changes, with its value at the end: 'top' x 0.25 mm."""
+    changed = [
+        _driven(key, table, values_at(rows, time))
+        for key, (table, rows) in case.timed.items()
+        if np.any(values_at(rows, time) != values_at(rows, before))
+    ]
+    return in_few(changed, 2)
+
+
+def _driven(key: str, table: Any, at: FloatArray) -> str:
+    """A load, support or motion of a case with its factor, or its translation, `at` a time."""
+
+    def along(value: Any, unit: str, components: str = "xyz") -> str:
+        if any(isinstance(one, str) for one in value):
+            return f"times {at[0]:.4g}"
+        part = [factor * one for factor, one in zip(np.resize(at, 3), value, strict=True)]
+        named = [(axis, by) for axis, by, one in zip("xyz", part, value, strict=True) if axis in components and one]
+        if len(named) == 1 and components != "normal":
+            return f"{named[0][0]} {plain(quantity(named[0][1], unit))}"
+        return plain(vector(part, unit))
+
+    match table:
+        case PrescribedRotationTable():
+            return f"{table.face!r} turned {np.degrees(at[0] * table.angle):.4g} deg"
+        case PrescribedDisplacementTable():
+            return f"{table.face!r} {along(table.value, 'm', table.components)}"
+        case TractionTable():
+            return f"traction on {table.face!r} {along(table.value, 'Pa')}"
+        case PressureTable() if not isinstance(table.value, str):
+            return f"pressure on {table.face!r} {plain(quantity(at[0] * table.value, 'Pa'))}"
+        case TotalForceTable():
+            return f"force on {table.face!r} {along(table.force, 'N')}"
+        case PointLoadTable():
+            sizes = (("force", table.force, "N"), ("moment", table.moment, "N m"))
+            return " and ".join(
+                f"{name} on {table.face!r} {along(size, unit)}" for name, size, unit in sizes if any(size)
+            )
+        case PretensionTable() if table.force is not None:
+            return f"bolt {table.face!r} {plain(quantity(at[0] * table.force, 'N'))}"
+        case RotationTable():
+            return f"foundation turned {np.degrees(at[0]):.4g} deg"
+        case ContactTable() if table.motion and len(at) == 3:
+            moving = np.any(np.array(rows_of(table.motion))[:, 1:], axis=0).astype(float)
+            return f"foundation of {table.face!r} {along(moving, 'm')}"
+    return f"{key.removesuffix('amplitude').strip('._')} times {at[0]:.4g}"
+
+
+_ENERGIES: Final = {
+    "loads": "loads",
+    "prescribed": "prescribed displacements",
+    "foundation": "foundation",
+    "elastic": "elastic",
+    "dissipated": "friction",
+    "imbalance": "time-stepping error",
+}
+"""Entries of `energy` in the summary of a history, in words."""
 
 
 def report_history(
@@ -297,19 +348,19 @@ def report_history(
     tolerance of the solver.
     """
     done, largest = history["iterations"], history["maximum"]
-    least = tolerance * max(map(abs, history["energy"].values()))
-    energy = dict(zip(history["energy"], rounded(history["energy"].values(), least), strict=True))
+    least = {**accuracy({}, tolerance, history), "J": tolerance * max(map(abs, history["energy"].values()))}
+    shown = partial(quantity, accuracy=least)
+    amounts = [plain(f"{name} {shown(history['energy'][key], 'J')}") for key, name in _ENERGIES.items()]
     pressure, slip, residual = largest["contact_pressure"], largest["slip_in_a_step"], history["residual"]
-    (slid,) = rounded([slip["value"]], accuracy({}, tolerance, history)["m"])
     before = f", {history['steps'] - taken} were there before" if taken < history["steps"] else ""
     lines = (
-        f"all {history['steps']} steps: largest pressure {pressure['value']:.6g} Pa (step {pressure['step']}), "
-        f"largest slip in one step {slid:.6g} m (step {slip['step']}); "
-        f"{done['path_following']} path-following steps, {done['products']} products, "
+        plain(
+            f"all {history['steps']} steps: largest pressure {shown(pressure['value'], 'Pa')} "
+            f"(step {pressure['step']}), largest slip in one step {shown(slip['value'], 'm')} (step {slip['step']}); "
+        )
+        + f"{done['path_following']} path-following steps, {done['products']} products, "
         f"largest residual {_figure(residual['value'])} (step {residual['step']})",
-        f"energy in J since the start: loads {energy['loads']:.6g}, prescribed displacements "
-        f"{energy['prescribed']:.6g}, foundation {energy['foundation']:.6g}; elastic {energy['elastic']:.6g}, friction "
-        f"{energy['dissipated']:.6g}, time-stepping error {energy['imbalance']:.2g}",
+        "energy since the start: " + ", ".join(amounts),
         f"{taken} steps in this run{before}, {seconds:.2f} seconds; results in {target}{os.sep}{_before(kept)}",
         _steps_that_count(history),
     )

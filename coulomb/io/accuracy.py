@@ -1,4 +1,5 @@
-"""Amounts below the accuracy of an answer, which terminal, report and pictures show as 0.  Standard library only."""
+"""Amounts below the accuracy of an answer, shown as 0 (`units.rounded`) by terminal, report and pictures.  Standard
+library only."""
 
 from __future__ import annotations
 
@@ -46,11 +47,6 @@ def accuracy(
         pressure = _largest([pressure, most["contact_pressure"]])
     scales = {"N": force, "N m": moment, "m": length, "Pa": pressure, "J": force * length, "J/m²": pressure * length}
     return {unit: tolerance * scale for unit, scale in scales.items()}
-
-
-def rounded(values: Iterable[float], least: float) -> list[float]:
-    """Numbers, of which those up to `least` are 0."""
-    return [0.0 if abs(value) <= least else value for value in values]
 
 
 def _largest(*values: Iterable[float | None]) -> float:

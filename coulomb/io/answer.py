@@ -35,7 +35,7 @@ from .energy_error import StressOfAnswer, stress_of
 from .summary import summary
 
 UNIT_OF = {
-    **dict.fromkeys(("force", "normal_force", "opposite_force", "contact_force", "shear"), "N"),
+    **dict.fromkeys(("force", "normal_force", "friction_force", "opposite_force", "contact_force", "shear"), "N"),
     **dict.fromkeys(("moment", "opposite_moment", "contact_moment", "torque", "bending", "torsion"), "N m"),
     **dict.fromkeys(("displacement", "slip", "greatest_slip", "centre_of_pressure"), "m"),
     **dict.fromkeys(("translation", "shortening"), "m"),

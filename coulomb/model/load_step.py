@@ -36,7 +36,7 @@ def face_columns(name: str, face: Mapping[str, Any]) -> dict[str, Any]:
     """The columns of one of several contact faces, or of a pair, with its name in files (`side_names`), from its entry
     in summary.json."""
     opposite = ("opposite_force", "opposite_moment") if "against" in face else ()
-    forces = _columns(name, face, ("force", "moment", *opposite), ("normal_force", "contact_area"))
+    forces = _columns(name, face, ("force", "moment", *opposite), ("normal_force", "friction_force", "contact_area"))
     return forces | _columns(name, face, ("centre_of_pressure",))
 
 
@@ -304,7 +304,7 @@ def row(
         "time": at.time,
         **(along_axes("force", face["force"]) if "force" in face else {}),
         **(along_axes("moment", face["moment"]) if "moment" in face else {}),
-        **({"normal_force": face["normal_force"]} if "normal_force" in face else {}),
+        **{name: face[name] for name in ("normal_force", "friction_force") if name in face},
         "contact_area": face["contact_area"],
         **(along_axes("centre_of_pressure", face["centre_of_pressure"]) if "centre_of_pressure" in face else {}),
         "greatest_slip": face["greatest_slip"],

@@ -195,6 +195,11 @@ class NodalAnswer:
         return traction
 
     @property
+    def _friction_on_body(self) -> FloatArray:
+        """Newtons, space vectors, shape (m, 3)."""
+        return self.friction_traction * self.area[:, None]
+
+    @property
     def friction_use(self) -> FloatArray:
         """Friction over its bound; 0 where the node is open; shape (m,); collective."""
         use = self._friction / np.where(self.bound > 0.0, self.bound, np.inf)
@@ -254,8 +259,11 @@ class NodalAnswer:
         Force and moment (about the origin) are those on the body.  The centre of pressure is the mean position
         of the normal forces, null without any.  Slip and dissipated energy are measured from `slip_origin`.
 
-        Of several faces together there are no normal force and centre of pressure, which are about one face, and force
-        and moment only where one body touches foundations alone: forces on different bodies have no sum.
+        The normal force is the sum of those of the nodes; the friction force is the size of the resultant of theirs.
+
+        Of several faces together there are no normal force, friction force and centre of pressure, which are about one
+        face, and force and moment only where one body touches foundations alone: forces on different bodies have no
+        sum.
         """
         alone = part is not None or len(self.faces) == 1
         here = self.part == part if part is not None else np.ones(len(self.part), dtype=bool)
@@ -267,10 +275,11 @@ class NodalAnswer:
         centre = over.total(force[:, 0] @ x) / pressing if pressing > 0.0 else None
         force_on_body = over.total(on_body.sum(axis=0)).tolist()
         moment = over.total(np.cross(x, on_body).sum(axis=0)).tolist()
+        friction = over.total(self._friction_on_body[here].sum(axis=0))
         return {
             "faces": list(self.faces) if part is None else [self.faces[part]],
             **({"force": force_on_body, "moment": moment} if alone or self._on_one_body else {}),
-            **({"normal_force": pressing} if alone else {}),
+            **({"normal_force": pressing, "friction_force": float(np.linalg.norm(friction))} if alone else {}),
             "contact_area": over.sum(self.area[here][closed]),
             **({"centre_of_pressure": None if centre is None else centre.tolist()} if alone else {}),
             "greatest_slip": max(over.max(moving[closed]), 0.0),

@@ -80,7 +80,7 @@ def test_check_case_solves_and_writes_nothing(tmp_path):
     assert done.returncode == 0, done.stderr
     first, body, *others = done.stdout.splitlines()
     assert first.endswith("1815 displacement and 363 contact unknowns, Coulomb friction 0.5, 1 rank")
-    assert body == "body 100 mm x 100 mm x 50 mm; 500 hexahedra, 726 nodes"
+    assert body == "body     100 mm x 100 mm x 50 mm; 500 hexahedra, 726 nodes"
     assert [line[:8].strip() for line in others[:3]] == ["support", "support", "contact"]
     del others[:3]
     assert others[0] == "K direct (nested dissection), A explicit"

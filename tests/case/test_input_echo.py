@@ -1,6 +1,7 @@
 """The list of loads, supports and contact pairs before the solution, against formulas."""
 
 import json
+import tomllib
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ from conftest import run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Plane, PrescribedDisplacement, Spring, Traction
+from coulomb.case.case import Case
+from coulomb.cli.terminal import changes_in_words
 from coulomb.model.input_echo import contacts_of, loads_of, supports_of
 
 CASE = """
@@ -25,8 +28,7 @@ foundation = { point = [0, 0, -0.001], normal = [0.0, 0.0, 1.0] }
 motion = [[0, 0, 0, 0], [3, 0, 0, 1e-3]]
 """
 EXPECTED = [
-    "load     traction on 'top', largest at 2 s: force (200000, 0, -4e+06) N, "
-    "moment about the origin (-2e+06, 4.1e+06, -100000) N m",
+    "load     traction on 'top', largest at 2 s: force (0.2, 0, -4) MN, moment about the origin (-2, 4.1, -0.1) MN m",
     "support  clamp on 'left': x, z",
     "support  spring on 'right': stiffness (0, 1e+09, 0) N/m^3",
     "contact  'bottom': 12 nodes, Coulomb friction 0.3, gap 1 mm; plane, point (0, 0, -0.001), "
@@ -62,6 +64,39 @@ def test_a_run_lists_and_keeps_it(tmp_path):
     assert quiet.stdout == ""
 
 
+def test_what_a_load_step_changes():
+    """With its value at the end of the step, at half of the amplitudes; what stays is not named."""
+    half = [(0.0, 0.0), (1.0, 0.0), (3.0, 1.0)]
+    tables = {
+        "prescribed_displacement": [{"face": "left", "value": [0.0, 0.0, -2e-3]}],
+        "prescribed_rotation": [{"face": "right", "point": [0, 0, 0], "axis": [1, 0, 0], "angle": 0.1}],
+        "traction": [{"face": "top", "value": [2e6, 0, -4e6]}, {"face": "front", "value": ["x", 0, 0]}],
+        "pressure": [{"face": "top", "value": 3e6}],
+        "total_force": [{"face": "top", "force": [0, 5e3, 0]}],
+        "point_load": [{"face": "back", "moment": [0, 0, 7.0]}],
+    }
+    case = tomllib.loads(CASE.replace("CELL", "hexahedron"))
+    del case["clamp"], case["traction"]
+    for kind, given in tables.items():
+        case[kind] = [{**table, "amplitude": half} for table in given]
+    case["gravity"], case["gravity_amplitude"] = [0, 0, -9.81], [(0, 1)]
+    case["contact"]["rotation"] = {"point": [0, 0, 0], "axis": [0, 0, 1], "angle": [(0, 0), (2, np.pi)]}
+    case["contact"]["motion"] = [(0, 0, 0, 0), (1, 0, 0, 0), (3, 0, 0, 2e-3)]
+
+    def changes(kept, before=1.0):
+        others = {key: value for key, value in case.items() if key not in tables or key == kept}
+        others["contact"] = {k: v for k, v in case["contact"].items() if k not in ("motion", "rotation") or k == kept}
+        return changes_in_words(Case.model_validate(others), before, 2.0)
+
+    assert changes("prescribed_displacement") == "'left' z -1 mm"
+    assert changes("prescribed_rotation") == "'right' turned 2.865 deg"
+    assert changes("traction") == "traction on 'top' (1, 0, -2) MPa, traction on 'front' times 0.5"
+    assert changes("pressure") == "pressure on 'top' 1.5 MPa" and changes("total_force") == "force on 'top' y 2.5 kN"
+    assert changes("point_load") == "moment on 'back' z 3.5 N m"
+    assert changes("motion") == "foundation of 'bottom' z 1 mm" and changes("rotation") == "foundation turned 180 deg"
+    assert changes("", 2.0) == changes("gravity") == ""
+
+
 def test_moments_of_a_traction_that_varies():
     """t = (0, 0, -p x y / m^2) on a unit square at z = 1: force -p/4, moment (-p/6, p/6, 0)."""
     p = 3e6
@@ -85,8 +120,8 @@ def test_what_supports_hold():
     problem = ContactProblem(coulomb.box((1, 1, 1), (2, 2, 2)), Material(1e9, 0.3), supports, contact, springs=springs)
     assert [one["holds"] for one in supports_of(problem)] == [
         "along the normal",
-        "along (0, 1, 1): the part of (0, 0, 0.001) m",
-        "x = 0.001 m, z = -0.002 m",
+        "along (0, 1, 1): the part of (0, 0, 1) mm",
+        "x = 1 mm, z = -2 mm",
         "y: a function of x",
         "stiffness 1e+09 N/m^3",
     ]

@@ -37,7 +37,7 @@ def test_run(tmp_path):
     assert (tmp_path / "out" / "picture.png").exists()
     lines = done.stdout.splitlines()
     assert "2646 displacement and 378 contact unknowns, Coulomb friction 0.3" in lines[0]
-    assert lines[1] == "body 3 m x 1 m x 1 m; 648 hexahedra, 931 nodes"
+    assert lines[1] == "body     3 m x 1 m x 1 m; 648 hexahedra, 931 nodes"
     assert [line.split()[0] for line in lines[2:6]] == ["load", "load", "support", "contact"]
     assert lines[6].startswith("path following   1  residual ")  # plain lines if the output is not a terminal
     assert any(line.startswith("converged (auto: interior point): residual ") for line in lines)

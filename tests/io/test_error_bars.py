@@ -29,7 +29,7 @@ from coulomb.io.error_bars import (
     extrapolated,
 )
 from coulomb.io.other_meshes import NoErrorBars
-from coulomb.pictures.report.units import compared_in_words, share_of_tolerance
+from coulomb.pictures.report.words import compared_in_words, share_of_tolerance
 from verification.ring_pair import BORE, FIT, INTERFERENCE, LENGTH, RIM, fitted, lame, quarter
 
 STEEL = Material(young=2.1e11, poisson=0.3)

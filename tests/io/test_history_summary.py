@@ -13,6 +13,7 @@ from conftest import ROOT, run_coulomb
 
 from coulomb.io.history_files import added, whole
 from coulomb.model import provenance
+from coulomb.units import plain, quantity
 from coulomb.version import __version__
 
 HISTORY = ROOT / "demos" / "history.toml"
@@ -64,17 +65,17 @@ def test_energy_of_the_history_is_the_sum_over_its_steps(done):
     assert contents["history"]["energy"]["dissipated"] == pytest.approx(sum(dissipated)) != dissipated[-1]
     rows = list(csv.DictReader((directory / "history.csv").open()))
     assert float(rows[-1]["energy_dissipated"]) == pytest.approx(sum(dissipated))
-    assert f"friction {sum(dissipated):.6g}, time-stepping error" in said
+    assert f"friction {plain(quantity(sum(dissipated), 'J'))}, time-stepping error" in said
 
 
 def test_terminal_labels_its_figures(done):
     directory, said = done
     history = json.loads((directory / "summary.json").read_text())["history"]
     pressure, slip = history["maximum"]["contact_pressure"], history["maximum"]["slip_in_a_step"]
-    assert f"all 4 steps: largest pressure {pressure['value']:.6g} Pa (step {pressure['step']})" in said
-    assert f"largest slip in one step {slip['value']:.6g} m (step {slip['step']})" in said
-    assert f"{history['iterations']['products']} products" in said and "energy in J since the start" in said
-    assert "4 steps in this run, " in said and re.search(r"step   2  time 2 s ", said)
+    assert f"all 4 steps: largest pressure {plain(quantity(pressure['value'], 'Pa'))} (step {pressure['step']})" in said
+    assert f"largest slip in one step {plain(quantity(slip['value'], 'm'))} (step {slip['step']})" in said
+    assert f"{history['iterations']['products']} products" in said and "energy since the start: " in said
+    assert "4 steps in this run, " in said and re.search(r"step   2  2 s  +'top' x ", said)
 
 
 def test_a_history_that_was_resumed_has_the_same_figures_and_both_runs(done, tmp_path):

@@ -24,7 +24,7 @@ from coulomb.pictures.report import charts, results
 from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.problem import in_time, supports_and_loads, values_in_time
-from coulomb.pictures.report.units import number, quantity, scale_of, vector
+from coulomb.units import number, quantity, scale_of, vector
 from coulomb.version import __version__
 
 APART = """

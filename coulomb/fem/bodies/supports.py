@@ -13,6 +13,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
+from ...units import plain, quantity, vector
 from ..geometry import (
     LEAST_LENGTH,
     Amplitude,
@@ -44,8 +45,9 @@ def held_in_words(components: str, direction: Field | None, value: Field) -> str
     if not np.any(given):
         return held
     if letters:
-        return ", ".join(f"{letter} = {given['xyz'.index(letter)]:g} m" for letter in components)
-    return f"{held}: the part of {vector_in_words(given)} m"
+        moved = {letter: given["xyz".index(letter)] for letter in components}
+        return ", ".join(f"{letter} = {plain(quantity(by, 'm')) if by else 0}" for letter, by in moved.items())
+    return f"{held}: the part of {plain(vector(given, 'm'))}"
 
 
 def vector_in_words(vector: Sequence[float] | FloatArray) -> str:

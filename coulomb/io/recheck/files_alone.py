@@ -32,6 +32,7 @@ _TOTALS: Final = (
     "faces",
     "force",
     "normal_force",
+    "friction_force",
     "contact_area",
     "greatest_slip",
     "greatest_pressure",

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ...contact_fields import normal_forces
+from ...units import scale_of
 from .fields import ZONES, zone_counts
 from .files import Rows, Run
 from .grids import nodes_of
 from .problem import values_in_time
-from .units import scale_of
 
 _INK = "#010203"  # becomes the page's own colour
 _FIRST, _SECOND, _THIRD, _FOURTH = "#0b84d8", "#e06c00", "#009e73", "#b05ea5"

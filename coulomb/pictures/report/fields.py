@@ -15,7 +15,7 @@ from ...contact_fields import AGAINST, CONTACT_FIELDS
 from ...io.field_files import OPPOSITE, Grid
 from .files import Run
 from .grids import contact_points
-from .units import in_few
+from .words import in_few
 
 ZONES = {0: ("open", "#dde6ea"), 1: ("stick", "#2159a8"), 2: ("slip", "#e68a1e"), 3: ("no contact point", "#2b2b2b")}
 """Name and colour of every status in contact.xdmf: a luminance contrast of 2 between any two, for greyscale,

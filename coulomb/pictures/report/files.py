@@ -16,8 +16,8 @@ from ...contact_fields import normal_forces
 from ...io.accuracy import TOLERANCE, accuracy
 from ...io.field_files import Grid, read_grids
 from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, step_place
+from ...units import in_seconds
 from .grids import first_order, merged
-from .units import in_seconds
 
 Rows = list[dict[str, float]]
 

@@ -16,12 +16,13 @@ import numpy as np
 from PIL import Image
 
 from ...contact_fields import normal_forces
+from ...units import in_seconds, number, quantity, scale_of, vector
 from . import charts, problem, results
 from .fields import AXES, ZONES, Bar, Field, limits_of, named, ramp, zone_counts
 from .files import Run, read_run
 from .scene import Look, Shot, automatic_scale, cropped, shoot
 from .surface_view import surface_view
-from .units import compared_in_words, in_seconds, number, quantity, scale_of, vector
+from .words import compared_in_words
 
 PICTURES = (
     ("pressure", "contact"),

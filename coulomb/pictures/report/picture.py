@@ -21,10 +21,11 @@ from PIL import Image
 
 from ...io.field_files import Grid
 from ...io.run_directory import PICTURE, RunDirectory
+from ...units import in_seconds, number, scale_of
 from .fields import AXES, INK, ZONES, Bar, Field, Limits, limits_of, named, ramp, zone_counts
 from .files import Run, Step, read_run
 from .scene import VIEWS, Look, Shot, automatic_scale, camera_of, cropped, paint, plotter_for, shoot
-from .units import friction_in_words, in_nodes, in_seconds, number, scale_of
+from .words import friction_in_words, in_nodes
 
 PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
 

@@ -10,9 +10,10 @@ import numpy as np
 from ...arrays import FloatArray
 from ...contact_fields import named_faces
 from ...load_curve import LoadCurve
+from ...units import in_seconds, number, quantity, vector
 from .files import Run
 from .grids import blocks_of
-from .units import friction_in_words, in_nodes, in_seconds, number, quantity, vector
+from .words import friction_in_words, in_nodes
 
 Facts = list[tuple[str, str]]
 

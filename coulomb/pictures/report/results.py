@@ -9,10 +9,11 @@ from functools import partial
 from typing import Any
 
 from ...contact_fields import named_faces, sides_of
+from ...units import NARROW, in_seconds, number, quantity, vector
 from .fields import FIELDS, zone_counts
 from .files import Run
 from .grids import blocks_of
-from .units import NARROW, bars_in_words, in_seconds, number, quantity, share_of_tolerance, vector
+from .words import bars_in_words, share_of_tolerance
 
 Facts = list[tuple[str, str]]
 Table = tuple[tuple[str, ...], list[tuple[str, ...]]]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray
 from ...io.field_files import Grid
+from ...units import scale_of
 from .fields import INK, ZONES, Field, Limits, named, zone_counts
 from .files import Run, Step
 from .grids import (
@@ -25,7 +26,6 @@ from .grids import (
     skin_of,
     without,
 )
-from .units import scale_of
 
 ANGLE: Final = 30.0
 """Opening angle in degrees of a camera that sees the bounding sphere: the strength of the perspective."""

@@ -11,11 +11,11 @@ import numpy as np
 from ...arrays import FloatArray, IntArray
 from ...contact_fields import names
 from ...io.field_files import Grid
+from ...units import in_seconds, scale_of
 from .fields import AXES, ZONES, limits_of, named, ramp
 from .files import Run, Step
 from .grids import blocks_of, nodes_in_body, nodes_of, outward, skin_of
 from .scene import looking_at
-from .units import in_seconds, scale_of
 
 SHOWN, ACCUMULATED = names(shown="report"), names(shown="history")
 """Fields in the menu, and those of load histories besides."""

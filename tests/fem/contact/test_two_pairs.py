@@ -2,6 +2,7 @@
 not given."""
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -31,6 +32,7 @@ from coulomb.io.field_files import OPPOSITE, read_grids
 from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
 from coulomb.model.nodal_answer import HELD, OPEN
+from coulomb.units import plain, quantity
 
 BELOW, ABOVE = "mid:around against low:top", "mid:around against up:bottom"
 LAST = "steps/0002"
@@ -116,8 +118,9 @@ def test_the_terminal_has_the_forces_of_each_pair(tmp_path):
     done = run_coulomb("run", "lens.toml", "--set", "history.times=[1]", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     faces = json.loads((tmp_path / "run" / "steps/0001" / "summary.json").read_text())["faces"]
-    shown = [f"{name} {face['normal_force']:.6g} N" for name, face in zip((BELOW, ABOVE), faces, strict=True)]
-    assert f"normal {', '.join(shown)}, open" in done.stdout
+    for name, face in zip((BELOW, ABOVE), faces, strict=True):
+        normal, friction = (plain(quantity(face[f"{kind}_force"], "N")) for kind in ("normal", "friction"))
+        assert re.search(rf"{name}: normal {normal} +friction {friction}", done.stdout)
 
 
 def test_a_history_is_continued(run, tmp_path):

@@ -1,0 +1,110 @@
+"""Numbers with their units, in prefixes of the SI.  Standard library only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Final
+
+NARROW: Final = "\u202f"
+"""Non-breaking space between a number and its unit."""
+
+_PLAIN: Final = str.maketrans(f"{NARROW}−µ⁻⁰¹²³⁴⁵⁶⁷⁸⁹", " -u-0123456789") | str.maketrans({"±": "+-"})
+_PREFIXES: Final = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+_AREAS: Final = ((1.0, "m²", 0.1), (1e-4, "cm²", 1e-4), (1e-6, "mm²", 1e-8), (1e-12, "µm²", 0.0))
+"""Factor, unit, and the least area in m² that is given in it."""
+
+
+def scale_of(largest: float, unit: str) -> tuple[float, str]:
+    """The SI prefix suited for numbers up to `largest` in the bare unit, of either sign: the factor to divide by, and
+    the unit with its prefix, as (1e6, "MPa")."""
+    size = abs(largest)
+    if not unit or unit == "°" or size == 0.0 or not math.isfinite(size):
+        return 1.0, unit
+    if unit == "m²":
+        return next((factor, name) for factor, name, least in _AREAS if size >= 0.9995 * least)
+    power = 3 * math.floor(math.log10(size * 1.0005) / 3.0)  # 999.96 reads 1000: the next prefix
+    power = min(max(power, min(_PREFIXES)), 3 if unit == "s" else max(_PREFIXES))
+    if unit == "s":
+        power = min(power, 0)
+    return 10.0**power, _PREFIXES[power] + unit
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number in few digits; very large and small ones as 1.2×10⁻⁸, nan as a dash."""
+    if not math.isfinite(value):
+        return "–"
+    shown = f"{value:.{digits}g}"
+    if "e+" in shown and abs(value) < 1e6:
+        shown = f"{float(shown):.0f}"
+    shown = shown.replace("-", "−")
+    if "e" not in shown:
+        return shown
+    mantissa, power = shown.split("e")
+    power = power.replace("−", "-")
+    raised = str(int(power)).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return f"{mantissa}×10{raised}"
+
+
+def plain(text: str) -> str:
+    """In ASCII, which every terminal, log file and pipe has: 24 um, 1 m^2, 1.2e-8."""
+    return text.replace("m²", "m^2").replace("×10", "e").translate(_PLAIN)
+
+
+def rounded(values: Iterable[float], least: float) -> list[float]:
+    """Numbers, of which those up to `least` are 0."""
+    return [0.0 if abs(value) <= least else value for value in values]
+
+
+def quantity(
+    value: float | None, unit: str = "", digits: int = 4, accuracy: Mapping[str, float] = MappingProxyType({})
+) -> str:
+    """A number with its unit: 151.3 MPa; 0 up to the `accuracy` of the unit (`io.accuracy`)."""
+    if value is None:
+        return "–"
+    (value,) = rounded([value], accuracy.get(unit, 0.0))
+    factor, prefixed = scale_of(value, unit)
+    return f"{number(value / factor, digits)}{NARROW}{prefixed}" if prefixed else number(value, digits)
+
+
+def in_seconds(value: float) -> str:
+    """A time of a history or of a run in seconds, without prefixes: 0.25 s."""
+    return f"{number(value, 4)}{NARROW}s"
+
+
+def vector(
+    values: Iterable[float], unit: str, digits: int = 4, accuracy: Mapping[str, float] = MappingProxyType({})
+) -> str:
+    """Components with one unit: (−14.7, −22.5, 104) MN; those below the last digit of the largest are shown as 0, and
+    what is up to the `accuracy` of the unit (`io.accuracy`)."""
+    values = rounded(values, accuracy.get(unit, 0.0))
+    largest = max((abs(value) for value in values), default=0.0)
+    factor, prefixed = scale_of(largest, unit)
+    shown = ", ".join(number(v / factor, digits) for v in rounded(values, 0.5 * 10.0**-digits * largest))
+    return f"({shown}){NARROW}{prefixed}"
+
+
+def with_bar(values: Sequence[float], bars: Sequence[float] | None, unit: str) -> str:
+    """A number, or the components of a vector, with error bars in two digits: 104.42 ± 0.59 MN; without bars in four
+    digits.  At most six decimals; the prefix suits the larger one: 0.0 ± 1.8 µm."""
+    factor, prefixed = scale_of(max(map(abs, [*values, *(bars or ())])), unit)
+    largest = 0.0 if bars is None else max(bars) / factor
+    decimals = min(max(1 - math.floor(math.log10(largest)), 0), 6) if 0.0 < largest < math.inf else 4
+
+    def listed(numbers: Sequence[str]) -> str:
+        return numbers[0] if len(numbers) == 1 else f"({', '.join(numbers)})"
+
+    def rounded_off(value: float) -> str:
+        return f"{round(value / factor, decimals) + 0.0:.{decimals}f}".replace("-", "−")  # no -0
+
+    if bars is None:
+        return f"{listed([number(value / factor) for value in values])}{NARROW}{prefixed}"
+    small = [rounded_off(bar) if round(bar / factor, decimals) else number(bar / factor, 2) for bar in bars]
+    return f"{listed([rounded_off(value) for value in values])} ± {listed(small)}{NARROW}{prefixed}"
+
+
+def in_prefixed(values: Sequence[float], unit: str) -> str:
+    """A number, or the smallest and the largest, with one unit: 1 to 2 MPa."""
+    factor, prefixed = scale_of(max(values), unit) if unit else (1.0, "")
+    return f"{' to '.join(number(value / factor) for value in values)} {prefixed}".strip()
