@@ -18,7 +18,8 @@ from ..fem.contact import ContactSurface, TiedBodies, face_samples
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.reductions import Reductions
 from ..model.certificate import Evidence, rounding_forces
-from ..model.contact_body import Before, ContactBody
+from ..model.contact_body import ContactBody
+from ..model.linear_problem import Before
 from ..model.load_step import State
 from ..model.overlap import deformations
 from ..model.problem import ContactProblem

@@ -29,8 +29,8 @@ from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
 from ..model.certificate import Certificate, Evidence, judge
 from ..model.contact import Contact
-from ..model.contact_body import Before
 from ..model.discrete_problem import StatePoints
+from ..model.linear_problem import Before
 from ..model.load_step import Earlier, Energy, Forces, State
 from ..model.nodal_answer import Accumulated
 from ..model.probes import Probe, ProbeValue

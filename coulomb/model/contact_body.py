@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import repeat
-from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -35,15 +34,15 @@ from ..fem.contact import (
     slave_side,
     with_unknowns,
 )
-from ..fem.geometry import RigidFoundation, RigidMotion, Spin, moved, on_all_ranks, same_place, since_at, spin
+from ..fem.geometry import RigidFoundation, RigidMotion, moved, on_all_ranks, same_place, since_at, spin
 from ..linalg.compliance import LinearSolver, chosen
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
-from ..solvers.rigid_motions import RigidMotions
 from .contact import Contact
 from .contact_stiffness import ContactStiffness
-from .heat import Heat, HeatProblem
+from .heat import HeatProblem
 from .held_nodes import HeldInPairs, refuse_held_inside
+from .linear_problem import Before, ContactState
 from .memory import memory_needed
 from .nodal_answer import Accumulated
 from .overlap import OutsideContacts
@@ -159,79 +158,6 @@ class ContactFaces:
 
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class ContactState:
-    """A contact problem at one time; this rank's m contact points.
-
-    Attributes:
-        elasticity: The body with the coefficients of its stiffness at this time.
-        loading: Loads and prescribed displacements.
-        foundation_motions: Of the foundations of the faces.
-        spins: Axis and angular velocity of the foundations of the faces; None where there is no rotation.
-        surface: Contact points with their frames, gaps and B, for the foundations at this time.
-        law: Of friction at the contact points.
-        slip_rate: Slip rate in the load step before, metres per second, shape (m,); 0 without one.
-        slip_origin: Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m,
-            3): 0 at first, in a later load step that after the step before, moved with the foundation.
-        accumulated: Slip, friction work and largest pressure of the load steps before.
-        heat: The temperature by which the bodies are strained, and its heat flows; None in a problem without heat.
-    """
-
-    elasticity: Deformable
-    loading: Loading
-    foundation_motions: tuple[RigidMotion, ...]
-    spins: tuple[Spin | None, ...]
-    surface: ContactSurface
-    law: FrictionLaw
-    slip_rate: FloatArray
-    slip_origin: FloatArray
-    accumulated: Accumulated
-    heat: Heat | None = None
-
-    @property
-    def time(self) -> float:
-        """The time of loads and foundations in seconds."""
-        return self.loading.time
-
-
-class Before(Protocol):
-    """Start of a load step: time, displacement (k, 3) in metres, slip rates (m,) in m/s and what has accumulated, after
-    the step before."""
-
-    @property
-    def time(self) -> float: ...
-
-    @property
-    def displacement(self) -> FloatArray: ...
-
-    @property
-    def slip_rate(self) -> FloatArray: ...
-
-    @property
-    def accumulated(self) -> Accumulated: ...
-
-
-_ROUNDING: Final = 2.0**-48
-"""Resultant of loads, relative to the sum of their magnitudes, that is a rounding error of their assembly."""
-
-
-def rigid_motions(elasticity: Deformable, surface: ContactSurface, loading: Loading) -> RigidMotions | None:
-    """The motions that contact alone prevents, with the loads along them; None if supports prevent all; collective.
-
-    A resultant below its own rounding is 0, as of the thermal forces of a body that expands freely.
-    """
-    free = elasticity.free
-    if not len(free):
-        return None
-    R = elasticity.free_unknowns
-    G = np.stack([rows_of(surface.free_B, R[:, :, number]).ravel() for number in range(len(free))])
-    load = elasticity.along_unknowns(loading.load, loading.time)
-    each = [load, *(elasticity.along_unknowns(one.forces) for one in elasticity.loads_in(loading))]
-    sums = [np.einsum("kcq,kc->q", R, load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]
-    e, size = elasticity.comm.allreduce(np.array(sums), op=MPI.SUM)
-    return RigidMotions(G, np.where(np.abs(e) <= _ROUNDING * size, 0.0, e), tuple(map(str, free.motions)))
 
 
 def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:

@@ -6,11 +6,11 @@ import logging
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -50,6 +50,8 @@ from ..linalg.factors import (
 )
 from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
+from ..solvers.condensed import CondensedSystem
+from ..solvers.newton_systems import DenseSystem
 from .certificate import rounding_forces
 from .conditioning import ill_conditioned, measures_of, on_soft_springs, soft_motions
 from .memory import first_room
@@ -100,16 +102,42 @@ def _proportion(body: SingleBody) -> float:
     return Reductions(body.comm).max(sizes[:, 0] / np.maximum(sizes[:, 2], np.finfo(float).tiny))
 
 
+@dataclass(frozen=True)
+class Method:
+    """By what K^-1 and A are computed.
+
+    Attributes:
+        linear_solver: The solver class for K^-1.
+        explicit: Whether A is formed.
+        newton: The Newton systems of the default solver where they are not those of `Automatic`.
+        words: What it does, where another was tried before it.
+        why: Why another one is used than the one that was chosen first; empty if none is.
+        fronts: Of K, if they are known.
+    """
+
+    linear_solver: LinearSolver
+    explicit: bool
+    newton: type[CondensedSystem] | type[DenseSystem] | None = None
+    words: str = ""
+    why: str = ""
+    fronts: list[Front] | None = field(default=None, repr=False)
+
+    def is_tried_after(self, before: Method, condense: bool) -> bool:
+        """Whether it may have an answer where another method has none; `condense`: if Newton systems are free."""
+        if self.newton is CondensedSystem:
+            return condense
+        same = (self.linear_solver, self.explicit) == (before.linear_solver, before.explicit)
+        return not same and (self.newton is None or before.newton is not None)
+
+
 class FixedStiffness:
-    """K^-1 and A for one K, each computed when first needed.
+    """K^-1 and A for one K by one method, each computed when first needed.
 
     Args:
         elasticity: The body.
         reference: The contact surface in whose frames A is computed; for other frames it is rotated.
-        linear_solver: The solver class for K^-1.
-        explicit: Whether A is formed.
+        method: The method.
         seconds: Dictionary to which wall times are added.
-        symbolic: The fronts of K, if they are known.
         many: Whether many solves are expected: factors are then in double precision, with which products by A are exact
             and a solve is one substitution in place of an iteration.
 
@@ -121,35 +149,27 @@ class FixedStiffness:
         self,
         elasticity: Deformable,
         reference: ContactSurface,
-        linear_solver: LinearSolver,
-        explicit: bool,
+        method: Method,
         seconds: dict[str, float],
-        symbolic: list[Front] | None = None,
         many: bool = False,
     ):
-        self.elasticity, self._reference, self._symbolic = elasticity, reference, symbolic
-        self._linear_solver, self._explicit, self._seconds = linear_solver, explicit, seconds
-        self.responses, self._many = LinearResponseCache(elasticity.comm), many
+        self.elasticity, self.method, self._reference = elasticity, method, reference
+        self._seconds, self._many = seconds, many
+        self.responses = LinearResponseCache(elasticity.comm)
         self._latest: tuple[ContactSurface, BodyCompliance] | None = None
 
-    @property
+    @cached_property
     def solver(self) -> StiffnessSolver:
-        """K^-1."""
-        return self._contact_last if self._explicit else self._any_order
-
-    @cached_property
-    def _contact_last(self) -> MultifrontalSolver | FirstRankSolver:
-        """K^-1 with the contact nodes eliminated last, which gives A."""
+        """K^-1; where A is formed with the contact nodes eliminated last, which gives A."""
+        K, x, method = self.elasticity.K, self.elasticity.points, self.method
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
-            return self._factorised(self._reference.nodes_in_rows, self._symbolic)
-
-    @cached_property
-    def _any_order(self) -> StiffnessSolver:
-        """K^-1 where A is not formed."""
-        with timed(self._seconds, "stiffness"), explained(self.elasticity):
-            if self._linear_solver is DirectSolver:
-                return self._factorised(np.empty(0, dtype=np.int64), self._symbolic)
-            solver = self._linear_solver(self.elasticity.K)
+            if method.explicit or method.linear_solver is DirectSolver:
+                last = self._reference.nodes_in_rows if method.explicit else np.empty(0, dtype=np.int64)
+                single = False if self._many else None
+                if self.elasticity.comm.size > 1:
+                    return FirstRankSolver(K, x, last, single, self._many)
+                return MultifrontalSolver(K, x, last, single, method.fronts, self._many)
+            solver = method.linear_solver(K)
             if self._soft is not None and isinstance(solver, IterativeSolver):
                 solver.separate(self._soft)
             return solver
@@ -157,22 +177,14 @@ class FixedStiffness:
     @cached_property
     def _soft(self) -> SoftMotions | None:
         """The motions on soft springs that multigrid computes apart."""
-        return None if self._linear_solver is DirectSolver else soft_motions(self.elasticity)
-
-    def _factorised(
-        self, last: npt.NDArray[np.integer[Any]], symbolic: list[Front] | None
-    ) -> MultifrontalSolver | FirstRankSolver:
-        K, x, single = self.elasticity.K, self.elasticity.points, False if self._many else None
-        if self.elasticity.comm.size > 1:
-            return FirstRankSolver(K, x, last, single, self._many)
-        return MultifrontalSolver(K, x, last, single, symbolic, self._many)
+        return None if self.method.linear_solver is DirectSolver else soft_motions(self.elasticity)
 
     @cached_property
     def _compliance(self) -> BodyCompliance:
         """A in the reference frames."""
         solver, B = self.solver, self._reference.free_B
         with timed(self._seconds, "compliance"):
-            if self._explicit and isinstance(solver, MultifrontalSolver | FirstRankSolver):
+            if self.method.explicit and isinstance(solver, MultifrontalSolver | FirstRankSolver):
                 return SchurCompliance(B, solver)
             return MatrixFreeCompliance(B, self.elasticity.K, solver, soft=self._soft)
 
@@ -192,17 +204,20 @@ class FixedStiffness:
 
 
 class ContactStiffness:
-    """K^-1 and A of a body over a run: all that is kept of them, and the method by which they are computed.
+    """K^-1 and A of a body over a run: all that is kept of them, and the methods by which they are computed.
 
-    What was computed for one K is used until another is asked for (`of`), or K is said to have changed (`replace`,
-    `invalidate`).  Arguments as of `FixedStiffness`; without `linear_solver` the one that is predicted to be faster is
-    taken, without `explicit` A is formed by size.  `references` are the contact surfaces in whose frames A is computed,
-    by which bolts are locked.
+    What was computed for one K is used until another is asked for (`of`), or taken in its place (`replace`).
+
+    Args:
+        elasticity: The body.
+        references: The contact surfaces in whose frames A is computed, by which bolts are locked.
+        unknowns: Of displacement and contact, over all ranks.
+        linear_solver: The solver class for K^-1; None for the one that is predicted to be faster.
+        explicit: Whether A is formed; None for the choice by size.
+        seconds: Dictionary to which wall times are added.
 
     Attributes:
-        version: Increases whenever what was computed before is no longer valid.
         load_steps: How many load steps are expected.
-        changed: Why another method than the one that was chosen first is used for K^-1 or A; empty if none is.
     """
 
     def __init__(
@@ -217,40 +232,31 @@ class ContactStiffness:
         self.elasticity, self._references, self._unknowns = elasticity, references, unknowns
         self.comm, self._seconds = elasticity.comm, seconds
         self._given, self.load_steps = (linear_solver, explicit), 1
-        self._symbolic: list[Front] | None = None
-        self._work: Work | None = None
-        self.changed, self._condensed, self._may_condense, self._dense = "", False, True, False
         self._rounding: tuple[object, float, FloatArray] | None = None
         self._latest: FixedStiffness | None = None
         self._factors_of: set[tuple[bool, ...]] = set()
-        self.version = 0
+        self._work: Work | None = None
 
     # --- K^-1 and A ---------------------------------------------------------------------------------------------------
 
     def of(self, elasticity: Deformable, seconds: dict[str, float] | None = None) -> FixedStiffness:
         """K^-1 and A of the body in a state, the last of which are kept; wall times are added to `seconds`."""
-        if self._latest is None or self._latest.elasticity.K is not elasticity.K:
-            solver, explicit = self._chosen
+        known, method = self._latest, self.present
+        if known is None or known.elasticity.K is not elasticity.K or known.method is not method:
             self.elasticity, spent = elasticity, self._seconds if seconds is None else seconds
             many = elasticity.locked not in self._factors_of and self.in_double
             self._factors_of.add(elasticity.locked)
-            self._latest = FixedStiffness(elasticity, self._reference, solver, explicit, spent, self._symbolic, many)
-        return self._latest
+            known = self._latest = FixedStiffness(elasticity, self._reference, method, spent, many)
+        return known
 
     @property
     def _reference(self) -> ContactSurface:
         """The contact surface in whose frames A is computed, by the unknowns that the body has now."""
         return self._references[self.elasticity.locked]
 
-    def invalidate(self) -> None:
-        """Forget K^-1, A and what the Krylov methods have found of it: the entries of K have changed."""
-        self._latest = self._rounding = None
-        self.version += 1
-
     def replace(self, elasticity: Deformable) -> None:
-        """Take another K of the same sparsity from now on."""
-        self.elasticity = elasticity
-        self.invalidate()
+        """Take another K of the same sparsity from now on, or the same with other entries."""
+        self.elasticity, self._latest, self._rounding = elasticity, None, None
 
     @property
     def solver(self) -> StiffnessSolver:
@@ -279,13 +285,43 @@ class ContactStiffness:
         """Declare how many load steps are to come: for many, factors of K pay; what is computed already stays."""
         self.load_steps = max(steps, 1)
 
+    @property
+    def present(self) -> Method:
+        """The method that is used; collective."""
+        return self._methods[0]
+
     @cached_property
-    def _chosen(self) -> tuple[LinearSolver, bool]:
-        """The solver for K, and whether A is formed; bodies of the user's forms are judged by size; collective."""
+    def _methods(self) -> list[Method]:
+        """The methods in the order in which they are tried, as far as the user leaves them open; collective.
+
+        Factors of K in place of multigrid; then condensed Newton systems in place of products by A, and a formed A.
+        """
+        solver, explicit = self._given
+        found, small = [self._first], self.interface <= EXPLICIT_UP_TO
+        if found[0].linear_solver is IterativeSolver and solver is None:
+            found.append(Method(DirectSolver, small if explicit is None else explicit, words="K is factorised"))
+        if found[-1].linear_solver is not DirectSolver or explicit is not None:
+            return found
+        last = found[-1]
+        if self._condensable:
+            words = "Newton systems are made of K with springs in place of A"
+            condensed = Method(DirectSolver, False, CondensedSystem, words)
+            if not last.explicit and ill_conditioned(self.elasticity):  # from the beginning
+                found[-1] = replace(condensed, words=last.words)
+            else:
+                found.append(condensed)
+            if self.comm.size == 1 and self._unknowns["contact"] <= _DENSE_UP_TO:
+                found.append(Method(DirectSolver, True, DenseSystem, "A is formed"))
+        return [*found, Method(DirectSolver, True, words="A is formed")]
+
+    @property
+    def _first(self) -> Method:
+        """The given method, or the one that is predicted to be faster; bodies of the user's forms are judged by size;
+        collective."""
         comm, m, (linear_solver, explicit) = self.comm, self.interface, self._given
         n = self._unknowns["displacement"]
         if not undecided(n, m, linear_solver, explicit) or self.elasticity.forms() is not None:
-            return chosen(n, m, comm.size, linear_solver, explicit)
+            return Method(*chosen(n, m, comm.size, linear_solver, explicit))
         with timed(self._seconds, "stiffness"):
             formed = m <= EXPLICIT_UP_TO
             found, work = self._fronts(formed)
@@ -293,9 +329,8 @@ class ContactStiffness:
             direct = factorise(work, self.measures, self.load_steps, soft, self.precision, room, comm.size, formed)
             if not comm.bcast(direct):  # sums over the ranks may differ by rounding errors
                 self._work = work
-                return IterativeSolver, False
-            self._symbolic = found
-        return DirectSolver, formed
+                return Method(IterativeSolver, False)
+        return Method(DirectSolver, formed, fronts=found)
 
     def _fronts(self, contact_last: bool) -> tuple[list[Front] | None, Work]:
         """The fronts of K on one rank, and what a factorisation takes; collective."""
@@ -309,11 +344,11 @@ class ContactStiffness:
     def limited(self, solver: StiffnessSolver) -> Iterator[None]:
         """No more iterations of multigrid than its `patience`, where it was chosen by predicted time and the factors
         fit into the memory; collective."""
-        formed = self.interface <= EXPLICIT_UP_TO
-        if self._work is None or not isinstance(solver, IterativeSolver) or not self._fit(self._work, formed):
+        formed, work = self.interface <= EXPLICIT_UP_TO, self._work
+        if work is None or not isinstance(solver, IterativeSolver) or not self._fit(work, formed):
             yield
             return
-        allowed = patience(self._work, self.measures, self.load_steps, self.precision, self.comm.size, formed)
+        allowed = patience(work, self.measures, self.load_steps, self.precision, self.comm.size, formed)
         solver.allow(self.comm.bcast(allowed))
         try:
             yield
@@ -323,7 +358,8 @@ class ContactStiffness:
     @contextmanager
     def few_products(self, A: BodyCompliance) -> Iterator[None]:
         """No more than `_PRODUCTS` by A, if Newton's method can be condensed; collective."""
-        A.allow(_PRODUCTS if self._condensable and not self.condensed else math.inf)
+        condensable = any(method.newton is CondensedSystem for method in self._methods[1:])
+        A.allow(_PRODUCTS if self.linear_solver is DirectSolver and condensable else math.inf)
         try:
             yield
         finally:
@@ -331,56 +367,40 @@ class ContactStiffness:
 
     @property
     def _condensable(self) -> bool:
-        """Whether K is factorised, supports hold the bodies, and contact points are nodes, none of which is tied;
-        collective."""
+        """Whether supports hold the bodies, and contact points are nodes, none of which is tied; collective."""
         seen, (first, last) = self._reference.nodes_in_rows, self._reference.B.getOwnershipRangeColumn()
         nodal = len(seen) == len(self._reference.nodes) and bool(np.all((3 * seen >= first) & (3 * seen < last)))
         nodal = nodal and (not self.elasticity.ties or not self._reference.slip_prescribed)
-        mine = nodal and self._may_condense and self._given[1] is None and len(self.elasticity.free) == 0
-        return self.linear_solver is DirectSolver and bool(self.comm.allreduce(mine, op=MPI.LAND))
-
-    @property
-    def condensed(self) -> bool:
-        """Whether the default solver uses `CondensedSystem`: where a body bends and A is not formed; collective."""
-        return self._condensed or (not self.explicit and self._condensable and ill_conditioned(self.elasticity))
-
-    @property
-    def dense(self) -> bool:
-        """Whether the default solver factorises Newton systems with the formed A, since condensed ones have failed."""
-        return self.explicit and self._dense
+        return bool(self.comm.allreduce(nodal and len(self.elasticity.free) == 0, op=MPI.LAND))
 
     def _fit(self, work: Work, formed: bool) -> bool:
         """Whether factors of K fit into the memory, where A is formed or not, the same on all ranks; collective."""
         return bool(self.comm.bcast(fits(work, self.precision is Precision.SINGLE, first_room(self.comm), formed)))
 
     def change_method(self, why: str, condense: bool = False) -> bool:
-        """From multigrid to factors of K, from products by A to condensed Newton systems (if `condense`), or from
-        factors to a formed A, if the user has not chosen otherwise and it fits into the memory; whether it is done;
-        collective."""
-        condense = condense and self._condensable and not self.condensed
-        solver, explicit = self._given
-        if self.linear_solver is IterativeSolver and solver is None:
-            explicit, then = self.interface <= EXPLICIT_UP_TO if explicit is None else explicit, "K is factorised"
-        elif condense:
-            explicit, then = False, "Newton systems are made of K with springs in place of A"
-        elif self.linear_solver is DirectSolver and explicit is None and not self.explicit:
-            explicit, then = True, "A is formed"
-            self._dense = self.condensed and self.comm.size == 1 and self._unknowns["contact"] <= _DENSE_UP_TO
-            self._may_condense = False
-        else:
+        """To the next method, if there is one, and its factors fit into the memory; condensed Newton systems only if
+        `condense`; whether it is done; collective."""
+        now = self.present
+        left = [number for number, one in enumerate(self._methods) if number and one.is_tried_after(now, condense)]
+        if not left:
             return False
+        then, *others = self._methods[left[0] :]
         with timed(self._seconds, "stiffness"):
-            found, work = self._fronts(explicit)
-        fit = self._fit(work, explicit)
+            fronts, work = self._fronts(then.explicit)
+        fit = self._fit(work, then.explicit)
         if self.comm.rank == 0:
-            _log.warning("%s; %s", why, f"{then} instead" if fit else "factors of K do not fit into the memory")
+            _log.warning("%s; %s", why, f"{then.words} instead" if fit else "factors of K do not fit into the memory")
         if fit:
-            self.changed, self._symbolic = f"{why}; {then} instead", found
+            self._methods = [replace(then, why=f"{why}; {then.words} instead", fronts=fronts), *others]
+            self._latest = self._rounding = None
             self._factors_of.clear()
-            self.invalidate()
-            self._chosen, self._condensed = (DirectSolver, explicit), condense
         self._work = None  # and no limit
         return fit
+
+    @property
+    def changed(self) -> str:
+        """Why another method than the one that was chosen first is used; empty if none is."""
+        return self.present.why
 
     @property
     def advice(self) -> str:
@@ -409,12 +429,12 @@ class ContactStiffness:
     @property
     def linear_solver(self) -> LinearSolver:
         """The solver class for K^-1 (DirectSolver: by nested dissection, see `stiffness_method`); collective."""
-        return self._chosen[0]
+        return self.present.linear_solver
 
     @property
     def explicit(self) -> bool:
         """Whether A is formed; collective."""
-        return self._chosen[1]
+        return self.present.explicit
 
     @cached_property
     def interface(self) -> int:

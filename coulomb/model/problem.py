@@ -36,19 +36,18 @@ from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged, TooSlow
 from ..native import threads
 from ..solvers.automatic import Automatic
-from ..solvers.condensed import CondensedSystem
 from ..solvers.friction_problem import Solver, contact_solver
 from ..solvers.interior_point import InteriorPoint
-from ..solvers.newton_systems import DenseSystem
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from . import notebook
 from .arguments import certifying, contacts_given, linear_solver_of, refuse_wrong
 from .contact import Contact
-from .contact_body import Before, ContactBody, ContactState
+from .contact_body import ContactBody
 from .discrete_problem import CountedProgress, DiscreteProblem, linear_solve_failed
 from .equilibrium import refuse_without_equilibrium
 from .heat import UNBALANCED, Heat, HeatProblem
 from .input_echo import contacts_of, loads_of, supports_of, ties_of
+from .linear_problem import Before, ContactState
 from .load_step import State
 from .notebook import residuals_shown
 from .probes import Probe
@@ -447,7 +446,7 @@ class ContactProblem(DiscreteProblem):
         criterion, counted = StoppingCriterion(self), CountedProgress(progress, self.comm)
         with self.body.stiffness.limited(self.stiffness.solver):
             problem = self.friction_problem  # K^-1, A and b are timed separately
-            self.prepare_products()
+            self.linear.prepare_products()
             if chosen.tolerance <= CERTIFIED_FROM:
                 problem = replace(problem, accept=criterion, balanced=criterion.gradient)
             limit = nullcontext() if solver else self.body.stiffness.few_products(self.A)
@@ -462,9 +461,8 @@ class ContactProblem(DiscreteProblem):
 
     def _default(self, tolerance: float) -> Solver:
         """The solver where the user chooses none."""
-        if self.body.stiffness.condensed:
-            return InteriorPoint(tolerance, newton=CondensedSystem())
-        return InteriorPoint(tolerance, newton=DenseSystem()) if self.body.stiffness.dense else Automatic(tolerance)
+        newton = self.body.stiffness.present.newton
+        return Automatic(tolerance) if newton is None else InteriorPoint(tolerance, newton=newton())
 
     def solution(self, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:
         """Displacement and certificate of a solver's result, converged or not; from `criterion` if it has them.  The

@@ -32,8 +32,9 @@ from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
 from .certificate import Evidence, pair_actions
 from .certificate_scales import at_all_points, components_of
-from .contact_body import Before, ContactBody, ContactState
+from .contact_body import ContactBody
 from .held_nodes import FoundationFace, OtherNodes
+from .linear_problem import Before, ContactState
 from .nodal_answer import relative_displacement
 from .pair_checks import JudgedPair, PairFindings
 

@@ -31,9 +31,9 @@ from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
 from .certificate import Certificate, judge
 from .certificate_scales import place_of_largest
-from .contact_body import Before
 from .discrete_problem import DiscreteProblem
 from .equilibrium import running_away
+from .linear_problem import Before
 from .nodal_answer import OPEN_BELOW
 from .provenance import timed
 
@@ -156,7 +156,7 @@ class StoppingCriterion:
         """The forces with exact zeros, and their displacement; None if a product by A does not decide the zeros."""
         problem, over = self._problem, Reductions(self._problem.comm)
         with timed(problem.seconds, "displacement"):
-            closed = problem.known_relative_displacement(x, alpha)
+            closed = problem.linear.known_relative_displacement(x, alpha)
             if closed is None:
                 return None
             force = zero_open_forces(problem, x, closed)
@@ -185,7 +185,7 @@ class StoppingCriterion:
         over = Reductions(self._problem.comm)
         if self._displaced is None or not over.all(np.array_equal(self._displaced[0], x)):
             with timed(self._problem.seconds, "displacement"):
-                self._displaced = x.copy(), self._problem.displacement(x)
+                self._displaced = x.copy(), self._problem.linear.displacement(x)
         return self._displaced[1]
 
     def explained(self, failure: NotConverged, tolerance: float) -> NotConverged:

@@ -12,6 +12,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NotConverged, PrescribedDisplacement, Sphere
 from coulomb.fem.geometry.obstacles import Moved, RigidMotion
 from coulomb.model.contact_body import ContactBody
+from coulomb.model.linear_problem import ContactState
 from coulomb.model.load_history import StepFailed
 
 RUBBER = Material(1e7, 0.3)
@@ -129,7 +130,7 @@ def without_origin_in_b(monkeypatch):
     def relative_displacement(self, u):
         return self.surface.rows(u)
 
-    monkeypatch.setattr(ContactProblem, "relative_displacement", relative_displacement)
+    monkeypatch.setattr(ContactState, "relative_displacement", relative_displacement)
 
 
 def wrong_sign_of_origin(monkeypatch):

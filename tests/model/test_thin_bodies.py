@@ -107,7 +107,8 @@ def test_wide_sheets_want_factors(wide):
     """Sheets of any number of contact unknowns were left to multigrid, which did not solve them; blocks still are."""
     problem = sheet()
     stiffness = problem.body.stiffness
-    assert stiffness.linear_solver is DirectSolver and stiffness.condensed and not stiffness.changed
+    assert stiffness.linear_solver is DirectSolver and not stiffness.changed
+    assert stiffness.present.newton is CondensedSystem
     assert problem.solve().valid
     assert block().body.stiffness.linear_solver is IterativeSolver
 
@@ -122,7 +123,8 @@ def test_wide_sheets_change_to_factors(monkeypatch, caplog, wide):
         solution = problem.solve()
     assert solution.valid and [record.message for record in caplog.records] == [problem.body.stiffness.changed]
     stiffness = problem.body.stiffness
-    assert "after 20 factors" in stiffness.changed and stiffness.condensed and not stiffness.explicit
+    assert "after 20 factors" in stiffness.changed and not stiffness.explicit
+    assert stiffness.present.newton is CondensedSystem
 
 
 @pytest.mark.parametrize("slow", [False, True])
@@ -348,4 +350,4 @@ def test_dense_systems_in_place_of_condensed_ones(monkeypatch):
     """Where these fail, as on a sheet that is pressed onto its plane."""
     monkeypatch.setattr(contact_stiffness, "_PRODUCTS", 3)
     problem = pressed((10, 3, 1))
-    assert problem.solve().valid and problem.body.stiffness.dense
+    assert problem.solve().valid and problem.body.stiffness.present.newton is DenseSystem

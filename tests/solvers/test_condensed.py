@@ -53,7 +53,7 @@ def close(values, expected, accuracy=1e-8):
 def test_cone_step_is_the_dense_step():
     """From an inexact y, the step equals that of the dense system with the exact A x; y + w is exact afterwards."""
     rng = np.random.default_rng(81)
-    body().prepare_products()  # y is kept without the displacement of the load
+    body().linear.prepare_products()  # y is kept without the displacement of the load
     scaled = ScaledProblem(body().friction_problem)
     m, f = scaled.nodes, scaled.frictional
     assert 0 < f.sum() < m
@@ -64,7 +64,7 @@ def test_cone_step_is_the_dense_step():
     dense, system = (kind.system(scaled.A, scaled.sloped) for kind in (DenseSystem(), EXACT))
     v = Iterate(x_n, y, nu, scaled.A.mult(x))
     image = lagging(system, x)
-    free = scaled.A.image(B_u(scaled.A.A, body()._free_displacement.ravel()))
+    free = scaled.A.image(B_u(scaled.A.A, body().linear.free_displacement.ravel()))
     assert close(image - free, 0.7 * (v.A_x - free)) and system.products.R.norm() > 0.01 * scaled.A.s
     expected = newton_step(scaled, dense, v, target, 1e-12, 1.0)
     late = v._replace(A_x=image)

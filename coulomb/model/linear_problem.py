@@ -1,0 +1,307 @@
+"""A contact problem at one time, and what follows from its K: f, K^-1, A and b, thrown away with it."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ..arrays import FloatArray
+from ..fem.bodies import Deformable, Loading, displacements_of
+from ..fem.contact import ContactSurface, rows_of
+from ..fem.geometry import RigidMotion, Spin
+from ..linalg.compliance import BodyCompliance, StiffnessSolver
+from ..linalg.reductions import Reductions
+from ..linalg.solve_errors import CGNotConverged
+from ..solvers.friction_problem import FrictionProblem
+from ..solvers.laws import FrictionLaw
+from ..solvers.rigid_motions import RigidMotions
+from .certificate_scales import components_of, lengths
+from .contact_stiffness import FixedStiffness, explained
+from .heat import Heat
+from .nodal_answer import Accumulated, relative_displacement
+from .provenance import timed
+
+BALANCED: Final = 1e-13
+"""Resultant force and moment of the residual, and 1e-2 of its norm, relative to the forces on the body."""
+
+_ACCURACY: Final = 1e-6
+"""Least relative residual of a correction: few more digits are left to gain by each."""
+
+_BEYOND: Final = 0.1
+"""Part of BALANCED at which a correction aims: its residual is not distributed like the one before."""
+
+_MOST: Final = 4
+"""Maximum number of corrections."""
+
+
+def iteratively_refined(
+    elasticity: Deformable, solver: StiffnessSolver, loading: Loading, on_body: FloatArray, u: FloatArray
+) -> FloatArray:
+    """The displacement u (k, 3) in metres by iterative refinement (Wilkinson 1963), until loads, springs, reactions and
+    the contact forces `on_body` (k, 3) balance; collective.
+
+    A solve with K leaves a residual relative to its right-hand side, which may be far larger than the forces on the
+    body (K times a prescribed displacement that carries it along), or enough to move a body on soft springs.  So the
+    residual is assembled anew from u and solved for again.  The springs at the anchors of free motions (`FreeMotions`)
+    are among the forces in balance; at a solution they are zero.
+    """
+    over, x = Reductions(elasticity.comm), elasticity.x
+    ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
+    half = np.full(len(x), 0.5 * np.linalg.norm(np.ptp(ends, axis=1)))
+    rigid = elasticity.reduced(displacements_of(x - ends.mean(axis=1), half))
+
+    def left_over(u: FloatArray) -> tuple[FloatArray, float]:
+        """The residual at this rank's nodes, and its size relative to the forces on the body."""
+        spring, anchored = elasticity.spring_force(u), elasticity.anchoring * elasticity.reduced(u, loading)
+        forces = loading.load + spring + on_body - elasticity.internal_force(u)
+        residual = elasticity.along_unknowns(forces, loading.time) - anchored
+        reaction = elasticity.held_part(elasticity.transferred(forces))
+        outer = (loading.load, spring - anchored[: len(u)], on_body, reaction)
+        sums = over.total(np.einsum("kcj,kc->j", rigid, residual))
+        scale = np.max([over.sum(lengths(part)) for part in outer])
+        length = np.max([over.norm(part) for part in outer])
+        return residual, float(
+            np.max([np.max(np.abs(sums)) / (scale or 1.0), 1e-2 * over.norm(residual) / (length or 1.0)])
+        )
+
+    with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
+        residual, size = left_over(u)
+        for _ in range(_MOST):
+            if not BALANCED < size < math.inf:
+                break
+            accuracy = min(max(_BEYOND * BALANCED / size, _ACCURACY), _BEYOND)
+            change, ended = _solved(elasticity.K, solver, residual, accuracy)
+            changed = u + elasticity.free_part(change)
+            after, smaller = left_over(changed)
+            if not smaller < size:
+                break
+            u, residual, size, before = changed, after, smaller, size
+            if ended or size > 0.5 * before:  # rounding
+                break
+    return u
+
+
+def _solved(K: PETSc.Mat, solver: StiffnessSolver, residual: FloatArray, accuracy: float) -> tuple[FloatArray, bool]:
+    """K^-1 of a residual (k, 3) to a relative accuracy; and whether the solve ended before."""
+    rhs, change = K.createVecs()
+    rhs.array[:] = residual.ravel()
+    size = float(rhs.norm()) or 1.0  # scaled: solves start from combinations of earlier solutions of like size
+    rhs.scale(1.0 / size)
+    ended = False
+    try:
+        solver.solve(rhs, change, accuracy)
+    except CGNotConverged:  # what was reached may still be better than before
+        ended = True
+    values: FloatArray = size * change.array_r.reshape(-1, 3)
+    rhs.destroy()
+    change.destroy()
+    return values, ended
+
+
+_BEFORE_REFINEMENT: Final = 1e-8
+"""Residual of a solve with K that is refined: products by K have rounding errors of 1e-11 of the resultant forces."""
+
+
+_ROUNDING: Final = 2.0**-48
+"""Difference, relative to what it is the difference of, that is a rounding error: slip of displacements, and the
+resultant of loads of the sum of their magnitudes."""
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """A contact problem at one time; this rank's m contact points.
+
+    Attributes:
+        elasticity: The body with the coefficients of its stiffness at this time.
+        loading: Loads and prescribed displacements.
+        foundation_motions: Of the foundations of the faces.
+        spins: Axis and angular velocity of the foundations of the faces; None where there is no rotation.
+        surface: Contact points with their frames, gaps and B, for the foundations at this time.
+        law: Of friction at the contact points.
+        slip_rate: Slip rate in the load step before, metres per second, shape (m,); 0 without one.
+        slip_origin: Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m,
+            3): 0 at first, in a later load step that after the step before, moved with the foundation.
+        accumulated: Slip, friction work and largest pressure of the load steps before.
+        heat: The temperature by which the bodies are strained, and its heat flows; None in a problem without heat.
+    """
+
+    elasticity: Deformable
+    loading: Loading
+    foundation_motions: tuple[RigidMotion, ...]
+    spins: tuple[Spin | None, ...]
+    surface: ContactSurface
+    law: FrictionLaw
+    slip_rate: FloatArray
+    slip_origin: FloatArray
+    accumulated: Accumulated
+    heat: Heat | None = None
+
+    @property
+    def time(self) -> float:
+        """The time of loads and foundations in seconds."""
+        return self.loading.time
+
+    def relative_displacement(self, u: FloatArray) -> FloatArray:
+        """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3); collective.
+
+        Where supports prescribe slips, those of the size of rounding errors are exactly 0: friction would be along
+        them.
+        """
+        rows = self.surface.rows(u)
+        closed = relative_displacement(rows, self.slip_origin)
+        if not self.surface.slip_prescribed:
+            return closed
+        size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.slip_origin).max(axis=1, initial=0.0)
+        closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
+        return closed
+
+    @cached_property
+    def rigid(self) -> RigidMotions | None:
+        """The motions that contact alone prevents, with the loads along them; None if supports prevent all; collective.
+
+        A resultant below its own rounding is 0, as of the thermal forces of a body that expands freely.
+        """
+        elasticity, loading, free = self.elasticity, self.loading, self.elasticity.free
+        if not len(free):
+            return None
+        R = elasticity.free_unknowns
+        G = np.stack([rows_of(self.surface.free_B, R[:, :, number]).ravel() for number in range(len(free))])
+        load = elasticity.along_unknowns(loading.load, loading.time)
+        each = [load, *(elasticity.along_unknowns(one.forces) for one in elasticity.loads_in(loading))]
+        sums = [np.einsum("kcq,kc->q", R, load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]
+        e, size = elasticity.comm.allreduce(np.array(sums), op=MPI.SUM)
+        return RigidMotions(G, np.where(np.abs(e) <= _ROUNDING * size, 0.0, e), tuple(map(str, free.motions)))
+
+
+class Before(Protocol):
+    """Start of a load step: time, displacement (k, 3) in metres, slip rates (m,) in m/s and what has accumulated, after
+    the step before."""
+
+    @property
+    def time(self) -> float: ...
+
+    @property
+    def displacement(self) -> FloatArray: ...
+
+    @property
+    def slip_rate(self) -> FloatArray: ...
+
+    @property
+    def accumulated(self) -> Accumulated: ...
+
+
+class LinearProblem:
+    """The contact problem of a body in a state, by one K and one method for K^-1; each of f, A, b and the displacement
+    without contact is computed when it is first needed.
+
+    Args:
+        stiffness: K^-1 and A of the body.
+        state: Loads, frames, gaps, law of friction, slip origin.
+        seconds: Wall time of each phase, to which more is added.
+    """
+
+    def __init__(self, stiffness: FixedStiffness, state: ContactState, seconds: dict[str, float]):
+        self.stiffness, self.state, self._seconds = stiffness, state, seconds
+        self.elasticity, self.loading, self.surface = state.elasticity, state.loading, state.surface
+
+    @cached_property
+    def f(self) -> PETSc.Vec:
+        """Load in newtons, with the prescribed displacements included; must not be modified."""
+        return self.elasticity.f(self.loading)
+
+    @cached_property
+    def A(self) -> BodyCompliance:
+        """Compliance B K^-1 B^T of the contact points, metres per newton."""
+        return self.stiffness.compliance(self.surface, self._seconds)
+
+    @cached_property
+    def b(self) -> FloatArray:
+        """B K^-1 f - c in metres, this rank's part, shape (3 m,): penetration of the free body, and its slip.
+
+        c is the gap along n, and along t1 and t2 the displacement from which slip counts.
+        """
+        free = self.state.relative_displacement(self.free_displacement)
+        free[:, 0] -= self.surface.gap
+        return free.ravel()
+
+    @cached_property
+    def friction_problem(self) -> FrictionProblem:
+        """A, b and the law, without the body."""
+        return FrictionProblem(self.A, self.b, self.state.law, rigid=self.state.rigid, elastic=True, body=self._bodies)
+
+    @property
+    def _bodies(self) -> npt.NDArray[np.int64]:
+        """The component of the meshes of every contact point, shape (m,), or its body where these are not known."""
+        elasticity = self.elasticity
+        members = [member.nodes for member in elasticity.members]
+        return components_of(len(elasticity.x), elasticity.component, members)[self.surface.nodes]
+
+    @cached_property
+    def compliances(self) -> FloatArray:
+        """diag(A) of every contact point, of both tangents the mean, metres per newton, shape (m, 3)."""
+        return self.friction_problem.scales.compliance
+
+    def known_relative_displacement(self, x: FloatArray, alpha: FloatArray) -> FloatArray | None:
+        """`ContactState.relative_displacement` under forces x (3 m,) in newtons, moved by alpha, if it takes no solve
+        with K; None otherwise, and where slips are prescribed; collective."""
+        if self.surface.slip_prescribed:
+            return None
+        product = self.A.known_product(x)
+        if product is None:
+            return None
+        closed = self.b - product
+        if self.state.rigid is not None and len(alpha):
+            closed += self.state.rigid.displacement(alpha)
+        closed = closed.reshape(-1, 3)
+        closed[:, 0] += self.surface.gap
+        return closed
+
+    def displacement(self, x: FloatArray) -> FloatArray:
+        """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
+        collective."""
+        free_u = self.elasticity.reduced(self.free_displacement, self.loading)
+        u = self._with_prescribed(self.A.displacement(x, self.f, free_u.ravel()).reshape(-1, 3))
+        free = self.A.matrix_free
+        if free is not None and free.found:
+            return u
+        on_body = -self.surface.at_nodes(x)
+        return iteratively_refined(self.elasticity, self.stiffness.solver, self.loading, on_body, u)
+
+    def prepare_products(self) -> None:
+        """Let the products by A to come be as accurate as the displacement under load and contact forces is, also where
+        soft springs alone hold the body; collective."""
+        self.A.under_load(self.f, self.elasticity.reduced(self.free_displacement, self.loading).ravel())
+
+    @cached_property
+    def free_displacement(self) -> FloatArray:
+        """K^-1 f in metres, this rank's nodes, shape (k, 3): the displacement without contact."""
+        solver = self.stiffness.solver
+
+        def solved() -> FloatArray:
+            u = self.elasticity.K.createVecRight()
+            with (
+                suppress(CGNotConverged),
+                explained(self.elasticity),
+            ):  # with products by A its errors cancel (`under_load`)
+                solver.solve(self.f, u, _BEFORE_REFINEMENT if solver.tolerance > 0.0 else 0.0)
+            values = self._with_prescribed(u.array.reshape(-1, 3))
+            u.destroy()
+            if solver.tolerance > 0.0:  # errors of a factorised K cancel with those of A, from the same factors
+                values = iteratively_refined(self.elasticity, solver, self.loading, np.zeros_like(values), values)
+            return values
+
+        with timed(self._seconds, "displacement"):
+            return self.stiffness.responses.response(self.f.array_r, self.loading.prescribed, solved)
+
+    def _with_prescribed(self, u: FloatArray) -> FloatArray:
+        """The displacement (k, 3) of unknowns u (k + p, 3), with exactly the prescribed displacements, which a solver
+        holds to its tolerance only."""
+        return self.elasticity.free_part(u) + self.loading.prescribed
