@@ -178,6 +178,7 @@ def test_the_reader_of_the_run_directory_imports_nothing(name):
 NAMES_OF_FILES = (
     "summary.json",
     "history.csv",
+    "iterations.csv",
     "case.json",
     "solution.xdmf",
     "contact.xdmf",

@@ -1,4 +1,4 @@
-"""Writes the results of a run: XDMF fields, summary.json, history.csv."""
+"""Writes the results of a run: XDMF fields, summary.json, iterations.csv."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .atomic_output import PARTIAL, commit, link_tree, locked, refuse_to_replace
 from .energy_error import recovered_errors
 from .grid_file import write_grids
 from .result_grids import body_grids, collections, contact_facets, contact_grids
-from .run_directory import CONTACT, HISTORY, MESH, SOLUTION, SUMMARY
+from .run_directory import CONTACT, ITERATIONS, MESH, SOLUTION, SUMMARY
 from .summary import summary
 
 STRESS_ERROR = "stress_error"
@@ -99,7 +99,7 @@ def _write_complete(
         contents["run"] = provenance(problem.started, comm)
 
         def finish() -> str:
-            _write_history(solution.result.history, folder / HISTORY)
+            _write_history(solution.result.history, folder / ITERATIONS)
             contents["seconds"]["output"] = time.perf_counter() - began
             contents["picture"] = "not asked for"
             contents["run"]["ended"] = moment(now())

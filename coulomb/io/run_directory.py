@@ -17,7 +17,10 @@ SUMMARY = "summary.json"
 """The numbers of a run, of a load step, or of a whole load history."""
 
 HISTORY = "history.csv"
-"""A row per Newton step or Tresca problem of a solve; for a load history a row per load step."""
+"""A row per load step of a load history."""
+
+ITERATIONS = "iterations.csv"
+"""A row per Newton step or Tresca problem of a run, or of a load step."""
 
 CASE = "case.json"
 """The case as it was run."""
@@ -30,7 +33,7 @@ SOLUTION, CONTACT = "solution.xdmf", "contact.xdmf"
 
 FIELDS = (SOLUTION, CONTACT)
 
-FILES = (HISTORY, CASE, PICTURE, REPORT, *FIELDS)
+FILES = (HISTORY, ITERATIONS, CASE, PICTURE, REPORT, *FIELDS)
 """The files beside the summary; each of the fields has another with its data."""
 
 LOCK = "run.lock"
@@ -62,6 +65,10 @@ class RunDirectory:
     @property
     def history(self) -> Path:
         return self.path / HISTORY
+
+    @property
+    def iterations(self) -> Path:
+        return self.path / ITERATIONS
 
     @property
     def case(self) -> Path:
@@ -146,19 +153,24 @@ class RunDirectory:
         return contents
 
     def read_history(self) -> list[dict[str, Any]]:
-        """The rows of history.csv, by column names: numbers, booleans, and texts; None for nan, inf and nothing, as in
-        JSON.
+        """The rows of history.csv (`read_table`)."""
+        return read_table(self.history)
 
-        Raises:
-            ValueError: If it cannot be read.
-        """
-        try:
-            with self.history.open(newline="", encoding="utf-8") as file:
-                return [{name: _parsed(text) for name, text in row.items()} for row in csv.DictReader(file)]
-        except OSError as error:
-            raise ValueError(f"{self.history}: cannot be read: {error.strerror}") from None
-        except (ValueError, csv.Error) as error:
-            raise ValueError(f"{self.history}: cannot be read: it is not a text table: {error}") from None
+
+def read_table(path: Path) -> list[dict[str, Any]]:
+    """The rows of history.csv or iterations.csv, by column names: numbers, booleans, and texts; None for nan, inf and
+    nothing, as in JSON.
+
+    Raises:
+        ValueError: If it cannot be read.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return [{name: _parsed(text) for name, text in row.items()} for row in csv.DictReader(file)]
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"{path}: cannot be read: it is not a text table: {error}") from None
 
 
 def _parsed(text: Any) -> Any:

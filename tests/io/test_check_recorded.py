@@ -143,7 +143,7 @@ def test_every_entry_is_compared_or_named(with_case, tmp_path):
         (folder / "case.json").unlink()
     edit(folder / "summary.json", lambda contents: contents["totals"].update(news=1))
     said = named(check(folder))
-    assert {"news of totals", "residual", "history.csv"} <= set(said)
+    assert {"news of totals", "residual", "iterations.csv"} <= set(said)
     assert ("solver of case.json" in said) is with_case
     assert ("meaning of certificate" in said and "loads" in said) is not with_case
     assert not without_effect(folder, said)
@@ -163,12 +163,12 @@ def test_other_files_and_fields_are_named(tmp_path):
     output.write(solution, tmp_path, fields={"mine": solution.function})
     (tmp_path / "notes.txt").write_text("mine")
     for said in (named(check(tmp_path)), named(check(tmp_path, solution.problem))):
-        assert {"mine of solution.xdmf", "history.csv", "notes.txt"} <= set(said)
+        assert {"mine of solution.xdmf", "iterations.csv", "notes.txt"} <= set(said)
 
 
 def test_a_history_names_them_in_one_line():
     said = named(check(made(BALL)))
-    whole = {"start of history", "history.csv of the step", "path_following and residual of history.csv"}
+    whole = {"start of history", "iterations.csv of the step", "path_following and residual of history.csv"}
     assert whole | {"solver of case.json", "residual"} <= set(said) and len(said) == len(set(said))
     assert not {f"{one} of step" for one in ("energy", "row", "pending", "halvings")} & set(said)
 

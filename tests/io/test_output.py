@@ -30,7 +30,7 @@ def run(tmp_path_factory):
 def test_files(run):
     _, directory = run
     expected = {"solution.xdmf", "solution.h5", "contact.xdmf", "contact.h5"}
-    expected |= {"history.csv", "summary.json", "picture.png"}
+    expected |= {"iterations.csv", "summary.json", "picture.png"}
     assert {path.name for path in directory.iterdir()} == expected
 
 
@@ -110,7 +110,7 @@ def test_summary(run):
 
 def test_history(run):
     solution, directory = run
-    with (directory / "history.csv").open() as file:
+    with (directory / "iterations.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == solution.result.newton_steps
     assert float(rows[-1]["residual"]) == solution.result.history[-1].residual
@@ -119,7 +119,7 @@ def test_history(run):
 def test_history_of_successive_tresca(tmp_path):
     solution = make_block(2).solve(solver=SuccessiveTresca())
     output.write(solution, tmp_path)
-    with (tmp_path / "history.csv").open() as file:
+    with (tmp_path / "iterations.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == solution.result.outer_steps
     assert float(rows[-1]["residual"]) == solution.result.history[-1].residual

@@ -68,7 +68,7 @@ def drawn(folder, field):
 
 
 @pytest.mark.parametrize(
-    ("name", "how"), [("summary.json", "cut short"), ("history.csv", "binary"), ("case.json", "missing")]
+    ("name", "how"), [("summary.json", "cut short"), ("iterations.csv", "binary"), ("case.json", "missing")]
 )
 def test_a_field_is_drawn_from_its_own_file(copy, name, how):
     spoil(copy / "single", name, how)
@@ -106,7 +106,7 @@ def test_an_empty_directory_is_no_run(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"), [("single", "history.csv"), ("single", "case.json"), ("history", "history.csv")]
+    ("kind", "name"), [("single", "iterations.csv"), ("single", "case.json"), ("history", "history.csv")]
 )
 def test_a_report_without_optional_files(copy, kind, name):
     whole = page_without_pictures(copy / kind)
@@ -117,8 +117,9 @@ def test_a_report_without_optional_files(copy, kind, name):
 
 @pytest.mark.parametrize("kind", ["single", "history"])
 def test_damaged_tables_are_named(copy, kind):
-    spoil(copy / kind, "history.csv", "binary")
-    with pytest.raises(ValueError, match=rf"{kind}/history\.csv: cannot be read: it is not a text table: "):
+    name = "history" if kind == "history" else "iterations"
+    spoil(copy / kind, f"{name}.csv", "binary")
+    with pytest.raises(ValueError, match=rf"{kind}/{name}\.csv: cannot be read: it is not a text table: "):
         page_without_pictures(copy / kind, charts=True)
     if kind == "history":  # found before pictures are drawn
         done = run_coulomb("report", kind)
@@ -126,7 +127,7 @@ def test_damaged_tables_are_named(copy, kind):
 
 
 def test_short_lines_in_tables(copy):
-    table = copy / "single" / "history.csv"
+    table = copy / "single" / "iterations.csv"
     head, first, *others = table.read_text().splitlines()
     table.write_text("\n".join([head, first, others[0].split(",")[0], others[1] + ",7,8"]) + "\n")
     assert "<html" in page_without_pictures(copy / "single", charts=True)

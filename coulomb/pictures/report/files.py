@@ -15,7 +15,7 @@ import numpy as np
 from ...contact_fields import normal_forces
 from ...io.accuracy import TOLERANCE, accuracy
 from ...io.field_files import Grid, read_grids
-from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, step_place
+from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, read_table, step_place
 from ...units import in_seconds
 from .grids import first_order, merged
 
@@ -105,13 +105,13 @@ class Run:
 
     @property
     def iterations(self) -> Rows:
-        """history.csv of the (last) solve; empty if it is missing.
+        """iterations.csv of the (last) solve; empty if it is missing.
 
         Raises:
             ValueError: If it is not a table.
         """
-        files = RunDirectory(self.steps[-1].directory)
-        return _rows(files) if files.history.exists() else []
+        path = RunDirectory(self.steps[-1].directory).iterations
+        return _rows(path) if path.exists() else []
 
     @property
     def title(self) -> str:
@@ -226,7 +226,7 @@ def _rows_of_history(folder: Path, strict: bool) -> Rows:
     files = RunDirectory(folder)
     if files.history.exists() and files.is_history:
         try:
-            return _rows(files)
+            return _rows(files.history)
         except ValueError:
             if strict:
                 raise
@@ -262,11 +262,11 @@ def _warnings(summary: dict[str, Any]) -> tuple[str, ...]:
     return (*remarks, *of_bars, *(text for text in strain.get("warnings", ()) if text not in outside))
 
 
-def _rows(files: RunDirectory) -> Rows:
+def _rows(path: Path) -> Rows:
     """A table of numbers; text and empty fields are nan, True and False are 1 and 0."""
     return [
         {key: float(value) if isinstance(value, float | int) else math.nan for key, value in row.items()}
-        for row in files.read_history()
+        for row in read_table(path)
     ]
 
 
