@@ -173,6 +173,19 @@ def sides_of(faces: Iterable[Mapping[str, Any]]) -> list[tuple[str, str | None]]
     return side_names((face["faces"][0], face.get("against")) for face in faces)
 
 
+_ON_BODY: Final = {
+    **{"displacement": "m", "prescribed": "m", "load": "N", "spring_force": "N", "tie_force": "N"},
+    **{"peel_stress": "Pa", "shear_stress": "Pa"},
+}
+
+
+def unit_of(name: str) -> str:
+    """The unit of the SI, without prefix, of a field of contact.xdmf or solution.xdmf; empty for others."""
+    if name.startswith(("stress_", "von_mises_", "principal_")) and name != "stress_error":
+        return "Pa"
+    return _ON_BODY.get(name) or next((field.unit for field in CONTACT_FIELDS if field.name == name), "")
+
+
 def named_faces(faces: Sequence[Mapping[str, Any]]) -> list[tuple[str, Mapping[str, Any]]]:
     """Name (`side_names`) and entry of every contact in the entries `faces` of a summary."""
     return [(name, face) for (name, _), face in zip(sides_of(faces), faces, strict=True)]

@@ -1,9 +1,15 @@
-"""Numbers with their units, in prefixes of the SI.  Standard library only."""
+"""The units of a problem, and numbers with them.  Standard library only.
+
+A problem may be posed in any consistent units: those of length and stress give the others with the second and the
+kelvin (mm and MPa: N, mJ, tonnes), and nothing is converted.  Words show numbers in prefixes of the SI: 24 µm.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
@@ -15,20 +21,97 @@ _PREFIXES: Final = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M",
 _AREAS: Final = ((1.0, "m²", 0.1), (1e-4, "cm²", 1e-4), (1e-6, "mm²", 1e-8), (1e-12, "µm²", 0.0))
 """Factor, unit, and the least area in m² that is given in it."""
 
+LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
+STRESSES: Final = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "psi": 4.4482216152605 / 0.0254**2}
+"""Units that a problem may have, in those of the SI."""
+
+_CUSTOMARY: Final = ("in", "ft", "psi")
+"""Units without prefixes."""
+
+_DIMENSIONS: Final = {
+    **{"m": (1, 0), "m²": (2, 0), "1/m": (-1, 0), "rad/m": (-1, 0), "m/s": (1, 0)},
+    **{"Pa": (0, 1), "N": (2, 1), "N m": (3, 1), "J": (3, 1), "W": (3, 1), "J/m²": (1, 1), "W/m²": (1, 1)},
+    **{"N/m": (1, 1), "N/m³": (-1, 1), "m/N": (-1, -1), "N m/rad": (3, 1)},
+}
+"""Powers of length and stress; of other units none."""
+
+
+@dataclass(frozen=True)
+class Units:
+    """The units of length and stress of a problem: keys of `LENGTHS` and `STRESSES`.
+
+    Raises:
+        ValueError: If one of them is unknown.
+    """
+
+    length: str = "m"
+    stress: str = "Pa"
+
+    def __post_init__(self) -> None:
+        for name, given, known in (("length", self.length, LENGTHS), ("stress", self.stress, STRESSES)):
+            if given not in known:
+                raise ValueError(f"units: {name} must be one of {', '.join(known)}, but is {given!r}")
+
+    def factor(self, unit: str) -> float:
+        """What 1 of the quantity is in this unit of the SI."""
+        length, stress = _DIMENSIONS.get(unit, (0, 0))
+        return float(LENGTHS[self.length] ** length * STRESSES[self.stress] ** stress)
+
+    @property
+    def customary(self) -> bool:
+        return self.length in _CUSTOMARY or self.stress in _CUSTOMARY
+
+    def name(self, unit: str) -> str:
+        """The problem's own unit in place of one of the SI: N mm for N m."""
+        if self == Units() or unit not in _DIMENSIONS:
+            return unit
+        if unit in ("N", "J", "W") and not self.customary:
+            power = round(math.log10(self.factor(unit)))
+            if power in _PREFIXES:
+                return f"{_PREFIXES[power]}{unit}"
+        force = "lbf" if (self.length, self.stress) == ("in", "psi") else f"{self.stress} {self.length}²"
+        force = force if unit == "N" or self.customary else self.name("N")
+        force = f"({force})" if " " in force and unit != "N" else force
+        energy = f"{force} {self.length}" if unit in ("J", "W") or self.customary else self.name("J")
+        whole = {"N": force, "J": energy, "W": f"{energy}/s", "Pa": self.stress}
+        if unit in whole:
+            return whole[unit]
+        names = {**whole, "m": self.length}
+        return re.sub("[A-Za-z]+", lambda found: names.get(found[0], found[0]), unit)
+
+
+_used = Units()
+
+
+def use(length: str = "m", stress: str = "Pa") -> None:
+    """State the units of the problems of this process, for messages, reports and files; nothing is converted.
+
+    Raises:
+        ValueError: If one of them is unknown.
+    """
+    global _used
+    _used = Units(length, stress)
+
+
+def used() -> Units:
+    """The units of the problems of this process."""
+    return _used
+
 
 def scale_of(largest: float, unit: str) -> tuple[float, str]:
-    """The SI prefix suited for numbers up to `largest` in the bare unit, of either sign: the factor to divide by, and
-    the unit with its prefix, as (1e6, "MPa")."""
-    size = abs(largest)
-    if not unit or unit == "°" or size == 0.0 or not math.isfinite(size):
-        return 1.0, unit
+    """The SI prefix suited for numbers up to `largest`, of either sign, of a quantity that is in `unit` in the SI: the
+    factor to divide by, and the unit with its prefix, as (1e6, "MPa"); of customary units no prefix."""
+    factor = _used.factor(unit)
+    size = abs(largest) * factor
+    if not unit or unit == "°" or not math.isfinite(size) or _used.customary or size == 0.0:
+        return 1.0, _used.name(unit)
     if unit == "m²":
-        return next((factor, name) for factor, name, least in _AREAS if size >= 0.9995 * least)
+        return next((of / factor, name) for of, name, least in _AREAS if size >= 0.9995 * least)
     power = 3 * math.floor(math.log10(size * 1.0005) / 3.0)  # 999.96 reads 1000: the next prefix
     power = min(max(power, min(_PREFIXES)), 3 if unit == "s" else max(_PREFIXES))
     if unit == "s":
         power = min(power, 0)
-    return 10.0**power, _PREFIXES[power] + unit
+    return 10.0**power / factor, _PREFIXES[power] + unit
 
 
 def number(value: float, digits: int = 4) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from ..fem import mesh_formats
+from .curves import in_radians
 from .material import MaterialTable, MaterialTables, materials_of, refuse_groups
 from .values import TABLES, Cells, Direction, FileName, GroupNumber, Length, Name, Number, Table, Vector
 
@@ -108,11 +109,14 @@ BodyName = Annotated[Name, AfterValidator(_identifier)]
 
 
 class RotateTable(Table):
-    """A rotation: a point of the axis in metres, by default the origin, its direction, and the angle in radians."""
+    """A rotation: a point of the axis in metres, by default the origin, its direction, and the angle in radians, or
+    degrees."""
 
     axis: Direction
     angle: Number
     point: Vector = (0.0, 0.0, 0.0)
+
+    _in_radians = model_validator(mode="before")(in_radians)
 
     def rotation(self) -> Rotation:
         from ..fem.geometry import Rotation

@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from ..model.times import HALVINGS, refuse_missed, refuse_times
 from ..ranks import launched, on_rank_0
+from ..units import use
 from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face
 from .contact import AutoContactTable, ContactTable, ContactTables
 from .curves import (
@@ -43,7 +44,7 @@ from .loads import (
     refuse_unfit_heat,
 )
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
-from .solver import OutputTable, ProbeTable, SolverTable
+from .solver import OutputTable, ProbeTable, SolverTable, UnitsTable
 from .ties import CyclicSymmetryTable, PretensionTable, RigidFaceTable, TieTable
 from .values import ROWS, TABLES, Duration, Number, SpatialVector, Steps, Table, Vector, field
 
@@ -113,6 +114,7 @@ class Case(Table):
     pretension: Annotated[tuple[PretensionTable, ...], Field(max_length=TABLES)] = ()
     probe: Annotated[tuple[ProbeTable, ...], Field(max_length=TABLES)] = ()
     history: HistoryTable | None = None
+    units: UnitsTable = UnitsTable()
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
 
@@ -465,7 +467,8 @@ class Case(Table):
 
 
 def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
-    """Read a case file; rank 0 reads, all ranks get the same case or the same error.
+    """Read a case file; rank 0 reads, all ranks get the same case or the same error.  Its units are those of what this
+    process says from then on (`units.use`).
 
     Args:
         path: The TOML file, or the JSON file that a run has written; names of mesh files in it are relative to its
@@ -487,6 +490,8 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
     rename_files(tables, {place: str(folder / name) for place, name in named_files(tables).items()})
     read_curves(Path(path), tables, written)
     try:
-        return Case.model_validate(tables)
+        case = Case.model_validate(tables)
     except ValidationError as error:
         raise fault_of(error, str(path), Case) from None
+    use(case.units.length, case.units.stress)
+    return case

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 
 from ..arrays import FloatArray
 from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere
-from .curves import AmplitudeTable, MotionTable, amplitude_of, motion_of, rows_of
+from .curves import AmplitudeTable, MotionTable, amplitude_of, in_radians, motion_of, rows_of
 from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
@@ -167,11 +167,14 @@ class RegionTable(Table):
 
 
 class RotationTable(Table):
-    """Rotation of a foundation: a point of the axis in metres, its direction, and rows [time, angle] in radians."""
+    """Rotation of a foundation: a point of the axis in metres, its direction, and rows [time, angle] in radians, or
+    `degrees`."""
 
     point: Vector
     axis: Direction
     angle: AmplitudeTable
+
+    _in_radians = model_validator(mode="before")(in_radians)
 
     def rotation(self) -> Rotation:
         from ..fem.geometry import Rotation

@@ -84,6 +84,24 @@ Factors = tuple[tuple[float, float], ...] | FactorCurveTable
 Translations = tuple[tuple[float, float, float, float], ...] | MotionCurveTable
 
 
+def in_radians(given: Any) -> Any:
+    """A table of a case with `angle` in place of `degrees`: a number, or rows of time and angle."""
+    if not isinstance(given, dict) or "degrees" not in given:
+        return given
+    if "angle" in given:
+        raise ValueError("give angle (radians) or degrees, one of the two")
+
+    def turned(angle: Any) -> Any:
+        return math.radians(angle) if isinstance(angle, int | float) and not isinstance(angle, bool) else angle
+
+    degrees = given["degrees"]
+    if isinstance(degrees, dict):
+        degrees = {**degrees, "table": in_radians({"degrees": degrees.get("table")})["angle"]}
+    elif isinstance(degrees, list | tuple):
+        degrees = [[*row[:1], *map(turned, row[1:])] if isinstance(row, list | tuple) else row for row in degrees]
+    return {**{key: value for key, value in given.items() if key != "degrees"}, "angle": turned(degrees)}
+
+
 def amplitude_of(given: Factors | None) -> Amplitude:
     """The factor 1 without a table."""
     if given is None:
@@ -113,7 +131,7 @@ def refuse_ended(given: Factors | Translations, end: float) -> None:
 
 # --- CSV files ----------------------------------------------------------------------------------------------------
 
-_COLUMNS = {"amplitude": "time, factor", "motion": "time, x, y, z", "angle": "time, angle"}
+_COLUMNS = {"amplitude": "time, factor", "motion": "time, x, y, z", "angle": "time, angle", "degrees": "time, angle"}
 """Keys of tables in time, alone or after an underscore as in friction_amplitude, and their columns."""
 
 

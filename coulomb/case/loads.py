@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, model_validator
 
 from .contact import FoundationTable, surface_of
-from .curves import AmplitudeTable, amplitude_of
+from .curves import AmplitudeTable, amplitude_of, in_radians
 from .values import Direction, Name, Number, SpatialNumber, SpatialVector, Stiffness, Table, Vector, coefficient, field
 
 if TYPE_CHECKING:
@@ -69,7 +69,8 @@ class ClampTable(PrescribedDisplacementTable):
 
 
 class PrescribedRotationTable(Table):
-    """Prescribed rotation of a face: a point of the axis in metres, its direction, and the angle in radians."""
+    """Prescribed rotation of a face: a point of the axis in metres, its direction, and the angle in radians, or
+    degrees."""
 
     face: Name
     point: Vector
@@ -77,6 +78,8 @@ class PrescribedRotationTable(Table):
     angle: Number
     axial: Literal["held", "free"] = "held"
     amplitude: AmplitudeTable | None = None
+
+    _in_radians = model_validator(mode="before")(in_radians)
 
     def support(self) -> PrescribedRotation:
         from ..fem.bodies import PrescribedRotation

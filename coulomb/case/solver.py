@@ -15,6 +15,14 @@ if TYPE_CHECKING:
     from ..solvers.newton_systems import NewtonChoice
 
 
+class UnitsTable(Table):
+    """The units of length and stress of all numbers of a case and its results; of forces stress times length^2, of
+    energies stress times length^3, of densities stress times s^2 over length^2."""
+
+    length: Literal["m", "cm", "mm", "um", "in", "ft"] = "m"
+    stress: Literal["Pa", "kPa", "MPa", "GPa", "psi"] = "Pa"
+
+
 class SolverTable(Table):
     """Accuracy, and methods in place of the choice by size; newton = "condensed" is matrix-free.  kinematics = "large"
     is for large motions."""

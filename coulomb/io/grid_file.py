@@ -23,7 +23,9 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..contact_fields import unit_of
 from ..fem.meshes import HDF5Target
+from ..units import used
 from .field_files import WHOLE, data_of, function_at, grids_of, mesh_at, uniform
 from .run_directory import OLD
 
@@ -240,4 +242,7 @@ def _describe_grid(
             place = function_at(name, group)
             kind = KINDS.get(shapes[place][1], "Matrix")
             attributes = {"Name": name, "AttributeType": kind, "Center": centre}
-            refer(ElementTree.SubElement(grid, "Attribute", attributes), place, **double)
+            attribute = ElementTree.SubElement(grid, "Attribute", attributes)
+            refer(attribute, place, **double)
+            if unit := used().name(unit_of(name)):
+                ElementTree.SubElement(attribute, "Information", Name="unit", Value=unit)

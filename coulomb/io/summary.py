@@ -26,6 +26,7 @@ from ..model.resultants import ForceBalance
 from ..model.solution import Solution
 from ..process import peak_memory
 from ..solvers.results import Status
+from ..units import used
 from ..version import __version__
 from .environment import versions
 from .locking import thin_and_bent
@@ -81,6 +82,10 @@ def summary(solution: Solution) -> dict[str, Any]:
         },
         "small_strain": {**strain.entry(), "accepted": problem.small_strain == "warn"},
         "remarks": remarks(solution),
+        "units": {
+            **{"length": used().length, "stress": used().stress},
+            **{"force": used().name("N"), "moment": used().name("N m"), "energy": used().name("J")},
+        },
         "versions": versions(),
         "seconds": dict(problem.seconds),
         "peak_memory_bytes": problem.comm.allreduce(peak_memory()),

@@ -16,7 +16,7 @@ from ...contact_fields import normal_forces
 from ...io.accuracy import TOLERANCE, accuracy
 from ...io.field_files import Grid, read_grids
 from ...io.run_directory import HISTORY, SUMMARY, RunDirectory, read_json, read_table, step_place
-from ...units import in_seconds
+from ...units import in_seconds, use
 from .grids import first_order, merged
 
 Rows = list[dict[str, float]]
@@ -167,8 +167,8 @@ class Run:
 
 
 def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run:
-    """Read the files of a run; if it `needs` only those of "contact" and "solution" that will be shown, other files may
-    be missing.
+    """Read the files of a run, in whose units numbers are shown from then on; if it `needs` only those of "contact" and
+    "solution" that will be shown, other files may be missing.
 
     Raises:
         ValueError: If the directory holds no run, or a file cannot be read, with the reason.
@@ -184,6 +184,8 @@ def read_run(directory: str | Path, needs: tuple[str, ...] | None = None) -> Run
             raise
         known = False
     is_history, last = "steps" in summary, summary.get("last", summary)
+    units = last.get("units", {})
+    use(units.get("length", "m"), units.get("stress", "Pa"))
     rows = _rows_of_history(folder, strict) if is_history or not known else []
     steps = tuple(Step(files.step(int(row["step"])).path, row["time"]) for row in rows)
     if not is_history and not steps:
