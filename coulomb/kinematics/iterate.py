@@ -10,22 +10,17 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, JoinedBodies, rigid_modes
-from ..fem.contact import ContactSurface, TiedBodies, face_samples
+from ..fem.contact import ContactSurface, TiedBodies
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.reductions import Reductions
 from ..model.certificate import Evidence, rounding_forces
-from ..model.contact_body import ContactBody
 from ..model.linear_problem import Before
 from ..model.load_step import State
-from ..model.overlap import deformations
 from ..model.problem import ContactProblem
 from ..model.problem_evidence import gather_evidence
-from ..model.small_strain import SmallStrain, small_strain
-from ..model.solution import Solution
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.successive_tresca import Anderson
 from .nonlinear_body import NonlinearBody
@@ -139,6 +134,10 @@ class Linearised(ContactProblem):
         none = np.zeros(0, dtype=np.int64)
         e = self._evidence(x, u, self.compliances)
         return replace(e, held_gap=np.zeros(0), held_owner=none, held_part=none)
+
+    @property
+    def prescribed(self) -> FloatArray:
+        return np.concatenate([nonlinear(one.body).place.prescribed for one in self.elasticity.members])
 
     def evidence_here(self, x: FloatArray, compliance: FloatArray) -> Evidence:
         """The evidence of the nonlinear problem for forces x (3 m,) at the displacement from which it is linearised;
@@ -280,36 +279,6 @@ class Iterate:
         """The start of a load step from here; collective."""
         surface, motions = self.problem.state.surface, self.problem.state.foundation_motions
         return FaceMotion(*foot_points(self.body, surface.faces, motions, self.foundations), surface, motions)
-
-
-@dataclass
-class _Deformed:
-    """A body at its deformed place x (k, 3), with its internal forces there (k, 3), as of `small_strain`."""
-
-    comm: MPI.Comm
-    x: FloatArray
-    internal: FloatArray
-
-    def internal_force(self, u: FloatArray) -> FloatArray:
-        return self.internal
-
-    def largest_gradient(self, u: FloatArray) -> float:
-        return 0.0
-
-
-def fineness(answer: Solution, e: Evidence, undeformed: ContactBody) -> SmallStrain:
-    """`LargeSolution.small_strain` of an answer, by its evidence; collective."""
-    surface, body, over = answer.problem.surface, answer.problem.elasticity, Reductions(e.comm)
-    members = [body.face(face, "contact") for face in surface.faces]
-    faces = [face_samples(one.body, facets, answer.change[one.nodes]) for one, facets in members]
-    deformation = deformations(e.displacement, e.internal, body.component, over)
-    motions = answer.problem.state.foundation_motions
-    given = np.zeros(len(surface.x))
-    inside = undeformed.outside.overlap(surface, given, motions, answer.displacement, deformation, large=True)
-    deformed = _Deformed(e.comm, e.x, e.internal)
-    return small_strain(
-        answer.at_nodes, surface.foundations, deformed, e.displacement, faces, inside=inside, large=True
-    )
 
 
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:

@@ -14,8 +14,8 @@ from __future__ import annotations
 import copy
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from dataclasses import replace
+from functools import partial
 from itertools import chain
 from typing import Any, Final
 
@@ -33,15 +33,13 @@ from ..model.discrete_problem import StatePoints
 from ..model.linear_problem import Before
 from ..model.load_step import Earlier, Energy, Forces, State
 from ..model.nodal_answer import Accumulated
-from ..model.probes import Probe, ProbeValue
 from ..model.problem import ContactProblem
-from ..model.small_strain import SmallStrain
 from ..model.solution import Solution
 from ..model.stopping_criterion import StoppingCriterion
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from .hyperelastic import HyperelasticBody
-from .iterate import NEAR, CarriedForces, Iterate, Linearised, Path, fineness, linearised, nonlinear
+from .iterate import NEAR, CarriedForces, Iterate, Linearised, Path, linearised, nonlinear
 from .slip import FaceMotion
 
 _log = logging.getLogger(__name__)
@@ -63,84 +61,6 @@ _ARM: Final = 1e-3
 
 class StepCut(NotConverged):
     """A load step has no answer: why, in words."""
-
-
-@dataclass(frozen=True)
-class LargeSolution(Solution):
-    """An equilibrium of large motions.  `problem` is the last linear problem, of the bodies at their deformed place, in
-    whose frames the contact forces are; slip is that of the load step, `result` that of all linear problems together,
-    and the certificate of the nonlinear problem.
-
-    Attributes:
-        residuals: Largest value of the certificate's checks before each linear problem, and at the end.
-        evidence: What the certificate was judged by.
-        origin: The problem whose answer this is.
-        at_own_nodes: diag(A) by which it was judged, at the nodes of the bodies, shape (k, 3); 0 where it is not known.
-        by: Methods of the last linear problem, and their number.
-    """
-
-    residuals: tuple[float, ...]
-    evidence: Evidence
-    origin: LargeMotions
-    at_own_nodes: FloatArray
-    by: dict[str, Any] = field(default_factory=dict)
-
-    @property
-    def methods(self) -> dict[str, Any]:
-        return self.by
-
-    @property
-    def mean_compliance(self) -> float:
-        over, own = Reductions(self.problem.comm), self.evidence.compliance
-        return over.sum(own) / max(over.sum(float(own.size)), 1.0)
-
-    @property
-    def compliances(self) -> FloatArray:
-        return self.at_own_nodes[self.problem.surface.nodes]
-
-    @property
-    def time(self) -> float:
-        """In seconds."""
-        return self.problem.time
-
-    @property
-    def outer_iterations(self) -> int:
-        """Number of linear problems."""
-        return len(self.residuals) - 1
-
-    @property
-    def change(self) -> FloatArray:
-        return np.zeros_like(self.displacement)
-
-    @cached_property
-    def small_strain(self) -> SmallStrain:
-        """Whether the facets in contact are fine enough, and surfaces are outside of each other."""
-        return fineness(self, self.evidence, self.origin.body)
-
-    @property
-    def forces_at_nodes(self) -> dict[str, FloatArray]:
-        internal, spring, load = self.inner_forces
-        prescribed = [nonlinear(one.body).place.prescribed for one in self.problem.elasticity.members]
-        return {
-            "load": load,
-            "prescribed": np.concatenate(prescribed),
-            "spring_force": spring,
-            "internal_force": internal,
-            "rounding_force": self.evidence.rounding,
-            **self.tie_fields,
-        }
-
-    @property
-    def inner_forces(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        e = self.evidence
-        return e.internal, e.spring, e.load
-
-    @cached_property
-    def probes(self) -> tuple[ProbeValue, ...]:
-        return self._at(self.origin.body.probes)
-
-    def probed(self, probes: Sequence[Probe]) -> tuple[ProbeValue, ...]:
-        return self._at(self.origin.body.located(probes))
 
 
 def size_of(certificate: Certificate) -> float:
@@ -236,7 +156,7 @@ class LargeMotions(ContactProblem):
         solver: Solver | None = None,
         progress: ProgressCallback | None = None,
         start: FloatArray | None = None,
-    ) -> LargeSolution:
+    ) -> Solution:
         """The equilibrium at the end of the load step, or in one step from the undeformed place; arguments as of
         `ContactProblem`, for every linear problem; collective.
 
@@ -265,7 +185,7 @@ class LargeMotions(ContactProblem):
         none = Accumulated.none(count)
         return State(0, self.time, Energy(), still, np.zeros((count, 3)), np.zeros(count), none, ())
 
-    def _whole_step(self, state: State, tolerance: float, solve: Any) -> LargeSolution:
+    def _whole_step(self, state: State, tolerance: float, solve: Any) -> Solution:
         """Of bodies that slide on each other by accelerated iterates, and if these fail, by the others: on foundations
         iterates converge fast enough."""
         if any(one.against is not None for one in self.contacts):
@@ -275,7 +195,7 @@ class LargeMotions(ContactProblem):
                 _log.debug("accelerated: %s", failure)
         return self._solved_from(state, tolerance, solve, accelerate=False)
 
-    def _solved_from(self, state: State, tolerance: float, solve: Any, accelerate: bool) -> LargeSolution:
+    def _solved_from(self, state: State, tolerance: float, solve: Any, accelerate: bool) -> Solution:
         begin = self._iterate(state, state.displacement, state.time, None)
         start = begin.start()
         here = self._iterate(state, state.displacement, self.time, start)
@@ -317,16 +237,14 @@ class LargeMotions(ContactProblem):
         else:
             raise self._cut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
         whole = _together(results, x, certificate, sizes[-1] <= tolerance)
-        answer = replace(
-            self._answer(here, x, whole, evidence, certificate, tuple(sizes), at_nodes),
-            by={**linear.methods, "kinematics": "large", "linear_problems": len(results)},
-        )
+        methods = {**linear.methods, "kinematics": "large", "linear_problems": len(results)}
+        answer = self._answer(here, x, whole, evidence, certificate, at_nodes, methods, tuple(sizes))
         warnings = answer.small_strain.warnings
         for text in warnings if self.comm.rank == 0 else ():
             _log.warning("at %g s: %s", self.time, text)
         return answer
 
-    def solution(self, result: SolverResult, criterion: StoppingCriterion | None = None) -> LargeSolution:
+    def solution(self, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:
         """The state before a step that has failed, judged with the loads of its end; collective."""
         state = self._state
         begin = self._iterate(state, state.displacement, state.time, None)
@@ -336,7 +254,7 @@ class LargeMotions(ContactProblem):
         diagonal.destroy()
         return self.judged(here, x, replace(result, x=x), np.full_like(here.u, compliance))
 
-    def recomputed(self, displacement: FloatArray, force_on_body: FloatArray, compliance: FloatArray) -> LargeSolution:
+    def recomputed(self, displacement: FloatArray, force_on_body: FloatArray, compliance: FloatArray) -> Solution:
         """What a displacement (k, 3) and contact forces at the points of states are as an answer of the load step,
         judged with this diagonal of A, at these points as well, all of shape (m, 3); collective."""
         state = self._state
@@ -348,10 +266,10 @@ class LargeMotions(ContactProblem):
         at_nodes[surface.nodes] = compliance[self._number[surface.nodes]]
         return self.judged(here, x, _without_answer(len(surface.nodes)), at_nodes)
 
-    def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: FloatArray) -> LargeSolution:
+    def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: FloatArray) -> Solution:
         """The answer of forces x (3 m,) at an iterate, judged by diag(A) at the nodes (k, 3); collective."""
         evidence = here.problem.evidence_here(x, compliance)
-        return self._answer(here, x, result, evidence, judge(evidence), (), compliance)
+        return self._answer(here, x, result, evidence, judge(evidence), compliance, {}, ())
 
     def _answer(
         self,
@@ -360,13 +278,17 @@ class LargeMotions(ContactProblem):
         result: SolverResult,
         evidence: Evidence,
         certificate: Certificate,
-        sizes: tuple[float, ...],
         compliance: FloatArray,
-    ) -> LargeSolution:
+        methods: dict[str, Any],
+        sizes: tuple[float, ...],
+    ) -> Solution:
         problem, bound = here.problem, here.problem.slip_bound(x)
         self._count(here)
         problem.seconds, problem.started, problem.small_strain = self.seconds, self.started, self.small_strain
-        return LargeSolution(problem, x, here.u, bound, result, certificate, sizes, evidence, self, compliance)
+        over, own = Reductions(self.comm), evidence.compliance
+        mean = over.sum(own) / max(over.sum(float(own.size)), 1.0)
+        judged = evidence, compliance[problem.surface.nodes], mean, methods, sizes
+        return Solution(problem, x, here.u, bound, result, certificate, *judged)
 
     def _count(self, here: Iterate) -> None:
         for name, seconds in here.problem.seconds.items():
@@ -405,7 +327,9 @@ class LargeMotions(ContactProblem):
 
     def _iterate(self, state: State, u: FloatArray, time: float, start: FaceMotion | None) -> Iterate:
         def pose(body: Deformable) -> Linearised:
-            return Linearised(body, self.contacts, time=time, **self._methods)
+            there = Linearised(body, self.contacts, time=time, **self._methods)
+            there.body.undeformed = self.body
+            return there
 
         return Iterate(self.elasticity, pose, u, time, state, self._number, start)
 
@@ -417,7 +341,7 @@ class LargeMotions(ContactProblem):
         return CarriedForces(vectors, normals)
 
     def after(self, before: State, solution: Solution) -> State:
-        assert isinstance(solution, LargeSolution)
+        assert isinstance(solution, Solution)
         answer, e, at = solution.at_nodes, solution.evidence, self._number[solution.problem.surface.nodes]
         force, rate = np.zeros_like(before.force_on_body), np.zeros_like(before.slip_rate)
         force[at] = solution.force_on_body
@@ -439,7 +363,7 @@ class LargeMotions(ContactProblem):
             before=Earlier(before.time, before.force_on_body),
         )
 
-    def _energy(self, before: State, solution: LargeSolution, now: Forces) -> Energy:
+    def _energy(self, before: State, solution: Solution, now: Forces) -> Energy:
         """Work by the trapezoidal rule; the elastic energy is that of the bodies, or if one has a residual alone, the
         work of the internal forces; collective."""
         over, problem, surface, then = Reductions(self.comm), solution.problem, solution.problem.surface, before.forces

@@ -235,9 +235,11 @@ class ContactBody:
         unknowns: Free displacement unknowns and contact unknowns, over all ranks.
         stiffness: K^-1 and A, and the method by which they are computed.
         heat: Conduction of heat; None without.
+        undeformed: The same before any deformation, of bodies that are linearised at a deformed place; else None.
     """
 
     heat: HeatProblem | None = None
+    undeformed: ContactBody | None = None
 
     def __init__(
         self,

@@ -95,6 +95,11 @@ class DiscreteProblem:
         return np.array([motion.translation for motion in self.state.foundation_motions])
 
     @property
+    def prescribed(self) -> FloatArray:
+        """The displacements that supports prescribe, 0 elsewhere, metres, shape (k, 3)."""
+        return self.elasticity.held_part(self.loading.prescribed)
+
+    @property
     def linear(self) -> LinearProblem:
         """f, K^-1, A and b: one object until K or the method for K^-1 changes, which is then made anew."""
         known, stiffness = self._known, self.body.stiffness

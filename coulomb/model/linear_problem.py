@@ -6,7 +6,7 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -211,6 +211,13 @@ class LinearProblem:
     def __init__(self, stiffness: FixedStiffness, state: ContactState, seconds: dict[str, float]):
         self.stiffness, self.state, self._seconds = stiffness, state, seconds
         self.elasticity, self.loading, self.surface = state.elasticity, state.loading, state.surface
+
+    @property
+    def methods(self) -> dict[str, Any]:
+        """By what K^-1 and A are computed, as in summary.json, and why not by what was chosen first."""
+        why = self.stiffness.method.why
+        names = {"stiffness": self.stiffness.solver.name, "compliance": self.A.name}
+        return {**names, **({"changed": why} if why else {}), "ranks": self.elasticity.comm.size}
 
     @cached_property
     def f(self) -> PETSc.Vec:

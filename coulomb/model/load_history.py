@@ -127,8 +127,8 @@ class LoadHistory:
                 continue
             # Slip is measured from the state before, independently of the slip origin given to the solver.
             if solution.problem.before is not state:
-                judged = judge(solution.problem.evidence(solution.contact_force, solution.displacement, state))
-                solution = replace(solution, certificate=judged)
+                evidence = solution.problem.evidence(solution.contact_force, solution.displacement, state)
+                solution = replace(solution, evidence=evidence, certificate=judge(evidence))
             state = problem.after(state, solution)
             if problem.comm.rank == 0:
                 passed = "passed" if solution.certificate.passed else "FAILED"

@@ -475,7 +475,11 @@ class ContactProblem(DiscreteProblem):
         certificate = judged.certificate
         if self.body.heat is not None and result.status is not Status.CONVERGED:
             certificate = replace(certificate, checks=(*certificate.checks, UNBALANCED))
-        return Solution(self, x, judged.displacement, g, result, certificate)
+        methods = {"solver": result.method, **self.linear.methods}
+        return Solution(
+            *(self, x, judged.displacement, g, result, certificate, judged.evidence),
+            *(self.compliances, self.mean_compliance, methods),
+        )
 
     def _one_blas_thread(self) -> AbstractContextManager[object]:
         """One thread of BLAS where multigrid's kernels have several: OpenBLAS waits for its next call in busy loops."""

@@ -21,7 +21,6 @@ from ..nearest import among, tree_of
 
 if TYPE_CHECKING:
     from ..fem.geometry import RigidFoundation
-    from .certificate import Strained
     from .nodal_answer import NodalAnswer
 
 _PRESSING: Final = 1e-6  # a node presses if its force is above this fraction of the largest
@@ -222,8 +221,9 @@ def known_mode(mode: str) -> str:
 def small_strain(
     at_nodes: NodalAnswer,
     foundations: Sequence[RigidFoundation | None],
-    body: Strained,
     u: FloatArray,
+    internal: FloatArray,
+    gradient: float,
     between: Sequence[FaceSamples] = (),
     blocked: float = 0.0,
     inside: Overlap | None = None,
@@ -234,8 +234,10 @@ def small_strain(
     Args:
         at_nodes: The answer at the contact nodes.
         foundations: Foundation of each contact face at this time; None against a deformable face.
-        body: The body.
-        u: Displacement in metres, this rank's nodes, shape (k, 3).
+        u: Displacement in metres, this rank's nodes, shape (k, 3); of large motions without that of the bodies as rigid
+            ones.
+        internal: Internal forces, newtons, shape (k, 3).
+        gradient: Largest norm of the displacement gradient; 0 of large motions, in which it may have any size.
         between: Places on each contact face.
         blocked: The deformation that the loads would cause where nothing can move, metres (`Evidence`).
         inside: The largest overlap of surfaces.
@@ -263,9 +265,9 @@ def small_strain(
         distance, turn = on_all_ranks(measure, "contact: foundation", at_nodes.comm)
     except ValueError:  # no distance or normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
-    deformation, pressed = deformation_of(body, u, over, blocked), over.sum(normal[pressing])
+    deformation, pressed = deformation_of(internal, u, over, blocked), over.sum(normal[pressing])
     chord, rounded = _largest_chords(at_nodes, pressing, foundations, between)
-    approach = max(over.dot(u, body.internal_force(u)) / pressed, blocked) if pressed > 0.0 else 0.0
+    approach = max(over.dot(u, internal) / pressed, blocked) if pressed > 0.0 else 0.0
     pairs = np.isin(part, [number for number, foundation in enumerate(foundations) if foundation is None])
     # Normals are those at the undeformed node, of the foundation at its current place; and a node keeps what it is
     # opposite to on a deformable face.
@@ -274,7 +276,7 @@ def small_strain(
         gap_error=0.0 if deformation <= 0.0 else largest(distance, over) / deformation,
         turn=largest(turn, over),
         slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
-        gradient=body.largest_gradient(u),
+        gradient=gradient,
         between=_relative(_deepest(at_nodes, foundations, between, large), deformation),
         chord=_relative(chord, approach),
         rounding=_relative(rounded, approach),
@@ -283,16 +285,15 @@ def small_strain(
     )
 
 
-def deformation_of(body: Strained, u: FloatArray, over: Reductions, blocked: float = 0.0) -> float:
+def deformation_of(internal: FloatArray, u: FloatArray, over: Reductions, blocked: float = 0.0) -> float:
     """Mean displacement of the forces that deform a body, metres; collective.
 
     Args:
-        body: The body.
-        u: Displacement in metres, this rank's nodes, shape (k, 3).
+        internal: Its internal forces, newtons, this rank's nodes, shape (k, 3).
+        u: Displacement in metres, shape (k, 3).
         over: The ranks.
         blocked: The deformation that the loads would cause where nothing can move, metres.
     """
-    internal = body.internal_force(u)
     forces = over.sum(np.linalg.norm(internal, axis=1))
     return max(0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces, blocked)
 

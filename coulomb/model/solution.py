@@ -20,7 +20,8 @@ from ..lazy_names import late_bound
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
 from . import notebook
-from .certificate import Certificate, rounding_forces
+from .certificate import Certificate, Evidence, rounding_forces
+from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem
 from .heat import Heat
 from .nodal_answer import NodalAnswer
@@ -68,7 +69,16 @@ class Solution:
         displacement: In metres, this rank's nodes, shape (k, 3).
         slip_bound: The g in newtons that the solver used, shape (m,).
         result: Status, residual and counts of the solver.
-        certificate: Certificate for the equations of small strains.
+        certificate: Certificate for the equations of small strains, or of large motions.
+        evidence: What the certificate was judged by.
+        compliances: diag(A) of every contact point, of both tangents the mean, metres per newton, shape (m, 3).
+        mean_compliance: Mean of diag(A) in metres per newton: the scale of the certificate.
+        methods: By which the answer was found: the entry `method` of summary.json.
+        residuals: In large motions the largest value of the certificate's checks before each linear problem, and at the
+            end.
+
+    In large motions `problem` is the last linear problem, of the bodies at their deformed place, in whose frames the
+    contact forces are; slip is that of the load step, and `result` that of all linear problems together.
     """
 
     problem: DiscreteProblem
@@ -77,34 +87,26 @@ class Solution:
     slip_bound: FloatArray
     result: SolverResult
     certificate: Certificate
+    evidence: Evidence
+    compliances: FloatArray
+    mean_compliance: float
+    methods: dict[str, Any]
+    residuals: tuple[float, ...] = ()
 
     @property
-    def compliances(self) -> FloatArray:
-        """diag(A) of every contact point, of both tangents the mean, metres per newton, shape (m, 3)."""
-        return self.problem.compliances
+    def time(self) -> float:
+        """In seconds."""
+        return self.problem.time
 
     @property
-    def mean_compliance(self) -> float:
-        """Mean of diag(A) in metres per newton: the scale of the certificate."""
-        return self.problem.mean_compliance
-
-    @property
-    def methods(self) -> dict[str, Any]:
-        """By which the answer was found: the entry `method` of summary.json."""
-        problem = self.problem
-        changed = problem.body.stiffness.changed
-        return {
-            "solver": self.result.method,
-            "stiffness": problem.stiffness.solver.name,
-            "compliance": problem.A.name,
-            **({"changed": changed} if changed else {}),
-            "ranks": problem.comm.size,
-        }
+    def outer_iterations(self) -> int:
+        """Number of linear problems."""
+        return max(len(self.residuals) - 1, 1)
 
     @property
     def change(self) -> FloatArray:
         """The displacement in metres from the place at which gaps are measured, shape (k, 3)."""
-        return self.displacement
+        return np.zeros_like(self.displacement) if self.problem.body.undeformed else self.displacement
 
     @property
     def function(self) -> Any:
@@ -158,25 +160,17 @@ class Solution:
     def forces_at_nodes(self) -> dict[str, FloatArray]:
         """The fields of solution.xdmf of loads and supports, and of bodies of the user's forms their internal forces,
         shapes (k, 3); collective."""
-        body, (internal, spring, load) = self.problem.elasticity, self.inner_forces
-        prescribed = body.held_part(self.problem.loading.prescribed)
-        found = {"load": load, "prescribed": prescribed, "spring_force": spring}
-        if body.forms() is not None:
-            rounding = rounding_forces(body, self.displacement)
-            found |= {"internal_force": internal, "rounding_force": rounding}
+        body, e = self.problem.elasticity, self.evidence
+        found = {"load": e.load, "prescribed": self.problem.prescribed, "spring_force": e.spring}
+        if body.forms() is not None or self.problem.body.undeformed:
+            found |= {"internal_force": e.internal, "rounding_force": rounding_forces(body, self.displacement)}
         return found | self.tie_fields
-
-    @property
-    def inner_forces(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Internal forces, those of springs, and loads, at the nodes, newtons, shapes (k, 3); collective."""
-        body, u = self.problem.elasticity, self.displacement
-        return body.internal_force(u), body.spring_force(u), self.problem.loading.load
 
     @cached_property
     def _imbalance(self) -> FloatArray:
         """What supports and ties hold, newtons, shape (k, 3); collective."""
-        internal, spring, load = self.inner_forces
-        return internal - spring - load + self.problem.nodal_contact_force(self.contact_force)
+        e = self.evidence
+        return e.internal - e.spring - e.load + self.problem.nodal_contact_force(self.contact_force)
 
     @property
     def tie_fields(self) -> dict[str, FloatArray]:
@@ -254,7 +248,7 @@ class Solution:
     @cached_property
     def probes(self) -> tuple[ProbeValue, ...]:
         """Displacement, slip and pressure at the probes of the problem; collective, the same on every rank."""
-        return self._at(self.problem.body.probes)
+        return self._at(self._undeformed.probes)
 
     def probed(self, probes: Sequence[Probe]) -> tuple[ProbeValue, ...]:
         """Displacement, slip and pressure at other points; collective, the same on every rank.
@@ -262,23 +256,34 @@ class Solution:
         Raises:
             ValueError: On every rank, if two have the same name, or a point is outside the body.
         """
-        return self._at(self.problem.body.located(probes))
+        return self._at(self._undeformed.located(probes))
 
     def _at(self, probes: LocatedProbes) -> tuple[ProbeValue, ...]:
         return probes.values(self.displacement, self.at_nodes, self.problem.surface.nodes)
 
+    @property
+    def _undeformed(self) -> ContactBody:
+        return self.problem.body.undeformed or self.problem.body
+
     @cached_property
     def small_strain(self) -> SmallStrain:
-        """Measures of the small-strain theory; collective."""
-        problem, body = self.problem, self.problem.elasticity
-        blocked = body.blocked_displacement(problem.loading)
+        """Measures of the small-strain theory; of large motions whether the facets in contact are fine enough, and
+        surfaces are outside of each other; collective."""
+        problem, body, e = self.problem, self.problem.elasticity, self.evidence
+        large = problem.body.undeformed is not None
         members = [body.face(face, "contact") for face in problem.surface.faces]
-        faces = [face_samples(one.body, facets, self.displacement[one.nodes]) for one, facets in members]
-        u, over = self.displacement, Reductions(problem.comm)
-        deformation = deformations(u, body.internal_force(u), body.component, over)
-        given, motions = problem.body.given_gap(problem.surface, problem.time), problem.state.foundation_motions
-        inside = problem.body.outside.overlap(problem.surface, given, motions, u, deformation)
-        return small_strain(self.at_nodes, problem.surface.foundations, body, u, faces, blocked, inside)
+        faces = [face_samples(one.body, facets, self.change[one.nodes]) for one, facets in members]
+        deformation = deformations(e.displacement, e.internal, body.component, Reductions(problem.comm))
+        given = np.zeros(len(problem.surface.x)) if large else self.at_nodes.given_gap
+        inside = self._undeformed.outside.overlap(
+            problem.surface, given, problem.state.foundation_motions, self.displacement, deformation, large
+        )
+        blocked = body.blocked_displacement(problem.loading)
+        gradient = 0.0 if large else body.largest_gradient(self.displacement)
+        foundations = problem.surface.foundations
+        return small_strain(
+            self.at_nodes, foundations, e.displacement, e.internal, gradient, faces, blocked, inside, large
+        )
 
     @property
     def outside(self) -> tuple[str, ...]:

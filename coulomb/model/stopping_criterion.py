@@ -29,7 +29,7 @@ from ..fem.contact import row_products
 from ..linalg.reductions import Reductions
 from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
-from .certificate import Certificate, judge
+from .certificate import Certificate, Evidence, judge
 from .certificate_scales import place_of_largest
 from .discrete_problem import DiscreteProblem
 from .equilibrium import running_away
@@ -118,11 +118,12 @@ class CertifiedAnswer:
     Attributes:
         contact_force: The forces with exact zeros (`zero_open_forces`), newtons, shape (3 m,).
         displacement: In metres, this rank's nodes, shape (k, 3).
-        certificate: Their certificate.
+        evidence, certificate: By which they are judged, and the judgement.
     """
 
     contact_force: FloatArray
     displacement: FloatArray
+    evidence: Evidence
     certificate: Certificate
 
 
@@ -144,11 +145,8 @@ class StoppingCriterion:
         if last is None or not over.all(np.array_equal(last[0], x) and np.array_equal(last[1], alpha)):
             force, u = self._zeros_by_product(x, alpha) or self._zeros_by_displacement(x, alpha)
             with timed(problem.seconds, "certificate"):
-                last = (
-                    x.copy(),
-                    alpha.copy(),
-                    CertifiedAnswer(force, u, judge(problem.evidence(force, u, problem.before))),
-                )
+                evidence = problem.evidence(force, u, problem.before)
+                last = x.copy(), alpha.copy(), CertifiedAnswer(force, u, evidence, judge(evidence))
             self._last = last
         return last[2]
 

@@ -82,29 +82,6 @@ class Posed:
         return bool(given == "warn" == (before.get("small_strain") if self.settings is not None else "warn"))
 
 
-@dataclass(frozen=True)
-class Reposed(Solution):
-    """The answer in the files of a run, with diag(A) as recorded, shape (m, 3), and its summary."""
-
-    recorded: FloatArray
-    contents: Mapping[str, Any]
-
-    @property
-    def compliances(self) -> FloatArray:
-        """As recorded."""
-        return self.recorded
-
-    @property
-    def mean_compliance(self) -> float:
-        """As recorded."""
-        return float(self.contents["mean_compliance"])
-
-    @property
-    def methods(self) -> dict[str, Any]:
-        """As recorded."""
-        return dict(self.contents["method"])
-
-
 class WrittenAnswer:
     """Displacement and contact forces in the files of a run or a load step, and what else is taken from these.
 
@@ -144,12 +121,13 @@ class WrittenAnswer:
         evidence = gather_evidence(problem.body, problem.state, x, u, self._compliances, problem.before)
         result = SolverResult(x, x, bound, np.zeros((len(bound), 2)), Status.STAGNATED, float("nan"))
         given = bound if self._slip_bound is None else self._slip_bound
-        answer = Reposed(problem, x, u, given, result, judge(evidence), self._compliances, self.contents)
+        said = self.contents
+        recorded = self._compliances, float(said["mean_compliance"]), dict(said["method"])
+        answer = Solution(problem, x, u, given, result, judge(evidence), evidence, *recorded)
         if self._temperature is None or problem.body.heat is None:
             return answer
-        said = self.contents.get("heat", {})
-        flows = problem.body.heat.flows(*at_contact(answer), self._temperature)
-        heat = replace(flows, rounds=said.get("rounds", 0), agreement=said.get("agreement", 0.0))
+        flows, of_heat = problem.body.heat.flows(*at_contact(answer), self._temperature), said.get("heat", {})
+        heat = replace(flows, rounds=of_heat.get("rounds", 0), agreement=of_heat.get("agreement", 0.0))
         return replace(answer, problem=problem.in_state(replace(problem.state, heat=heat), None, problem.before))
 
     def conducted(self, answer: Solution) -> FloatArray:
