@@ -3,6 +3,7 @@ MPI."""
 
 from __future__ import annotations
 
+import contextlib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
@@ -125,15 +126,19 @@ def read_grids(path: str | Path) -> dict[str, Grid]:
 
 
 def _read(path: Path, grid: ElementTree.Element) -> Grid:
-    def data(element: Any) -> Any:
-        file, _, place = element.find("DataItem").text.strip().partition(":")
-        with h5py.File(path.with_name(file), "r") as h5:
-            return h5[place][()]
+    with contextlib.ExitStack() as stack:
+        files: dict[str, h5py.File] = {}
 
-    topology, geometry = grid.find("Topology"), grid.find("Geometry")
-    assert topology is not None and geometry is not None
-    fields = {str(attribute.get("Name")): _flat(data(attribute)) for attribute in grid.findall("Attribute")}
-    return Grid(str(topology.get("TopologyType")), data(topology), data(geometry), fields)
+        def data(element: Any) -> Any:
+            file, _, place = element.find("DataItem").text.strip().partition(":")
+            if file not in files:  # most grids have one
+                files[file] = stack.enter_context(h5py.File(path.with_name(file), "r"))
+            return files[file][place][()]
+
+        topology, geometry = grid.find("Topology"), grid.find("Geometry")
+        assert topology is not None and geometry is not None
+        fields = {str(attribute.get("Name")): _flat(data(attribute)) for attribute in grid.findall("Attribute")}
+        return Grid(str(topology.get("TopologyType")), data(topology), data(geometry), fields)
 
 
 def _flat(values: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -235,16 +235,20 @@ def test_plot_of_zones_and_of_a_film(block, history, tmp_path):
 
 
 def test_largest_value_on_a_picture_is_of_its_step(history, tmp_path, monkeypatch):
-    """Colours span all steps of a history; the figure beside the bar is that of the step."""
+    """And so are the colours: those of a film span all steps."""
     made = []
     monkeypatch.setattr(picture, "sheet", lambda *given: made.append(sheet(*given)) or made[-1])
-    found = []
+    found, largest = [], []
     for step in (1, 3):
         plot(history, "slip", None, None, tmp_path / "slip.png", step)
         (text,) = [text.get_text() for text in made[-1].texts if text.get_text().startswith("max ")]
         values = np.linalg.norm(read_grid(history / "steps" / f"{step:04d}" / "contact.xdmf").fields["slip"], axis=1)
-        found.append(float(text.removeprefix("max ")) / (1e3 * values.max()))
-    assert found == pytest.approx([1.0, 1.0], rel=1e-3)  # in mm, the unit of the whole history
+        found.append(float(text.removeprefix("max ")) / (1e6 * values.max()))
+        largest.append(values.max())
+    assert found == pytest.approx([1.0, 1.0], rel=1e-3)
+    assert [float(figure.axes[-1].get_xlim()[1]) / (1e6 * top) for figure, top in zip(made, largest, strict=True)] == (
+        pytest.approx([1.0, 1.0], rel=1e-6)
+    )
     assert any("time 3\u202fs" in text.get_text() for text in made[-1].texts)
 
 

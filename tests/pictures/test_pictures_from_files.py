@@ -44,7 +44,7 @@ def runs(tmp_path_factory):
 def copy(runs, tmp_path, monkeypatch):
     shutil.copytree(runs, tmp_path / "runs")
     monkeypatch.chdir(tmp_path / "runs")
-    files._read_once.cache_clear()
+    files._grids.clear()
     return tmp_path / "runs"
 
 

@@ -57,6 +57,7 @@ def test_nodes_may_be_in_another_order_in_every_step(history, tmp_path):
 # --- in a browser: a page is opened once for several tests ----------------------------------------------------------
 
 BETWEEN = """
+  canvas.closest("details").open = true;
   canvas.blur();
   choose(0);
   slide("scale", part("scale").defaultScale ??= part("scale").value);

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import re
-from typing import Any
+from typing import Any, Final
 
 import matplotlib
 import numpy as np
@@ -23,6 +24,9 @@ _FIRST, _SECOND, _THIRD, _FOURTH = "#0b84d8", "#e06c00", "#009e73", "#b05ea5"
 
 _CURVES = tuple((colour, style) for style in ("o-", "s--") for colour in (_FIRST, _SECOND, _THIRD, _FOURTH))
 """Colours and styles of several curves of one kind; more are not shown."""
+
+_WIDTHS: Final = (3.6, 3.0, 2.4, 1.8, 1.2, 1.2, 1.2, 1.2)
+"""Their widths: those that coincide are seen below each other."""
 
 
 def convergence(run: Run) -> str:
@@ -87,8 +91,8 @@ def forces(run: Run) -> str:
         what, pressing = "normal contact force", _normal_forces(run)
         parts = [(name, force, look) for (name, force), look in zip(pressing.items(), _CURVES, strict=False)]
     factor, unit = scale_of(max(float(np.max(np.abs(part))) for _, part, _ in parts), "N")
-    for label, part, (colour, style) in parts:
-        axes[0].plot(time, part / factor, style, color=colour, markersize=3, label=label)
+    for (label, part, (colour, style)), width in zip(parts, _WIDTHS, strict=False):
+        axes[0].plot(time, part / factor, style, color=colour, markersize=3, linewidth=width, label=label)
     axes[0].set(xlabel="time, s", ylabel=f"{what}, {unit}")
     names = {"loads": "loads", "prescribed": "prescribed displacements", "foundation": "foundation"}
     every, least = (*names, "elastic", "dissipated"), run.accuracy["J"]
@@ -153,9 +157,9 @@ def _against_time(
             pair[k] = _exact(pair[k], run.accuracy[bare])
         largest = [float(np.max(np.abs(pair[k]))) for pair in curves.values() if np.any(np.isfinite(pair[k]))]
         factor, unit = scale_of(max(largest, default=0.0), bare)
-        for (name, pair), (colour, style) in zip(curves.items(), _CURVES, strict=False):
+        for (name, pair), (colour, style), width in zip(curves.items(), _CURVES, _WIDTHS, strict=False):
             if np.any(np.isfinite(pair[k])):
-                axis.plot(time, pair[k] / factor, style, color=colour, markersize=3, label=name)
+                axis.plot(time, pair[k] / factor, style, color=colour, markersize=3, linewidth=width, label=name)
         axis.set(xlabel="time, s", ylabel=f"{what}, {unit}")
         axis.margins(x=0.02)
         if largest:
@@ -289,11 +293,11 @@ def meshes(run: Run) -> str:
 
 
 def effort(run: Run) -> str:
-    """For a load history: path-following steps and residual per load step."""
+    """For a load history: steps of the solver and residual per load step."""
     figure, (left, right) = _figure(2)
     number = _column(run.rows, "step")
     left.bar(number, _column(run.rows, "path_following"), color=_FIRST, width=0.7)
-    left.set(xlabel="load step", ylabel="path-following steps")
+    left.set(xlabel="load step", ylabel="steps of the solver")
     _logarithmic(right, number, _column(run.rows, "residual"), "o", _FIRST, 4.0)
     right.set(xlabel="load step", ylabel="residual at the end of the step")
     _decades(right, "residual 0 in every step")
@@ -301,13 +305,17 @@ def effort(run: Run) -> str:
     return _svg(figure, "Path-following steps and residuals by load step")
 
 
+_ACROSS: Final = 64
+"""Characters of a legend that are as wide as its panel."""
+
+
 def _legend(axis: Any) -> None:
     """Place the legend above the axes, if there is a line with a label."""
     labels = axis.get_legend_handles_labels()[1]
     if not labels:
         return
-    longest = max(len(label) for label in labels)
-    shape = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": 4 if longest < 9 else 2, "borderaxespad": 0.2}
+    columns = max(1, min(4, _ACROSS // (max(len(label) for label in labels) + 6)))
+    shape = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": columns, "borderaxespad": 0.2}
     axis.legend(frameon=False, labelcolor=_INK, fontsize=8.5, columnspacing=1.2, **shape)
 
 
@@ -362,8 +370,25 @@ def _figure(count: int) -> tuple[Any, Any]:
     return figure, axes
 
 
+_CALM: Final = 0.1
+"""Least height of an axis over the largest number on it: a change of 0.03 % is not drawn as a collapse."""
+
+
+def _calm(axis: Any) -> None:
+    """Full numbers at the ticks of a linear axis, without offset, which spans at least `_CALM` of them."""
+    if axis.get_yscale() == "linear":
+        low, high = axis.get_ylim()
+        missing = 0.5 * (_CALM * max(abs(low), abs(high)) - (high - low))
+        if missing > 0.0:
+            axis.set_ylim(low - missing, high + missing)
+        with contextlib.suppress(AttributeError):  # of another formatter
+            axis.yaxis.get_major_formatter().set_useOffset(False)
+
+
 def _svg(figure: Any, title: str) -> str:
     """A figure as a scalable element of the page, without links and background, in the text's colour."""
+    for axis in figure.axes:
+        _calm(axis)
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": title}):
         file = io.StringIO()
         figure.savefig(file, format="svg", transparent=True)

@@ -6,6 +6,8 @@
 // steps and scale, and values at nodes.  Both scripts have 26 kB; the data 63 kB for the six fields of the demo block,
 // and 296 kB for nine fields at the 24 steps of the demo history.
 
+addEventListener("beforeprint", () => document.querySelectorAll("details").forEach((one) => (one.open = true)));
+
 // --- scrolling ---------------------------------------------------------------------------------------------------
 
 // Charts and tables wider than the screen can be scrolled sideways; the page indicates where there is more.

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import shlex
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -69,10 +68,21 @@ class Step:
         return ""
 
 
-@functools.lru_cache(maxsize=4)
+_KEPT: Final = 500e6
+"""Bytes of grids that are kept: those of all steps of a small history, and of the last ones of a large one."""
+
+_grids: dict[tuple[Path, int], Grid] = {}
+
+
 def _read_once(path: Path, written: int) -> Grid:
-    """Cached grids: a run has few large files, used by many pictures; a history has many small ones."""
-    return merged({name: first_order(grid) for name, grid in read_grids(path).items()})
+    """Cached grids, used by many pictures."""
+    if (path, written) not in _grids:
+        grid = merged({name: first_order(grid) for name, grid in read_grids(path).items()})
+        size = sum(array.nbytes for array in (grid.points, grid.cells, *grid.fields.values()))
+        while len(_grids) >= max(_KEPT // max(size, 1), 4):
+            del _grids[next(iter(_grids))]
+        _grids[path, written] = grid
+    return _grids[path, written]
 
 
 @dataclass(frozen=True)

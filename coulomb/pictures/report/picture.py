@@ -24,13 +24,15 @@ from ...io.run_directory import PICTURE, RunDirectory
 from ...units import in_seconds, number, scale_of
 from .fields import AXES, INK, ZONES, Bar, Field, Limits, limits_of, named, ramp, zone_counts
 from .files import Run, Step, read_run
-from .scene import VIEWS, Look, Shot, automatic_scale, camera_of, cropped, paint, plotter_for, shoot
+from .scene import VIEWS, Look, Shot, automatic_scale, camera_of, cropped, paint, plotter_for, shoot, shots_of
 from .words import friction_in_words, in_nodes
 
 PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
 
-SHOT = (1500, 1100)
-"""Pixels of the body in a picture, at most."""
+SHOT, FILM = (1500, 1100), (900, 660)
+"""Pixels of the body in a picture and in a film, at most."""
+
+_FILM_DPI: Final = 100
 
 _SECONDS: Final = 0.15  # duration of a frame
 
@@ -76,9 +78,10 @@ def plot(
     writer = film_writer(save, chosen) if film and save is not None else None
 
     steps = run.steps if film else run.steps[(step or 0) - 1 :][:1]
-    used = automatic_scale(run) if scale is None else scale
+    shown = replace(run, steps=tuple(steps))  # whose colours and scale those of the picture are
+    used = automatic_scale(shown) if scale is None else scale
     view = view or ("iso" if chosen.file == "solution" else "contact")
-    limits = limits_of(run, chosen)
+    limits = limits_of(shown, chosen)
     if save is None:
         plotter = plotter_for((1280, 880), window=True)
         paint(plotter, steps[0], Look(chosen, limits, used, view, f"{caption(run, steps[0], used)} {run.alarm}"))
@@ -87,8 +90,8 @@ def plot(
         plotter.show(title=f"coulomb: {directory}")
         return ""
     look = Look(chosen, limits, used, view)
-    camera = camera_of(steps, look, SHOT)
-    shots = cropped([shoot(state, look, SHOT, camera) for state in steps])
+    size = FILM if film else SHOT
+    shots = cropped(shots_of(steps, look, camera_of(steps, look, size)))
     sheets = [
         sheet(
             shot,
@@ -256,7 +259,7 @@ def pixels_of(figure: Any) -> Pixels:
     """A sheet as pixels, (height, width, 3)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    figure.set_dpi(150)
+    figure.set_dpi(_FILM_DPI)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba(), dtype=np.uint8)[:, :, :3]

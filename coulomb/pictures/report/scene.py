@@ -234,17 +234,25 @@ class Shot:
 def shoot(step: Step, look: Look, size: tuple[int, int] = (1500, 1100), camera: Camera | None = None) -> Shot:
     """Render a state of the body, without text and with transparent background, in at most `size` pixels; by default by
     a camera that sees the whole state."""
-    camera = camera or camera_of([step], look, size)
-    plotter = plotter_for(camera.size)
-    bodies = paint(plotter, step, look)
-    camera.aim(plotter)
-    pixels = plotter.screenshot(return_img=True, transparent_background=True)
-    if bodies is not None:
-        bodies.SetVisibility(False)
-        plotter.render()
-        pixels = _shown_through(pixels, plotter.screenshot(return_img=True, transparent_background=True))
+    (shot,) = shots_of([step], look, camera or camera_of([step], look, size))
+    return shot
+
+
+def shots_of(steps: Sequence[Step], look: Look, camera: Camera) -> list[Shot]:
+    """Render states of the body one after another, by one window."""
+    plotter, found = plotter_for(camera.size), []
+    for step in steps:
+        plotter.clear_actors()
+        bodies = paint(plotter, step, look)
+        camera.aim(plotter)
+        pixels = plotter.screenshot(return_img=True, transparent_background=True)
+        if bodies is not None:
+            bodies.SetVisibility(False)
+            plotter.render()
+            pixels = _shown_through(pixels, plotter.screenshot(return_img=True, transparent_background=True))
+        found.append(Shot(np.asarray(pixels, dtype=np.uint8), camera.axes))
     plotter.close()
-    return Shot(np.asarray(pixels, dtype=np.uint8), camera.axes)
+    return found
 
 
 def _shown_through(whole: npt.NDArray[np.uint8], faces: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
