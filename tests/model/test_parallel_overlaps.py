@@ -239,3 +239,22 @@ def test_a_gap_that_is_given_lets_surfaces_pass():
     bodies = join(plate=plate, base=moved(box((1.0, 1.0, 0.5), (2, 2, 2)), (0.0, 0.0, -0.5)))
     held = [Clamp("base:bottom"), PrescribedDisplacement("plate:top", (0.0, 0.0, -0.04))]
     assert ContactProblem(bodies, STEEL, held, Contact("plate:bottom", 0.2, against="base:top", gap=0.05)).solve().valid
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize(("degree", "cells"), [(1, (1, 1, 1)), (2, (1, 1, 1)), (1, (2, 2, 2))])
+def test_a_blade_that_cuts_between_the_nodes(cell, degree, cells):
+    """It is one cell long, much longer than the block is wide, and as thin as 1 % of that."""
+    block = box((1.0, 1.0, 0.5), cells, cell, degree=degree)
+
+    def cut(way, *pair, long=1):
+        blade = moved(box((0.01, 9.0, 1.0), (1, long, 1), cell, degree=degree), (0.3, -0.7, 0.51))
+        held = [Clamp("block:bottom"), PrescribedDisplacement("blade:top", (0.0, 0.0, -way))]
+        bodies, floor = join(block=block, blade=blade), Contact("block:left", 0.2)
+        return ContactProblem(bodies, STEEL, held, [floor, *pair], small_strain="warn").solve().small_strain.inside
+
+    inside = cut(0.03)
+    assert inside.faces == ("'blade:bottom'", "'block:top'") and inside.place[2] == pytest.approx(0.51)
+    assert -1e-9 <= inside.place[1] <= 1.0 + 1e-9 and inside.depth == pytest.approx(0.02, rel=1e-6)
+    assert cut(0.01) is None
+    assert cut(0.03, Contact("blade:bottom", 0.2, against="block:top"), long=20) is None

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from itertools import chain, permutations, product
+from itertools import chain, combinations_with_replacement, permutations, product
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 
 from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
@@ -19,6 +20,7 @@ from ..meshes import SEPARATOR, boundary_facets, lagrange_points, starts_of
 from .facet_patch import FacetPatch, facet_patch
 
 Flags = npt.NDArray[np.bool_]
+Rows = npt.NDArray[Any]
 
 _SAME: Final = 1e-9
 """Distances that differ by less than this part are the same."""
@@ -83,12 +85,38 @@ class BodyBoundary:
             tetrahedra_of(domain.topology.cell_type, space.degree),
         )
 
-    def on(self, number: int, faces: Sequence[Face]) -> Flags:
-        """Which facets are on each of some faces, the number of this body given, shape (f, faces)."""
-        found: Flags = np.zeros((len(self.facet), len(faces)), dtype=bool)
-        for column, (part, facets) in zip(found.T, faces, strict=True):
-            column[:] = (part == number) & np.isin(self.facet, facets)
-        return found
+    def points(self, number: int, rows: FloatArray, near: Flags) -> Rows:
+        """The nodes, the edges and the diagonals of facets, by their two ends, of nodes the same.
+
+        Args:
+            number: Of this body.
+            rows: At the nodes of the facets u in metres, deformation, component; for every pair 1 on the slave and 2 at
+                what is kept out; and for every pair 1 on the master; shape (f, n, w).
+            near: Which facets have something near them, shape (f,).
+        """
+        patch, pieces, pairs = self.patch, self.patch.kind.pieces, (rows.shape[2] - 5) // 2
+        ends = np.unique([two for piece in pieces for two in combinations_with_replacement(np.sort(piece), 2)], axis=0)
+        nodes = np.sort(patch.nodes[:, ends]).reshape(-1, 2)
+        _, first, which = np.unique(nodes @ [self.starts[-1], 1], return_index=True, return_inverse=True)
+        at = first[:, None] // len(ends), ends[first % len(ends)]
+        kinds = [("part", "i8"), ("nodes", "i8", (2,)), ("x", "f8", (2, 3)), ("u", "f8", (2, 3)), ("near", "?")]
+        kinds += [("deformation", "f8"), ("slave", "?", (pairs,)), ("master", "?", (pairs,))]
+        kinds += [("inside", "i8"), ("component", "i8"), ("was", "f8", (3,)), ("at", "f8")]  # of the material there
+        points: Rows = np.zeros(len(first), dtype=kinds)
+        points["part"], points["nodes"], points["x"], points["u"] = number, nodes[first], patch.x[at], rows[at][..., :3]
+        points["near"] = np.bincount(which.ravel(), np.repeat(near, len(ends))) > 0.0
+        points["deformation"] = rows[at][:, 0, 3]
+        points["slave"], points["master"] = sides_of(rows[at])
+        return points
+
+    def facets_with(self, nodes: IntArray) -> tuple[IntArray, IntArray]:
+        """Pairs (point, row) of facets that have both nodes of points (p, 2)."""
+        row = np.repeat(np.arange(len(self.patch)), self.patch.kind.width)
+        on = scipy.sparse.csr_matrix(
+            (np.ones(len(row)), (self.patch.nodes.ravel(), row)), (self.starts[-1], len(self.patch))
+        )
+        both = on[nodes[:, 0]].multiply(on[nodes[:, 1]]).tocoo()
+        return both.row.astype(np.int64), both.col.astype(np.int64)
 
     def name_of(self, row: int) -> str:
         """The smallest named face that has the facet in this row, in words."""
@@ -103,6 +131,13 @@ class BodyBoundary:
         vector = self.patch.middle_vectors[row]
         unit: FloatArray = vector / np.linalg.norm(vector)
         return unit
+
+
+def sides_of(rows: FloatArray) -> tuple[Flags, Flags]:
+    """On which slaves, next to what is kept out, and on which masters all nodes are of some facets or edges, by the
+    rows (f, n, w) of `BodyBoundary.points`, shape (f, pairs) each."""
+    slave, master = np.split(rows[:, :, 5:], 2, axis=2)
+    return np.all(slave > 0.0, axis=1) & np.any(slave > 1.0, axis=1), np.all(master > 0.0, axis=1)
 
 
 @cache
@@ -122,22 +157,31 @@ def tetrahedra_of(cell: Any, degree: int) -> IntArray:
     return np.array(found)
 
 
+def boxes_of(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The least and the largest coordinates of cells with nodes x (c, n, 3), shape (c, 3) each."""
+    nodes = [*np.moveaxis(x, 1, 0)]  # over these one by one in a quarter of the time of x.min(axis=1)
+    return np.minimum.reduce(nodes), np.maximum.reduce(nodes)
+
+
 def in_boxes(places: FloatArray, corners: FloatArray) -> tuple[IntArray, IntArray]:
-    """Pairs (place, cell) of places (p, 3) in the boxes around the nodes of cells (c, n, 3), searched by size."""
-    low, high = corners.min(axis=1, initial=np.inf), corners.max(axis=1, initial=-np.inf)
-    ends = places.min(axis=0, initial=np.inf), places.max(axis=0, initial=-np.inf)
-    cells = np.flatnonzero(np.all((low <= ends[1]) & (high >= ends[0]), axis=1))
-    low, high = low[cells], high[cells]
-    around = (1.0 + _SAME) * 0.5 * (high - low).max(axis=1, initial=0.0) + 1e-300
-    size = np.floor(np.log2(around))
+    """Pairs (place, cell) of places or edges, (p, 1 or 2, 3), whose boxes meet those around the nodes of cells
+    (c, n, 3), searched by size."""
+    boxes = [boxes_of(places), boxes_of(corners)]
+    ends = [(low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)) for low, high in boxes]
+    (points, first, last), (cells, low, high) = (
+        (some := np.flatnonzero(np.all((a <= end[1]) & (b >= end[0]), axis=1)), a[some], b[some])
+        for (a, b), end in zip(boxes, ends[::-1], strict=True)
+    )
+    around, reach = ((1.0 + _SAME) * 0.5 * (b - a).max(axis=1, initial=0.0) for a, b in ((low, high), (first, last)))
+    size = np.floor(np.log2(around + 1e-300))
     found = [(cells[:0], cells[:0])]
     for one in np.unique(size):
         some = np.flatnonzero(size == one)
         tree = tree_of(0.5 * (low + high)[some])
-        place, which = _flat(tree.query_ball_point(places, around[some].max(), p=np.inf))
+        place, which = _flat(tree.query_ball_point(0.5 * (first + last), reach + around[some].max(), p=np.inf))
         cell = some[which]
-        near = np.all((places[place] >= low[cell]) & (places[place] <= high[cell]), axis=1)
-        found.append((place[near], cells[cell[near]]))
+        near = np.all((last[place] >= low[cell]) & (first[place] <= high[cell]), axis=1)
+        found.append((points[place[near]], cells[cell[near]]))
     place, cell = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return place, cell
 
@@ -147,25 +191,32 @@ def _flat(lists: npt.NDArray[np.object_]) -> tuple[IntArray, IntArray]:
     return np.repeat(np.arange(len(lists)), list(map(len, lists))), np.fromiter(chain.from_iterable(lists), np.int64)
 
 
-def in_tetrahedra(places: FloatArray, nodes: FloatArray, tetrahedra: IntArray) -> tuple[IntArray, FloatArray, IntArray]:
-    """Which of the places (p, 3) are in their cells with these nodes (p, n, 3), each divided into tetrahedra (s, 4):
-    numbers of the places, once each, the weights of the corners, (k, 4), and the columns of these, (k, 4)."""
-    found, left = [], np.arange(len(places))
+def in_tetrahedra(
+    places: FloatArray, nodes: FloatArray, tetrahedra: IntArray
+) -> tuple[IntArray, FloatArray, FloatArray, IntArray]:
+    """Which of the places or edges, (p, 1 or 2, 3), pass through the tetrahedra (s, 4) of their cells with these nodes
+    (p, n, 3): their numbers, where on the edge the middle of what is inside is, from 0 to 1, (k,), the weights of the
+    corners there, (k, 4), and the columns of these, (k, 4)."""
+    found = []
     for columns in tetrahedra:
-        a, b, c, d = np.moveaxis(nodes[left][:, columns] - places[left][:, None], 1, 0)  # volumes with the place
-        volumes = np.stack([_volume(b, d, c), _volume(a, c, d), _volume(a, d, b), _volume(a, b, c)], axis=1)
-        whole = volumes.sum(axis=1)
-        inside = np.all(volumes * np.sign(whole)[:, None] >= 0.0, axis=1) & (whole != 0.0)
-        weights = volumes[inside] / whole[inside, None]
-        found.append((left[inside], weights, np.broadcast_to(columns, weights.shape)))
-        left = left[~inside]
-    point, weights, columns = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return point, weights, columns
-
-
-def _volume(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    volume: FloatArray = np.einsum("pi,pi->p", a, np.cross(b, c))
-    return volume
+        corner, *edges = np.moveaxis(nodes[:, columns], 1, 0)
+        b, c, d = (edge - corner for edge in edges)
+        vectors = np.stack([np.cross(c, d), np.cross(d, b), np.cross(b, c)], axis=1)
+        whole = np.einsum("pi,pi->p", b, vectors[:, 0])
+        vectors /= np.where(whole != 0.0, whole, np.nan)[:, None, None]
+        three = (places - corner[:, None]) @ vectors.transpose(0, 2, 1)
+        weights = np.concatenate([1.0 - three.sum(axis=2, keepdims=True), three], axis=2)
+        first, last = weights[:, 0] + _SAME, weights[:, -1] + _SAME
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crossing = first / (first - last)
+        start = np.where(first >= 0.0, 0.0, np.where(last >= 0.0, crossing, np.inf)).max(axis=1)
+        end = np.where(last >= 0.0, 1.0, np.where(first >= 0.0, crossing, -np.inf)).min(axis=1)
+        inside = np.flatnonzero(start <= end)
+        at = 0.5 * (start[inside] + end[inside])[:, None]
+        middle = (1.0 - at) * weights[inside, 0] + at * weights[inside, -1]
+        found.append((inside, at[:, 0], middle, np.broadcast_to(columns, middle.shape)))
+    point, at, weights, columns = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return point, at, weights, columns
 
 
 def depths_below(

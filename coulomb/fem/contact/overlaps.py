@@ -4,8 +4,8 @@ A node of the surface that is in a deformed cell that it does not belong to has 
 that is now at its place was elsewhere before deformation, at a depth below its own surface: so far has the node got in,
 less what it was inside before.  The vector between both places is the motion of the two relative to each other.
 
-The nodes and the middles of all facets are looked at.  Cells and facets of second order count as their pieces with
-straight edges.
+The nodes and the edges of all facets are looked at: of an edge the middle of its part in each cell, unless one of its
+ends is inside.  Cells and facets of second order count as their pieces with straight edges.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, IntArray
+from ...arrays import FloatArray, IntArray, unit_vectors
 from ...nearest import tree_of
 from ..geometry import RigidFoundation, on_all_ranks
 from ..meshes import Exchange, fetched, owner_of
-from .body_boundary import BodyBoundary, Face, Part, depths_below, in_boxes, in_tetrahedra
+from .body_boundary import BodyBoundary, Face, Part, boxes_of, depths_below, in_boxes, in_tetrahedra, sides_of
 from .facet_patch import mean_normals
 
 Flags = npt.NDArray[np.bool_]
@@ -102,12 +102,11 @@ class _Worst(NamedTuple):
 
 
 class _Now(NamedTuple):
-    """The facets of a body that this rank owns, after deformation: the rows at their nodes (f, n, w), their outward
-    vectors (f, 3), and of which pairs they are slaves with a contact point at a corner, shape (f, pairs)."""
+    """The facets of a body that this rank owns, after deformation: the rows at their nodes (f, n, w), and their outward
+    vectors (f, 3)."""
 
     rows: FloatArray
     vectors: FloatArray
-    slave: Flags
 
 
 class Surface:
@@ -128,9 +127,6 @@ class Surface:
         slaves, masters = [pair.slave for pair in sides], [pair.master for pair in sides]
         none = np.zeros((self._ends[-1], 0), dtype=bool)
         self._slaves, self._masters = (np.column_stack([none, *map(self._on, faces)]) for faces in (slaves, masters))
-        self._of_slaves, self._of_masters = (
-            [body.on(number, faces) for number, body in enumerate(self._bodies)] for faces in (slaves, masters)
-        )
         self._normals = np.column_stack([none, *map(self._normals_on, masters)])
 
     def _on(self, face: Face) -> Flags:
@@ -194,41 +190,37 @@ class Surface:
             space, own = self._parts[part].space, self._own(part)
             if not space.positive:  # of 10-node tetrahedra the middles of edges beside them as well
                 kept[own, number] = space.linear_between_vertices(kept[own, number].astype(np.float64)) > 0.0
-        rows = np.column_stack([u, deformation, component, kept & self._slaves, self._masters])
+        rows = np.column_stack([u, deformation, component, self._slaves * (1.0 + kept), self._masters])
         now = [self._now(rows, part) for part in range(len(self._parts))]
-        points = np.concatenate([self._points(part, of) for part, of in enumerate(now)])
+        near = self._near(u, now)
+        points = np.concatenate([body.points(k, now[k].rows, near[k]) for k, body in enumerate(self._bodies)])
         found = [self._in_bodies(rows, now, points, gaps, large)]
         stopped = self._stopped(component, [one.face for one in obstacles])
         found += [self._in_obstacle(points, one, on, large) for one, on in zip(obstacles, stopped, strict=True)]
         return max(found, key=lambda one: one.depth / one.approach if one else 0.0)
 
     def _now(self, rows: FloatArray, part: int) -> _Now:
-        patch, pairs = self._bodies[part].patch, self._masters.shape[1]
+        patch = self._bodies[part].patch
         at = self._at(rows, part, patch.nodes)
-        moved = replace(patch, x=patch.x + at[:, :, :3])
-        judged = np.any(at[:, : patch.kind.corners, 5 : 5 + pairs] > 0.0, axis=1)
-        return _Now(at, moved.middle_vectors, judged & self._of_slaves[part])
+        return _Now(at, replace(patch, x=patch.x + at[:, :, :3]).middle_vectors)
 
-    def _points(self, part: int, now: _Now) -> Rows:
-        """The nodes and the middles of this rank's facets of a body; collective."""
-        patch, pairs, corners = self._bodies[part].patch, self._masters.shape[1], self._bodies[part].patch.kind.corners
-        number, first = np.unique(patch.nodes, return_index=True)
-        kinds = [("part", "i8"), ("nodes", "i8", (4,)), ("x", "f8", (3,)), ("u", "f8", (3,))]
-        kinds += [("deformation", "f8"), ("slave", "?", (pairs,)), ("master", "?", (pairs,))]
-        kinds += [("inside", "i8"), ("component", "i8"), ("was", "f8", (3,))]  # of the material at its place
-        points = np.zeros(len(number) + len(patch), dtype=kinds)
-        nodes, middles = points[: len(number)], points[len(number) :]
-        points["part"], points["nodes"] = part, -1
-        at = now.rows.reshape(-1, now.rows.shape[2])[first]
-        nodes["nodes"][:, 0], nodes["x"], nodes["u"] = number, patch.x.reshape(-1, 3)[first], at[:, :3]
-        nodes["slave"], nodes["master"] = np.split(at[:, 5:] > 0.0, 2, axis=1)
-        nodes["deformation"] = at[:, 3]
-        weights = np.array(patch.kind.values(*patch.kind.points[:corners].mean(axis=0)))
-        middles["nodes"][:, :corners] = patch.nodes[:, :corners]
-        middles["x"], middles["u"] = weights @ patch.x, weights @ now.rows[:, :, :3]
-        middles["deformation"] = now.rows[:, 0, 3]
-        middles["slave"], middles["master"] = now.slave, self._of_masters[part]
-        return points
+    def _near(self, u: FloatArray, now: Sequence[_Now]) -> list[Flags]:
+        """Which of this rank's facets of each body have a facet near them, of any rank, that is opposed to them and has
+        no common node: so near that displacements u (k, 3) can have brought one through the other; collective."""
+        comm, mine, first = self._comm, [], 0
+        reach = 2.0 * sum(_least(np.min(of, axis=0, initial=0.0), comm) for of in (u, -u))
+        for body, of in zip(self._bodies, now, strict=True):
+            corners = body.patch.nodes[:, [0, 1, 2, body.patch.kind.corners - 1]]
+            boxes = boxes_of(body.patch.x + of.rows[:, :, :3])
+            mine.append((np.stack(boxes, axis=1), unit_vectors(of.vectors), first + corners))
+            first += int(body.starts[-1])
+        box, n, node = (np.concatenate(of) for of in zip(*mine, strict=True))
+        every, normals, nodes = (np.concatenate(comm.allgather(of)) for of in (box, n, node))
+        facet, other = in_boxes(box + reach * np.array([[1.0], [-1.0]]), every)
+        use = np.einsum("pi,pi->p", n[facet], normals[other]) < _OPPOSED
+        use[use] = ~np.any(node[facet[use], :, None] == nodes[other[use], None], axis=(1, 2))
+        found = np.isin(np.arange(len(box)), facet[use])
+        return np.split(found, np.cumsum([len(of.vectors) for of in now])[:-1])
 
     # --- bodies -------------------------------------------------------------------------------------------------------
 
@@ -238,23 +230,29 @@ class Surface:
         """The largest overlap of surfaces with bodies; collective."""
         comm = self._comm
         cells = [self._at(rows[:, :5], part, body.numbers) for part, body in enumerate(self._bodies)]
-        hits = self._inside(self._sent(points, cells), cells, deformed=True)
+        points, near = self._sent(points, cells), []
+        for part, one in enumerate(now):
+            several = len(set().union(*comm.allgather(np.unique(one.rows[:, 0, 4]).tolist()))) > 1
+            near.append(points[points["near"] | (~_edges(points) & ((points["part"] != part) | several))])
+        hits = self._inside(near, cells, deformed=True)
         hits = hits[_way(hits) > np.maximum(self._rounding, _LEAST * _OF_DEFORMATION * hits["deformation"])]
         hits = _once(np.concatenate(comm.allgather(hits)))
+        hits = hits[~_with_an_end_in(hits)]
         if not len(hits):
             return None
         vectors = self._vectors_of(hits, now)
-        depth, near = self._depths(hits["was"], hits, vectors, now)
+        depth, behind = self._depths(hits["was"], hits, vectors, now)
         kept: Flags = np.zeros(len(hits), dtype=bool)
-        for part, hit, facet in near:
-            master = self._of_masters[part][facet] | self._beside_masters(part, facet)
-            both = (hits["slave"][hit] & master) | (hits["master"][hit] & now[part].slave[facet])
-            kept[hit[np.any(both, axis=1)]] = True
+        for part, hit, facet in behind:
+            slave, master = sides_of(now[part].rows[facet])
+            master |= self._beside_masters(part, facet)
+            kept[hit[np.any((hits["slave"][hit] & master) | (hits["master"][hit] & slave), axis=1)]] = True
         kept = ~np.isfinite(depth) | (_least(-1.0 * kept, comm) < 0.0)
-        began = np.concatenate(comm.allgather(_keys(self._inside(hits[~kept], cells, deformed=False))))
+        others = [hits[~kept & (hits["inside"] == part)] for part in range(len(now))]
+        began = np.concatenate(comm.allgather(_keys(self._inside(others, cells, deformed=False))))
         inside = ~kept & np.isin(_keys(hits), began)
         before = np.zeros(len(hits))
-        before[inside] = self._depths(hits["x"][inside], hits[inside], vectors[inside], now)[0]
+        before[inside] = self._depths(hits["x"][inside, 0], hits[inside], vectors[inside], now)[0]
         for pair, gap in zip(self._sides, gaps, strict=True):
             of = np.sort([pair.slave[0], pair.master[0]])
             theirs = np.all(np.sort(np.column_stack([hits["part"], hits["inside"]]), axis=1) == of, axis=1)
@@ -263,7 +261,7 @@ class Surface:
         worst = _worst(depth, _way(hits), hits, large, comm)
         if worst is None:
             return None
-        through = [(self._bodies[part], row) for part, hit, facet in near for row in facet[hit == worst.row]]
+        through = [(self._bodies[part], row) for part, hit, facet in behind for row in facet[hit == worst.row]]
         named = [(of.name_of(row), *map(float, of.normal(row))) for of, row in through]  # as near as each other
         face, *normal = min(one for ranks in comm.allgather(named) for one in ranks)
         return self._overlap(hits[worst.row], np.array(normal), face, worst)
@@ -272,32 +270,18 @@ class Surface:
         """Of a place that has got in through a face with this outward normal; collective."""
         part, named = int(point["part"]), []
         body = self._bodies[part]
-        for row in self._facets_with(part, point["nodes"][None])[1]:
+        for row in body.facets_with(point["nodes"][None])[1]:
             named.append((round(float(body.normal(row) @ normal), 6), body.name_of(row)))
         _, face = min(one for ranks in self._comm.allgather(named) for one in ranks)
         return Overlap((face, through), worst.place, worst.depth, worst.approach)
-
-    def _facets_with(self, part: int, nodes: IntArray) -> tuple[IntArray, IntArray]:
-        """Pairs (point, row) of this rank's facets of a body that have all nodes of points (p, 4), which are -1 where
-        there are fewer."""
-        patch, width = self._bodies[part].patch, self._bodies[part].patch.kind.width
-        order = np.argsort(patch.nodes.ravel(), kind="stable")
-        sorted_ = patch.nodes.ravel()[order]
-        first, last = (np.searchsorted(sorted_, nodes[:, 0], side=side) for side in ("left", "right"))
-        count = last - first
-        point = np.repeat(np.arange(len(nodes)), count)
-        at = np.arange(int(count.sum())) + np.repeat(first - np.cumsum(count) + count, count)
-        row = order[at] // width
-        has = np.any(patch.nodes[row][:, None] == nodes[point][:, :, None], axis=2) | (nodes[point] < 0)
-        return point[np.all(has, axis=1)], row[np.all(has, axis=1)]
 
     def _vectors_of(self, hits: Rows, now: Sequence[_Now]) -> FloatArray:
         """The outward vectors after deformation of all facets that hits are on, shape (h, most, 3), 0 where there are
         fewer; collective."""
         found = []
-        for part in range(len(self._bodies)):
+        for part, body in enumerate(self._bodies):
             of = np.flatnonzero(hits["part"] == part)
-            point, row = self._facets_with(part, hits["nodes"][of])
+            point, row = body.facets_with(hits["nodes"][of])
             found.append(np.column_stack([of[point], now[part].vectors[row]]))
         every = np.concatenate([one for ranks in self._comm.allgather(found) for one in ranks])
         every = every[np.argsort(every[:, 0], kind="stable")]
@@ -323,42 +307,41 @@ class Surface:
         if comm.size == 1:
             return points
         every = [body.x + of[:, :, :3] for body, of in zip(self._bodies, cells, strict=True)]
-        low, high = (np.concatenate([of(y, axis=1) for y in every]) for of in (np.min, np.max))
+        low, high = (np.concatenate(of) for of in zip(*map(boxes_of, every), strict=True))
         order = tree_of(low).indices if len(low) else np.empty(0, dtype=np.int64)  # near ones are near in this order
         groups = [some for some in np.array_split(order, _BOXES) if len(some)]
         mine = np.array([(low[some].min(axis=0), high[some].max(axis=0)) for some in groups]).reshape(-1, 2, 3)
-        y, number, to = points["x"] + points["u"], [], []
+        (first, last), number, to = boxes_of(points["x"] + points["u"]), list[IntArray](), list[IntArray]()
         for rank, boxes in enumerate(comm.allgather(mine)):
-            near = np.zeros(len(y), dtype=bool)
+            near = np.zeros(len(points), dtype=bool)
             for lowest, highest in boxes:
-                near |= np.all((y >= lowest) & (y <= highest), axis=1)
+                near |= np.all((last >= lowest) & (first <= highest), axis=1)
             number.append(np.flatnonzero(near))
             to.append(np.full(len(number[-1]), rank))
         found: Rows = Exchange(comm, np.concatenate(to)).send(points[np.concatenate(number)])
         return found
 
-    def _inside(self, points: Rows, cells: Sequence[FloatArray], deformed: bool) -> Rows:
-        """The points that are in this rank's cells with which they share no node, with the body, the component and the
-        place of the material there; before deformation those in the component that they have."""
+    def _inside(self, points: Sequence[Rows], cells: Sequence[FloatArray], deformed: bool) -> Rows:
+        """The points that are in this rank's cells of each body with which they share no node, with the body, the
+        component and the place of the material there; before deformation those in the component that they have."""
         found = []
-        for part, (body, of) in enumerate(zip(self._bodies, cells, strict=True)):
-            these = points if deformed else points[points["inside"] == part]
+        for part, (body, of, these) in enumerate(zip(self._bodies, cells, points, strict=True)):
             places = these["x"] + these["u"] if deformed else these["x"]
-            at = body.x + of[:, :, :3] if deformed else body.x
-            point, cell = in_boxes(places, at)
-            use = np.ones(len(point), dtype=bool)
-            for column in these["nodes"].T:
-                use &= ~np.any(body.numbers[cell] == column[point][:, None], axis=1)
-            use |= these["part"][point] != part
+            nodes = body.x + of[:, :, :3] if deformed else body.x
+            point, cell = in_boxes(places, nodes)
+            use = _apart(these[point], body.numbers[cell], part)
             if not deformed:
                 use &= of[cell, 0, 4] == these["component"][point]
             for some in np.array_split(np.flatnonzero(use), np.count_nonzero(use) // _AT_ONCE + 1):
-                pair, weights, columns = in_tetrahedra(places[point[some]], at[cell[some]], body.tetrahedra)
+                pair, at, weights, columns = in_tetrahedra(places[point[some]], nodes[cell[some]], body.tetrahedra)
                 hits, there = these[point[some][pair]], cell[some][pair][:, None]
                 if deformed:
-                    hits["inside"], hits["component"] = part, of[there[:, 0], 0, 4]
+                    hits["inside"], hits["component"], hits["at"] = part, of[there[:, 0], 0, 4], np.round(at, 6)
                     hits["was"] = np.einsum("pc,pci->pi", weights, body.x[there, columns])
                     hits["deformation"] = np.maximum(hits["deformation"], of[there[:, 0], 0, 3])
+                    for name in ("x", "u"):  # of an edge the point that is inside
+                        hits[name] += at[:, None, None] * (hits[name][:, 1:] - hits[name][:, :1])
+                        hits[name][:, 1] = hits[name][:, 0]
                 found.append(hits)
         return _once(np.concatenate(found))
 
@@ -414,18 +397,14 @@ class Surface:
         that it can stop, shape (k,); None where it has no signed distance; collective."""
         comm, rows, on = self._comm, (self._on(one.face) | ~stopped).astype(np.float64), list[Flags]()
         for part in range(len(self._parts)):
-            nodes = points["nodes"][points["part"] == part]
-            known, inverse = np.unique(nodes, return_inverse=True)  # the first one may be -1: none
-            there = np.zeros(len(known), dtype=bool)
-            there[known >= 0] = self._at(rows, part, known[known >= 0]) > 0.0
-            on.append(np.any(there[inverse.reshape(nodes.shape)] & (nodes >= 0), axis=1))
+            on.append(np.any(self._at(rows, part, points["nodes"][points["part"] == part]) > 0.0, axis=1))
         beside = points[~np.concatenate(on)]
 
         def distances() -> tuple[FloatArray, FloatArray]:
-            y = beside["x"] + beside["u"]
+            x, y = beside["x"].mean(axis=1), (beside["x"] + beside["u"]).mean(axis=1)
             if not len(y):
                 return np.zeros(0), np.zeros(0)
-            return np.asarray(one.before.signed_distance(beside["x"])), np.asarray(one.now.signed_distance(y))
+            return np.asarray(one.before.signed_distance(x)), np.asarray(one.now.signed_distance(y))
 
         try:
             before, now = (of + max(one.gap, 0.0) for of in on_all_ranks(distances, "", comm))
@@ -436,13 +415,14 @@ class Surface:
         if worst is None:
             return None
         point = comm.bcast(beside[in_][worst.row] if comm.rank == worst.rank else None, root=worst.rank)
-        outward = on_all_ranks(lambda: one.now.normal((point["x"] + point["u"])[None])[0], "", comm)
+        outward = on_all_ranks(lambda: one.now.normal((point["x"] + point["u"]).mean(axis=0)[None])[0], "", comm)
         return self._overlap(point, outward, f"the foundation of contact face {one.name}", worst)
 
 
 def _keys(hits: Rows) -> Rows:
     """What tells hits apart, shape (h,)."""
-    keys = np.column_stack([hits["part"], hits["nodes"], hits["inside"], hits["component"]]).astype(np.int64)
+    places = np.rint(1e6 * hits["at"])
+    keys = np.column_stack([hits["part"], hits["nodes"], hits["inside"], hits["component"], places]).astype(np.int64)
     found: Rows = np.ascontiguousarray(keys).view([("", np.int64)] * keys.shape[1]).ravel()
     return found
 
@@ -450,6 +430,30 @@ def _keys(hits: Rows) -> Rows:
 def _once(hits: Rows) -> Rows:
     """The hits without repetition, in the same order on every rank that has the same."""
     return hits[np.unique(_keys(hits), return_index=True)[1]]
+
+
+def _apart(points: Rows, numbers: IntArray, part: int) -> Flags:
+    """Which points (p,) have no node in common with the cell or facet of a body of these numbers (p, n)."""
+    found: Flags = points["part"] != part
+    mine = np.flatnonzero(~found)
+    nodes = points["nodes"][mine]
+    found[mine] = ~np.any(nodes[:, :, None] == numbers[mine, None], axis=(1, 2))
+    return found
+
+
+def _edges(points: Rows) -> Flags:
+    """Which of nodes and edges are edges."""
+    return np.asarray(points["nodes"][:, 0] != points["nodes"][:, 1])
+
+
+def _with_an_end_in(hits: Rows) -> Flags:
+    """Which of the hits are of edges of which a hit in the same component is an end, shape (h,)."""
+    found, ends = np.zeros(len(hits), dtype=bool), hits.copy()
+    ends["at"] = 0.5
+    for column in hits["nodes"].T:
+        ends["nodes"] = column[:, None]
+        found |= np.isin(_keys(ends), _keys(hits))
+    return found & _edges(hits)
 
 
 def _least(values: FloatArray, comm: MPI.Comm) -> FloatArray:
@@ -461,7 +465,7 @@ def _least(values: FloatArray, comm: MPI.Comm) -> FloatArray:
 
 def _way(hits: Rows) -> FloatArray:
     """How far hits and the material at their place have moved relative to each other, metres, shape (h,)."""
-    way: FloatArray = np.linalg.norm(hits["was"] - hits["x"], axis=1)
+    way: FloatArray = np.linalg.norm(hits["was"] - hits["x"][:, 0], axis=1)
     return way
 
 
@@ -477,6 +481,6 @@ def _worst(depth: FloatArray, way: FloatArray, points: Rows, large: bool, comm: 
         return None
     found = []
     for k in np.flatnonzero(value >= (1.0 - _SAME) * largest):
-        x, y, z = map(float, points["x"][k])
+        x, y, z = map(float, points["x"][k].mean(axis=0))
         found.append(_Worst((x, y, z), comm.rank, int(k), float(depth[k]), float(approach[k])))
     return min(one for ranks in comm.allgather(sorted(found)[:1]) for one in ranks)
