@@ -29,7 +29,7 @@ from ..fem.compat import fem
 from ..fem.geometry import on_all_ranks
 from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, starts_of
 from ..model.discrete_problem import DiscreteProblem
-from ..model.nodal_answer import CARRIED, HELD, carried, carrying, spreading
+from ..model.nodal_answer import HELD, carried, carrying, spreading
 from ..model.solution import FaceAnswer, Solution
 from .field_files import NODE, OPPOSITE
 from .grid_file import GridFields, GridPart
@@ -52,9 +52,6 @@ TIE_FORCE = "tie_force"
 
 OURS = (*ON_CELLS, *ON_BODY, *FIELDS, *GROUND, HELD_OBLIQUE, INTERNAL, ROUNDING, TEMPERATURE, TIE_FORCE, *TIE_STRESSES)
 """All names of fields of solution.h5."""
-
-ON_OPPOSITE = (*CARRIED, "status", "contact_force", "normal", "area")
-"""Fields of contact.h5 on faces opposite in pairs, beside `OPPOSITE`."""
 
 
 BETWEEN: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {

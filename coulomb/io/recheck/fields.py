@@ -14,10 +14,10 @@ import numpy.typing as npt
 from ...arrays import FloatArray, in_words
 from ...contact_fields import ANSWER, COMPLIANCES, CONTACT_FIELDS
 from ...fem.meshes import FACETS, SEPARATOR, SOLIDS
+from ...nearest import in_a_cell, same_nodes
 from ..field_files import NODE, OPPOSITE, data_of, grids_of, read_fields
 from ..grid_file import Described, described
 from ..result_grids import BODIES, FACES, OURS
-from ..run_bodies import nodes_in
 from ..run_directory import CONTACT, FIELDS, SOLUTION
 from .comparison import Comparison
 
@@ -33,6 +33,9 @@ _FOLLOWS: Final = f"the case and {ANSWER}"
 
 _KINDS: Final = {SOLUTION: (SOLIDS, BODIES), CONTACT: (FACETS, FACES)}
 """XDMF's names of the cells of the files by the number of their nodes, and the names of their collections of grids."""
+
+_NEAR: Final = 1e-9
+"""Distance of points at the same place, over the extent of the mesh."""
 
 Order = npt.NDArray[np.int64]
 
@@ -67,7 +70,7 @@ def described_fields(folder: Path) -> tuple[Described, Described]:
         try:
             found.append(described(folder / name, kinds, collection))
             for group in grids_of(folder / name).values():
-                for one, values in _fields_in(folder / name, group)[2].items():
+                for one, values in fields_in(folder / name, group)[2].items():
                     if not np.all(np.isfinite(values)):
                         raise ValueError(f"{data_of(folder / name)}: {one} has entries that are not finite")
         except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
@@ -94,7 +97,8 @@ def _compare_file(
     return left
 
 
-def _fields_in(file: Path, group: str) -> tuple[FloatArray, Order, dict[str, FloatArray]]:
+def fields_in(file: Path, group: str) -> tuple[FloatArray, Order, dict[str, FloatArray]]:
+    """Points, cells and all fields of a grid of an XDMF file, by the group of its data."""
     with h5py.File(data_of(file), "r") as opened:
         names = tuple(opened[f"Function/{group}" if group else "Function"])
     return read_fields(data_of(file), names, (), group)
@@ -116,8 +120,8 @@ def _compare_grid(
     limit: float | None,
 ) -> list[str]:
     """Compare a grid of the first file, of the group `there`, with that of the others."""
-    (points, cells, fields), name, of = _fields_in(files[0], there), files[0].name, f" of {grid}" if grid else ""
-    (x, rows, expected), *others = (_fields_in(file, group) for file in files[1:])
+    (points, cells, fields), name, of = fields_in(files[0], there), files[0].name, f" of {grid}" if grid else ""
+    (x, rows, expected), *others = (fields_in(file, group) for file in files[1:])
     node, cell = _same_mesh(files[0], points, cells, x, rows)
     found.field(f"{name}: points{of}", points[node], x, x, "the case")
     if name == SOLUTION:
@@ -154,7 +158,9 @@ def _same_mesh(file: Path, points: FloatArray, cells: Order, x: FloatArray, rows
     Raises:
         ValueError: If it has others, or has the nodes of a cell in another order.
     """
-    node = nodes_in(x, rows, points, cells) if points.shape == x.shape and cells.shape == rows.shape else -np.ones(1)
+    node: Order = np.full(1, -1)
+    if points.shape == x.shape and cells.shape == rows.shape and len(points):
+        node = same_nodes(x, in_a_cell(x, rows), points, cells, _NEAR * float(np.max(np.ptp(points, axis=0))))
     if np.any(node < 0) or len(np.unique(node)) < len(node):
         where = "" if len(node) != len(x) else f" (first seen at x = {in_words(x[np.argmax(node < 0)])})"
         sizes = f"{len(points)} points and {len(cells)} cells, the case {len(x)} and {len(rows)}"
@@ -170,4 +176,4 @@ def _same_mesh(file: Path, points: FloatArray, cells: Order, x: FloatArray, rows
         )
     cell = np.empty(len(rows), dtype=np.int64)
     cell[here] = there
-    return node.astype(np.int64), cell
+    return node, cell

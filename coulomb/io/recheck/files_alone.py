@@ -8,22 +8,32 @@ named: equilibrium, stresses, loads and supports, normals, gaps and weights.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
-from ...contact_fields import ANSWER, COMPLIANCES
+from ...contact_fields import ANSWER, COMPLIANCES, sides_of
 from ...fem.geometry import inverse_frames
-from ...model.nodal_answer import ACCUMULATED, Accumulated, NodalAnswer
+from ...fem.meshes import SEPARATOR
+from ...model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
 from ...solvers.laws import FrictionLaw
+from ..field_files import NODE, OPPOSITE, grids_of
+from ..grid_file import Described
 from ..result_grids import OURS
-from ..run_directory import CONTACT, FIELDS, SOLUTION, SUMMARY, RunDirectory
-from ..run_files import WrittenRun, read_run
+from ..run_directory import CONTACT, FIELDS, OLD, SOLUTION, SUMMARY, RunDirectory
 from .comparison import Comparison, unjudged
+from .fields import described_fields, fields_in
 from .findings import Findings, unread
+
+Numbers = npt.NDArray[np.int64]
+
+_NEEDED: Final = ("law", "mean_compliance", "totals", "certificate", "faces")
 
 _FIELDS: Final = ("pressure", "friction_traction", "friction_use", "status", "coefficient")
 """Fields of contact points that follow from their others."""
@@ -52,14 +62,92 @@ _BALANCED: Final = 1e-6
 """Accepted sum of all forces over the sum of their sizes."""
 
 
+@dataclass(frozen=True)
+class _Written:
+    """What the files of a run have.
+
+    Attributes:
+        folder: Their directory.
+        summary: summary.json.
+        described: What solution.xdmf and contact.xdmf describe.
+        bodies: The nodes of every body, by its name, among the k of all.
+        displacement, load: At these nodes, shape (k, 3).
+        on_face: Fields at the q nodes of the contact faces, and their coordinates "x".
+        node: Their numbers among the k nodes, shape (q,).
+        touching: Which of them are contact nodes, shape (q,).
+        opposite: Of every face opposite in a pair the number of the pair, nodes and forces there.
+        evaluation: Rounding of fields: reference coordinates have the accuracy of coordinates over the edge length.
+    """
+
+    folder: Path
+    summary: dict[str, Any]
+    described: tuple[Described, Described]
+    bodies: Mapping[str, slice]
+    displacement: FloatArray
+    load: FloatArray
+    on_face: Mapping[str, FloatArray]
+    node: Numbers
+    touching: npt.NDArray[np.bool_]
+    opposite: Sequence[tuple[int, Numbers, FloatArray]]
+    evaluation: float
+
+
+def _read(files: RunDirectory) -> _Written:
+    """Read the files of a run.
+
+    Raises:
+        ValueError: If a file is missing, cannot be read, or does not match the others.
+    """
+    summary, described = files.read_summary(_NEEDED), described_fields(files.path)
+    if not isinstance(summary["certificate"], dict) or not isinstance(summary["certificate"].get("passed"), bool):
+        raise ValueError(f"{files.summary}: certificate does not say whether it had passed: {OLD}")
+    bodies, parts, edge = dict[str, slice](), list[tuple[FloatArray, dict[str, FloatArray]]](), np.inf
+    first = 0
+    for name, group in grids_of(files.solution).items():
+        points, cells, fields = fields_in(files.solution, group)
+        corners = points[cells]
+        edge = min(edge, float(np.min(np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2))))
+        bodies[name], first = slice(first, first + len(points)), first + len(points)
+        parts.append((points, fields))
+    x, displacement, load = (
+        np.concatenate(some)
+        for some in ([of[0] for of in parts], *([of[1][one] for of in parts] for one in ("displacement", "load")))
+    )
+    sides = sides_of(summary["faces"])
+    slaves, masters = [one for one, _ in sides], {master: k for k, (_, master) in enumerate(sides) if master}
+    faces, opposite, names = list[tuple[Mapping[str, FloatArray], Numbers]](), [], []
+    for name, group in grids_of(files.contact).items():
+        points, cells, fields = fields_in(files.contact, group)
+        body = bodies.get(name.partition(SEPARATOR)[0]) or next(iter(bodies.values()))
+        node = body.start + fields[NODE].astype(np.int64)
+        if np.any((node < body.start) | (node >= body.stop)) or not np.array_equal(x[node], points):
+            raise ValueError(f"{files.contact}: its points are not the nodes of {SOLUTION} that {NODE} names")
+        if OPPOSITE in fields:
+            opposite.append((masters[name], node, fields["contact_force"]))
+            continue
+        between = cells[:, 3:] if cells.shape[1] == 6 else cells[:0]  # of 10-node tetrahedra, no contact nodes
+        fields["status"][np.unique(between)] = HELD
+        faces.append(({**fields, "x": points}, node))
+        names.append(name)
+    if names != slaves and any(names):
+        raise ValueError(f"{files.contact}: has the contact faces {names}, but summary.json {slaves}: {OLD}")
+    on_face = {name: np.concatenate([fields[name] for fields, _ in faces]) for name in faces[0][0]}
+    touching = np.round(on_face["status"]) != HELD
+    evaluation = max(1e-12, 1e-15 * float(np.max(np.abs(x))) / edge)
+    node = np.concatenate([node for _, node in faces])
+    return _Written(
+        files.path, summary, described, bodies, displacement, load, on_face, node, touching, opposite, evaluation
+    )
+
+
 def check_alone(files: RunDirectory, why: str) -> Findings:
     """Check the files of a run, or of a load step, whose problem is not there, `why` in words.
 
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
-    run = read_run(files.path)
-    contents, found = run.summary, Comparison(max(run.evaluation, 1e-12))
+    run = _read(files)
+    contents, found = run.summary, Comparison(run.evaluation)
     _compare_certificate(contents, found)
     answer, here = _answer(run)
     x, fields = run.on_face["x"][here], answer.fields()
@@ -71,7 +159,7 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     _compare_cone(run, answer, here, found)
     numbers = answer.numbers()
     totals = {name: value for name, value in numbers["totals"].items() if name in _TOTALS}
-    moved = float(np.max(np.linalg.norm(run.on_body["displacement"], axis=1)))
+    moved = float(np.max(np.linalg.norm(run.displacement, axis=1)))
     work = 1e-12 * moved * float(np.sum(np.abs(answer.force)))
     near = {name: totals[name] + by for name, by in (("greatest_slip", 1e-12 * moved), ("dissipated_energy", work))}
     expected = {"totals": totals, "nodes": numbers["nodes"]}
@@ -105,7 +193,7 @@ def _compare_certificate(contents: Mapping[str, Any], found: Comparison) -> None
     found.tree(f"{SUMMARY}.valid", contents.get("valid"), valid, source="certificate and small_strain")
 
 
-def _answer(run: WrittenRun) -> tuple[NodalAnswer, Any]:
+def _answer(run: _Written) -> tuple[NodalAnswer, Any]:
     """The answer at the contact points of the files, by their fields, and which nodes these are."""
     here = run.touching
     at = {name: values[here] for name, values in run.on_face.items()}
@@ -133,15 +221,15 @@ def _answer(run: WrittenRun) -> tuple[NodalAnswer, Any]:
         force=-np.einsum("kij,kj->ki", inverse_frames(frames), at["contact_force"]),
         slip_bound=at["slip_bound"],
         compliance=np.column_stack([at[name] for name in COMPLIANCES]),
-        spins=(None,) * len(run.face_names),
+        spins=(None,) * len(run.summary["faces"]),
         earlier=Accumulated(*(at[name] for name in ACCUMULATED)),
         against=tuple(one.get("against") for one in run.summary["faces"]),
-        several=len(run.body.parts) > 1,
+        several=len(run.bodies) > 1,
     )
     return answer, here
 
 
-def _limits(run: WrittenRun, at: Mapping[str, FloatArray]) -> FloatArray | None:
+def _limits(run: _Written, at: Mapping[str, FloatArray]) -> FloatArray | None:
     """Largest friction at the contact points, newtons, shape (m,): of every face that in the summary, or where it is a
     function of place the bound in the files, between the smallest and the largest; None without limits."""
     given = [face.get("friction_limit") for face in run.summary["faces"]]
@@ -153,7 +241,7 @@ def _limits(run: WrittenRun, at: Mapping[str, FloatArray]) -> FloatArray | None:
     return limits
 
 
-def _compare_cone(run: WrittenRun, answer: NodalAnswer, here: Any, found: Comparison) -> None:
+def _compare_cone(run: _Written, answer: NodalAnswer, here: Any, found: Comparison) -> None:
     """Compare forces with the bounds of friction, and the natural residual with its limit."""
     x, force, bound = run.on_face["x"][here], answer.force, answer.bound
     largest = float(np.max(np.abs(force), initial=0.0))
@@ -170,27 +258,27 @@ def _compare_cone(run: WrittenRun, answer: NodalAnswer, here: Any, found: Compar
         found.fault(f"{CONTACT}: forces, gaps and slip leave a natural residual of {size:.3g} N, beyond its limit")
 
 
-def _compare_forces(run: WrittenRun, contents: Mapping[str, Any], found: Comparison) -> None:
+def _compare_forces(run: _Written, contents: Mapping[str, Any], found: Comparison) -> None:
     """Compare the sums of nodal forces with the loads, and all forces together with none."""
     parts = [np.array(one["force"]) for name in ("loads", "reactions") for one in contents.get(name, ())]
     parts += [np.array(one["force"]) for one in contents["faces"] if "against" not in one]
     size = sum(float(np.linalg.norm(part)) for part in parts)
-    size += sum(float(np.sum(np.abs(of))) for of in (run.on_body["load"], run.on_face["contact_force"]))
+    size += sum(float(np.sum(np.abs(of))) for of in (run.load, run.on_face["contact_force"]))
     over = float(np.linalg.norm(np.sum(parts, axis=0))) if parts else 0.0
     if not over <= _BALANCED * size and contents["certificate"].get("force_balance", {}).get("passed"):
         found.fault(f"{SUMMARY}: loads, reactions and contact leave a force of {over:.3g} N of {size:.3g} N")
-    on_body = np.zeros_like(run.body.x)
+    on_body = np.zeros_like(run.displacement)
     np.add.at(on_body, run.node, np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))
-    for other in run.opposite:
-        np.add.at(on_body, other.face.node, other.fields["contact_force"])
-        what, sums = f"{SUMMARY}.faces[{other.contact}].opposite_force", other.fields["contact_force"]
-        _compare_sum(what, contents["faces"][other.contact]["opposite_force"], sums, found)
-    for number, (name, nodes) in enumerate(run.body.slices.items()):
+    for number, node, forces in run.opposite:
+        np.add.at(on_body, node, forces)
+        what, said = f"{SUMMARY}.faces[{number}].opposite_force", contents["faces"][number]["opposite_force"]
+        _compare_sum(what, said, forces, found)
+    for number, (name, nodes) in enumerate(run.bodies.items() if len(run.bodies) > 1 else ()):
         what, one = f"{SUMMARY}.bodies[{number}]", contents["bodies"][number]
         found.tree(f"{what}.name", one["name"], name, source=SOLUTION)
         _compare_sum(f"{what}.contact_force", one["contact_force"], on_body[nodes], found)
     total = np.sum([one["force"] for one in contents.get("loads", ())] or [np.zeros(3)], axis=0)
-    _compare_sum(f"{SUMMARY}: loads", total.tolist(), run.on_body["load"], found)
+    _compare_sum(f"{SUMMARY}: loads", total.tolist(), run.load, found)
 
 
 def _compare_sum(what: str, said: list[float], forces: FloatArray, found: Comparison) -> None:
