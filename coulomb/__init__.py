@@ -57,8 +57,6 @@ late_bound.update(
     plot=_later(".pictures.picture_of_run", "plot_solution"),
     picture=_later(".pictures.picture_of_run", "picture"),
     plot_history=_later(".pictures.picture_of_run", "plot_history"),
-    large=lambda: import_module(".kinematics.large_motions", __name__).LargeMotions,
-    nonlinear_body=lambda: import_module(".kinematics.nonlinear_body", __name__).NonlinearBody,
 )
 
 

@@ -1,5 +1,5 @@
 """What is loaded when it is first used: names of a package, so that importing it takes no time, and what classes can do
-by rooms above theirs, which they do not know: files, pictures, large motions.
+by rooms above theirs, which they do not know: files and pictures.
 
 The `__init__.pyi` beside its `__init__.py` is the only list of them: lines `from .module import Name as Name`, which
 type checkers read as well.
@@ -32,4 +32,4 @@ def lazily_loaded(package: str, file: str) -> tuple[list[str], Callable[[str], o
 
 late_bound: dict[str, Callable[..., Any]] = {}
 """By name: `write`, `faces`, `error`, `plot`, `picture`, `plot_history`, which take a `Solution` first; `refine`, which
-takes a problem; `large` and `nonlinear_body` give the classes of problems and bodies of large motions."""
+takes a problem."""

@@ -49,10 +49,10 @@ def uses(path, *names):
 
 ROOMS = {
     "cli": {"case", "io", "pictures", "model", "solvers", "linalg", "fem"},
-    "io": {"case", "kinematics", "model", "solvers", "linalg", "fem"},
+    "io": {"case", "model", "solvers", "linalg", "fem"},
     "case": {"kinematics", "model", "solvers", "linalg", "fem"},
     "pictures": {"io", "model"},
-    "kinematics": {"model", "solvers", "linalg", "fem"},
+    "kinematics": set(),
     "model": {"solvers", "linalg", "fem"},
     "solvers": {"linalg"},
     "linalg": set(),

@@ -30,7 +30,7 @@ def solve(p: int, drawing: int) -> Run:
     return Run(processor_time() - began, iterations, steps, np.array(forces))
 
 
-def problem(p: int) -> LargeMotions:
+def problem(p: int) -> coulomb.ContactProblem:
     both = coulomb.join(**{SLAB: _body(SLAB, p, YOUNG), DIE: _body(DIE, p, DIE_YOUNG)})
     contact = coulomb.Contact(f"{DIE}:contact", against=f"{SLAB}:contact", friction=FRICTION, slave=True)
     return LargeMotions(both, contact)

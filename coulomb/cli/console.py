@@ -43,7 +43,7 @@ console = Console(quiet=_silent, highlight=False)
 errors = Console(quiet=_silent, highlight=False, stderr=True)
 
 
-REPORTED = ("coulomb.model.solution", "coulomb.model.load_history", "coulomb.kinematics.large_motions")
+REPORTED = ("coulomb.model.solution", "coulomb.model.load_history", "coulomb.model.large_motions")
 """Loggers whose messages are not shown: the commands report the same, with their results."""
 
 

@@ -27,8 +27,9 @@ from ..fem.contact import clamped_nodes
 from ..fem.meshes import JoinedMesh, NamedMesh, few_chords, polygon, volume
 from ..linalg.reductions import Reductions
 from ..model.discrete_problem import DiscreteProblem
+from ..model.heated import AGREEMENT
 from ..model.nodal_answer import OPEN
-from ..model.problem import AGREEMENT, ContactProblem
+from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from .accuracy import accuracy
 from .energy_error import StressOfAnswer, stress_of

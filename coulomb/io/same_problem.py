@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from types import FunctionType
@@ -64,10 +63,8 @@ def _described(problem: DiscreteProblem) -> dict[str, Any]:
     """The arguments of a problem by their names, with contacts and ties as they were made."""
     found: dict[str, Any] = {"time": problem.time, "contact": [replace(one, slave=False) for one in problem.contacts]}
     if isinstance(problem, ContactProblem):
-        named = inspect.signature(ContactProblem.__init__).bind(problem, *problem._given[0], **problem._given[1])
-        named.apply_defaults()
-        own = {"self", *found, *_NUMERICAL, *(("material",) if isinstance(problem.made_of, Deformable) else ())}
-        found |= {name: value for name, value in named.arguments.items() if name not in own}
+        own = {*found, *_NUMERICAL, *(("material",) if isinstance(problem.made_of, Deformable) else ())}
+        found |= {name: value for name, value in problem.given.items() if name not in own}
         found["ties"] = with_slaves(found["ties"], problem.elasticity.ties)
     return found
 

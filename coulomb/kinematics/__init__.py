@@ -1,6 +1,4 @@
-"""Large motions: Newton's method around the contact problem of small displacements, which is solved as ever at each
-deformed place.  Bodies with a nonlinear residual, slip along curved surfaces, load steps; nothing below knows it.
-"""
+"""Large motions: the names of bodies, materials and problems, which are in the rooms of those of small strains."""
 
 from ..lazy_names import lazily_loaded
 

@@ -10,7 +10,8 @@ from typing import Any, cast
 import numpy as np
 
 from ..arrays import is_number
-from ..fem.bodies import Deformable
+from ..fem.bodies import Deformable, nonlinear, vanishes
+from ..fem.contact import Tied
 from ..fem.geometry import same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -19,14 +20,18 @@ from .contact import Contact
 from .probes import Probe
 from .stopping_criterion import CERTIFIED_FROM
 
+KINEMATICS = ("small", "large")
+"""Theories of a problem."""
 
-def refuse_wrong(mesh: object, given: Mapping[str, object]) -> None:
+
+def refuse_wrong(given: Mapping[str, object]) -> None:
     """Refuse what is no mesh or body, other arguments that differ between ranks, or that are not what their names say;
     collective.
 
     Raises:
         ValueError: On every rank.
     """
+    mesh = given["mesh"]
     if not isinstance(mesh, NamedMesh | JoinedMesh | Deformable):
         if isinstance(mesh, str | Path):
             advice = f"coulomb.read_mesh({str(mesh)!r}) reads a file"
@@ -38,7 +43,9 @@ def refuse_wrong(mesh: object, given: Mapping[str, object]) -> None:
     same_on_all_ranks({name: value for name, value in given.items() if name != "mesh"}, mesh.comm)
     if not is_number(given["time"], -np.inf):
         raise ValueError(f"time must be a finite number, but is {given['time']!r}")
-    explicit, probes = given.get("explicit"), given.get("probes", ())
+    explicit, probes, kinematics = given.get("explicit"), given.get("probes", ()), given.get("kinematics", "small")
+    if kinematics not in KINEMATICS:
+        raise ValueError(f'kinematics must be "small" or "large", but is {kinematics!r}')
     if not isinstance(explicit, bool | np.bool_ | None):
         raise ValueError(f"explicit must be True, False, or None for the choice by size, but is {explicit!r}")
     if not isinstance(probes, Sequence) or not all(isinstance(one, Probe) for one in probes):
@@ -69,9 +76,44 @@ def linear_solver_of(given: object) -> LinearSolver | None:
     raise ValueError(f'linear_solver must be "auto", "direct" or "iterative", or one of the classes, but is {given!r}')
 
 
-def contacts_given(given: object) -> tuple[Contact, ...]:
-    """One contact or several, as a tuple."""
+def contacts_given(arguments: Mapping[str, Any]) -> tuple[Contact, ...]:
+    """The contacts of a problem, from its arguments: of a `Body`, which has its own material, loads and supports, they
+    may be the second one; ValueError on every rank if arguments contradict each other."""
+    given, material = arguments["contact"], arguments["material"]
+    if len(arguments["heat"]) and arguments["temperature"] is not None:
+        raise ValueError("heat: the temperature follows from heat: give heat or temperature, one of the two")
+    if isinstance(arguments["mesh"], Deformable):
+        lists = [arguments[name] for name in ("clamps", "tractions", "springs", "heat")]
+        forces = arguments["body_force"], arguments["gravity"]
+        if (
+            arguments["temperature"] is not None
+            or any(not isinstance(one, Sequence) or len(one) for one in lists)
+            or any(isinstance(one, Mapping) or not vanishes(one) for one in forces)
+        ):
+            raise ValueError("a body has its own loads and supports: give ContactProblem(body, contact) no others")
+        if (material is None) == (given is None):
+            raise ValueError("a body has its own material: ContactProblem(body, contact)")
+        given = material if given is None else given
+    elif material is None or isinstance(material, Contact) or given is None:
+        raise ValueError("give ContactProblem(mesh, material, clamps, contact), or ContactProblem(body, contact)")
     contacts = (given,) if isinstance(given, Contact) else tuple(given) if isinstance(given, Sequence) else ()
     if not contacts or not all(isinstance(contact, Contact) for contact in contacts):
         raise ValueError(f"contact must be a Contact, or several, but is {given!r}")
-    return contacts
+    return contacts_of_large_motions(arguments, contacts) if arguments["kinematics"] == "large" else contacts
+
+
+def contacts_of_large_motions(arguments: Mapping[str, Any], contacts: Sequence[Contact]) -> tuple[Contact, ...]:
+    """The contacts, whose facets that face away from a foundation may turn towards it; ValueError if there is something
+    that large motions do not have."""
+    if isinstance(arguments["mesh"], Deformable):
+        for member in arguments["mesh"].members:
+            nonlinear(member.body)
+    if arguments["rigid_faces"] or any(type(one) is not Tied for one in arguments["ties"]):
+        raise ValueError("rigid faces, bolts and cyclic symmetry are for small strains; large motions have ties (Tied)")
+    for one in contacts:
+        if one.adjust or one.smooth or one.surface or one.against_surface:
+            raise ValueError(
+                f"contact face {one.face!r}: adjust, smooth and surface describe the undeformed place; large motions "
+                "measure gaps between the facets as they are"
+            )
+    return tuple(replace(one, facing=False) for one in contacts)

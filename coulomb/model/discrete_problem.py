@@ -1,27 +1,22 @@
-"""A contact problem in one state: what solvers and certificates work with; and its error if K u = f is not solved by
-multigrid."""
+"""A contact problem in one state: what solvers and certificates work with."""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.geometry import on_every_rank
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance
-from ..linalg.reductions import Reductions
-from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import FrictionProblem
-from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
-from ..solvers.rigid_motions import NO_MOTION, RigidMotions
+from ..solvers.rigid_motions import RigidMotions
 from .certificate import Evidence
 from .contact_body import ContactBody
 from .contact_stiffness import FixedStiffness
@@ -78,6 +73,15 @@ class DiscreteProblem:
         self.elasticity, self.loading, self.time = state.elasticity, state.loading, state.time
         self.surface, self.law = state.surface, state.law
         self._known: LinearProblem | None = None
+
+    def in_state(
+        self, state: ContactState, seconds: dict[str, float] | None = None, before: Before | None = None
+    ) -> Self:
+        """The problem of the same body in another state; `seconds` and `before` as of its arguments."""
+        posed = copy.copy(self)
+        given = self.body, state, self.small_strain, self.started, {} if seconds is None else seconds, before
+        DiscreteProblem.__init__(posed, *given)
+        return posed
 
     @property
     def points_of_states(self) -> StatePoints:
@@ -191,60 +195,3 @@ class DiscreteProblem:
     def tresca(self, slip_bound: FloatArray) -> FrictionProblem:
         """The Tresca problem with these slip bounds in newtons, shape (m,)."""
         return replace(self.friction_problem, law=FrictionProblem.tresca(self.A, self.b, slip_bound).law)
-
-
-class LinearSolveFailed(NotConverged):
-    """K u = f is not solved by multigrid: smaller load steps do not help."""
-
-
-class CountedProgress:
-    """The user's callback, if there is one, with the number of `steps` and whether it has `stopped` the solve, on any
-    rank; a callback that fails on one rank ends the solve on all."""
-
-    def __init__(self, progress: ProgressCallback | None, comm: MPI.Comm):
-        self._progress, self._comm, self.steps, self.stopped = progress, comm, 0, False
-
-    def __call__(self, progress: Progress) -> bool:
-        self.steps += 1
-        call = self._progress
-        asked = on_every_rank(lambda: call is not None and bool(call(progress)), "progress", self._comm)
-        self.stopped = any(asked)
-        return self.stopped
-
-
-def linear_solve_failed(
-    posed: DiscreteProblem, problem: FrictionProblem, failure: CGNotConverged, progress: CountedProgress, method: str
-) -> LinearSolveFailed:
-    """The error of a contact problem in which a solve with K failed, with the last iterate; collective."""
-    A, rigid = problem.A.matrix_free, NO_MOTION if problem.rigid is None else np.zeros(problem.rigid.count)
-    x, gradient, residual = np.zeros_like(problem.b), -problem.b, np.inf
-    if A is not None and Reductions(posed.comm).all(A.latest is not None) and A.latest is not None:
-        x, gradient = problem.completed(A.latest), A.latest_product() - problem.b
-        if problem.rigid is not None:
-            rigid = problem.rigid_motion(x, gradient)
-            gradient = gradient - problem.rigid.displacement(rigid)
-        residual = problem.residual(x, gradient)
-    remedies = ['K factorised (linear_solver = "direct")', "better-shaped cells"]
-    if posed.elasticity.ground is not None:
-        remedies.append("stiffer springs, or a clamp, against rigid motions")
-    reached = f", with a residual of {residual:.1e}" if np.isfinite(residual) else ""
-    message = (
-        f"{failure}; {posed.unknowns['displacement']} displacement unknowns, time {posed.time:g} s, after "
-        f"{progress.steps} steps of the contact solver{reached}"
-    )
-    result = SolverResult(
-        x=x,
-        gradient=gradient,
-        slip_bound=problem.slip_bound(x),
-        multipliers=np.zeros((problem.A.nodes, 2)),
-        status=Status.INTERRUPTED if progress.stopped else Status.STAGNATED,
-        outer_steps=0,
-        newton_steps=progress.steps,
-        products=problem.A.products,
-        residual=residual,
-        history=(),
-        method=method,
-        message=message,
-        rigid=rigid,
-    )
-    return LinearSolveFailed(f"{message}; what may help: {', or '.join(remedies)}", result)

@@ -31,13 +31,13 @@ from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Stat
 from ..solvers.semismooth_newton import SemismoothNewton
 from . import notebook
 from .certificate import judge
-from .discrete_problem import LinearSolveFailed
 from .equilibrium import NoEquilibrium
 from .load_step import Energy, LoadStep, State
 from .nodal_answer import Accumulated
 from .notebook import NotebookBar, in_notebook
 from .problem import ContactProblem
 from .solution import Solution
+from .solving import LinearSolveFailed
 from .times import HALVINGS, refuse_missed, refuse_times
 
 _log = logging.getLogger(__name__)

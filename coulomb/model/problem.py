@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
-from typing import Any, ClassVar, Final, Self, cast
+from functools import partial
+from typing import Any, Self, cast
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ..arrays import FloatArray
 from ..fem.bodies import (
     Deformable,
     Elasticity,
     HeatLoad,
+    HyperelasticBody,
     JoinedBodies,
     Load,
     Materials,
@@ -25,52 +26,35 @@ from ..fem.bodies import (
     ThermalLoad,
     build_bodies,
     distributed_bodies,
-    vanishes,
 )
-from ..fem.contact import ContactSurface, RigidFace, Tied, TiedBodies, with_slaves
+from ..fem.contact import RigidFace, Tied, TiedBodies, with_slaves
 from ..fem.geometry import Amplitude, Coefficient, Field, RigidFoundation, same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..lazy_names import late_bound
-from ..linalg.compliance import IterativeSolver, LinearSolver
-from ..linalg.reductions import Reductions
-from ..linalg.solve_errors import CGNotConverged, TooSlow
-from ..native import threads
-from ..solvers.automatic import Automatic
+from ..linalg.compliance import LinearSolver
 from ..solvers.friction_problem import Solver, contact_solver
-from ..solvers.interior_point import InteriorPoint
-from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
+from ..solvers.results import ProgressCallback, SolverResult
 from . import notebook
 from .arguments import certifying, contacts_given, linear_solver_of, refuse_wrong
 from .contact import Contact
 from .contact_body import ContactBody
-from .discrete_problem import CountedProgress, DiscreteProblem, linear_solve_failed
+from .discrete_problem import DiscreteProblem, StatePoints
 from .equilibrium import refuse_without_equilibrium
-from .heat import UNBALANCED, Heat, HeatProblem
+from .heat import HeatProblem
+from .heated import heated
 from .input_echo import contacts_of, loads_of, supports_of, ties_of
-from .linear_problem import Before, ContactState
+from .large_motions import LoadStepLoop, LoadSteps
+from .linear_problem import Before
 from .load_step import State
 from .notebook import residuals_shown
 from .probes import Probe
 from .provenance import now, timed
 from .small_strain import known_mode
 from .solution import Solution, warn
-from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
+from .solving import answer_of, solved
+from .stopping_criterion import CERTIFIED_FROM
 
 _log = logging.getLogger(__name__)
-
-KINEMATICS = ("small", "large")
-"""Theories of a problem."""
-
-AGREEMENT: Final = 1e-9
-"""Change of temperature in a round, over the largest, at which contact and heat agree."""
-
-SHORTEST, LONGEST = 0.1, 3.0
-"""Bounds of the factor by which the change of temperature of a round is taken (Aitken)."""
-
-ROUNDS: Final = 50
-"""Maximum number of rounds of contact and conduction."""
-
-_POSITIONAL = ("mesh", "material", "clamps", "contact", "tractions", "body_force", "springs")
 
 
 def _on_curved_faces(pair: Contact, mesh: NamedMesh | JoinedMesh) -> Contact:
@@ -84,8 +68,25 @@ def _on_curved_faces(pair: Contact, mesh: NamedMesh | JoinedMesh) -> Contact:
     return replace(pair, surface=surface, against_surface=against)
 
 
-class HeatNotConverged(NotConverged):
-    """Contact and heat do not agree, or nothing fixes the temperature of a body."""
+def _bodies_of(given: Mapping[str, Any]) -> Deformable:
+    """The bodies of the arguments of a problem, with what follows others; collective."""
+    mesh = given["mesh"]
+    if isinstance(mesh, Deformable):
+        body = mesh.at_time(given["time"])
+    else:
+        kind: Callable[..., SingleBody] = HyperelasticBody if given["kinematics"] == "large" else Elasticity
+        heat = given["reference_temperature"], given["temperature_amplitude"]
+        temperature = given["reference_temperature"] if len(given["heat"]) else given["temperature"]
+        names = ("material", "clamps", "tractions", "body_force", "springs", "body_force_amplitude", "gravity")
+        own: list[Any] = [given[name] for name in (*names, "gravity_amplitude")]
+        if isinstance(mesh, JoinedMesh):
+            body = JoinedBodies(build_bodies(kind, distributed_bodies(*(mesh, *own, temperature, *heat))))
+        else:
+            if any(isinstance(one, Mapping) for one in (given["body_force"], given["gravity"], temperature)):
+                raise ValueError("body_force, gravity, temperature: by body only for the bodies of coulomb.join")
+            body = kind(mesh, *own, None if temperature is None else ThermalLoad(temperature, *heat))
+    followers = [*given["rigid_faces"], *given["ties"]]
+    return TiedBodies(body, followers, given["time"]) if followers else body
 
 
 class ContactProblem(DiscreteProblem):
@@ -126,29 +127,19 @@ class ContactProblem(DiscreteProblem):
         rigid_faces: Faces that move as rigid bodies, with a reference point each.
         ties: Faces that are glued to each other (`Tied`), cuts of a sector (`CyclicSymmetry`), and sections of bolts
             (`Pretension`).
-        kinematics: "small" for small strains, or "large" for large motions (`coulomb.kinematics.LargeMotions`).
+        kinematics: "small" for small strains, or "large" for large motions; of a `Body` from an energy or a residual,
+            or of a mesh with material (`NeoHookean`, ...), supports and loads.
 
     Attributes:
         body: The time-independent part: K, K^-1, A, contact faces and foundations.
         state: The state at one time: loads, gaps, frames, law of friction, slip origin.
-        silent: Whether remarks and small-strain warnings are not logged.
+        large: What the load steps of large motions share; None of small strains.
+        given: The arguments by name.
         Others: As of `DiscreteProblem`.
 
     Raises:
         ValueError: On every rank, if the input is invalid, with a remedy.
     """
-
-    silent: ClassVar[bool] = False
-    _of_meshes: ClassVar[Callable[..., SingleBody]] = Elasticity
-    _given: tuple[tuple[Any, ...], dict[str, Any]]
-
-    def __new__(cls, *arguments: Any, kinematics: str = "small", **others: Any) -> Self:
-        if kinematics not in KINEMATICS:
-            raise ValueError(f'kinematics must be "small" or "large", but is {kinematics!r}')
-        kind = late_bound["large"]() if kinematics == "large" and cls is ContactProblem else cls
-        problem = cast(Self, object.__new__(kind))
-        problem._given = arguments, {**others, "kinematics": kinematics}
-        return problem
 
     def __init__(
         self,
@@ -176,64 +167,23 @@ class ContactProblem(DiscreteProblem):
         ties: Sequence[Tied] = (),
         rigid_faces: Sequence[RigidFace] = (),
     ):
-        refuse_wrong(mesh, {**self._named, "time": time, "explicit": explicit, "probes": probes})
+        given = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
+        refuse_wrong(given)
         mode, started = known_mode(small_strain), now()
-        given: object = contact
-        if len(heat):
-            if temperature is not None:
-                raise ValueError("heat: the temperature follows from heat: give heat or temperature, one of the two")
-            temperature = reference_temperature
-        if isinstance(mesh, Deformable):
-            own = (clamps, tractions, springs)
-            if (
-                temperature is not None
-                or any(not isinstance(one, Sequence) or len(one) for one in own)
-                or any(isinstance(one, Mapping) or not vanishes(one) for one in (body_force, gravity))
-            ):
-                raise ValueError("a body has its own loads and supports: give ContactProblem(body, contact) no others")
-            if (material is None) == (contact is None):
-                raise ValueError("a body has its own material: ContactProblem(body, contact)")
-            given = material if contact is None else contact
-        elif material is None or isinstance(material, Contact) or contact is None:
-            raise ValueError("give ContactProblem(mesh, material, clamps, contact), or ContactProblem(body, contact)")
-
-        def make() -> Deformable:
-            if isinstance(mesh, Deformable):
-                return mesh.at_time(time)
-            arguments = (cast(Materials, material), clamps, tractions)
-            if isinstance(mesh, JoinedMesh):
-                bodies = distributed_bodies(
-                    *(mesh, *arguments, body_force, springs, body_force_amplitude, gravity, gravity_amplitude),
-                    *(temperature, reference_temperature, temperature_amplitude),
-                )
-                return JoinedBodies(build_bodies(self._of_meshes, bodies))
-            if isinstance(body_force, Mapping) or isinstance(gravity, Mapping) or isinstance(temperature, Mapping):
-                raise ValueError("body_force, gravity, temperature: by body only for the bodies of coulomb.join")
-            thermal = None
-            if temperature is not None:
-                thermal = ThermalLoad(temperature, reference_temperature, temperature_amplitude)
-            return self._of_meshes(
-                *(mesh, *arguments, body_force, springs, body_force_amplitude, gravity, gravity_amplitude, thermal)
-            )
-
-        def make_tied() -> Deformable:
-            body = make()
-            return TiedBodies(body, [*rigid_faces, *ties], time) if ties or rigid_faces else body
-
+        contacts = contacts_given(given)
         body = ContactBody(
-            make_tied, mesh.comm, self._contacts_of(given), time, linear_solver_of(linear_solver), explicit, probes
+            lambda: _bodies_of(given), mesh.comm, contacts, time, linear_solver_of(linear_solver), explicit, probes
         )
         if len(heat):
             body.heat = HeatProblem(body.elasticity, heat, body.contacts, reference_temperature)
-        for text in body.remarks if not self.silent and body.comm.rank == 0 else ():
+        for text in body.remarks if body.comm.rank == 0 else ():
             _log.warning("%s", text)
         with timed(body.seconds, "assembly"):
             state = body.state(time)
         super().__init__(body, state, mode, started, body.seconds)
-
-    def _contacts_of(self, given: object) -> tuple[Contact, ...]:
-        """One contact or several, as a tuple."""
-        return contacts_given(given)
+        self.given = given
+        self.large = LoadSteps(body, time, linear_solver, explicit) if kinematics == "large" else None
+        self.contacts = self.large.contacts if self.large else body.contacts
 
     def at(self, time: float, before: Before | None = None) -> ContactProblem:
         """The problem at another time with the same body, K^-1 and A; collective.
@@ -247,52 +197,48 @@ class ContactProblem(DiscreteProblem):
             ValueError: On every rank, if an amplitude or the motion has no value then, or the set of contact
                 nodes changes.
         """
-        refuse_wrong(self.made_of, {"time": time})
+        refuse_wrong({"mesh": self.made_of, "time": time})
         seconds: dict[str, float] = {}
+        if self.large is not None:
+            there = copy.copy(self)
+            there.time, there.before, there.seconds = time, before, seconds
+            return there
         with timed(seconds, "assembly"):
             state = self.body.state(time, before)
         return self.in_state(state, seconds, before)
 
     @property
-    def _named(self) -> dict[str, Any]:
-        """The arguments by name."""
-        return {**dict(zip(_POSITIONAL, self._given[0], strict=False)), **self._given[1]}
-
-    @property
     def made_of(self) -> NamedMesh | JoinedMesh | Deformable:
         """Its first argument."""
-        return cast(NamedMesh | JoinedMesh | Deformable, self._named["mesh"])
+        return cast(NamedMesh | JoinedMesh | Deformable, self.given["mesh"])
 
     def on(self, mesh: NamedMesh | JoinedMesh | Deformable) -> Self:
         """The same problem on another mesh (or another `Body`), at the same time, with contact points of pairs and tied
         nodes on the same faces; ValueError on every rank if that has not the faces and groups of cells; collective."""
-        given = self._named
+        given = dict(self.given)
         given |= {"material": None} if isinstance(self.made_of, Deformable) else {}  # it may be the contact
         contacts = [replace(one, slave=one.against is not None) for one in self.body.contacts]
         if given["kinematics"] == "small" and not isinstance(mesh, Deformable):
             contacts = [one if one.against is None else _on_curved_faces(one, mesh) for one in contacts]
-        given["ties"] = with_slaves(given.get("ties", ()), self.elasticity.ties)
+        given["ties"] = with_slaves(given["ties"], self.elasticity.ties)
         return type(self)(**{**given, "mesh": mesh, "contact": contacts, "time": self.time})
 
-    def in_state(
-        self,
-        state: ContactState,
-        seconds: dict[str, float] | None = None,
-        before: Before | None = None,
-    ) -> Self:
-        """The problem of the same body in another state; `seconds` and `before` as of `DiscreteProblem`."""
-        problem = type(self).__new__(type(self))  # __init__ makes the body
-        problem._given = self._given
-        DiscreteProblem.__init__(
-            *(problem, self.body, state, self.small_strain, self.started),
-            *({} if seconds is None else seconds, before),
-        )
-        return problem
+    @property
+    def points_of_states(self) -> StatePoints:
+        """The contact points of the states of a load history: in large motions all nodes of the contact faces, since
+        which of them are contact points depends on the displacement."""
+        return super().points_of_states if self.large is None else self.large.points
+
+    def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
+        if self.large is None:
+            super().refuse_held_inside(times)
+        else:
+            self.large.refuse_held_inside(times or (self.time,))
 
     def starts(self, before: State) -> FloatArray | None:
         """Forces in newtons to start a load step from: those of the state before in the present frames, and these
         extrapolated in time, shapes (3 m,); None in the first one."""
-        if before.number == 0:
+        if before.number == 0 or self.large is not None:
             return None
         forces = [before.force_on_body]
         if before.before is not None:
@@ -302,7 +248,7 @@ class ContactProblem(DiscreteProblem):
 
     def after(self, before: State, solution: Solution) -> State:
         """The state after a load step; collective."""
-        return before.after(solution)
+        return before.after(solution) if self.large is None else LoadStepLoop(self, self.large).after(before, solution)
 
     def solve(
         self,
@@ -334,6 +280,8 @@ class ContactProblem(DiscreteProblem):
         solver = contact_solver(solver)
         if not (progress is None or callable(progress)):
             raise ValueError(f"progress must be a function of a step, or None, but is {progress!r}")
+        if self.large is not None:
+            return LoadStepLoop(self, self.large).solve(tolerance, solver, progress)
         if self.elasticity.outdated(self.loading):
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         self.refuse_held_inside()
@@ -343,77 +291,22 @@ class ContactProblem(DiscreteProblem):
             tolerance, solver = min(tolerance, CERTIFIED_FROM), certifying(solver)
         with residuals_shown(progress, tolerance, self.comm.rank) as shown:
 
-            def by_any_method(posed: ContactProblem, start: FloatArray | None) -> Solution:
-                while True:
-                    try:
-                        return posed._solved(tolerance, solver, shown, start)
-                    except TooSlow as slow:
-                        self.body.stiffness.change_method(str(slow), condense=solver is None)
-                    except NotConverged as failure:
-                        ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
-                        condense = solver is None and not self.body.stiffness.explicit
-                        if ended or not self.body.stiffness.change_method(failure.result.message, condense):
-                            failure.args = (f"{failure}{'' if ended else self.body.stiffness.advice}",)
-                            raise
+            def by_any_method(posed: DiscreteProblem, start: FloatArray | None) -> Solution:
+                return solved(posed, tolerance, solver, shown, start)
 
-            answer = by_any_method(self, start) if heat is None else self._heated(heat, by_any_method, start)
-        if not self.silent:
-            warn(answer)
+            answer = by_any_method(self, start) if heat is None else heated(self, heat, by_any_method, start)
+        warn(answer)
         return answer
+
+    def solution(self, result: SolverResult) -> Solution:
+        """Displacement and certificate of a solver's result, converged or not; in large motions those of the state
+        before the step, with the loads of its end; collective."""
+        return answer_of(self, result) if self.large is None else LoadStepLoop(self, self.large).solution(result)
 
     def refine(self, to: float, totals: Sequence[str] = (), unknowns: int = 300_000) -> Any:
         """Solve on finer and finer meshes until the error bars of some totals are at most `to` of them, as 0.02:
         arguments and errors as of `io.refinement.refine`."""
         return late_bound["refine"](self, to, totals, unknowns)
-
-    def _heated(
-        self,
-        heat: HeatProblem,
-        solved: Callable[[ContactProblem, FloatArray | None], Solution],
-        start: FloatArray | None,
-    ) -> Solution:
-        """The answer with the temperature that it causes itself: contact and conduction are solved in turn, from the
-        temperature of the load step before."""
-
-        def at(change: FloatArray, flows: Heat | None = None) -> ContactProblem:
-            loading = self.elasticity.heated(self.loading, change)
-            return self.in_state(replace(self.state, loading=loading, heat=flows), self.seconds, self.before)
-
-        over, factor, step = Reductions(self.comm), 1.0, None
-        change: FloatArray = np.zeros(len(self.elasticity.x))
-        if isinstance(self.before, State) and self.before.temperature_change is not None:
-            change = self.before.temperature_change
-        answer, apart = solved(at(change), start), np.inf
-        steps, products = answer.result.newton_steps, answer.result.products
-        for rounds in range(1, ROUNDS + 1):
-            try:
-                found = heat.solve(*at_contact(answer), change)
-            except ValueError as error:
-                raise HeatNotConverged(str(error), replace(answer.result, status=Status.STAGNATED)) from None
-            apart = float(over.max(np.abs(found - change)) / (over.max(np.abs(found)) or 1.0))
-            if apart <= AGREEMENT:
-                last = at(found).solution(answer.result)
-                flows = heat.flows(*at_contact(last), found)
-                loose = not answer.certificate.passed  # the solver was not asked for it
-                if (last.certificate.passed or loose) and flows.balanced:
-                    whole = replace(last.result, newton_steps=steps, products=products)  # of all rounds
-                    posed = at(found, replace(flows, rounds=rounds, agreement=apart))
-                    return replace(last, problem=posed, result=whole)
-            if step is not None:  # Aitken's relaxation
-                turn = found - change - step
-                factor *= -over.dot(step, turn) / (over.dot(turn, turn) or 1.0)
-                factor = min(max(factor, SHORTEST), LONGEST)
-            step = found - change
-            change = change + factor * step
-            answer = solved(at(change), answer.contact_force)
-            steps, products = steps + answer.result.newton_steps, products + answer.result.products
-        missing = heat.flows(*at_contact(answer), change).imbalance
-        raise HeatNotConverged(
-            f"contact and heat do not agree after {ROUNDS} rounds: the temperature changes by {apart:.1e} of itself, "
-            f"and {missing:.1e} W of heat are missing; what may help: smaller load steps, or a smaller conductance, or "
-            "one that depends on pressure",
-            replace(answer.result, status=Status.STAGNATED),
-        )
 
     def _repr_html_(self) -> str:
         """Bodies, loads, supports and contacts as they were understood; on several ranks the size alone."""
@@ -438,63 +331,10 @@ class ContactProblem(DiscreteProblem):
             ]
         )
 
-    def _solved(
-        self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None, start: FloatArray | None
-    ) -> Solution:
-        """The answer by the present method for K^-1; arguments and errors as of `solve`."""
-        chosen = solver or self._default(tolerance)
-        criterion, counted = StoppingCriterion(self), CountedProgress(progress, self.comm)
-        with self.body.stiffness.limited(self.stiffness.solver):
-            problem = self.friction_problem  # K^-1, A and b are timed separately
-            self.linear.prepare_products()
-            if chosen.tolerance <= CERTIFIED_FROM:
-                problem = replace(problem, accept=criterion, balanced=criterion.gradient)
-            limit = nullcontext() if solver else self.body.stiffness.few_products(self.A)
-            with timed(self.seconds, "solve"), self._one_blas_thread(), limit:
-                try:
-                    result = chosen.solve(problem, start, progress=counted)
-                except NotConverged as failure:
-                    raise criterion.explained(failure, chosen.tolerance) from None
-                except CGNotConverged as failure:
-                    raise linear_solve_failed(self, problem, failure, counted, type(chosen).__name__) from None
-        return self.solution(result, criterion)
-
-    def _default(self, tolerance: float) -> Solver:
-        """The solver where the user chooses none."""
-        newton = self.body.stiffness.present.newton
-        return Automatic(tolerance) if newton is None else InteriorPoint(tolerance, newton=newton())
-
-    def solution(self, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:
-        """Displacement and certificate of a solver's result, converged or not; from `criterion` if it has them.  The
-        certificate fails where heat is a part of the problem, and was not solved with contact."""
-        judged = (criterion or StoppingCriterion(self)).answer(result.x, result.rigid)
-        x = judged.contact_force
-        law = self.slip_bound(x)
-        g = np.where(law > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces
-        g = np.where(x[0::3] != result.x[0::3], law, g)  # where `zero_open_forces` has changed the normal force
-        certificate = judged.certificate
-        if self.body.heat is not None and result.status is not Status.CONVERGED:
-            certificate = replace(certificate, checks=(*certificate.checks, UNBALANCED))
-        methods = {"solver": result.method, **self.linear.methods}
-        return Solution(
-            *(self, x, judged.displacement, g, result, certificate, judged.evidence),
-            *(self.compliances, self.mean_compliance, methods),
-        )
-
-    def _one_blas_thread(self) -> AbstractContextManager[object]:
-        """One thread of BLAS where multigrid's kernels have several: OpenBLAS waits for its next call in busy loops."""
-        threaded = self.body.stiffness.linear_solver is IterativeSolver and threads() > 1
-        return threadpool_limits(limits=1, user_api="blas") if threaded else nullcontext()
-
-
-def at_contact(answer: Solution) -> tuple[ContactSurface, float, FloatArray, FloatArray]:
-    """What conduction takes of an answer: contact points, time, pressures in pascals and the power of friction in
-    watts, shapes (m,); without load steps it has none."""
-    nodes, problem = answer.at_nodes, answer.problem
-    work = (nodes.accumulated.friction_work - nodes.earlier.friction_work) * nodes.area
-    power = np.zeros_like(work) if problem.before is None else work / (problem.time - problem.before.time)
-    return problem.surface, problem.time, nodes.pressure, power
-
 
 def _vector(values: FloatArray) -> str:
     return f"({', '.join(f'{value:.4g}' for value in values)})"
+
+
+LargeMotions = partial(ContactProblem, kinematics="large")
+"""`ContactProblem` of large motions."""

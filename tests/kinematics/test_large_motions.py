@@ -9,8 +9,8 @@ from scipy.optimize import brentq
 
 import coulomb
 from coulomb.fem.compat import fem, mesh, ufl
+from coulomb.fem.contact.slip import _along_arc as along_arc
 from coulomb.kinematics import LargeMotions, NonlinearBody, mooney_rivlin, neo_hookean
-from coulomb.kinematics.slip import _along_arc as along_arc
 from coulomb.model.load_history import StepFailed
 
 

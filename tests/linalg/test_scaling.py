@@ -6,7 +6,7 @@ from conftest import make_block
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from benchmarks.block import block
-from coulomb.model import problem as of_problems
+from coulomb.model import solving
 from coulomb.solvers import DirectSolver, IterativeSolver
 
 MULTIGRID = {"linear_solver": IterativeSolver, "explicit": False}
@@ -50,7 +50,7 @@ def _counts():
 @pytest.mark.parametrize("solver", [DirectSolver, IterativeSolver])
 @pytest.mark.parametrize("team", [1, 2])
 def test_multigrid_with_threads_has_the_processors_for_itself(monkeypatch, solver, team):
-    monkeypatch.setattr(of_problems, "threads", lambda: team)
+    monkeypatch.setattr(solving, "threads", lambda: team)
     seen = []
     options = {"explicit": False} if solver is IterativeSolver else {}
     body = block(4, 0.3, linear_solver=solver, **options)
@@ -65,7 +65,7 @@ def test_multigrid_with_threads_has_the_processors_for_itself(monkeypatch, solve
 
 
 def test_as_many_afterwards_as_before_if_a_solve_fails(monkeypatch):
-    monkeypatch.setattr(of_problems, "threads", lambda: 2)
+    monkeypatch.setattr(solving, "threads", lambda: 2)
     body = block(4, 0.3, linear_solver=IterativeSolver, explicit=False)
     with threadpool_limits(limits=2, user_api="blas"):
         with pytest.raises(ZeroDivisionError):

@@ -26,7 +26,7 @@ from coulomb import (
 )
 from coulomb.case.case import read_case
 from coulomb.linalg.reductions import Reductions
-from coulomb.model.problem import HeatNotConverged
+from coulomb.model.heated import HeatNotConverged
 
 comm = MPI.COMM_WORLD
 over = Reductions(comm)

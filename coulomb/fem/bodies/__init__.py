@@ -29,6 +29,7 @@ from .displacement_space import (
 from .elasticity import Elasticity, LoadedBody
 from .form_body import BilinearForm, Body, FormValues
 from .free_motions import FreeMotion, FreeMotions, OpenedPart, anchors, free_motions, motions_in_words
+from .hyperelastic import HyperelasticBody
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .loads import (
     TEMPERATURE,
@@ -65,6 +66,7 @@ from .materials import (
     midpoints,
 )
 from .mesh_components import mesh_components, unjoined_parts
+from .nonlinear_body import NonlinearBody, nonlinear
 from .recovery import StressedCells, StressError, relative_error, stress_error, stress_errors
 from .rigid_modes import (
     RigidPart,

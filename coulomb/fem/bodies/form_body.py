@@ -6,14 +6,13 @@ import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Final, Self, cast
+from typing import Any, ClassVar, Final, Self, cast
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ...lazy_names import late_bound
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
@@ -180,16 +179,36 @@ class Body(SingleBody):
         space: The function space of compiled forms, for results in the user's own space.
 
     With `energy` or `residual`, and `displacement`, in place of a and L it is one of large motions:
-    `coulomb.kinematics.NonlinearBody`.
+    `NonlinearBody`.
 
     Raises:
         ValueError: On every rank, if a form, a space, a boundary condition or a face is none that can be used, if a is
             not symmetric.
     """
 
-    def __new__(cls, *arguments: Any, **named: Any) -> Self:
-        large = cls is Body and not {"energy", "residual", "displacement"}.isdisjoint(named)
-        return cast(Self, object.__new__(late_bound["nonlinear_body"]() if large else cls))
+    _large: ClassVar[type[Body]]
+
+    def __init_subclass__(cls, large: bool = False) -> None:
+        if large:
+            Body._large = cls
+
+    def __new__(
+        cls,
+        a: Any = None,
+        L: Any = None,
+        bcs: Sequence[Any] = (),
+        faces: Any = None,
+        *of_subclasses: Any,
+        update: Callable[[float], object] | None = None,
+        space: Any = None,
+        energy: Any = None,
+        residual: Any = None,
+        tangent: Any = None,
+        displacement: Any = None,
+        **others_of_subclasses: Any,
+    ) -> Self:
+        large = cls is Body and any(one is not None for one in (energy, residual, displacement))
+        return cast(Self, object.__new__(Body._large if large else cls))
 
     def __init__(
         self,

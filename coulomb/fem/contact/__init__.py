@@ -41,6 +41,7 @@ from .pair import (
 from .pair_evidence import Claims, Deviations, PairSamples, Surfaces, opposite_nodes
 from .rigid_faces import RigidFace
 from .sections import Pretension
+from .slip import FaceMotion, foot_points
 from .surface import (
     NOISE,
     ContactSurface,

@@ -17,10 +17,11 @@ from ...case.case import Case
 from ...case.files import named_files
 from ...contact_fields import COMPLIANCES
 from ...fem.bodies import TEMPERATURE
-from ...kinematics.large_motions import LargeMotions
 from ...model.certificate import judge
+from ...model.heated import at_contact
+from ...model.large_motions import LoadStepLoop
 from ...model.load_step import LoadStep, State
-from ...model.problem import ContactProblem, at_contact
+from ...model.problem import ContactProblem
 from ...model.problem_evidence import gather_evidence
 from ...model.solution import Solution
 from ...solvers.results import SolverResult, Status
@@ -72,7 +73,7 @@ class Posed:
     @property
     def large(self) -> bool:
         """Whether its motions are large."""
-        return isinstance(self.problem, LargeMotions)
+        return self.problem.large is not None
 
     def accepts(self, record: Mapping[str, Any]) -> bool:
         """Whether answers outside the theory of small strains are accepted; of a load step also by the case that it was
@@ -111,8 +112,8 @@ class WrittenAnswer:
         if seed:
             rounding = Rounding((seed, problem.comm.rank), 1e-14)
             u, f = rounding.of(u), rounding.of(f)
-        if isinstance(problem, LargeMotions):
-            return problem.recomputed(u, f, self._compliances)
+        if problem.large is not None:
+            return LoadStepLoop(problem, problem.large).recomputed(u, f, self._compliances)
         if self._temperature is not None:
             loading = problem.elasticity.heated(problem.loading, self._temperature)
             problem = problem.in_state(replace(problem.state, loading=loading), problem.seconds, problem.before)

@@ -11,36 +11,35 @@ foundations.
 
 from __future__ import annotations
 
-import copy
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 from typing import Any, Final
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable
-from ..fem.contact import Tied
+from ..fem.bodies import Deformable, nonlinear
+from ..fem.contact import FaceMotion
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
-from ..model.certificate import Certificate, Evidence, judge
-from ..model.contact import Contact
-from ..model.discrete_problem import StatePoints
-from ..model.linear_problem import Before
-from ..model.load_step import Earlier, Energy, Forces, State
-from ..model.nodal_answer import Accumulated
-from ..model.problem import ContactProblem
-from ..model.solution import Solution
-from ..model.stopping_criterion import StoppingCriterion
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
-from .hyperelastic import HyperelasticBody
-from .iterate import NEAR, CarriedForces, Iterate, Linearised, Path, linearised, nonlinear
-from .slip import FaceMotion
+from .arguments import linear_solver_of
+from .certificate import Certificate, Evidence, judge
+from .contact_body import ContactBody
+from .discrete_problem import DiscreteProblem, StatePoints
+from .equilibrium import refuse_without_equilibrium
+from .iterate import NEAR, CarriedForces, Iterate, Linearised, Path, linearised
+from .load_step import Earlier, Energy, Forces, State
+from .nodal_answer import Accumulated
+from .notebook import residuals_shown
+from .provenance import now, timed
+from .solution import Solution
+from .solving import solved
+from .stopping_criterion import StoppingCriterion
 
 _log = logging.getLogger(__name__)
 
@@ -59,6 +58,10 @@ _ARM: Final = 1e-3
 """Largest distance of tied faces over the root of a node's area; chords of a ring of facets of 4 degrees leave 2e-4."""
 
 
+_Solve = Callable[[Linearised, FloatArray], Solution]
+"""Solves a linear problem, starting from forces (3 m,)."""
+
+
 class StepCut(NotConverged):
     """A load step has no answer: why, in words."""
 
@@ -69,48 +72,45 @@ def size_of(certificate: Certificate) -> float:
     return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
 
 
-class LargeMotions(ContactProblem):
-    """Bodies of large displacements in frictional contact with each other and with rigid foundations:
-    `ContactProblem(..., kinematics="large")`.
+class LoadSteps:
+    """What the load steps of bodies of large displacements share.
 
-    Arguments are those of `ContactProblem`: a `NonlinearBody`, or several as `coulomb.join` makes them, and their
-    contacts; or a mesh with material (`NeoHookean`, ...), supports and loads.
+    Args:
+        body: The bodies before deformation, with their contact faces.
+        time: A time.
+        linear_solver, explicit: Of the linear problems.
 
     Raises:
-        ValueError: On every rank, if the input is invalid.
+        ValueError: On every rank, if tied faces are apart.
+
+    Attributes:
+        contacts: The contacts, with the foundations before any motion.
+        points: All nodes of the contact faces: which of them are contact points depends on the displacement.
+        number: Of every node among these, shape (k,); -1 of others.
+        remedy: Number of the first tangent that is tried.
     """
 
-    _of_meshes = HyperelasticBody
-
-    def __init__(self, *arguments: Any, linear_solver: Any = None, explicit: bool | None = None, **others: Any):
-        if arguments and isinstance(arguments[0], Deformable):
-            for member in arguments[0].members:
-                nonlinear(member.body)
-        if others.get("rigid_faces") or any(type(one) is not Tied for one in others.get("ties", ())):
-            raise ValueError(
-                "rigid faces, bolts and cyclic symmetry are for small strains; large motions have ties (Tied)"
-            )
-        super().__init__(*arguments, linear_solver=linear_solver, explicit=explicit, **others)
+    def __init__(self, body: ContactBody, time: float, linear_solver: object, explicit: bool | None):
+        self.body, self.elasticity, self.remedy = body, body.elasticity, 0
         if self.elasticity.ties:
-            self._refuse_ties_across_gaps()
-        self._remedy = [0]  # the first that is tried, of this problem at all times
-        self._methods = {"linear_solver": linear_solver, "explicit": explicit}
-        self.contacts: tuple[Contact, ...] = tuple(
+            self._refuse_ties_across_gaps(time)
+        self._methods = linear_solver_of(linear_solver), explicit
+        self.contacts = tuple(
             replace(one, slave=True) if foundation is None else replace(one, foundation=foundation)
-            for one, foundation in zip(self.body.contacts, self.body.foundations, strict=True)
+            for one, foundation in zip(body.contacts, body.foundations, strict=True)
         )
         faces = [self.elasticity.nodes(one.face, "contact") for one in self.contacts]
         part = np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces])
-        self._points, self._number = StatePoints(np.concatenate(faces), part), np.full(len(self.elasticity.x), -1)
-        self._number[self._points.nodes] = np.arange(len(part))
+        self.points, self.number = StatePoints(np.concatenate(faces), part), np.full(len(self.elasticity.x), -1)
+        self.number[self.points.nodes] = np.arange(len(part))
 
-    def _refuse_ties_across_gaps(self) -> None:
+    def _refuse_ties_across_gaps(self, time: float) -> None:
         """Nodes of a tie follow across a distance d as the ends of rigid arms, with the linear part of their rotations:
         turned far, they end up to d from where they belong.  W leaves just d of a displacement u = x, a uniform
         stretch; collective."""
-        body, over = self.elasticity, Reductions(self.comm)
-        undeformed = linearised(body, np.zeros_like(body.x), self.time)
-        arms = np.linalg.norm(undeformed.jump(body.x, undeformed.at(self.time)), axis=1)
+        body, over = self.elasticity, Reductions(self.elasticity.comm)
+        undeformed = linearised(body, np.zeros_like(body.x), time)
+        arms = np.linalg.norm(undeformed.jump(body.x, undeformed.at(time)), axis=1)
         for tie in body.ties:
             d, facet = over.max(arms[tie.nodes]), over.max(np.sqrt(tie.area))
             if d > _ARM * facet:
@@ -120,57 +120,55 @@ class LargeMotions(ContactProblem):
                     "(coulomb.moved), or mesh the gap; where both are curved, use finer or second-order cells"
                 )
 
-    def _contacts_of(self, given: object) -> tuple[Contact, ...]:
-        """Facets that face away from a foundation may turn towards it."""
-        contacts = super()._contacts_of(given)
-        for one in contacts:
-            if one.adjust or one.smooth or one.surface or one.against_surface:
-                raise ValueError(
-                    f"contact face {one.face!r}: adjust, smooth and surface describe the undeformed place; large "
-                    "motions measure gaps between the facets as they are"
-                )
-        return tuple(replace(one, facing=False) for one in contacts)
-
-    @property
-    def points_of_states(self) -> StatePoints:
-        """All nodes of the contact faces: which of them are contact points depends on the displacement."""
-        return self._points
-
-    def at(self, time: float, before: Before | None = None) -> LargeMotions:
-        """The load step from a state to a time."""
-        there = copy.copy(self)
-        there.time, there.before, there.seconds = time, before, {}
-        return there
-
-    def starts(self, before: State) -> FloatArray | None:
-        return None
-
-    def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
-        for time in times or (self.time,):
+    def refuse_held_inside(self, times: Sequence[float]) -> None:
+        """As `DiscreteProblem.refuse_held_inside`, at the displaced nodes."""
+        for time in times:
             undeformed = linearised(self.elasticity, np.zeros_like(self.elasticity.x), time)
             self.body.refuse_held_inside(self.elasticity, undeformed.at(time), exact=True)
 
-    def solve(
-        self,
-        tolerance: float = 1e-8,
-        solver: Solver | None = None,
-        progress: ProgressCallback | None = None,
-        start: FloatArray | None = None,
-    ) -> Solution:
+    def posed(self, body: Deformable, time: float) -> Linearised:
+        """The linear contact problem of bodies at their deformed place; collective."""
+        there = ContactBody(lambda: body.at_time(time), body.comm, self.contacts, time, *self._methods)
+        there.undeformed = self.body
+        with timed(there.seconds, "assembly"):
+            state = there.state(time)
+        return Linearised(there, state, "enforce", now(), there.seconds)
+
+
+class LoadStepLoop:
+    """A load step of large motions, by Newton's method around linear contact problems.
+
+    Args:
+        posed: The problem at the end of the step, with the state `before`.
+        shared: What it shares with the other load steps.
+    """
+
+    def __init__(self, posed: DiscreteProblem, shared: LoadSteps):
+        self.posed, self.shared = posed, shared
+        self.elasticity, self.comm, self.time = shared.elasticity, posed.comm, posed.time
+
+    def solve(self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None) -> Solution:
         """The equilibrium at the end of the load step, or in one step from the undeformed place; arguments as of
-        `ContactProblem`, for every linear problem; collective.
+        `ContactProblem.solve`, for every linear problem; collective.
 
         Raises:
             StepCut: If Newton's method does not find it.
             NotConverged: If it was interrupted.
         """
-        state = self._state
-        self.refuse_held_inside()
+        state, count = self._state, len(self.shared.points.nodes)
+        self.shared.refuse_held_inside([self.time])
+
+        def solve(problem: Linearised, x: FloatArray) -> Solution:
+            within = min(tolerance, 1e-8)
+            refuse_without_equilibrium(problem)
+            with residuals_shown(progress, within, self.comm.rank) as shown:
+                return solved(problem, within, solver, shown, x)
+
         try:
-            return self._whole_step(state, tolerance, partial(Linearised.solve, solver=solver, progress=progress))
+            return self._whole_step(state, tolerance, solve)
         except (CGNotConverged, ValueError, NotConverged) as failure:
             linearised(self.elasticity, state.displacement, state.time)  # the user's functions are of that state
-            result = failure.result if isinstance(failure, NotConverged) else _without_answer(len(self._points.nodes))
+            result = failure.result if isinstance(failure, NotConverged) else _without_answer(count)
             if result.status is Status.INTERRUPTED or isinstance(failure, StepCut):
                 raise
             raise StepCut(str(failure), result) from failure
@@ -178,31 +176,31 @@ class LargeMotions(ContactProblem):
     @property
     def _state(self) -> State:
         """The state from which the step begins."""
-        if self.before is not None:
-            assert isinstance(self.before, State)
-            return self.before
-        still, count = np.zeros_like(self.elasticity.x), len(self._points.nodes)
+        if self.posed.before is not None:
+            assert isinstance(self.posed.before, State)
+            return self.posed.before
+        still, count = np.zeros_like(self.elasticity.x), len(self.shared.points.nodes)
         none = Accumulated.none(count)
         return State(0, self.time, Energy(), still, np.zeros((count, 3)), np.zeros(count), none, ())
 
-    def _whole_step(self, state: State, tolerance: float, solve: Any) -> Solution:
+    def _whole_step(self, state: State, tolerance: float, solve: _Solve) -> Solution:
         """Of bodies that slide on each other by accelerated iterates, and if these fail, by the others: on foundations
         iterates converge fast enough."""
-        if any(one.against is not None for one in self.contacts):
+        if any(one.against is not None for one in self.shared.contacts):
             try:
                 return self._solved_from(state, tolerance, solve, accelerate=True)
             except StepCut as failure:
                 _log.debug("accelerated: %s", failure)
         return self._solved_from(state, tolerance, solve, accelerate=False)
 
-    def _solved_from(self, state: State, tolerance: float, solve: Any, accelerate: bool) -> Solution:
+    def _solved_from(self, state: State, tolerance: float, solve: _Solve, accelerate: bool) -> Solution:
         begin = self._iterate(state, state.displacement, state.time, None)
         start = begin.start()
         here = self._iterate(state, state.displacement, self.time, start)
         x, sizes, found = self._carried(state, begin).at(here.problem.surface), [np.inf], False
         results, path = list[SolverResult](), Path(Reductions(self.comm))
         for _ in range(_MOST):
-            linear = self._linear(here, x, min(tolerance, 1e-8), solve)
+            linear = self._linear(here, x, solve)
             results.append(linear.result)
             du, surface, compliance = linear.displacement, here.problem.surface, here.problem.mean_compliance
             before, after = (CarriedForces.of(of, surface, len(du)) for of in (x, linear.contact_force))
@@ -261,9 +259,9 @@ class LargeMotions(ContactProblem):
         start = self._iterate(state, state.displacement, state.time, None).start()
         here = self._iterate(state, displacement, self.time, start)
         surface = here.problem.surface
-        x = -surface.force_components(force_on_body[self._number[surface.nodes]]).ravel()
+        x = -surface.force_components(force_on_body[self.shared.number[surface.nodes]]).ravel()
         at_nodes = np.zeros_like(displacement)
-        at_nodes[surface.nodes] = compliance[self._number[surface.nodes]]
+        at_nodes[surface.nodes] = compliance[self.shared.number[surface.nodes]]
         return self.judged(here, x, _without_answer(len(surface.nodes)), at_nodes)
 
     def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: FloatArray) -> Solution:
@@ -284,7 +282,8 @@ class LargeMotions(ContactProblem):
     ) -> Solution:
         problem, bound = here.problem, here.problem.slip_bound(x)
         self._count(here)
-        problem.seconds, problem.started, problem.small_strain = self.seconds, self.started, self.small_strain
+        posed = self.posed
+        problem.seconds, problem.started, problem.small_strain = posed.seconds, posed.started, posed.small_strain
         over, own = Reductions(self.comm), evidence.compliance
         mean = over.sum(own) / max(over.sum(float(own.size)), 1.0)
         judged = evidence, compliance[problem.surface.nodes], mean, methods, sizes
@@ -292,30 +291,30 @@ class LargeMotions(ContactProblem):
 
     def _count(self, here: Iterate) -> None:
         for name, seconds in here.problem.seconds.items():
-            self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+            self.posed.seconds[name] = self.posed.seconds.get(name, 0.0) + seconds
 
-    def _linear(self, here: Iterate, x: FloatArray, tolerance: float, solve: Any) -> Solution:
+    def _linear(self, here: Iterate, x: FloatArray, solve: _Solve) -> Solution:
         """The linear problem; with a positive definite matrix in place of a tangent that is none, or is so nearly
         singular that the answer is inaccurate, as that of a thin strip that only contact holds; collective."""
         given, remedies, why = here.body, (here.tangent, here.supported, here.made_positive), ""
-        for number in range(self._remedy[0], len(remedies)):
+        for number in range(self.shared.remedy, len(remedies)):
             body = remedies[number](given, x)
             if body is not here.body:
                 here.pose(body)
             try:
-                answer: Solution = solve(here.problem, tolerance, start=x)
+                answer = solve(here.problem, x)
             except (NotPositiveDefinite, NotConverged) as failure:
                 if isinstance(failure, NotConverged) and failure.result.status is Status.INTERRUPTED:
                     raise
                 why = str(failure)
                 _log.debug("%s", why)
                 continue
-            self._remedy[0] = min(number, 1)  # springs do no harm where they are not needed; the last remedy does
+            self.shared.remedy = min(number, 1)  # springs do no harm where they are not needed; the last remedy does
             return answer
         raise self._cut(f"no answer, even with a tangent that is positive in every cell: {why}")
 
     def _cut(self, why: str) -> StepCut:
-        return StepCut(why, _without_answer(len(self._points.nodes)))
+        return StepCut(why, _without_answer(len(self.shared.points.nodes)))
 
     def _moved(self, here: Iterate, du: FloatArray, state: State, start: FaceMotion) -> Iterate | None:
         """The iterate after a change of the displacement; None if it turns an element inside out."""
@@ -326,23 +325,18 @@ class LargeMotions(ContactProblem):
         return self._iterate(state, u, here.time, start)
 
     def _iterate(self, state: State, u: FloatArray, time: float, start: FaceMotion | None) -> Iterate:
-        def pose(body: Deformable) -> Linearised:
-            there = Linearised(body, self.contacts, time=time, **self._methods)
-            there.body.undeformed = self.body
-            return there
-
-        return Iterate(self.elasticity, pose, u, time, state, self._number, start)
+        return Iterate(self.elasticity, self.shared.posed, u, time, state, self.shared.number, start)
 
     def _carried(self, state: State, begin: Iterate) -> CarriedForces:
         """The contact forces of a state, with the normals of its place."""
         vectors, normals = np.zeros((2, *state.displacement.shape))
         surface = begin.problem.surface
-        vectors[self._points.nodes], normals[surface.nodes] = -state.force_on_body, surface.frames[:, 0]
+        vectors[self.shared.points.nodes], normals[surface.nodes] = -state.force_on_body, surface.frames[:, 0]
         return CarriedForces(vectors, normals)
 
     def after(self, before: State, solution: Solution) -> State:
         assert isinstance(solution, Solution)
-        answer, e, at = solution.at_nodes, solution.evidence, self._number[solution.problem.surface.nodes]
+        answer, e, at = solution.at_nodes, solution.evidence, self.shared.number[solution.problem.surface.nodes]
         force, rate = np.zeros_like(before.force_on_body), np.zeros_like(before.slip_rate)
         force[at] = solution.force_on_body
         rate[at] = np.linalg.norm(answer.slip, axis=1) / (solution.time - before.time)
@@ -373,7 +367,7 @@ class LargeMotions(ContactProblem):
             e = begin.problem.evidence_here(x, np.ones_like(before.displacement))
             then = Forces(before.displacement, e.load, e.internal - e.spring, e.on_body, np.zeros_like(e.on_body))
             linearised(self.elasticity, solution.displacement, solution.time)  # the user's functions are of the answer
-        at = self._number[surface.nodes]
+        at = self.shared.number[surface.nodes]
         moved = problem.body.foundation_displacement(surface, before.time, solution.time)
         foundation = 0.5 * over.dot(before.force_on_body[at] + solution.force_on_body, moved)
         dissipated = solution.at_nodes.dissipated_energy

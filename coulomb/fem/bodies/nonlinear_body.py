@@ -19,11 +19,14 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ..arrays import FloatArray
-from ..fem import compat
-from ..fem.bodies import BilinearForm, Body, FormValues, FreeMotions, Loading, free_earlier_bodies
-from ..fem.compat import fem, ufl
-from ..fem.meshes import boundary_facets
+from ...arrays import FloatArray
+from .. import compat
+from ..compat import fem, ufl
+from ..meshes import boundary_facets
+from .deformable import Loading
+from .displacement_space import free_earlier_bodies
+from .form_body import BilinearForm, Body, FormValues
+from .free_motions import FreeMotions
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,8 @@ class _Place:
     spring: FloatArray
 
 
-class NonlinearBody(Body):
-    """A body from the user's energy, or residual F(u; v), for `LargeMotions`: find u with F(u; v) = 0 for all v.
+class NonlinearBody(Body, large=True):
+    """A body from the user's energy, or residual F(u; v), for large motions: find u with F(u; v) = 0 for all v.
 
     Displacements are Lagrange vectors of first or second order, as of `Body`; all coordinates in the forms are those
     before deformation.  The tangent is UFL's derivative.  Where a surface load follows the surface the tangent is not
@@ -341,3 +344,10 @@ def _cell_matrices(form: Any, V: Any) -> FloatArray:
     for matrix, coefficient, corners in zip(matrices, coefficients, points, strict=False):
         tabulate(matrix.ctypes.data, coefficient.ctypes.data, constants.ctypes.data, corners.ctypes.data, 0, 0, 0)
     return matrices
+
+
+def nonlinear(body: object) -> NonlinearBody:
+    """A body as one of large displacements; ValueError if it is none."""
+    if not isinstance(body, NonlinearBody):
+        raise ValueError(f"large motions need NonlinearBody, or several joined, but there is a {type(body).__name__}")
+    return body

@@ -3,7 +3,7 @@ forces from one to the next, and their acceleration."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import repeat
 from typing import Final
@@ -12,19 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, JoinedBodies, rigid_modes
-from ..fem.contact import ContactSurface, TiedBodies
+from ..fem.bodies import Deformable, JoinedBodies, NonlinearBody, nonlinear, rigid_modes
+from ..fem.contact import ContactSurface, FaceMotion, TiedBodies, foot_points
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.reductions import Reductions
-from ..model.certificate import Evidence, rounding_forces
-from ..model.linear_problem import Before
-from ..model.load_step import State
-from ..model.problem import ContactProblem
-from ..model.problem_evidence import gather_evidence
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.successive_tresca import Anderson
-from .nonlinear_body import NonlinearBody
-from .slip import FaceMotion, foot_points
+from .certificate import Evidence, rounding_forces
+from .discrete_problem import DiscreteProblem
+from .linear_problem import Before
+from .load_step import State
+from .problem_evidence import gather_evidence
 
 _MEMORY: Final = 4
 """Differences of iterates by which they are accelerated."""
@@ -116,18 +114,13 @@ _DIFFERENCE: Final = 1e-4
 """Step of the differences of normals over the size of a face."""
 
 
-class Linearised(ContactProblem):
+class Linearised(DiscreteProblem):
     """The contact problem of changes du of a displacement u; judged by the scales of u + du."""
-
-    silent = True
 
     @property
     def friction_problem(self) -> FrictionProblem:
         """Judged body by body: contact by contact by the evidence at the next iterate."""
         return replace(super().friction_problem, together=True)
-
-    def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
-        """They are judged where they end."""
 
     def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
         """Without nodes that supports hold: they are at their place when the displacement is."""
@@ -185,7 +178,7 @@ class Iterate:
 
     Args:
         body: The bodies.
-        pose: Poses the linear contact problem of bodies at their deformed place.
+        pose: Poses the linear contact problem of bodies at their deformed place at a time.
         u: Displacement in metres, shape (k, 3).
         time: Of the end of the step.
         before: The state at the start of the step.
@@ -198,7 +191,7 @@ class Iterate:
     def __init__(
         self,
         body: Deformable,
-        pose: Callable[[Deformable], Linearised],
+        pose: Callable[[Deformable, float], Linearised],
         u: FloatArray,
         time: float,
         before: State,
@@ -207,7 +200,7 @@ class Iterate:
     ):
         self.u, self.time = u, time
         self._before, self._number, self.body = before, number, linearised(body, u, time)
-        posed = pose(self.body)
+        posed = pose(self.body, time)
         there, self.foundations = posed.state, posed.body.foundations
         at = number[there.surface.nodes]
         then = replace(there, slip_rate=before.slip_rate[at], accumulated=before.accumulated.at(at))
@@ -326,10 +319,3 @@ def each(body: Deformable, change: Callable[[NonlinearBody, slice], NonlinearBod
         return body.over(each(body.bodies, change))
     changed = {one.name: change(nonlinear(one.body), one.nodes) for one in body.members}
     return JoinedBodies(changed) if isinstance(body, JoinedBodies) else next(iter(changed.values()))
-
-
-def nonlinear(body: Deformable) -> NonlinearBody:
-    """A body as one of large displacements; ValueError if it is none."""
-    if not isinstance(body, NonlinearBody):
-        raise ValueError(f"large motions need NonlinearBody, or several joined, but there is a {type(body).__name__}")
-    return body

@@ -18,10 +18,10 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import FloatArray
-from ..fem.bodies import Deformable
-from ..fem.contact import ContactSurface
-from ..fem.geometry import RigidFoundation, RigidMotion, on_all_ranks
+from ...arrays import FloatArray
+from ..bodies import Deformable
+from ..geometry import RigidFoundation, RigidMotion, on_all_ranks
+from .surface import ContactSurface
 
 Foundations = Sequence[RigidFoundation | None]
 """Of all contact faces; None of pairs."""

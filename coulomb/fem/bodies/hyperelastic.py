@@ -15,32 +15,18 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 from scipy.special import roots_jacobi
 
-from ..arrays import FloatArray, is_number
-from ..fem import compat
-from ..fem.bodies import (
-    AppliedLoad,
-    Load,
-    LoadedBody,
-    Loading,
-    Material,
-    Materials,
-    NodalForces,
-    PrescribedRotation,
-    Pressure,
-    Spring,
-    Support,
-    Temperature,
-    ThermalLoad,
-    by_group,
-    cell_measure,
-    material_of_cells,
-    range_of,
-    shown_range,
-)
-from ..fem.compat import fem, ufl
-from ..fem.geometry import Amplitude, Field, evaluate_amplitude
-from ..fem.meshes import NamedMesh
+from ...arrays import FloatArray, is_number
+from .. import compat
+from ..compat import fem, ufl
+from ..geometry import Amplitude, Field, evaluate_amplitude
+from ..meshes import NamedMesh
+from .body import cell_measure
+from .deformable import Loading
+from .elasticity import LoadedBody
+from .loads import AppliedLoad, Load, NodalForces, Pressure, Temperature, ThermalLoad, range_of, shown_range
+from .materials import Material, Materials, by_group, material_of_cells
 from .nonlinear_body import NonlinearBody
+from .supports import PrescribedRotation, Spring, Support
 
 Invariants = tuple[Any, Any, Any]
 """I1 and I2 of C = F^T F, and J = det F."""

@@ -1,0 +1,91 @@
+"""Contact and heat conduction solved in turn until both agree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..fem.contact import ContactSurface
+from ..linalg.reductions import Reductions
+from ..solvers.results import NotConverged, Status
+from .discrete_problem import DiscreteProblem
+from .heat import Heat, HeatProblem
+from .load_step import State
+from .solution import Solution
+from .solving import answer_of
+
+AGREEMENT: Final = 1e-9
+"""Change of temperature in a round, over the largest, at which contact and heat agree."""
+
+SHORTEST, LONGEST = 0.1, 3.0
+"""Bounds of the factor by which the change of temperature of a round is taken (Aitken)."""
+
+ROUNDS: Final = 50
+"""Maximum number of rounds of contact and conduction."""
+
+
+class HeatNotConverged(NotConverged):
+    """Contact and heat do not agree, or nothing fixes the temperature of a body."""
+
+
+def heated(
+    posed: DiscreteProblem,
+    heat: HeatProblem,
+    solved: Callable[[DiscreteProblem, FloatArray | None], Solution],
+    start: FloatArray | None,
+) -> Solution:
+    """The answer with the temperature that it causes itself: contact and conduction are solved in turn, from the
+    temperature of the load step before."""
+
+    def at(change: FloatArray, flows: Heat | None = None) -> DiscreteProblem:
+        loading = posed.elasticity.heated(posed.loading, change)
+        return posed.in_state(replace(posed.state, loading=loading, heat=flows), posed.seconds, posed.before)
+
+    over, factor, step = Reductions(posed.comm), 1.0, None
+    change: FloatArray = np.zeros(len(posed.elasticity.x))
+    if isinstance(posed.before, State) and posed.before.temperature_change is not None:
+        change = posed.before.temperature_change
+    answer, apart = solved(at(change), start), np.inf
+    steps, products = answer.result.newton_steps, answer.result.products
+    for rounds in range(1, ROUNDS + 1):
+        try:
+            found = heat.solve(*at_contact(answer), change)
+        except ValueError as error:
+            raise HeatNotConverged(str(error), replace(answer.result, status=Status.STAGNATED)) from None
+        apart = float(over.max(np.abs(found - change)) / (over.max(np.abs(found)) or 1.0))
+        if apart <= AGREEMENT:
+            last = answer_of(at(found), answer.result)
+            flows = heat.flows(*at_contact(last), found)
+            loose = not answer.certificate.passed  # the solver was not asked for it
+            if (last.certificate.passed or loose) and flows.balanced:
+                whole = replace(last.result, newton_steps=steps, products=products)  # of all rounds
+                there = at(found, replace(flows, rounds=rounds, agreement=apart))
+                return replace(last, problem=there, result=whole)
+        if step is not None:  # Aitken's relaxation
+            turn = found - change - step
+            factor *= -over.dot(step, turn) / (over.dot(turn, turn) or 1.0)
+            factor = min(max(factor, SHORTEST), LONGEST)
+        step = found - change
+        change = change + factor * step
+        answer = solved(at(change), answer.contact_force)
+        steps, products = steps + answer.result.newton_steps, products + answer.result.products
+    missing = heat.flows(*at_contact(answer), change).imbalance
+    raise HeatNotConverged(
+        f"contact and heat do not agree after {ROUNDS} rounds: the temperature changes by {apart:.1e} of itself, "
+        f"and {missing:.1e} W of heat are missing; what may help: smaller load steps, or a smaller conductance, or "
+        "one that depends on pressure",
+        replace(answer.result, status=Status.STAGNATED),
+    )
+
+
+def at_contact(answer: Solution) -> tuple[ContactSurface, float, FloatArray, FloatArray]:
+    """What conduction takes of an answer: contact points, time, pressures in pascals and the power of friction in
+    watts, shapes (m,); without load steps it has none."""
+    nodes, problem = answer.at_nodes, answer.problem
+    work = (nodes.accumulated.friction_work - nodes.earlier.friction_work) * nodes.area
+    power = np.zeros_like(work) if problem.before is None else work / (problem.time - problem.before.time)
+    return problem.surface, problem.time, nodes.pressure, power

@@ -1,0 +1,158 @@
+"""A contact problem in one state is solved by the methods for K^-1 in turn; its answer, and its error if K u = f is not
+solved by multigrid."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+
+import numpy as np
+from mpi4py import MPI
+from threadpoolctl import threadpool_limits
+
+from ..arrays import FloatArray
+from ..fem.geometry import on_every_rank
+from ..linalg.compliance import IterativeSolver
+from ..linalg.reductions import Reductions
+from ..linalg.solve_errors import CGNotConverged, TooSlow
+from ..native import threads
+from ..solvers.automatic import Automatic
+from ..solvers.friction_problem import FrictionProblem, Solver
+from ..solvers.interior_point import InteriorPoint
+from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
+from ..solvers.rigid_motions import NO_MOTION
+from .discrete_problem import DiscreteProblem
+from .heat import UNBALANCED
+from .provenance import timed
+from .solution import Solution
+from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
+
+
+def solved(
+    posed: DiscreteProblem,
+    tolerance: float,
+    solver: Solver | None,
+    progress: ProgressCallback | None,
+    start: FloatArray | None,
+) -> Solution:
+    """The answer by the first method for K^-1 that has one; arguments and errors as of `ContactProblem.solve`."""
+    stiffness = posed.body.stiffness
+    while True:
+        try:
+            return _by_present_method(posed, tolerance, solver, progress, start)
+        except TooSlow as slow:
+            stiffness.change_method(str(slow), condense=solver is None)
+        except NotConverged as failure:
+            ended = failure.result.status in (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
+            condense = solver is None and not stiffness.explicit
+            if ended or not stiffness.change_method(failure.result.message, condense):
+                failure.args = (f"{failure}{'' if ended else stiffness.advice}",)
+                raise
+
+
+def _by_present_method(
+    posed: DiscreteProblem,
+    tolerance: float,
+    solver: Solver | None,
+    progress: ProgressCallback | None,
+    start: FloatArray | None,
+) -> Solution:
+    newton = posed.body.stiffness.present.newton
+    default = Automatic(tolerance) if newton is None else InteriorPoint(tolerance, newton=newton())
+    chosen = solver or default
+    criterion, counted = StoppingCriterion(posed), CountedProgress(progress, posed.comm)
+    with posed.body.stiffness.limited(posed.stiffness.solver):
+        problem = posed.friction_problem  # K^-1, A and b are timed separately
+        posed.linear.prepare_products()
+        if chosen.tolerance <= CERTIFIED_FROM:
+            problem = replace(problem, accept=criterion, balanced=criterion.gradient)
+        limit = nullcontext() if solver else posed.body.stiffness.few_products(posed.A)
+        with timed(posed.seconds, "solve"), _one_blas_thread(posed), limit:
+            try:
+                result = chosen.solve(problem, start, progress=counted)
+            except NotConverged as failure:
+                raise criterion.explained(failure, chosen.tolerance) from None
+            except CGNotConverged as failure:
+                raise linear_solve_failed(posed, problem, failure, counted, type(chosen).__name__) from None
+    return answer_of(posed, result, criterion)
+
+
+def answer_of(posed: DiscreteProblem, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:
+    """Displacement and certificate of a solver's result, converged or not; from `criterion` if it has them.  The
+    certificate fails where heat is a part of the problem, and was not solved with contact."""
+    judged = (criterion or StoppingCriterion(posed)).answer(result.x, result.rigid)
+    x = judged.contact_force
+    law = posed.slip_bound(x)
+    g = np.where(law > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces
+    g = np.where(x[0::3] != result.x[0::3], law, g)  # where `zero_open_forces` has changed the normal force
+    certificate = judged.certificate
+    if posed.body.heat is not None and result.status is not Status.CONVERGED:
+        certificate = replace(certificate, checks=(*certificate.checks, UNBALANCED))
+    methods = {"solver": result.method, **posed.linear.methods}
+    return Solution(
+        *(posed, x, judged.displacement, g, result, certificate, judged.evidence),
+        *(posed.compliances, posed.mean_compliance, methods),
+    )
+
+
+def _one_blas_thread(posed: DiscreteProblem) -> AbstractContextManager[object]:
+    """One thread of BLAS where multigrid's kernels have several: OpenBLAS waits for its next call in busy loops."""
+    threaded = posed.body.stiffness.linear_solver is IterativeSolver and threads() > 1
+    return threadpool_limits(limits=1, user_api="blas") if threaded else nullcontext()
+
+
+class LinearSolveFailed(NotConverged):
+    """K u = f is not solved by multigrid: smaller load steps do not help."""
+
+
+class CountedProgress:
+    """The user's callback, if there is one, with the number of `steps` and whether it has `stopped` the solve, on any
+    rank; a callback that fails on one rank ends the solve on all."""
+
+    def __init__(self, progress: ProgressCallback | None, comm: MPI.Comm):
+        self._progress, self._comm, self.steps, self.stopped = progress, comm, 0, False
+
+    def __call__(self, progress: Progress) -> bool:
+        self.steps += 1
+        call = self._progress
+        asked = on_every_rank(lambda: call is not None and bool(call(progress)), "progress", self._comm)
+        self.stopped = any(asked)
+        return self.stopped
+
+
+def linear_solve_failed(
+    posed: DiscreteProblem, problem: FrictionProblem, failure: CGNotConverged, progress: CountedProgress, method: str
+) -> LinearSolveFailed:
+    """The error of a contact problem in which a solve with K failed, with the last iterate; collective."""
+    A, rigid = problem.A.matrix_free, NO_MOTION if problem.rigid is None else np.zeros(problem.rigid.count)
+    x, gradient, residual = np.zeros_like(problem.b), -problem.b, np.inf
+    if A is not None and Reductions(posed.comm).all(A.latest is not None) and A.latest is not None:
+        x, gradient = problem.completed(A.latest), A.latest_product() - problem.b
+        if problem.rigid is not None:
+            rigid = problem.rigid_motion(x, gradient)
+            gradient = gradient - problem.rigid.displacement(rigid)
+        residual = problem.residual(x, gradient)
+    remedies = ['K factorised (linear_solver = "direct")', "better-shaped cells"]
+    if posed.elasticity.ground is not None:
+        remedies.append("stiffer springs, or a clamp, against rigid motions")
+    reached = f", with a residual of {residual:.1e}" if np.isfinite(residual) else ""
+    message = (
+        f"{failure}; {posed.unknowns['displacement']} displacement unknowns, time {posed.time:g} s, after "
+        f"{progress.steps} steps of the contact solver{reached}"
+    )
+    result = SolverResult(
+        x=x,
+        gradient=gradient,
+        slip_bound=problem.slip_bound(x),
+        multipliers=np.zeros((problem.A.nodes, 2)),
+        status=Status.INTERRUPTED if progress.stopped else Status.STAGNATED,
+        outer_steps=0,
+        newton_steps=progress.steps,
+        products=problem.A.products,
+        residual=residual,
+        history=(),
+        method=method,
+        message=message,
+        rigid=rigid,
+    )
+    return LinearSolveFailed(f"{message}; what may help: {', or '.join(remedies)}", result)
