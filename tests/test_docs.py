@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 
 import pytest
 from conftest import ROOT, run_coulomb
@@ -57,6 +58,21 @@ def test_links_outside_the_documentation_lead_somewhere(page):
     """mkdocs checks those between its pages."""
     links = re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / page).read_text())
     assert links and not [link for link in links if not (ROOT / link).exists()]
+
+
+def test_recipes_are_valid_cases():
+    """With meshes from files, whose faces are not looked at."""
+    blocks = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "how-to.md").read_text(), flags=re.S)
+    steel = {"young": 2e11, "poisson": 0.3}
+    for given in map(tomllib.loads, blocks):
+        alone = "mesh" in given or "material" in given
+        bodies = [{"name": name, "file": "x.msh", "material": steel} for name in ("ring", "shaft", "pad", "disc")]
+        one = {"mesh": {"file": "x.msh"}, "material": steel, "contact": {"face": "a", "friction": 0.1}}
+        others = one if alone else {"body": bodies, "contact": {"face": "pad:a", "against": "disc:b", "friction": 0.1}}
+        if "prescribed_rotation" in given:
+            others["history"] = {"times": [1.0, 2.0]}
+        assert Case.model_validate({**others, **given}), given
+    assert len(blocks) == 4
 
 
 def test_every_contact_field_has_a_row():
