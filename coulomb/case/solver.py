@@ -78,12 +78,19 @@ class SolverTable(Table):
 
 class OutputTable(Table):
     """Directory of the results, and whether to write a picture and the report, and to estimate the error of the mesh:
-    error bars of all totals."""
+    error bars of all totals.  `format` are the files of the fields."""
 
     directory: FileName = "results"
     picture: bool = True
     report: bool = False
     error: bool = False
+    format: tuple[Literal["xdmf", "vtkhdf", "csv"], ...] = ("xdmf",)
+
+    @model_validator(mode="after")
+    def _with_xdmf(self) -> OutputTable:
+        if "xdmf" not in self.format:
+            raise ValueError('format must have "xdmf", which coulomb check reads: ["xdmf", "vtkhdf"]')
+        return self
 
 
 class ProbeTable(Table):

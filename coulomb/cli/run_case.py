@@ -30,6 +30,7 @@ from ..io.atomic_output import PARTIAL, locked, refuse_to_replace
 from ..io.case_record import case_record, case_text, refuse_another_case, write_case
 from ..io.error_bars import ComparisonHistories, error_of
 from ..io.history_files import HistoryFiles, read_summary, steps_left, steps_on_disk, whole_history
+from ..io.other_formats import write_formats
 from ..io.other_meshes import NoErrorBars
 from ..io.refinement import Refined, refine
 from ..io.run_directory import CASE, MESH, PICTURE, RunDirectory
@@ -223,6 +224,8 @@ def _write_and_report(
     report(
         session.console, solution, contents, target if written else None, session.kept, took, settings.solver.tolerance
     )
+    if written:
+        _write_formats(settings, target, problem.comm)
     if written and settings.output.report:
         _draw(session, lambda stop: write_report(target, stop))
     if not trouble and (said := failing_at_tolerance(solution.certificate, settings.solver.tolerance)):
@@ -415,6 +418,7 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
         then = f"free some space, then: coulomb resume {target}"
     history = whole_history(target, comm) if files.rows else None
     if history is not None:
+        _write_formats(settings, target, comm)
         files_of = RunDirectory(target)
         if settings.output.picture and code != INTERRUPTED and _outdated(files_of.picture, comm):
             _draw(session, lambda stop: on_rank_0(comm, lambda: picture_of_run.draw(target, stop)), f"{PICTURE} ")
@@ -435,6 +439,19 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
         errors.out(f"error: {trouble}{f'; {then}' if then else ''}")
     if trouble or not all(row["valid"] for row in files.rows):
         raise typer.Exit(code)
+
+
+def _write_formats(settings: Case, target: Path, comm: MPI.Comm) -> None:
+    """Write the fields in other formats than XDMF; what fails is a warning; collective."""
+
+    def write() -> str:
+        write_formats(target, settings.output.format)
+        return ""
+
+    try:
+        on_rank_0(comm, write)
+    except OSError as error:
+        errors.out(f"warning: {target}: {' and '.join(settings.output.format[1:])} cannot be written: {error}")
 
 
 def _outdated(drawn: Path, comm: MPI.Comm) -> bool:

@@ -170,6 +170,19 @@ def read_fields(
     return points, cells, fields
 
 
+def fields_in(file: Path, group: str) -> tuple[FloatArray, npt.NDArray[np.int64], dict[str, FloatArray]]:
+    """Points, cells and all fields of a grid of an XDMF file, by the group of its data."""
+    with h5py.File(data_of(file), "r") as opened:
+        names = tuple(opened[f"Function/{group}" if group else "Function"])
+    return read_fields(data_of(file), names, (), group)
+
+
+def names_in_cells(file: Path) -> set[str]:
+    """The names of the fields that have a value in every cell."""
+    attributes = ElementTree.parse(file).getroot().iter("Attribute")
+    return {str(one.get("Name")) for one in attributes if one.get("Center") == "Cell"}
+
+
 def parts_of_field(path: Path, name: str, group: str = "") -> Iterator[tuple[npt.NDArray[np.int64], FloatArray]]:
     """Numbers of points in solution.xdmf (q,), and values (q, d) there, of a field of a grid in an HDF5 file, in parts.
 

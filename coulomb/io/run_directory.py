@@ -33,7 +33,10 @@ SOLUTION, CONTACT = "solution.xdmf", "contact.xdmf"
 
 FIELDS = (SOLUTION, CONTACT)
 
-FILES = (HISTORY, ITERATIONS, CASE, PICTURE, REPORT, *FIELDS)
+OTHERS = ("solution.vtkhdf", "contact.vtkhdf", "contact.csv")
+"""The same fields in other formats, if they are asked for."""
+
+FILES = (HISTORY, ITERATIONS, CASE, PICTURE, REPORT, *FIELDS, *OTHERS)
 """The files beside the summary; each of the fields has another with its data."""
 
 LOCK = "run.lock"

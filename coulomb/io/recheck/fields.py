@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-import h5py
 import numpy as np
 import numpy.typing as npt
 
@@ -15,7 +13,7 @@ from ...arrays import FloatArray, in_words
 from ...contact_fields import ANSWER, COMPLIANCES, CONTACT_FIELDS
 from ...fem.meshes import FACETS, SEPARATOR, SOLIDS
 from ...nearest import in_a_cell, same_nodes
-from ..field_files import NODE, OPPOSITE, data_of, grids_of, read_fields
+from ..field_files import NODE, OPPOSITE, data_of, fields_in, grids_of, names_in_cells
 from ..grid_file import Described, described
 from ..result_grids import BODIES, FACES, OURS
 from ..run_directory import CONTACT, FIELDS, SOLUTION
@@ -97,19 +95,6 @@ def _compare_file(
     return left
 
 
-def fields_in(file: Path, group: str) -> tuple[FloatArray, Order, dict[str, FloatArray]]:
-    """Points, cells and all fields of a grid of an XDMF file, by the group of its data."""
-    with h5py.File(data_of(file), "r") as opened:
-        names = tuple(opened[f"Function/{group}" if group else "Function"])
-    return read_fields(data_of(file), names, (), group)
-
-
-def _in_cells(file: Path) -> set[str]:
-    """The names of the fields that have a value in every cell."""
-    attributes = ElementTree.parse(file).getroot().iter("Attribute")
-    return {str(one.get("Name")) for one in attributes if one.get("Center") == "Cell"}
-
-
 def _compare_grid(
     files: Sequence[Path],
     there: str,
@@ -130,7 +115,7 @@ def _compare_grid(
         body = grid.partition(SEPARATOR)[0] if len(orders) > 1 else next(iter(orders))
         for values in (expected, *(other[2] for other in others)):
             values[NODE] = orders[body][values[NODE].astype(np.int64)].astype(np.float64)
-    middle, in_cells = x[rows].mean(axis=1), _in_cells(files[1])
+    middle, in_cells = x[rows].mean(axis=1), names_in_cells(files[1])
     for one in expected:
         if one not in fields:
             found.fault(f"{name}: lacks {one}{of}, unlike the case")

@@ -23,12 +23,12 @@ from ...fem.geometry import inverse_frames
 from ...fem.meshes import SEPARATOR
 from ...model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
 from ...solvers.laws import FrictionLaw
-from ..field_files import NODE, OPPOSITE, grids_of
+from ..field_files import NODE, OPPOSITE, fields_in, grids_of
 from ..grid_file import Described
 from ..result_grids import OURS
 from ..run_directory import CONTACT, FIELDS, OLD, SOLUTION, SUMMARY, RunDirectory
 from .comparison import Comparison, unjudged
-from .fields import described_fields, fields_in
+from .fields import described_fields
 from .findings import Findings, unread
 
 Numbers = npt.NDArray[np.int64]

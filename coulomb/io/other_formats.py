@@ -1,0 +1,143 @@
+"""The fields of a run in other formats, from its XDMF files, on one rank: VTKHDF, which ParaView and PyVista open with
+its time steps, and a table of the contact nodes.
+
+VTKHDF 2.0, an unstructured grid (docs.vtk.org, VTK File Formats): bodies, or faces, are one grid, with their number in
+the cells; a mesh that does not change is there once.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import h5py
+import numpy as np
+
+from ..arrays import FloatArray
+from .field_files import fields_in, grids_of, names_in_cells
+from .run_directory import CONTACT, FIELDS, SOLUTION, RunDirectory
+
+_CELLS: Final = {SOLUTION: {4: 10, 8: 12, 10: 24, 27: 29}, CONTACT: {3: 5, 4: 9, 6: 22, 9: 28}}
+"""VTK's numbers of the kinds of cells, by file and number of nodes."""
+
+
+class _Piece(NamedTuple):
+    """A grid: its name, points (n, 3), cells (c, nodes), and its fields in "PointData" and in "CellData"."""
+
+    name: str
+    points: FloatArray
+    cells: Any
+    fields: dict[str, dict[str, FloatArray]]
+
+
+def write_formats(directory: Path, formats: tuple[str, ...]) -> None:
+    """Write the fields of a run or a load history in these formats beside its XDMF files.
+
+    Raises:
+        OSError: If a file cannot be written.
+        ValueError: If a file of the run cannot be read.
+    """
+    if "vtkhdf" in formats:
+        for name in FIELDS:
+            _write_vtkhdf(directory, name)
+    if "csv" in formats:
+        _write_table(directory)
+
+
+def _steps(directory: Path, name: str) -> Iterator[tuple[float, list[_Piece]]]:
+    """Time and grids of a run, or of every step of a load history."""
+    files = RunDirectory(directory)
+    for step in [files.step(number) for number in files.begun_steps] if files.is_history else [files]:
+        path, pieces = step.path / name, []
+        inside = names_in_cells(path)
+        for grid, group in grids_of(path).items():
+            points, cells, fields = fields_in(path, group)
+            by_place: dict[str, dict[str, FloatArray]] = {"PointData": {}, "CellData": {}}
+            for one, values in fields.items():
+                by_place["CellData" if one in inside else "PointData"][one] = values
+            pieces.append(_Piece(grid, points, cells, by_place))
+        yield float(step.read_summary().get("step", {}).get("time", 0.0)), pieces
+
+
+def _write_vtkhdf(directory: Path, name: str) -> None:
+    """FILE.vtkhdf of FILE.xdmf."""
+    with h5py.File((directory / name).with_suffix(".vtkhdf"), "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"] = np.array([2, 0], dtype=np.int64)
+        root.attrs.create("Type", b"UnstructuredGrid", dtype=h5py.string_dtype("ascii", len("UnstructuredGrid")))
+
+        def append(place: str, rows: Any) -> int:
+            """Append rows to a data set; returns how many there were."""
+            rows = np.asarray(rows)
+            if place not in root:
+                shape = rows.shape[1:]
+                root.create_dataset(place, (0, *shape), rows.dtype, maxshape=(None, *shape), chunks=True)
+            data, count = root[place], len(root[place])
+            data.resize(count + len(rows), axis=0)
+            data[count:] = rows
+            return int(count)
+
+        before, starts = list[_Piece](), dict[str, int]()
+        for time, pieces in _steps(directory, name):
+            append("Steps/Values", [time])
+            append("Steps/NumberOfParts", [1])
+            if not _same_mesh(before, pieces):
+                first = np.cumsum([0, *(len(piece.points) for piece in pieces)])
+                cells = [piece.cells + start for piece, start in zip(pieces, first, strict=False)]
+                nodes, widths = np.concatenate([one.ravel() for one in cells]), [one.shape[1] for one in cells]
+                each = np.repeat(widths, [len(one) for one in cells])
+                starts = {
+                    "PartOffsets": append("NumberOfPoints", [first[-1]]),
+                    "PointOffsets": append("Points", np.concatenate([piece.points for piece in pieces])),
+                    "CellOffsets": append("Types", np.array([_CELLS[name][int(k)] for k in each], dtype=np.uint8)),
+                    "ConnectivityIdOffsets": append("Connectivity", nodes.astype(np.int64)),
+                }
+                append("NumberOfCells", [len(each)])
+                append("NumberOfConnectivityIds", [len(nodes)])
+                append("Offsets", np.concatenate([[0], np.cumsum(each)]).astype(np.int64))
+            for place, row in starts.items():
+                append(f"Steps/{place}", [row] if place in ("PartOffsets", "PointOffsets") else [[row]])
+            number = {"part": np.repeat(np.arange(len(pieces)), [len(piece.cells) for piece in pieces])}
+            for of, own in (("PointData", {}), ("CellData", number)):
+                fields = dict.fromkeys(field for piece in pieces for field in piece.fields[of])
+                for field, values in {**{field: _together(pieces, of, field) for field in fields}, **own}.items():
+                    append(f"Steps/{of}Offsets/{field}", [append(f"{of}/{field}", values)])
+            before = pieces
+        root["Steps"].attrs["NSteps"] = len(root["Steps/Values"])
+
+
+def _same_mesh(before: list[_Piece], now: list[_Piece]) -> bool:
+    return len(before) == len(now) and all(
+        np.array_equal(one.points, other.points) and np.array_equal(one.cells, other.cells)
+        for one, other in zip(before, now, strict=True)
+    )
+
+
+def _together(pieces: list[_Piece], of: str, field: str) -> FloatArray:
+    """A field of all pieces, nan on those without it."""
+    shape = next(piece.fields[of][field].shape[1:] for piece in pieces if field in piece.fields[of])
+    none = [np.full((len(piece.points if of == "PointData" else piece.cells), *shape), np.nan) for piece in pieces]
+    return np.concatenate([piece.fields[of].get(field, nan) for piece, nan in zip(pieces, none, strict=True)])
+
+
+def _write_table(directory: Path) -> None:
+    """contact.csv: a row for every node of a contact face at every step, vectors by components."""
+    tables = []
+    for time, pieces in _steps(directory, CONTACT):
+        for piece in pieces:
+            columns: dict[str, Any] = {"time": time, "name": piece.name}
+            for name, values in (("", piece.points), *piece.fields["PointData"].items()):
+                if values.ndim == 1:
+                    columns[name] = values
+                else:
+                    columns |= {f"{name}_{axis}".strip("_"): values[:, k] for k, axis in enumerate("xyz")}
+            tables.append(columns)
+    names = list(dict.fromkeys(name for columns in tables for name in columns))
+    with (directory / CONTACT).with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        for columns in tables:
+            count = (len(columns["x"]),)
+            writer.writerows(zip(*(np.broadcast_to(columns.get(name, ""), count) for name in names), strict=True))
