@@ -355,6 +355,23 @@ class ContactBody:
     def pair(self, number: int) -> Pair:
         return self._faces.pair(number, self.elasticity)
 
+    def judged_pair(self, number: int) -> JudgedPair:
+        """What judges the pair of a contact; collective."""
+        known = self.judged_pairs.get(number)
+        if known is None or known.pair is not self.pair(number):
+            known = self.judged_pairs[number] = JudgedPair(self.elasticity, self.contacts[number], self.pair(number))
+        return known
+
+    def off_linear(self, surface: ContactSurface, u: FloatArray) -> FloatArray:
+        """`JudgedPair.off_linear` at the contact points of a surface, 0 on foundations, metres, shape (m,);
+        collective."""
+        found = np.zeros(len(surface.nodes))
+        for number, contact in enumerate(self.contacts):
+            if contact.against is not None:
+                at = surface.part == number
+                found[at] = self.judged_pair(number).off_linear(u, surface.nodes[at], surface.frames[at, 0])
+        return found
+
     def given_gap(self, surface: ContactSurface, time: float) -> FloatArray:
         """The gaps given with the contacts at the points of a surface at a time, metres, shape (m,); collective."""
         given: FloatArray = self._faces.gap_factors(time)[surface.part] * surface.gap_field

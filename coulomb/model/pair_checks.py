@@ -14,7 +14,18 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, in_words
 from ..fem.bodies import Deformable, DisplacementSpace, HeldDirections
-from ..fem.contact import Claims, Deviations, Pair, PairSamples, Shape, Surfaces, facets_of, gathered, opposite_nodes
+from ..fem.contact import (
+    Claims,
+    Deviations,
+    Pair,
+    PairSamples,
+    Shape,
+    Surfaces,
+    facets_of,
+    gathered,
+    off_linear,
+    opposite_nodes,
+)
 from ..linalg.reductions import Reductions, concatenated
 from .contact import Contact
 
@@ -87,6 +98,13 @@ class PairReference:
         held = self._slave.held.projector_at(node[row] - space.numbering.first)
         found: FloatArray = x[np.linalg.norm(np.einsum("mij,mj->mi", held, n), axis=1) < _HELD]
         return found
+
+    def off_linear(
+        self, nodes: npt.NDArray[np.integer[Any]], n: FloatArray, own: FloatArray, opposite: FloatArray
+    ) -> FloatArray:
+        """The same of nodes of the slave's body, with the displacements of both bodies; collective."""
+        there = gathered(self._spaces[1], self._nodes[1], opposite)
+        return off_linear(self._facets[1], self._spaces[0].x[nodes], n, own[nodes], there)
 
     def averages(self, own: FloatArray, opposite: FloatArray) -> tuple[FloatArray, FloatArray]:
         """`PairSamples.averages` of values at this rank's nodes of the slave's and of the master's body; collective."""
@@ -164,6 +182,11 @@ class JudgedPair:
     def _sides(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values (k, d) of the nodes of all bodies at those of the slave's and of the master's."""
         return values[self._nodes[0]], values[self._nodes[1]]
+
+    def off_linear(self, u: FloatArray, nodes: npt.NDArray[np.integer[Any]], n: FloatArray) -> FloatArray:
+        """`closest_points.off_linear` of this rank's slave `nodes` (m,) among those of all bodies, with displacements u
+        (k, 3), along unit normals n (m, 3), metres, shape (m,); collective."""
+        return self._reference.off_linear(nodes - self._nodes[0].start, n, *self._sides(u))
 
     def findings(
         self,

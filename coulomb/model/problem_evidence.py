@@ -36,7 +36,7 @@ from .contact_body import ContactBody
 from .held_nodes import FoundationFace, OtherNodes
 from .linear_problem import Before, ContactState
 from .nodal_answer import relative_displacement
-from .pair_checks import JudgedPair, PairFindings
+from .pair_checks import PairFindings
 
 
 def gather_evidence(
@@ -188,9 +188,7 @@ def _findings(
         contact = body.contacts[number]
         if contact.against is None:
             continue
-        known = body.judged_pairs.get(number)
-        if known is None or known.pair is not body.pair(number):
-            known = body.judged_pairs[number] = JudgedPair(body.elasticity, contact, body.pair(number))
+        known = body.judged_pair(number)
         place = known.pair.points.before_deformation(known.pair.x)
         given = contact.gap_factor(time, comm) * contact.gap_at(place, comm)
         found.append(

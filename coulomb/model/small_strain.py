@@ -18,6 +18,7 @@ from ..fem.contact import NOISE, FaceSamples, Overlap, distance_along
 from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
 from ..nearest import among, tree_of
+from .certificate_scales import place_of_largest
 
 if TYPE_CHECKING:
     from ..fem.geometry import RigidFoundation
@@ -87,7 +88,8 @@ class SmallStrain:
 
     Attributes:
         gap_error: Largest distance of a pressing node, where it has moved to, from the foundation as it is, with the
-            given gap, over the mean displacement of the forces that deform the body (as in the certificate).
+            given gap, over the mean displacement of the forces that deform the body (as in the certificate); against
+            another deformable face what the distance differs by from the linear one, of open nodes their depth.
         turn: Largest angle in degrees between the foundation's normals at a node in contact before and after its
             displacement.
         slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, or against another
@@ -102,6 +104,7 @@ class SmallStrain:
         overlap: Largest depth of a node of the surface inside a body, or inside a foundation beside its contact face,
             where no contact judges it, over the motion of the two relative to each other (`fem.contact.overlaps`).
         inside: Where that is; None below 5 %.
+        off: Where the gap error is, and how much in metres.
     """
 
     gap_error: float
@@ -113,6 +116,7 @@ class SmallStrain:
     rounding: float = 0.0
     overlap: float = 0.0
     inside: Overlap | None = None
+    off: str = ""
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -146,8 +150,9 @@ class SmallStrain:
             (
                 self.gap_error,
                 GAP_ERROR,
-                f"the foundation's curvature matters: contact nodes are {self.gap_error:.0%} of the deformation off it "
-                "(smaller load, or smaller load steps with the foundation moved to its new place)",
+                "the curvature of the foundation, or of the face opposite, matters: contact nodes are "
+                f"{self.gap_error:.0%} of the deformation off it{self.off} (smaller load, or smaller load steps with "
+                'the foundation moved to its new place; between deformable faces kinematics = "large")',
             ),
             (self.turn, TURN, f"the foundation's normal turns by {self.turn:.1f} degrees under a moving node"),
             (
@@ -199,7 +204,7 @@ class SmallStrain:
         )
 
 
-MEASURES: Final = tuple(field.name for field in fields(SmallStrain) if field.name != "inside")
+MEASURES: Final = tuple(field.name for field in fields(SmallStrain) if field.name not in ("inside", "off"))
 """Names of the numbers among the attributes."""
 
 
@@ -228,6 +233,7 @@ def small_strain(
     blocked: float = 0.0,
     inside: Overlap | None = None,
     large: bool = False,
+    off: FloatArray | None = None,
 ) -> SmallStrain:
     """Measure an answer; collective.
 
@@ -243,6 +249,7 @@ def small_strain(
         inside: The largest overlap of surfaces.
         large: Whether places are those after a large motion: nodes on a foundation may have got there, and do not tell
             that their facets stand for a face of its curvature.
+        off: By how much distances from faces opposite change otherwise than linear ones, metres, shape (m,).
     """
     over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
     pressing = normal > _PRESSING * max(over.max(normal), 0.0)
@@ -265,6 +272,12 @@ def small_strain(
         distance, turn = on_all_ranks(measure, "contact: foundation", at_nodes.comm)
     except ValueError:  # no distance or normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
+    apart = np.zeros(len(normal))
+    if off is not None:
+        off = np.where(np.abs(off) < rounding, 0.0, off)
+        apart = np.where(pressing, np.abs(off), -np.minimum(at_nodes.gap - at_nodes.displacement[:, 0] + off, 0.0))
+    apart[pressing] = np.maximum(apart[pressing], distance)
+    where = place_of_largest(apart, at_nodes.x, at_nodes.part, at_nodes.faces, over)
     deformation, pressed = deformation_of(internal, u, over, blocked), over.sum(normal[pressing])
     chord, rounded = _largest_chords(at_nodes, pressing, foundations, between)
     approach = max(over.dot(u, internal) / pressed, blocked) if pressed > 0.0 else 0.0
@@ -273,7 +286,7 @@ def small_strain(
     # opposite to on a deformable face.
     along = np.linalg.norm((at_nodes.displacement[:, 1:] / at_nodes.scale)[pressing], axis=1)
     return SmallStrain(
-        gap_error=0.0 if deformation <= 0.0 else largest(distance, over) / deformation,
+        gap_error=0.0 if deformation <= 0.0 else largest(apart, over) / deformation,
         turn=largest(turn, over),
         slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
         gradient=gradient,
@@ -282,6 +295,7 @@ def small_strain(
         rounding=_relative(rounded, approach),
         overlap=0.0 if inside is None else inside.depth / inside.approach,
         inside=inside,
+        off=f", {largest(apart, over):.1e} m {where},",
     )
 
 

@@ -280,9 +280,10 @@ class Solution:
         )
         blocked = body.blocked_displacement(problem.loading)
         gradient = 0.0 if large else body.largest_gradient(self.displacement)
+        off = None if large else problem.body.off_linear(problem.surface, self.displacement)
         foundations = problem.surface.foundations
         return small_strain(
-            self.at_nodes, foundations, e.displacement, e.internal, gradient, faces, blocked, inside, large
+            self.at_nodes, foundations, e.displacement, e.internal, gradient, faces, blocked, inside, large, off
         )
 
     @property

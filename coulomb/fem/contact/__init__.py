@@ -5,7 +5,7 @@ deformable faces by dual mortar elements (`pair_of`), and the sparse matrix B fr
 from ..bodies import at_nodes_of, rows_of
 from .auto_pairs import FoundPair, FoundPairs, auto_pairs
 from .body_boundary import Face, Part
-from .closest_points import facets_of, gathered, hits
+from .closest_points import facets_of, gathered, hits, off_linear
 from .contact_points import (
     ContactPoints,
     KeptMatrix,

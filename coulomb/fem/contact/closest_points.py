@@ -8,7 +8,7 @@ method, of plane triangles in one step.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -152,6 +152,16 @@ class Facets:
         return unit_vectors(self.sign[:, None] * plane_vectors(self.x[:, : self.corners]))
 
     @cached_property
+    def kink(self) -> FloatArray:
+        """Largest difference of unit normals of each at its corners and the mean ones there, shape (f,)."""
+        corner, means = self.nodes[:, : self.corners], np.zeros((int(self.nodes.max(initial=-1)) + 1, 3))
+        _, along_r, along_s = facet_functions(self.corners, self.degree, reference_nodes(self.corners, 1))
+        n = unit_vectors(self.sign[:, None, None] * np.cross(along_r @ self.x, along_s @ self.x))
+        np.add.at(means, corner, n)
+        found: FloatArray = np.linalg.norm(unit_vectors(means)[corner] - n, axis=2)
+        return found.max(axis=1, initial=0.0)
+
+    @cached_property
     def bent(self) -> FloatArray:
         """How far the nodes of each are from those of a parallelogram or triangle, over its radius, shape (f,)."""
         points = _basis(self.corners, self.degree)[2]
@@ -258,6 +268,28 @@ def hits(start: FloatArray, along: FloatArray, face: Facets, depth: float, reach
             if not len(left) or number == _ROUNDS - 1:
                 break
             near = _towards(face, whole, start[left], along[left], near)
+    return found
+
+
+def off_linear(face: Facets, x: FloatArray, n: FloatArray, u: FloatArray, there: FloatArray) -> FloatArray:
+    """By how much distances along unit normals n (m, 3) change otherwise than with fixed normals and places opposite,
+    between points x (m, 3) and a face, with displacements u (m, 3) and `there` (f, n, 3) at its nodes, metres, shape
+    (m,); beyond the chords of the face.  It is 0 where nothing is opposite before, and the way along the face, if that
+    is more than a facet, where nothing is opposite after it; not collective."""
+    found, moved, far = np.zeros(len(x)), replace(face, x=face.x + there), 0.25 * face.extent
+    before, after = (hits(at, n, of, far, 4.0 * far) for at, of in ((x, face), (x + u, moved)))
+    met = np.flatnonzero(before.facet >= 0)
+    facet, opposite = before.facet[met], np.zeros((len(met), 3))
+    if len(met):
+        values = facet_functions(face.corners, face.degree, before.place[met])[0]
+        opposite = np.einsum("qn,qni->qi", values, there[facet])
+    relative = u[met] - opposite
+    closed = np.einsum("qi,qi->q", relative, n[met])
+    slip = np.linalg.norm(relative - closed[:, None] * n[met], axis=1)
+    off = after.way[met] - before.way[met] + closed
+    explained = face.kink[facet] * np.minimum(slip, 0.5 * face.radius[facet])
+    off = np.sign(off) * np.maximum(np.abs(off) - explained, 0.0)
+    found[met] = np.where(after.facet[met] >= 0, off, np.where(slip > face.radius[facet], slip, 0.0))
     return found
 
 

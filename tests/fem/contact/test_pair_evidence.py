@@ -8,11 +8,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.sparse
-from test_curved_pairs import RADIUS, rolled
+from test_curved_pairs import RADIUS, rolled, roller
 
-from coulomb import Clamp, Contact, ContactProblem, Cylinder, Material, Plane, SymmetryPlane, box, join, moved
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    Cylinder,
+    Material,
+    Plane,
+    PrescribedDisplacement,
+    SymmetryPlane,
+    box,
+    join,
+    moved,
+)
 from coulomb.fem.contact import mortar, pair
-from coulomb.fem.contact.closest_points import Facets, hits
+from coulomb.fem.contact.closest_points import Facets, hits, off_linear
 from coulomb.model import contact_body, problem_evidence
 from coulomb.model.certificate import judge
 from verification.ring_pair import rings
@@ -21,7 +33,7 @@ STEEL = Material(2.1e11, 0.3)
 LINES = ("pair gap", "pair displacement", "pair normal", "pair weights", "pair points")
 
 
-def blocks(shift=0.1, cells=("hexahedron", "hexahedron"), degree=1, distorted=0.0, **contact):
+def blocks(shift=0.1, cells=("hexahedron", "hexahedron"), degree=1, distorted=0.0, way=(0.0, 0.0, 0.0), **contact):
     """A block on a block, of which a shift leaves a part beyond the other; distorted along both faces."""
 
     def bent(x):
@@ -33,7 +45,8 @@ def blocks(shift=0.1, cells=("hexahedron", "hexahedron"), degree=1, distorted=0.
     lower = box((1.0, 1.0, 0.5), (3, 3, 1), cells[0], place=bent, degree=degree)
     upper = box((1.0, 1.0, 1.0), (4, 4, 1), cells[1], place=above, degree=degree)
     pair = Contact("upper:bottom", against="lower:top", friction=0.3, **contact)
-    return ContactProblem(join(lower=lower, upper=upper), STEEL, [Clamp("lower:bottom"), Clamp("upper:top")], pair)
+    held = [Clamp("lower:bottom"), PrescribedDisplacement("upper:top", way)]
+    return ContactProblem(join(lower=lower, upper=upper), STEEL, held, pair)
 
 
 CIRCLE = {"surface": Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), RADIUS)}
@@ -170,9 +183,8 @@ def test_at_planes_of_symmetry_normals_are_in_them(monkeypatch):
             assert not judged(quarter(**contact))["pair gap"].passed
 
 
-@pytest.mark.parametrize(("corners", "degree"), [(3, 1), (4, 1), (3, 2), (4, 2)])
-def test_lines_meet_a_paraboloid(corners, degree):
-    """From below and from above, within the facets; to the error of their interpolation."""
+def paraboloid(corners, degree):
+    """z = 0.1 (x^2 + y^2) over the unit square, of four by four squares."""
     side = np.linspace(0.0, 1.0, 5 if degree == 1 else 9)
     x, y = (of.ravel() for of in np.meshgrid(side, side, indexing="ij"))
     places = np.column_stack([x, y, 0.1 * (x**2 + y**2)])
@@ -186,7 +198,13 @@ def test_lines_meet_a_paraboloid(corners, degree):
                 centre = [] if corners == 3 else [(at[0] + at[2]) // 2]
                 nodes.append(ends + (middles + centre if degree == 2 else []))
     nodes = np.array(nodes)
-    face = Facets(corners, degree, nodes, places[nodes], np.ones(len(nodes)))
+    return Facets(corners, degree, nodes, places[nodes], np.ones(len(nodes)))
+
+
+@pytest.mark.parametrize(("corners", "degree"), [(3, 1), (4, 1), (3, 2), (4, 2)])
+def test_lines_meet_a_paraboloid(corners, degree):
+    """From below and from above, within the facets; to the error of their interpolation."""
+    face = paraboloid(corners, degree)
     start = np.random.default_rng(0).uniform(-0.2, 1.2, (400, 3)) * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.05]
     along = np.broadcast_to([0.0, 0.0, -1.0], start.shape)
     found = hits(start, along, face, 1.0, 1.0)
@@ -195,3 +213,72 @@ def test_lines_meet_a_paraboloid(corners, degree):
     expected = 0.05 - 0.1 * np.sum(start[inside, :2] ** 2, axis=1)
     assert np.abs(found.way[inside] - expected).max() <= (0.1 * 2 / 4 / 16 + 1e-12 if degree == 1 else 1e-12)
     assert not np.any(hits(start, -along, face, 1.0, 1.0).facet >= 0)  # from behind
+
+
+@pytest.mark.parametrize(("corners", "degree"), [(3, 1), (4, 1), (3, 2), (4, 2)])
+def test_distances_from_a_curved_face_change_otherwise_than_linear_ones(corners, degree):
+    """A point goes along it: by the slope and the curvature there; chords explain a part.  Both may move as one."""
+    face = paraboloid(corners, degree)
+    x, way = np.array([[0.31, 0.42, 0.3]] * 4), np.array([0.0, 0.05, 0.3, 2.0])
+    n, u = np.array([[0.0, 0.0, -1.0]] * 4), np.outer(way, [1.0, 0.0, 0.0]) + [0.0, 0.0, -0.1]
+    off = off_linear(face, x, n, u, np.zeros_like(face.x))
+    expected = -0.1 * (2.0 * 0.31 * way + way**2)
+    expected[3] = 2.0  # beyond its end
+    assert off == pytest.approx(expected, abs=1e-12 if degree == 2 else 0.1 * 0.25 * 0.2)
+    assert degree == 2 or abs(off[1]) < abs(expected[1])
+    there = np.broadcast_to([0.3, 0.2, 0.1], face.x.shape)
+    assert np.abs(off_linear(face, x, n, there[: len(x), 0], there)).max() <= 1e-12
+
+
+def in_a_cup(aside, degree=2):
+    """The roller, pressed by 0.1 mm into a cup of 1.2 times its radius, and moved to the side."""
+
+    def place(k):
+        angle = np.radians(50.0) * (2.0 * k[0] - 1.0)
+        rim = np.stack([0.012 * np.sin(angle), 0.012 - RADIUS - 0.012 * np.cos(angle)])
+        x, z = k[2] * rim + (1.0 - k[2]) * np.stack([0.012 * np.sin(angle), np.full_like(angle, -1.5 * RADIUS)])
+        return np.stack([x, 0.002 * k[1], z])
+
+    sides = [Clamp(f"{name}:{face}", "y") for name in ("upper", "cup") for face in ("front", "back")]
+    cup = box((1.0, 1.0, 1.0), (8, 1, 2), place=place, degree=degree)
+    return ContactProblem(
+        join(upper=roller(8, "hexahedron", degree), cup=cup),
+        STEEL,
+        [Clamp("cup:bottom"), PrescribedDisplacement("upper:top", (aside, 0.0, -1e-4)), *sides],
+        Contact("upper:bottom", against="cup:top", friction=0.0),
+    )
+
+
+def test_faces_that_move_along_each_other_are_judged_where_they_are():
+    """Fixed normals and places opposite: right with a small slip, at 1 mm the force to the side is 25 % off that of
+    large motions, and nodes are inside, which nothing else sees."""
+    answer = in_a_cup(1e-3).solve()
+    assert answer.certificate.passed and answer.small_strain.inside is None and not answer.valid
+    (text,) = answer.outside
+    assert "of the deformation off it, 5." in text and "m of 'upper:bottom'" in text
+    small = in_a_cup(1e-5).solve()
+    assert small.valid and 0.0 < small.small_strain.gap_error < 0.05
+
+
+def test_a_body_that_has_left_the_one_below_it():
+    """Beyond its end, by more than a facet, it would still stand on it."""
+
+    assert blocks(way=(1e-5, 0.0, -1e-6)).solve().small_strain.gap_error <= 1e-4
+    off = blocks(way=(0.9, 0.0, -1e-6)).solve()
+    assert off.certificate.passed and off.small_strain.gap_error > 1.0 and "of 'upper:bottom'" in off.outside[0]
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_vertex_that_gets_in_and_a_force_that_is_wrong(degree):
+    """By lines of the certificate that are there: equilibrium and penetration, which says how deep and where."""
+    answer = blocks(degree=degree, way=(0.0, 0.0, -1e-5)).solve()
+    x, u, surface = answer.contact_force.copy(), answer.displacement.copy(), answer.problem.surface
+    k = int(np.argmin(np.linalg.norm(surface.x - surface.x.mean(axis=0), axis=1)))
+    u[surface.nodes[k]] += 2e-6 * surface.frames[k, 0]
+    wrong = judge(answer.problem.evidence(x, u))
+    assert not wrong["equilibrium"].passed and not wrong["penetration"].passed
+    assert wrong.penetration == pytest.approx(2e-6, rel=1e-3)
+    place = ", ".join(f"{at:.4g}" for at in surface.x[k])
+    assert f"worst at ({place}) m of 'upper:bottom'" in wrong["penetration"].meaning
+    x[3 * k] *= 1.001
+    assert not judge(answer.problem.evidence(x, answer.displacement))["equilibrium"].passed
