@@ -221,10 +221,8 @@ class PairSamples:
         kept /= np.maximum(kept.sum(axis=1, keepdims=True), 1e-300)
         given = np.where(gone[:, :, None], own, 0.0).sum(axis=1, keepdims=True)
         weight = np.where(gone[:, :, None], 0.0, own + kept[:, :, None] * given)
-        order = np.argsort(node)
-        row = order[np.searchsorted(node, nodes, sorter=order).clip(max=max(len(node) - 1, 0))] if len(node) else nodes
         self._facet, column = np.nonzero(np.isin(nodes, node) & ~gone)
-        self._point, self._weight = row[self._facet, column], weight[self._facet, column]
+        self._point, self._weight = _rows(node, nodes[self._facet, column]), weight[self._facet, column]
         self._count = len(node)
         self.area = self._sums(self._weight.sum(axis=1))
         f, p = self._around
@@ -255,11 +253,7 @@ class PairSamples:
         off = np.where(np.all(self._there, axis=1), off, 0.0)
         nearer = np.clip(1.0 - off / np.maximum(bulge, 1e-300), 0.0, 1.0)
         most: FloatArray = 0.5 * np.minimum(1.0, (bulge / (_ROUND * diameter)) ** 2)
-        distance = self._way[:, :, None]
-        off, kink = (
-            np.where(self._there, np.abs(distance - near)[:, :, 0], 0.0).max(axis=1, initial=0.0)
-            for near in (self._fitted(distance), self._curved(distance))
-        )
+        off, kink = (of[:, 0] for of in self._away(self._way[:, :, None]))
         unsure = _PART * kink + _SMOOTH * off + self._beyond
         return most * nearer, most * np.minimum(1.0, unsure / np.maximum(bulge, 1e-300))
 
@@ -300,14 +294,11 @@ class PairSamples:
     def _unsure(self, values: FloatArray, missed: FloatArray | None = None) -> FloatArray:
         """How far these may be off, shape (m, d); with the values (k, n, d) at the nodes of the master facets
         that lines may have missed."""
-        fitted, there = self._fitted(values), self._there[:, :, None]
+        there = self._there[:, :, None]
         most = np.where(there, values, -np.inf).max(axis=1, initial=-np.inf)
         least = np.where(there, values, np.inf).min(axis=1, initial=np.inf)
         spread = np.where(np.any(there, axis=1), most - least, 0.0)
-        off, kink = (
-            np.where(there, np.abs(values - near), 0.0).max(axis=1, initial=0.0)
-            for near in (fitted, self._curved(values))
-        )
+        off, kink = self._away(values)
         kinked = _KINK[self._slave.degree]
         many = self._there.sum(axis=1) > 2 * self._curves.shape[1]
         error = np.where(many[:, None], np.minimum(kinked * off, 3.0 * kinked * kink + _SMOOTH * off), kinked * off)
@@ -324,20 +315,17 @@ class PairSamples:
         edge = self._share[:, None] * np.where(np.isfinite(whole), whole, 0.0)
         return self._larger[:, None] * self._most(off) + edge
 
-    def _fitted(self, values: FloatArray) -> FloatArray:
-        """Combinations of the facets' functions with the averages of values at the points (f, q, d) by dual ones."""
+    def _away(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Largest distances of values at the points (f, q, d) from the combinations of the facets' functions with their
+        averages by dual ones, and from the quadratic functions nearest to them, shape (f, d) each."""
         integral = np.maximum(self._own.sum(axis=2), 1e-300)[:, :, None]
         nodal = np.einsum("fjq,fqd->fjd", self._own, values[:, : self._inner]) / integral
-        fitted: FloatArray = np.einsum("qj,fjd->fqd", self._at_all @ self._span.T, nodal)
-        return fitted
-
-    def _curved(self, values: FloatArray) -> FloatArray:
-        """The quadratic functions on the facets nearest to values at the points (f, q, d)."""
         there, curves = self._there.astype(np.float64), self._curves
         square = np.einsum("fq,qi,qj->fij", there, curves, curves) + 1e-12 * np.eye(curves.shape[1])
         right = np.einsum("fq,qi,fqd->fid", there, curves, values)
-        fitted: FloatArray = curves @ np.linalg.solve(square, right)
-        return fitted
+        near = self._at_all @ self._span.T @ nodal, curves @ np.linalg.solve(square, right)
+        off, kink = (np.max(there[:, :, None] * np.abs(values - of), axis=1, initial=0.0) for of in near)
+        return off, kink
 
     @property
     def radius(self) -> FloatArray:
@@ -461,13 +449,18 @@ def opposite_nodes(slave: Facets, master: Facets, node: IntArray) -> tuple[IntAr
         axis=2,
     )  # (f, columns, 8)
     nodes, found = slave.nodes[facet][:, columns], np.zeros((len(node), 8))
-    order = np.argsort(node)
     f, k = np.nonzero(np.isin(nodes, node))
-    row = order[np.searchsorted(node, nodes[f, k], sorter=order)] if len(node) else f
+    row = _rows(node, nodes[f, k])
     np.add.at(found, row, sums[f, k])
     found[row, 5:] = sums[f, k, 5:]
     chosen = np.flatnonzero(found[:, 0] > _OPPOSITE * found[:, 1])
     return chosen, found[chosen, 5:], unit_vectors(found[chosen, 2:5])
+
+
+def _rows(node: IntArray, some: IntArray) -> IntArray:
+    """Where some of these nodes (m,) are among them."""
+    order = np.argsort(node)
+    return order[np.searchsorted(node, some, sorter=order)]
 
 
 def _around(
@@ -476,8 +469,7 @@ def _around(
     """The facets on which the functions of contact points depend, ascending: those around their nodes, and facets
     without any contact point beside these; and the pairs of such a facet, by its number among them, and a point."""
     f, j = np.nonzero(np.isin(nodes[:, columns], node))
-    order = np.argsort(node)
-    p = order[np.searchsorted(node, nodes[:, columns][f, j], sorter=order)] if len(node) else f
+    p = _rows(node, nodes[:, columns][f, j])
     if np.any(bare) and len(f):
         count = int(nodes.max()) + 1
         rows = np.repeat(np.arange(len(nodes)), nodes.shape[1])
