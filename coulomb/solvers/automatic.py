@@ -16,7 +16,7 @@ from .results import Goal, NotConverged, SolverResult, Status
 from .semismooth_newton import SemismoothNewton
 from .successive_tresca import SuccessiveTresca
 
-_FINISH = SemismoothNewton(patience=3, refused=1e-4, finer=1.0, sharpest=0.01)
+FINISH: Final = SemismoothNewton(patience=3, refused=1e-4, finer=1.0, sharpest=0.01)
 """From the end of a path it takes one to five steps; the residual may grow in the first and fall in the second.  An
 answer that the certificate refuses at 1e-4 of the tolerance, on soft springs, it refuses at rounding errors."""
 
@@ -58,7 +58,7 @@ class Automatic(SolverSettings):
 
     def _solved(self, problem: FrictionProblem, task: Task) -> SolverResult:
         goal, start, gradient, progress = task
-        first = replace(self.interior_point or InteriorPoint(finish=_FINISH), tolerance=goal.tolerance)
+        first = replace(self.interior_point or InteriorPoint(finish=FINISH), tolerance=goal.tolerance)
         second = replace(self.successive_tresca or SuccessiveTresca(), tolerance=goal.tolerance)
         steps = 0
 

@@ -10,7 +10,7 @@ from conftest import dense_compliance, make_block, random_spd, solved_block
 from coulomb import InteriorPoint
 from coulomb.io.output import _write_history
 from coulomb.solvers import Automatic, FrictionProblem, IterativeSolver
-from coulomb.solvers.automatic import _FINISH
+from coulomb.solvers.automatic import FINISH
 from coulomb.solvers.results import InteriorPointStep, NotConverged, SemismoothStep, Status
 from coulomb.solvers.semismooth_newton import SemismoothNewton
 
@@ -72,7 +72,7 @@ def test_a_finish_that_fails_leaves_the_path_as_it_was(linear_solver):
 def test_a_finish_whose_residual_falls_steadily_is_not_given_up():
     """Newton systems solved to a half: more than six steps; a limit of six ended it next to the tolerance."""
     problem = make_block(8).friction_problem
-    slow = replace(_FINISH, forcing=0.5, sharpest=0.5)
+    slow = replace(FINISH, forcing=0.5, sharpest=0.5)
     result = InteriorPoint(1e-8, finish=slow).solve(problem)
     kinds = [type(step) for step in result.history]
     assert kinds == sorted(kinds, key=[InteriorPointStep, SemismoothStep].index) and kinds.count(SemismoothStep) > 6
@@ -83,7 +83,7 @@ def test_a_finish_is_given_up_where_the_certificate_refuses_an_answer_far_below_
     problem = make_block(6).friction_problem
     refused = replace(problem, accept=lambda *_: False)
     with pytest.raises(NotConverged) as failure:
-        InteriorPoint(1e-8, finish=_FINISH).solve(refused)
+        InteriorPoint(1e-8, finish=FINISH).solve(refused)
     residuals = [step.residual for step in failure.value.result.history if isinstance(step, SemismoothStep)]
     assert sum(residual < 1e-12 for residual in residuals) == 1
     assert min(residuals) < 1e-12

@@ -13,7 +13,7 @@ cones.py:
    it turns where the path is blocked;
 4. convex problems with given slip, s <- |Z_t(s)|, with Anderson acceleration and Newton steps after each.  The slip of
    each is unique whatever the rank of A, unlike the forces on which successive Tresca iterates.  Where they fail,
-   sweeps again, and at last curves that begin with open contacts, each with other gaps.
+   curves that begin with open contacts, each with other gaps.
 
 Proved: a fixed point of the slip is a solution; the curve has one at its end, in general position and if forces stay
 bounded.  Not proved: that the path leads to one, that the fixed point attracts, or how long the curve is.  CONVERGED
@@ -21,8 +21,8 @@ means that the natural residual, computed afresh, is below the tolerance, and th
 (cones.cone_residual).
 
 Work is limited by counts, not by time, so that a result can be repeated: floating-point operations of the
-factorisations with an estimate for the rest, and sweeps.  The curve, the convex problems, and the last sweeps
-spend at most half of what is left when they begin.
+factorisations with an estimate for the rest, and their number.  The curve and the convex problems spend at most half
+of what is left when they begin.
 """
 
 from __future__ import annotations
@@ -89,8 +89,6 @@ _LEAST, _LARGEST = 1e-11, 1e-3  # proximal term
 _NEAR: Final = 1e-2  # size of the natural map at which the path is left for Newton steps, ...
 _NEARER: Final = 0.1  # and factor by which it decreases before they are tried again
 _STALLED: Final = 15  # steps of the path without progress after which it ends
-_PER_MICROSECOND: Final = 1e4  # operations of factorisations
-_PARTS: Final = 20  # of the last sweeps, so that they can be interrupted
 
 
 class _Ended(Exception):
@@ -135,8 +133,6 @@ class _ConeRun:
             else:
                 self._follow_curve(self._half_of_the_rest())
                 self._successive_slips(self._half_of_the_rest())
-                if first is not None:
-                    self._sweep_on(first)
                 for number in range(self._settings.curves):
                     self._follow_curve(self._settings.work, number)
                 if self._cones.matrix.operations > self._settings.work:
@@ -153,19 +149,6 @@ class _ConeRun:
     def _reported(self, sweeps: Sweeps) -> None:
         if self._progress is not None and self._progress(Progress(self._convex, len(self._history), sweeps.residual)):
             raise _Ended(Status.INTERRUPTED)
-
-    def _sweep_on(self, at: Sweeps | None) -> None:
-        """Sweeps from the end of the first ones, with half of the work that is left: in some problems of which nothing
-        else comes to an end the contacts change their states for 100 000 sweeps.
-        """
-        problem, left = self._problem, self._settings.work - self._cones.matrix.operations
-        work, made = 0.5 * left / (_PER_MICROSECOND * _PARTS), 0
-        while at is not None and work > 0.0 and made < _PARTS:
-            at, made = sweep(self._A, problem.b, problem.law.friction, self._goal.residual, at.x, work), made + 1
-            if at is not None:
-                self._sweeps += at.made
-                self._judged(self._cones.scaled(at.x))
-                self._reported(at)
 
     def _judged(self, X: FloatArray) -> float:
         """The residual of an answer; ends the run if it is small enough."""
@@ -334,10 +317,10 @@ class ConeInteriorPoint(SolverSettings):
 
     Attributes:
         tolerance: Residual at which to stop, the larger of `FrictionProblem.residual` and `cones.cone_residual`.
-        sweeps: Gauss-Seidel sweeps; whether they come first, and last; or those that have been made for the problem.
+        sweeps: Whether Gauss-Seidel sweeps come first, or those that have been made for the problem.
         newton: Nonsmooth Newton steps in a row.
         path: Steps of the interior-point path.
-        curve: Steps along the curve of smoothed problems.
+        curve: Steps along a curve of smoothed problems.
         convex: Convex problems with given slip.
         curves: Curves that begin with open contacts.
         proximal: Proximal term of the nonsmooth Newton matrix, over the mean diagonal of A and the size of the natural
@@ -352,9 +335,9 @@ class ConeInteriorPoint(SolverSettings):
     sweeps: bool | Sweeps = True
     newton: int = within("[1, inf)", 12)
     path: int = within("[1, inf)", 80)
-    curve: int = within("[0, inf)", 250)
+    curve: int = within("[0, inf)", 1000)
     convex: int = within("[0, inf)", 40)
-    curves: int = within("[0, inf)", 8)
+    curves: int = within("[0, inf)", 16)
     proximal: float = within("(0, inf)", 0.1)
     work: float = within("(0, inf)", 2e11)
     systems: int = within("[1, inf)", 6000)

@@ -14,8 +14,8 @@ increases where it is negative.  That needs no knowledge of the last direction, 
 curve does no harm.
 
 X and Z are functions of one unknown V = X - rho Z: with its eigenvalues l in the algebra of the cone, those of X are
-(l + r)/2, r = sqrt(l^2 + 4 tau^2), those of rho Z (r - l)/2.  Lengths are measured in V/r: the size of a step relative
-to where a contact changes its state.
+(l + r)/2, r = sqrt(l^2 + 4 tau^2), those of rho Z (r - l)/2.  Lengths are measured in V/r, and across the root of both
+r: the size of a step relative to where a contact changes its state, or turns so far that it does.
 
 Where bodies slide far on contacts of large friction no W X + q is in L^* with room to spare: there is no start at
 tau = 1, or forces grow along the curve.  A curve from open contacts has tau (g + k X) in place of tau e, gaps g decades
@@ -159,7 +159,7 @@ class ConePath:
 
 
 _FIRST, _LARGEST, _SHORTEST = 0.3, 3.0, 1e-6  # steps along the curve
-_REACHED: Final = 1e-13  # tau at which the curve ends
+_REACHED: Final = 1e-13  # tau over the largest force at which the curve ends
 _APART: Final = (0.0, 2.0)  # log10 of the gaps of open contacts, over the largest of q
 _STARTING: Final = 100  # Newton steps to its start
 
@@ -225,18 +225,23 @@ class CurvePoint:
         B[:, 1:, 1:] = B[:, :1, :1] * along + across[:, None, None] * (np.eye(2) - along)
         return B
 
-    def newton_blocks(self) -> FloatArray:
-        """D of the matrix W + D for dX: -dZ/dX at constant tau, and with it the slip."""
-        D = self._blocks(self._z / self._x, self._z.sum(axis=0) / self._x.sum(axis=0)) / self._rho[:, :, None]
-        return self._E @ D + self._soft[:, :, None] * np.eye(3)
+    def newton_blocks(self) -> tuple[FloatArray, FloatArray]:
+        """L and D of the transposed matrix L W + D for dV at constant tau; with those for dX, that are as far apart as
+        z/x, a contact that slips would lose to rounding errors what resists it along its slip."""
+        dX, dZ = (self._blocks(v / self._r, v.sum(axis=0) / self._r.sum(axis=0)) for v in (self._x, self._z))
+        return dX, (self._E @ dZ / self._rho[:, :, None] + self._soft[:, :, None] * dX).transpose(0, 2, 1)
 
-    def unknowns(self, dX: FloatArray) -> FloatArray:
-        """dV of a dX at constant tau."""
-        return times(self._blocks(self._r / self._x, self._r.sum(axis=0) / self._x.sum(axis=0)), dX)
+    def moved(self, dV: FloatArray) -> FloatArray:
+        """V + dV, with the smaller r's eigenvalue l linear in dV: |V_t| is not, where V_t turns."""
+        before, after = np.hypot(radius(self.V), self.tau), np.hypot(radius(self.V + dV), self.tau)
+        second = after - before - np.einsum("ij,ij->i", self.V[:, 1:], dV[:, 1:]) / before
+        V = self.V + dV
+        V[:, 0] += second * (self._r[1] - self._r[0]) / self._r.sum(axis=0)
+        return V
 
     def relative(self, dV: FloatArray) -> FloatArray:
         """dV over r, per contact, shape (m, 3)."""
-        return times(self._blocks(1.0 / self._r, 2.0 / self._r.sum(axis=0)), dV)
+        return times(self._blocks(1.0 / self._r, 1.0 / np.sqrt(self._r[0] * self._r[1])), dV)
 
 
 class _Directions(NamedTuple):
@@ -283,10 +288,10 @@ class ConeCurve:
             if float(np.abs(at.relative(found.correction)).max()) < 0.1 * _ACCEPTED:
                 return at
             size, alpha = float(np.linalg.norm(at.G)), 1.0
-            new = self._point(at.V + found.correction, 0.0)
+            new = self._point(at.moved(found.correction), 0.0)
             while not np.linalg.norm(new.G) < (1.0 - 1e-4 * alpha) * size and alpha > _SHORTEST:
                 alpha *= 0.5
-                new = self._point(at.V + alpha * found.correction, 0.0)
+                new = self._point(at.moved(alpha * found.correction), 0.0)
             at = new
         return None
 
@@ -296,24 +301,25 @@ class ConeCurve:
     def _directions(self, at: CurvePoint) -> _Directions | None:
         matrix = self._problem.matrix
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            if not matrix.factorise(at.newton_blocks()):
+            L, D = at.newton_blocks()
+            if not matrix.factorise(D, L):
                 return None
-            correction, along = at.unknowns(matrix.solve(at.G)), at.unknowns(matrix.solve(at.G_log))
+            correction, along = matrix.solve(at.G, transposed=True), matrix.solve(at.G_log, transposed=True)
             if not (np.isfinite(correction).all() and np.isfinite(along).all()):
                 return None
         return _Directions(correction, along, -matrix.sign())
 
     def step(self, at: CurvePoint) -> CurvePoint | None:
         """The next point; None at the end of the curve, or where no step succeeds."""
-        if at.tau < _REACHED:
+        if at.tau < _REACHED * float(np.abs(at.X).max()):
             return None
         found = self._found
         length = _norm(at, found.along, 1.0)
         t, t_log = found.forward * found.along / length, found.forward / length
         back = -_inner(at, t, t_log, found.correction, 0.0) / _inner(at, t, t_log, found.along, 1.0)
-        V, log = at.V + found.correction + back * found.along, at.log + back
+        dV, log = found.correction + back * found.along, at.log + back
         while self.h > _SHORTEST:
-            new, first = self._corrected(self._point(V + self.h * t, log + self.h * t_log), t, t_log)
+            new, first = self._corrected(self._point(at.moved(dV + self.h * t), log + self.h * t_log), t, t_log)
             if new is not None:
                 grown = min(2.0, max(0.3, np.sqrt(_AIM / max(first, 1e-9))))
                 self.h = min(self.h * grown, _LARGEST / max(abs(t_log), 0.1))
@@ -340,7 +346,7 @@ class ConeCurve:
             if not size < min(_CONTRACTING, 0.5 * last):
                 break
             last = size
-            at = self._point(at.V + dV, at.log + d_log)
+            at = self._point(at.moved(dV), at.log + d_log)
         return None, first
 
 

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ...linalg.compliance import Compliance, MatrixCompliance
 from ...linalg.reductions import Reductions
-from ..automatic import DECISIVE, Automatic, result_of
+from ..automatic import DECISIVE, FINISH, Automatic, result_of
 from ..friction_problem import FrictionProblem, Solver, SolverSettings, Task, contact_solver
 from ..interior_point import InteriorPoint, smallest_force
 from ..laws import FrictionLaw
@@ -109,11 +109,12 @@ class MatrixAutomatic(SolverSettings):
         if by_cones:
             methods += [replace(cones, work=_WORK * problem.A.nodes) if singular else cones]
         elif singular:
-            methods += [InteriorPoint(tolerance, newton=DenseSystem()), InteriorPoint(tolerance)]
+            path = InteriorPoint(tolerance, finish=FINISH)
+            methods += [replace(path, newton=DenseSystem()), path]
             methods += [ending] if problem.sloped else []
         else:
             both = Automatic(tolerance, successive_tresca=ending if problem.A.nodes <= _FEWER else None)
-            methods += [both if problem.sloped else InteriorPoint(tolerance), *([regularised] if few else [])]
+            methods += [both, *([regularised] if few else [])]
         products, tried = problem.A.products, list[SolverResult]()
         for method in methods:
             solve = partial(method.solve, problem, task.start, gradient=task.gradient, progress=task.progress)

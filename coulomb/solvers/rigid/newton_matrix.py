@@ -147,17 +147,17 @@ class NewtonMatrix:
             odd, diagonal = _transpositions(self._lu.perm_r) + _transpositions(self._lu.perm_c), self._lu.U.diagonal()
         return float((-1.0) ** int(odd + np.count_nonzero(diagonal < 0.0)))
 
-    def solve(self, right: FloatArray) -> FloatArray:
-        """The solution for a right-hand side (m, 3), with the last factors."""
-        r = self._r * right.ravel()
+    def solve(self, right: FloatArray, transposed: bool = False) -> FloatArray:
+        """The solution for a right-hand side (m, 3), with the last factors, or with their transposes."""
+        first, last = (self._c, self._r) if transposed else (self._r, self._c)
+        r = first * right.ravel()
         if self.dense:
-            x = scipy.linalg.lu_solve(self._lu, r, trans=1, check_finite=False)
-        elif self._order is None:
-            x = self._lu.solve(r)
+            x = scipy.linalg.lu_solve(self._lu, r, trans=int(not transposed), check_finite=False)
         else:
+            new = slice(None) if self._order is None else self._order
             x = np.empty_like(r)
-            x[self._order] = self._lu.solve(r[self._order])
-        return (self._c * x).reshape(right.shape)
+            x[new] = self._lu.solve(r[new], "T" if transposed else "N")
+        return (last * x).reshape(right.shape)
 
 
 def _with_diagonal(blocks: Any) -> Any:

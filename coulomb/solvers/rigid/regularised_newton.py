@@ -87,7 +87,8 @@ class _Run:
         self._settings, self._problem, self._goal, self._progress = settings, problem, task.goal, task.progress
         self._history = list[QPStep]()
         a, m, rigid = problem.mean_diagonal, problem.A.nodes, problem.rigid
-        self._a, self._s = a, float(np.abs(problem.b).max()) / a or float(np.max(np.abs(problem.lower))) or 1.0
+        alone, loads = (float(np.abs(forces).max()) for forces in (problem.project(problem.b / a), problem.b / a))
+        self._a, self._s = a, alone or loads or 1.0  # a gap is far larger than the others' forces need
         self._e = NO_MOTION
         self._G: FloatArray = np.empty((0, 3 * m))
         self._T: FloatArray = np.empty((0, 0))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.linalg
 import scipy.sparse
 from singular_problems import rigid_bodies
 
@@ -11,7 +12,7 @@ from coulomb.solvers import FrictionProblem
 from coulomb.solvers.rigid import cone_paths
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint
 from coulomb.solvers.rigid.cone_paths import ConeCurve, CurvePoint
-from coulomb.solvers.rigid.cones import ConeProblem, Scales, product, times
+from coulomb.solvers.rigid.cones import ConeProblem, Scales, product
 from coulomb.solvers.rigid.matrix_problems import _compliance
 from coulomb.solvers.rigid.newton_matrix import NewtonMatrix
 
@@ -76,10 +77,36 @@ def test_derivative_along_the_curve(log):
     by_log = (CurvePoint(problem, V, log + h, *fixed).G - CurvePoint(problem, V, log - h, *fixed).G) / (2 * h)
     assert np.allclose(at.G_log, by_log, atol=1e-8)
     by_V = (CurvePoint(problem, V + h * dV, log, *fixed).G - CurvePoint(problem, V - h * dV, log, *fixed).G) / (2 * h)
-    dX = (CurvePoint(problem, V + h * dV, log, *fixed).X - CurvePoint(problem, V - h * dV, log, *fixed).X) / (2 * h)
-    image = (problem.W @ dX.ravel()).reshape(-1, 3) + times(at.newton_blocks(), dX)
-    assert np.allclose(-image, by_V, atol=1e-6 * np.abs(by_V).max())
-    assert np.allclose(at.unknowns(dX), dV, atol=1e-6)
+    assert np.allclose(-newton_matrix(problem, at) @ dV.ravel(), by_V.ravel(), atol=1e-6 * np.abs(by_V).max())
+
+
+def newton_matrix(problem, at):
+    """(L W + D)^T, dense."""
+    L, D = (scipy.linalg.block_diag(*blocks) for blocks in at.newton_blocks())
+    return (L @ problem.W + D).T
+
+
+def test_the_smaller_eigenvalue_of_a_point_is_linear_in_a_step():
+    """Where V_t turns by 0.3; at V_t = 0 a step is V + dV."""
+    problem, dV = cones(stack(3, 0.7, 1)), np.tile([0.2, 0.1, 0.9], (12, 1))
+    fixed = problem.rho, np.ones(12), np.zeros((12, 1))
+    V = CurvePoint(problem, np.tile([3.0, 3.0, 0.0], (12, 1)), -8.0, *fixed).moved(dV)
+    assert V[:, 1:] == pytest.approx(np.tile([3.1, 0.9], (12, 1)))
+    assert V[:, 0] - np.hypot(V[:, 1], V[:, 2]) == pytest.approx(np.full(12, 0.2 - 0.1), abs=1e-3)
+    still = CurvePoint(problem, np.tile([3.0, 0.0, 0.0], (12, 1)), -1.0, *fixed)
+    assert still.moved(dV) == pytest.approx(np.tile([3.2, 0.1, 0.9], (12, 1)))
+
+
+def test_what_resists_a_contact_along_its_slip_is_not_lost():
+    """At tau = 1e-12 the blocks for dX are 1e24 apart, and along the force that slips there is only W."""
+    A = np.array([[2.0, 0.5, 0.0], [0.5, 3.0, 0.0], [0.0, 0.0, 1.0]])
+    friction = FrictionProblem.coulomb(_compliance(A), np.array([1.0, 20.0, 7.0]), np.array([0.5]))
+    problem = ConeProblem(friction, friction.A.sparse(), Scales.of(friction))
+    curve = ConeCurve(problem)
+    at = curve._point(np.array([[0.1, 0.6, 0.3]]), np.log(1e-12))
+    matrix = newton_matrix(problem, at)
+    assert np.linalg.cond(matrix) < 1e3
+    assert curve._directions(at).correction.ravel() == pytest.approx(np.linalg.solve(matrix, at.G.ravel()), rel=1e-9)
 
 
 @pytest.mark.parametrize("contacts", [5, 60], ids=["dense", "sparse"])
@@ -94,13 +121,13 @@ def test_sign_of_the_determinant(contacts, seed):
         full[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += D[k]
     assert matrix.sign() == np.linalg.slogdet(full)[0]
     assert matrix.factorise(D) and matrix.sign() == np.linalg.slogdet(full)[0]  # in the order of the first
+    right = rng.standard_normal((contacts, 3))
+    for transposed, expected in ((False, full), (True, full.T)):
+        assert np.allclose(expected @ matrix.solve(right, transposed).ravel(), right.ravel(), atol=1e-9)
 
 
 def determinants_sign(problem, at):
-    full, D = problem.W.toarray(), at.newton_blocks()
-    for k in range(problem.contacts):
-        full[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += D[k]
-    return np.linalg.slogdet(full)[0]
+    return np.linalg.slogdet(newton_matrix(problem, at))[0]
 
 
 def distance(curve, at):
@@ -127,12 +154,13 @@ def test_points_are_near_the_curve_and_its_direction_is_that_of_the_determinant(
 
 
 def test_the_curve_ends_where_tau_is_small(monkeypatch):
-    monkeypatch.setattr(cone_paths, "_REACHED", 1e-2)
+    monkeypatch.setattr(cone_paths, "_REACHED", 1e-2)  # over the largest force
     curve = ConeCurve(cones(stack(3, 0.7, 1)))
     points = [curve.start()]
     while (new := curve.step(points[-1])) is not None:
         points.append(new)
-    assert points[-1].tau < 1e-2 <= points[-2].tau and curve.h > 1e-2
+    last, before = ((at.tau, 1e-2 * np.abs(at.X).max()) for at in (points[-1], points[-2]))
+    assert last[0] < last[1] and before[0] >= before[1] and curve.h > 1e-2
 
 
 def test_first_correction_is_of_second_order_in_the_step(monkeypatch):

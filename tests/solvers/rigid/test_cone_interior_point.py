@@ -81,31 +81,6 @@ def test_work_is_limited_by_counts():
         solved(problem, ConeInteriorPoint(work=1e6))
 
 
-def test_sweeps_at_last():
-    """A stack on which the other methods are cut short: 90 000 sweeps from those at the start, for half of the work."""
-    problem, short = stack(8, 1.0, 2), {"newton": 1, "path": 1, "curve": 0, "convex": 0, "curves": 0}
-    result = solved(problem, ConeInteriorPoint(**short))
-    assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-8
-    assert result.products > 50_000 and result.newton_steps < 5
-    with pytest.raises(NotConverged, match=r"\d{4} sweeps and 0 convex") as failure:
-        solved(problem, ConeInteriorPoint(**short, work=2e8))
-    few = failure.value.result
-    assert few.status is Status.STAGNATED and 8000 < few.products < 14_000
-    with pytest.raises(NotConverged, match="0 sweeps"):
-        solved(problem, ConeInteriorPoint(**short, sweeps=False))
-
-
-def test_sweeps_at_last_are_interrupted():
-    problem, seen = stack(8, 1.0, 2), []
-    friction = coulomb.solvers.FrictionProblem.coulomb(_compliance(problem.W), -problem.q, problem.mu)
-    with pytest.raises(NotConverged) as failure:
-        ConeInteriorPoint(newton=1, path=1, curve=0, convex=0, work=2e9).solve(
-            friction, progress=lambda at: seen.append(at.residual) or len(seen) > 8
-        )
-    assert failure.value.result.status is Status.INTERRUPTED and len(seen) == 9
-    assert failure.value.result.residual == pytest.approx(min(seen), rel=0.5)
-
-
 def test_forces_without_bound_are_no_answer():
     """Two contacts that press against each other: r = c (1, 0, 0, 1, 0, 0) has W r = 0, and the residual relative to r
     becomes small with large c, but the collection's measure does not."""
@@ -121,11 +96,11 @@ def test_forces_without_bound_are_no_answer():
 def test_convex_problems_where_the_path_ends_early():
     """Four steps of the path are too few; a few convex problems with given slip, of four steps each, are enough."""
     problem = random_rank(10, 20, 0.4, 1)
-    result = solved(problem, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4))
+    result = solved(problem, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4, curve=0))
     assert result.status is Status.CONVERGED and problem.residual(result.x) <= 1e-7
     assert 1 <= result.outer_steps <= 8 and result.products > result.newton_steps == len(result.history)
     with pytest.raises(NotConverged, match="and 1 convex problems"):
-        solved(problem, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4, convex=1, curves=0))
+        solved(problem, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4, curve=0, convex=1, curves=0))
 
 
 def test_progress_interrupts():
@@ -184,7 +159,7 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
     monkeypatch.setattr(
         _ConeRun, "_successive_slips", lambda self, _: seen.extend(map(self._judged, (self._X, 10 * self._X)))
     )
-    result = refused(stack(8, 1.0, 2), newton=1, path=4, curve=0)
+    result = refused(stack(8, 1.0, 2), newton=1, path=4, curve=0, curves=0)
     assert result.status is Status.STAGNATED and seen[0] < seen[1]
     assert result.residual <= seen[0] * (1.0 + 1e-9)
 
@@ -203,7 +178,7 @@ def test_slips_of_convex_problems_are_accelerated(monkeypatch):
     slips, solved = [], _ConeRun._solved
     monkeypatch.setattr(_ConeRun, "_solved", lambda self, slip, tol: slips.append(slip) or solved(self, slip, tol))
     problem = random_rank(10, 20, 0.4, 1)
-    solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4))
+    solve_coulomb(problem.W, -problem.q, problem.mu, ConeInteriorPoint(1e-7, sweeps=False, newton=1, path=4, curve=0))
     assert len(seen) >= len(slips) - 1 > 1 and not slips[0].any() and min(slip.min() for slip in slips) >= 0.0
     for slip, following in zip(slips[1:], seen, strict=False):
         assert np.array_equal(slip, np.maximum(following, 0.0))
