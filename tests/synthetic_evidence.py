@@ -80,6 +80,10 @@ def synthetic_evidence(clamped="yz", stiffness=50.0, sway=1.0):
         bound=bound,
         rounding=np.zeros((BODY, 3)),
         compliance=np.full((CONTACT, 3), U / F),
+        component=np.zeros(BODY, dtype=np.int64),
+        owner=np.zeros(CONTACT, dtype=np.int64),
+        place=np.zeros((CONTACT, 3)),
+        part=np.zeros(CONTACT, dtype=np.int64),
     ), turnover
 
 

@@ -34,7 +34,6 @@ from .certificate_scales import (
     OF_ALL,
     ROUNDING,
     Scales,
-    components_of,
     lengths,
     natural_residuals,
     place_of_largest,
@@ -72,21 +71,21 @@ class Evidence:
         compliance: Diagonal of A at the contact points, of both tangents the mean, metres per newton, shape (m, 3).
         blocked: Scale of the displacements that loads would cause where nothing can move, metres
             (`Deformable.blocked_displacement`), of each body.
-        component: Component of the meshes of each node, from 0, shape (k,); None if each body is one.
+        component: Component of the meshes of each node, from 0, shape (k,).
         averaged: Whether gaps and slips are averages over the facets around vertices, as on 10-node tetrahedra, or
             over parts of the two faces of a pair.
         bodies: The nodes of each body; empty for one.
-        owner: Number of the component, or body, of every contact point, shape (m,); None for one.
-        place: Where they are, undeformed, shape (m, 3); None if that is not known.
+        owner: Number of the component of every contact point, shape (m,).
+        place: Where they are, undeformed, shape (m, 3).
         part: Number of the contact of each, shape (m,), among
         faces: the names of the contact faces, and
-        opposite: for every contact the components or bodies of the face opposite; empty without pairs.
+        opposite: for every contact the components of the face opposite; empty without pairs.
         jump: How far tied nodes are from where they should be, shape (k, 3); None without ties.
         actions: Of every pair of faces, what acts on both: `pair_actions`, this rank's part, shape (pairs, 3, 7).
         pairs: Of every pair, what is off in its gaps, normals and averages.
         held_gap: What is left of the gap at nodes of the contact faces that are no contact points, since their
             displacement along the normal is prescribed, or they face away from the foundation, metres, shape (q,).
-        held_owner: Number of the component, or body, of each of these nodes, shape (q,).
+        held_owner: Number of the component of each of these nodes, shape (q,).
         held_part: That of its contact if it is on a pair, else any, shape (q,).
     """
 
@@ -105,10 +104,13 @@ class Evidence:
     bound: FloatArray
     rounding: FloatArray
     compliance: FloatArray
+    component: npt.NDArray[np.int64]
+    owner: npt.NDArray[np.int64]
+    place: FloatArray
+    part: npt.NDArray[np.int64]
     blocked: tuple[float, ...] = (0.0,)
     averaged: bool = False
     ground: FloatArray | None = None
-    component: npt.NDArray[np.int64] | None = None
     bodies: tuple[slice, ...] = ()
     actions: FloatArray | None = None
     jump: FloatArray | None = None
@@ -116,9 +118,6 @@ class Evidence:
     held_gap: FloatArray = field(default_factory=lambda: np.zeros(0))
     held_owner: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     held_part: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    owner: npt.NDArray[np.int64] | None = None
-    place: FloatArray | None = None
-    part: npt.NDArray[np.int64] | None = None
     faces: tuple[str, ...] = ()
     opposite: tuple[tuple[int, ...], ...] = ()
 
@@ -178,8 +177,7 @@ def rigid_balance(e: Evidence, outer: FloatArray, lengths_: FloatArray, turnover
         Largest of six sums over the sum of all forces, and the largest imbalance of a free motion over its spring
         forces, of all components; and their number; collective.
     """
-    component = components_of(len(e.x), e.component, e.bodies)
-    found = [_of_part(e, component == number, outer, length, turnover) for number, length in enumerate(lengths_)]
+    found = [_of_part(e, e.component == number, outer, length, turnover) for number, length in enumerate(lengths_)]
     return worst(*(balance for balance, _ in found)), worst(*(drift for _, drift in found)), len(found)
 
 
@@ -387,8 +385,6 @@ def _range(lengths: FloatArray, over: Reductions) -> str:
 
 def _place(e: Evidence, values: FloatArray, over: Reductions) -> str:
     """Where the largest of the values (m,) is, in words; collective."""
-    if e.place is None or e.part is None:
-        return ""
     return f"; worst {place_of_largest(values, e.place, e.part, e.faces, over)}"
 
 

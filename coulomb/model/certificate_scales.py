@@ -37,18 +37,6 @@ _FARTHEST: Final = 2.0 * 3.0**0.5
 the largest displacement.  A displacement that is not in balance may have internal forces of any size."""
 
 
-def components_of(
-    nodes: int, component: npt.NDArray[np.int64] | None, bodies: Sequence[slice]
-) -> npt.NDArray[np.int64]:
-    """Number of the component of the meshes of every node, shape (k,); of its body if the components are not known."""
-    if component is not None:
-        return component
-    found = np.zeros(nodes, dtype=np.int64)
-    for number, own in enumerate(bodies):
-        found[own] = number
-    return found
-
-
 def at_all_points(known: FloatArray, given: FloatArray, over: Reductions) -> FloatArray:
     """Compliances (m, 3) of contact points, where they are not known (0) the mean of those given (s, 3); collective."""
     count = over.sum(float(np.count_nonzero(given)))
@@ -148,9 +136,8 @@ def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> S
     peak = over.max(np.abs(e.force))
     force = worst(peak, ROUNDING * over.max(np.abs(e.rounding))) if peak != 0.0 else 0.0
     length = worst(way, *blocked, ROUNDING * EPSILON * at_least)
-    body = components_of(len(e.x), e.component, e.bodies)
+    body, owner = e.component, e.owner
     count = 1 + int(over.max(body.astype(np.float64)))
-    owner = np.zeros(len(e.force), dtype=np.int64) if e.owner is None else e.owner
     forces: FloatArray
     if count == 1 or not 0.0 < nodal < np.inf or not motion < np.inf:
         forces, lengths_, nodals = (np.full(count, value) for value in (force, length, nodal))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime
 from typing import NamedTuple, Self
@@ -84,11 +83,6 @@ class DiscreteProblem:
         return posed
 
     @property
-    def points_of_states(self) -> StatePoints:
-        """The contact points of the states of a load history."""
-        return StatePoints(self.surface.nodes, self.surface.part)
-
-    @property
     def mesh(self) -> NamedMesh:
         """The mesh of the body, if there is one body only."""
         return self.elasticity.alone.mesh
@@ -167,16 +161,6 @@ class DiscreteProblem:
     def nodal_contact_force(self, x: FloatArray) -> FloatArray:
         """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""
         return self.surface.at_nodes(x)
-
-    def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
-        """Refuse supports that hold nodes of contact faces inside foundations now, or at other times; ValueError on
-        every rank, with face, number of nodes and depth; collective."""
-        given = [(self.elasticity, self.loading)]
-        if times:
-            bodies = map(self.body.elasticity.at_time, times)
-            given = [(one, one.at(time)) for one, time in zip(bodies, times, strict=True)]
-        for one, loading in given:
-            self.body.refuse_held_inside(one, loading)
 
     def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
         """The evidence for a certificate, from body, contact faces and foundations as given; collective.

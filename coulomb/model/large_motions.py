@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, nonlinear
+from ..fem.bodies import Deformable, Loading, nonlinear
 from ..fem.contact import FaceMotion
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
@@ -33,8 +33,7 @@ from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem, StatePoints
 from .equilibrium import refuse_without_equilibrium
 from .iterate import NEAR, CarriedForces, Iterate, Linearised, Path, linearised
-from .load_step import Earlier, Energy, Forces, State
-from .nodal_answer import Accumulated
+from .load_step import Forces, State
 from .notebook import residuals_shown
 from .provenance import now, timed
 from .solution import Solution
@@ -120,11 +119,9 @@ class LoadSteps:
                     "(coulomb.moved), or mesh the gap; where both are curved, use finer or second-order cells"
                 )
 
-    def refuse_held_inside(self, times: Sequence[float]) -> None:
-        """As `DiscreteProblem.refuse_held_inside`, at the displaced nodes."""
-        for time in times:
-            undeformed = linearised(self.elasticity, np.zeros_like(self.elasticity.x), time)
-            self.body.refuse_held_inside(self.elasticity, undeformed.at(time), exact=True)
+    def loading(self, time: float) -> Loading:
+        """Loads and prescribed displacements of the undeformed bodies at a time; collective."""
+        return linearised(self.elasticity, np.zeros_like(self.elasticity.x), time).at(time)
 
     def posed(self, body: Deformable, time: float) -> Linearised:
         """The linear contact problem of bodies at their deformed place; collective."""
@@ -156,7 +153,6 @@ class LoadStepLoop:
             NotConverged: If it was interrupted.
         """
         state, count = self._state, len(self.shared.points.nodes)
-        self.shared.refuse_held_inside([self.time])
 
         def solve(problem: Linearised, x: FloatArray) -> Solution:
             within = min(tolerance, 1e-8)
@@ -179,9 +175,7 @@ class LoadStepLoop:
         if self.posed.before is not None:
             assert isinstance(self.posed.before, State)
             return self.posed.before
-        still, count = np.zeros_like(self.elasticity.x), len(self.shared.points.nodes)
-        none = Accumulated.none(count)
-        return State(0, self.time, Energy(), still, np.zeros((count, 3)), np.zeros(count), none, ())
+        return State.beginning(self.time, len(self.elasticity.x), len(self.shared.points.nodes))
 
     def _whole_step(self, state: State, tolerance: float, solve: _Solve) -> Solution:
         """Of bodies that slide on each other by accelerated iterates, and if these fail, by the others: on foundations
@@ -335,49 +329,24 @@ class LoadStepLoop:
         return CarriedForces(vectors, normals)
 
     def after(self, before: State, solution: Solution) -> State:
-        assert isinstance(solution, Solution)
-        answer, e, at = solution.at_nodes, solution.evidence, self.shared.number[solution.problem.surface.nodes]
-        force, rate = np.zeros_like(before.force_on_body), np.zeros_like(before.slip_rate)
-        force[at] = solution.force_on_body
-        rate[at] = np.linalg.norm(answer.slip, axis=1) / (solution.time - before.time)
-        worn = {name: values.copy() for name, values in vars(before.accumulated).items()}
-        for name, values in vars(answer.accumulated).items():
-            worn[name][at] = values
-        now = Forces(solution.displacement, e.load, e.internal - e.spring, e.on_body, np.zeros_like(e.on_body))
-        return State(
-            number=before.number + 1,
-            time=solution.time,
-            energy=self._energy(before, solution, now),
-            displacement=solution.displacement,
-            force_on_body=force,
-            slip_rate=rate,
-            accumulated=Accumulated(**worn),
-            pending=before.pending[:-1],
-            forces=now,
-            before=Earlier(before.time, before.force_on_body),
-        )
-
-    def _energy(self, before: State, solution: Solution, now: Forces) -> Energy:
-        """Work by the trapezoidal rule; the elastic energy is that of the bodies, or if one has a residual alone, the
-        work of the internal forces; collective."""
-        over, problem, surface, then = Reductions(self.comm), solution.problem, solution.problem.surface, before.forces
+        """The state after the step: elastic energy is that of the bodies, or if one has a residual alone, the work of
+        the internal forces by the trapezoidal rule; collective."""
+        then, now = before.forces, self._forces(solution.displacement, solution.evidence)
         if then is None:
             begin = self._iterate(before, before.displacement, before.time, None)
             x = self._carried(before, begin).at(begin.problem.surface)
-            e = begin.problem.evidence_here(x, np.ones_like(before.displacement))
-            then = Forces(before.displacement, e.load, e.internal - e.spring, e.on_body, np.zeros_like(e.on_body))
+            then = self._forces(begin.u, begin.problem.evidence_here(x, np.ones_like(begin.u)))
             linearised(self.elasticity, solution.displacement, solution.time)  # the user's functions are of the answer
-        at = self.shared.number[surface.nodes]
-        moved = problem.body.foundation_displacement(surface, before.time, solution.time)
-        foundation = 0.5 * over.dot(before.force_on_body[at] + solution.force_on_body, moved)
-        dissipated = solution.at_nodes.dissipated_energy
-        energy = before.energy.after(then, now, problem.elasticity.held, foundation, dissipated, over)
         own = [nonlinear(one.body).strain_energy(now.displacement[one.nodes]) for one in self.elasticity.members]
         known = [one for one in own if one is not None]
-        if len(known) == len(own):
-            return replace(energy, elastic=sum(known))
-        change = 0.5 * over.dot(then.kept + now.kept, now.displacement - then.displacement)
-        return replace(energy, elastic=before.energy.elastic + change)
+        change = Reductions(self.comm).dot(then.kept + now.kept, now.displacement - then.displacement)
+        elastic = sum(known) if len(known) == len(own) else before.energy.elastic + 0.5 * change
+        at = self.shared.number[solution.problem.surface.nodes]
+        return before.ended(solution, then, now, at, elastic=elastic)
+
+    @staticmethod
+    def _forces(u: FloatArray, e: Evidence) -> Forces:
+        return Forces(u, e.load, e.internal - e.spring, e.on_body, np.zeros_like(e.on_body))
 
 
 def _together(results: Sequence[SolverResult], x: FloatArray, certificate: Certificate, reached: bool) -> SolverResult:

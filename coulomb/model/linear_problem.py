@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Any, Final, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -23,7 +22,7 @@ from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import RigidMotions
-from .certificate_scales import components_of, lengths
+from .certificate_scales import lengths
 from .contact_stiffness import FixedStiffness, explained
 from .heat import Heat
 from .nodal_answer import Accumulated, relative_displacement
@@ -242,14 +241,8 @@ class LinearProblem:
     @cached_property
     def friction_problem(self) -> FrictionProblem:
         """A, b and the law, without the body."""
-        return FrictionProblem(self.A, self.b, self.state.law, rigid=self.state.rigid, elastic=True, body=self._bodies)
-
-    @property
-    def _bodies(self) -> npt.NDArray[np.int64]:
-        """The component of the meshes of every contact point, shape (m,), or its body where these are not known."""
-        elasticity = self.elasticity
-        members = [member.nodes for member in elasticity.members]
-        return components_of(len(elasticity.x), elasticity.component, members)[self.surface.nodes]
+        body = self.elasticity.component[self.surface.nodes]
+        return FrictionProblem(self.A, self.b, self.state.law, rigid=self.state.rigid, elastic=True, body=body)
 
     @cached_property
     def compliances(self) -> FloatArray:

@@ -32,8 +32,7 @@ from ..solvers.semismooth_newton import SemismoothNewton
 from . import notebook
 from .certificate import judge
 from .equilibrium import NoEquilibrium
-from .load_step import Energy, LoadStep, State
-from .nodal_answer import Accumulated
+from .load_step import LoadStep, State
 from .notebook import NotebookBar, in_notebook
 from .problem import ContactProblem
 from .solution import Solution
@@ -76,9 +75,8 @@ class LoadHistory:
 
     def beginning(self, problem: ContactProblem) -> State:
         """The state at `start`."""
-        still, count = np.zeros_like(problem.elasticity.x), len(problem.points_of_states.nodes)
-        pending, none = tuple(reversed([float(t) for t in self.times])), np.zeros((count, 3))
-        return State(0, self.start, Energy(), still, none, np.zeros(count), Accumulated.none(count), pending)
+        pending = tuple(reversed([float(t) for t in self.times]))
+        return State.beginning(self.start, len(problem.elasticity.x), len(problem.points_of_states.nodes), pending)
 
     def steps(
         self, problem: ContactProblem, state: State | None = None, progress: ProgressCallback | None = None

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..contact_fields import named_faces
@@ -213,50 +214,82 @@ class State(Moment):
     before: Earlier | None = None
     temperature_change: FloatArray | None = None
 
+    @classmethod
+    def beginning(cls, time: float, nodes: int, points: int, pending: tuple[float, ...] = ()) -> State:
+        """At rest, of so many nodes and contact points."""
+        still, none, worn = np.zeros((nodes, 3)), np.zeros((points, 3)), Accumulated.none(points)
+        return cls(0, time, Energy(), still, none, np.zeros(points), worn, pending)
+
     def after(self, solution: Solution) -> State:
         """The state at the end of the next step, with updated energies; collective."""
-        problem, surface, elasticity = solution.problem, solution.problem.surface, solution.problem.elasticity
-        over = Reductions(problem.comm)
+        problem, surface, e = solution.problem, solution.problem.surface, solution.evidence
+        body, u = problem.elasticity, self.displacement
 
-        def forces(body: Deformable, u: FloatArray, load: FloatArray, on_body: FloatArray, time: float) -> Forces:
-            kept = body.internal_force(u) - body.spring_force(u)
-            return Forces(u, load, kept, *on_bodies(body, kept, load, on_body, time))
-
-        def on_bodies(
-            body: Deformable, kept: FloatArray, load: FloatArray, on_body: FloatArray, time: float
-        ) -> tuple[FloatArray, FloatArray]:
+        def forces(
+            body: Deformable, u: FloatArray, kept: FloatArray, load: FloatArray, on_body: FloatArray, time: float
+        ) -> Forces:
             of_contact = surface.at_nodes(surface.force_components(on_body))
             of_ties = body.forces_of_ties(kept - load - of_contact, time)
-            return of_contact + of_ties, of_ties
+            return Forces(u, load, kept, of_contact + of_ties, of_ties)
 
-        on_body = solution.force_on_body
         if self.forces is not None:
-            given = self.forces.kept, self.forces.load, self.force_on_body, self.time
-            at_start, of_ties = on_bodies(elasticity, *given)
-            then = replace(self.forces, on_body=at_start, of_ties=of_ties)
+            then = forces(body, u, self.forces.kept, self.forces.load, self.force_on_body, self.time)
         else:
-            before = elasticity.at_time(self.time)
+            before = body.at_time(self.time)
             loading = before.at(self.time)
             if self.temperature_change is not None:
                 loading = before.heated(loading, self.temperature_change)
-            then = forces(before, self.displacement, loading.load, self.force_on_body, self.time)
-            elasticity.at_time(problem.time)  # the user's coefficients are those of the present again
-        now = forces(elasticity, solution.displacement, problem.loading.load, on_body, problem.time)
-        moved = problem.body.foundation_displacement(surface, self.time, problem.time)
-        foundation = 0.5 * over.dot(self.force_on_body + on_body, moved)
-        answer = solution.at_nodes
-        slip_rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - self.time)
-        dissipated = answer.dissipated_energy
-        stiffened = 0.0
-        if elasticity.forms() is not None:  # 0 where K stays: then u0 . K u1 = u1 . K u0
-            stiffened = coefficients_work(then, now, over)
-        energy = self.energy.after(then, now, elasticity.held, foundation, dissipated, over, stiffened)
-        number, worn, pending = self.number + 1, answer.accumulated, self.pending[:-1]
-        earlier = Earlier(self.time, self.force_on_body)
-        heat = problem.state.heat
-        change = None if heat is None else heat.change
+            kept = before.internal_force(u) - before.spring_force(u)
+            then = forces(before, u, kept, loading.load, self.force_on_body, self.time)
+            body.at_time(problem.time)  # the user's coefficients are those of the present again
+        now = forces(body, solution.displacement, e.internal - e.spring, e.load, solution.force_on_body, problem.time)
+        # 0 where K stays: then u0 . K u1 = u1 . K u0
+        stiffened = coefficients_work(then, now, Reductions(problem.comm)) if body.forms() is not None else 0.0
+        return self.ended(solution, then, now, slice(None), stiffened)
+
+    def ended(
+        self,
+        solution: Solution,
+        then: Forces,
+        now: Forces,
+        at: slice | npt.NDArray[np.int64],
+        stiffened: float = 0.0,
+        elastic: float | None = None,
+    ) -> State:
+        """The state at the end of the next step, from the forces at its beginning and end; collective.
+
+        Args:
+            solution: The answer, with its contact points `at` these numbers of those of states.
+            then, now: The forces.
+            stiffened: Work of changes of the stiffness, joules.
+            elastic: Elastic energy at the end, where it is not half the work of the forces.
+        """
+        problem, answer, on_body = solution.problem, solution.at_nodes, solution.force_on_body
+        over, heat = Reductions(problem.comm), problem.state.heat
+
+        def put(values: FloatArray, into: FloatArray) -> FloatArray:
+            whole = into.copy()
+            whole[at] = values
+            return whole
+
+        moved = problem.body.foundation_displacement(problem.surface, self.time, problem.time)
+        foundation = 0.5 * over.dot(self.force_on_body[at] + on_body, moved)
+        dissipated, held = answer.dissipated_energy, problem.elasticity.held
+        energy = self.energy.after(then, now, held, foundation, dissipated, over, stiffened)
+        rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - self.time)
+        worn = map(put, vars(answer.accumulated).values(), vars(self.accumulated).values())
         return State(
-            number, problem.time, energy, now.displacement, on_body, slip_rate, worn, pending, now, earlier, change
+            number=self.number + 1,
+            time=problem.time,
+            energy=energy if elastic is None else replace(energy, elastic=elastic),
+            displacement=now.displacement,
+            force_on_body=put(on_body, np.zeros_like(self.force_on_body)),
+            slip_rate=put(rate, np.zeros_like(self.slip_rate)),
+            accumulated=Accumulated(*worn),
+            pending=self.pending[:-1],
+            forces=now,
+            before=Earlier(self.time, self.force_on_body),
+            temperature_change=None if heat is None else heat.change,
         )
 
 

@@ -227,13 +227,20 @@ class ContactProblem(DiscreteProblem):
     def points_of_states(self) -> StatePoints:
         """The contact points of the states of a load history: in large motions all nodes of the contact faces, since
         which of them are contact points depends on the displacement."""
-        return super().points_of_states if self.large is None else self.large.points
+        return StatePoints(self.surface.nodes, self.surface.part) if self.large is None else self.large.points
 
     def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
-        if self.large is None:
-            super().refuse_held_inside(times)
-        else:
-            self.large.refuse_held_inside(times or (self.time,))
+        """Refuse supports that hold nodes of contact faces inside foundations now, or at other times; ValueError on
+        every rank, with face, number of nodes and depth; collective."""
+        for time in times or (self.time,):
+            if self.large is not None:
+                body, loading = self.body.elasticity, self.large.loading(time)
+            elif times:
+                body = self.body.elasticity.at_time(time)
+                loading = body.at(time)
+            else:
+                body, loading = self.elasticity, self.loading
+            self.body.refuse_held_inside(body, loading, exact=self.large is not None)
 
     def starts(self, before: State) -> FloatArray | None:
         """Forces in newtons to start a load step from: those of the state before in the present frames, and these
@@ -280,11 +287,11 @@ class ContactProblem(DiscreteProblem):
         solver = contact_solver(solver)
         if not (progress is None or callable(progress)):
             raise ValueError(f"progress must be a function of a step, or None, but is {progress!r}")
-        if self.large is not None:
-            return LoadStepLoop(self, self.large).solve(tolerance, solver, progress)
-        if self.elasticity.outdated(self.loading):
+        if self.large is None and self.elasticity.outdated(self.loading):
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         self.refuse_held_inside()
+        if self.large is not None:
+            return LoadStepLoop(self, self.large).solve(tolerance, solver, progress)
         refuse_without_equilibrium(self)
         heat = self.body.heat
         if heat is not None:  # a solver that starts within its tolerance would leave a certificate that fails as it is

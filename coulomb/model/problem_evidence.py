@@ -31,7 +31,7 @@ from ..fem.geometry import HELD_BELOW, inverse_frames
 from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
 from .certificate import Evidence, pair_actions
-from .certificate_scales import at_all_points, components_of
+from .certificate_scales import at_all_points
 from .contact_body import ContactBody
 from .held_nodes import FoundationFace, OtherNodes
 from .linear_problem import Before, ContactState
@@ -97,7 +97,7 @@ def gather_evidence(
     internal, spring = elasticity.internal_force(u), elasticity.spring_force(u)
     load = state.loading.load
     on_body += elasticity.forces_of_ties(internal - load - spring - on_body, state.time)
-    component = components_of(len(u), elasticity.component, [member.nodes for member in elasticity.members])
+    component = elasticity.component
     own = at_all_points(taken_as_is(compliance), compliance, Reductions(body.comm))
     strays = surface.nodes[~known][stray_rows]
     parts = np.repeat(np.arange(len(faces)), [len(face[0].nodes) for face in faces])
