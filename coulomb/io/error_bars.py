@@ -412,26 +412,27 @@ def extrapolated(
 ) -> tuple[float, FloatArray]:
     """Observed order and error of the first of two or three values (k,) on cells of given sizes, from fine to coarse.
 
-    The order is that of the vector as a whole; bounded by `slowest` and `fastest` for the errors, of which each
-    component is the larger one that the two differences imply.  Of two values the order is nan, and `slowest` for the
-    error.
+    The order is that of the vector as a whole.  For the errors each component has its own, bounded by `slowest` and
+    `fastest`, and the larger error that the two differences imply.  Where these have opposite signs no power of the
+    size explains them, and the smaller one may be small by accident: `slowest` counts.  Of two values the order is nan,
+    and `slowest` for the error.
     """
     (h1, fine), (h2, middle), *rest = chain
-    near = np.abs(fine - middle)
+    near = fine - middle
     if not rest:
-        return math.nan, SAFETY * near / np.abs((h2 / h1) ** slowest - 1.0)
+        return math.nan, SAFETY * np.abs(near) / ((h2 / h1) ** slowest - 1.0)
     h3, coarse = rest[0]
-    far = np.abs(middle - coarse)
+    far = middle - coarse
     orders = np.linspace(-2.0, 4.0, 601)
     with np.errstate(divide="ignore", invalid="ignore"):
         growth = np.log(np.abs(h3**orders - h2**orders)) - np.log(np.abs(h2**orders - h1**orders))
-        seen = np.log(np.linalg.norm(far)) - np.log(np.linalg.norm(near))
+        sizes = np.abs([[*far, np.linalg.norm(far)], [*near, np.linalg.norm(near)]])
+        seen = np.subtract(*np.log(sizes))
     growth[np.abs(orders) < 1e-9] = np.log(np.log(h3 / h2) / np.log(h2 / h1))
-    order = float(np.interp(seen, growth, orders)) if np.isfinite(seen) else math.nan
-    q = min(max(order, slowest), fastest) if math.isfinite(order) else fastest
-    step = h2**q - h1**q
-    implied = np.maximum(near / step, far / (h3**q - h2**q))
-    return order, SAFETY * h1**q * implied
+    *own, order = np.interp(seen, growth, orders)
+    q = np.where(near * far < 0.0, slowest, np.clip(np.nan_to_num(own, nan=fastest), slowest, fastest))
+    implied = np.maximum(np.abs(near) / (h2**q - h1**q), np.abs(far) / (h3**q - h2**q))
+    return float(order), SAFETY * h1**q * implied
 
 
 def _unless_singular(

@@ -33,6 +33,7 @@ from coulomb.pictures.report.words import compared_in_words, share_of_tolerance
 from verification.ring_pair import BORE, FIT, INTERFERENCE, LENGTH, RIM, fitted, lame, quarter
 
 STEEL = Material(young=2.1e11, poisson=0.3)
+SIZES = (0.1, 0.2, 0.4)
 
 
 @pytest.mark.parametrize("q", [0.8, 1.0, 1.4])
@@ -54,12 +55,30 @@ def test_outside_the_bounds_of_the_order_the_bar_is_larger_than_the_error_it_is_
     assert bar[0] >= bounded * (1.0 - 1e-9) and (q < 1.0 or bar[0] > 0.1**q)
 
 
+def test_every_component_of_a_vector_has_its_own_order():
+    """And the slowest one where its differences have opposite signs, which no order explains; not a smaller bar where
+    another component converges faster."""
+    exact, c, q = np.array([3.0, 0.5, 7.0]), np.array([0.1, 2.0, -0.3]), np.array([0.8, 1.4, 1.0])
+    _, bar = extrapolated([(h, exact + c * h**q) for h in SIZES])
+    np.testing.assert_allclose(bar, SAFETY * np.abs(c) * SIZES[0] ** q, rtol=1e-3)
+    up_and_down = [(h, np.array([value, 0.0])) for h, value in zip(SIZES, (-5.0, -6.0, 2.0), strict=True)]
+    _, bar = extrapolated(up_and_down)
+    assert bar == pytest.approx([SAFETY * 8.0 / (4.0**SLOWEST - 2.0**SLOWEST), 0.0], rel=1e-9)
+
+
+def test_forces_that_vanish_by_symmetry_are_inside():
+    """Tetrahedra are not symmetric as the pressed block is, and one cell across misses that: the sideways force is 2,
+    -7 and -6 N on three meshes, and 0."""
+    rubber, press = Material(young=5e6, poisson=0.4), PrescribedDisplacement("top", (0.0, 0.0, -5e-4))
+    found = ContactProblem(box((0.1, 0.1, 0.05), (6, 6, 3), "tetrahedron"), rubber, [press], Contact("bottom", 0.5))
+    bar = found.solve().error()["totals.force"]
+    sideways = np.abs(bar.value[:2])
+    assert np.all(sideways > 5.0) and np.all(sideways < bar.bar[:2]) and np.all(bar.bar[:2] < 4.0 * sideways)
+
+
 def test_equal_values_have_no_error_and_no_order():
     order, bar = extrapolated([(h, np.array([2.0, 0.0])) for h in (0.1, 0.2, 0.4)])
     assert np.isnan(order) and not np.any(bar)
-
-
-SIZES = (0.1, 0.2, 0.4)
 
 
 def answer(size, force, stress_error=np.nan, order=2, single=False, largest=1.0, energy=1.0, free=0.0):
