@@ -14,14 +14,15 @@ not tell to be open or closed, closed ones with a small force x_n, and open ones
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..contact_fields import named_faces
+from ..contact_fields import named_faces, side_names
 from ..fem.bodies import Deformable
 from ..fem.contact import clamped_nodes
 from ..fem.meshes import JoinedMesh, NamedMesh, few_chords, polygon, volume
@@ -31,6 +32,7 @@ from ..model.heated import AGREEMENT
 from ..model.nodal_answer import OPEN
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
+from ..solvers.automatic import Automatic
 from .accuracy import accuracy
 from .energy_error import StressOfAnswer, stress_of
 from .summary import summary
@@ -67,8 +69,9 @@ class Answer:
         seconds: That the answer took.
         stress: None where it is not known.
         energies: Strain energy of every body by its name, joules.
-        clearance: Where nothing touches, the smallest remaining gap over the displacement that has made it so small;
-            else inf.
+        missed: Of each contact face without contact, by its name, the smallest part by which the displacement would
+            have to be larger to close a gap.
+        nearer: The totals if the displacement at these faces were larger by a part of it; None where all have contact.
         polygon: Volume between plane facets and the smooth surface for which they stand, over that of the body, the
             largest of all bodies.
         volume: Of the bodies by the corners of their cells, m^3.
@@ -86,7 +89,8 @@ class Answer:
     seconds: float
     stress: StressOfAnswer | None = None
     energies: Mapping[str, float] = field(default_factory=dict)
-    clearance: float = math.inf
+    missed: Mapping[str, float] = field(default_factory=dict)
+    nearer: Callable[[float], Totals] | None = field(default=None, repr=False, compare=False)
     polygon: float = 0.0
     volume: float = 0.0
     few_chords: tuple[str, ...] = ()
@@ -94,11 +98,10 @@ class Answer:
 
 def answer_of(solution: Solution, tolerance: float) -> Answer:
     """What is compared of an answer, of a solver with this tolerance; collective."""
-    contents, problem, u = summary(solution), solution.problem, solution.displacement
-    members, over = problem.elasticity.members, Reductions(problem.comm)
-    work = np.sum(problem.elasticity.internal_force(u) * u, axis=1)
+    problem, u, over = solution.problem, solution.displacement, Reductions(solution.problem.comm)
+    contents, totals, work = _totals(solution)
+    members = problem.elasticity.members
     energies = {member.name: 0.5 * over.sum(work[member.nodes]) for member in members}
-    contents["strain_energy"] = 0.5 * over.sum(work)
     meshes = [NamedMesh(member.body.domain, {}) for member in members]
     cells = sum(member.body.domain.topology.index_map(3).size_global for member in members)
     closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
@@ -106,10 +109,8 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     sizes, largest = np.linalg.norm(u, axis=1), contents["maximum"]["displacement"]
     size, order = cells ** (-1.0 / 3.0), sum(member.body.degree for member in members) / len(members)
     stress = stress_of(solution, size, order)
-    closing = np.maximum(problem.relative_displacement(solution.change)[:, 0], 1e-9 * largest)
     decides = stress is not None and even_contact(problem, contents["nodes"])
-    totals = {name: (value, unit) for name, value, unit in totals_in(contents)}
-    totals[FREE] = largest_free(problem.elasticity, u), "m"
+    missed, moved = _without_contact(solution)
     return Answer(
         totals=totals,
         algebraic=_algebraic(totals, contents, solution, max(tolerance, solution.result.residual)),
@@ -122,11 +123,53 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
         seconds=problem.seconds.get("total", sum(problem.seconds.values())),
         stress=stress,
         energies=energies,
-        clearance=over.min((problem.surface.gap - closing) / closing) if largest and not closed else math.inf,
+        missed=missed,
+        nearer=partial(_nearer, solution, moved, tolerance) if missed and stress is not None else None,
         polygon=max(map(polygon, meshes)),
         volume=over.sum(sum(map(volume, meshes))),
         few_chords=_few_chords(problem),
     )
+
+
+def _totals(solution: Solution) -> tuple[dict[str, Any], Totals, FloatArray]:
+    """The summary of an answer with its strain energy, the totals in it, and twice the strain energy by this rank's
+    nodes, joules, shape (k,); collective."""
+    contents, elasticity, u = summary(solution), solution.problem.elasticity, solution.displacement
+    work = np.sum(elasticity.internal_force(u) * u, axis=1)
+    contents["strain_energy"] = 0.5 * Reductions(elasticity.comm).sum(work)
+    totals = {name: (value, unit) for name, value, unit in totals_in(contents)}
+    return contents, {**totals, FREE: (largest_free(elasticity, u), "m")}, work
+
+
+def _without_contact(solution: Solution) -> tuple[dict[str, float], FloatArray]:
+    """Of each contact face without contact, by its name, the smallest remaining gap over the displacement there; and
+    these displacements along the normal, of both bodies of a pair together, metres, shape (m,), 0 on other faces;
+    collective."""
+    problem, at, over = solution.problem, solution.at_nodes, Reductions(solution.problem.comm)
+    gap = problem.surface.gap - problem.relative_displacement(solution.change)[:, 0]
+    moved, found = np.zeros_like(gap), dict[str, float]()
+    for member in problem.elasticity.members:
+        u = np.zeros_like(solution.displacement)
+        u[member.nodes] = solution.displacement[member.nodes]
+        moved += np.abs(problem.surface.rows(u)[:, 0])
+    for part, (name, _) in enumerate(side_names((one.face, one.against) for one in problem.contacts)):
+        here = at.part == part
+        if over.sum(float(np.sum(here & (at.status != OPEN)))):
+            moved[here] = 0.0
+        elif over.max(moved[here]) > 0.0:
+            found[name] = over.min(gap[here] / np.maximum(moved[here], 1e-300))
+    return found, moved
+
+
+def _nearer(solution: Solution, moved: FloatArray, tolerance: float, part: float) -> Totals:
+    """The totals of an answer if gaps were smaller by a part of the displacements `moved` (m,) in metres; NotConverged
+    if there is none; collective."""
+    problem = solution.problem
+    assert isinstance(problem, ContactProblem)
+    surface = replace(problem.surface, gap=problem.surface.gap - part * moved)
+    posed = problem.in_state(replace(problem.state, surface=surface), before=problem.before)
+    posed.prepare_products()
+    return _totals(posed.solution(Automatic(tolerance).solve(posed.friction_problem)))[1]
 
 
 def _few_chords(problem: DiscreteProblem) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -87,7 +88,8 @@ class ErrorBar:
         unit: Of the value and its bar.
         value: A number, or the three components of a vector, shape (1,) or (3,).
         discretisation: Its part by the mesh, of each component; nan where the total does not converge.
-        contact: Its part by half the cells along the border of the contact, of areas of contact; else 0.
+        contact: Its part by half the cells along the border of the contact, of areas of contact, and by contact that
+            all meshes may miss; else 0.
         algebraic: Its part that the tolerance of the solver leaves.
         order: Order of convergence q, as observed; nan if two meshes do not tell.
         values: On all meshes that are compared, the value itself first.
@@ -362,12 +364,33 @@ def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
     found[LARGEST] = replace(largest, discretisation=np.maximum(largest.discretisation, least))
     second = [one for one in compared if _beside(first, one)]
     warnings = too_stiff(first.energies, second[0].energies) if second else ()
-    value, room = found[LARGEST].value[0], found[LARGEST].bar[0]
-    if first.clearance * value <= room:
-        more, bar = (f"{100.0 * part:.2g} %" for part in (first.clearance, room / value))
-        missed = f"nothing touches, but a displacement larger by {more} would close a gap, and its error bar is {bar}"
-        warnings += (f"{missed}: contact may be missed, and is not in the bars of forces",)
-    return ErrorBars(tuple(found.values()), (first, *compared), stress, (*warnings, *first.few_chords))
+    found, missed = _with_missed_contact((first, *compared), found)
+    return ErrorBars(tuple(found.values()), (first, *compared), stress, (*warnings, *missed, *first.few_chords))
+
+
+def _with_missed_contact(
+    answers: Sequence[Answer], found: dict[str, ErrorBar]
+) -> tuple[dict[str, ErrorBar], tuple[str, ...]]:
+    """The bars, by place, with what contact would change that all answers miss: where no point of a contact face
+    touches, but a displacement within its bar would close a gap, what gaps smaller by as much change of the answer with
+    the most unknowns, which is not the stiffest; and a warning for each such face."""
+    best, largest = max(answers, key=lambda one: one.unknowns), found[LARGEST]
+    part = (largest.value + largest.bar)[0] / best.totals[LARGEST][0][0] - 1.0 if best.missed else 0.0
+    near = [name for name, least in best.missed.items() if least <= part and all(name in one.missed for one in answers)]
+    if not near:
+        return found, ()
+    into = "is not in the bars of forces"
+    if best.nearer is not None:
+        with suppress(NotConverged):
+            changed = best.nearer(part)
+            for name in changed.keys() & found.keys():
+                off = np.abs(changed[name][0] - best.totals[name][0])
+                found[name] = replace(found[name], contact=found[name].contact + off)
+            into = "is in the bars as what smaller gaps change"
+    said = (
+        "nothing touches on {!r}, but a displacement within its error bar would close a gap: contact may be missed, {}"
+    )
+    return found, tuple(said.format(name, f"and {into}") for name in near)
 
 
 def _unseen(first: Answer, compared: Sequence[Answer]) -> float:

@@ -19,7 +19,7 @@ from ..fem.meshes import boundary_facets, corners_of
 from ..linalg.reductions import Reductions
 from ..model.solution import Solution
 
-ROUGH: Final = 0.5
+ROUGH: Final = 1.0 / 3.0
 """Error of the stress by recovery over the stress, of a body, from which on second order is compared.  Where the strain
 energy of first order is less than two thirds of that of second order on the same cells it is 0.5 to 1.3; in demos and
 in blocks that are pressed it is 0.07 to 0.4."""

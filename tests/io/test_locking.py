@@ -18,6 +18,8 @@ from coulomb import (
     SymmetryPlane,
     Traction,
     box,
+    join,
+    moved,
 )
 from coulomb.io.answer import answer_of
 from coulomb.io.error_bars import ComparisonHistories
@@ -160,9 +162,36 @@ def test_without_the_comparison_the_bars_are_said_to_be_too_short(monkeypatch):
         )
 
 
-def test_a_contact_that_may_be_missed_is_said():
-    """The end turns towards the stop by less than the gap, but by more if the plate bends as a beam does."""
+def test_contact_that_all_meshes_miss_is_in_the_bars():
+    """The end turns towards the stop by less than the gap on all meshes that are compared, of second order too, but by
+    more if the plate bends as a beam does, and then the stop presses."""
     turn = LOAD * WIDTH * LENGTH**3 / (6.0 * STEEL.young * WIDTH * 0.004**3 / 12.0)
-    bars = cantilever(0.004, (8, 2, 1), gap=0.5 * turn * 0.002).solve().error()
-    assert "nothing touches, but a displacement larger by " in bars.warnings[-1]
-    assert "nothing touches" not in str(cantilever(0.004, (8, 2, 1), gap=50.0 * turn * 0.002).solve().error().warnings)
+    stopped = cantilever(0.004, (8, 2, 1), gap=0.85 * turn * 0.002)
+    bars = stopped.solve().error()
+    assert "nothing touches on 'right', but a displacement within its error bar would close a gap" in bars.warnings[-1]
+    true = stopped.on(box((LENGTH, WIDTH, 0.004), (16, 4, 2), degree=2)).solve().at_nodes.totals()["normal_force"]
+    bar = bars["totals.normal_force"]
+    assert not any(np.any(value) for value in bar.values) and 0.0 < true < bar.contact[0] < 10.0 * true
+    free = cantilever(0.004, (8, 2, 1), gap=50.0 * turn * 0.002).solve().error()
+    assert "nothing touches" not in str(free.warnings) and free["totals.normal_force"].contact[0] == 0.0
+
+
+def test_contact_that_one_face_misses_is_in_the_bars_while_others_touch():
+    turn = LOAD * WIDTH * LENGTH**3 / (6.0 * STEEL.young * WIDTH * 0.004**3 / 12.0)
+    plate, block = box((LENGTH, WIDTH, 0.004), (8, 2, 1), "tetrahedron"), box((0.1, 0.1, 0.1), (1, 1, 1))
+    stop = Plane((LENGTH + 0.85 * turn * 0.002, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    bars = (
+        ContactProblem(
+            join(plate=plate, block=moved(block, translate=(0.0, 1.0, 0.0))),
+            STEEL,
+            [Clamp("plate:left")],
+            [Contact("plate:right", 0.0, foundation=stop), Contact("block:bottom", 0.3)],
+            [Pressure("plate:top", LOAD), Pressure("block:top", LOAD)],
+        )
+        .solve()
+        .error()
+    )
+    assert "nothing touches on 'plate:right'" in bars.warnings[-1] and "block" not in bars.warnings[-1]
+    missed, pressed = (bars[f"faces.{name}.normal_force"] for name in ("plate:right", "block:bottom"))
+    assert missed.value[0] == 0.0 and missed.contact[0] > 156.0  # of 16 x 4 x 2 cells of second order
+    assert pressed.value[0] == pytest.approx(0.01 * LOAD) and pressed.bar[0] < 1e-3 * LOAD
