@@ -8,7 +8,7 @@ the size of the steps.  In the first step, and without load steps, the slip rate
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -16,6 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray, is_number
+from ..fem.bodies import PrescribedDisplacement, Support
 from ..fem.contact import Normals, Shape
 from ..fem.geometry import (
     Amplitude,
@@ -446,3 +447,15 @@ class Contact:
             return factor
 
         return on_all_ranks(evaluate, "", comm)
+
+
+def surfaces_of(
+    contacts: Sequence[Contact], supports: Sequence[Support]
+) -> Iterator[tuple[str | None, RigidFoundation | None]]:
+    """Faces with the surfaces that contacts and supports name for them; None where there is none."""
+    for contact in contacts:
+        yield contact.face, contact.surface
+        yield contact.against, contact.against_surface
+    for support in supports:
+        if isinstance(support, PrescribedDisplacement):
+            yield support.face, support.surface

@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -22,12 +23,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray
-from .curving import CREASE, arcs
+from .. import compat
+from .curving import CREASE, arcs, put_on_surfaces
 from .exchange import on_first_rank
 from .inspection import InspectedMesh
 from .mesh_file import FACETS
 from .mesh_parts import distinct, places, sets
-from .meshes import from_first_rank
+from .meshes import from_first_rank, refuse_flat_cells
 from .named_mesh import NamedMesh
 from .sheet_extraction import extract_sheets
 from .xdmf_writing import gathered
@@ -68,7 +70,11 @@ def coarsened(mesh: NamedMesh, again: bool = False) -> NamedMesh:
             raise ValueError(f"{len(found.cells)} coarser cells for {len(whole.cells)} are hardly fewer")
         return found
 
-    return from_first_rank(mesh.comm, "a coarser mesh", on_first_rank(mesh.comm, "a coarser mesh", coarser))
+    sound = on_first_rank(mesh.comm, "a coarser mesh", coarser)
+    found = replace(from_first_rank(mesh.comm, "a coarser mesh", sound), surfaces=mesh.surfaces)
+    put_on_surfaces(found)
+    refuse_flat_cells(found.domain.geometry.x[compat.cell_geometry(found.domain)], "a coarser mesh", mesh.comm)
+    return found
 
 
 def mmg() -> Path | None:

@@ -21,7 +21,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -88,6 +88,59 @@ def _completed(
     return np.where(flat_a[..., None], mirror_a, Na), np.where(flat_b[..., None], mirror_b, Nb)
 
 
+def put_on_surfaces(mesh: NamedMesh) -> None:
+    """Move the nodes of faces onto the surfaces of which they are meshes (`NamedMesh.surfaces`), in place; collective.
+
+    Where a face meets others at a crease, nodes stay on the facets of these.
+    """
+    if not mesh.surfaces:
+        return
+    domain, comm = mesh.domain, mesh.comm
+    facets, cells, side = _own_boundary(domain)
+    number = global_numbers(domain.geometry.index_map())
+    rows = compat.cell_geometry(domain)[cells]
+    nodes = np.take_along_axis(rows, facet_columns(domain.topology.cell_type, mesh.degree)[side], axis=1)
+    of = {name: np.isin(facets, mesh.facets(name, "surface")) for name in mesh.surfaces}
+    x = domain.geometry.x[nodes]
+    normal = unit_vectors(np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]))
+    out = x[:, 0] - domain.geometry.x[corner_geometry(domain)[cells]].mean(axis=1)
+    normal *= np.sign(np.einsum("fi,fi->f", normal, out))[:, None]
+    every, x, normal = (np.concatenate(comm.allgather(part)) for part in (number[nodes], x, normal))
+    given, first, at = np.unique(every, return_index=True, return_inverse=True)
+    at, places = at.reshape(every.shape), x.reshape(-1, 3)[first]
+    for _ in range(_ROUNDS):
+        for name, surface in mesh.surfaces.items():
+            on = np.concatenate(comm.allgather(of[name]))
+            beside = np.zeros_like(places)
+            np.add.at(beside, at[~on], normal[~on, None])
+            moving = np.unique(at[on])
+            n, beside = surface.normal(places[moving]), unit_vectors(beside[moving])
+            along = n - np.einsum("ki,ki->k", n, beside)[:, None] * beside
+            slope = np.linalg.norm(along, axis=1)
+            along = np.where((slope > math.sin(CREASE))[:, None], along / np.maximum(slope, 1e-300)[:, None], n)
+            slope = np.einsum("ki,ki->k", along, n)
+            places[moving] -= (surface.signed_distance(places[moving]) / slope)[:, None] * along
+    where = np.minimum(np.searchsorted(given, number), len(given) - 1)
+    here = given[where] == number
+    domain.geometry.x[here] = places[where[here]]
+
+
+_ROUNDS: Final = 5
+"""Newton steps towards a surface, which double the number of digits: from a tenth of its radius to rounding errors."""
+
+
+def _own_boundary(domain: Any) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], IntArray]:
+    """Boundary facets of this rank's own cells, these cells, and which of their sides the facets are, shapes (f,)."""
+    for dims in ((2, 3), (3, 2)):
+        domain.topology.create_connectivity(*dims)
+    facets, cell_of = boundary_facets(domain), domain.topology.connectivity(2, 3)
+    cells = cell_of.array[cell_of.offsets[facets]]
+    own = cells < domain.topology.index_map(3).size_local
+    facets, cells = facets[own], cells[own]
+    of_cell = domain.topology.connectivity(3, 2).array.reshape(-1, len(facet_columns(domain.topology.cell_type, 1)))
+    return facets, cells, np.argmax(of_cell[cells] == facets[:, None], axis=1)
+
+
 def _shortest(edges: int, number: IntArray, side: FloatArray, off: FloatArray) -> FloatArray:
     """For every edge the shortest vector whose components along the normals `side` (k, 3) of its facets are those of
     their vectors `off` (k, 3): least squares, without the directions in which the facets of a smooth surface differ."""
@@ -99,11 +152,14 @@ def _shortest(edges: int, number: IntArray, side: FloatArray, off: FloatArray) -
 
 def few_chords(mesh: NamedMesh) -> dict[str, float]:
     """Faces of which most facets meet others of the face at angles from CREASE to CORNER, as chords do of which fewer
-    than ten make a circle, with the largest of these angles in radians; not of curved cells; collective."""
+    than ten make a circle, with the largest of these angles in radians; not of curved cells, nor of those whose surface
+    is known; collective."""
     if mesh.degree == 2 and curved_faces(mesh, facet_columns(mesh.domain.topology.cell_type, 1)[:, None]) is not None:
         return {}
     found = {}
     for name, facets in mesh.faces.items():
+        if name in mesh.surfaces:
+            continue
         corners, x = _boundary(mesh, facets)
         normal = unit_vectors(np.cross(x[:, 1] - x[:, 0], x[:, -1] - x[:, 0]))
         ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
@@ -187,12 +243,7 @@ def curved_faces(mesh: NamedMesh, pieces: IntArray) -> CurvedFaces | None:
             order, shape (facets, pieces, 3 or 4).
     """
     domain, cell = mesh.domain, mesh.domain.topology.cell_type
-    facets, count = boundary_facets(domain), pieces.shape[2]
-    for dims in ((2, 3), (3, 2)):
-        domain.topology.create_connectivity(*dims)
-    cell_of = domain.topology.connectivity(2, 3)
-    of = cell_of.array[cell_of.offsets[facets]]
-    side = np.argmax(domain.topology.connectivity(3, 2).array.reshape(-1, len(pieces))[of] == facets[:, None], axis=1)
+    count, (_, of, side) = pieces.shape[2], _own_boundary(domain)
     kind = compat.mesh.CellType.triangle if count == 3 else compat.mesh.CellType.quadrilateral
     linear = lagrange_values(kind, 1, lagrange_points(kind, 2)[count:])
     corners = pieces if count == 3 else pieces[:, :, [0, 1, 3, 2]]
@@ -238,7 +289,7 @@ def split(mesh: NamedMesh) -> NamedMesh:
     }
     faces = local_facets(domain, rows)
     cells_of = local_cells(domain, starts_of(comm, 8 * own), groups)
-    return NamedMesh(domain, faces, cells_of, curved=curved_faces(mesh, on_facets))
+    return NamedMesh(domain, faces, cells_of, curved=curved_faces(mesh, on_facets), surfaces=mesh.surfaces)
 
 
 @functools.cache

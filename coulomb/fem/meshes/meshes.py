@@ -19,7 +19,7 @@ from .. import compat, mesh_formats
 from ..compat import mesh
 from ..geometry import evaluate_vectors, same_on_all_ranks
 from ..mesh_formats import BOX_FACES
-from .curving import arcs, curved_faces
+from .curving import arcs, curved_faces, put_on_surfaces
 from .cuts import cut
 from .exchange import global_numbers, on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
@@ -46,8 +46,8 @@ def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
 
     Args:
         mesh: A first-order mesh with its named faces and groups of cells, which are kept.
-        curved: Whether the boundary becomes the smooth surface for which its facets stand (`arcs`), and the new nodes
-            in the middles of faces and cells follow its edges (as Coons's).
+        curved: Whether the boundary becomes the smooth surface for which its facets stand (`arcs`), or a known one
+            (`NamedMesh.surfaces`), and the new nodes in the middles of faces and cells follow its edges (as Coons's).
 
     Raises:
         ValueError: If the mesh is of second order already, or curved cells become flat.
@@ -64,13 +64,15 @@ def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
     if curved:
         points[dofs[dofs < nodes.size_local]] += off_chords(mesh)[dofs < nodes.size_local]
     domain = compat.create_mesh(comm, kind.name, number[dofs[:own]], points, degree=2)
-    if curved:
-        refuse_flat_cells(domain.geometry.x[compat.cell_geometry(domain)], "second_order: the curved boundary", comm)
 
     corners = corner_geometry(old)
     of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
     of_point[corners] = number[dofs[:, : corners.shape[1]]]
-    return _of_order(second_order, mesh, domain, of_point)
+    found = _of_order(second_order, mesh, domain, of_point)
+    if curved:
+        put_on_surfaces(found)
+        refuse_flat_cells(domain.geometry.x[compat.cell_geometry(domain)], "second_order: the curved boundary", comm)
+    return found
 
 
 def smooth_second_order(mesh: NamedMesh) -> NamedMesh:

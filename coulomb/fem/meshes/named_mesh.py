@@ -54,6 +54,7 @@ class NamedMesh:
         grid: Of a box, how it was made.
         curved: Of first-order cells that are made of second-order ones, these cells' boundary, on which gaps of pairs
             are measured; None where the facets themselves count.
+        surfaces: Exact surfaces of which faces are meshes, by face: nodes of meshes made of this one are there.
     """
 
     domain: Any
@@ -65,6 +66,7 @@ class NamedMesh:
     coarser: Callable[[], NamedMesh] | None = field(default=None, repr=False, compare=False)
     grid: Grid | None = field(default=None, repr=False, compare=False)
     curved: RigidFoundation | None = field(default=None, repr=False, compare=False)
+    surfaces: Mapping[str, RigidFoundation] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -152,6 +154,7 @@ def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None =
         touching=placed(motion, mesh.touching),
         coarser=None if coarser is None else lambda: moved(coarser(), translate, rotate),
         curved=None,
+        surfaces={},
         grid=None if grid is None else replace(grid, make=lambda planes: moved(grid.make(planes), translate, rotate)),
     )
 
@@ -272,6 +275,20 @@ class JoinedMesh:
                 raise ValueError(f"{what}: {given!r} names a body, but none of its {kind}s; {has}")
             raise ValueError(f"{what}: body {body!r} has no {kind} {given!r}{_hint(given, listed or every)}; {has}")
         return body, name
+
+
+def with_surfaces(
+    mesh: NamedMesh | JoinedMesh, named: Iterable[tuple[str | None, RigidFoundation | None]]
+) -> NamedMesh | JoinedMesh:
+    """The mesh with the surfaces that are given for faces, where they are: `NamedMesh.surfaces`."""
+    bodies = dict(mesh.bodies) if isinstance(mesh, JoinedMesh) else {"": mesh}
+    for face, surface in named:
+        if face is not None and surface is not None:
+            body, name = mesh.split(face, "surface") if isinstance(mesh, JoinedMesh) else ("", face)
+            one = bodies[body]
+            if surface is not one.curved:
+                bodies[body] = replace(one, surfaces={**one.surfaces, name: surface})
+    return JoinedMesh(bodies) if isinstance(mesh, JoinedMesh) else bodies[""]
 
 
 def _check(bodies: Mapping[str, NamedMesh]) -> None:

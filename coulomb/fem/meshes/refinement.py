@@ -13,7 +13,6 @@ the cell.  So no two nodes are confused, even those at one place on both sides o
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -24,7 +23,8 @@ from mpi4py import MPI
 from ...arrays import FloatArray, IntArray
 from .. import compat
 from ..compat import basix
-from ..geometry import evaluate_vectors, on_all_ranks
+from ..geometry import on_all_ranks
+from .curving import put_on_surfaces
 from .exchange import Exchange, fetched, global_numbers, owner_of, starts_of
 from .lagrange import corner_geometry, corners_to_nodes, jacobians, lagrange_points, lagrange_values
 from .mesh_parts import distinct, local_cells, local_facets, parts_of
@@ -32,38 +32,27 @@ from .meshes import off_chords, refuse_flat_cells
 from .named_mesh import NamedMesh
 
 
-def refined(
-    mesh: NamedMesh,
-    marked: npt.NDArray[Any] | None = None,
-    project: Mapping[str, Callable[[FloatArray], FloatArray]] | None = None,
-    curved: bool = False,
-) -> NamedMesh:
+def refined(mesh: NamedMesh, marked: npt.NDArray[Any] | None = None, curved: bool = False) -> NamedMesh:
     """The mesh with smaller cells of the same body: eight for one, or fewer round marked ones; collective.
 
     The body keeps its shape: new nodes are where the map of the old cells has them, which may be curved in those of
-    second order.  Cells are distributed among the ranks anew.  The `coarser` of the result gives the mesh given here.
+    second order, and those of faces on their surfaces, where these are known (`NamedMesh.surfaces`).  Cells are
+    distributed among the ranks anew.  The `coarser` of the result gives the mesh given here.
 
     Args:
         mesh: A mesh of any order with its named faces and groups of cells, which are kept.
         marked: Tetrahedra to be divided in eight, this rank's own: their numbers, or True and False for each;
             their neighbours are divided in fewer.  By default all cells.
-        project: Of first-order meshes, maps new nodes x (3, k) of faces, by name, to their places, shape (3, k): onto
-            the surface that the facets approximate.
         curved: Whether new nodes of first-order meshes are on the smooth surface for which the facets stand (`arcs`),
             but for those that would make a cell flat.
 
     Raises:
-        ValueError: On every rank, if cells are marked that are no tetrahedra or not this rank's own, or a face to
-            project is unknown, of a second-order mesh, or makes a cell flat.
+        ValueError: On every rank, if cells are marked that are no tetrahedra or not this rank's own, or a known surface
+            makes a cell flat.
     """
     comm, old, tetrahedra = mesh.comm, mesh.domain, mesh.domain.topology.cell_type.name == "tetrahedron"
-    project = project or {}
     if not (tetrahedra or marked is None):
         raise ValueError("refined: hexahedra cannot be marked, as tetrahedra can: all of them are refined")
-    if project and mesh.degree == 2:
-        raise ValueError("refined: project is for first-order meshes: new nodes of a second-order one are on its cells")
-    for face in project:
-        mesh.facets(face, "refined: project")
     own = old.topology.index_map(3).size_local
     if tetrahedra:
         chosen = on_all_ranks(lambda: _chosen(marked, own), "refined: marked", comm)
@@ -73,7 +62,13 @@ def refined(
     else:
         parent, kind = np.divmod(np.arange(8 * own), 8)
         nodes = _octants(old.topology.cell_type)
-    return _made(mesh, parent, kind, nodes, project, off_chords(mesh) if curved and mesh.degree == 1 else None)
+    found = _made(mesh, parent, kind, nodes, off_chords(mesh) if curved and mesh.degree == 1 else None)
+    if mesh.surfaces:
+        cells, x = compat.cell_geometry(found.domain), found.domain.geometry.x
+        before = x[cells]
+        put_on_surfaces(found)
+        refuse_flat_cells(x[cells], f"refined: the surface of {' or '.join(mesh.surfaces)}", comm, before)
+    return found
 
 
 def _chosen(marked: npt.NDArray[Any] | None, own: int) -> npt.NDArray[np.bool_]:
@@ -178,14 +173,7 @@ def _octants(cell: Any) -> IntArray:
     return np.argmin(np.linalg.norm(x[:, :, None] - nodes, axis=3), axis=2)
 
 
-def _made(
-    mesh: NamedMesh,
-    parent: IntArray,
-    kind: IntArray,
-    nodes: IntArray,
-    project: Mapping[str, Callable[[FloatArray], FloatArray]],
-    off: FloatArray | None,
-) -> NamedMesh:
+def _made(mesh: NamedMesh, parent: IntArray, kind: IntArray, nodes: IntArray, off: FloatArray | None) -> NamedMesh:
     """The mesh of cells that are parts of this rank's own cells `parent` (k,), of the given kind (k,): with corners at
     their second-order nodes `nodes` (kinds, corners), which may be `off` (cells, second-order nodes, 3) the middles of
     their corners, metres; collective."""
@@ -203,10 +191,10 @@ def _made(
         at = kind == one
         weights = np.round(512.0 * lagrange_values(cell, degree, places)) / 512.0  # of quarters of edges: exact
         x[at] = weights @ mesh.domain.geometry.x[compat.cell_geometry(mesh.domain)[parent[at]]]
-    cells, starts, added = _numbered(comm, names)
+    cells, starts = _numbered(comm, names)
     given, first = np.unique(cells, return_index=True)
     owners = Exchange(comm, owner_of(starts, given))
-    points = np.empty((len(added), 3))
+    points = np.empty((starts[comm.rank + 1] - starts[comm.rank], 3))
     points[owners.send(given) - starts[comm.rank]] = owners.send(x.reshape(-1, 3)[first])
     if off is not None:
         shifted = off[parent[:, None], nodes[kind]].reshape(-1, 3)[first]
@@ -224,13 +212,6 @@ def _made(
         at = np.flatnonzero(np.any(member[facets], axis=1))
         child, side = np.nonzero(np.any(part_of[kind[at]] & member[facets[at], None], axis=2))
         rows[name] = np.sort(cells[at[child, None], sides[side]], axis=1)
-    for name, surface in project.items():
-        given = np.unique(rows[name])
-        at = np.unique(Exchange(comm, owner_of(starts, given)).send(given) - starts[comm.rank])
-        at = at[added[at]]
-        points[at] = evaluate_vectors(surface, points[at], f"refined: project {name!r}", comm)
-    if project:
-        refuse_flat_cells(fetched(comm, starts, cells, points), "refined: project", comm, x)
 
     domain = compat.create_mesh(comm, cell.name, cells, points, degree)
     first = starts_of(comm, len(parent))
@@ -267,9 +248,9 @@ def _shift(
         moved[there[owners.send(np.repeat(flat, cells.shape[1]))]] = 0.0
 
 
-def _numbered(comm: MPI.Comm, names: IntArray) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
+def _numbered(comm: MPI.Comm, names: IntArray) -> tuple[IntArray, IntArray]:
     """Numbers of nodes with the keys `names` (k, n, m), in any order, shape (k, n): the same for the same key on all
-    ranks; the first number of every rank; and which of this rank's are not of one thing m times; collective."""
+    ranks; and the first number of every rank; collective."""
     keys = np.sort(names, axis=2).reshape(-1, names.shape[2])
     first, at = distinct(keys)
     hubs = Exchange(comm, keys[first, 0] % comm.size)
@@ -277,4 +258,4 @@ def _numbered(comm: MPI.Comm, names: IntArray) -> tuple[IntArray, IntArray, npt.
     first, number = distinct(there)
     starts = starts_of(comm, len(first))
     numbers = hubs.reply(starts[comm.rank] + number)[at].reshape(names.shape[:2])
-    return numbers, starts, there[first, 0] != there[first, -1]
+    return numbers, starts

@@ -3,6 +3,8 @@
 Run alone, or as `mpirun -n 3 python -m pytest tests/fem/meshes/test_parallel_refined_meshes.py`.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mesh_files import BoxFile, integral
@@ -11,6 +13,7 @@ from ranks import same_error
 from test_refined_meshes import CELLS, KINDS, bend, near, number_of_cells, sizes, unnamed_facets, with_group
 
 import coulomb
+from coulomb import Cylinder
 from coulomb.fem.meshes import first_order, refined
 
 comm = MPI.COMM_WORLD
@@ -76,14 +79,17 @@ def test_projection_and_cut_of_a_distributed_mesh(tmp_path_factory):
         file.write(folder / "box.msh")
     comm.barrier()
 
-    def round_top(x):
-        return np.array([x[0], x[1], 1.0 + 0.1 * x[0] * (2.0 - x[0])])
+    centre = np.array([1.0, 1.0 - np.sqrt(24.0)])
+    x = np.linspace(0.0, 2.0, 5)
+    corners = np.stack([x, centre[1] + np.sqrt(25.0 - (x - 1.0) ** 2)], axis=1)
 
     mesh = coulomb.read_mesh(folder / "box.msh", cuts=["middle"])
-    fine = refined(mesh, project={"top": round_top})
+    mesh.domain.geometry.x[:, 2] *= np.interp(mesh.domain.geometry.x[:, 0], *corners.T)
+    fine = refined(replace(mesh, surfaces={"top": Cylinder((1.0, 0.0, centre[1]), (0.0, 1.0, 0.0), 5.0)}))
     assert (fine.components, comm.allreduce(len(fine.touching))) == (2, 25)
     assert integral(fine, "middle") == pytest.approx(integral(fine, "middle_opposite"), rel=1e-6)
-    x = np.linspace(0.0, 2.0, 9)
-    height = np.where(np.arange(9) % 2, round_top([x, x, x])[2], 1.0)
-    assert integral(fine, "front") == pytest.approx(0.25 * (height[1:] + height[:-1]).sum() / 2.0, rel=1e-6)
+    middles = 0.5 * (corners[1:] + corners[:-1]) - centre
+    middles *= 5.0 / np.linalg.norm(middles, axis=1, keepdims=True)
+    x, height = np.insert(corners, range(1, 5), centre + middles, axis=0).T
+    assert integral(fine, "front") == pytest.approx(0.5 * np.sum((height[1:] + height[:-1]) * np.diff(x)), rel=1e-9)
     assert unnamed_facets(fine) == 0

@@ -9,6 +9,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 import coulomb
+from coulomb import Cylinder
 from coulomb.fem import compat
 from coulomb.fem.compat import mesh as dolfinx_mesh
 from coulomb.fem.meshes import aspects, first_order, refined
@@ -186,25 +187,35 @@ def test_new_nodes_are_on_the_quadratic_map_of_their_parents(cell, local):
 
 
 @pytest.mark.parametrize("cell", CELLS)
-def test_projection_onto_the_true_surface(cell):
-    """The top is a cylinder: volume and area converge with the square of the size, and other faces stay."""
+@pytest.mark.parametrize("degree", [1, 2])
+def test_new_nodes_are_on_the_surface_that_is_known(cell, degree):
+    """The top is a cylinder, and the front cuts it obliquely: volume and area converge with the square of the size, with
+    its fourth power in second order, and other faces stay."""
 
     def top(x):
         return np.array([x[0], x[1], 1.0 + np.sqrt(4.0 - (x[0] - 1.0) ** 2) - np.sqrt(3.0)])
 
     def raised(x):
-        return np.array([x[0], x[1], x[2] * top(x)[2]])
+        z = x[2] * top(x)[2]
+        return np.array([x[0], x[1] + 0.3 * z, z])
 
-    mesh = coulomb.box((2.0, 1.0, 1.0), (4, 2, 2), cell, place=raised)
+    mesh = coulomb.box((2.0, 1.0, 1.0), (4, 2, 2), cell, place=raised, degree=degree)
+    axis, across = (1.0, 0.0, 1.0 - np.sqrt(3.0)), (0.0, 1.0, 0.0)
+    mesh = replace(mesh, surfaces={"top": Cylinder(axis, across, 2.0)})
     exact = 2.0 * np.pi / 3.0, 2.0 - np.sqrt(3.0) + 2.0 * np.pi / 3.0
-    finer = refined(mesh, project={"top": top})
-    finest = refined(finer, project={"top": top})
+    finer = refined(mesh)
+    finest = refined(finer)
     errors = np.array([(integral(one, "top"), integral(one)) for one in (mesh, finer, finest)]) - exact
-    assert np.abs(errors[:-1] / errors[1:] - 4.0).max() < 0.1
+    assert np.abs(errors[:-1] / errors[1:] - (4.0 if degree == 1 else 16.0)).max() < 0.1 * degree**4
     for one in (finer, finest):
         assert integral(one, "bottom") == pytest.approx(2.0, rel=1e-12) and unnamed_facets(one) == 0
-    with pytest.raises(ValueError, match=r"refined: project makes the cell at x = .* flat"):
-        refined(mesh, project={"top": lambda x: x - 10.0})
+        x, n = one.domain.geometry.x, (2 if one is finer else 4) * degree
+        assert np.sum(np.abs(x[:, 1] - 0.3 * x[:, 2]) < 1e-12) == (4 * n + 1) * (2 * n + 1)
+        radius = np.hypot(x[:, 0] - axis[0], x[:, 2] - axis[2])
+        above = radius > 2.0 - 1e-3
+        assert above.sum() > 40 and np.abs(radius[above] - 2.0).max() < 1e-12
+    with pytest.raises(ValueError, match=r"refined: the surface of top makes the cell at x = .* flat"):
+        refined(replace(mesh, surfaces={"top": Cylinder(axis, across, 0.5)}))
 
 
 @pytest.mark.parametrize(("cell", "degree"), KINDS)
@@ -241,13 +252,9 @@ def test_what_cannot_be_refined():
         ({"marked": np.array([-1])}, "marked: must be this rank's own cells"),
         ({"marked": np.ones(5, dtype=bool)}, f"marked: {number}, or True and False for each of this rank's 6"),
         ({"marked": np.array([1.0])}, f"marked: {number}"),
-        ({"project": {"topp": lambda x: x}}, "project: there is no face 'topp' .*did you mean 'top'"),
-        ({"project": {"top": lambda x: x[:2]}}, "project 'top': the function must return shape"),
     ):
         with pytest.raises(ValueError, match=f"refined: {fault}"):
             refined(tetrahedra, **given)
-    with pytest.raises(ValueError, match="project is for first-order meshes"):
-        refined(coulomb.second_order(tetrahedra), project={"top": lambda x: x})
     hexahedra = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1))
     with pytest.raises(ValueError, match="hexahedra cannot be marked"):
         refined(hexahedra, np.array([0]))
