@@ -233,7 +233,7 @@ class Contact:
         smooth: The facets of first order of a pair stand for smooth surfaces, with the mean normals at their corners,
             when its gap is measured.
         surface: The surface for which the facets of the face stand when the gap of a pair is measured: a `Cylinder`, a
-            `Sphere` or any signed distance that is 0 there.  Its nodes must be on it.
+            `Sphere` or any signed distance that is 0 there.  Its nodes must be on it; those of finer meshes will be.
         against_surface: That of the face `against`.
         facing: Whether nodes that face away from a rigid foundation are no contact points, as on the far side of a
             ball; else all are, as in large motions, where a face may turn over an edge.

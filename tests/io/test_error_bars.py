@@ -20,6 +20,7 @@ from coulomb.io.accuracy import TOLERANCE
 from coulomb.io.answer import FREE, Answer, answer_of
 from coulomb.io.error_bars import (
     FASTEST,
+    OF_TWO,
     SAFETY,
     SHAPE,
     SLOWEST,
@@ -36,7 +37,7 @@ STEEL = Material(young=2.1e11, poisson=0.3)
 SIZES = (0.1, 0.2, 0.4)
 
 
-@pytest.mark.parametrize("q", [0.8, 1.0, 1.4])
+@pytest.mark.parametrize("q", [0.75, 0.9, 1.2])
 @pytest.mark.parametrize("sizes", [(0.1, 0.2, 0.4), (0.1, 0.17, 0.35)])
 def test_the_error_of_a_power_of_the_cell_size_is_found(q, sizes):
     exact, c = np.array([3.0, -1.0, 0.5]), np.array([2.0, 1.0, -0.1])
@@ -58,7 +59,7 @@ def test_outside_the_bounds_of_the_order_the_bar_is_larger_than_the_error_it_is_
 def test_every_component_of_a_vector_has_its_own_order():
     """And the slowest one where its differences have opposite signs, which no order explains; not a smaller bar where
     another component converges faster."""
-    exact, c, q = np.array([3.0, 0.5, 7.0]), np.array([0.1, 2.0, -0.3]), np.array([0.8, 1.4, 1.0])
+    exact, c, q = np.array([3.0, 0.5, 7.0]), np.array([0.1, 2.0, -0.3]), np.array([0.75, 1.2, 0.9])
     _, bar = extrapolated([(h, exact + c * h**q) for h in SIZES])
     np.testing.assert_allclose(bar, SAFETY * np.abs(c) * SIZES[0] ** q, rtol=1e-3)
     up_and_down = [(h, np.array([value, 0.0])) for h, value in zip(SIZES, (-5.0, -6.0, 2.0), strict=True)]
@@ -108,7 +109,7 @@ def test_the_errors_of_the_stress_bound_the_order_of_totals(order, q, slowest, f
         assert unknown["totals.force"].bar == pytest.approx(extrapolated(chain, SLOWEST, FASTEST)[1], rel=1e-6)
         assert bars["totals.greatest_slip"].bar == unknown["totals.greatest_slip"].bar
     two = bars_of([answer(h, h, 0.3 * h**q, order) for h in sizes[:2]])
-    assert two["totals.force"].bar == pytest.approx(SAFETY * 0.1 / (2.0**slowest - 1.0))
+    assert two["totals.force"].bar == pytest.approx(OF_TWO * 0.1 / (2.0**slowest - 1.0))
 
 
 def test_the_error_of_the_stress_tells_how_much_better_second_order_is():
@@ -178,7 +179,7 @@ def test_a_block_that_bulges_beyond_its_pressed_face():
     coarse, fine = (ContactProblem(mesh, rubber, [top], Contact("bottom", 0.5)).solve() for mesh in meshes)
     known, true = (float(np.linalg.norm(one.displacement, axis=1).max()) for one in (coarse, fine))
     assert known == pytest.approx(np.hypot(0.002, 0.0005)) and true > 1.003 * known
-    assert true - known < coarse.error()["maximum.displacement"].bar[0] < 0.05 * known
+    assert true - known < coarse.error()["maximum.displacement"].bar[0] < 0.1 * known  # energy: order 2.6, 1.2 counts
 
 
 def test_the_error_of_the_stress_counts_where_contact_is_even():
@@ -239,7 +240,7 @@ def test_the_parts_of_a_bar():
         totals = {**one.totals, **area}
         found.append(replace(one, totals=totals, algebraic=dict.fromkeys(totals, least), border=0.4))
     force, contact = (bars_of(found)[name] for name in ("totals.force", "totals.contact_area"))
-    expected = SAFETY * (np.sqrt(0.2) - np.sqrt(0.1)) / (2.0**SLOWEST - 1.0)
+    expected = OF_TWO * (np.sqrt(0.2) - np.sqrt(0.1)) / (2.0**SLOWEST - 1.0)
     parts = {"discretisation": pytest.approx(expected), "contact": 0.0, "algebraic": 0.03, "geometry": 0.0}
     assert force.entry()["parts"] == parts and force.bar[0] == pytest.approx(expected + 0.03)
     assert contact.entry()["parts"] == {"discretisation": 0.0, "contact": 0.4, "algebraic": 0.03, "geometry": 0.0}

@@ -189,8 +189,8 @@ def test_new_nodes_are_on_the_quadratic_map_of_their_parents(cell, local):
 @pytest.mark.parametrize("cell", CELLS)
 @pytest.mark.parametrize("degree", [1, 2])
 def test_new_nodes_are_on_the_surface_that_is_known(cell, degree):
-    """The top is a cylinder, and the front cuts it obliquely: volume and area converge with the square of the size, with
-    its fourth power in second order, and other faces stay."""
+    """The top is a cylinder, and the front cuts it obliquely: volume and area converge with the square of the size, in
+    second order with its fourth power, and other faces stay."""
 
     def top(x):
         return np.array([x[0], x[1], 1.0 + np.sqrt(4.0 - (x[0] - 1.0) ** 2) - np.sqrt(3.0)])
