@@ -168,7 +168,7 @@ def _nearer(solution: Solution, moved: FloatArray, tolerance: float, part: float
     assert isinstance(problem, ContactProblem)
     surface = replace(problem.surface, gap=problem.surface.gap - part * moved)
     posed = problem.in_state(replace(problem.state, surface=surface), before=problem.before)
-    posed.prepare_products()
+    posed.linear.prepare_products()
     return _totals(posed.solution(Automatic(tolerance).solve(posed.friction_problem)))[1]
 
 

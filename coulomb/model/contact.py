@@ -8,7 +8,7 @@ the size of the steps.  In the first step, and without load steps, the slip rate
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray, is_number
-from ..fem.bodies import PrescribedDisplacement, Support
+from ..fem.bodies import Deformable, PrescribedDisplacement, Support
 from ..fem.contact import Normals, Shape
 from ..fem.geometry import (
     Amplitude,
@@ -34,6 +34,7 @@ from ..fem.geometry import (
     rigid_motion,
     supported_frames,
 )
+from ..fem.meshes import JoinedMesh, NamedMesh, with_surfaces
 from ..solvers.laws import FrictionLaw
 
 
@@ -449,13 +450,13 @@ class Contact:
         return on_all_ranks(evaluate, "", comm)
 
 
-def surfaces_of(
-    contacts: Sequence[Contact], supports: Sequence[Support]
-) -> Iterator[tuple[str | None, RigidFoundation | None]]:
-    """Faces with the surfaces that contacts and supports name for them; None where there is none."""
-    for contact in contacts:
-        yield contact.face, contact.surface
-        yield contact.against, contact.against_surface
-    for support in supports:
-        if isinstance(support, PrescribedDisplacement):
-            yield support.face, support.surface
+def on_named_surfaces(
+    mesh: NamedMesh | JoinedMesh | Deformable, contacts: Sequence[Contact], supports: Sequence[Support]
+) -> NamedMesh | JoinedMesh | Deformable:
+    """The mesh with the surfaces that contacts and supports name for its faces; a body of the user's forms as it is."""
+    if isinstance(mesh, Deformable):
+        return mesh
+    pairs = [(one.face, one.surface) for one in supports if isinstance(one, PrescribedDisplacement)]
+    for one in contacts:
+        pairs += [(one.face, one.surface), (one.against or one.face, one.against_surface)]
+    return with_surfaces(mesh, {face: surface for face, surface in pairs if surface is not None})

@@ -29,14 +29,14 @@ from ..fem.bodies import (
 )
 from ..fem.contact import RigidFace, Tied, TiedBodies, with_slaves
 from ..fem.geometry import Amplitude, Coefficient, Field, RigidFoundation, same_on_all_ranks
-from ..fem.meshes import JoinedMesh, NamedMesh, with_surfaces
+from ..fem.meshes import JoinedMesh, NamedMesh
 from ..lazy_names import late_bound
 from ..linalg.compliance import LinearSolver
 from ..solvers.friction_problem import Solver, contact_solver
 from ..solvers.results import ProgressCallback, SolverResult
 from . import notebook
 from .arguments import certifying, contacts_given, linear_solver_of, refuse_wrong
-from .contact import Contact, surfaces_of
+from .contact import Contact, on_named_surfaces
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem, StatePoints
 from .equilibrium import refuse_without_equilibrium
@@ -210,8 +210,7 @@ class ContactProblem(DiscreteProblem):
     @property
     def made_of(self) -> NamedMesh | JoinedMesh | Deformable:
         """Its first argument, of a mesh with the surfaces that contacts and supports name (`NamedMesh.surfaces`)."""
-        mesh, supports = cast(NamedMesh | JoinedMesh | Deformable, self.given["mesh"]), self.given.get("clamps", ())
-        return mesh if isinstance(mesh, Deformable) else with_surfaces(mesh, surfaces_of(self.body.contacts, supports))
+        return on_named_surfaces(self.given["mesh"], self.body.contacts, self.given.get("clamps", ()))
 
     def on(self, mesh: NamedMesh | JoinedMesh | Deformable) -> Self:
         """The same problem on another mesh (or another `Body`), at the same time, with contact points of pairs and tied

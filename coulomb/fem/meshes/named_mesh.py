@@ -277,17 +277,14 @@ class JoinedMesh:
         return body, name
 
 
-def with_surfaces(
-    mesh: NamedMesh | JoinedMesh, named: Iterable[tuple[str | None, RigidFoundation | None]]
-) -> NamedMesh | JoinedMesh:
-    """The mesh with the surfaces that are given for faces, where they are: `NamedMesh.surfaces`."""
+def with_surfaces(mesh: NamedMesh | JoinedMesh, surfaces: Mapping[str, RigidFoundation]) -> NamedMesh | JoinedMesh:
+    """The mesh with `NamedMesh.surfaces`, by the names of faces."""
     bodies = dict(mesh.bodies) if isinstance(mesh, JoinedMesh) else {"": mesh}
-    for face, surface in named:
-        if face is not None and surface is not None:
-            body, name = mesh.split(face, "surface") if isinstance(mesh, JoinedMesh) else ("", face)
-            one = bodies[body]
-            if surface is not one.curved:
-                bodies[body] = replace(one, surfaces={**one.surfaces, name: surface})
+    for face, surface in surfaces.items():
+        body, name = mesh.split(face, "surface") if isinstance(mesh, JoinedMesh) else ("", face)
+        one = bodies[body]
+        if surface is not one.curved:
+            bodies[body] = replace(one, surfaces={**one.surfaces, name: surface})
     return JoinedMesh(bodies) if isinstance(mesh, JoinedMesh) else bodies[""]
 
 
