@@ -89,3 +89,15 @@ for module in pkgutil.walk_packages(coulomb.__path__, "coulomb."):
 """,
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    ("name", "some"),
+    [
+        ("ContactProblem", {"mesh", "contact", "kinematics", "rigid_faces"}),
+        ("Body", {"a", "L", "energy", "displacement"}),
+    ],
+)
+def test_signatures_show_the_arguments(name, some):
+    """As in a notebook: they were *arguments and **others."""
+    assert some <= inspect.signature(getattr(coulomb, name)).parameters.keys()
