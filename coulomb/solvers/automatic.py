@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from ..arrays import FloatArray
+from .driver import Answer, result_of
 from .equilibrium import EXACT
 from .friction_problem import FrictionProblem, SolverSettings, Task
 from .interior_point import InteriorPoint
@@ -67,20 +68,21 @@ class Automatic(SolverSettings):
 
         alpha = open_motion(problem)
         if alpha is not None:
-            result = _of_no_forces(problem, alpha, Goal(goal.tolerance, problem.accept))
+            none, open_goal = Answer(np.zeros_like(problem.b), -problem.b, alpha), Goal(goal.tolerance, problem.accept)
+            result = result_of(problem, open_goal, none, np.zeros((problem.A.nodes, 2)), None, ())
             if result.status is Status.CONVERGED:
                 return called(result, "no forces")
         if start is not None:
             near = SemismoothNewton(goal.tolerance)
-            result = result_of(lambda: near.solve(problem, start, progress=progress))
+            result = outcome(lambda: near.solve(problem, start, progress=progress))
             if result.status in (Status.CONVERGED, Status.INTERRUPTED):
                 return called(result, near.name)
             steps, start = result.newton_steps, np.atleast_2d(start)[0]
-        one = result_of(lambda: first.solve(problem, start, gradient=gradient, progress=progress))
+        one = outcome(lambda: first.solve(problem, start, gradient=gradient, progress=progress))
         one = replace(one, newton_steps=steps + one.newton_steps)
         if one.status in (Status.CONVERGED, *DECISIVE) or one.residual <= goal.tolerance or not problem.sloped:
             return called(one, first.name)
-        other = result_of(lambda: second.solve(problem, start, progress=progress))
+        other = outcome(lambda: second.solve(problem, start, progress=progress))
         if other.status is Status.CONVERGED:
             other = replace(other, newton_steps=steps + other.newton_steps)
             return called(other, f"{second.name}, after the {first.name} method had {one.status.value}")
@@ -89,28 +91,7 @@ class Automatic(SolverSettings):
         return called(replace(better, message=message), f"{better.method}, the better of both")
 
 
-def _of_no_forces(problem: FrictionProblem, alpha: FloatArray, goal: Goal) -> SolverResult:
-    """No forces, where all contact points are open with motions alpha (q,)."""
-    assert problem.rigid is not None
-    x = np.zeros_like(problem.b)
-    w = -problem.b - problem.rigid.displacement(alpha)
-    residual = problem.residual(x, w)
-    return SolverResult(
-        x=x,
-        gradient=w,
-        slip_bound=problem.slip_bound(x),
-        multipliers=np.zeros((problem.A.nodes, 2)),
-        status=goal.verdict(residual, x, Status.STAGNATED, alpha),
-        outer_steps=0,
-        newton_steps=0,
-        products=0,
-        residual=residual,
-        history=(),
-        rigid=alpha,
-    )
-
-
-def result_of(solve: Callable[[], SolverResult]) -> SolverResult:
+def outcome(solve: Callable[[], SolverResult]) -> SolverResult:
     """The result of a method, whether it has converged or not."""
     try:
         return solve()

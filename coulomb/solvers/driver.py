@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -92,14 +92,16 @@ def result_of(
     multipliers: FloatArray | None,
     status: Status | None,
     history: Sequence[QPStep],
+    measure: Callable[[FloatArray, FloatArray], float] | None = None,
 ) -> SolverResult:
-    """The result of a method that ends with an answer of the most accurate product, judged afresh; with the shortest
-    rigid motions, and multipliers (m, 2) in metres, by default gaps and slips; collective."""
+    """The result of a method that ends with an answer of the most accurate product, judged afresh, by the residual of
+    the problem or another measure of x and its gradient; with the shortest rigid motions, and multipliers (m, 2) in
+    metres, by default gaps and slips; collective."""
     x, gradient, motion = answer
     if problem.rigid is not None:
         motion = problem.shortest_motion(x, gradient, motion)
         gradient = gradient - problem.rigid.displacement(motion)
-    residual, w = problem.residual(x, gradient), gradient.reshape(-1, 3)
+    residual, w = (measure or problem.residual)(x, gradient), gradient.reshape(-1, 3)
     return SolverResult(
         x=x,
         gradient=gradient,

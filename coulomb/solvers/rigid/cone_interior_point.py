@@ -29,6 +29,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -36,6 +37,7 @@ import scipy.sparse
 
 from ...arrays import FloatArray
 from ...linalg.compliance import MatrixCompliance
+from ..driver import Answer, result_of
 from ..friction_problem import FrictionProblem, SolverSettings, Task
 from ..results import InteriorPointStep, Progress, SolverResult, Status
 from ..settings import within
@@ -282,27 +284,15 @@ class _ConeRun:
 
     def _result(self, status: Status, why: str) -> SolverResult:
         """The best answer, judged afresh."""
-        problem, x = self._problem, self._best[1]
-        gradient = problem.gradient(x)
-        residual = self._scales.residual(problem, x, gradient)
-        w = gradient.reshape(-1, 3)
-        result = SolverResult(
-            x=x,
-            gradient=gradient,
-            slip_bound=problem.slip_bound(x),
-            multipliers=np.stack([np.maximum(w[:, 0], 0.0), radius(w)], axis=1),
-            status=self._goal.verdict(residual, x, status),
-            outer_steps=self._convex,
-            newton_steps=len(self._history),
-            products=self._sweeps + self._cones.products,
-            residual=residual,
-            history=tuple(self._history),
-        )
+        problem, x, residual = self._problem, self._best[1], partial(self._scales.residual, self._problem)
+        answer = Answer(x, problem.without_motion(x))
+        result = result_of(problem, self._goal, answer, None, status, self._history, residual)
+        result = replace(result, outer_steps=self._convex, products=self._sweeps + self._cones.products)
         matrix = self._cones.matrix
         message = why or (
-            f"the {self._settings.name} method ended with a residual of {residual:.1e} after {len(self._history)} "
-            f"Newton steps, {self._sweeps} sweeps and {self._convex} convex problems ({result.status.value}), "
-            f"{self._goal.missed(residual)}; "
+            f"the {self._settings.name} method ended with a residual of {result.residual:.1e} after "
+            f"{len(self._history)} Newton steps, {self._sweeps} sweeps and {self._convex} convex problems "
+            f"({result.status.value}), {self._goal.missed(result.residual)}; "
             f"{matrix.factorisations} factorisations, {matrix.operations:.1e} of at most "
             f"{self._settings.work:.1e} operations"
         )

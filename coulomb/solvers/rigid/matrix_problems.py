@@ -17,7 +17,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ...linalg.compliance import Compliance, MatrixCompliance
 from ...linalg.reductions import Reductions
-from ..automatic import DECISIVE, FINISH, Automatic, result_of
+from ..automatic import DECISIVE, FINISH, Automatic, outcome
 from ..friction_problem import FrictionProblem, Solver, SolverSettings, Task, contact_solver
 from ..interior_point import InteriorPoint, smallest_force
 from ..laws import FrictionLaw
@@ -118,7 +118,7 @@ class MatrixAutomatic(SolverSettings):
         products, tried = problem.A.products, list[SolverResult]()
         for method in methods:
             solve = partial(method.solve, problem, task.start, gradient=task.gradient, progress=task.progress)
-            best = result_of(solve)
+            best = outcome(solve)
             tried.append(best)
             if best.status in (Status.CONVERGED, *DECISIVE):
                 break

@@ -24,6 +24,7 @@ import scipy.linalg
 from ...arrays import FloatArray
 from ...linalg.compliance import MatrixCompliance
 from ..contact_equations import ContactDerivative, ContactEquations
+from ..driver import Answer, result_of
 from ..equilibrium import balanced_forces
 from ..friction_problem import FrictionProblem, SolverSettings, Task
 from ..results import Progress, QPStep, SolverResult, Status
@@ -208,17 +209,6 @@ class _Run:
         return self._problem.residual(x, gradient)
 
     def _result(self) -> SolverResult:
-        problem, (_, x, alpha) = self._problem, self._best
-        gradient = problem.gradient(x, alpha)
-        residual, w = self._residual(x, gradient), gradient.reshape(-1, 3)
-        return SolverResult(
-            x=x,
-            gradient=gradient,
-            slip_bound=problem.slip_bound(x),
-            multipliers=np.column_stack([np.maximum(w[:, 0], 0.0), np.hypot(w[:, 1], w[:, 2])]),
-            status=self._goal.verdict(residual, x, self._status, alpha),
-            newton_steps=len(self._history),
-            residual=residual,
-            history=tuple(self._history),
-            rigid=alpha,
-        )
+        _, x, alpha = self._best
+        answer = Answer(x, self._problem.without_motion(x), alpha)
+        return result_of(self._problem, self._goal, answer, None, self._status, self._history, self._residual)

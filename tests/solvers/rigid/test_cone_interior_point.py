@@ -7,10 +7,11 @@ import scipy.sparse
 import coulomb
 from benchmarks.rigid_bodies import TouchPoint, arch, assembled, random_rank, scattered, stack, tower, walled
 from coulomb import NotConverged, Status, solve_coulomb
-from coulomb.solvers import Automatic
+from coulomb.solvers import Automatic, RegularisedNewton
 from coulomb.solvers.rigid import cone_interior_point as cone_run
 from coulomb.solvers.rigid.cone_interior_point import ConeInteriorPoint, _ConeRun
 from coulomb.solvers.rigid.cone_paths import ConeCurve
+from coulomb.solvers.rigid.cones import Scales
 from coulomb.solvers.rigid.matrix_problems import _compliance
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -162,6 +163,15 @@ def test_the_answer_of_a_refusal_is_the_best_one(monkeypatch):
     result = refused(stack(8, 1.0, 2), newton=1, path=4, curve=0, curves=0)
     assert result.status is Status.STAGNATED and seen[0] < seen[1]
     assert result.residual <= seen[0] * (1.0 + 1e-9)
+
+
+def test_a_result_is_judged_by_the_measure_of_the_collection(monkeypatch):
+    monkeypatch.setattr(Scales, "residual", lambda *_: 0.5)
+    problem = stack(3, 0.5, 1)
+    for solver in (ConeInteriorPoint(sweeps=False, curve=0, convex=0, curves=0), RegularisedNewton(systems=50)):
+        with pytest.raises(NotConverged) as failure:
+            solved(problem, solver)
+        assert failure.value.result.residual == 0.5
 
 
 def test_the_curve_has_at_most_the_steps_of_the_setting(monkeypatch):
