@@ -108,7 +108,7 @@ def scale_of(largest: float, unit: str) -> tuple[float, str]:
     if unit == "m²":
         return next((of / factor, name) for of, name, least in _AREAS if size >= 0.9995 * least)
     power = 3 * math.floor(math.log10(size * 1.0005) / 3.0)  # 999.96 reads 1000: the next prefix
-    power = min(max(power, min(_PREFIXES)), 3 if unit == "s" else max(_PREFIXES))
+    power = min(max(power, min(_PREFIXES)), 3 if unit in ("s", "m") else max(_PREFIXES))  # no Mm, which is read as mm
     if unit == "s":
         power = min(power, 0)
     return 10.0**power / factor, _PREFIXES[power] + unit
@@ -149,6 +149,11 @@ def quantity(
     (value,) = rounded([value], accuracy.get(unit, 0.0))
     factor, prefixed = scale_of(value, unit)
     return f"{number(value / factor, digits)}{NARROW}{prefixed}" if prefixed else number(value, digits)
+
+
+def amount(value: float, unit: str = "m", digits: int = 3) -> str:
+    """A number with its unit in ASCII, for messages: 24 um."""
+    return plain(quantity(value, unit, digits))
 
 
 def in_seconds(value: float) -> str:

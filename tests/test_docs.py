@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib import import_module
 
 import pytest
 from conftest import ROOT, run_coulomb
@@ -51,6 +52,14 @@ def test_every_page_is_in_the_index_and_in_the_navigation():
     pages = {page.name for page in PAGES}
     assert set(re.findall(r"\]\(([a-z-]+\.md)", index)) == pages - {"index.md"}
     assert set(re.findall(r": ([a-z-]+\.md)$", navigation, flags=re.M)) == pages
+
+
+def test_documented_names_are_where_the_page_says():
+    page = (ROOT / "docs" / "api.md").read_text()
+    homes = re.findall(r"`(coulomb[\w.]*)`", page.partition("##")[0])
+    names = [name.rpartition(".")[2] for name in re.findall(r"^::: (coulomb\.\S+)", page, flags=re.M)]
+    assert len(homes) == 6 and len(names) > 80
+    assert not [name for name in names if not any(hasattr(import_module(home), name) for home in homes)]
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])

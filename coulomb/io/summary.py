@@ -26,7 +26,7 @@ from ..model.resultants import ForceBalance
 from ..model.solution import Solution
 from ..process import peak_memory
 from ..solvers.results import Status
-from ..units import used
+from ..units import amount, used
 from ..version import __version__
 from .environment import versions
 from .locking import thin_and_bent
@@ -152,10 +152,10 @@ def remarks(solution: Solution) -> list[str]:
     least = over.min(problem.surface.gap - problem.relative_displacement(solution.change)[:, 0])
     if any(check.name == "penetration" and not check.passed for check in solution.certificate.checks):
         return [
-            f"no contact forces were found, although contact nodes penetrate by up to {-least:.3g} m: not the answer"
+            f"no contact forces were found, although contact nodes penetrate by up to {amount(-least)}: not the answer"
         ]
     least = max(least, 0.0)  # beyond rounding
-    open_ = f"nothing touches: all contact nodes are open, the smallest gap is {least:.3g} m; {LOOK_AT_GAP}"
+    open_ = f"nothing touches: all contact nodes are open, the smallest gap is {amount(least)}; {LOOK_AT_GAP}"
     return [open_, *thin_and_bent(solution)]
 
 

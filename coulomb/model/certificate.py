@@ -29,6 +29,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem.bodies import HeldDirections, null_space, of_part, rigid_modes, varying_signs
 from ..linalg.reductions import Reductions
+from ..units import amount
 from . import notebook
 from .certificate_scales import (
     OF_ALL,
@@ -350,7 +351,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
         check = Check(name, worst(over.max(values), 0.0), limit, unit, meaning)
         return check if check.passed else replace(check, meaning=f"{meaning}{_place(e, values, over)}")
 
-    found = f"{deepest:.1e} m, over {_range(length, over)} m{mean}"
+    found = f"{amount(deepest, digits=2)}, over {_range(length, over)}{mean}"
     inside = at_points("penetration", -gap, found)
     if (beside := over.max(-e.held_gap / scales.at_held)) > inside.value:
         inside = relative("penetration", beside, found)
@@ -378,9 +379,9 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
 
 
 def _range(lengths: FloatArray, over: Reductions) -> str:
-    """A number, or the smallest and the largest of these; collective."""
+    """A length, or the smallest and the largest of these; collective."""
     least, most = over.min(lengths), over.max(lengths)
-    return f"{most:.1e}" if not least < most else f"{least:.1e} to {most:.1e}"
+    return amount(most, digits=2) if not least < most else f"{amount(least, digits=2)} to {amount(most, digits=2)}"
 
 
 def _place(e: Evidence, values: FloatArray, over: Reductions) -> str:

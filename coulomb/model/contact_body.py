@@ -38,6 +38,7 @@ from ..fem.geometry import RigidFoundation, RigidMotion, moved, on_all_ranks, sa
 from ..linalg.compliance import LinearSolver, chosen
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
+from ..units import amount
 from .contact import Contact
 from .contact_stiffness import ContactStiffness
 from .heat import HeatProblem
@@ -141,8 +142,8 @@ class ContactFaces:
             deepest = over.max(-factor * surface.gap_field)
             if deepest > size:
                 raise ValueError(
-                    f"contact face {contact.face!r}: gap: an interference of {deepest:g} m is larger than the body, "
-                    f"whose extent is {size:g} m: gap is in metres"
+                    f"contact face {contact.face!r}: gap: an interference of {amount(deepest)} is larger than the "
+                    f"body, whose extent is {amount(float(size))}: check the unit of gap"
                 )
             surfaces.append(surface)
         return joined(elasticity, surfaces)

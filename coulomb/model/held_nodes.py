@@ -23,6 +23,7 @@ from ..fem.bodies import Deformable
 from ..fem.contact import Pair, distance_along, faces_away, facets_of, free_lengths, hits, nodal_points
 from ..fem.geometry import HELD_BELOW, RigidFoundation, first_place, on_all_ranks
 from ..linalg.reductions import Reductions
+from ..units import amount
 from .contact import Contact
 
 SINGLE_PRECISION: Final = 1e-7
@@ -254,7 +255,7 @@ def refuse_held_inside(
             where = next(place for number, _, place in found if number)
             raise ValueError(
                 f"contact face {contact.face!r}: supports, or what its nodes follow, hold {count} of its nodes inside "
-                f"{what}, up to {max(depth for _, depth, _ in found):.3g} m deep at time {time:g} (first seen at x = "
+                f"{what}, up to {amount(max(depth for _, depth, _ in found))} deep at time {time:g} (first seen at x = "
                 f"{where}), where no contact force can move them: prescribe displacements that stay outside, move the "
                 "foundation less, or end the support or the contact face before these nodes"
             )

@@ -27,6 +27,7 @@ from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
+from ..units import amount
 from .arguments import linear_solver_of
 from .certificate import Certificate, Evidence, judge
 from .contact_body import ContactBody
@@ -114,8 +115,8 @@ class LoadSteps:
             d, facet = over.max(arms[tie.nodes]), over.max(np.sqrt(tie.area))
             if d > _ARM * facet:
                 raise ValueError(
-                    f"tie of {tie.face!r} to {tie.against!r}: the faces are up to {d:.3g} m apart, {d / facet:.1%} of "
-                    "a facet's length; in large motions tied faces must touch: move one of the bodies "
+                    f"tie of {tie.face!r} to {tie.against!r}: the faces are up to {amount(d)} apart, {d / facet:.1%} "
+                    "of a facet's length; in large motions tied faces must touch: move one of the bodies "
                     "(coulomb.moved), or mesh the gap; where both are curved, use finer or second-order cells"
                 )
 

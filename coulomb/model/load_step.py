@@ -14,6 +14,7 @@ from ..arrays import FloatArray
 from ..contact_fields import named_faces
 from ..fem.bodies import Deformable, HeldDirections
 from ..linalg.reductions import Reductions
+from ..units import amount
 from .nodal_answer import Accumulated
 from .solution import Solution
 
@@ -110,10 +111,11 @@ class Energy:
         small = max(_IMBALANCE * abs(self.dissipated), _OF_ALL * turned_over, rounding)
         if abs(self.imbalance) <= small:  # False for nan
             return ""
-        words = f"the energies do not add up, by {self.imbalance:.2g} J against {self.dissipated:.2g} J of friction"
+        friction = amount(self.dissipated, "J", 2)
+        words = f"the energies do not add up, by {amount(self.imbalance, 'J', 2)} against {friction} of friction"
         if overlap > 0.0:
             return (
-                f"{words}: the bodies overlap by {overlap:.2g} m before deformation, and the first load step presses "
+                f"{words}: the bodies overlap by {amount(overlap)} before deformation, and the first load step presses "
                 "them apart at once; an overlap that is meant goes into gap, with gap_amplitude; one of the meshes of "
                 "curved faces is removed by finer or second-order meshes, smooth, surface or adjust"
             )

@@ -27,6 +27,7 @@ from ..fem.contact import (
     opposite_nodes,
 )
 from ..linalg.reductions import Reductions, concatenated
+from ..units import amount
 from .contact import Contact
 
 
@@ -243,7 +244,7 @@ def pair_lines(
     lines, ones = [], np.ones(len(pairs))
     for k, (name, unit, scale, words) in enumerate(
         (
-            ("pair gap", "", lengths, f"gaps as by lines from face to face, to {allowed:.1e} m by the facets"),
+            ("pair gap", "", lengths, f"gaps as by lines from face to face, to {amount(allowed)} by the facets"),
             ("pair displacement", "", lengths, "displacements of both faces as at these lines"),
             ("pair normal", "deg", ones, "normals as of the facets around"),
             ("pair weights", "", ones, "areas and averages over both faces as at these lines"),

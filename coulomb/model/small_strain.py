@@ -18,6 +18,7 @@ from ..fem.contact import NOISE, FaceSamples, Overlap, distance_along
 from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
 from ..nearest import among, tree_of
+from ..units import amount
 from .certificate_scales import place_of_largest
 
 if TYPE_CHECKING:
@@ -199,7 +200,7 @@ class SmallStrain:
             return said
         (face, through), depth = self.inside.faces, self.inside.depth
         return (
-            f"{said}: {face} is {depth:.3g} m inside, through {through}, at x = ({in_words(self.inside.place)}): let "
+            f"{said}: {face} is {amount(depth)} inside, through {through}, at x = ({in_words(self.inside.place)}): let "
             "these faces belong to a contact ([auto_contact] finds pairs)"
         )
 
@@ -295,7 +296,7 @@ def small_strain(
         rounding=_relative(rounded, approach),
         overlap=0.0 if inside is None else inside.depth / inside.approach,
         inside=inside,
-        off=f", {largest(apart, over):.1e} m {where},",
+        off=f", {amount(largest(apart, over), 'm')} {where},",
     )
 
 

@@ -29,6 +29,7 @@ from ..fem.contact import row_products
 from ..linalg.reductions import Reductions
 from ..solvers.results import NotConverged, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
+from ..units import amount
 from .certificate import Certificate, Evidence, judge
 from .certificate_scales import place_of_largest
 from .discrete_problem import DiscreteProblem
@@ -231,9 +232,9 @@ def implausible_sizes(problem: DiscreteProblem) -> str:
     given = {"prescribed displacements reach": prescribed}
     given["foundations move by"] = float(np.max(np.linalg.norm(problem.motions, axis=1)))
     given["initial gaps reach"] = over.max(np.abs(problem.surface.gap))
-    said = [f"{what} {value:g} m" for what, value in given.items() if value > _FAR * size]
+    said = [f"{what} {amount(value)}" for what, value in given.items() if value > _FAR * size]
     return (
-        f"{' and '.join(said)}, and the bodies together are {size:.3g} m long: check values and units" if said else ""
+        f"{' and '.join(said)}, and the bodies together are {amount(size)} long: check values and units" if said else ""
     )
 
 

@@ -245,7 +245,7 @@ friction = 0.2
 def test_surfaces_that_run_through_each_other_are_judged_again(tmp_path):
     (tmp_path / "case.toml").write_text(APART)
     done = run_coulomb("run", tmp_path / "case.toml", "--output", tmp_path / "results")
-    assert done.returncode == 1 and "'upper:bottom' is 0.01 m inside, through 'lower:top'" in done.stderr
+    assert done.returncode == 1 and "'upper:bottom' is 10 mm inside, through 'lower:top'" in done.stderr
     folder = tmp_path / "results"
     found = check(folder)
     assert (

@@ -98,7 +98,7 @@ def test_tied_halves_turn_without_stress():
             kinematics="large",
         )
 
-    with pytest.raises(ValueError, match=r"faces are up to 0.001 m apart, 0.5% of a facet's length"):
+    with pytest.raises(ValueError, match=r"faces are up to 1 mm apart, 0.5% of a facet's length"):
         tied(coulomb.moved(b, (1e-3, 0.0, 0.0)))  # would be left behind by 1 mm
     problem = tied(b)
     (step,) = coulomb.LoadHistory([1.0]).steps(problem)

@@ -59,7 +59,7 @@ def test_the_residual_alone_would_have_stopped_before():
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        (1e6, r"; prescribed displacements reach 1e\+06 m, and the bodies together are 2\.45 m long: check"),
+        (1e6, r"; prescribed displacements reach 1000 km, and the bodies together are 2\.45 m long: check"),
         (1e-4, "ended with a residual of .*"),
     ],
 )

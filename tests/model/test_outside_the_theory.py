@@ -259,7 +259,7 @@ def test_nothing_touches(tmp_path, case, changes):
 def test_the_smallest_gap_is_reported(tmp_path):
     below = "contact.foundation={shape='plane', point=[0,0,-0.25], normal=[0,0,1]}"
     code, _, complaint = run(tmp_path / "open", BLOCK, "traction=[]", below)
-    assert code == 0 and "the smallest gap is 0.25 m" in complaint
+    assert code == 0 and "the smallest gap is 250 mm" in complaint
     assert run(tmp_path / "closed", BLOCK)[2] == "" and summary_of(tmp_path / "closed")["remarks"] == []
 
 

@@ -96,7 +96,7 @@ CONTRADICTIONS = {
 def test_supports_that_hold_nodes_inside_are_refused_before_the_solve(count, make):
     error = same_error(lambda: make().solve())
     assert f"contact face 'bottom': supports, or what its nodes follow, hold {count} of its nodes inside" in error
-    assert "up to 0.01 m deep" in error
+    assert "up to 10 mm deep" in error
 
 
 @pytest.mark.parametrize("large", [False, True])
@@ -106,7 +106,7 @@ def test_a_history_is_refused_before_its_first_step(large):
     motion = [(0, 0, 0, 0), (1, 0, 0, 0), (2, 0, 0, DEPTH), (3, 0, 0, 0)]
     problem = ContactProblem(cube(), material, [Clamp("left")], Contact("bottom", 0.3, motion=motion), PRESSED, **kind)
     steps = LoadHistory([1.0, 1.5, 3.0]).steps(problem)
-    assert "up to 0.005 m deep at time 1.5" in same_error(lambda: next(steps))
+    assert "up to 5 mm deep at time 1.5" in same_error(lambda: next(steps))
 
 
 def seven_digits(x):
@@ -221,7 +221,7 @@ def test_faces_of_a_pair_that_are_held_inside_each_other_are_refused(lift):
         assert problem.solve().valid
         return
     error = same_error(problem.solve)
-    assert "contact face 'b:top'" in error and "hold 4 of its nodes inside 'd:bottom', up to 0.01 m deep" in error
+    assert "contact face 'b:top'" in error and "hold 4 of its nodes inside 'd:bottom', up to 10 mm deep" in error
 
 
 @pytest.mark.parametrize("to", [-DEPTH, 0.0])
@@ -236,7 +236,7 @@ def test_clamped_nodes_of_both_faces_of_a_pair(to):
         assert problem.solve().certificate.passed
         return
     error = same_error(problem.solve)
-    assert "contact face 'lower:top'" in error and "hold 4 of its nodes inside 'upper:bottom', up to 0.01 m" in error
+    assert "contact face 'lower:top'" in error and "hold 4 of its nodes inside 'upper:bottom', up to 10 mm" in error
     wrong = np.zeros_like(problem.elasticity.x)
     wrong[problem.elasticity.nodes("upper:left", "test"), 2] = -1e-3
     e = problem.evidence(np.zeros(3 * len(problem.surface.nodes)), wrong)

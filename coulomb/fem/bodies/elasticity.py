@@ -14,6 +14,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...native import address, kernels
+from ...units import amount
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import Amplitude, Field, evaluate_amplitude, on_all_ranks
@@ -350,7 +351,8 @@ class Elasticity(LoadedBody, SingleBody):
             ends = (np.max(side * self.x, axis=0, initial=-np.inf) for side in (1.0, -1.0))
             lengths = sum(np.max(comm.allgather(end), axis=0) for end in ends)
             raise ValueError(
-                f"the body is {np.max(lengths):g} m long and {np.min(lengths):g} m thin: supports and contact resist "
+                f"the body is {amount(np.max(lengths))} long and {amount(np.min(lengths))} thin: "
+                "supports and contact resist "
                 f"that it {' or '.join(map(str, soft.motions))} by no more than rounding errors of its stiffness; "
                 "check the lengths and the unit of the mesh"
             )

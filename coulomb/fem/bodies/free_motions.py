@@ -18,6 +18,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
+from ...units import amount as in_units
 from .rigid_modes import SMALL, RigidLoad, RigidPart, component_modes, direction_in_words, null_space, tidy
 
 _WORSE: Final = 0.3
@@ -127,7 +128,8 @@ class FreeMotion:
             return f"moves along {direction_in_words(self.translation)}"
         through = self.part.centre + np.cross(self.rotation, self.translation) / turn**2
         along = float(self.rotation @ self.translation) / turn
-        screw = "" if abs(along) <= _PURE * turn * self.part.radius else f", {along / turn:.3g} m per radian along it"
+        pure = abs(along) <= _PURE * turn * self.part.radius
+        screw = "" if pure else f", {in_units(along / turn, 'm')} per radian along it"
         place = ", ".join(f"{value:.4g}" for value in tidy(through, self.part.radius))
         return f"spins about {direction_in_words(self.rotation)} through ({place}){screw}"
 

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray, in_words
+from ...units import amount
 from ..compat import cell_dofs, cell_geometry, geometry_degree
 from ..meshes import boundary_facets, corner_geometry, lagrange_points, lagrange_slopes, lagrange_values
 from .displacement_space import DisplacementSpace
@@ -92,7 +93,7 @@ def locate(
             if not near:
                 raise ValueError(
                     f"{names[k]}: the point ({in_words(point)}) is outside the body; the nearest point of the body is "
-                    f"({in_words(x[k])}), at a distance of {outside:.6g} m"
+                    f"({in_words(x[k])}), at a distance of {amount(outside)}"
                 )
             if comm.rank == owner:
                 cell = int(boundary.cell[facet])

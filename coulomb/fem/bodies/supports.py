@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
-from ...units import plain, quantity, vector
+from ...units import amount, plain, quantity, vector
 from ..geometry import (
     LEAST_LENGTH,
     Amplitude,
@@ -415,7 +415,7 @@ class SupportedFace:
         furthest = self.comm.allreduce(float(np.max(np.abs(r @ n), initial=0.0)), op=MPI.MAX)
         if np.linalg.norm(mean) < _FOLDED or furthest > _OFF_PLANE * extent:
             raise ValueError(
-                f"{what}: the face must be plane, but its nodes are up to {furthest:.3g} m off its mean plane; "
+                f"{what}: the face must be plane, but its nodes are up to {amount(furthest)} off its mean plane; "
                 'for a curved face use a clamp with components = "normal"'
             )
         return n

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray, is_number
+from ...units import amount
 from .. import compat
 from ..bodies import DisplacementSpace, mesh_components
 from ..geometry import on_all_ranks
@@ -57,7 +58,7 @@ class FoundPair:
 
     def __str__(self) -> str:
         low, high = self.gap
-        return f"{self.face!r} and {self.against!r}: {self.area:.3g} m^2, gap {low:.3g} to {high:.3g} m"
+        return f"{self.face!r} and {self.against!r}: {amount(self.area, 'm²')}, gap {amount(low)} to {amount(high)}"
 
 
 @dataclass(frozen=True)
@@ -490,11 +491,11 @@ def _nothing(names: _Names, bodies: list[_OuterFacets], distance: float) -> str:
     def least(low: float, high: float) -> float:
         return 0.0 if low <= 0.0 <= high else min(abs(low), abs(high))
 
-    said = f"auto_pairs: no faces of different bodies face each other within distance = {distance:g} m"
+    said = f"auto_pairs: no faces of different bodies face each other within distance = {amount(distance)}"
     if not far:
         return f"{said}, nor at any distance: are the bodies where they should be?"
     one, other, _, low, high = min(far, key=lambda pair: least(*pair[3:]))
     return (
-        f"{said}: the nearest that do, {names.in_words(one)} and {names.in_words(other)}, are {least(low, high):.3g} m "
-        "apart"
+        f"{said}: the nearest that do, {names.in_words(one)} and {names.in_words(other)}, are "
+        f"{amount(least(low, high))} apart"
     )

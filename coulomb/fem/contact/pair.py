@@ -12,6 +12,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray, unit_vectors
+from ...units import amount
 from ..bodies import Deformable, DisplacementSpace, HeldDirections, SingleBody
 from ..geometry import (
     HELD_BELOW,
@@ -409,19 +410,19 @@ def _remarks(
         found.append(f"{dropped} of its nodes have {share} opposite to {against!r} and are no contact points there")
     if lost > 0.0:
         found.append(
-            f"{lost:.3g} m^2 of it bear no contact force, since all nodes near are clamped: {against!r} can pass "
+            f"{amount(lost, 'm²')} of it bear no contact force, since all nodes near are clamped: {against!r} can pass "
             "through there; end the clamp or the contact face before that part"
         )
     if layered:
         found.append(f"{layered} of its facets have several layers of {against!r} before them: the nearest counts")
     if uncertain > 0.0:
         found.append(
-            f"if its facets or those of {against!r} stand for curved faces, they are up to {uncertain:.3g} m off the "
-            "curve, and gaps are uncertain by as much: use finer, second-order or matching meshes, or adjust"
+            f"if its facets or those of {against!r} stand for curved faces, they are up to {amount(uncertain)} off "
+            "the curve, and gaps are uncertain by as much: use finer, second-order or matching meshes, or adjust"
         )
     if deepest > uncertain:
         found.append(
-            f"it penetrates {against!r} by up to {deepest:.3g} m before deformation, an interference; "
+            f"it penetrates {against!r} by up to {amount(deepest)} before deformation, an interference; "
             "where coarse meshes of a curved face are the cause, refine them, or close it by adjust"
         )
     return tuple(f"contact face {face!r}: {text}" for text in found)

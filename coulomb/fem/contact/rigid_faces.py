@@ -21,6 +21,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
+from ...units import amount
 from ..bodies import Deformable, Tie, displacements_of, null_space
 from ..geometry import Amplitude, Point, check_angle, check_point, evaluate_amplitude, on_all_ranks
 
@@ -269,7 +270,7 @@ def _normal(given: RigidFace, mean: FloatArray, r: FloatArray, comm: MPI.Comm) -
     )
     if off > _PLANE * size or length < 1.0 - _PLANE:
         raise ValueError(
-            f"{given.what}: along = 'free' is for a plane face, but nodes are up to {off:.3g} m off the plane of its "
+            f"{given.what}: along = 'free' is for a plane face, but nodes are up to {amount(off)} off the plane of its "
             f"mean normal ({', '.join(f'{one:.3g}' for one in n)}); leave along out for a face that moves as a whole"
         )
     return n

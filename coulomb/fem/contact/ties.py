@@ -20,6 +20,7 @@ import scipy.sparse
 from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray, is_number, unit_vectors
+from ...units import amount
 from ..bodies import Deformable, Tie
 from ..geometry import Point, Turn, check_direction, check_point, on_all_ranks
 from ..meshes import fetched, starts_of
@@ -310,11 +311,11 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     facet = comm.allreduce(float(np.max(np.sqrt(area), initial=0.0)), op=MPI.MAX)
     if far > (1.0 if turn is None else _FAR) * facet:
         raise ValueError(
-            f"{given.what}: the faces are up to {far:.3g} m apart, but facets {facet:.3g} m long: "
+            f"{given.what}: the faces are up to {amount(far)} apart, but facets {amount(facet)} long: "
             f"check {'the faces and the unit of the meshes' if turn is None else 'axis, point and sectors'}"
         )
     if far > _FAR * facet:
-        remarks.append(f"the faces are up to {far:.3g} m apart; nodes are tied across that distance as by rigid arms")
+        remarks.append(f"the faces are up to {amount(far)} apart; nodes are tied across that distance as by rigid arms")
     mine = (found.untied >= near.owned[0]) & (found.untied < near.owned[1])
     untied = comm.allreduce(int(mine.sum()), op=MPI.SUM)
     if untied:

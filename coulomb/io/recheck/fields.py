@@ -13,6 +13,7 @@ from ...arrays import FloatArray, in_words
 from ...contact_fields import ANSWER, COMPLIANCES, CONTACT_FIELDS
 from ...fem.meshes import FACETS, SEPARATOR, SOLIDS
 from ...nearest import in_a_cell, same_nodes
+from ...units import amount
 from ..field_files import NODE, OPPOSITE, data_of, fields_in, grids_of, names_in_cells
 from ..grid_file import Described, described
 from ..result_grids import BODIES, FACES, OURS
@@ -126,7 +127,7 @@ def _compare_grid(
         written, follows = fields[one][order], expected[one]
         if one == "slip_bound" and limit is not None:
             if not (off := float(np.linalg.norm(written - follows))) <= limit * float(np.linalg.norm(follows)):
-                found.fault(f"{name}: {one}{of}: differs from the law at the contact forces by {off:.3g} N")
+                found.fault(f"{name}: {one}{of}: differs from the law at the contact forces by {amount(off, 'N')}")
             continue
         rounded = [] if one in _EXACT else [other[2][one] for other in others]
         found.field(f"{name}: {one}{of}", written, follows, place, _SOURCES.get(one, _FOLLOWS), rounded)

@@ -23,6 +23,7 @@ from ...fem.geometry import inverse_frames
 from ...fem.meshes import SEPARATOR
 from ...model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
 from ...solvers.laws import FrictionLaw
+from ...units import amount
 from ..field_files import NODE, OPPOSITE, fields_in, grids_of
 from ..grid_file import Described
 from ..result_grids import OURS
@@ -255,7 +256,9 @@ def _compare_cone(run: _Written, answer: NodalAnswer, here: Any, found: Comparis
     left = FrictionLaw.tresca(bound).left_over(force.ravel(), (remaining / answer.compliance).ravel(), 0.0)
     size, row = float(np.linalg.norm(left)), run.summary["certificate"].get("natural_residual", {})
     if row.get("passed") and not size <= 1.001 * row["limit"] * float(np.linalg.norm(force)):
-        found.fault(f"{CONTACT}: forces, gaps and slip leave a natural residual of {size:.3g} N, beyond its limit")
+        found.fault(
+            f"{CONTACT}: forces, gaps and slip leave a natural residual of {amount(size, 'N')}, beyond its limit"
+        )
 
 
 def _compare_forces(run: _Written, contents: Mapping[str, Any], found: Comparison) -> None:
@@ -266,7 +269,9 @@ def _compare_forces(run: _Written, contents: Mapping[str, Any], found: Compariso
     size += sum(float(np.sum(np.abs(of))) for of in (run.load, run.on_face["contact_force"]))
     over = float(np.linalg.norm(np.sum(parts, axis=0))) if parts else 0.0
     if not over <= _BALANCED * size and contents["certificate"].get("force_balance", {}).get("passed"):
-        found.fault(f"{SUMMARY}: loads, reactions and contact leave a force of {over:.3g} N of {size:.3g} N")
+        found.fault(
+            f"{SUMMARY}: loads, reactions and contact leave a force of {amount(over, 'N')} of {amount(size, 'N')}"
+        )
     on_body = np.zeros_like(run.displacement)
     np.add.at(on_body, run.node, np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))
     for number, node, forces in run.opposite:

@@ -202,7 +202,7 @@ class Limits:
             names = [name for name, own in zip(self.names, self.ends, strict=True) if own == end]
             mine = values[at == end]
             ends = (float(np.min(mine, initial=0.0)), float(np.max(mine, initial=0.0)))
-            found.append(Bar(end * self.low / self.high, end, *ends, in_few(names)))
+            found.append(Bar(end * self.low / self.high, end, *ends, in_few(names, room=50)))
         return found
 
 

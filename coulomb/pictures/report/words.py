@@ -17,8 +17,10 @@ def in_nodes(count: int, kind: str = "") -> str:
     return f"{count} {kind}{' ' if kind else ''}{'node' if count == 1 else 'nodes'}"
 
 
-def in_few(names: Sequence[str], most: int = 3, sep: str = ", ") -> str:
-    """Some names: "a, b, c and 2 more"."""
+def in_few(names: Sequence[str], most: int = 3, sep: str = ", ", room: int = 1000) -> str:
+    """Some names: "a, b, c and 2 more", in about so many characters."""
+    while most > 1 and sum(map(len, names[:most])) > room:
+        most -= 1
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return sep.join(names[:most]) + more
 

@@ -113,7 +113,7 @@ def test_a_clamped_face_is_no_slave():
 
 def test_a_penetration_before_deformation_is_said(caplog):
     pressed(-2e-5)
-    assert "penetrates 'lower:top' by up to 2e-05 m" in caplog.text
+    assert "penetrates 'lower:top' by up to 20 um" in caplog.text
     caplog.clear()
     pressed(-2e-5, adjust=1e-4)
     pressed(2e-5)

@@ -235,7 +235,7 @@ def test_a_solve_is_that_of_the_pair_given_by_hand():
 
 def test_errors_are_the_same_on_all_ranks():
     apart = join(a=box((1.0, 1.0, 0.1), (3, 3, 1)), b=moved(box((1.0, 1.0, 0.1), (2, 2, 1)), (0.0, 0.0, 0.3)))
-    assert "'a:top' and 'b:bottom', are 0.2 m apart" in same_error(lambda: auto_pairs(apart, 0.1))
+    assert "'a:top' and 'b:bottom', are 200 mm apart" in same_error(lambda: auto_pairs(apart, 0.1))
     beside = join(a=box((1.0, 1.0, 0.1), (3, 3, 1)), b=moved(box((1.0, 1.0, 0.1), (2, 2, 1)), (3.0, 3.0, 3.0)))
     assert "nor at any distance" in same_error(lambda: auto_pairs(beside, 0.1))
     for wrong in (0.0, -1.0, np.nan, "1e-3", None):
