@@ -26,7 +26,7 @@ def test_a_history_agrees(text):
     said = []
     found = check(made(text), say=said.append)
     assert found.passed and found.recorded, found
-    assert len(found.steps) == 3 and said == [str(step) for step in found.steps]
+    assert len(found.steps) == 3 and said == [step.of_step for step in found.steps]
     assert all("certificate passed, files agree" in line for line in said)
     assert "3 of 3 load steps passed" in found.ending and "taken as written" not in found.ending
 

@@ -3,7 +3,9 @@
 Our own reader, not meshio's (tried: 5.3.5), which loses or misreads the data of faces: it ignores *SURFACE; an
 element set given by the names of others, or on an *ELEMENT after one without a set, goes to the wrong elements, without
 a warning; a second *NODE replaces the first; *NODE's NSET, types in lower case and surface elements (SFM3D4, M3D4) are
-not read.  Formats with plain numbers on cells are read by meshio (`meshio_format`).
+not read.  Nor meshlane's (tried: 5.5.0), which ignores *SURFACE too, and without a warning reads no elements from lines
+that end in a comma, and those of one part of two alone.  Formats with plain numbers on cells are read by meshio
+(`meshio_format`).
 24 000 hexahedra take 0.38 s here and 0.60 s in meshio.
 """
 

@@ -101,48 +101,39 @@ class Comparison:
         """Compare JSON entries: all expected ones must exist and agree; numbers up to rounding, others exactly, in
         which a figure may be rounded as in `others`, those recomputed from perturbed data.
         """
-        self._tree(what, written, expected, others, source, _largest(expected, {}, ""), "")
+        scales = _largest(expected, {}, "")
 
-    def _tree(
-        self,
-        what: str,
-        written: Any,
-        expected: Any,
-        others: Sequence[Any],
-        source: str,
-        scales: Mapping[str, float],
-        of: str,
-    ) -> None:
-        """`tree`, with the largest numbers by key; `of` is the key of an entry."""
-        if not isinstance(expected, Mapping | list) or not expected:
-            self.judged.add(what)
-        if isinstance(expected, Mapping) and isinstance(written, Mapping):
-            for key, value in expected.items():
-                if key not in written:
-                    self.fault(f"{what}.{key}: is missing")
-                else:
-                    inside = [_at(other, key) for other in others]
-                    self._tree(f"{what}.{key}", written[key], value, inside, source, scales, str(key))
-            return
-        if isinstance(expected, list) and isinstance(written, list) and len(expected) == len(written):
-            for k, (one, value) in enumerate(zip(written, expected, strict=True)):
-                self._tree(f"{what}[{k}]", one, value, [_at(other, k) for other in others], source, scales, of)
-            return
-        if _is_float(expected) and (_is_float(written) or isinstance(written, int)) and not isinstance(written, bool):
-            if not np.isfinite(expected):
-                self.fault(f"{what}: {written!r}, but what follows from {source} is not finite")
+        def compare(what: str, written: Any, expected: Any, others: Sequence[Any], of: str) -> None:
+            """Compare an entry; `of` is its key, that of its list if it is in one."""
+            if not isinstance(expected, Mapping | list) or not expected:
+                self.judged.add(what)
+            if isinstance(expected, Mapping) and isinstance(written, Mapping):
+                for key, value in expected.items():
+                    if key not in written:
+                        self.fault(f"{what}.{key}: is missing")
+                    else:
+                        compare(f"{what}.{key}", written[key], value, [_at(other, key) for other in others], str(key))
                 return
-            rounding = max((abs(o - expected) for o in others if _is_float(o)), default=0.0)
-            rounding += _OF_SUMS * scales.get(of, 0.0)
-            if abs(written - expected) <= RELATIVE * abs(expected) + rounding:
+            if isinstance(expected, list) and isinstance(written, list) and len(expected) == len(written):
+                for k, (one, value) in enumerate(zip(written, expected, strict=True)):
+                    compare(f"{what}[{k}]", one, value, [_at(other, k) for other in others], of)
                 return
-        elif written == expected and isinstance(written, bool) == isinstance(expected, bool):
-            return
-        elif isinstance(written, str) and written in others:
-            return
-        elif _is_float(expected) and not np.isfinite(expected) and written is None:  # JSON has neither nan nor inf
-            return
-        self.fault(f"{what}: {_shown(written)}, but {_shown(expected)} follows from {source}")
+            if isinstance(expected, float) and isinstance(written, float | int) and not isinstance(written, bool):
+                if not np.isfinite(expected):
+                    self.fault(f"{what}: {written!r}, but what follows from {source} is not finite")
+                    return
+                rounding = max((abs(one - expected) for one in others if isinstance(one, float)), default=0.0)
+                if abs(written - expected) <= RELATIVE * abs(expected) + rounding + _OF_SUMS * scales.get(of, 0.0):
+                    return
+            elif written == expected and isinstance(written, bool) == isinstance(expected, bool):
+                return
+            elif isinstance(written, str) and written in others:
+                return
+            elif isinstance(expected, float) and not np.isfinite(expected) and written is None:  # as JSON has it
+                return
+            self.fault(f"{what}: {_shown(written)}, but {_shown(expected)} follows from {source}")
+
+        compare(what, written, expected, others, "")
 
 
 def _largest(tree: Any, found: dict[str, float], of: str) -> dict[str, float]:
@@ -153,7 +144,7 @@ def _largest(tree: Any, found: dict[str, float], of: str) -> dict[str, float]:
     elif isinstance(tree, list):
         for value in tree:
             _largest(value, found, of)
-    elif _is_float(tree) and np.isfinite(tree):
+    elif isinstance(tree, float) and np.isfinite(tree):
         found[of] = max(found.get(of, 0.0), abs(tree))
     return found
 
@@ -176,10 +167,6 @@ def unjudged(what: str, written: Any, judged: Collection[str]) -> list[str]:
             yield f"{deeper[-1]} of {first}" if deeper else first
 
     return list(dict.fromkeys(looked(written, what)))
-
-
-def _is_float(value: Any) -> bool:
-    return isinstance(value, float)
 
 
 def _at(tree: Any, key: Any) -> Any:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +18,7 @@ from ...units import amount
 from ..field_files import NODE, OPPOSITE, data_of, fields_in, grids_of, names_in_cells
 from ..grid_file import Described, described
 from ..result_grids import BODIES, FACES, OURS
-from ..run_directory import CONTACT, FIELDS, SOLUTION
+from ..run_directory import CONTACT, FIELDS, OLD, SOLUTION, RunDirectory
 from .comparison import Comparison
 
 SLIP_BOUND_LIMIT: Final = 1e-6
@@ -48,11 +49,36 @@ def compare_fields(folder: Path, expected: Sequence[Path], found: Comparison, li
         ValueError: If a file cannot be read, or its mesh is damaged.
     """
     orders: dict[str, Order] = {}
+    left = [f"{one} of {CONTACT}" for one in dict.fromkeys(COMPLIANCES)]
     times = [[one.time for one in described_fields(of)] for of in (folder, expected[0])]
     for name, told, should in zip(FIELDS, *times, strict=True):
         found.tree(f"{name}: time", told, should, source="the load step, or that of the problem")
-    left = _compare_file(folder, expected, SOLUTION, orders, found, limit)
-    return left + _compare_file(folder, expected, CONTACT, orders, found, limit)
+        files = [of / name for of in (folder, *expected)]
+        there, groups = grids_of(files[0]), grids_of(files[1])
+        if list(there) != list(groups):
+            what = [", ".join(map(repr, names)) or "one grid" for names in (there, groups)]
+            raise ValueError(f"{files[0]}: shows {what[0]}, but of the case are {what[1]}")
+        for grid, group in groups.items():
+            left += _compare_grid(files, (there[grid], group), grid, orders, found, limit)
+    return left
+
+
+def sound(files: RunDirectory) -> dict[str, Any]:
+    """The summary of a run whose files are all there.
+
+    Raises:
+        ValueError: If a file is missing, or the summary cannot be read.
+    """
+    contents = files.read_summary(
+        ("law", "mean_compliance", "totals", "certificate", "method", "iterations", "residual", "faces")
+    )
+    compliance, certificate = contents["mean_compliance"], contents["certificate"]
+    if isinstance(compliance, bool) or not isinstance(compliance, float | int) or not 0.0 < compliance < math.inf:
+        raise ValueError(f"{files.summary}: mean_compliance should be a positive number, but is {compliance!r}")
+    if not isinstance(certificate, dict) or not isinstance(certificate.get("passed"), bool):
+        raise ValueError(f"{files.summary}: certificate does not say whether it had passed: {OLD}")
+    described_fields(files.path)
+    return contents
 
 
 def described_fields(folder: Path) -> tuple[Described, Described]:
@@ -77,37 +103,18 @@ def described_fields(folder: Path) -> tuple[Described, Described]:
     return found[0], found[1]
 
 
-def _compare_file(
-    folder: Path,
-    expected: Sequence[Path],
-    name: str,
-    orders: dict[str, Order],
-    found: Comparison,
-    limit: float | None,
-) -> list[str]:
-    there, groups = grids_of(folder / name), grids_of(expected[0] / name)
-    if list(there) != list(groups):
-        what = [", ".join(map(repr, names)) or "one grid" for names in (there, groups)]
-        raise ValueError(f"{folder / name}: shows {what[0]}, but of the case are {what[1]}")
-    left = [f"{one} of {CONTACT}" for one in dict.fromkeys(COMPLIANCES)] if name == CONTACT else []
-    for grid, group in groups.items():
-        files = [one / name for one in (folder, *expected)]
-        left += _compare_grid(files, there[grid], group, grid, orders, found, limit)
-    return left
-
-
 def _compare_grid(
     files: Sequence[Path],
-    there: str,
-    group: str,
+    groups: tuple[str, str],
     grid: str,
     orders: dict[str, Order],
     found: Comparison,
     limit: float | None,
 ) -> list[str]:
-    """Compare a grid of the first file, of the group `there`, with that of the others."""
-    (points, cells, fields), name, of = fields_in(files[0], there), files[0].name, f" of {grid}" if grid else ""
-    (x, rows, expected), *others = (fields_in(file, group) for file in files[1:])
+    """Compare a grid of the first file with that of the others; `groups` are those of its data in the first, and in
+    the others."""
+    (points, cells, fields), name, of = fields_in(files[0], groups[0]), files[0].name, f" of {grid}" if grid else ""
+    (x, rows, expected), *others = (fields_in(file, groups[1]) for file in files[1:])
     node, cell = _same_mesh(files[0], points, cells, x, rows)
     found.field(f"{name}: points{of}", points[node], x, x, "the case")
     if name == SOLUTION:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -25,16 +24,13 @@ from ...model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
 from ...solvers.laws import FrictionLaw
 from ...units import amount
 from ..field_files import NODE, OPPOSITE, fields_in, grids_of
-from ..grid_file import Described
 from ..result_grids import OURS
 from ..run_directory import CONTACT, FIELDS, OLD, SOLUTION, SUMMARY, RunDirectory
 from .comparison import Comparison, unjudged
-from .fields import described_fields
+from .fields import described_fields, sound
 from .findings import Findings, unread
 
 Numbers = npt.NDArray[np.int64]
-
-_NEEDED: Final = ("law", "mean_compliance", "totals", "certificate", "faces")
 
 _FIELDS: Final = ("pressure", "friction_traction", "friction_use", "status", "coefficient")
 """Fields of contact points that follow from their others."""
@@ -68,21 +64,16 @@ class _Written:
     """What the files of a run have.
 
     Attributes:
-        folder: Their directory.
         summary: summary.json.
-        described: What solution.xdmf and contact.xdmf describe.
         bodies: The nodes of every body, by its name, among the k of all.
         displacement, load: At these nodes, shape (k, 3).
         on_face: Fields at the q nodes of the contact faces, and their coordinates "x".
         node: Their numbers among the k nodes, shape (q,).
         touching: Which of them are contact nodes, shape (q,).
         opposite: Of every face opposite in a pair the number of the pair, nodes and forces there.
-        evaluation: Rounding of fields: reference coordinates have the accuracy of coordinates over the edge length.
     """
 
-    folder: Path
     summary: dict[str, Any]
-    described: tuple[Described, Described]
     bodies: Mapping[str, slice]
     displacement: FloatArray
     load: FloatArray
@@ -90,7 +81,6 @@ class _Written:
     node: Numbers
     touching: npt.NDArray[np.bool_]
     opposite: Sequence[tuple[int, Numbers, FloatArray]]
-    evaluation: float
 
 
 def _read(files: RunDirectory) -> _Written:
@@ -99,21 +89,15 @@ def _read(files: RunDirectory) -> _Written:
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
-    summary, described = files.read_summary(_NEEDED), described_fields(files.path)
-    if not isinstance(summary["certificate"], dict) or not isinstance(summary["certificate"].get("passed"), bool):
-        raise ValueError(f"{files.summary}: certificate does not say whether it had passed: {OLD}")
-    bodies, parts, edge = dict[str, slice](), list[tuple[FloatArray, dict[str, FloatArray]]](), np.inf
-    first = 0
+    summary, bodies = sound(files), dict[str, slice]()
+    x = displacement = load = np.empty((0, 3))
     for name, group in grids_of(files.solution).items():
-        points, cells, fields = fields_in(files.solution, group)
-        corners = points[cells]
-        edge = min(edge, float(np.min(np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2))))
-        bodies[name], first = slice(first, first + len(points)), first + len(points)
-        parts.append((points, fields))
-    x, displacement, load = (
-        np.concatenate(some)
-        for some in ([of[0] for of in parts], *([of[1][one] for of in parts] for one in ("displacement", "load")))
-    )
+        points, _, fields = fields_in(files.solution, group)
+        bodies[name] = slice(len(x), len(x) + len(points))
+        x, displacement, load = (
+            np.concatenate(both)
+            for both in ((x, points), (displacement, fields["displacement"]), (load, fields["load"]))
+        )
     sides = sides_of(summary["faces"])
     slaves, masters = [one for one, _ in sides], {master: k for k, (_, master) in enumerate(sides) if master}
     faces, opposite, names = list[tuple[Mapping[str, FloatArray], Numbers]](), [], []
@@ -134,11 +118,8 @@ def _read(files: RunDirectory) -> _Written:
         raise ValueError(f"{files.contact}: has the contact faces {names}, but summary.json {slaves}: {OLD}")
     on_face = {name: np.concatenate([fields[name] for fields, _ in faces]) for name in faces[0][0]}
     touching = np.round(on_face["status"]) != HELD
-    evaluation = max(1e-12, 1e-15 * float(np.max(np.abs(x))) / edge)
     node = np.concatenate([node for _, node in faces])
-    return _Written(
-        files.path, summary, described, bodies, displacement, load, on_face, node, touching, opposite, evaluation
-    )
+    return _Written(summary, bodies, displacement, load, on_face, node, touching, opposite)
 
 
 def check_alone(files: RunDirectory, why: str) -> Findings:
@@ -147,8 +128,8 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
-    run = _read(files)
-    contents, found = run.summary, Comparison(run.evaluation)
+    run, written = _read(files), described_fields(files.path)
+    contents, found = run.summary, Comparison(1e-12)
     _compare_certificate(contents, found)
     answer, here = _answer(run)
     x, fields = run.on_face["x"][here], answer.fields()
@@ -169,12 +150,12 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     found.tree(f"{SUMMARY}.maximum", contents["maximum"], largest, source=ANSWER)
     _compare_forces(run, contents, found)
     taken = (f"judged from the files alone, since {why}: {_JUDGED}", f"not judged without the problem: {_LEFT}")
-    for name, described in zip(FIELDS, run.described, strict=True):
+    for name, described in zip(FIELDS, written, strict=True):
         found.tree(f"{name}: time", described.time, contents.get("step", {}).get("time", described.time))
     strain = contents.get("small_strain") or {}
     outside = () if strain.get("accepted") else tuple(strain.get("violations", ()))
     left = unjudged(SUMMARY, contents, found.judged)
-    left += [f"{name} of {SOLUTION}" for name in run.described[0].fields if name not in OURS]
+    left += [f"{name} of {SOLUTION}" for name in written[0].fields if name not in OURS]
     return Findings(contents, None, outside, tuple(found.faults), taken, (*left, *unread(files)))
 
 
@@ -200,9 +181,9 @@ def _answer(run: _Written) -> tuple[NodalAnswer, Any]:
     at = {name: values[here] for name, values in run.on_face.items()}
     frames = np.stack([at["normal"], at["tangent_1"], at["tangent_2"]], axis=1)
     if np.any(np.abs(np.linalg.det(frames)) < 1e-6):
-        raise ValueError(f"{run.folder}: {CONTACT}: normal and tangents of a contact point are no axes")
+        raise ValueError(f"{CONTACT}: normal and tangents of a contact point are no axes")
     if np.any(at["area"] <= 0.0):
-        raise ValueError(f"{run.folder}: {CONTACT}: area of a contact point is not positive")
+        raise ValueError(f"{CONTACT}: area of a contact point is not positive")
     origin = np.einsum("kij,kj->ki", frames, at["slip_origin"])
     rows = origin + np.einsum("kij,kj->ki", frames, at["slip"])
     rows[:, 0] = at["initial_gap"] - at["gap"]

@@ -37,6 +37,11 @@ class Findings:
     numbers: tuple[Mapping[str, Any], ...] = ()
 
     @property
+    def number(self) -> int:
+        """That of a load step."""
+        return int(self.contents["step"]["number"])
+
+    @property
     def recorded(self) -> bool:
         """Whether the run itself recorded that its certificate had passed."""
         return bool(self.contents["certificate"]["passed"])
@@ -57,50 +62,31 @@ class Findings:
         return *self.taken, as_recorded(self.unjudged)
 
     @property
-    def failed(self) -> list[str]:
-        """Lines about what has failed beside the comparison."""
-        failed = [] if self.certificate is None or self.certificate.passed else str(self.certificate).splitlines()
-        failed += ["certificate FAILED, as recorded by the run"] * (self.certificate is None and not self.recorded)
-        return [*failed, *(f"outside small-strain theory: {text}" for text in self.outside)]
+    def details(self) -> str:
+        """Lines about what has failed."""
+        failed = ["certificate FAILED, as recorded by the run"] if self.certificate is None else []
+        failed = [] if self.certified else failed or str(self.certificate).splitlines()
+        return "\n".join(f"  {line}" for line in [*failed, *self._beyond, *verdict(self.faults)])
+
+    @property
+    def of_step(self) -> str:
+        """A line about a load step, and lines about what has failed."""
+        line = f"step {self.number:3d}  time {self.contents['step']['time']:<8.4g}"
+        return f"{line} certificate passed, files agree" if self.passed else f"{line} FAILED\n{self.details}"
 
     @property
     def ending(self) -> str:
         """All lines."""
         return str(self)
 
+    @property
+    def _beyond(self) -> list[str]:
+        return [f"outside small-strain theory: {text}" for text in self.outside]
+
     def __str__(self) -> str:
         before = f"recorded by the run: certificate {'had passed' if self.recorded else 'had FAILED'}"
         certificate = [] if self.certificate is None else [str(self.certificate)]
-        outside = [f"outside small-strain theory: {text}" for text in self.outside]
-        return "\n".join([*certificate, *outside, before, *verdict(self.faults), *self.trusted])
-
-
-@dataclass(frozen=True)
-class StepFindings:
-    """Result of the check of a load step that ended at a time."""
-
-    number: int
-    time: float
-    of: Findings
-
-    @property
-    def faults(self) -> tuple[str, ...]:
-        """As of `Findings`."""
-        return self.of.faults
-
-    @property
-    def passed(self) -> bool:
-        """As of `Findings`."""
-        return self.of.passed
-
-    @property
-    def details(self) -> str:
-        """Lines about what has failed."""
-        return "\n".join(f"  {line}" for line in [*self.of.failed, *verdict(self.faults)])
-
-    def __str__(self) -> str:
-        line = f"step {self.number:3d}  time {self.time:<8.4g}"
-        return f"{line} certificate passed, files agree" if self.passed else f"{line} FAILED\n{self.details}"
+        return "\n".join([*certificate, *self._beyond, before, *verdict(self.faults), *self.trusted])
 
 
 @dataclass(frozen=True)
@@ -108,7 +94,7 @@ class HistoryFindings:
     """Result of the check of a load history: of its steps, data that do not follow from these, and data that could not
     be compared or are missing, a line each."""
 
-    steps: tuple[StepFindings, ...]
+    steps: tuple[Findings, ...]
     faults: tuple[str, ...]
     trusted: tuple[str, ...]
 
@@ -120,7 +106,7 @@ class HistoryFindings:
     @property
     def recorded(self) -> bool:
         """Whether the run itself recorded that all certificates had passed."""
-        return all(step.of.recorded for step in self.steps)
+        return all(step.recorded for step in self.steps)
 
     @property
     def ending(self) -> str:
@@ -132,7 +118,7 @@ class HistoryFindings:
         return "\n".join([before, *verdict(self.faults), *self.trusted, last])
 
     def __str__(self) -> str:
-        return "\n".join([*map(str, self.steps), self.ending])
+        return "\n".join([*(step.of_step for step in self.steps), self.ending])
 
 
 def verdict(faults: Sequence[str]) -> list[str]:

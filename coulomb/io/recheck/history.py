@@ -17,7 +17,7 @@ from ..output import Series
 from ..run_directory import FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
 from .comparison import Comparison, unjudged
 from .files_alone import check_alone
-from .findings import HistoryFindings, StepFindings, as_recorded, unread
+from .findings import Findings, HistoryFindings, as_recorded, unread
 from .posed import SEEDS, Posed
 from .run import beginning, judged, step_of
 
@@ -25,7 +25,7 @@ from .run import beginning, judged, step_of
 def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], None]) -> HistoryFindings:
     """Check a load history, step by step (`check`)."""
     complete, trusted = complete_steps(files)
-    found, steps, named = Comparison(), list[StepFindings](), list[str]()
+    found, steps, named = Comparison(), list[Findings](), list[str]()
     before = [] if isinstance(posed, str) else [beginning(files, posed)] * len(SEEDS)
     for number in range(1, complete + 1):
         step = files.step(number)
@@ -37,12 +37,12 @@ def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], 
             before = [
                 replace(one, displacement=written.displacement, force_on_body=written.force_on_body) for one in states
             ]
-        time = step_of(step, findings.contents)[1]
+        step_of(step, findings.contents)
         trusted += [line for line in findings.taken if line not in trusted]
         named += findings.unjudged
-        steps.append(StepFindings(number, time, findings))
-        say(str(steps[-1]))
-    summaries = [dict(step.of.contents) for step in steps]
+        steps.append(findings)
+        say(findings.of_step)
+    summaries = [dict(step.contents) for step in steps]
     named += check_series(files, summaries, found)
     trusted += check_times(None if isinstance(posed, str) else posed.settings, summaries, found)
     trusted.append(as_recorded(list(dict.fromkeys(named))))

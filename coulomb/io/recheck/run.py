@@ -27,9 +27,9 @@ from ...version import __version__
 from ..answer import totals_in
 from ..case_record import lasting_part
 from ..history_files import HistoryFiles
-from ..run_directory import CASE, CONTACT, OLD, SOLUTION, SUMMARY, RunDirectory
+from ..run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
 from .comparison import Comparison, unjudged
-from .fields import SLIP_BOUND_LIMIT, compare_fields, described_fields
+from .fields import SLIP_BOUND_LIMIT, compare_fields, sound
 from .files_alone import check_alone
 from .findings import Findings, unread
 from .posed import SEEDS, Posed, WrittenAnswer, written
@@ -244,24 +244,6 @@ def compare_error_bars(contents: Mapping[str, Any], found: Comparison) -> None:
             whole[bar["quantity"]] = np.atleast_1d(bar["error"]).tolist()
             parts[bar["quantity"]] = np.sum([np.atleast_1d(part) for part in bar["parts"].values()], axis=0).tolist()
     found.tree(f"{SUMMARY}: error bar", whole, parts, source="its parts")
-
-
-def sound(files: RunDirectory) -> dict[str, Any]:
-    """The summary of a run whose files are all there.
-
-    Raises:
-        ValueError: If a file is missing, or the summary cannot be read.
-    """
-    contents = files.read_summary(
-        ("law", "mean_compliance", "totals", "certificate", "method", "iterations", "residual")
-    )
-    compliance, certificate = contents["mean_compliance"], contents["certificate"]
-    if isinstance(compliance, bool) or not isinstance(compliance, float | int) or not 0.0 < compliance < math.inf:
-        raise ValueError(f"{files.summary}: mean_compliance should be a positive number, but is {compliance!r}")
-    if not isinstance(certificate, dict) or not isinstance(certificate.get("passed"), bool):
-        raise ValueError(f"{files.summary}: certificate does not say whether it had passed: {OLD}")
-    described_fields(files.path)
-    return contents
 
 
 def step_of(files: RunDirectory, contents: Mapping[str, Any]) -> tuple[int, float]:
