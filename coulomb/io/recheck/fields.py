@@ -67,7 +67,7 @@ def sound(files: RunDirectory) -> dict[str, Any]:
     """The summary of a run whose files are all there.
 
     Raises:
-        ValueError: If a file is missing, or the summary cannot be read.
+        ValueError: If a file is missing, cannot be read, or has entries that are not finite.
     """
     contents = files.read_summary(
         ("law", "mean_compliance", "totals", "certificate", "method", "iterations", "residual", "faces")
@@ -77,15 +77,15 @@ def sound(files: RunDirectory) -> dict[str, Any]:
         raise ValueError(f"{files.summary}: mean_compliance should be a positive number, but is {compliance!r}")
     if not isinstance(certificate, dict) or not isinstance(certificate.get("passed"), bool):
         raise ValueError(f"{files.summary}: certificate does not say whether it had passed: {OLD}")
-    described_fields(files.path)
+    described_fields(files.path, finite=True)
     return contents
 
 
-def described_fields(folder: Path) -> tuple[Described, Described]:
+def described_fields(folder: Path, finite: bool = False) -> tuple[Described, Described]:
     """What solution.xdmf and contact.xdmf of a run describe.
 
     Raises:
-        ValueError: If one cannot be read, is not that of its data, or has entries that are not finite.
+        ValueError: If one cannot be read, is not that of its data, or, if asked for, has entries that are not `finite`.
     """
     found = []
     for name, (kinds, collection) in _KINDS.items():
@@ -94,7 +94,7 @@ def described_fields(folder: Path) -> tuple[Described, Described]:
                 raise ValueError(f"{folder}: is incomplete: there is no {path.name}")
         try:
             found.append(described(folder / name, kinds, collection))
-            for group in grids_of(folder / name).values():
+            for group in grids_of(folder / name).values() if finite else ():
                 for one, values in fields_in(folder / name, group)[2].items():
                     if not np.all(np.isfinite(values)):
                         raise ValueError(f"{data_of(folder / name)}: {one} has entries that are not finite")
