@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mesh_files import integral
 
-from coulomb import Clamp, Contact, ContactProblem, Material
+from coulomb import Clamp, Contact, ContactProblem, Cylinder, Material
 from coulomb.fem.meshes import coarsened, coarsening, comparison, corners_of
 from coulomb.fem.meshes.comparison import coarser_meshes
 from coulomb.fem.meshes.meshes import box, second_order
@@ -45,6 +45,16 @@ def test_coarser_meshes_have_nodes_near_the_surface():
     off = np.abs(np.hypot(x[:, 0], x[:, 1]) - OUTER)
     assert cells(found) < 0.5 * cells(mesh)
     assert off.max(initial=0.0) < OUTER * (1.0 - math.cos(0.25 * math.pi / 8.0))
+
+
+def test_coarser_meshes_have_nodes_on_the_surface_that_is_known():
+    mesh = quarter_ring(INNER, OUTER, LENGTH, (2, 10, 4), "tetrahedron")
+    off = []
+    for surfaces in ({}, {"right": Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), OUTER)}):
+        found = coarsened(replace(mesh, surfaces=surfaces))
+        x = found.domain.geometry.x[np.unique(corners_of(found.domain, found.faces["right"]))]
+        off.append(np.abs(np.hypot(x[:, 0], x[:, 1]) - OUTER).max())
+    assert off[0] > 1e-3 and off[1] < 1e-12 and found.surfaces == surfaces
 
 
 def test_large_meshes_of_first_order_have_coarser_ones():
