@@ -184,7 +184,7 @@ def test_a_signal_while_it_draws(drawn, small_case):
     assert first.startswith("stopping after this step")
     assert second == f"error: interrupted at the end: the results are complete in out/, but the {drawn} may be missing"
     assert sorted(path.name for path in Path("out").iterdir()) == sorted(
-        ["case.json", "contact.h5", "contact.xdmf", "history.csv", "solution.h5", "solution.xdmf", "summary.json"]
+        ["case.json", "contact.h5", "contact.xdmf", "iterations.csv", "solution.h5", "solution.xdmf", "summary.json"]
     )
 
 

@@ -23,7 +23,7 @@ from ...fem.meshes import SEPARATOR
 from ...model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
 from ...solvers.laws import FrictionLaw
 from ...units import amount
-from ..field_files import NODE, OPPOSITE, fields_in, grids_of
+from ..field_files import NODE, OPPOSITE, data_of, fields_in, grids_of
 from ..result_grids import OURS
 from ..run_directory import CONTACT, FIELDS, OLD, SOLUTION, SUMMARY, RunDirectory
 from .comparison import Comparison, unjudged
@@ -106,7 +106,8 @@ def _read(files: RunDirectory) -> _Written:
         body = bodies.get(name.partition(SEPARATOR)[0]) or next(iter(bodies.values()))
         node = body.start + fields[NODE].astype(np.int64)
         if np.any((node < body.start) | (node >= body.stop)) or not np.array_equal(x[node], points):
-            raise ValueError(f"{files.contact}: its points are not the nodes of {SOLUTION} that {NODE} names")
+            unfit = f"{data_of(files.contact)} does not match the mesh of {SOLUTION}"
+            raise ValueError(f"{unfit}: its points are not the nodes there that {NODE!r} names")
         if OPPOSITE in fields:
             opposite.append((masters[name], node, fields["contact_force"]))
             continue

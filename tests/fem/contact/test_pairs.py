@@ -141,8 +141,8 @@ def test_gaps_of_coarse_curved_meshes_are_said_to_be_uncertain(cells, adjust, sa
     told = [text for text in caplog.messages if "gaps are uncertain" in text]
     assert len(told) == said
     if said:
-        sagitta = float(told[0].partition("up to ")[2].split()[0])
-        assert sagitta == pytest.approx((0.25 * np.pi / 6) ** 2 / 8.0, rel=0.02)
+        sagitta, unit = told[0].partition("up to ")[2].split()[:2]
+        assert unit == "mm" and 1e-3 * float(sagitta) == pytest.approx((0.25 * np.pi / 6) ** 2 / 8.0, rel=0.02)
 
 
 # --- planes of symmetry through a pair: half of both bodies has the answer of the whole ones ---
