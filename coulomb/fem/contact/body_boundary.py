@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from itertools import chain, combinations_with_replacement, permutations, product
+from itertools import chain, permutations, product
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -92,19 +92,28 @@ class BodyBoundary:
             number: Of this body.
             rows: At the nodes of the facets u in metres, deformation, component; for every pair 1 on the slave and 2 at
                 what is kept out; and for every pair 1 on the master; shape (f, n, w).
-            near: Which facets have something near them, shape (f,).
+            near: Which facets have something near them of this body, and of another, shape (f, 2).
         """
-        patch, pieces, pairs = self.patch, self.patch.kind.pieces, (rows.shape[2] - 5) // 2
-        ends = np.unique([two for piece in pieces for two in combinations_with_replacement(np.sort(piece), 2)], axis=0)
+        patch, pairs, width, corners = (
+            self.patch,
+            (rows.shape[2] - 5) // 2,
+            self.patch.kind.width,
+            self.patch.kind.corners,
+        )
+        around = np.arange(min(width, 2 * corners)).reshape(-1, corners).T.ravel()  # with the middles between
+        ends = np.stack([around, np.roll(around, -1)], axis=1)
+        if width == 4:
+            ends = np.concatenate([ends, [[0, 2], [1, 3]]])
+        ends = np.concatenate([np.repeat(np.arange(width)[:, None], 2, axis=1), ends])
         nodes = np.sort(patch.nodes[:, ends]).reshape(-1, 2)
         _, first, which = np.unique(nodes @ [self.starts[-1], 1], return_index=True, return_inverse=True)
         at = first[:, None] // len(ends), ends[first % len(ends)]
-        kinds = [("part", "i8"), ("nodes", "i8", (2,)), ("x", "f8", (2, 3)), ("u", "f8", (2, 3)), ("near", "?")]
+        kinds = [("part", "i8"), ("nodes", "i8", (2,)), ("x", "f8", (2, 3)), ("u", "f8", (2, 3)), ("near", "?", (2,))]
         kinds += [("deformation", "f8"), ("slave", "?", (pairs,)), ("master", "?", (pairs,))]
         kinds += [("inside", "i8"), ("component", "i8"), ("was", "f8", (3,)), ("at", "f8")]  # of the material there
         points: Rows = np.zeros(len(first), dtype=kinds)
         points["part"], points["nodes"], points["x"], points["u"] = number, nodes[first], patch.x[at], rows[at][..., :3]
-        points["near"] = np.bincount(which.ravel(), np.repeat(near, len(ends))) > 0.0
+        np.logical_or.at(points["near"], which.ravel(), np.repeat(near, len(ends), axis=0))
         points["deformation"] = rows[at][:, 0, 3]
         points["slave"], points["master"] = sides_of(rows[at])
         return points

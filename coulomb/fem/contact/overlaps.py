@@ -205,8 +205,9 @@ class Surface:
         return _Now(at, replace(patch, x=patch.x + at[:, :, :3]).middle_vectors)
 
     def _near(self, u: FloatArray, now: Sequence[_Now]) -> list[Flags]:
-        """Which of this rank's facets of each body have a facet near them, of any rank, that is opposed to them and has
-        no common node: so near that displacements u (k, 3) can have brought one through the other; collective."""
+        """Which of this rank's facets of each body have a facet of it near them, and which one of another body, of any
+        rank, that is opposed to them and has no common node: so near that displacements u (k, 3) can have brought one
+        through the other; shape (f, 2) each; collective."""
         comm, mine, first = self._comm, [], 0
         reach = 2.0 * sum(_least(np.min(of, axis=0, initial=0.0), comm) for of in (u, -u))
         for body, of in zip(self._bodies, now, strict=True):
@@ -219,7 +220,10 @@ class Surface:
         facet, other = in_boxes(box + reach * np.array([[1.0], [-1.0]]), every)
         use = np.einsum("pi,pi->p", n[facet], normals[other]) < _OPPOSED
         use[use] = ~np.any(node[facet[use], :, None] == nodes[other[use], None], axis=(1, 2))
-        found = np.isin(np.arange(len(box)), facet[use])
+        ends = np.cumsum([body.starts[-1] for body in self._bodies])
+        beyond = np.searchsorted(ends, node[facet, 0], "right") != np.searchsorted(ends, nodes[other, 0], "right")
+        found = np.zeros((len(box), 2), dtype=bool)
+        found[facet[use], beyond[use].astype(np.int64)] = True
         return np.split(found, np.cumsum([len(of.vectors) for of in now])[:-1])
 
     # --- bodies -------------------------------------------------------------------------------------------------------
@@ -233,7 +237,9 @@ class Surface:
         points, near = self._sent(points, cells), []
         for part, one in enumerate(now):
             several = len(set().union(*comm.allgather(np.unique(one.rows[:, 0, 4]).tolist()))) > 1
-            near.append(points[points["near"] | (~_edges(points) & ((points["part"] != part) | several))])
+            other = points["part"] != part
+            use = points["near"][np.arange(len(points)), other.astype(np.int64)] | (~_edges(points) & (other | several))
+            near.append(points[use])
         hits = self._inside(near, cells, deformed=True)
         hits = hits[_way(hits) > np.maximum(self._rounding, _LEAST * _OF_DEFORMATION * hits["deformation"])]
         hits = _once(np.concatenate(comm.allgather(hits)))
