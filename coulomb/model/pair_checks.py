@@ -105,7 +105,10 @@ class PairReference:
     ) -> FloatArray:
         """The same of nodes of the slave's body, with the displacements of both bodies; collective."""
         there = gathered(self._spaces[1], self._nodes[1], opposite)
-        return off_linear(self._facets[1], self._spaces[0].x[nodes], n, own[nodes], there)
+        (slave, master), numbers = self._facets, self._spaces[0].numbering.first + nodes
+        kink = np.zeros(1 + int(max(np.max(of, initial=0) for of in (slave.nodes, numbers))))
+        np.maximum.at(kink, slave.nodes, slave.kink[:, None])
+        return off_linear(master, self._spaces[0].x[nodes], n, own[nodes], there, kink[numbers])
 
     def averages(self, own: FloatArray, opposite: FloatArray) -> tuple[FloatArray, FloatArray]:
         """`PairSamples.averages` of values at this rank's nodes of the slave's and of the master's body; collective."""

@@ -153,7 +153,7 @@ class Facets:
 
     @cached_property
     def kink(self) -> FloatArray:
-        """Largest difference of unit normals of each at its corners and the mean ones there, shape (f,)."""
+        """Largest difference of the unit normals of each and the mean ones at its corners, shape (f,)."""
         corner, means = self.nodes[:, : self.corners], np.zeros((int(self.nodes.max(initial=-1)) + 1, 3))
         _, along_r, along_s = facet_functions(self.corners, self.degree, reference_nodes(self.corners, 1))
         n = unit_vectors(self.sign[:, None, None] * np.cross(along_r @ self.x, along_s @ self.x))
@@ -271,11 +271,14 @@ def hits(start: FloatArray, along: FloatArray, face: Facets, depth: float, reach
     return found
 
 
-def off_linear(face: Facets, x: FloatArray, n: FloatArray, u: FloatArray, there: FloatArray) -> FloatArray:
+def off_linear(
+    face: Facets, x: FloatArray, n: FloatArray, u: FloatArray, there: FloatArray, kink: FloatArray
+) -> FloatArray:
     """By how much distances along unit normals n (m, 3) change otherwise than with fixed normals and places opposite,
     between points x (m, 3) and a face, with displacements u (m, 3) and `there` (f, n, 3) at its nodes, metres, shape
-    (m,); beyond the chords of the face.  It is 0 where nothing is opposite before, and the way along the face, if that
-    is more than a facet, where nothing is opposite after it; not collective."""
+    (m,); beyond the chords of the face, and of that of the points, with `kink` (m,) there.  It is 0 where nothing is
+    opposite before, and the way along the face, if that is more than a facet, where nothing is opposite after it; not
+    collective."""
     found, moved, far = np.zeros(len(x)), replace(face, x=face.x + there), 0.25 * face.extent
     before, after = (hits(at, n, of, far, 4.0 * far) for at, of in ((x, face), (x + u, moved)))
     met = np.flatnonzero(before.facet >= 0)
@@ -287,7 +290,7 @@ def off_linear(face: Facets, x: FloatArray, n: FloatArray, u: FloatArray, there:
     closed = np.einsum("qi,qi->q", relative, n[met])
     slip = np.linalg.norm(relative - closed[:, None] * n[met], axis=1)
     off = after.way[met] - before.way[met] + closed
-    explained = face.kink[facet] * np.minimum(slip, 0.5 * face.radius[facet])
+    explained = (face.kink[facet] + kink[met]) * np.minimum(slip, 0.5 * face.radius[facet])
     off = np.sign(off) * np.maximum(np.abs(off) - explained, 0.0)
     found[met] = np.where(after.facet[met] >= 0, off, np.where(slip > face.radius[facet], slip, 0.0))
     return found

@@ -208,20 +208,17 @@ class Surface:
         """Which of this rank's facets of each body have a facet of it near them, and which one of another body, of any
         rank, that is opposed to them and has no common node: so near that displacements u (k, 3) can have brought one
         through the other; shape (f, 2) each; collective."""
-        comm, mine, first = self._comm, [], 0
+        comm, mine = self._comm, []
         reach = 2.0 * sum(_least(np.min(of, axis=0, initial=0.0), comm) for of in (u, -u))
-        for body, of in zip(self._bodies, now, strict=True):
+        for part, (body, of) in enumerate(zip(self._bodies, now, strict=True)):
             corners = body.patch.nodes[:, [0, 1, 2, body.patch.kind.corners - 1]]
-            boxes = boxes_of(body.patch.x + of.rows[:, :, :3])
-            mine.append((np.stack(boxes, axis=1), unit_vectors(of.vectors), first + corners))
-            first += int(body.starts[-1])
-        box, n, node = (np.concatenate(of) for of in zip(*mine, strict=True))
-        every, normals, nodes = (np.concatenate(comm.allgather(of)) for of in (box, n, node))
+            boxes = np.stack(boxes_of(body.patch.x + of.rows[:, :, :3]), axis=1)
+            mine.append((boxes, unit_vectors(of.vectors), corners, np.full(len(corners), part)))
+        box, n, node, own = (np.concatenate(of) for of in zip(*mine, strict=True))
+        every, normals, nodes, parts = (np.concatenate(comm.allgather(of)) for of in (box, n, node, own))
         facet, other = in_boxes(box + reach * np.array([[1.0], [-1.0]]), every)
-        use = np.einsum("pi,pi->p", n[facet], normals[other]) < _OPPOSED
-        use[use] = ~np.any(node[facet[use], :, None] == nodes[other[use], None], axis=(1, 2))
-        ends = np.cumsum([body.starts[-1] for body in self._bodies])
-        beyond = np.searchsorted(ends, node[facet, 0], "right") != np.searchsorted(ends, nodes[other, 0], "right")
+        use, beyond = np.einsum("pi,pi->p", n[facet], normals[other]) < _OPPOSED, own[facet] != parts[other]
+        use &= beyond | ~np.any(node[facet, :, None] == nodes[other, None], axis=(1, 2))
         found = np.zeros((len(box), 2), dtype=bool)
         found[facet[use], beyond[use].astype(np.int64)] = True
         return np.split(found, np.cumsum([len(of.vectors) for of in now])[:-1])

@@ -221,13 +221,15 @@ def test_distances_from_a_curved_face_change_otherwise_than_linear_ones(corners,
     face = paraboloid(corners, degree)
     x, way = np.array([[0.31, 0.42, 0.3]] * 4), np.array([0.0, 0.05, 0.3, 2.0])
     n, u = np.array([[0.0, 0.0, -1.0]] * 4), np.outer(way, [1.0, 0.0, 0.0]) + [0.0, 0.0, -0.1]
-    off = off_linear(face, x, n, u, np.zeros_like(face.x))
+    off = off_linear(face, x, n, u, np.zeros_like(face.x), np.zeros(4))
     expected = -0.1 * (2.0 * 0.31 * way + way**2)
     expected[3] = 2.0  # beyond its end
     assert off == pytest.approx(expected, abs=1e-12 if degree == 2 else 0.1 * 0.25 * 0.2)
     assert degree == 2 or abs(off[1]) < abs(expected[1])
+    less = off_linear(face, x, n, u, np.zeros_like(face.x), np.full(4, 0.02))
+    assert off[1] - less[1] == pytest.approx(max(off[1], -0.02 * 0.05), rel=1e-6)
     there = np.broadcast_to([0.3, 0.2, 0.1], face.x.shape)
-    assert np.abs(off_linear(face, x, n, there[: len(x), 0], there)).max() <= 1e-12
+    assert np.abs(off_linear(face, x, n, there[: len(x), 0], there, np.zeros(4))).max() <= 1e-12
 
 
 def in_a_cup(aside, degree=2):
