@@ -258,3 +258,26 @@ def test_a_blade_that_cuts_between_the_nodes(cell, degree, cells):
     assert -1e-9 <= inside.place[1] <= 1.0 + 1e-9 and inside.depth == pytest.approx(0.02, rel=1e-6)
     assert cut(0.01) is None
     assert cut(0.03, Contact("blade:bottom", 0.2, against="block:top"), long=20) is None
+
+
+@pytest.mark.parametrize("wide", [0.02, 2.0])
+def test_a_knife_whose_sides_are_steep(wide):
+    """Its edge has facets along which the block's face is not opposed to any: two, of a wedge."""
+    points = [(x, y, z) for y in (-0.7, 8.3) for x, z in ((0.3, 0.51), (0.3 - wide / 2, 1.5), (0.3 + wide / 2, 1.5))]
+    tetrahedra = np.array([(0, 1, 2, 5), (0, 1, 5, 4), (0, 4, 5, 3)])
+    first = comm.rank == 0
+    domain = distributed(comm, np.array(points)[: None if first else 0], tetrahedra[: None if first else 0])
+    facets = boundary_facets(domain)
+    at = domain.geometry.x[corners_of(domain, facets)].mean(axis=1)
+    knife = NamedMesh(domain, {"back": facets[at[:, 2] > 1.5 - 1e-9]})
+    bodies = join(block=box((1.0, 1.0, 0.5), (1, 1, 1)), knife=knife)
+
+    def cut(way):
+        held = [Clamp("block:bottom"), PrescribedDisplacement("knife:back", (0.0, 0.0, -way))]
+        return ContactProblem(bodies, STEEL, held, Contact("block:left", 0.2)).solve()
+
+    answer = cut(0.03)
+    inside = answer.small_strain.inside
+    assert not answer.valid and inside.depth >= 0.02 * (1.0 - 1e-6)
+    assert wide < 1.0 or (inside.depth == pytest.approx(0.02, rel=1e-6) and inside.faces[1] == "'block:top'")
+    assert cut(0.01).valid

@@ -206,8 +206,8 @@ class Surface:
 
     def _near(self, u: FloatArray, now: Sequence[_Now]) -> list[Flags]:
         """Which of this rank's facets of each body have a facet of it near them, and which one of another body, of any
-        rank, that is opposed to them and has no common node: so near that displacements u (k, 3) can have brought one
-        through the other; shape (f, 2) each; collective."""
+        rank, that faces them at an angle and has no common node: so near that displacements u (k, 3) can have brought
+        one through the other; shape (f, 2) each; collective."""
         comm, mine = self._comm, []
         reach = 2.0 * sum(_least(np.min(of, axis=0, initial=0.0), comm) for of in (u, -u))
         for part, (body, of) in enumerate(zip(self._bodies, now, strict=True)):
@@ -217,7 +217,7 @@ class Surface:
         box, n, node, own = (np.concatenate(of) for of in zip(*mine, strict=True))
         every, normals, nodes, parts = (np.concatenate(comm.allgather(of)) for of in (box, n, node, own))
         facet, other = in_boxes(box + reach * np.array([[1.0], [-1.0]]), every)
-        use, beyond = np.einsum("pi,pi->p", n[facet], normals[other]) < _OPPOSED, own[facet] != parts[other]
+        use, beyond = np.einsum("pi,pi->p", n[facet], normals[other]) < -_SAME, own[facet] != parts[other]
         use &= beyond | ~np.any(node[facet, :, None] == nodes[other, None], axis=(1, 2))
         found = np.zeros((len(box), 2), dtype=bool)
         found[facet[use], beyond[use].astype(np.int64)] = True
@@ -279,8 +279,8 @@ class Surface:
         return Overlap((face, through), worst.place, worst.depth, worst.approach)
 
     def _vectors_of(self, hits: Rows, now: Sequence[_Now]) -> FloatArray:
-        """The outward vectors after deformation of all facets that hits are on, shape (h, most, 3), 0 where there are
-        fewer; collective."""
+        """The outward vectors after deformation of all facets that hits are on, and the mean normal of these, which is
+        that of a sharp edge, shape (h, most, 3), 0 where there are fewer; collective."""
         found = []
         for part, body in enumerate(self._bodies):
             of = np.flatnonzero(hits["part"] == part)
@@ -290,8 +290,9 @@ class Surface:
         every = every[np.argsort(every[:, 0], kind="stable")]
         hit = every[:, 0].astype(np.int64)
         place = np.arange(len(hit)) - np.searchsorted(hit, hit)
-        vectors = np.zeros((len(hits), 1 + int(np.max(place, initial=0)), 3))
+        vectors = np.zeros((len(hits), 2 + int(np.max(place, initial=0)), 3))
         vectors[hit, place] = every[:, 1:]
+        vectors[:, -1] = unit_vectors(vectors).sum(axis=1)
         return vectors
 
     def _beside_masters(self, part: int, facet: IntArray) -> Flags:
