@@ -302,8 +302,7 @@ class Surface:
         n = self._at(self._normals, part, patch.nodes[facet]).sum(axis=1).reshape(len(facet), len(self._sides), 3)
         own = patch.middle_vectors[facet]
         sizes = np.linalg.norm(n, axis=2) * np.linalg.norm(own, axis=1)[:, None]
-        found: Flags = (np.einsum("fpi,fi->fp", n, own) > _GOES_ON * sizes) & (sizes > 0.0)
-        return found
+        return np.asarray((np.einsum("fpi,fi->fp", n, own) > _GOES_ON * sizes) & (sizes > 0.0))
 
     def _sent(self, points: Rows, cells: Sequence[FloatArray]) -> Rows:
         """The points of all ranks that are near this rank's deformed cells; collective."""
