@@ -139,22 +139,17 @@ class Surface:
     def _normals_on(self, face: Face) -> FloatArray:
         """Mean normals of a face at this rank's nodes, 0 off it, shape (k, 3); collective."""
         part, facets = face
-        body, found = self._bodies[part], np.zeros((self._ends[-1], 3))
+        body, comm, found = self._bodies[part], self._comm, np.zeros((self._ends[-1], 3))
         on = np.isin(body.facet, facets)
-        found[self._own(part)] = self._mean_normals(part, body.patch.nodes[on], body.patch.middle_vectors[on])
+        nodes, vectors = body.patch.nodes[on], body.patch.middle_vectors[on]
+        to = Exchange(comm, owner_of(body.starts, nodes.ravel()))
+        node, vector = to.send(nodes.ravel()), to.send(np.repeat(vectors, nodes.shape[1], axis=0))
+        found[self._own(part)] = mean_normals(node - body.starts[comm.rank], vector, len(self._parts[part].space.x))
         return found
 
     def _own(self, part: int) -> slice:
         """This rank's nodes of a body among those of all."""
         return slice(*self._ends[part : part + 2])
-
-    def _mean_normals(self, part: int, nodes: IntArray, vectors: FloatArray) -> FloatArray:
-        """Means of the normals of facets with these nodes (f, n), from vectors (f, 3) of any length, by which they are
-        weighted, at this rank's nodes of a body, shape (k, 3); collective."""
-        starts, comm = self._bodies[part].starts, self._comm
-        to = Exchange(comm, owner_of(starts, nodes.ravel()))
-        node, vector = to.send(nodes.ravel()), to.send(np.repeat(vectors, nodes.shape[1], axis=0))
-        return mean_normals(node - starts[comm.rank], vector, len(self._parts[part].space.x))
 
     def _at(self, rows: FloatArray, part: int, numbers: IntArray) -> FloatArray:
         """Rows of all ranks' nodes of a body, at these numbers of nodes there; collective."""
@@ -244,7 +239,7 @@ class Surface:
         if not len(hits):
             return None
         vectors = self._vectors_of(hits, now)
-        depth, behind = self._depths(hits["was"], hits, vectors, now)
+        depth, least, behind = self._depths(hits["was"], hits, vectors, now)
         kept: Flags = np.zeros(len(hits), dtype=bool)
         for part, hit, facet in behind:
             slave, master = sides_of(now[part].rows[facet])
@@ -254,7 +249,8 @@ class Surface:
         others = [hits[~kept & (hits["inside"] == part)] for part in range(len(now))]
         began = np.concatenate(comm.allgather(_keys(self._inside(others, cells, deformed=False))))
         inside = ~kept & np.isin(_keys(hits), began)
-        before = np.zeros(len(hits))
+        far = ~inside & (depth > (1.0 + _SAME) * _way(hits) + self._rounding)  # nothing can have got in so far away
+        before, depth = np.zeros(len(hits)), np.where(far, least, depth)
         before[inside] = self._depths(hits["x"][inside, 0], hits[inside], vectors[inside], now)[0]
         for pair, gap in zip(self._sides, gaps, strict=True):
             of = np.sort([pair.slave[0], pair.master[0]])
@@ -350,12 +346,12 @@ class Surface:
 
     def _depths(
         self, x: FloatArray, hits: Rows, vectors: FloatArray, now: Sequence[_Now]
-    ) -> tuple[FloatArray, list[tuple[int, IntArray, IntArray]]]:
+    ) -> tuple[FloatArray, FloatArray, list[tuple[int, IntArray, IntArray]]]:
         """Depths of places x (h, 3), in the bodies of hits before deformation, behind facets that are opposed to one
-        of those of the hits, with vectors (h, n, 3), metres, inf where there is none; and of bodies hits and the rows
-        of this rank's facets that are so near; collective."""
+        of those of the hits, with vectors (h, n, 3), and behind any facet, metres, inf where there is none; and of
+        bodies hits and the rows of this rank's facets that are so near to the first; collective."""
         comm, near = self._comm, []
-        depth = np.full(len(hits), np.inf)
+        depth, every = np.full((2, len(hits)), np.inf)
         for part, number in np.unique(np.column_stack([hits["inside"], hits["component"]]), axis=0):
             body, at = self._bodies[part], np.flatnonzero((hits["inside"] == part) & (hits["component"] == number))
             use = now[part].rows[:, 0, 4] == number
@@ -364,16 +360,19 @@ class Surface:
             most = (1.0 + _SAME) * np.maximum(_way(hits[at]), _least(nearest, comm)) + self._rounding
             some = np.flatnonzero(use[body.row])
             hit, distance, row = depths_below(x[at], most, body.triangles[some], body.row[some])
+            least: FloatArray = np.full(len(at), np.inf)
+            np.minimum.at(least, hit, distance)
+            every[at] = _least(least, comm)
             against, vector = vectors[at[hit]], now[part].vectors[row]
             sizes = np.linalg.norm(against, axis=2) * np.linalg.norm(vector, axis=1)[:, None]
             opposed = np.any(np.einsum("pni,pi->pn", against, vector) < _OPPOSED * sizes, axis=1)
             hit, distance, row = hit[opposed], distance[opposed], row[opposed]
-            least: FloatArray = np.full(len(at), np.inf)
+            least = np.full(len(at), np.inf)
             np.minimum.at(least, hit, distance)
             least = depth[at] = _least(least, comm)
             same = distance <= (1.0 + _SAME) * least[hit] + self._rounding
             near.append((int(part), at[hit[same]], row[same]))
-        return depth, near
+        return depth, every, near
 
     # --- foundations --------------------------------------------------------------------------------------------------
 
