@@ -149,8 +149,7 @@ def auto_pairs(mesh: NamedMesh | JoinedMesh, distance: float) -> FoundPairs:
         with_faces[body] = replace(
             before_it, faces={**before_it.faces, own: bodies[body].numbered(np.concatenate(keys))}
         )
-    joined = isinstance(mesh, JoinedMesh)
-    with_all = JoinedMesh(dict(zip(given, with_faces, strict=True))) if joined else with_faces[0]
+    with_all = JoinedMesh(dict(zip(given, with_faces, strict=True))) if given.keys() != {""} else with_faces[0]
     names = [every.called(body, own) for body, own in (*(one[:2] for one in sheets), *made)]
     return FoundPairs(with_all, tuple(pairs.values()), tuple(names))
 
