@@ -18,6 +18,9 @@ NARROW: Final = "\u202f"
 
 _PLAIN: Final = str.maketrans(f"{NARROW}−µ⁻⁰¹²³⁴⁵⁶⁷⁸⁹", " -u-0123456789") | str.maketrans({"±": "+-"})
 _PREFIXES: Final = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
+_LEAST: Final = 1e-13
+"""Amounts in the SI below this are given without prefix: 6.8e-16 m."""
+
 _AREAS: Final = ((1.0, "m²", 0.1), (1e-4, "cm²", 1e-4), (1e-6, "mm²", 1e-8), (1e-12, "µm²", 0.0))
 """Factor, unit, and the least area in m² that is given in it."""
 
@@ -103,7 +106,7 @@ def scale_of(largest: float, unit: str) -> tuple[float, str]:
     factor to divide by, and the unit with its prefix, as (1e6, "MPa"); of customary units no prefix."""
     factor = _used.factor(unit)
     size = abs(largest) * factor
-    if not unit or unit == "°" or not math.isfinite(size) or _used.customary or size == 0.0:
+    if not unit or unit == "°" or not math.isfinite(size) or _used.customary or size < _LEAST:
         return 1.0, _used.name(unit)
     if unit == "m²":
         return next((of / factor, name) for of, name, least in _AREAS if size >= 0.9995 * least)

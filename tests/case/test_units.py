@@ -72,6 +72,7 @@ def test_numbers_with_units():
     units.use("mm", "MPa")
     assert plain(quantity(0.024, "m")) == "24 um" and plain(quantity(182.9, "Pa")) == "182.9 MPa"
     assert plain(vector([10.0, 0.0, -2e6], "N m")) == "(0, 0, -2) kN m" and plain(quantity(5e5, "m²")) == "0.5 m^2"
+    assert plain(quantity(6.8e-13, "m", 2)) == "6.8e-13 mm" and plain(quantity(0.0, "J")) == "0 mJ"
     units.use("in", "psi")
     assert plain(quantity(0.024, "m")) == "0.024 in" and plain(quantity(1.2e4, "N")) == "12000 lbf"
 
