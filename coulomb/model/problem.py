@@ -86,7 +86,11 @@ def _bodies_of(given: Mapping[str, Any]) -> Deformable:
                 raise ValueError("body_force, gravity, temperature: by body only for the bodies of coulomb.join")
             body = kind(mesh, *own, None if temperature is None else ThermalLoad(temperature, *heat))
     followers = [*given["rigid_faces"], *given["ties"]]
-    return TiedBodies(body, followers, given["time"]) if followers else body
+    if followers:
+        body = TiedBodies(body, followers, given["time"])
+    if given["kinematics"] != "large":
+        _ = body.K  # what is wrong with supports is said before what is wrong with contacts
+    return body
 
 
 class ContactProblem(DiscreteProblem):

@@ -17,18 +17,20 @@ from .constraints import (
     matrix_product,
     rows_of,
 )
-from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie, WrappedBodies
-from .displacement_space import (
-    INTERPOLATION,
-    DisplacementSpace,
-    attach_interpolation,
-    attach_near_kernel,
-    attach_rigid_body_modes,
-    free_earlier_bodies,
-)
+from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie
+from .displacement_space import DisplacementSpace, free_earlier_bodies
 from .elasticity import Elasticity, LoadedBody
+from .elimination import Made, attach_near_kernel
 from .form_body import BilinearForm, Body, FormValues
-from .free_motions import FreeMotion, FreeMotions, OpenedPart, anchors, free_motions, motions_in_words
+from .free_motions import (
+    FreeMotion,
+    FreeMotions,
+    OpenedPart,
+    free_motions,
+    least_energy,
+    motions_in_words,
+    names_of_components,
+)
 from .hyperelastic import HyperelasticBody
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .loads import (

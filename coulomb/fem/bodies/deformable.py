@@ -9,7 +9,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,12 +18,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..meshes import SEPARATOR
-from .constraints import HeldNodes, Numbering
-from .displacement_space import HeldSpace
-from .free_motions import FreeMotions
+from ..meshes import SEPARATOR, NamedMesh, boundary_facets
+from .constraints import HeldNodes, Numbering, block_diagonal
+from .displacement_space import DisplacementSpace
+from .elimination import Made, Reduced, attach_rigid_body_modes, eliminated, interpolation_of
+from .free_motions import FreeMotions, free_motions, names_of_components
 from .loads import AppliedLoad, NodalForces, Temperature
 from .materials import Materials
+from .rigid_modes import component_modes
 
 
 @dataclass(frozen=True)
@@ -127,6 +128,8 @@ class Deformable(HeldNodes, ABC):
         contradictions: Messages about supports that prescribe different displacements where they meet.
         ties: What ties faces to each other, moves them as rigid bodies, or shortens them.
         locked: Whether the shortening of each bolt is given, prescribed or locked: it is no unknown then.
+        component: The component of the meshes of each of this rank's nodes, whether or not it is tied to others, shape
+            (k,).
     """
 
     ties: tuple[Tie, ...] = ()
@@ -134,6 +137,8 @@ class Deformable(HeldNodes, ABC):
     contradictions: tuple[str, ...]
     materials: Materials | None
     loads: tuple[AppliedLoad, ...]
+    component: npt.NDArray[np.int64]
+    _made: Made
 
     @property
     @abstractmethod
@@ -184,21 +189,92 @@ class Deformable(HeldNodes, ABC):
         """Largest norm of the displacement gradient of u (k, 3), over all ranks; collective."""
         return float(np.max([member.body.largest_gradient(u[member.nodes]) for member in self.members]))
 
-    @property
+    # --- stiffness ----------------------------------------------------------------------------------------------------
+
     @abstractmethod
-    def K(self) -> PETSc.Mat:
-        """Stiffness, N/m, with held directions eliminated; block size 3, symmetric positive definite, with the rigid
-        body modes as its near-nullspace."""
+    def assembled(self) -> PETSc.Mat:
+        """The stiffness of the bodies as they are, N/m, with springs on their faces, without supports and ties; block
+        size 3; that of the caller, who may change it; collective."""
+
+    @abstractmethod
+    def resisted(self, modes: FloatArray) -> FloatArray:
+        """Nodal forces of springs of stiffness 1 in place of those on faces, and of what else is in the stiffness, in
+        rigid motions of components (k, 3, j); collective."""
+
+    interpolation = interpolation_of
+
+    @abstractmethod
+    def interpolated(self) -> tuple[scipy.sparse.csr_matrix, FloatArray, Numbering]:
+        """Displacements by those of the vertices in second order, by themselves in first: this rank's rows, where these
+        nodes are, metres, and their numbers; collective."""
 
     @property
     @abstractmethod
+    def component_names(self) -> tuple[str, ...]:
+        """What each component is called in messages; collective."""
+
+    @property
+    def moving_together(self) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]:
+        """The component of each of this rank's nodes, where those that are tied are one, shape (k,), and what each is
+        called in messages; collective."""
+        return self.component, self.component_names
+
+    @property
     def free(self) -> FreeMotions:
         """The rigid motions along which contact alone holds it."""
+        if self._made.free is None:
+            component, names = self.moving_together
+            modes, _ = component_modes(self.x, component, self.comm)
+            forces = self.prevented(modes) + self.resisted(modes)
+            self._made.free = self._opened(free_motions(self.x, component, names, forces, self.comm))
+        return self._made.free
+
+    def _opened(self, found: FreeMotions) -> FreeMotions:
+        """With the motions in which components of those that are tied move against each other; collective."""
+        return found
 
     @property
-    def component(self) -> npt.NDArray[np.int64]:
-        """The component of the meshes of each of this rank's nodes, whether or not it is tied to others, shape (k,)."""
-        return self.free.component
+    def K(self) -> PETSc.Mat:
+        """Stiffness of the unknowns, N/m, with held directions eliminated; block size 3, symmetric positive definite,
+        with the rigid body modes as its near-nullspace.
+
+        Raises:
+            ValueError: On every rank, if every direction of every node of a body is held, or if rigid motions are
+                resisted by no more than rounding errors.
+        """
+        return self._reduced.K
+
+    @property
+    def anchoring(self) -> FloatArray:
+        """Stiffness of the springs that K has at the `anchors` of `free`, N/m, shape (k + p, 3); they are no internal
+        forces, and carry nothing where loads and contact forces are in equilibrium."""
+        return self._reduced.anchoring
+
+    @property
+    def _reduced(self) -> Reduced:
+        if self._made.reduced is None:
+            self._made.reduced = eliminated(self)
+        return self._made.reduced
+
+    def filled(self, mean: FloatArray, anchoring: FloatArray) -> scipy.sparse.csr_matrix:
+        """This rank's rows of what K has beside P^T K P: m (I - P), m (k, 1) in N/m, and springs, those of anchoring (k
+        + p, 3) and those of own unknowns; collective."""
+        blocks = anchoring[:, :, None] * np.eye(3)
+        blocks[self.held.nodes] += mean[self.held.nodes][:, :, None] * self.held.projector
+        return block_diagonal(blocks, self.numbering)
+
+    def attach_near_kernel(self, matrix: PETSc.Mat, x: FloatArray) -> None:
+        """The near-nullspace of a matrix whose columns are displacements at x (n, 3), and own unknowns; collective."""
+        attach_rigid_body_modes(matrix, x)
+
+    @property
+    def moving_part(self) -> FloatArray:
+        """Projectors on the directions along which nodes move by their own unknowns, shape (k, 3, 3)."""
+        return np.eye(3) - self.held.projector_at(np.arange(len(self.x)))
+
+    def with_own_rows(self, rows: scipy.sparse.csr_matrix, columns: int) -> tuple[scipy.sparse.csr_matrix, int]:
+        """Rows with this number of own columns, with own unknowns as they are."""
+        return rows, columns
 
     @property
     def points(self) -> FloatArray:
@@ -261,12 +337,6 @@ class Deformable(HeldNodes, ABC):
     def jump(self, u: FloatArray, loading: Loading) -> FloatArray:
         """How far tied nodes are from where they should be at displacements u, metres, shapes (k, 3); collective."""
         return np.zeros_like(u)
-
-    @property
-    @abstractmethod
-    def anchoring(self) -> FloatArray:
-        """Stiffness of the springs that K has at the `anchors` of `free`, N/m, shape (k + p, 3); they are no internal
-        forces, and carry nothing where loads and contact forces are in equilibrium."""
 
     @property
     def ground(self) -> FloatArray | None:
@@ -344,18 +414,42 @@ class Deformable(HeldNodes, ABC):
         """What is recorded of the user's forms; None for a body without."""
         return None
 
-    @abstractmethod
     def f(self, loading: Loading) -> PETSc.Vec:
         """The load in newtons, with the prescribed displacements included, so that K u = f; collective."""
+        f, forces, g = self.K.createVecRight(), loading.load, loading.prescribed
+        if self.comm.allreduce(bool(np.any(g)), op=MPI.LOR):
+            forces = forces - self.internal_force(g) + self.spring_force(g)
+        along = self.along_unknowns(forces, loading.time)
+        along[: len(self.x)] += self._reduced.held_diagonal * self.held_part(g)
+        f.array[:] = along.ravel()
+        return f
 
 
-class SingleBody(HeldSpace, Deformable):
-    """A body on one mesh; held directions as in `HeldSpace`, whose methods come before those of `Deformable`."""
+class SingleBody(DisplacementSpace, Deformable):
+    """A body on one mesh; methods of `DisplacementSpace` come before those of `Deformable`.
+
+    Attributes:
+        sprung: Whether springs are on its faces; None where what resists rigid motions is in the user's forms.
+    """
+
+    mesh: NamedMesh
+
+    sprung: bool | None = None
 
     @property
-    @abstractmethod
-    def held_diagonal(self) -> FloatArray:
-        """The entry of K for held components, N/m: the mean diagonal of the node without supports, shape (k, 1)."""
+    def component_names(self) -> tuple[str, ...]:
+        _, parts = component_modes(self.x, self.component, self.comm)
+        return names_of_components(parts)
+
+    @property
+    def anchor_places(self) -> tuple[npt.NDArray[np.bool_], ...]:
+        """Which of this rank's nodes suit as anchors of free motions, the best first, shapes (k,): those inside, which
+        cannot be in contact; those that are not held obliquely; all."""
+        everywhere = np.ones(self._owned, dtype=bool)
+        along_axes, inside = everywhere.copy(), everywhere.copy()
+        along_axes[self.held.nodes[self.held.oblique]] = False
+        inside[self.nodes_of(boundary_facets(self.domain))] = False
+        return inside & along_axes, along_axes, everywhere
 
     def suspects(self) -> str:
         """Coefficients that may make its stiffness singular, for the end of a message; collective."""
@@ -379,67 +473,3 @@ class SingleBody(HeldSpace, Deformable):
     def numbers_per_cell(self) -> int:
         """How many numbers per cell `cell_fields` has."""
         return 3
-
-    def f(self, loading: Loading) -> PETSc.Vec:
-        f, load = self.K.createVecRight(), loading.load
-        if self.mesh.comm.allreduce(bool(np.any(loading.prescribed)), op=MPI.LOR):
-            g = loading.prescribed
-            load = load - self.internal_force(g) + self.spring_force(g)
-        f.array[:] = (self.free_part(load) + self.held_diagonal * loading.prescribed).ravel()
-        return f
-
-
-class WrappedBodies(Deformable):
-    """Bodies with something added; nodes, faces, loads and supports are those of `bodies`."""
-
-    def __init__(self, bodies: Deformable):
-        self.bodies = bodies
-        self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
-        self.contradictions = bodies.contradictions
-
-    @property
-    def reference(self) -> FloatArray:
-        return self.bodies.reference
-
-    @cached_property
-    def _held_diagonal(self) -> FloatArray:
-        return np.concatenate([member.body.held_diagonal for member in self.members])
-
-    @property
-    def component(self) -> npt.NDArray[np.int64]:
-        return self.bodies.free.component
-
-    @property
-    def numbering(self) -> Numbering:
-        return self.bodies.numbering
-
-    @property
-    def members(self) -> tuple[Member, ...]:
-        return self.bodies.members
-
-    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
-        return self.bodies.face(name, what)
-
-    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        return self.bodies.numbers_of(member, numbers)
-
-    def internal_force(self, u: FloatArray) -> FloatArray:
-        return self.bodies.internal_force(u)
-
-    def outdated(self, loading: Loading) -> bool:
-        return self.bodies.outdated(loading.untied or loading)
-
-    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        return self.bodies.loads_in(loading.untied or loading)
-
-    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        return self.bodies.shares(reaction)
-
-    def blocked_displacement(self, loading: Loading) -> float:
-        return self.bodies.blocked_displacement(loading.untied or loading)
-
-    def blocked_displacements(self, loading: Loading) -> tuple[float, ...]:
-        return self.bodies.blocked_displacements(loading.untied or loading)
-
-    def forms(self) -> Mapping[str, Any] | None:
-        return self.bodies.forms()

@@ -9,21 +9,18 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...native import address, kernels
-from ...units import amount
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import Amplitude, Field, evaluate_amplitude, on_all_ranks
 from ..meshes import NamedMesh
 from .body import STRESSES, ElasticBody, strain
-from .constraints import SupportedNodes, contradictions, prescribed_rows
+from .constraints import HeldNodes, SupportedNodes, contradictions, prescribed_rows
 from .deformable import Loading, SingleBody
-from .displacement_space import HeldSpace
-from .free_motions import FreeMotions, anchors, free_motions
+from .elimination import Made
 from .loads import (
     AppliedLoad,
     BodyForce,
@@ -38,7 +35,7 @@ from .loads import (
 )
 from .materials import VECTORS, Materials, by_group, material_of_cells
 from .mesh_components import mesh_components
-from .rigid_modes import component_modes, of_components, rigid_modes
+from .rigid_modes import rigid_modes
 from .supports import Spring, Support, SupportedFace
 
 _KINDS = {
@@ -49,7 +46,7 @@ _KINDS = {
 """Arguments of a body, what their entries have, and which types these are."""
 
 
-class LoadedBody(ElasticBody, HeldSpace):
+class LoadedBody(ElasticBody, HeldNodes):
     """An elastic body with its supports, springs and loads; `at` gives the loading at a time.
 
     Where supports meet, the later one applies; `thermal` is its temperature, None without one.
@@ -92,10 +89,6 @@ class LoadedBody(ElasticBody, HeldSpace):
             [AppliedLoad(load, load.nodal_force(self, mesh)) for load in loads] for loads in (volume, tractions)
         )
         self.loads = (*in_volume, *heat, *on_faces)
-        self._assemble_stiffness()
-
-    def _assemble_stiffness(self) -> None:
-        """Make the stiffness, of a body that has one."""
 
     def at(self, time: float) -> Loading:
         load = sum((part.forces for part in self.loads_at(time)), np.zeros((self._owned, 3)))
@@ -176,25 +169,6 @@ class LoadedBody(ElasticBody, HeldSpace):
         stiffness = fem.Constant(self.domain, np.array(spring.along_axes))
         sprung = ufl.as_vector([stiffness[k] * u[k] for k in range(3)])
         return ufl.inner(sprung, self._test) * self.measure(self.mesh.facets(spring.face, "spring"))
-
-    @cached_property
-    def free(self) -> FreeMotions:
-        """The rigid motions that supports and springs allow: along axes with springs whatever their stiffness, nothing
-        moves."""
-        sprung = np.zeros((self._owned, 3))
-        for spring in self.springs:
-            sprung[np.ix_(self.nodes(spring.face, "spring"), spring.along_axes > 0.0)] = 1.0
-        count = self.mesh.comm.allreduce(self.held.number + float(sprung.sum()), op=MPI.SUM)
-        component = mesh_components(self)
-        modes, _ = component_modes(self.x, component, self.mesh.comm)
-        return self._motions_without(component, modes, sprung[:, :, None] * modes, 1e-10 * max(count, 1.0))
-
-    def _motions_without(
-        self, component: npt.NDArray[np.int64], modes: FloatArray, forces: FloatArray, limit: float
-    ) -> FreeMotions:
-        """The rigid motions of size 1 without energy, by forces (k, 3, 6) of the `component_modes` and held nodes."""
-        against = forces + self.held_part(modes)
-        return free_motions(self.x, component, against, limit, self.mesh.comm)
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
         shares = self._rows.shares(reaction, len(self.supports))
@@ -291,74 +265,34 @@ def _table(rows: Any) -> npt.NDArray[np.int32]:
 class Elasticity(LoadedBody, SingleBody):
     """K u = f on hexahedra or tetrahedra of first or second order, with prescribed displacements and springs.
 
-    Held directions are eliminated (`HeldSpace.eliminated`); f, which depends on time, has the prescribed values, so
-    that K u = f holds them exactly.  Springs (Winkler foundations) are integrated over their faces with the functions
+    Held directions are eliminated (`eliminated`); f, which depends on time, has the prescribed values, so that K u = f
+    holds them exactly.  Springs (Winkler foundations) are integrated over their faces with the functions
     of the elements: exact for every displacement that these have.
 
     Raises:
-        ValueError: As `LoadedBody`, or if the springs that hold the body are too soft in comparison with rounding
-            errors.
+        ValueError: As `LoadedBody`, or if a material is for large motions.
     """
 
-    def _assemble_stiffness(self) -> None:
+    def __init__(self, *arguments: Any, **named: Any):
+        super().__init__(*arguments, **named)
         for _, material in by_group(self.materials or {}):
             if hasattr(material, "law"):
                 raise ValueError(
                     f'material: {material!r} is for large motions: ContactProblem(..., kinematics="large")'
                 )
+        self.component, self._made, self.sprung = mesh_components(self), Made(), bool(self.springs)
+
+    def assembled(self) -> PETSc.Mat:
         trial = ufl.TrialFunction(self.V)
-        form = fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx)
-        self._K = assembled_matrix(form, self.V)
-        self._add_springs(trial)
-        self._K, self._held_diagonal = self.eliminated(self._K)
-
-    @property
-    def K(self) -> PETSc.Mat:
-        return self._K
-
-    @property
-    def held_diagonal(self) -> FloatArray:
-        return self._held_diagonal
-
-    @property
-    def anchoring(self) -> FloatArray:
-        return self._anchoring
-
-    def _add_springs(self, trial: Any) -> None:
-        """Add springs to K, and those at the anchors of free motions (`FreeMotions`)."""
-        comm = self.mesh.comm
+        K = assembled_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx), self.V)
         for spring in self.springs:
             S = compat.assemble_matrix(fem.form(self.spring_form(spring, trial)))
-            self._K.axpy(1.0, S, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+            K.axpy(1.0, S, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             S.destroy()
-        diagonal = self._K.getDiagonal()
-        stiff = comm.allreduce(float(np.max(diagonal.array, initial=0.0)), op=MPI.MAX)
-        anchored = anchors(self.free, self.free.modes(self.x), self.x, self.anchor_places, comm)
-        # As stiff as K there: multigrid then takes as many iterations as for a clamped body; with 1e3 times K's
-        # diagonal up to twice as many.
-        self._anchoring: FloatArray = anchored * diagonal.array.reshape(-1, 3)
-        diagonal.array[:] += self._anchoring.ravel()
-        self._K.setDiagonal(diagonal)
-        diagonal.destroy()
-        limit = 1e-12 * comm.allreduce(self._owned, op=MPI.SUM)
-        component = self.free.component
-        modes, parts = component_modes(self.x, component, comm)
-        forces = anchored[:, :, None] * modes
-        if self.ground is not None:
-            forces += of_components(self.ground / stiff, self.x, component, parts, comm)
-        soft = self._motions_without(component, modes, forces, limit)
-        if soft.motions and not self.springs:
-            ends = (np.max(side * self.x, axis=0, initial=-np.inf) for side in (1.0, -1.0))
-            lengths = sum(np.max(comm.allgather(end), axis=0) for end in ends)
-            raise ValueError(
-                f"the body is {amount(np.max(lengths))} long and {amount(np.min(lengths))} thin: "
-                "supports and contact resist "
-                f"that it {' or '.join(map(str, soft.motions))} by no more than rounding errors of its stiffness; "
-                "check the lengths and the unit of the mesh"
-            )
-        if soft.motions:
-            raise ValueError(
-                "the springs are too soft in comparison with rounding errors: they hardly resist that the body "
-                f"{' or '.join(map(str, soft.motions))}; against that the nodes have less than 1e-12 of the body's own "
-                "stiffness; make the springs stiffer, or leave them out where contact holds the body"
-            )
+        return K
+
+    def resisted(self, modes: FloatArray) -> FloatArray:
+        sprung = np.zeros((self._owned, 3, 1))
+        for spring in self.springs:
+            sprung[np.ix_(self.nodes(spring.face, "spring"), spring.along_axes > 0.0)] = 1.0
+        return sprung * modes

@@ -19,8 +19,9 @@ from ..geometry import on_all_ranks
 from .constraints import DirichletConditions, rows_of
 from .deformable import Loading, SingleBody
 from .displacement_space import summed
+from .elimination import Made
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
-from .free_motions import FreeMotions, anchors, free_motions
+from .free_motions import FreeMotions, free_motions, names_of_components
 from .loads import NodalForces
 from .mesh_components import mesh_components
 from .rigid_modes import component_modes, of_components, rigid_modes
@@ -128,33 +129,11 @@ _FREE: Final = 1e-12
 
 
 @dataclass
-class _Stiffness:
-    """The matrix of a with fixed values of its coefficients.
-
-    Attributes:
-        K: With held directions eliminated.
-        held_diagonal: Its entry for held components, shape (k, 1).
-        ground: Nodal forces of the rigid modes; None if they are rounding errors.
-        diagonal: Of the matrix of a alone, N/m, shape (k, 3).
-        free: The rigid motions that neither a nor held directions resist.
-        anchoring: Stiffness of the springs in K at their anchors, N/m, shape (k, 3).
-    """
-
-    values: FormValues
-    K: PETSc.Mat
-    held_diagonal: FloatArray
-    ground: FloatArray | None
-    diagonal: FloatArray
-    free: FreeMotions
-    anchoring: FloatArray
-
-
-@dataclass
 class _SharedState:
-    """What the copies of a body share: the last time of the callable, and the last stiffness."""
+    """What the copies of a body share: the last time of the callable, and what was made last of the stiffness."""
 
     time: float | None = None
-    stiffness: _Stiffness | None = None
+    made: Made | None = None
 
 
 class Body(SingleBody):
@@ -232,62 +211,86 @@ class Body(SingleBody):
             refuse_bcs(bcs, V), self.x, 3 * (dofs.size_local + dofs.num_ghosts), self.mesh.comm
         )
         self.held = self._conditions.rows.held
-        self._component = mesh_components(self)
+        self.component, self._made = mesh_components(self), Made()
         self.contradictions, self.materials, self.loads = (), None, ()
-        self._known: _Stiffness | None = None
+        self._assembled: PETSc.Mat | None = None
         if update is None:  # else when the coefficients have been set for a time
-            self._known = self._stiff(self._a.values)
+            self._assembled = self.assembled()
 
     def update(self) -> None:
         """Coefficients have been changed by hand: the callable is called again before the next evaluation."""
         self._present.time = None
 
     @property
-    def _stiffness(self) -> _Stiffness:
-        if self._known is None:
-            self._known = self._stiff(self._a.values)
-        return self._known
+    def _values(self) -> FormValues:
+        """Of the coefficients of a, those that its stiffness has."""
+        if self._made.values is None:
+            self._made.values = self._a.values
+        values: FormValues = self._made.values
+        return values
+
+    def assembled(self) -> PETSc.Mat:
+        K, self._assembled = self._assembled, None
+        if K is None:
+            K = self._a.matrix(self._values)
+            refuse_unsymmetric(K, self.x, self._a.suspects(self._values))
+            diagonal = K.getDiagonal()
+            self._made.diagonal = diagonal.array_r.reshape(-1, 3).copy()
+            diagonal.destroy()
+        return K
 
     @property
-    def K(self) -> PETSc.Mat:
-        return self._stiffness.K
-
-    @property
-    def held_diagonal(self) -> FloatArray:
-        return self._stiffness.held_diagonal
-
-    @property
-    def free(self) -> FreeMotions:
-        return self._stiffness.free
-
-    @property
-    def anchoring(self) -> FloatArray:
-        return self._stiffness.anchoring
+    def _diagonal(self) -> FloatArray:
+        """Of the matrix of a, N/m, shape (k, 3)."""
+        if self._made.diagonal is None:
+            self._assembled = self.assembled()
+        assert self._made.diagonal is not None
+        return self._made.diagonal
 
     @property
     def ground(self) -> FloatArray | None:
-        return self._stiffness.ground
+        return self._grounded[0]
+
+    def resisted(self, modes: FloatArray) -> FloatArray:
+        free = self._grounded[1]
+        return np.stack([free.projected(modes[:, :, j], self.x) for j in range(modes.shape[2])], axis=2)
+
+    @property
+    def _grounded(self) -> tuple[FloatArray | None, FreeMotions]:
+        """Nodal forces of the rigid modes, None if they are rounding errors, and the rigid motions that a does not
+        resist; collective."""
+        if self._made.ground is None:
+            comm, modes = self.mesh.comm, rigid_modes(self.x, self.mesh.comm)
+            forces = np.stack([self.internal_force(modes[:, :, j]) for j in range(6)], axis=2)
+            sizes = np.sqrt(comm.allreduce(np.einsum("kcj,kcj->j", forces, forces), op=MPI.SUM))
+            stiff = np.max(comm.allgather(float(np.max(self._diagonal, initial=0.0))))
+            noise = 1e-12 * np.sqrt(comm.allreduce(float(np.sum(self._diagonal**2)), op=MPI.SUM))
+            parts = component_modes(self.x, self.component, comm)[1]
+            of_each = of_components(forces / stiff, self.x, self.component, parts, comm)
+            free = free_motions(self.x, self.component, names_of_components(parts), of_each, comm, _FREE)
+            self._made.ground = forces if np.max(sizes) > noise else None, free
+        return self._made.ground
 
     def suspects(self) -> str:
-        return self._a.suspects(self._stiffness.values)
+        return self._a.suspects(self._values)
 
     def internal_force(self, u: FloatArray) -> FloatArray:
-        return self._a.residual(self._stiffness.values, u)
+        return self._a.residual(self._values, u)
 
     def at_time(self, time: float) -> Body:
         self._set(time)
-        values, own = self._a.values, self._stiffness
-        if self._same(own, values):
+        values = self._a.values
+        if self._same(self._values, values):
             return self
-        last = self._present.stiffness
-        if last is None or not self._same(last, values):
-            last = self._present.stiffness = self._stiff(values)
+        last = self._present.made
+        if last is None or not self._same(last.values, values):
+            last = self._present.made = Made(values)
         then = copy.copy(self)
-        then._known = last
+        then._made, then._assembled = last, None
         return then
 
-    def _same(self, one: _Stiffness, values: FormValues) -> bool:
-        return self.mesh.comm.allreduce(one.values.same(values), op=MPI.LAND)
+    def _same(self, one: FormValues, values: FormValues) -> bool:
+        return self.mesh.comm.allreduce(one.same(values), op=MPI.LAND)
 
     def at(self, time: float) -> Loading:
         """L and the boundary values at a time; ValueError on every rank if one is not finite, or the user's callable
@@ -318,7 +321,7 @@ class Body(SingleBody):
         comm = self.mesh.comm
         largest = float(np.max(comm.allgather(float(np.max(np.abs(loading.load), initial=0.0)))))
         load = loading.load / (largest or 1.0)
-        work: float = comm.allreduce(float(np.sum(load**2 / self._stiffness.diagonal)), op=MPI.SUM)
+        work: float = comm.allreduce(float(np.sum(load**2 / self._diagonal)), op=MPI.SUM)
         size: float = comm.allreduce(float(np.sum(np.abs(load))), op=MPI.SUM)
         return largest * work / (size or 1.0)
 
@@ -340,7 +343,7 @@ class Body(SingleBody):
             "degree": self._degree,
             "bcs": self._conditions.count,
             "constants": {
-                "a": self._stiffness.values.constants.tolist(),
+                "a": self._values.constants.tolist(),
                 "L": [] if self._L is None else compat.packed_constants(self._L).tolist(),
             },
         }
@@ -351,37 +354,6 @@ class Body(SingleBody):
             update = self._update
             on_all_ranks(lambda: update(time), f"Body: update({time:g})", self.mesh.comm)
             self._present.time = time
-
-    def _stiff(self, values: FormValues) -> _Stiffness:
-        K = self._a.matrix(values)
-        refuse_unsymmetric(K, self.x, self._a.suspects(values))
-        diagonal = K.getDiagonal()
-        alone = diagonal.array.reshape(-1, 3).copy()
-        ground, free = self._resistance(values, float(diagonal.max()[1]), 1e-12 * float(diagonal.norm()))
-        anchoring = anchors(free, free.modes(self.x), self.x, self.anchor_places, self.mesh.comm) * alone
-        diagonal.array[:] += anchoring.ravel()
-        K.setDiagonal(diagonal)
-        diagonal.destroy()
-        K, held = self.eliminated(K)
-        return _Stiffness(values, K, held, ground, alone, free, anchoring)
-
-    def _resistance(self, values: FormValues, stiff: float, noise: float) -> tuple[FloatArray | None, FreeMotions]:
-        """Nodal forces of the rigid modes, None if they are rounding errors, below `noise`, and the motions that
-        neither they nor held directions resist; `stiff` is the largest entry of the diagonal, N/m; collective."""
-        comm, modes = self.mesh.comm, rigid_modes(self.x, self.mesh.comm)
-        ground = np.stack([self._a.residual(values, modes[:, :, j]) for j in range(6)], axis=2)
-        sizes = np.sqrt(comm.allreduce(np.einsum("kcj,kcj->j", ground, ground), op=MPI.SUM))
-        free = self._free_against(ground / stiff)
-        return ground if np.max(sizes) > noise else None, free
-
-    def _free_against(self, ground: FloatArray) -> FreeMotions:
-        """The rigid motions that neither nodal forces of the rigid modes, (k, 3, 6), nor held directions resist;
-        collective."""
-        comm = self.mesh.comm
-        limit = _FREE * comm.allreduce(len(self.x), op=MPI.SUM)
-        own, parts = component_modes(self.x, self._component, comm)
-        forces = self.held_part(own) + of_components(ground, self.x, self._component, parts, comm)
-        return free_motions(self.x, self._component, forces, limit, comm)
 
 
 def _signature(form: Any) -> str | None:

@@ -254,45 +254,50 @@ class FreeMotions:
         )
 
 
+_HARDLY: Final = 1e-10
+"""Energy of a motion by unit springs, over that of the motion against which they have most, up to which it is free."""
+
+
 def free_motions(
     x: FloatArray,
     component: npt.NDArray[np.int64],
+    names: Sequence[str],
     forces: FloatArray,
-    limit: float,
     comm: MPI.Comm,
+    per_node: float | None = None,
 ) -> FreeMotions:
     """The rigid motions of the components of a body that cause no forces; collective.
 
     Args:
         x: This rank's nodes, metres, shape (k, 3).
         component: Their components, shape (k,).
+        names: What the components are called in messages.
         forces: Nodal forces that supports and springs make of the `component_modes`, in any unit, shape (k, 3, 6).
-        limit: Energy of a motion up to which it is free, in the same unit and metres.
         comm: The ranks.
+        per_node: Energy of a motion up to which it is free, in the same unit and metres, over the number of nodes of
+            the component; None where the forces are those of unit springs.
     """
     motions: list[FreeMotion] = []
     modes, parts = component_modes(x, component, comm)
     for number, part in enumerate(parts):
         here = component == number
         energy = comm.allreduce(np.einsum("kci,kcj->ij", modes[here], forces[here]), op=MPI.SUM)
+        limit = least_energy(energy) if per_node is None else per_node * comm.allreduce(int(here.sum()), op=MPI.SUM)
         basis = _basis_along_axes(null_space(energy, limit))
         motions += [FreeMotion(number, part, column[:3], column[3:] / part.radius) for column in basis.T]
+    return FreeMotions(comm, component, tuple(motions), tuple(names))
+
+
+def least_energy(energy: FloatArray) -> float:
+    """The energy up to which a motion is free, of the energy of motions by unit springs, a matrix (q, q)."""
+    return _HARDLY * max(float(np.linalg.norm(energy, 2)), 1.0)
+
+
+def names_of_components(parts: Sequence[RigidPart], body: str = "the body") -> tuple[str, ...]:
+    """What the components of a body are called in messages."""
     centres = (", ".join(f"{value:.3g}" for value in tidy(part.centre, part.radius)) for part in parts)
-    bodies = tuple(f"component {k} of the body, around ({centre})" for k, centre in enumerate(centres, 1))
-    return FreeMotions(comm, component, tuple(motions), bodies if len(parts) > 1 else ("the body",))
-
-
-def joined_motions(parts: Sequence[FreeMotions], names: Sequence[str]) -> FreeMotions:
-    """The free motions of several bodies, of which this rank's nodes follow each other."""
-    motions: list[FreeMotion] = []
-    bodies: list[str] = []
-    component = []
-    for part, name in zip(parts, names, strict=True):
-        first = len(bodies)
-        component.append(first + part.component)
-        motions += [replace(motion, component=first + motion.component) for motion in part.motions]
-        bodies += [body.replace("the body", f'body "{name}"') for body in part.bodies]
-    return FreeMotions(parts[0].comm, np.concatenate(component), tuple(motions), tuple(bodies))
+    names = tuple(f"component {k} of {body}, around ({centre})" for k, centre in enumerate(centres, 1))
+    return names if len(parts) > 1 else (body,)
 
 
 def _basis_along_axes(free: FloatArray) -> FloatArray:

@@ -20,9 +20,8 @@ from ..geometry import Amplitude, Coefficient, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh
 from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
 from .deformable import Deformable, Loading, Member, SingleBody
-from .displacement_space import INTERPOLATION, HeldSpace, attach_interpolation, attach_rigid_body_modes
-from .elasticity import refuse_others
-from .free_motions import FreeMotions, joined_motions
+from .elasticity import LoadedBody, refuse_others
+from .elimination import Made
 from .loads import AppliedLoad, Load, NodalForces, ThermalLoad, joined_temperatures
 from .materials import AnyMaterial, Materials, by_group
 from .rigid_modes import rigid_modes
@@ -30,7 +29,7 @@ from .supports import Spring, Support
 
 Acting = TypeVar("Acting")
 Value = TypeVar("Value")
-Kind = TypeVar("Kind", bound=HeldSpace)
+Kind = TypeVar("Kind", bound=LoadedBody | SingleBody)
 
 NOTHING = (0.0, 0.0, 0.0)
 
@@ -222,6 +221,11 @@ class JoinedBodies(Deformable):
         self.x: FloatArray = np.concatenate([body.x for body in parts])
         nodes = np.concatenate([body.held.nodes + own.start for body, own in zip(parts, slices, strict=True)])
         self.held = HeldDirections(len(self.x), nodes, np.concatenate([body.held.projector for body in parts]))
+        counts = [len(body.component_names) for body in parts]
+        self.component = np.concatenate(
+            [first + body.component for first, body in zip(np.cumsum([0, *counts]), parts, strict=False)]
+        )
+        self._made = Made()
         self.contradictions = tuple(
             f"body {name!r}: {text}" for name, body in bodies.items() for text in body.contradictions
         )
@@ -254,62 +258,33 @@ class JoinedBodies(Deformable):
 
     # --- stiffness ----------------------------------------------------------------------------------------------------
 
-    @property
-    def K(self) -> PETSc.Mat:
-        parts = [member.body.K for member in self._members]
-        if self._K is None or any(one is not other for one, other in zip(parts, self._K[0], strict=True)):
-            self._K = (parts, joined := self._joined(parts))
-            if any(member.body.degree == 2 for member in self._members):
-                attach_interpolation(joined, self._interpolation)
-        return self._K[1]
-
-    _K: tuple[list[PETSc.Mat], PETSc.Mat] | None = None
-
-    def _joined(self, parts: list[PETSc.Mat]) -> PETSc.Mat:
-        blocks = [
-            _in_joined_numbers(local_rows(part), partial(self.numbers_of, member), self.numbering.total)
-            for member, part in zip(self.members, parts, strict=True)
-        ]
+    def assembled(self) -> PETSc.Mat:
+        blocks = []
+        for member in self.members:
+            K = member.body.assembled()
+            blocks.append(_in_joined_numbers(local_rows(K), partial(self.numbers_of, member), self.numbering.total))
+            K.destroy()
         rows = scipy.sparse.vstack(blocks, format="csr")
-        K = distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
-        K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        K.setOption(PETSc.Mat.Option.SPD, True)
-        attach_rigid_body_modes(K, self.x)
-        return K
+        return distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
 
-    def _interpolation(self) -> PETSc.Mat:
-        """From linear displacements to those of second order; displacements of first order stay as they are."""
-        blocks, places, sizes = [], [], []
-        for body in (member.body for member in self._members):
-            K = body.K
-            make = K.getAttr(INTERPOLATION)
-            if make is None:
-                first, last = K.getOwnershipRange()
-                blocks.append(scipy.sparse.eye(last - first, K.getSize()[1], first, format="csr"))
-                places.append(body.x)
-            else:
-                P = make()
-                first, last = P.getOwnershipRangeColumn()
-                blocks.append(local_rows(P))
-                places.append(body.vertices.space.x)
-                P.destroy()
-            sizes.append((first // 3, (last - first) // 3))
-        coarse, x = _Numbers(self.comm, sizes), np.concatenate(places)
-        rows = scipy.sparse.vstack(
-            [_in_joined_numbers(block, partial(coarse.of, place), coarse.total) for place, block in enumerate(blocks)],
-            format="csr",
+    def resisted(self, modes: FloatArray) -> FloatArray:
+        return np.concatenate([member.body.resisted(modes[member.nodes]) for member in self.members])
+
+    def interpolated(self) -> tuple[scipy.sparse.csr_matrix, FloatArray, Numbering]:
+        blocks, places, numberings = zip(*(member.body.interpolated() for member in self.members), strict=True)
+        coarse = _Numbers(self.comm, [(one.first, one.local) for one in numberings])
+        rows = [_in_joined_numbers(of, partial(coarse.of, place), coarse.total) for place, of in enumerate(blocks)]
+        x = np.concatenate(places)
+        return (
+            scipy.sparse.vstack(rows, format="csr"),
+            x,
+            Numbering(coarse.first_of(self.comm.rank), len(x), coarse.total),
         )
-        interpolation = distributed_rows(rows, (3 * len(x), 3 * coarse.total), self)
-        attach_rigid_body_modes(interpolation, x)
-        return interpolation
-
-    @cached_property
-    def free(self) -> FreeMotions:
-        return joined_motions(*zip(*((one.body.free, one.name) for one in self._members), strict=True))
 
     @property
-    def anchoring(self) -> FloatArray:
-        return np.concatenate([member.body.anchoring for member in self._members])
+    def component_names(self) -> tuple[str, ...]:
+        each = [(member.body.component_names, f'body "{member.name}"') for member in self.members]
+        return tuple(name.replace("the body", body) for names, body in each for name in names)
 
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
@@ -335,14 +310,6 @@ class JoinedBodies(Deformable):
         load, prescribed = (np.concatenate([getattr(part, name) for part in parts]) for name in ("load", "prescribed"))
         temperature = joined_temperatures([part.temperature for part in parts], [one.nodes for one in self._members])
         return Loading(time, load, prescribed, temperature, parts)
-
-    def f(self, loading: Loading) -> PETSc.Vec:
-        f = self.K.createVecRight()
-        for member, part in zip(self._members, loading.parts, strict=True):
-            own = member.body.f(part)
-            f.array[3 * member.nodes.start : 3 * member.nodes.stop] = own.array_r
-            own.destroy()
-        return f
 
     def outdated(self, loading: Loading) -> bool:
         return any([one.body.outdated(part) for one, part in zip(self._members, loading.parts, strict=True)])

@@ -25,8 +25,10 @@ from ..compat import fem, ufl
 from ..meshes import boundary_facets
 from .deformable import Loading
 from .displacement_space import free_earlier_bodies
+from .elimination import Made
 from .form_body import BilinearForm, Body, FormValues
-from .free_motions import FreeMotions
+from .free_motions import FreeMotions, free_motions, names_of_components
+from .rigid_modes import component_modes
 
 
 @dataclass(frozen=True)
@@ -114,13 +116,14 @@ class NonlinearBody(Body, large=True):
         _ = self._not_held, self.boundary  # once, for all places
         there = copy.copy(self)
         there._place, there.x = None, self.reference + u
-        there._integrals, there.points_of_faces, there._known = {}, {}, None
+        there._integrals, there.points_of_faces, there._assembled = {}, {}, None
         self._set(time)
         self._displacement.x.array[: u.size] = u.ravel()
         self._displacement.x.scatter_forward()
         loading, load, spring = there._outer_forces(u, time)
         rest = loading.prescribed - self.held_part(u)
         values = self._a.values
+        there._made = Made(values)
         there._place = _Place(
             u.copy(), Loading(time, loading.load, rest, loading.temperature), loading.prescribed, values, load, spring
         )
@@ -144,12 +147,6 @@ class NonlinearBody(Body, large=True):
         assert self._place is not None
         return self._place
 
-    @property
-    def _stiffness(self) -> Any:
-        if self._known is None:
-            self._known = self._stiff(self._a.values if self._place is None else self._place.values)
-        return self._known
-
     def at_time(self, time: float) -> Body:
         if self._place is None:
             self._set(time)
@@ -161,14 +158,16 @@ class NonlinearBody(Body, large=True):
     @cached_property
     def _not_held(self) -> FreeMotions:
         """The rigid motions that conditions allow, at the undeformed place; collective."""
-        return self._free_against(np.zeros((*self.x.shape, 6)))
+        modes, parts = component_modes(self.x, self.component, self.comm)
+        names = names_of_components(parts)
+        return free_motions(self.x, self.component, names, self.held_part(modes), self.comm)
 
     @property
     def free(self) -> FreeMotions:
         return super().free if len(self._not_held) else self._not_held
 
-    def _resistance(self, values: FormValues, stiff: float, noise: float) -> tuple[FloatArray | None, FreeMotions]:
-        return super()._resistance(values, stiff, noise) if len(self._not_held) else (None, self._not_held)
+    def resisted(self, modes: FloatArray) -> FloatArray:
+        return super().resisted(modes) if len(self._not_held) else np.zeros_like(modes)
 
     @property
     def ground(self) -> FloatArray | None:
@@ -204,7 +203,7 @@ class NonlinearBody(Body, large=True):
     def on_springs(self, stiffness: FloatArray, force: FloatArray) -> NonlinearBody:
         """The same linearised body with springs at this rank's nodes, N/m, (k, 3, 3), and forces there, N, (k, 3)."""
         there = copy.copy(self)
-        there._a, there._known = _OnSprings(self._a, stiffness, self.V), None
+        there._a, there._made, there._assembled = _OnSprings(self._a, stiffness, self.V), Made(self._values), None
         loading = self.place.loading
         there._place = replace(self.place, loading=replace(loading, load=loading.load + force))
         return there
@@ -212,7 +211,8 @@ class NonlinearBody(Body, large=True):
     def made_positive(self) -> NonlinearBody:
         """The same linearised body with the nearest tangent that is positive semidefinite in every cell; collective."""
         there = copy.copy(self)
-        there._a, there._known = _PositivePart(self._inside, self._on_facets, self.V), None
+        there._a = _PositivePart(self._inside, self._on_facets, self.V)
+        there._made, there._assembled = Made(self._values), None
         return there
 
     def points_of_cells(self, cells: npt.NDArray[np.int32]) -> FloatArray:

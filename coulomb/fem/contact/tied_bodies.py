@@ -10,9 +10,8 @@ a diagonal alone, as those of held directions.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,27 +23,24 @@ from scipy.sparse.csgraph import connected_components
 
 from ...arrays import FloatArray, IntArray
 from ..bodies import (
-    INTERPOLATION,
     TIE_STRESSES,
     Bolt,
     Deformable,
     FreeMotions,
     Loading,
+    Made,
+    Member,
     NodalForces,
     Numbering,
     OpenedPart,
     Tie,
-    WrappedBodies,
-    anchors,
     at_nodes_of,
-    attach_interpolation,
     attach_near_kernel,
     block_diagonal,
     component_modes,
     displacements_of,
     distributed_rows,
-    free_motions,
-    local_rows,
+    least_energy,
     null_space,
     rigid_modes,
     rows_of,
@@ -56,7 +52,7 @@ from .sections import Section, openings
 from .ties import Tied
 
 
-class TiedBodies(WrappedBodies):
+class TiedBodies(Deformable):
     """Bodies with ties; nodes, faces and loads are those of the bodies.
 
     Attributes:
@@ -70,9 +66,9 @@ class TiedBodies(WrappedBodies):
     """
 
     def __init__(self, bodies: Deformable, given: Sequence[Tied | RigidFace], time: float = 0.0):
-        super().__init__(bodies)
-        self.given = tuple(given)
-        self._K: tuple[PETSc.Mat, PETSc.Mat, FloatArray] | None = None
+        self.bodies, self.given, self._made = bodies, tuple(given), Made()
+        self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
+        self.contradictions, self.component = bodies.contradictions, bodies.component
         self.slaves: npt.NDArray[np.bool_] = np.zeros(len(self.x), dtype=bool)
         pairs = [{one.face, one.against} for one in self.given if isinstance(one, Tied)]
         for number, pair in enumerate(pairs):
@@ -118,9 +114,7 @@ class TiedBodies(WrappedBodies):
     def over(self, bodies: Deformable) -> TiedBodies:
         """The same ties of the same bodies with another stiffness, or at another place."""
         other = copy.copy(self)
-        other.bodies, other.x, other._K = bodies, bodies.x, None
-        for name in ("free", "_held_diagonal"):
-            other.__dict__.pop(name, None)
+        other.bodies, other.x, other._made = bodies, bodies.x, Made()
         return other
 
     # --- the map ------------------------------------------------------------------------------------------------------
@@ -160,56 +154,13 @@ class TiedBodies(WrappedBodies):
 
     # --- stiffness ----------------------------------------------------------------------------------------------------
 
-    @property
-    def K(self) -> PETSc.Mat:
-        """(T P)^T K T P of the stiffness K of the bodies, springs of own unknowns, and what K has on the diagonal of
-        held directions, of slave nodes and of own unknowns that are prescribed."""
-        of_bodies = self.bodies.K
-        if self._K is None or self._K[0] is not of_bodies:
-            self._K = (of_bodies, *self._reduced_stiffness(of_bodies))
-        return self._K[1]
-
-    @property
-    def anchoring(self) -> FloatArray:
-        assert self.K is not None and self._K is not None
-        return self._K[2]
-
-    def _reduced_stiffness(self, of_bodies: PETSc.Mat) -> tuple[PETSc.Mat, FloatArray]:
-        count, axes = len(self.x), [0, 1, 2]
-        S, diagonal = of_bodies.copy(), of_bodies.getDiagonal()
-        diagonal.array[:] -= self.bodies.anchoring.ravel()
-        S.setDiagonal(diagonal)
-        blocks = np.zeros((len(self.points), 3, 3))
-        blocks[self.held.nodes] = self._held_diagonal[self.held.nodes][:, :, None] * self.held.projector
-        mean = diagonal.array_r.reshape(-1, 3).mean(axis=1)
-        blocks[:count] += mean[:, None, None] * self._map.tied
+    def filled(self, mean: FloatArray, anchoring: FloatArray) -> scipy.sparse.csr_matrix:
+        blocks, count = anchoring[:, :, None] * np.eye(3), len(self.x)
+        blocks[:count] += mean[:, :, None] * (np.eye(3) - self.moving_part)
         typical = self.comm.allreduce(float(mean.sum()), op=MPI.SUM) / self.numbering.total
-        blocks[count:] = typical * (1.0 - self._map.with_own(np.zeros((0, 3)), self._loose))[:, :, None] * np.eye(3)
-        TP = self.projection()
-        product = S.PtAP(TP)
-        present = product.getDiagonal()
-        anchoring: FloatArray = self._anchors() * present.array_r.reshape(-1, 3)
-        blocks[:, axes, axes] += anchoring
-        rows = local_rows(product) + block_diagonal(blocks, self._map.numbering) + self._springs()
-        for thing in (S, diagonal, TP, product, present):
-            thing.destroy()
-        K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(self.points), rows.shape[1]), self)
-        K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        K.setOption(PETSc.Mat.Option.SPD, True)
-        attach_near_kernel(K, self._rigid_modes(self.x))
-        if of_bodies.getAttr(INTERPOLATION) is not None:
-            attach_interpolation(K, self._interpolation)
-        return K, anchoring
-
-    def _anchors(self) -> npt.NDArray[np.bool_]:
-        """Which unknowns are anchors of free motions: those of nodes that follow no other, if these determine all
-        motions, shape (k + p, 3); collective."""
-        places = np.zeros((3, len(self.points)), dtype=bool)
-        for member in self.members:
-            places[:, member.nodes] = member.body.anchor_places
-        places[:, : len(self.x)] &= ~self.slaves
-        places[-1] = True
-        return anchors(self.free, self.free_unknowns, self.points, list(places), self.comm)
+        prescribed = 1.0 - self._map.with_own(np.zeros((0, 3)), self._loose)
+        blocks[count:] += typical * prescribed[:, :, None] * np.eye(3)
+        return block_diagonal(blocks, self._map.numbering) + self._springs()
 
     def _springs(self) -> scipy.sparse.csr_matrix:
         """This rank's rows of (C^T N)^T S C^T N of all rigid faces, along their own unknowns; collective."""
@@ -228,39 +179,24 @@ class TiedBodies(WrappedBodies):
         at, there = (displacements_of(of - whole.centre, np.full(len(of), whole.radius)) for of in (x, self.x))
         return np.concatenate([at, self.reduced(there)[len(self.x) :]])
 
-    def _interpolation(self) -> PETSc.Mat:
-        """That of the bodies, without what follows other nodes, and with own unknowns as they are."""
-        P, here = self.bodies.K.getAttr(INTERPOLATION)(), 3 * self._map.here
-        E = block_diagonal(np.eye(3) - self._map.tied, Numbering(0, len(self.x), len(self.x)))
-        own = scipy.sparse.identity(self._map.width, format="csr")[:here]
-        rows = scipy.sparse.block_diag([E @ local_rows(P), own], "csr")
-        rows.eliminate_zeros()
-        product = distributed_rows(rows, (P.getLocalSize()[1] + here, rows.shape[1]), self)
-        parts = [member.body for member in self.members]
-        coarse = np.concatenate([one.x if one.degree == 1 else one.vertices.space.x for one in parts])
-        attach_near_kernel(product, self._rigid_modes(coarse))
-        P.destroy()
-        return product
-
-    @cached_property
-    def free(self) -> FreeMotions:
-        """The rigid motions of bodies and of what is tied together, and those along bolts that are not locked."""
-        component, names = self._joined_components(self.ties)
-        modes, _ = component_modes(self.x, component, self.comm)
-        found = free_motions(self.x, component, self._resisted(modes), self._limit, self.comm)
-        found = replace(found, bodies=names)
-        return found if all(self.locked) else self._opened(found)
+    def attach_near_kernel(self, matrix: PETSc.Mat, x: FloatArray) -> None:
+        attach_near_kernel(matrix, self._rigid_modes(x))
 
     @property
-    def _limit(self) -> float:
-        """Energy of a motion up to which it is free, m^2; collective."""
-        return 1e-10 * float(self.comm.allreduce(float(len(self.x)), op=MPI.SUM))
+    def moving_part(self) -> FloatArray:
+        return self.bodies.moving_part - self._map.tied
 
-    def _resisted(self, modes: FloatArray) -> FloatArray:
-        """Forces of unit springs in place of supports, springs and ties in motions of one metre, shapes (k, 3, j);
-        collective."""
-        projected = [self.bodies.free.projected(modes[:, :, j], self.x) for j in range(modes.shape[2])]
-        forces = np.stack(projected, axis=2) + self.prevented(modes) - self.held_part(modes)
+    def with_own_rows(self, rows: scipy.sparse.csr_matrix, columns: int) -> tuple[scipy.sparse.csr_matrix, int]:
+        here = 3 * self._map.here
+        own = scipy.sparse.identity(self._map.width, format="csr")[:here]
+        return scipy.sparse.block_diag([rows, own], "csr"), columns + here
+
+    @property
+    def moving_together(self) -> tuple[IntArray, tuple[str, ...]]:
+        return self._joined_components(self.ties)
+
+    def resisted(self, modes: FloatArray) -> FloatArray:
+        forces = self.bodies.resisted(modes)
         for motion in self._sprung:
             forces = forces - motion.spring_force(modes, motion.unit_stiffness(self.x, self.comm), self.comm)
         return forces
@@ -271,13 +207,16 @@ class TiedBodies(WrappedBodies):
         The parts on the two sides of a section are bodies of their own there; of the motions of all of them against
         which nothing has energy, those are taken that change the lengths of bolts.
         """
+        if all(self.locked):
+            return found
         loose = np.flatnonzero(~np.array(self.locked))
         sections = [self.sections[k] for k in loose]
         part, names = self._joined_components([tie for tie in self.ties if not any(tie is s.tie for s in sections)])
         modes, parts = component_modes(self.x, part, self.comm)
         each = np.concatenate([np.where((part == k)[:, None, None], modes, 0.0) for k in range(len(parts))], axis=2)
-        energy = self.comm.allreduce(np.einsum("kci,kcj->ij", each, self._resisted(each)), op=MPI.SUM)
-        free = null_space(energy, self._limit)
+        forces = self.prevented(each) + self.resisted(each)
+        energy = self.comm.allreduce(np.einsum("kci,kcj->ij", each, forces), op=MPI.SUM)
+        free = null_space(energy, least_energy(energy))
         motions = each @ free
         amounts = self._map.amounts(self._map.apart(motions))[[self._of_bolts[k] for k in loose]]
         ways, named = openings(amounts, sections)
@@ -291,8 +230,7 @@ class TiedBodies(WrappedBodies):
 
     def _joined_components(self, ties: Sequence[Tie]) -> tuple[IntArray, tuple[str, ...]]:
         """The component of every node, where those of these ties are one, shape (k,), and their names; collective."""
-        of_bodies = self.bodies.free
-        component, count = of_bodies.component, len(of_bodies.bodies)
+        component, names = self.component, self.component_names
         starts, found = starts_of(self.comm, len(self.x)), [np.empty((0, 2), dtype=np.int64)]
         for tie in ties:
             entries = tie.rows.tocoo()
@@ -302,12 +240,10 @@ class TiedBodies(WrappedBodies):
                 together = np.unique(np.concatenate(self.comm.allgather(np.unique(component[tie.nodes]))))
                 found.append(np.column_stack([together[:-1], together[1:]]))
         pairs = np.concatenate(self.comm.allgather(np.concatenate(found)))
-        graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), (count, count))
+        graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), (len(names), len(names)))
         number = connected_components(graph, directed=False)[1].astype(np.int64)
         _, number = np.unique(number, return_inverse=True)
-        groups = [
-            [name for name, at in zip(of_bodies.bodies, number, strict=True) if at == k] for k in range(max(number) + 1)
-        ]
+        groups = [[name for name, at in zip(names, number, strict=True) if at == k] for k in range(max(number) + 1)]
         return number[component], tuple(group[0] if len(group) == 1 else " with ".join(group) for group in groups)
 
     # --- loads and forces ---------------------------------------------------------------------------------------------
@@ -362,15 +298,6 @@ class TiedBodies(WrappedBodies):
         y = self._map.amounts(self._map.apart(u))
         for section, own, locked in zip(self.sections, self._of_bolts, self.locked, strict=True):
             yield Bolt(section.tie.face, section.place, section.direction, float(y[own]), locked)
-
-    def f(self, loading: Loading) -> PETSc.Vec:
-        f, forces, g = self.K.createVecRight(), loading.load, loading.prescribed
-        if self.comm.allreduce(bool(np.any(g)), op=MPI.LOR):
-            forces = forces - self.internal_force(g) + self.spring_force(g)
-        along = self.along_unknowns(forces, loading.time)
-        along[: len(self.x)] += self._held_diagonal * self.held_part(g)
-        f.array[:] = along.ravel()
-        return f
 
     def _lacking(self, imbalance: FloatArray, time: float) -> FloatArray:
         return self._map.lacking(imbalance, self._loose, self._tension(time))
@@ -440,3 +367,54 @@ class TiedBodies(WrappedBodies):
     def support_entries(self) -> list[dict[str, Any]]:
         springs = [{"kind": "spring", "face": one.given.face, "holds": one.given.holds} for one in self._sprung]
         return self.bodies.support_entries() + springs
+
+    # --- as of the bodies ---------------------------------------------------------------------------------------------
+
+    @property
+    def component_names(self) -> tuple[str, ...]:
+        return self.bodies.component_names
+
+    def assembled(self) -> PETSc.Mat:
+        return self.bodies.assembled()
+
+    def interpolated(self) -> tuple[scipy.sparse.csr_matrix, FloatArray, Numbering]:
+        return self.bodies.interpolated()
+
+    @property
+    def reference(self) -> FloatArray:
+        return self.bodies.reference
+
+    @property
+    def numbering(self) -> Numbering:
+        return self.bodies.numbering
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        return self.bodies.members
+
+    def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+        return self.bodies.face(name, what)
+
+    def numbers_of(self, member: Member, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        return self.bodies.numbers_of(member, numbers)
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        return self.bodies.internal_force(u)
+
+    def outdated(self, loading: Loading) -> bool:
+        return self.bodies.outdated(loading.untied or loading)
+
+    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
+        return self.bodies.loads_in(loading.untied or loading)
+
+    def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
+        return self.bodies.shares(reaction)
+
+    def blocked_displacement(self, loading: Loading) -> float:
+        return self.bodies.blocked_displacement(loading.untied or loading)
+
+    def blocked_displacements(self, loading: Loading) -> tuple[float, ...]:
+        return self.bodies.blocked_displacements(loading.untied or loading)
+
+    def forms(self) -> Mapping[str, Any] | None:
+        return self.bodies.forms()

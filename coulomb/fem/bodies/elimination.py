@@ -1,0 +1,225 @@
+"""The stiffness of bodies in their unknowns: nothing is held or follows, and springs are where contact alone holds."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from .constraints import Numbering, block_diagonal, distributed_rows, local_rows
+from .free_motions import FreeMotions, anchors, free_motions
+from .rigid_modes import component_modes, of_components
+
+if TYPE_CHECKING:
+    from .deformable import Deformable, Member
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The stiffness in the unknowns, N/m.
+
+    Attributes:
+        K: The matrix.
+        held_diagonal: Its entry for held components: the mean diagonal of the node without supports, shape (k, 1).
+        anchoring: Of the springs at the anchors of free motions, shape (k + p, 3).
+    """
+
+    K: PETSc.Mat
+    held_diagonal: FloatArray
+    anchoring: FloatArray
+
+
+@dataclass
+class Made:
+    """What follows from the coefficients of the stiffness: made when it is asked for, thrown away when these change.
+
+    Attributes:
+        values: The coefficients of the user's forms.
+        diagonal: Of the matrix of the user's form alone, N/m, shape (k, 3).
+        ground: Nodal forces of the rigid modes by the user's form, and the motions that it does not resist.
+    """
+
+    values: Any = None
+    free: FreeMotions | None = None
+    reduced: Reduced | None = None
+    diagonal: FloatArray | None = None
+    ground: tuple[FloatArray | None, FreeMotions] | None = None
+
+
+def eliminated(bodies: Deformable) -> Reduced:
+    """The stiffness of the bodies in their unknowns; collective.
+
+    With P, from unknowns to displacements without held directions, K becomes P^T K P + m (I - P): where a component is
+    held, its row and column are zero except for the diagonal.  The numbers m are means of the diagonal of the node: a 1
+    there would disturb multigrid and all scales.  So would the same number at all nodes if one material is much stiffer
+    than another: multigrid takes the coupling of two nodes for weak where it is small beside their diagonals, nodes
+    that are held along one direction in the softer material are then on no coarser grid, and motions of the body as a
+    whole are not either.
+
+    Springs at anchors are as stiff as K there: multigrid then takes as many iterations as for a clamped body; with 1e3
+    times K's diagonal up to twice as many.
+
+    Raises:
+        ValueError: On every rank, if every direction of every node of a body is held, or if rigid motions are resisted
+            by no more than rounding errors.
+    """
+    comm = bodies.comm
+    for member in bodies.members:
+        _refuse_fully_held(member)
+    K = bodies.assembled()
+    diagonal = K.getDiagonal()
+    alone: FloatArray = diagonal.array_r.reshape(-1, 3).copy()
+    diagonal.destroy()
+    mean: FloatArray = alone.mean(axis=1, keepdims=True)
+    typical = comm.allreduce(float(mean.sum()), op=MPI.SUM) / bodies.numbering.total
+    mean = np.where(mean > 0.0, mean, typical)  # forms may vanish where everything is held
+    anchored = _anchors(bodies)
+    _refuse_soft(bodies, anchored, alone)
+    if bodies.ties or comm.allreduce(bool(np.any(bodies.held.oblique)), op=MPI.LOR):
+        P = bodies.projection()
+        product = K.PtAP(P)
+        present = product.getDiagonal()
+        anchoring: FloatArray = anchored * present.array_r.reshape(-1, 3)
+        rows = local_rows(product) + bodies.filled(mean, anchoring)
+        for thing in (K, P, product, present):
+            thing.destroy()
+        K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(bodies.points), rows.shape[1]), bodies)
+    else:
+        anchoring, fixed = anchored * alone, bodies.held.components
+        where = (K.getOwnershipRange()[0] + np.flatnonzero(fixed)).astype(PETSc.IntType)
+        K.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        K.zeroRowsColumns(where, diag=1.0)
+        diagonal = K.getDiagonal()
+        diagonal.array[:] = np.where(fixed, mean, alone + anchoring).ravel()
+        K.setDiagonal(diagonal)
+        diagonal.destroy()
+        K.assemble()
+    K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    K.setOption(PETSc.Mat.Option.SPD, True)
+    bodies.attach_near_kernel(K, bodies.x)
+    if any(member.body.degree == 2 for member in bodies.members):
+        attach_interpolation(K, bodies.interpolation)
+    return Reduced(K, mean, anchoring)
+
+
+def interpolation_of(bodies: Deformable) -> PETSc.Mat:
+    """From linear displacements to free ones of second order, with their rigid body modes as near-nullspace; for
+    multigrid; collective."""
+    linear, x, numbering = bodies.interpolated()
+    rows = block_diagonal(bodies.moving_part, Numbering(0, len(bodies.x), len(bodies.x))) @ linear
+    rows, columns = bodies.with_own_rows(rows, 3 * numbering.local)
+    rows.eliminate_zeros()
+    P = distributed_rows(rows, (columns, rows.shape[1]), bodies)
+    bodies.attach_near_kernel(P, x)
+    return P
+
+
+def _refuse_fully_held(member: Member) -> None:
+    body = member.body
+    if body.comm.allreduce(3 * len(body.x) - body.held.number, op=MPI.SUM) == 0:
+        name = f"body {member.name!r}: " if member.name else ""
+        raise ValueError(
+            f"{name}the supports hold every node of the body: there is nothing to compute; use a finer mesh"
+        )
+
+
+def _anchors(bodies: Deformable) -> npt.NDArray[np.bool_]:
+    """Which unknowns are anchors of free motions: those of nodes that follow no other, if these determine all motions,
+    shape (k + p, 3); collective."""
+    places = np.zeros((4, len(bodies.points)), dtype=bool)
+    for member in bodies.members:
+        places[:3, member.nodes] = member.body.anchor_places
+    for tie in bodies.ties:
+        places[:3, tie.nodes] = False
+    places[3] = True
+    return anchors(bodies.free, bodies.free_unknowns, bodies.points, list(places), bodies.comm)
+
+
+_SOFT: Final = 1e-12
+"""Energy of a rigid motion over the number of nodes and the largest diagonal entry of the stiffness, up to which it is
+resisted by no more than rounding errors."""
+
+
+def _refuse_soft(bodies: Deformable, anchored: npt.NDArray[np.bool_], diagonal: FloatArray) -> None:
+    """ValueError on every rank, if anchors, supports, ties and springs on bodies of materials resist rigid motions by
+    no more than rounding errors of the diagonal (k, 3), N/m; collective."""
+    comm, count = bodies.comm, len(bodies.x)
+    component, names = bodies.moving_together
+    if comm.allreduce(bool(np.any(anchored[count:])), op=MPI.LOR):
+        return
+    modes, parts = component_modes(bodies.x, component, comm)
+    forces, ground = bodies.prevented(modes) + anchored[:count, :, None] * modes, bodies.ground
+    if ground is not None:
+        ground = of_components(ground, bodies.x, component, parts, comm)
+    for member in bodies.members:
+        here = member.nodes
+        stiff = comm.allreduce(float(np.max(diagonal[here], initial=0.0)), op=MPI.MAX)
+        if member.body.sprung is None:
+            forces[here] = modes[here]
+        elif ground is not None:
+            forces[here] += ground[here] / stiff
+    soft = free_motions(bodies.x, component, names, forces, comm, _SOFT)
+    if not soft.motions:
+        return
+    numbers = [motion.component for motion in soft.motions]
+    there = np.isin(component, numbers)
+    moves = " or ".join(map(str, soft.motions))
+    body = "" if len(bodies.members) == 1 else f"{' and '.join(names[k] for k in dict.fromkeys(numbers))}: "
+    sprung = any(bool(one.body.sprung) and bool(np.any(there[one.nodes])) for one in bodies.members)
+    if comm.allreduce(sprung, op=MPI.LOR):
+        raise ValueError(
+            f"{body}the springs are too soft in comparison with rounding errors: they hardly resist that the body "
+            f"{moves}; against that the nodes have less than 1e-12 of the body's own stiffness; make the springs "
+            "stiffer, or leave them out where contact holds the body"
+        )
+    ends = (np.max(side * bodies.x[there], axis=0, initial=-np.inf) for side in (1.0, -1.0))
+    lengths = sum(np.max(comm.allgather(end), axis=0) for end in ends)
+    raise ValueError(
+        f"{body}the body is {np.max(lengths):g} m long and {np.min(lengths):g} m thin: supports and contact resist "
+        f"that it {moves} by no more than rounding errors of its stiffness; check the lengths and the unit of the mesh"
+    )
+
+
+INTERPOLATION = "interpolation"
+"""Attribute of a second-order stiffness: makes the matrix that interpolates linear displacements; None without body."""
+
+
+def attach_interpolation(K: PETSc.Mat, make: Callable[[], PETSc.Mat]) -> None:
+    """The attribute `INTERPOLATION` of a stiffness, from a method of its body, which it does not keep alive: Python
+    cannot collect a cycle through a matrix of PETSc."""
+    of_body = weakref.WeakMethod(make)
+    K.setAttr(INTERPOLATION, lambda: (method := of_body()) and method())
+
+
+def attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:
+    """The near-nullspace of a matrix whose columns are displacements of nodes at x (k, 3)."""
+    coordinates = matrix.createVecRight()
+    coordinates.setBlockSize(3)
+    coordinates.array[:] = x.ravel()
+    modes = PETSc.NullSpace().createRigidBody(coordinates)
+    matrix.setNearNullSpace(modes)
+    modes.destroy()
+    coordinates.destroy()
+
+
+def attach_near_kernel(matrix: PETSc.Mat, modes: FloatArray) -> None:
+    """The near-nullspace of a matrix whose columns are this rank's unknowns, from modes of these (k, 3, 6), linearly
+    independent; collective."""
+    comm = matrix.comm.tompi4py()
+    V: FloatArray = modes.reshape(-1, modes.shape[2])  # a rank may have no nodes
+    V = np.linalg.solve(np.linalg.cholesky(comm.allreduce(V.T @ V, op=MPI.SUM)), V.T)
+    vectors = []
+    for column in V:
+        vectors.append(matrix.createVecRight())
+        vectors[-1].array[:] = column
+    kernel = PETSc.NullSpace().create(constant=False, vectors=vectors, comm=comm)
+    matrix.setNearNullSpace(kernel)
+    for one in (kernel, *vectors):
+        one.destroy()
