@@ -29,7 +29,7 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
     """
     over, component = Reductions(elasticity.comm), elasticity.free.component
     modes, parts = component_modes(elasticity.x, component, elasticity.comm)
-    held, ground = elasticity.prevented(modes), elasticity.ground
+    held, ground = elasticity.reduction.prevented(modes), elasticity.ground
     forces = elasticity.anchoring[: len(modes), :, None] * modes
     if ground is not None:
         forces += of_components(ground, elasticity.x, component, parts, elasticity.comm)
@@ -49,7 +49,7 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
             T = free @ V[:, soft] / np.sqrt(sizes[soft])
             R, KR = np.zeros((2, *modes.shape[:2], T.shape[1]))
             R[here], KR[here] = own @ T, resisting @ T
-            found.append((elasticity.reduced(elasticity.held.free_part(R)), elasticity.along_unknowns(KR)))
+            found.append((elasticity.reduction.reduced(elasticity.held.free_part(R)), elasticity.reduction.along(KR)))
     if not found:
         return None
     R, KR = (np.concatenate(columns, axis=2) for columns in zip(*found, strict=True))

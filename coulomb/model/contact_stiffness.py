@@ -161,7 +161,7 @@ class FixedStiffness:
     @cached_property
     def solver(self) -> StiffnessSolver:
         """K^-1; where A is formed with the contact nodes eliminated last, which gives A."""
-        K, x, method = self.elasticity.K, self.elasticity.points, self.method
+        K, x, method = self.elasticity.K, self.elasticity.reduction.points, self.method
         with timed(self._seconds, "stiffness"), explained(self.elasticity):
             if method.explicit or method.linear_solver is DirectSolver:
                 last = self._reference.nodes_in_rows if method.explicit else np.empty(0, dtype=np.int64)
@@ -334,7 +334,7 @@ class ContactStiffness:
 
     def _fronts(self, contact_last: bool) -> tuple[list[Front] | None, Work]:
         """The fronts of K on one rank, and what a factorisation takes; collective."""
-        K, x, last = self.elasticity.K, self.elasticity.points, self._reference.nodes_in_rows
+        K, x, last = self.elasticity.K, self.elasticity.reduction.points, self._reference.nodes_in_rows
         if self.comm.size > 1:
             return None, usual_work(self._unknowns["displacement"], self.interface if contact_last else 0)
         fronts = symbolic(K, x, last if contact_last else np.empty(0, dtype=np.int64))

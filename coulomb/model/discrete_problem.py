@@ -156,7 +156,7 @@ class DiscreteProblem:
 
     def moved(self, u: FloatArray, alpha: FloatArray) -> FloatArray:
         """u + R alpha, amounts alpha (q,) of the free motions; metres, shapes (k, 3)."""
-        return u + self.elasticity.free_part(self.elasticity.free_unknowns @ alpha) if len(alpha) else u
+        return u + self.elasticity.reduction.displacement(self.elasticity.free_unknowns @ alpha) if len(alpha) else u
 
     def nodal_contact_force(self, x: FloatArray) -> FloatArray:
         """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""

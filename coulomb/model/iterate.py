@@ -161,7 +161,7 @@ class Linearised(DiscreteProblem):
 
     def _jump(self, u: FloatArray, over: Reductions) -> FloatArray:
         """Of tied nodes at a displacement u (k, 3), metres; 0 where it is a rounding error of u; collective."""
-        jump = self.elasticity.jump(u, self.loading)
+        jump = self.elasticity.reduction.left_apart(u, self.loading.apart)
         return np.where(np.abs(jump) <= _ROUNDING * over.max(np.abs(u).ravel()), 0.0, jump)
 
 

@@ -110,7 +110,7 @@ class LoadSteps:
         stretch; collective."""
         body, over = self.elasticity, Reductions(self.elasticity.comm)
         undeformed = linearised(body, np.zeros_like(body.x), time)
-        arms = np.linalg.norm(undeformed.jump(body.x, undeformed.at(time)), axis=1)
+        arms = np.linalg.norm(undeformed.reduction.left_apart(body.x, undeformed.at(time).apart), axis=1)
         for tie in body.ties:
             d, facet = over.max(arms[tie.nodes]), over.max(np.sqrt(tie.area))
             if d > _ARM * facet:

@@ -55,14 +55,17 @@ def iteratively_refined(
     over, x = Reductions(elasticity.comm), elasticity.x
     ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
     half = np.full(len(x), 0.5 * np.linalg.norm(np.ptp(ends, axis=1)))
-    rigid = elasticity.reduced(displacements_of(x - ends.mean(axis=1), half))
+    rigid = elasticity.reduction.reduced(displacements_of(x - ends.mean(axis=1), half))
 
     def left_over(u: FloatArray) -> tuple[FloatArray, float]:
         """The residual at this rank's nodes, and its size relative to the forces on the body."""
-        spring, anchored = elasticity.spring_force(u), elasticity.anchoring * elasticity.reduced(u, loading)
+        spring, anchored = (
+            elasticity.spring_force(u),
+            elasticity.anchoring * elasticity.reduction.reduced(u, loading.apart),
+        )
         forces = loading.load + spring + on_body - elasticity.internal_force(u)
-        residual = elasticity.along_unknowns(forces, loading.time) - anchored
-        reaction = elasticity.held_part(elasticity.transferred(forces))
+        residual = elasticity.reduction.along(forces, loading.tension) - anchored
+        reaction = elasticity.held_part(elasticity.reduction.transferred(forces))
         outer = (loading.load, spring - anchored[: len(u)], on_body, reaction)
         sums = over.total(np.einsum("kcj,kc->j", rigid, residual))
         scale = np.max([over.sum(lengths(part)) for part in outer])
@@ -78,7 +81,7 @@ def iteratively_refined(
                 break
             accuracy = min(max(_BEYOND * BALANCED / size, _ACCURACY), _BEYOND)
             change, ended = _solved(elasticity.K, solver, residual, accuracy)
-            changed = u + elasticity.free_part(change)
+            changed = u + elasticity.reduction.displacement(change)
             after, smaller = left_over(changed)
             if not smaller < size:
                 break
@@ -173,8 +176,8 @@ class ContactState:
             return None
         R = elasticity.free_unknowns
         G = np.stack([rows_of(self.surface.free_B, R[:, :, number]).ravel() for number in range(len(free))])
-        load = elasticity.along_unknowns(loading.load, loading.time)
-        each = [load, *(elasticity.along_unknowns(one.forces) for one in elasticity.loads_in(loading))]
+        load = elasticity.reduction.along(loading.load, loading.tension)
+        each = [load, *(elasticity.reduction.along(one.forces) for one in elasticity.loads_in(loading))]
         sums = [np.einsum("kcq,kc->q", R, load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]
         e, size = elasticity.comm.allreduce(np.array(sums), op=MPI.SUM)
         return RigidMotions(G, np.where(np.abs(e) <= _ROUNDING * size, 0.0, e), tuple(map(str, free.motions)))
@@ -267,7 +270,7 @@ class LinearProblem:
     def displacement(self, x: FloatArray) -> FloatArray:
         """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
         collective."""
-        free_u = self.elasticity.reduced(self.free_displacement, self.loading)
+        free_u = self.elasticity.reduction.reduced(self.free_displacement, self.loading.apart)
         u = self._with_prescribed(self.A.displacement(x, self.f, free_u.ravel()).reshape(-1, 3))
         free = self.A.matrix_free
         if free is not None and free.found:
@@ -278,7 +281,7 @@ class LinearProblem:
     def prepare_products(self) -> None:
         """Let the products by A to come be as accurate as the displacement under load and contact forces is, also where
         soft springs alone hold the body; collective."""
-        self.A.under_load(self.f, self.elasticity.reduced(self.free_displacement, self.loading).ravel())
+        self.A.under_load(self.f, self.elasticity.reduction.reduced(self.free_displacement, self.loading.apart).ravel())
 
     @cached_property
     def free_displacement(self) -> FloatArray:
@@ -304,4 +307,4 @@ class LinearProblem:
     def _with_prescribed(self, u: FloatArray) -> FloatArray:
         """The displacement (k, 3) of unknowns u (k + p, 3), with exactly the prescribed displacements, which a solver
         holds to its tolerance only."""
-        return self.elasticity.free_part(u) + self.loading.prescribed
+        return self.elasticity.reduction.displacement(u) + self.loading.prescribed

@@ -124,7 +124,7 @@ def gather_evidence(
         blocked=elasticity.blocked_displacements(state.loading),
         averaged=not points.nodal,
         bodies=tuple(member.nodes for member in elasticity.members) if len(elasticity.members) > 1 else (),
-        jump=elasticity.jump(u, state.loading) if elasticity.ties else None,
+        jump=elasticity.reduction.left_apart(u, state.loading.apart) if elasticity.ties else None,
         owner=np.concatenate([component[nodes], component[strays]]),
         place=np.concatenate([points.average(elasticity.x), elasticity.x[strays]]),
         part=np.concatenate([parts, np.full(len(stray), -1)]),

@@ -17,10 +17,10 @@ from .constraints import (
     matrix_product,
     rows_of,
 )
-from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody, Tie
+from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody
 from .displacement_space import DisplacementSpace, free_earlier_bodies
 from .elasticity import Elasticity, LoadedBody
-from .elimination import Made, attach_near_kernel
+from .elimination import Made
 from .form_body import BilinearForm, Body, FormValues
 from .free_motions import (
     FreeMotion,
@@ -70,6 +70,7 @@ from .materials import (
 from .mesh_components import mesh_components, unjoined_parts
 from .nonlinear_body import NonlinearBody, nonlinear
 from .recovery import StressedCells, StressError, relative_error, stress_error, stress_errors
+from .reduction import LONGEST_CHAIN, Reduction
 from .rigid_modes import (
     RigidPart,
     component_modes,
@@ -83,3 +84,4 @@ from .rigid_modes import (
 )
 from .stress_difference import StressDifference, stress_difference
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane
+from .ties import Tie

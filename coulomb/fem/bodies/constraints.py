@@ -35,15 +35,24 @@ class Numbering:
     total: int
 
 
-class Nodes(Protocol):
-    """Nodes with displacements, of one body or of several; those of this rank are at x (k, 3), metres."""
-
-    x: FloatArray
+class Shared(Protocol):
+    """What ranks share."""
 
     @property
     def comm(self) -> MPI.Comm:
-        """The ranks that share them."""
+        """The ranks."""
         ...
+
+    @property
+    def lifetime(self) -> object:
+        """What its matrices must keep alive (`compat.assemble_matrix`)."""
+        ...
+
+
+class Nodes(Shared, Protocol):
+    """Nodes with displacements, of one body or of several; those of this rank are at x (k, 3), metres."""
+
+    x: FloatArray
 
     @property
     def reference(self) -> FloatArray:
@@ -53,11 +62,6 @@ class Nodes(Protocol):
     @property
     def numbering(self) -> Numbering:
         """Their global numbers."""
-        ...
-
-    @property
-    def lifetime(self) -> object:
-        """What matrices on these nodes must keep alive (`compat.assemble_matrix`)."""
         ...
 
     def linear_between_vertices(self, values: FloatArray) -> FloatArray:
@@ -83,11 +87,6 @@ class HeldNodes(Nodes, Protocol):
         """The part of nodal vectors along free directions; shapes (k, 3), or (k, 3, j)."""
         return self.held.free_part(v)
 
-    def projection(self) -> PETSc.Mat:
-        """P, the projection on the free directions of the nodes: block diagonal, shape (n, n), distributed."""
-        rows = block_diagonal(np.eye(3) - self.held.projector_at(np.arange(self.held.count)), self.numbering)
-        return distributed_rows(rows, rows.shape, self)
-
 
 def block_diagonal(blocks: FloatArray, numbering: Numbering) -> scipy.sparse.csr_matrix:
     """This rank's rows of the matrix with these blocks (k, 3, 3) on its diagonal, by the numbers of their nodes."""
@@ -97,7 +96,7 @@ def block_diagonal(blocks: FloatArray, numbering: Numbering) -> scipy.sparse.csr
 
 
 def distributed_rows(
-    rows: scipy.sparse.csr_matrix, columns: tuple[int, int], nodes: Nodes, block: int | None = 3
+    rows: scipy.sparse.csr_matrix, columns: tuple[int, int], nodes: Shared, block: int | None = 3
 ) -> PETSc.Mat:
     """The matrix of the rows of every rank, with global numbers of columns; of `columns` there are so many on this rank
     and in all."""

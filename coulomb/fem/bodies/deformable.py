@@ -19,13 +19,15 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..meshes import SEPARATOR, NamedMesh, boundary_facets
-from .constraints import HeldNodes, Numbering, block_diagonal
+from .constraints import HeldNodes, Numbering
 from .displacement_space import DisplacementSpace
-from .elimination import Made, Reduced, attach_rigid_body_modes, eliminated, interpolation_of
+from .elimination import Made, Reduced, attach_rigid_modes, eliminated
 from .free_motions import FreeMotions, free_motions, names_of_components
 from .loads import AppliedLoad, NodalForces, Temperature
 from .materials import Materials
+from .reduction import Reduction
 from .rigid_modes import component_modes
+from .ties import Tie
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Loading:
         untied: Of tied bodies, that of these without ties.
         apart: By how much tied nodes are prescribed to be apart from what they follow, by own unknowns of the ties that
             are prescribed as well, metres, shape (k, 3).
+        tension: The forces of bolts along own unknowns, newtons; None without bolts.
     """
 
     time: float
@@ -49,6 +52,7 @@ class Loading:
     parts: tuple[Loading, ...] = ()
     untied: Loading | None = None
     apart: FloatArray | float = 0.0
+    tension: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -69,43 +73,6 @@ class Member:
 TIE_STRESSES = ("peel_stress", "shear_stress")
 """Tractions of ties at slave nodes: along the outward normal, positive where the tie pulls, and the size of the part
 across it."""
-
-
-@dataclass(frozen=True)
-class Tie:
-    """Two faces that are tied to each other; this rank's slave nodes.
-
-    Attributes:
-        kind: "tie", "cyclic symmetry", "rigid face" or "pretension".
-        face, against: The faces; nodes of the first follow those of the other.
-        why: Why it is the first, in words.
-        nodes: Slave nodes among this rank's k nodes, ascending, shape (m,).
-        area: Integrals of their functions over the tie, m^2, shape (m,).
-        normal: Their outward unit normals, shape (m, 3).
-        rows: W, their displacements by those of all nodes, shape (3 m, 3 nodes of all ranks).
-        beside: The part of W of nodes of the slave face that are not tied, as clamped ones, of the same shape.
-        traction: Tractions at them by forces on nodes, 1/m^2, shape (m, nodes of all ranks).
-        remarks: What a user should know of it.
-        directions: Projectors on the directions along which the nodes follow others, shape (m, 3, 3): all of them, but
-            for nodes on an axis of cyclic symmetry, which may move along it, and those of a rigid face that is free
-            along itself.
-        own: N, their displacements by q unknowns that the tie has of its own, metres per metre, shape (m, 3, q), the
-            same q on every rank.
-    """
-
-    kind: str
-    face: str
-    against: str
-    why: str
-    nodes: npt.NDArray[np.int64]
-    area: FloatArray
-    normal: FloatArray
-    rows: scipy.sparse.csr_matrix
-    beside: scipy.sparse.csr_matrix
-    traction: scipy.sparse.csr_matrix
-    remarks: tuple[str, ...]
-    directions: FloatArray
-    own: FloatArray
 
 
 @dataclass(frozen=True)
@@ -201,8 +168,6 @@ class Deformable(HeldNodes, ABC):
         """Nodal forces of springs of stiffness 1 in place of those on faces, and of what else is in the stiffness, in
         rigid motions of components (k, 3, j); collective."""
 
-    interpolation = interpolation_of
-
     @abstractmethod
     def interpolated(self) -> tuple[scipy.sparse.csr_matrix, FloatArray, Numbering]:
         """Displacements by those of the vertices in second order, by themselves in first: this rank's rows, where these
@@ -225,7 +190,7 @@ class Deformable(HeldNodes, ABC):
         if self._made.free is None:
             component, names = self.moving_together
             modes, _ = component_modes(self.x, component, self.comm)
-            forces = self.prevented(modes) + self.resisted(modes)
+            forces = self.reduction.prevented(modes) + self.resisted(modes)
             self._made.free = self._opened(free_motions(self.x, component, names, forces, self.comm))
         return self._made.free
 
@@ -256,55 +221,28 @@ class Deformable(HeldNodes, ABC):
             self._made.reduced = eliminated(self)
         return self._made.reduced
 
-    def filled(self, mean: FloatArray, anchoring: FloatArray) -> scipy.sparse.csr_matrix:
-        """This rank's rows of what K has beside P^T K P: m (I - P), m (k, 1) in N/m, and springs, those of anchoring (k
-        + p, 3) and those of own unknowns; collective."""
-        blocks = anchoring[:, :, None] * np.eye(3)
-        blocks[self.held.nodes] += mean[self.held.nodes][:, :, None] * self.held.projector
-        return block_diagonal(blocks, self.numbering)
-
-    def attach_near_kernel(self, matrix: PETSc.Mat, x: FloatArray) -> None:
-        """The near-nullspace of a matrix whose columns are displacements at x (n, 3), and own unknowns; collective."""
-        attach_rigid_body_modes(matrix, x)
-
-    @property
-    def moving_part(self) -> FloatArray:
-        """Projectors on the directions along which nodes move by their own unknowns, shape (k, 3, 3)."""
-        return np.eye(3) - self.held.projector_at(np.arange(len(self.x)))
-
-    def with_own_rows(self, rows: scipy.sparse.csr_matrix, columns: int) -> tuple[scipy.sparse.csr_matrix, int]:
-        """Rows with this number of own columns, with own unknowns as they are."""
-        return rows, columns
+    def interpolation(self) -> PETSc.Mat:
+        """From linear displacements to unknowns of second order, with their rigid body modes as near-nullspace; for
+        multigrid; collective."""
+        linear, x, numbering = self.interpolated()
+        second = np.zeros(len(self.x), dtype=bool)
+        for member in self.members:
+            second[member.nodes] = member.body.degree == 2
+        P = self.reduction.interpolation(linear, 3 * numbering.local, second)
+        attach_rigid_modes(P, x, self.reduction)
+        return P
 
     @property
-    def points(self) -> FloatArray:
-        """Where the unknowns of K are, metres, shape (k + p, 3): this rank's nodes, then p nodes of the unknowns that
-        ties have of their own."""
-        return self.x
-
-    def transferred(self, forces: FloatArray) -> FloatArray:
-        """Nodal forces (k, 3), or (k, 3, j), with those on nodes that are tied to others as forces on these, and on
-        own unknowns, shape (k + p, 3), or (k + p, 3, j); collective."""
-        return forces
-
-    def along_unknowns(self, forces: FloatArray, time: float | None = None) -> FloatArray:
-        """Nodal forces (k, 3), or (k, 3, j), as those along the unknowns of K, 0 where these are prescribed, shape (k +
-        p, 3), or (k + p, 3, j); at a time with the forces of bolts then; collective."""
-        return self.held.free_part(forces)
-
-    def prevented(self, modes: FloatArray) -> FloatArray:
-        """Nodal forces (k, 3, j) of unit springs in place of supports and of ties, in motions (k, 3, j); collective."""
-        return self.held_part(modes)
-
-    def reduced(self, u: FloatArray, loading: Loading | None = None) -> FloatArray:
-        """The unknowns of K of displacements u (k, 3), or (k, 3, j), under a loading, or none: 0 at nodes that are tied
-        to others, shape (k + p, 3), or (k + p, 3, j); collective."""
-        return u
+    def reduction(self) -> Reduction:
+        """The map from unknowns to displacements."""
+        if self._made.reduction is None:
+            self._made.reduction = Reduction(self)
+        return self._made.reduction
 
     @property
     def free_unknowns(self) -> FloatArray:
         """The unknowns of K in each of the free motions, shape (k + p, 3, q); collective."""
-        return self.reduced(self.held.free_part(self.free.modes(self.x)))
+        return self.reduction.reduced(self.held.free_part(self.free.modes(self.x)))
 
     def forces_of_ties(self, imbalance: FloatArray, time: float) -> FloatArray:
         """The forces of all ties and bolts on the bodies at a time in newtons, by the internal forces less all other
@@ -333,10 +271,6 @@ class Deformable(HeldNodes, ABC):
     def bolts(self, u: FloatArray) -> Iterator[Bolt]:
         """Of every bolt what is known of it at displacements u (k, 3), in the order given; collective."""
         yield from ()
-
-    def jump(self, u: FloatArray, loading: Loading) -> FloatArray:
-        """How far tied nodes are from where they should be at displacements u, metres, shapes (k, 3); collective."""
-        return np.zeros_like(u)
 
     @property
     def ground(self) -> FloatArray | None:
@@ -419,7 +353,7 @@ class Deformable(HeldNodes, ABC):
         f, forces, g = self.K.createVecRight(), loading.load, loading.prescribed
         if self.comm.allreduce(bool(np.any(g)), op=MPI.LOR):
             forces = forces - self.internal_force(g) + self.spring_force(g)
-        along = self.along_unknowns(forces, loading.time)
+        along = self.reduction.along(forces, loading.tension)
         along[: len(self.x)] += self._reduced.held_diagonal * self.held_part(g)
         f.array[:] = along.ravel()
         return f

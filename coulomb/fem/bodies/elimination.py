@@ -13,8 +13,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from .constraints import Numbering, block_diagonal, distributed_rows, local_rows
+from .constraints import distributed_rows, local_rows
 from .free_motions import FreeMotions, anchors, free_motions
+from .reduction import Reduction
 from .rigid_modes import component_modes, of_components
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ class Made:
     values: Any = None
     free: FreeMotions | None = None
     reduced: Reduced | None = None
+    reduction: Reduction | None = None
     diagonal: FloatArray | None = None
     ground: tuple[FloatArray | None, FreeMotions] | None = None
 
@@ -82,15 +84,16 @@ def eliminated(bodies: Deformable) -> Reduced:
     mean = np.where(mean > 0.0, mean, typical)  # forms may vanish where everything is held
     anchored = _anchors(bodies)
     _refuse_soft(bodies, anchored, alone)
-    if bodies.ties or comm.allreduce(bool(np.any(bodies.held.oblique)), op=MPI.LOR):
-        P = bodies.projection()
+    reduction = bodies.reduction
+    if not reduction.trivial:
+        P = reduction.projection()
         product = K.PtAP(P)
         present = product.getDiagonal()
         anchoring: FloatArray = anchored * present.array_r.reshape(-1, 3)
-        rows = local_rows(product) + bodies.filled(mean, anchoring)
+        rows = local_rows(product) + reduction.filled(mean, anchoring)
         for thing in (K, P, product, present):
             thing.destroy()
-        K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(bodies.points), rows.shape[1]), bodies)
+        K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(reduction.points), rows.shape[1]), bodies)
     else:
         anchoring, fixed = anchored * alone, bodies.held.components
         where = (K.getOwnershipRange()[0] + np.flatnonzero(fixed)).astype(PETSc.IntType)
@@ -103,22 +106,10 @@ def eliminated(bodies: Deformable) -> Reduced:
         K.assemble()
     K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     K.setOption(PETSc.Mat.Option.SPD, True)
-    bodies.attach_near_kernel(K, bodies.x)
+    attach_rigid_modes(K, bodies.x, reduction)
     if any(member.body.degree == 2 for member in bodies.members):
         attach_interpolation(K, bodies.interpolation)
     return Reduced(K, mean, anchoring)
-
-
-def interpolation_of(bodies: Deformable) -> PETSc.Mat:
-    """From linear displacements to free ones of second order, with their rigid body modes as near-nullspace; for
-    multigrid; collective."""
-    linear, x, numbering = bodies.interpolated()
-    rows = block_diagonal(bodies.moving_part, Numbering(0, len(bodies.x), len(bodies.x))) @ linear
-    rows, columns = bodies.with_own_rows(rows, 3 * numbering.local)
-    rows.eliminate_zeros()
-    P = distributed_rows(rows, (columns, rows.shape[1]), bodies)
-    bodies.attach_near_kernel(P, x)
-    return P
 
 
 def _refuse_fully_held(member: Member) -> None:
@@ -133,13 +124,13 @@ def _refuse_fully_held(member: Member) -> None:
 def _anchors(bodies: Deformable) -> npt.NDArray[np.bool_]:
     """Which unknowns are anchors of free motions: those of nodes that follow no other, if these determine all motions,
     shape (k + p, 3); collective."""
-    places = np.zeros((4, len(bodies.points)), dtype=bool)
+    places = np.zeros((4, len(bodies.reduction.points)), dtype=bool)
     for member in bodies.members:
         places[:3, member.nodes] = member.body.anchor_places
     for tie in bodies.ties:
         places[:3, tie.nodes] = False
     places[3] = True
-    return anchors(bodies.free, bodies.free_unknowns, bodies.points, list(places), bodies.comm)
+    return anchors(bodies.free, bodies.free_unknowns, bodies.reduction.points, list(places), bodies.comm)
 
 
 _SOFT: Final = 1e-12
@@ -155,7 +146,7 @@ def _refuse_soft(bodies: Deformable, anchored: npt.NDArray[np.bool_], diagonal: 
     if comm.allreduce(bool(np.any(anchored[count:])), op=MPI.LOR):
         return
     modes, parts = component_modes(bodies.x, component, comm)
-    forces, ground = bodies.prevented(modes) + anchored[:count, :, None] * modes, bodies.ground
+    forces, ground = bodies.reduction.prevented(modes) + anchored[:count, :, None] * modes, bodies.ground
     if ground is not None:
         ground = of_components(ground, bodies.x, component, parts, comm)
     for member in bodies.members:
@@ -198,7 +189,15 @@ def attach_interpolation(K: PETSc.Mat, make: Callable[[], PETSc.Mat]) -> None:
     K.setAttr(INTERPOLATION, lambda: (method := of_body()) and method())
 
 
-def attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:
+def attach_rigid_modes(matrix: PETSc.Mat, x: FloatArray, reduction: Reduction) -> None:
+    """The near-nullspace of a matrix whose columns are displacements of nodes at x (n, 3), and own unknowns."""
+    if reduction.width:
+        _attach_near_kernel(matrix, reduction.rigid_modes(x))
+    else:
+        _attach_rigid_body_modes(matrix, x)
+
+
+def _attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:
     """The near-nullspace of a matrix whose columns are displacements of nodes at x (k, 3)."""
     coordinates = matrix.createVecRight()
     coordinates.setBlockSize(3)
@@ -209,7 +208,7 @@ def attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:
     coordinates.destroy()
 
 
-def attach_near_kernel(matrix: PETSc.Mat, modes: FloatArray) -> None:
+def _attach_near_kernel(matrix: PETSc.Mat, modes: FloatArray) -> None:
     """The near-nullspace of a matrix whose columns are this rank's unknowns, from modes of these (k, 3, 6), linearly
     independent; collective."""
     comm = matrix.comm.tompi4py()

@@ -93,7 +93,7 @@ def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: Deformable) -
     A contact force acts on free displacements only: A = B T K^-1 T^T B^T.  A row along prescribed directions is zero.
     """
     comm = points.space.comm
-    P = body.projection()
+    P = body.reduction.projection()
     product = B.matMult(P)
     P.destroy()
     whole, free = (local_rows(matrix) for matrix in (B, product))
@@ -118,7 +118,7 @@ def free_lengths(points: ContactPoints, n: FloatArray, body: Deformable) -> Floa
     if points.opposite is None and not body.ties:
         return np.sqrt(np.maximum(1.0 - held_length(n, points.held(body.held)) ** 2, 0.0))
     rows, size = _blocks(points.difference, n[:, None]), points.space.numbering
-    B, P = distributed_rows(rows, (3 * size.local, 3 * size.total), points.space, None), body.projection()
+    B, P = distributed_rows(rows, (3 * size.local, 3 * size.total), points.space, None), body.reduction.projection()
     product = B.matMult(P)
     free, whole = (np.sqrt(np.asarray(of.multiply(of).sum(axis=1)).ravel()) for of in (local_rows(product), rows))
     for matrix in (B, P, product):

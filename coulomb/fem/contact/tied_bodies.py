@@ -23,6 +23,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ...arrays import FloatArray, IntArray
 from ..bodies import (
+    LONGEST_CHAIN,
     TIE_STRESSES,
     Bolt,
     Deformable,
@@ -33,12 +34,10 @@ from ..bodies import (
     NodalForces,
     Numbering,
     OpenedPart,
+    Reduction,
     Tie,
     at_nodes_of,
-    attach_near_kernel,
-    block_diagonal,
     component_modes,
-    displacements_of,
     distributed_rows,
     least_energy,
     null_space,
@@ -46,7 +45,6 @@ from ..bodies import (
     rows_of,
 )
 from ..meshes import fetched, starts_of
-from .reduction import LONGEST_CHAIN, Reduction
 from .rigid_faces import FaceMotion, RigidFace
 from .sections import Section, openings
 from .ties import Tied
@@ -66,7 +64,7 @@ class TiedBodies(Deformable):
     """
 
     def __init__(self, bodies: Deformable, given: Sequence[Tied | RigidFace], time: float = 0.0):
-        self.bodies, self.given, self._made = bodies, tuple(given), Made()
+        self.bodies, self.given = bodies, tuple(given)
         self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
         self.contradictions, self.component = bodies.contradictions, bodies.component
         self.slaves: npt.NDArray[np.bool_] = np.zeros(len(self.x), dtype=bool)
@@ -85,14 +83,18 @@ class TiedBodies(Deformable):
         self.sections = tuple(part for part in moving if isinstance(part, Section))
         self.locked = tuple(section.given.fixed(time) for section in self.sections)
         places = [part.place for part in moving if isinstance(part, FaceMotion | Section)]
-        self._map = Reduction(bodies, ties, places)
-        of_tie = {id(tie): own for tie, own in zip(ties, self._map.own, strict=True)}
+        found = Reduction(bodies, ties, places)
+        of_tie = {id(tie): own for tie, own in zip(ties, found.own, strict=True)}
         self._of_bolts = [of_tie[id(section.tie)].start for section in self.sections]
-        self._states = [self]
+        for motion, (_, own, N, _) in zip(self.face_motions, found.weights, strict=False):  # rigid faces are first
+            along = self.comm.allreduce(np.einsum("mcp,mcq->pq", motion.spread, N), op=MPI.SUM)
+            found.stiffness[own, own] = (along.T * motion.given.stiffness) @ along
+        self._unlocked, self._states = found, [self]
+        self._made = self._with(self.locked)
 
-    @property
-    def points(self) -> FloatArray:
-        return self._map.points
+    def _with(self, locked: Sequence[bool]) -> Made:
+        of_locked = [own for own, one in zip(self._of_bolts, locked, strict=True) if one]
+        return Made(reduction=self._unlocked.prescribing(of_locked))
 
     @property
     def locks(self) -> tuple[float, ...]:
@@ -106,7 +108,7 @@ class TiedBodies(Deformable):
             if known.bodies is bodies and known.locked == locked:
                 return known
         other = self.over(bodies)
-        other.locked = locked
+        other.locked, other._made = locked, self._with(locked)
         self._states[1:] = [known for known in self._states[1:] if known.bodies is bodies]
         self._states.append(other)
         return other
@@ -114,82 +116,10 @@ class TiedBodies(Deformable):
     def over(self, bodies: Deformable) -> TiedBodies:
         """The same ties of the same bodies with another stiffness, or at another place."""
         other = copy.copy(self)
-        other.bodies, other.x, other._made = bodies, bodies.x, Made()
+        other.bodies, other.x, other._made = bodies, bodies.x, self._with(self.locked)
         return other
 
-    # --- the map ------------------------------------------------------------------------------------------------------
-
-    @property
-    def _loose(self) -> FloatArray:
-        """1 at own unknowns that are free, 0 at those of locked bolts and where they are padded, shape (width,)."""
-        loose: FloatArray = np.zeros(self._map.width)
-        for own in self._map.own:
-            loose[own] = 1.0
-        loose[self._of_bolts] = ~np.array(self.locked, dtype=bool)
-        return loose
-
-    def free_part(self, v: FloatArray) -> FloatArray:
-        """T v without its part along held directions and prescribed own unknowns, of unknowns v (k + p, 3), or
-        (k + p, 3, j), shape (k, 3), or (k, 3, j); collective."""
-        return self._map.lifted(self._map.kept(v, self._loose))
-
-    def transferred(self, forces: FloatArray) -> FloatArray:
-        return self._map.transferred(forces)
-
-    def along_unknowns(self, forces: FloatArray, time: float | None = None) -> FloatArray:
-        transferred = self.transferred(forces)
-        if time is not None:
-            transferred += self._map.with_own(np.zeros_like(self.x), self._tension(time))
-        return self._map.kept(transferred, self._loose)
-
-    def prevented(self, modes: FloatArray) -> FloatArray:
-        apart = self._map.left_apart(self._map.apart(modes), self._loose)
-        return self.held_part(modes) + self._map.on_followed(apart)
-
-    def reduced(self, u: FloatArray, loading: Loading | None = None) -> FloatArray:
-        return self._map.reduced(u, self._loose, 0.0 if loading is None else loading.apart)
-
-    def projection(self) -> PETSc.Mat:
-        return self._map.projection(self._loose)
-
-    # --- stiffness ----------------------------------------------------------------------------------------------------
-
-    def filled(self, mean: FloatArray, anchoring: FloatArray) -> scipy.sparse.csr_matrix:
-        blocks, count = anchoring[:, :, None] * np.eye(3), len(self.x)
-        blocks[:count] += mean[:, :, None] * (np.eye(3) - self.moving_part)
-        typical = self.comm.allreduce(float(mean.sum()), op=MPI.SUM) / self.numbering.total
-        prescribed = 1.0 - self._map.with_own(np.zeros((0, 3)), self._loose)
-        blocks[count:] += typical * prescribed[:, :, None] * np.eye(3)
-        return block_diagonal(blocks, self._map.numbering) + self._springs()
-
-    def _springs(self) -> scipy.sparse.csr_matrix:
-        """This rank's rows of (C^T N)^T S C^T N of all rigid faces, along their own unknowns; collective."""
-        width, here = self._map.width, 3 * self._map.here
-        found = np.zeros((width, width))
-        for motion, (_, own, N, _) in zip(self.face_motions, self._map.weights, strict=False):  # rigid faces are first
-            along = self.comm.allreduce(np.einsum("mcp,mcq->pq", motion.spread, N), op=MPI.SUM)
-            found[own, own] = (along.T * motion.given.stiffness) @ along
-        nodes = scipy.sparse.csr_matrix((3 * len(self.x), 3 * self.numbering.total))
-        return scipy.sparse.block_diag([nodes, scipy.sparse.csr_matrix(found)[:here]], "csr")
-
-    def _rigid_modes(self, x: FloatArray) -> FloatArray:
-        """The rigid motions of all bodies at nodes x (n, 3) of a mesh of them, and own unknowns in these, shape
-        (n + p, 3, 6); collective."""
-        (whole,) = component_modes(self.x, np.zeros(len(self.x), dtype=np.int64), self.comm)[1]
-        at, there = (displacements_of(of - whole.centre, np.full(len(of), whole.radius)) for of in (x, self.x))
-        return np.concatenate([at, self.reduced(there)[len(self.x) :]])
-
-    def attach_near_kernel(self, matrix: PETSc.Mat, x: FloatArray) -> None:
-        attach_near_kernel(matrix, self._rigid_modes(x))
-
-    @property
-    def moving_part(self) -> FloatArray:
-        return self.bodies.moving_part - self._map.tied
-
-    def with_own_rows(self, rows: scipy.sparse.csr_matrix, columns: int) -> tuple[scipy.sparse.csr_matrix, int]:
-        here = 3 * self._map.here
-        own = scipy.sparse.identity(self._map.width, format="csr")[:here]
-        return scipy.sparse.block_diag([rows, own], "csr"), columns + here
+    # --- free motions -------------------------------------------------------------------------------------------------
 
     @property
     def moving_together(self) -> tuple[IntArray, tuple[str, ...]]:
@@ -214,11 +144,11 @@ class TiedBodies(Deformable):
         part, names = self._joined_components([tie for tie in self.ties if not any(tie is s.tie for s in sections)])
         modes, parts = component_modes(self.x, part, self.comm)
         each = np.concatenate([np.where((part == k)[:, None, None], modes, 0.0) for k in range(len(parts))], axis=2)
-        forces = self.prevented(each) + self.resisted(each)
+        forces = self.reduction.prevented(each) + self.resisted(each)
         energy = self.comm.allreduce(np.einsum("kci,kcj->ij", each, forces), op=MPI.SUM)
         free = null_space(energy, least_energy(energy))
         motions = each @ free
-        amounts = self._map.amounts(self._map.apart(motions))[[self._of_bolts[k] for k in loose]]
+        amounts = self.reduction.amounts(self.reduction.apart(motions))[[self._of_bolts[k] for k in loose]]
         ways, named = openings(amounts, sections)
         if not named:
             return found
@@ -249,7 +179,7 @@ class TiedBodies(Deformable):
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
     def at(self, time: float) -> Loading:
-        return self._loading(time, np.zeros(self._map.width))
+        return self._loading(time, np.zeros(self.reduction.width))
 
     def refuse_beginning(self, time: float) -> None:
         for one in (section.given for section in self.sections):
@@ -260,7 +190,7 @@ class TiedBodies(Deformable):
                 )
 
     def after(self, time: float, before: FloatArray) -> Loading:
-        return self._loading(time, self._map.amounts(self._map.apart(before)))
+        return self._loading(time, self.reduction.amounts(self.reduction.apart(before)))
 
     def _loading(self, time: float, kept: FloatArray) -> Loading:
         """Prescribed displacements are u with no unknowns: those of supports, rigid faces and bolts, and what follows
@@ -273,7 +203,7 @@ class TiedBodies(Deformable):
             size = self.comm.allreduce(max(given), op=MPI.MAX)
             for motion in self.face_motions:
                 motion.refuse_other(self.held_part(of_bodies.prescribed - offset), size, self.comm)
-        y, found = np.zeros(self._map.width), self._map
+        y, found = np.zeros(self.reduction.width), self.reduction
         for section, own, locked in zip(self.sections, self._of_bolts, self.locked, strict=True):
             if locked:
                 y[own] = section.given.value(time, self.comm) if section.given.force is None else kept[own]
@@ -284,26 +214,26 @@ class TiedBodies(Deformable):
             offset = found.followed(rows_of(found.W, offset))
             if not self.comm.allreduce(bool(np.any(offset)), op=MPI.LOR):
                 break
-        return replace(of_bodies, prescribed=prescribed, untied=of_bodies, apart=apart)
+        return replace(of_bodies, prescribed=prescribed, untied=of_bodies, apart=apart, tension=self._tension(time))
 
     def _tension(self, time: float) -> FloatArray:
         """The forces of bolts along own unknowns at a time, newtons, shape (width,); collective."""
-        forces = np.zeros(self._map.width)
+        forces = np.zeros(self.reduction.width)
         for section, own in zip(self.sections, self._of_bolts, strict=True):
             if not section.given.fixed(time):
                 forces[own] = section.given.value(time, self.comm)
         return forces
 
     def bolts(self, u: FloatArray) -> Iterator[Bolt]:
-        y = self._map.amounts(self._map.apart(u))
+        y = self.reduction.amounts(self.reduction.apart(u))
         for section, own, locked in zip(self.sections, self._of_bolts, self.locked, strict=True):
             yield Bolt(section.tie.face, section.place, section.direction, float(y[own]), locked)
 
     def _lacking(self, imbalance: FloatArray, time: float) -> FloatArray:
-        return self._map.lacking(imbalance, self._loose, self._tension(time))
+        return self.reduction.lacking(imbalance, self._tension(time))
 
     def forces_of_ties(self, imbalance: FloatArray, time: float) -> FloatArray:
-        return self._map.on_followed(self._lacking(imbalance, time))
+        return self.reduction.on_followed(self._lacking(imbalance, time))
 
     def shares_of_ties(self, imbalance: FloatArray, time: float) -> Iterator[NodalForces]:
         forces = self._lacking(imbalance, time)
@@ -329,13 +259,10 @@ class TiedBodies(Deformable):
         return dict(zip(TIE_STRESSES, found, strict=True))
 
     def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-        for motion, (_, own, _, _) in zip(self.face_motions, self._map.weights, strict=False):
+        for motion, (_, own, _, _) in zip(self.face_motions, self.reduction.weights, strict=False):
             given = motion.prescribed(self.x, time, self.comm)
-            y = self._map.amounts(self._map.apart(u) - self._map.followed(given))[own]
+            y = self.reduction.amounts(self.reduction.apart(u) - self.reduction.followed(given))[own]
             yield motion.given.face, motion.place, motion.values(time, self.comm) + motion.motions @ y
-
-    def jump(self, u: FloatArray, loading: Loading) -> FloatArray:
-        return self._map.left_apart(self._map.apart(u) - loading.apart, self._loose)
 
     # --- springs at reference points ----------------------------------------------------------------------------------
 

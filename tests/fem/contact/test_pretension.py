@@ -117,11 +117,11 @@ def test_unknowns_and_displacements_with_a_tie_a_bolt_and_a_rigid_face():
     stretched = rigid + 0.2 * (body.x[:, 2:] > 0.5) * (np.arange(len(body.x)) >= 18)[:, None] * [0.0, 0.0, 1.0]
     for time, u in ((0.5, rigid), (0.5, stretched), (1.5, rigid)):
         there = body.at_time(time)
-        v = there.reduced(u)
-        assert there.points.shape == v.shape == (len(body.x) + 3, 3)
-        assert np.abs(there.free_part(v) - u).max() <= 1e-12
+        v = there.reduction.reduced(u)
+        assert there.reduction.points.shape == v.shape == (len(body.x) + 3, 3)
+        assert np.abs(there.reduction.displacement(v) - u).max() <= 1e-12
         forces = np.sin(np.arange(u.size)).reshape(u.shape)
-        assert np.sum(there.along_unknowns(forces) * v) == pytest.approx(np.sum(forces * u), rel=1e-11)
+        assert np.sum(there.reduction.along(forces) * v) == pytest.approx(np.sum(forces * u), rel=1e-11)
         (bolt,) = there.bolts(u)
         assert abs(bolt.shortening) == pytest.approx(0.0 if u is rigid else 0.2, abs=1e-12)
         assert bolt.locked == (time > 1.0)

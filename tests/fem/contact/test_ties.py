@@ -41,8 +41,10 @@ def residual(problem, exact):
     load = body.at(0.0).load
     forces = body.internal_force(exact) - load
     forces[np.abs(body.x[:, 2]) < 1e-9] = 0.0
-    forces = body.held.free_part(body.transferred(forces))
-    return np.abs(forces).max() / np.abs(load).max(), np.abs(body.jump(exact, body.at(0.0))).max() / np.abs(exact).max()
+    forces = body.reduction.along(forces)
+    return np.abs(forces).max() / np.abs(load).max(), np.abs(
+        body.reduction.left_apart(exact, body.at(0.0).apart)
+    ).max() / np.abs(exact).max()
 
 
 def skewed(amount):
@@ -219,11 +221,11 @@ def test_curved_faces_that_are_apart_follow_rigid_motions():
     )
     body = problem.elasticity
     rigid = np.array([1e-3, 2e-3, -3e-3]) + np.cross([0.3, -0.2, 0.5], body.x)
-    assert np.abs(body.jump(rigid, body.at(0.0))).max() <= 1e-13
-    left = body.transferred(np.random.default_rng(0).standard_normal(body.x.shape))
+    assert np.abs(body.reduction.left_apart(rigid, body.at(0.0).apart)).max() <= 1e-13
+    left = body.reduction.transferred(np.random.default_rng(0).standard_normal(body.x.shape))
     assert np.abs(left[body.slaves]).max() == 0.0
     forces = np.random.default_rng(1).standard_normal(body.x.shape)
-    moved_forces = body.transferred(forces)
+    moved_forces = body.reduction.transferred(forces)
     assert moved_forces.sum(axis=0) == pytest.approx(forces.sum(axis=0), abs=1e-10)
     assert np.cross(body.x, moved_forces).sum(axis=0) == pytest.approx(np.cross(body.x, forces).sum(axis=0), abs=1e-10)
 

@@ -1,4 +1,4 @@
-"""The map from unknowns to displacements that ties, rigid faces and bolts make: u = T v + g.
+"""The map from unknowns to displacements that supports, ties, rigid faces and bolts make: u = T v + g.
 
 Unknowns v are the displacements of nodes, and those that constraints have of their own, six or fewer of a rigid face
 and one of a bolt, in metres.  Along the directions D in which nodes follow others, u = W u + N y, with y own unknowns;
@@ -10,12 +10,16 @@ The forces of constraints are those that slave nodes lack, lambda = D (internal 
 -W^T lambda on what these follow; along own unknowns that are free N^T lambda = F, the forces of bolts.  Own unknowns
 are those that fit displacements best.
 
+With H, along which nodes are held, D is at most I - H, and unknowns along H are prescribed, as are those own ones that
+are not `loose`; P is T without them.
+
 Own unknowns are on the last rank, after its nodes and padded to nodes of three, so that nodes have the same numbers
-among unknowns as among displacements.  Which of them are free, `loose`, changes in time: T and all that is here do not.
+among unknowns as among displacements.  Which of them are free changes in time: T does not.
 """
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
@@ -28,7 +32,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..bodies import Deformable, Tie, at_nodes_of, block_diagonal, distributed_rows, rows_of
+from .constraints import HeldNodes, Numbering, at_nodes_of, block_diagonal, distributed_rows, rows_of
+from .rigid_modes import component_modes, displacements_of
+from .ties import Tie
 
 LONGEST_CHAIN: Final = 8
 """Ties of which each follows the next."""
@@ -50,11 +56,11 @@ def _scaled(factors: FloatArray, values: FloatArray) -> FloatArray:
 
 
 class Reduction:
-    """T of some constraints on the nodes of bodies; this rank's k nodes and p nodes of own unknowns.
+    """T of some constraints on nodes; this rank's k nodes and p nodes of own unknowns.
 
     Args:
-        bodies: The bodies without constraints.
-        ties: What their nodes follow.
+        nodes: The nodes, with what supports hold.
+        ties: What nodes follow.
         places: Where the own unknowns of those that have any are, metres, each of shape (3,).
 
     Attributes:
@@ -62,21 +68,38 @@ class Reduction:
         numbering: The numbers of the unknowns.
         own: Where those of each tie are among all own unknowns.
         width: How many these are on all ranks, with what pads them.
+        loose: 1 at own unknowns that are free, 0 at those that are prescribed and at what pads them, shape (width,).
+        stiffness: Of springs along own unknowns, N/m, shape (width, width).
+        trivial: Whether nothing is held but along axes, and nothing follows.
     """
 
-    def __init__(self, bodies: Deformable, ties: Sequence[Tie], places: Sequence[FloatArray]):
-        self._bodies, self._x, self._held, self._comm = bodies, bodies.x, bodies.held, bodies.comm
-        self._ties, self._of_nodes = tuple(ties), bodies.numbering
+    def __init__(self, nodes: HeldNodes, ties: Sequence[Tie] = (), places: Sequence[FloatArray] = ()):
+        self._x, self._held, self.comm, self.lifetime = nodes.x, nodes.held, nodes.comm, nodes.lifetime
+        self._ties, self._of_nodes = tuple(ties), nodes.numbering
         padded = [-(-tie.own.shape[2] // 3) for tie in ties]
         starts = 3 * np.cumsum([0, *padded])
         self.own = [slice(int(at), int(at) + tie.own.shape[2]) for at, tie in zip(starts, ties, strict=False)]
         self.width = int(starts[-1])
+        self.loose, self.stiffness = np.zeros(self.width), np.zeros((self.width, self.width))
+        for own in self.own:
+            self.loose[own] = 1.0
         x = np.repeat(np.reshape(places, (-1, 3)), [count for count in padded if count], axis=0)
-        last = self._comm.rank == self._comm.size - 1
+        last = self.comm.rank == self.comm.size - 1
         self.points: FloatArray = np.concatenate([self._x, x]) if last else self._x
         self.here = len(self.points) - len(self._x)
         total = self._of_nodes.total + self.width // 3
         self.numbering = replace(self._of_nodes, local=len(self.points), total=total)
+
+    @cached_property
+    def trivial(self) -> bool:
+        return not (self._ties or self.comm.allreduce(bool(np.any(self._held.oblique)), op=MPI.LOR))
+
+    def prescribing(self, own: Sequence[int]) -> Reduction:
+        """The same with these own unknowns prescribed; collective."""
+        other = copy.copy(self)
+        other.loose = self.loose.copy()
+        other.loose[list(own)] = 0.0
+        return other
 
     @cached_property
     def tied(self) -> FloatArray:
@@ -107,7 +130,7 @@ class Reduction:
         for tie, own in zip(self._ties, self.own, strict=True):
             if tie.own.shape[2]:
                 N = np.einsum("mij,mjq->miq", self.tied[tie.nodes], tie.own)
-                gram = self._comm.allreduce(np.einsum("miq,mip->qp", N, N), op=MPI.SUM)
+                gram = self.comm.allreduce(np.einsum("miq,mip->qp", N, N), op=MPI.SUM)
                 found.append((tie.nodes, own, N, N @ np.linalg.inv(gram)))
         return found
 
@@ -130,13 +153,13 @@ class Reduction:
             T.axpy(-1.0, then)
             change, T = T.norm(), then
             if change == 0.0:
-                T.setAttr("mesh", self._bodies.lifetime)  # keeps it alive: see compat.assemble_matrix
+                T.setAttr("mesh", self.lifetime)  # keeps it alive: see compat.assemble_matrix
                 return T
         said = ", ".join(f"{tie.kind} of {tie.face!r}" for tie in self._ties)
         raise ValueError(f"{said}: nodes follow each other in a circle")
 
     def _distributed(self, rows: scipy.sparse.csr_matrix, columns: int) -> PETSc.Mat:
-        return distributed_rows(rows, (columns, rows.shape[1]), self._bodies)
+        return distributed_rows(rows, (columns, rows.shape[1]), self)
 
     # --- own unknowns -------------------------------------------------------------------------------------------------
 
@@ -146,7 +169,7 @@ class Reduction:
         y = np.zeros((self.width, *apart.shape[2:]))
         for nodes, own, _, fit in self.weights:
             y[own] = np.einsum("miq,mi...->q...", fit, apart[nodes])
-        return self._comm.allreduce(y, op=MPI.SUM) if self.weights else y
+        return self.comm.allreduce(y, op=MPI.SUM) if self.weights else y
 
     def moved(self, y: FloatArray) -> FloatArray:
         """D N y of own unknowns (width,) or (width, j), shape (k, 3) or (k, 3, j)."""
@@ -158,15 +181,23 @@ class Reduction:
     def apart(self, u: FloatArray) -> FloatArray:
         """D (u - W u) of displacements (k, 3), or (k, 3, j): by how much nodes are apart from those that they follow;
         collective."""
+        if not self._ties:
+            return np.zeros_like(u)
         return self.followed(u - _each_column(partial(rows_of, self.W), u))
 
     def followed(self, u: FloatArray) -> FloatArray:
         """D u of nodal vectors (k, 3), or (k, 3, j)."""
         return np.einsum("kij,kj...->ki...", self.tied, u)
 
-    def left_apart(self, apart: FloatArray, loose: FloatArray) -> FloatArray:
-        """What own unknowns that are free do not account for."""
-        return apart - self.moved(_scaled(loose, self.amounts(apart)))
+    def left_apart(self, u: FloatArray, offset: FloatArray | float = 0.0) -> FloatArray:
+        """What own unknowns that are free do not account for of how much nodes are apart from those that they follow,
+        and should be by an offset; collective."""
+        apart = self.apart(u) - offset
+        return apart - self.moved(_scaled(self.loose, self.amounts(apart)))
+
+    def prevented(self, modes: FloatArray) -> FloatArray:
+        """Nodal forces (k, 3, j) of unit springs in place of supports and of ties, in motions (k, 3, j); collective."""
+        return self._held.held_part(modes) + self.on_followed(self.left_apart(modes))
 
     def with_own(self, of_nodes: FloatArray, own: FloatArray) -> FloatArray:
         """Values at nodes (k, 3, ...), and those of own unknowns (width, ...) where these are, as of unknowns."""
@@ -174,41 +205,98 @@ class Reduction:
 
     # --- unknowns and displacements -----------------------------------------------------------------------------------
 
-    def kept(self, v: FloatArray, loose: FloatArray) -> FloatArray:
+    def kept(self, v: FloatArray) -> FloatArray:
         """Unknowns, or forces along them, without those that are prescribed; shapes (k + p, 3), or (k + p, 3, j)."""
         free = self._held.free_part(v)
-        free[len(self._x) :] *= loose[: 3 * self.here].reshape(self.here, 3, *(1,) * (v.ndim - 2))
+        free[len(self._x) :] *= self.loose[: 3 * self.here].reshape(self.here, 3, *(1,) * (v.ndim - 2))
         return free
 
     def lifted(self, v: FloatArray) -> FloatArray:
         """T v, shape (k, 3), or (k, 3, j); collective."""
+        if not self._ties:
+            return v
         return _each_column(partial(rows_of, self.T), v)
 
     def transferred(self, forces: FloatArray) -> FloatArray:
-        """T^T times nodal forces (k, 3), or (k, 3, j), shape (k + p, 3), or (k + p, 3, j); collective."""
+        """T^T times nodal forces (k, 3), or (k, 3, j): those on nodes that follow others as forces on these, and along
+        own unknowns, shape (k + p, 3), or (k + p, 3, j); collective."""
+        if not self._ties:
+            return forces
         return _each_column(partial(at_nodes_of, self.T), forces)
 
     def on_followed(self, forces: FloatArray) -> FloatArray:
         """Forces on slave nodes (k, 3), or (k, 3, j), less W^T times them on what these follow; collective."""
+        if not self._ties:
+            return forces
         return forces - _each_column(partial(at_nodes_of, self.W), forces)
 
-    def reduced(self, u: FloatArray, loose: FloatArray, offset: FloatArray | float = 0.0) -> FloatArray:
+    def displacement(self, v: FloatArray) -> FloatArray:
+        """P v of unknowns v (k + p, 3), or (k + p, 3, j), shape (k, 3), or (k, 3, j); collective."""
+        return self.lifted(self.kept(v))
+
+    def along(self, forces: FloatArray, own: FloatArray | None = None) -> FloatArray:
+        """P^T times nodal forces (k, 3), or (k, 3, j), and forces along `own` unknowns (width,), shape (k + p, 3), or
+        (k + p, 3, j); collective."""
+        transferred = self.transferred(forces)
+        if own is not None:
+            transferred = transferred + self.with_own(np.zeros_like(self._x), own)
+        return self.kept(transferred)
+
+    def reduced(self, u: FloatArray, offset: FloatArray | float = 0.0) -> FloatArray:
         """The unknowns of displacements u (k, 3), or (k, 3, j), of which slave nodes are prescribed to be apart by an
         offset; 0 at slave nodes; collective."""
-        return self.with_own(u - self.followed(u), _scaled(loose, self.amounts(self.apart(u) - offset)))
+        if not self._ties:
+            return u
+        return self.with_own(u - self.followed(u), _scaled(self.loose, self.amounts(self.apart(u) - offset)))
 
-    def projection(self, loose: FloatArray) -> PETSc.Mat:
-        """T without held directions and prescribed own unknowns, distributed."""
+    # --- matrices -----------------------------------------------------------------------------------------------------
+
+    def projection(self) -> PETSc.Mat:
+        """P, distributed."""
         blocks = np.tile(np.eye(3), (len(self.points), 1, 1))
         blocks[: len(self._x)] -= self._held.projector_at(np.arange(len(self._x)))
-        blocks[len(self._x) :] *= loose[: 3 * self.here].reshape(-1, 1, 3)
+        blocks[len(self._x) :] *= self.loose[: 3 * self.here].reshape(-1, 1, 3)
         P = self._distributed(block_diagonal(blocks, self.numbering), 3 * len(self.points))
+        if not self._ties:
+            return P
         product = self.T.matMult(P)
         P.destroy()
-        product.setAttr("mesh", self._bodies.lifetime)
+        product.setAttr("mesh", self.lifetime)
         return product
 
-    def lacking(self, imbalance: FloatArray, loose: FloatArray, tension: FloatArray) -> FloatArray:
+    def filled(self, mean: FloatArray, anchoring: FloatArray) -> scipy.sparse.csr_matrix:
+        """This rank's rows of what a stiffness has beside P^T K P: numbers m (k, 1) in N/m along what is held or
+        follows, their mean along own unknowns that are prescribed, springs (k + p, 3), and those of own unknowns;
+        collective."""
+        count = len(self._x)
+        blocks = anchoring[:, :, None] * np.eye(3)
+        blocks[:count] += mean[:, :, None] * (self._held.projector_at(np.arange(count)) + self.tied)
+        typical = self.comm.allreduce(float(mean.sum()), op=MPI.SUM) / self._of_nodes.total
+        blocks[count:] += typical * (1.0 - self.with_own(np.zeros((0, 3)), self.loose))[:, :, None] * np.eye(3)
+        nodes = scipy.sparse.csr_matrix((3 * count, 3 * self._of_nodes.total))
+        own = scipy.sparse.csr_matrix(self.stiffness)[: 3 * self.here]
+        return block_diagonal(blocks, self.numbering) + scipy.sparse.block_diag([nodes, own], "csr")
+
+    def interpolation(self, linear: scipy.sparse.csr_matrix, columns: int, second: npt.NDArray[np.bool_]) -> PETSc.Mat:
+        """From displacements that are linear between vertices, of which so many are on this rank, by these rows those
+        of nodes, to unknowns: without what is held, at nodes of second order (k,), or follows; own unknowns as they
+        are, and nodes of first order, of which K has a diagonal where they are held; collective."""
+        count = len(self._x)
+        left_out = self.tied + second[:, None, None] * self._held.projector_at(np.arange(count))
+        rows = block_diagonal(np.eye(3) - left_out, Numbering(0, count, count)) @ linear
+        own = scipy.sparse.identity(self.width, format="csr")[: 3 * self.here]
+        rows = scipy.sparse.block_diag([rows, own], "csr")
+        rows.eliminate_zeros()
+        return self._distributed(rows, columns + 3 * self.here)
+
+    def rigid_modes(self, x: FloatArray) -> FloatArray:
+        """The rigid motions of all bodies at nodes x (n, 3) of a mesh of them, and own unknowns in these, shape (n + p,
+        3, 6); collective."""
+        (whole,) = component_modes(self._x, np.zeros(len(self._x), dtype=np.int64), self.comm)[1]
+        at, there = (displacements_of(of - whole.centre, np.full(len(of), whole.radius)) for of in (x, self._x))
+        return np.concatenate([at, self.reduced(there)[len(self._x) :]])
+
+    def lacking(self, imbalance: FloatArray, tension: FloatArray) -> FloatArray:
         """lambda: the forces of all constraints on their slave nodes, by the internal forces less all other forces,
         shapes (k, 3), and forces along own unknowns (width,); collective."""
         forces = np.zeros_like(imbalance)
@@ -219,9 +307,9 @@ class Reduction:
                 along = np.zeros(self.width)
                 for nodes, own, N, _ in self.weights:
                     along[own] = np.einsum("miq,mi->q", N, forces[nodes])
-                along = loose * (self._comm.allreduce(along, op=MPI.SUM) - tension)
+                along = self.loose * (self.comm.allreduce(along, op=MPI.SUM) - tension)
                 for nodes, own, _, fit in self.weights:
                     forces[nodes] -= fit @ along[own]
-            if not self._comm.allreduce(bool(np.any(forces != before)), op=MPI.LOR):
+            if not self.comm.allreduce(bool(np.any(forces != before)), op=MPI.LOR):
                 break
         return forces
