@@ -13,6 +13,7 @@ from coulomb import (
     Plane,
     Pressure,
     Pretension,
+    Spring,
     SymmetryPlane,
     Tied,
     Traction,
@@ -383,3 +384,13 @@ def test_corners_of_untied_edges():
         if x % 2 == y % 2 == 0:  # a corner: the middles of the edges along the axes
             beside = [(x + i, y + j) for i, j in ((1, 0), (-1, 0), (0, 1), (0, -1))]
             assert all(at in middles for at in beside if 0 <= min(at) and max(at) <= 4)
+
+
+def test_springs_that_are_too_soft_for_a_body_alone_are_not_for_a_tied_one():
+    """What the tie holds needs no spring; without the tie the message names the body."""
+    bodies = join(a=box((1.0, 1.0, 1.0), (2, 2, 2)), b=moved(box((1.0, 1.0, 1.0), (2, 2, 2)), (0.0, 0.0, 1.0)))
+    given = bodies, STEEL, [Clamp("a:left")], Contact("a:bottom", 0.0)
+    soft = [Spring("b:top", 1e-6)]
+    assert len(ContactProblem(*given, springs=soft, ties=[Tied("a:top", "b:bottom")]).elasticity.free) == 0
+    with pytest.raises(ValueError, match=r'^body "b": the springs are too soft in comparison .* moves along x'):
+        ContactProblem(*given, springs=soft)
