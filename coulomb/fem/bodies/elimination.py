@@ -13,6 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
+from ...units import amount
 from .constraints import distributed_rows, local_rows
 from .free_motions import FreeMotions, anchors, free_motions
 from .reduction import Reduction
@@ -173,8 +174,9 @@ def _refuse_soft(bodies: Deformable, anchored: npt.NDArray[np.bool_], diagonal: 
     ends = (np.max(side * bodies.x[there], axis=0, initial=-np.inf) for side in (1.0, -1.0))
     lengths = sum(np.max(comm.allgather(end), axis=0) for end in ends)
     raise ValueError(
-        f"{body}the body is {np.max(lengths):g} m long and {np.min(lengths):g} m thin: supports and contact resist "
-        f"that it {moves} by no more than rounding errors of its stiffness; check the lengths and the unit of the mesh"
+        f"{body}the body is {amount(np.max(lengths))} long and {amount(np.min(lengths))} thin: supports and contact "
+        f"resist that it {moves} by no more than rounding errors of its stiffness; check the lengths and the unit of "
+        "the mesh"
     )
 
 
