@@ -5,7 +5,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,13 +14,39 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...units import amount
-from .constraints import distributed_rows, local_rows
+from .constraints import HeldNodes, distributed_rows, local_rows
 from .free_motions import FreeMotions, anchors, free_motions
 from .reduction import Reduction
 from .rigid_modes import component_modes, of_components
+from .ties import Tie
 
-if TYPE_CHECKING:
-    from .deformable import Deformable, Member
+
+class _Bodies(HeldNodes, Protocol):
+    """What is needed of `Deformable`."""
+
+    ties: tuple[Tie, ...]
+
+    @property
+    def members(self) -> tuple[Any, ...]: ...
+
+    @property
+    def free(self) -> FreeMotions: ...
+
+    @property
+    def free_unknowns(self) -> FloatArray: ...
+
+    @property
+    def reduction(self) -> Reduction: ...
+
+    @property
+    def ground(self) -> FloatArray | None: ...
+
+    @property
+    def moving_together(self) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]: ...
+
+    def assembled(self) -> PETSc.Mat: ...
+
+    def interpolation(self) -> PETSc.Mat: ...
 
 
 @dataclass(frozen=True)
@@ -56,7 +82,7 @@ class Made:
     ground: tuple[FloatArray | None, FreeMotions] | None = None
 
 
-def eliminated(bodies: Deformable) -> Reduced:
+def eliminated(bodies: _Bodies) -> Reduced:
     """The stiffness of the bodies in their unknowns; collective.
 
     With P, from unknowns to displacements without held directions, K becomes P^T K P + m (I - P): where a component is
@@ -113,7 +139,7 @@ def eliminated(bodies: Deformable) -> Reduced:
     return Reduced(K, mean, anchoring)
 
 
-def _refuse_fully_held(member: Member) -> None:
+def _refuse_fully_held(member: Any) -> None:
     body = member.body
     if body.comm.allreduce(3 * len(body.x) - body.held.number, op=MPI.SUM) == 0:
         name = f"body {member.name!r}: " if member.name else ""
@@ -122,7 +148,7 @@ def _refuse_fully_held(member: Member) -> None:
         )
 
 
-def _anchors(bodies: Deformable) -> npt.NDArray[np.bool_]:
+def _anchors(bodies: _Bodies) -> npt.NDArray[np.bool_]:
     """Which unknowns are anchors of free motions: those of nodes that follow no other, if these determine all motions,
     shape (k + p, 3); collective."""
     places = np.zeros((4, len(bodies.reduction.points)), dtype=bool)
@@ -139,7 +165,7 @@ _SOFT: Final = 1e-12
 resisted by no more than rounding errors."""
 
 
-def _refuse_soft(bodies: Deformable, anchored: npt.NDArray[np.bool_], diagonal: FloatArray) -> None:
+def _refuse_soft(bodies: _Bodies, anchored: npt.NDArray[np.bool_], diagonal: FloatArray) -> None:
     """ValueError on every rank, if anchors, supports, ties and springs on bodies of materials resist rigid motions by
     no more than rounding errors of the diagonal (k, 3), N/m; collective."""
     comm, count = bodies.comm, len(bodies.x)
