@@ -170,3 +170,12 @@ def residual_of(A, b, bound, x, elastic=False, d=None):
     size = np.linalg.norm(x.reshape(-1, 3), axis=1)
     worst = np.max(np.linalg.norm(own, axis=1) / np.maximum(size, 1e-2 * size.max()))
     return worst if elastic else max(worst, off / np.linalg.norm(x))
+
+
+def pressed_block(cells, degree=1, **others):
+    """Steel that is clamped on the left, pressed and dragged."""
+    loads = [Traction("top", (0.0, 1.0e7, -4.0e7)), Traction("right", (2.0e7, 0.0, 0.0))]
+    mesh = coulomb.box((3.0, 1.0, 1.0), (3 * cells, cells, cells), degree=degree)
+    return ContactProblem(
+        mesh, Material(2.1e11, 0.3), [Clamp("left")], Contact("bottom", friction=0.3), loads, **others
+    )

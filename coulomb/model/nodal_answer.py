@@ -33,6 +33,9 @@ OPEN, STICK, SLIP, HELD = 0, 1, 2, 3
 """Status of a node in contact.xdmf; HELD: on the contact face, but with prescribed displacement, or with no part of the
 face against it opposite, so no contact node (all fields 0)."""
 
+_ROUNDING: Final = 1e-12
+"""Part of all nodal forces up to which the resultant of friction is 0."""
+
 OPEN_BELOW: Final = 1e-9
 """A node is open if its normal force is at most this fraction of the largest; `zero_open_forces` then makes it 0."""
 
@@ -275,11 +278,12 @@ class NodalAnswer:
         centre = over.total(force[:, 0] @ x) / pressing if pressing > 0.0 else None
         force_on_body = over.total(on_body.sum(axis=0)).tolist()
         moment = over.total(np.cross(x, on_body).sum(axis=0)).tolist()
-        friction = over.total(self._friction_on_body[here].sum(axis=0))
+        friction = float(np.linalg.norm(over.total(self._friction_on_body[here].sum(axis=0))))
+        rounding = _ROUNDING * over.sum(np.linalg.norm(on_body, axis=1))
         return {
             "faces": list(self.faces) if part is None else [self.faces[part]],
             **({"force": force_on_body, "moment": moment} if alone or self._on_one_body else {}),
-            **({"normal_force": pressing, "friction_force": float(np.linalg.norm(friction))} if alone else {}),
+            **({"normal_force": pressing, "friction_force": friction if friction > rounding else 0.0} if alone else {}),
             "contact_area": over.sum(self.area[here][closed]),
             **({"centre_of_pressure": None if centre is None else centre.tolist()} if alone else {}),
             "greatest_slip": max(over.max(moving[closed]), 0.0),

@@ -1,21 +1,15 @@
 """Error bars: Richardson's extrapolation on sequences with known errors, and contact problems with known answers."""
 
-import json
-import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import ufl
-from check_runs import read_grid
-from conftest import SMALL_CASE, run_coulomb, with_report
-from report_pages import words_of
-from rich.console import Console
+from shared_problems import pressed_block
 from user_forms import Script
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, PrescribedDisplacement, Traction, box
-from coulomb.cli.terminal import show_error_bars
 from coulomb.io.accuracy import TOLERANCE
 from coulomb.io.answer import FREE, Answer, answer_of
 from coulomb.io.error_bars import (
@@ -26,7 +20,6 @@ from coulomb.io.error_bars import (
     SLOWEST,
     ErrorBar,
     bars_of,
-    error_of,
     extrapolated,
 )
 from coulomb.io.other_meshes import NoErrorBars
@@ -263,13 +256,6 @@ def test_how_much_the_tolerance_leaves_is_said_of_the_totals_that_count():
     assert share_of_tolerance({}) is None and share_of_tolerance({"error": {"bars": [zero, singular]}}) is None
 
 
-def block(cells, degree=1, **others):
-    """Steel that is clamped on the left, pressed and dragged."""
-    loads = [Traction("top", (0.0, 1.0e7, -4.0e7)), Traction("right", (2.0e7, 0.0, 0.0))]
-    mesh = box((3.0, 1.0, 1.0), (3 * cells, cells, cells), degree=degree)
-    return ContactProblem(mesh, STEEL, [Clamp("left")], Contact("bottom", friction=0.3), loads, **others)
-
-
 def test_a_uniform_pressure_has_no_error_but_that_of_the_solver():
     """Every mesh has the exact answer: u is linear, the force E A w/l."""
     pressed = [PrescribedDisplacement("top", (0.0, 0.0, -1e-4), "z"), Clamp("left", "x"), Clamp("front", "y")]
@@ -286,9 +272,9 @@ def test_a_uniform_pressure_has_no_error_but_that_of_the_solver():
 def test_the_normal_force_of_the_block_is_inside_its_bar():
     """By second order on 18 x 6 x 6 and 36 x 12 x 12 cells, extrapolated: 104.77 MN for the steel of the demo; here the
     finer second-order answer stands for it."""
-    fine = block(6, degree=2).solve().at_nodes.totals()["normal_force"]
+    fine = pressed_block(6, degree=2).solve().at_nodes.totals()["normal_force"]
     for cells in (4, 6):
-        force = block(cells).solve().error()["totals.normal_force"]
+        force = pressed_block(cells).solve().error()["totals.normal_force"]
         assert abs(force.value[0] - fine) <= force.bar[0] <= 6.0 * abs(force.value[0] - fine)
 
 
@@ -309,7 +295,7 @@ def test_bars_are_from_similar_meshes():
 
 
 def test_other_answers_may_be_given():
-    fine, middle, coarse = (block(cells).solve() for cells in (4, 2, 1))
+    fine, middle, coarse = (pressed_block(cells).solve() for cells in (4, 2, 1))
     given, found = fine.error(coarse, middle), fine.error()
     for one, other in zip(given.bars, found.bars, strict=True):
         assert one.quantity == other.quantity and one.order == pytest.approx(other.order, rel=1e-6, nan_ok=True)
@@ -362,7 +348,7 @@ def test_functions_are_compared_by_what_they_hold():
 
 
 def test_without_coarser_meshes_the_other_order_is_compared():
-    posed = block(2)
+    posed = pressed_block(2)
     alone = posed.on(replace(posed.made_of, coarser=None)).solve()
     bars = alone.error()
     assert [one.order for one in bars.answers] == [1, 2]
@@ -400,7 +386,7 @@ def test_bodies_of_both_orders():
 
 
 def test_the_other_order_is_compared_if_coarser_meshes_have_no_answer(monkeypatch):
-    solved, answer = ContactProblem.solve, block(2).solve()
+    solved, answer = ContactProblem.solve, pressed_block(2).solve()
 
     def solve(problem, *given):
         if problem.unknowns["displacement"] < answer.problem.unknowns["displacement"]:
@@ -441,72 +427,3 @@ def test_a_body_of_own_forms_needs_another_answer():
     with pytest.raises(NoErrorBars, match="own forms cannot be posed on another mesh"):
         fine.error()
     assert fine.error(coarse)["totals.normal_force"].bar[0] > 0.0
-
-
-CASE = SMALL_CASE.replace("[3.0, 1.0, 1.0]\ncells = [3, 1, 1]", "[1.0, 1.0, 0.5]\ncells = [4, 4, 2]")
-CASE = CASE.replace("-1e7]", "-1e7]\nAMPLITUDE") + "error = true\n"
-
-
-def test_a_run_says_writes_and_checks_its_error_bars(tmp_path):
-    case, results = tmp_path / "case.toml", tmp_path / "results"
-    case.write_text(CASE.replace("AMPLITUDE", ""))
-    done = run_coulomb("run", case, "--output", results)
-    assert done.returncode == 0, done.stderr
-    assert "error bars of the mesh, from meshes of" in done.stdout
-    assert "normal force  " in done.stdout and " +- " in done.stdout
-    assert re.search(r"^  stress, energy norm +\+- [0-9.]+ %$", done.stdout, re.MULTILINE)
-    report = words_of(with_report(results))
-    assert "How far from the continuum" in report
-    assert re.search(r"tolerance, 1×10⁻⁸, leaves at most 0\.0\d+ % of an error bar, that of [a-z ]+;", report)
-    assert "the solver's tolerance" not in done.stdout
-    summary = json.loads((results / "summary.json").read_text())
-    assert [one["order"] for one in summary["error"]["meshes"]] == [1, 1, 1]
-    bars = {bar["quantity"]: bar for bar in summary["error"]["bars"]}
-    squared = np.sum(read_grid(results / "solution.xdmf").fields["stress_error"] ** 2) * 0.5 / 32 / 2e11
-    norm = np.sqrt(2.0 * bars["strain_energy"]["value"])
-    assert summary["error"]["relative_stress_error"] == pytest.approx(np.sqrt(squared) / norm, rel=1e-6)
-    assert bars["totals.normal_force"]["value"] == summary["totals"]["normal_force"]
-    assert run_coulomb("check", results).returncode == 0
-    bars["totals.normal_force"]["value"] *= 1.001
-    (results / "summary.json").write_text(json.dumps(summary))
-    checked = run_coulomb("check", results)
-    assert checked.returncode == 1 and "error.totals.normal_force" in checked.stdout
-    bars["totals.normal_force"]["value"] /= 1.001
-    bars["totals.normal_force"]["parts"]["algebraic"] += 0.1 * bars["totals.normal_force"]["error"]
-    (results / "summary.json").write_text(json.dumps(summary))
-    checked = run_coulomb("check", results)
-    assert checked.returncode == 1 and "error bar.totals.normal_force" in checked.stdout
-
-
-def test_a_tolerance_that_leaves_more_than_a_hundredth_of_a_bar_is_said(capsys):
-    for tolerance, said in ((1e-2, True), (1e-8, False)):
-        bars = error_of(block(2).solve(tolerance), tolerance=tolerance).entry()
-        show_error_bars(Console(width=200), {"error": bars}, tolerance)
-        words = r"the solver's tolerance 0.01 leaves up to [0-9.]+ % of the error bar of .*: give a smaller one"
-        shown = capsys.readouterr().out
-        assert bool(re.search(words, shown)) == ("the solver's tolerance" in shown) == said
-
-
-def test_every_load_step_has_error_bars(tmp_path):
-    case, results = tmp_path / "case.toml", tmp_path / "results"
-    case.write_text(
-        CASE.replace("AMPLITUDE", "amplitude = [[0.0, 0.0], [2.0, 1.0]]") + "[history]\ntimes = [1.0, 2.0]\n"
-    )
-    done = run_coulomb("run", case, "--output", results)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("error bars of the mesh") == 1
-    forces = []
-    for step in (1, 2):
-        summary = json.loads((results / "steps" / f"{step:04d}" / "summary.json").read_text())
-        bars = {bar["quantity"]: bar for bar in summary["error"]["bars"]}
-        forces.append(bars["totals.normal_force"])
-    assert forces[0]["value"] < forces[1]["value"] and 0.0 < forces[0]["error"] < forces[1]["error"]
-    assert run_coulomb("check", results).returncode == 0
-
-
-def test_a_comparison_that_does_not_fit_is_refused_and_the_answer_kept(tmp_path, monkeypatch):
-    """Second order has eight times the unknowns: it must not end a run that has its answer."""
-    alone = block(2).on(replace(block(2).made_of, coarser=None)).solve()
-    monkeypatch.setattr("coulomb.io.other_meshes.least_room", lambda comm: 1e8)
-    with pytest.raises(NoErrorBars, match=r"needs about [0-9.]+ GB of memory, and 0.1 GB are free"):
-        alone.error()
