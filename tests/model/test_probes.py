@@ -11,6 +11,7 @@ from mpi4py import MPI
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, HistoryFiles, LoadHistory, Plane, PrescribedDisplacement, Probe
 from coulomb.io.summary import summary
+from coulomb.units import amount
 
 CELLS = ["hexahedron", "tetrahedron"]
 FAR = Contact("bottom", 0.3, foundation=Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0)))
@@ -124,7 +125,7 @@ def test_a_point_outside_is_refused(cell, point, nearest, distance):
         problem.body.located([Probe("heel", point)])
     text = str(failure.value)
     assert f"probe 'heel': the point ({', '.join(f'{c:g}' for c in point)}) is outside the body" in text
-    assert f"the nearest point of the body is ({nearest}), at a distance of {distance} m" in text
+    assert f"the nearest point of the body is ({nearest}), at a distance of {amount(float(distance))}" in text
     assert len(set(comm.allgather(text))) == 1
 
 

@@ -19,6 +19,7 @@ from coulomb.model import contact_stiffness
 from coulomb.model.certificate import judge
 from coulomb.solvers import CondensedSystem, DenseSystem, DirectSolver, IterativeSolver
 from coulomb.solvers.automatic import Automatic
+from coulomb.units import amount
 
 STEEL, CELLS = Material(2.1e11, 0.3), (8, 2, 1)
 
@@ -196,7 +197,7 @@ def test_a_penetration_is_no_open_gap(monkeypatch, by_multigrid):
     inside, checks = answer.certificate.penetration, {check.name: check for check in answer.certificate.checks}
     assert not np.any(answer.contact_force) and inside > 1e-4 and not checks["penetration"].passed
     assert remarks(answer) == [
-        f"no contact forces were found, although contact nodes penetrate by up to {inside:.3g} m: not the answer"
+        f"no contact forces were found, although contact nodes penetrate by up to {amount(inside)}: not the answer"
     ]
 
 

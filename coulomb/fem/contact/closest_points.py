@@ -71,12 +71,12 @@ def reference_nodes(corners: int, degree: int) -> FloatArray:
     return _basis(corners, degree)[2]
 
 
-def facet_rule(corners: int, degree: int) -> tuple[FloatArray, FloatArray, IntArray]:
+def facet_rule(corners: int, degree: int, finer: int = 1) -> tuple[FloatArray, FloatArray, IntArray]:
     """Points (q, 2), weights (q,) and the piece of each (q,) of a reference facet: many small cells with Gauss points,
-    whose order is that of the products of the functions."""
+    whose order is that of the products of the functions; `finer` times as many along an edge."""
     if corners == 4:
         inner, weight = ([-1.0, 1.0], [0.5, 0.5]) if degree == 1 else ([-1.0, 0.0, 1.0], [5 / 18, 8 / 18, 5 / 18])
-        line, cells = np.array(inner) * (1.0 / 3.0 if degree == 1 else 0.6) ** 0.5, 3 if degree == 1 else 2
+        line, cells = np.array(inner) * (1.0 / 3.0 if degree == 1 else 0.6) ** 0.5, finer * (3 if degree == 1 else 2)
         r = (np.arange(cells)[:, None] + 0.5 * (line + 1.0)).ravel() / cells
         w = np.tile(weight, cells) / cells
         at = np.array([(a, b) for a in r for b in r])
@@ -89,16 +89,15 @@ def facet_rule(corners: int, degree: int) -> tuple[FloatArray, FloatArray, IntAr
         a, b = 0.445948490915965, 0.091576213509771
         three = np.array([(x, y) for c in (a, b) for x, y in ((c, c), (1 - 2 * c, c), (c, 1 - 2 * c))])
         size = 0.5 * np.repeat([0.223381589678011, 0.109951743655322], 3)
-    cells, parts, pieces = (3 if degree == 1 else 2), [], []
+    cells, parts = finer * (3 if degree == 1 else 2), []
     for i in range(cells):
         for j in range(cells - i):
             parts.append((np.array([i, j]) + three) / cells)
-            pieces.append(1 if i else 2 if j else 0)
             if i + j < cells - 1:
                 parts.append((np.array([i + 1, j + 1]) - three) / cells)
-                pieces.append(3)
-    number = np.repeat(pieces, len(size)) * (degree == 2)
-    return np.concatenate(parts), np.tile(size, len(parts)) / cells**2, number.astype(np.int64)
+    at = np.concatenate(parts)
+    number = np.select([at[:, 0] > 0.5, at[:, 1] > 0.5, at.sum(axis=1) > 0.5], [1, 2, 3], 0) * (degree == 2)
+    return at, np.tile(size, len(parts)) / cells**2, number.astype(np.int64)
 
 
 PIECES: Final = {

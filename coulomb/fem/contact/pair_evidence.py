@@ -86,6 +86,11 @@ _LINEAR: Final = 10.0
 """Times that the error of an average is larger where these are not used."""
 
 
+_SMALLER: Final = 2.0
+_FINEST: Final = 32
+"""Facets of a slave over those of its master above which it has more points, and how many times as many at most."""
+
+
 @dataclass(frozen=True)
 class Claims:
     """What is to be judged of a pair: this rank's m contact points.
@@ -156,7 +161,7 @@ class PairSamples:
         bare = ~np.any(np.isin(slave.nodes[:, columns], standing), axis=1)
         chosen, self._around = _around(slave.nodes, columns, node, bare)
         self._chosen, self._bare = chosen, bare[chosen]
-        points, weights, piece = facet_rule(slave.corners, slave.degree)
+        points, weights, piece = facet_rule(slave.corners, slave.degree, _finer(slave, master))
         corners = reference_nodes(slave.corners, 1)  # are points as well, without weight
         at = np.concatenate([points, corners])
         piece = np.concatenate([piece, np.arange(len(corners))])  # the corner k is on the piece k
@@ -420,6 +425,13 @@ class PairSamples:
                 self._beyond += most
 
 
+def _finer(slave: Facets, master: Facets) -> int:
+    """How many times as many points along an edge see all facets of a master that are much smaller."""
+    if not len(slave) or not len(master):
+        return 1
+    return int(np.clip(np.ceil(np.median(slave.radius) / (_SMALLER * np.median(master.radius))), 1, _FINEST))
+
+
 def _met(slave: Facets, master: Facets, start: FloatArray, along: FloatArray) -> Hits:
     depth, reach = 0.25 * min(slave.extent, master.extent), slave.extent + master.extent
     if len(slave) and len(master):
@@ -432,7 +444,7 @@ def opposite_nodes(slave: Facets, master: Facets, node: IntArray) -> tuple[IntAr
     places and unit normals (m, 3); not collective."""
     columns = np.arange(3 if slave.nodes.shape[1] == 6 else slave.nodes.shape[1])
     facet = np.flatnonzero(np.any(np.isin(slave.nodes[:, columns], node), axis=1))
-    at, weights, _ = facet_rule(slave.corners, slave.degree)
+    at, weights, _ = facet_rule(slave.corners, slave.degree, _finer(slave, master))
     x, sign = slave.x[facet], slave.sign[facet]
     values, along_r, along_s = facet_functions(slave.corners, slave.degree, at)
     vectors = sign[:, None, None] * np.cross(along_r @ x, along_s @ x)

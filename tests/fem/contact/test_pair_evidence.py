@@ -19,6 +19,7 @@ from coulomb import (
     Plane,
     PrescribedDisplacement,
     SymmetryPlane,
+    Traction,
     box,
     join,
     moved,
@@ -284,3 +285,14 @@ def test_a_vertex_that_gets_in_and_a_force_that_is_wrong(degree):
     assert f"worst at ({place}) m of 'upper:bottom'" in wrong["penetration"].meaning
     x[3 * k] *= 1.001
     assert not judge(answer.problem.evidence(x, answer.displacement))["equilibrium"].passed
+
+
+@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+def test_a_large_facet_on_many_small_ones(cell):
+    """Its points see every one of these, and the force is that of the load."""
+    low = box((1.0, 1.0, 0.5), (12, 12, 1))
+    up = moved(box((1.0, 1.0, 0.5), (1, 1, 1), cell), (0.0, 0.0, 0.5))
+    contact = Contact("up:bottom", friction=0.3, against="low:top", slave=True)
+    load = [Traction("up:top", (2e5, 0.0, -1e6))]
+    answer = ContactProblem(join(low=low, up=up), Material(2e11, 0.3), [Clamp("low:bottom")], contact, load).solve()
+    assert answer.valid and answer.at_nodes.totals()["normal_force"] == pytest.approx(1e6, rel=1e-9)
