@@ -273,7 +273,7 @@ def small_strain(
         distance, turn = on_all_ranks(measure, "contact: foundation", at_nodes.comm)
     except ValueError:  # no distance or normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
-    apart = np.zeros(len(normal))
+    apart: FloatArray = np.zeros(len(normal))
     if off is not None:
         off = np.where(np.abs(off) < rounding, 0.0, off)
         apart = np.where(pressing, np.abs(off), -np.minimum(at_nodes.gap - at_nodes.displacement[:, 0] + off, 0.0))

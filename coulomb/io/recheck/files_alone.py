@@ -90,7 +90,9 @@ def _read(files: RunDirectory) -> _Written:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
     summary, bodies = sound(files), dict[str, slice]()
-    x = displacement = load = np.empty((0, 3))
+    x: FloatArray = np.empty((0, 3))
+    displacement: FloatArray = x
+    load: FloatArray = x
     for name, group in grids_of(files.solution).items():
         points, _, fields = fields_in(files.solution, group)
         bodies[name] = slice(len(x), len(x) + len(points))
