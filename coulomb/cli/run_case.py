@@ -366,7 +366,6 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
     warned: tuple[str, ...] = ()
     taken = 0
     forces: list[float] = []
-    ends = [0.0]
 
     def say(step: LoadStep) -> bool:
         nonlocal warned, taken
@@ -374,9 +373,9 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
         forces.extend(normal_forces(row).values())
         least = accuracy(step.solution.force_balance.entries(), settings.solver.tolerance, forces=forces)
         halved = f", halved {step.halvings} times" if step.halvings else ""
-        problems, began_at = step.solution.methods.get("linear_problems"), ends[-1]
-        ends.append(row["time"])
-        changes, when = changes_in_words(settings, began_at, row["time"]), f"{row['time']:.4g} s"
+        problems, start = step.solution.methods.get("linear_problems"), step.solution.problem.before
+        assert start is not None  # the state from which the step was computed
+        changes, when = changes_in_words(settings, start.time, row["time"]), f"{row['time']:.4g} s"
         linear = "" if problems is None else f"{problems} linear problems, "
         console.out(
             f"step {row['step']:3d}  {when:<8} {changes:<20} "
@@ -450,8 +449,8 @@ def _write_formats(settings: Case, target: Path, comm: MPI.Comm) -> None:
 
     try:
         on_rank_0(comm, write)
-    except OSError as error:
-        errors.out(f"warning: {target}: {' and '.join(settings.output.format[1:])} cannot be written: {error}")
+    except (OSError, ValueError) as error:
+        errors.out(f"warning: {target}: output.format {list(settings.output.format)} cannot be written: {error}")
 
 
 def _outdated(drawn: Path, comm: MPI.Comm) -> bool:

@@ -280,12 +280,14 @@ def forces_in_a_step(row: dict[str, Any], least: float) -> str:
 
 
 def changes_in_words(case: Case, before: float, time: float) -> str:
-    """What a load step from one time to another changes, with its value at the end: 'top' x 0.25 mm."""
-    changed = [
-        _driven(key, table, values_at(rows, time))
-        for key, (table, rows) in case.timed.items()
-        if np.any(values_at(rows, time) != values_at(rows, before))
-    ]
+    """What a load step from one time to another changes, with its value at the end: 'top' x 0.25 mm.  The force of a
+    bolt is given until it is locked."""
+    changed = []
+    for key, (table, rows) in case.timed.items():
+        lock = table.lock if isinstance(table, PretensionTable) and table.lock is not None else time
+        start, end = (values_at(rows, min(at, lock)) for at in (before, time))
+        if np.any(start != end):
+            changed.append(_driven(key, table, end))
     return in_few(changed, 2)
 
 

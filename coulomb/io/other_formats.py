@@ -49,7 +49,8 @@ def write_formats(directory: Path, formats: tuple[str, ...]) -> None:
 def _steps(directory: Path, name: str) -> Iterator[tuple[float, list[_Piece]]]:
     """Time and grids of a run, or of every step of a load history."""
     files = RunDirectory(directory)
-    for step in [files.step(number) for number in files.begun_steps] if files.is_history else [files]:
+    steps = [files.step(number) for number in files.begun_steps] if files.is_history else [files]
+    for step in [one for one in steps if one.summary.is_file()]:  # an unfinished last one has none
         path, pieces = step.path / name, []
         inside = names_in_cells(path)
         for grid, group in grids_of(path).items():

@@ -97,6 +97,18 @@ def test_what_a_load_step_changes():
     assert changes("", 2.0) == changes("gravity") == ""
 
 
+def test_a_locked_bolt_changes_no_more():
+    """Its curve may end there."""
+    table = tomllib.loads(CASE.replace("CELL", "hexahedron"))
+    curve = {"table": [[0, 0], [1, 1]], "after": "error"}
+    table["mesh"] = {"file": "bolt.msh", "cut": ["s"]}
+    table["pretension"] = [{"face": "s", "force": 1e4, "lock": 1.0, "amplitude": curve}]
+    del table["traction"], table["contact"]["motion"]
+    case = Case.model_validate(table)
+    assert changes_in_words(case, 0.0, 0.5) == "bolt 's' 5 kN" and changes_in_words(case, 0.5, 1.0) == "bolt 's' 10 kN"
+    assert changes_in_words(case, 1.0, 2.0) == ""
+
+
 def test_moments_of_a_traction_that_varies():
     """t = (0, 0, -p x y / m^2) on a unit square at z = 1: force -p/4, moment (-p/6, p/6, 0)."""
     p = 3e6

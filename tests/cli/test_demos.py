@@ -242,6 +242,8 @@ def test_demo_pulled_block():
     assert across == pytest.approx(np.zeros(9), abs=1e-6 * normal[0])
     assert text.count("open 0, stick 0, slip 153") >= 3
     assert along[-1] == pytest.approx(-0.3 * normal[-1], rel=1e-5)
+    friction = columns("pulled_block")["friction_force"]
+    assert friction == pytest.approx(np.hypot(along, across), rel=1e-9) and friction[-1] < 0.3 * normal[-1] * (1 + 1e-9)
 
 
 def test_demo_drum_brake():

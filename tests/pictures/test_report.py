@@ -24,6 +24,7 @@ from coulomb.pictures.report import charts, results
 from coulomb.pictures.report.fields import named
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.problem import in_time, supports_and_loads, values_in_time
+from coulomb.pictures.report.words import in_few
 from coulomb.units import number, quantity, scale_of, vector
 from coulomb.version import __version__
 
@@ -276,6 +277,12 @@ def test_drawing_does_not_start_mpi(block, tmp_path):
 
 
 # --- formatted numbers ------------------------------------------------------------------------------------------------
+
+
+def test_few_names():
+    names = ["a" * 30, "b" * 30, "c", "d"]
+    assert in_few(names) == f"{names[0]}, {names[1]}, c and 1 more"
+    assert in_few(names, room=50) == f"{names[0]} and 3 more" and in_few(names[2:], room=50) == "c, d"
 
 
 def test_quantities():

@@ -22,7 +22,7 @@ from ...fem.geometry import inverse_frames
 from ...fem.meshes import SEPARATOR
 from ...model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
 from ...solvers.laws import FrictionLaw
-from ...units import amount
+from ...units import amount, use
 from ..field_files import NODE, OPPOSITE, data_of, fields_in, grids_of
 from ..result_grids import OURS
 from ..run_directory import CONTACT, FIELDS, OLD, SOLUTION, SUMMARY, RunDirectory
@@ -132,6 +132,7 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
     run, written = _read(files), described_fields(files.path)
+    use(**{name: str(unit) for name, unit in run.summary.get("units", {}).items() if name in ("length", "stress")})
     contents, found = run.summary, Comparison(1e-12)
     _compare_certificate(contents, found)
     answer, here = _answer(run)
