@@ -94,6 +94,13 @@ class DisplacementSpace:
             self._nodes_of[key] = dofs[dofs < self._owned].astype(np.int32)
         return self._nodes_of[key].copy()
 
+    def nodes_at(self, points: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+        """This rank's nodes at nodes of the mesh's geometry, where these are the same, sorted."""
+        chosen = np.zeros(len(self.domain.geometry.x), dtype=bool)
+        chosen[points] = True
+        nodes = np.unique(compat.cell_dofs(self.V)[chosen[compat.cell_geometry(self.domain)]])
+        return nodes[nodes < self._owned].astype(np.int32)
+
     def in_cells(self, facets: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
         """The cells of those boundary facets that this rank owns, ascending, shape (f,), and which nodes of its cell
         are on each, in VTK's order, shape (f, n)."""

@@ -154,6 +154,10 @@ class LoadedBody(ElasticBody, HeldNodes):
         self.contradictions = contradictions(given, self._rows, self._values, self.x, self.mesh.comm)
 
     def _supported_nodes(self, support: Support) -> SupportedNodes:
+        if support.face in self.mesh.node_sets:
+            nodes = self.nodes_at(self.mesh.node_sets[support.face])
+            face = SupportedFace(nodes, self.x[nodes], self.mesh.comm)
+            return SupportedNodes(support, nodes, support.directions(face), support.displacement(face))
         facets = self.mesh.facets(support.face, support.kind)
         nodes = self.nodes_of(facets)
 

@@ -144,7 +144,7 @@ def named_mesh(domain: Any, faces: Any) -> NamedMesh:
     if isinstance(faces, NamedMesh):
         if compat.cpp_of(faces.domain) is not compat.cpp_of(domain):
             raise ValueError("Body: faces is a NamedMesh of another mesh than that of a")
-        return NamedMesh(domain, faces.faces, faces.cells, faces.refused)
+        return NamedMesh(domain, faces.faces, faces.cells, faces.refused, node_sets=faces.node_sets)
     boundary = boundary_facets(domain)
     if _is_tags(faces):
         return _of_tags(domain, faces, boundary)

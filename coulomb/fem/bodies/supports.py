@@ -101,7 +101,7 @@ class PrescribedDisplacement:
     """Prescribed displacement on a face (an inhomogeneous Dirichlet condition).
 
     Attributes:
-        face: Name of the face.
+        face: Name of the face, or of a set of nodes: on edges, or at points (`NamedMesh.with_nodes`).
         value: Displacement in metres, a vector or a function of x; its parts along directions that are not prescribed
             are ignored.
         components: Which components are prescribed: letters of "xyz"; "normal", along the normal of the face at each
@@ -189,7 +189,7 @@ class Clamp(PrescribedDisplacement):
     With "normal" it is a frictionless guide, plane or curved: the face slides along itself.
 
     Args:
-        face: Name of the face.
+        face: Name of the face, or of a set of nodes.
         components: As of `PrescribedDisplacement`, as are direction, surface and errors.
     """
 
@@ -206,8 +206,8 @@ class SymmetryPlane:
     """A plane of symmetry of body, supports and loads, at any angle: the face lies in it, and does not leave it.
 
     Attributes:
-        face: Name of the face, which must be plane.  Its displacement along its normal is zero; where two planes of
-            symmetry meet, along both normals.
+        face: Name of the face, which must be plane, or of nodes in a plane.  Its displacement along its normal is zero;
+            where two planes of symmetry meet, along both normals.
     """
 
     face: str
@@ -244,7 +244,7 @@ class PrescribedRotation:
     angle/2 of itself.
 
     Attributes:
-        face: Name of the face.
+        face: Name of the face, or of a set of nodes.
         point: A point of the axis in metres.
         axis: Direction of the axis; need not have length 1.
         angle: In radians, right-handed about the axis.
@@ -356,7 +356,7 @@ class SupportedFace:
         nodes: Among this rank's, ascending, shape (q,).
         x: Their coordinates in metres, shape (q, 3).
         integrals: Of the hat functions over the face, m^2, shape (q,), and of the outward normal against them, (q, 3);
-            collective.
+            collective; None for a set of nodes.
     """
 
     def __init__(
@@ -364,12 +364,13 @@ class SupportedFace:
         nodes: npt.NDArray[np.int32],
         x: FloatArray,
         comm: MPI.Comm,
-        integrals: Callable[[], tuple[FloatArray, FloatArray]],
+        integrals: Callable[[], tuple[FloatArray, FloatArray]] | None = None,
     ):
         self.nodes, self.x, self.comm, self._compute = nodes, x, comm, integrals
 
     @cached_property
     def _integrals(self) -> tuple[FloatArray, FloatArray]:
+        assert self._compute is not None
         return self._compute()
 
     def normals(self, what: str, surface: RigidFoundation | None = None) -> FloatArray:
@@ -381,6 +382,10 @@ class SupportedFace:
             ValueError: On every rank, if the facets around a node of any rank meet at an edge, or if the surface has
                 no normal or one far from that of the facets; the message begins with `what`.
         """
+        if self._compute is None:
+            if surface is None:
+                raise ValueError(f"{what}: a set of nodes has no normals: give the surface, or a direction")
+            return on_all_ranks(lambda: _clean(surface.normal(self.x)), what, self.comm)
         area, outward = self._integrals
 
         def unit() -> FloatArray:
@@ -403,8 +408,10 @@ class SupportedFace:
         return on_all_ranks(unit, what, self.comm)
 
     def plane(self, what: str) -> FloatArray:
-        """Outward unit normal of a plane face, shape (3,); ValueError on every rank, beginning with `what`, if it is
-        not plane; collective."""
+        """Outward unit normal of a plane face, shape (3,), or that of the plane of a set of nodes; ValueError on every
+        rank, beginning with `what`, if it is not plane; collective."""
+        if self._compute is None:
+            return self._plane_of_nodes(what)
         area, outward = self._integrals
         total = self.comm.allreduce(float(area.sum()), op=MPI.SUM)
         mean = self.comm.allreduce(outward.sum(axis=0), op=MPI.SUM) / total
@@ -418,6 +425,18 @@ class SupportedFace:
                 f"{what}: the face must be plane, but its nodes are up to {amount(furthest)} off its mean plane; "
                 'for a curved face use a clamp with components = "normal"'
             )
+        return n
+
+    def _plane_of_nodes(self, what: str) -> FloatArray:
+        x: FloatArray = np.concatenate(self.comm.allgather(self.x))
+        sizes, ways = (
+            np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[1:] if len(x) > 2 else (np.zeros(3), np.eye(3))
+        )
+        if sizes[1] <= _OFF_PLANE * sizes[0]:
+            raise ValueError(f"{what}: the nodes are on a line, and in no plane: use a clamp with a direction")
+        if sizes[2] > _OFF_PLANE * sizes[0]:
+            raise ValueError(f"{what}: the nodes must be in a plane: use a clamp with a direction")
+        n: FloatArray = _clean(ways[2:])[0]
         return n
 
 

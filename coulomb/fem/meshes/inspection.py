@@ -7,7 +7,7 @@ common facets, is compared on the rank that is responsible for the smallest poin
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -44,6 +44,7 @@ class InspectedMesh:
         cells: This rank's cells, as in the file.
         face_groups: Corners of this rank's facets, sorted in each row, by name.
         refused: Why the other groups of facets cannot be used, by name.
+        node_groups: This rank's points of sets of nodes that are no faces, by name.
     """
 
     points: FloatArray
@@ -51,6 +52,7 @@ class InspectedMesh:
     cell_groups: dict[str, IntArray]
     face_groups: dict[str, IntArray]
     refused: dict[str, str]
+    node_groups: dict[str, IntArray] = field(default_factory=dict)
 
 
 def inspect(file: MeshFile, scale: float, comm: MPI.Comm) -> InspectedMesh:
@@ -77,7 +79,9 @@ def inspect(file: MeshFile, scale: float, comm: MPI.Comm) -> InspectedMesh:
             found["node set", name] = facets.covered(nodes)
     faces = {name: rows for (_, name), (rows, fault) in found.items() if not fault}
     refused = {name: f"{kind} {name!r} of {file.path} {fault}" for (kind, name), (_, fault) in found.items() if fault}
-    return InspectedMesh(scale * file.points, file.cells, file.cell_groups, faces, refused)
+    sets = {name: nodes for name, nodes in file.node_groups.items() if name not in file.face_groups and name in refused}
+    sets = {name: nodes for name, nodes in sets.items() if len(nodes) and np.all(np.isin(nodes, cells.numbers))}
+    return InspectedMesh(scale * file.points, file.cells, file.cell_groups, faces, refused, sets)
 
 
 class _Cells:

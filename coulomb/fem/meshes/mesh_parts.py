@@ -50,15 +50,27 @@ def local_cells(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -
     Groups have numbers of cells in the order in which the mesh was given, of which every rank had those between its
     `starts`; every rank gives the same names, and any of the numbers.
     """
-    comm = domain.comm
+    own = domain.topology.index_map(3).size_local
+    return _members(domain.comm, starts, groups, domain.topology.original_cell_index[:own])
+
+
+def local_nodes(domain: Any, starts: IntArray, groups: Mapping[str, IntArray]) -> dict[str, npt.NDArray[np.int32]]:
+    """The nodes of a mesh's geometry on this rank, ghosts included, of every group of points, as of `local_cells`;
+    collective."""
+    return _members(domain.comm, starts, groups, domain.geometry.input_global_indices)
+
+
+def _members(
+    comm: MPI.Comm, starts: IntArray, groups: Mapping[str, IntArray], numbers: Any
+) -> dict[str, npt.NDArray[np.int32]]:
+    """Where numbers (k,) of this rank are in every group, of which every rank gives some numbers; collective."""
+    if not groups:
+        return {}
     first, last = starts[comm.rank], starts[comm.rank + 1]
     member = np.zeros((last - first, len(groups)), dtype=bool)
-    for column, numbers in enumerate(groups.values()):
-        member[Exchange(comm, owner_of(starts, numbers)).send(numbers) - first, column] = True
-    original = np.asarray(domain.topology.original_cell_index, dtype=np.int64)[
-        : domain.topology.index_map(3).size_local
-    ]
-    here = fetched(comm, starts, original, member) if groups else member
+    for column, given in enumerate(groups.values()):
+        member[Exchange(comm, owner_of(starts, given)).send(given) - first, column] = True
+    here = fetched(comm, starts, np.asarray(numbers, dtype=np.int64), member)
     return {name: np.flatnonzero(here[:, column]).astype(np.int32) for column, name in enumerate(groups)}
 
 

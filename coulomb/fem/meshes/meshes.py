@@ -33,8 +33,8 @@ from .lagrange import (
     jacobians,
 )
 from .mesh_file import MeshFile
-from .mesh_parts import boundary_facets, corners_of, local_cells, local_facets, parts_of
-from .named_mesh import Grid, NamedMesh, Planes, volume
+from .mesh_parts import boundary_facets, corners_of, local_cells, local_facets, local_nodes, parts_of
+from .named_mesh import Grid, NamedMesh, Planes, volume, without_nodes
 from .xdmf_format import read as read_parts
 
 
@@ -129,6 +129,7 @@ def _of_order(order: Callable[[NamedMesh], NamedMesh], mesh: NamedMesh, domain: 
         coarser=None if coarser is None else lambda: order(coarser()),
         grid=None,
         curved=None,
+        **without_nodes(mesh),
     )
 
 
@@ -404,12 +405,13 @@ def from_first_rank(comm: MPI.Comm, path: str | Path, sound: InspectedMesh | Non
     shape = None
     if sound is not None:
         corners = {name: rows.shape[1] for name, rows in sound.face_groups.items()}
-        shape = (sound.cells.shape[1], corners, list(sound.cell_groups), sound.refused)
-    width, corners, groups, refused = comm.bcast(shape)
+        shape = (sound.cells.shape[1], corners, list(sound.cell_groups), sound.refused, list(sound.node_groups))
+    width, corners, groups, refused, sets = comm.bcast(shape)
     if sound is None:
         none: IntArray = np.empty((0, width), dtype=np.int64)
         faces = {name: none[:, :count] for name, count in corners.items()}
-        sound = InspectedMesh(np.empty((0, 3)), none, {name: none[:, 0] for name in groups}, faces, refused)
+        of_groups, of_sets = ({name: none[:, 0] for name in names} for names in (groups, sets))
+        sound = InspectedMesh(np.empty((0, 3)), none, of_groups, faces, refused, of_sets)
     return _named(comm, path, sound)
 
 
@@ -439,7 +441,8 @@ def _named(comm: MPI.Comm, path: str | Path, sound: InspectedMesh) -> NamedMesh:
     components, touching = parts_of(domain, str(path))
     faces = local_facets(domain, sound.face_groups)
     cells = local_cells(domain, starts_of(comm, len(sound.cells)), sound.cell_groups)
-    return NamedMesh(domain, faces, cells, sound.refused, components, touching)
+    sets = local_nodes(domain, starts_of(comm, len(sound.points)), sound.node_groups)
+    return NamedMesh(domain, faces, cells, sound.refused, components, touching, node_sets=sets)
 
 
 def check_scale(path: str | Path, scale: float) -> None:

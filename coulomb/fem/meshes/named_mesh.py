@@ -11,10 +11,12 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, is_number
+from ...arrays import FloatArray, in_words, is_number
+from ...nearest import tree_of
 from .. import compat
-from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point
+from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point, on_all_ranks
 from .lagrange import corner_geometry
+from .mesh_parts import SAME_PLACE
 
 Planes = tuple[FloatArray, FloatArray, FloatArray]
 """Of a box, the coordinates of the planes between its cells along x, y and z, ends included, metres."""
@@ -55,6 +57,8 @@ class NamedMesh:
         curved: Of first-order cells that are made of second-order ones, these cells' boundary, on which gaps of pairs
             are measured; None where the facets themselves count.
         surfaces: Exact surfaces of which faces are meshes, by face: nodes of meshes made of this one are there.
+        node_sets: Nodes, on edges or at points, that supports may name in place of a face: this rank's, ghosts
+            included, by the name of the set; numbers of `domain.geometry`.
     """
 
     domain: Any
@@ -67,6 +71,7 @@ class NamedMesh:
     grid: Grid | None = field(default=None, repr=False, compare=False)
     curved: RigidFoundation | None = field(default=None, repr=False, compare=False)
     surfaces: Mapping[str, RigidFoundation] = field(default_factory=dict, repr=False, compare=False)
+    node_sets: Mapping[str, npt.NDArray[np.int32]] = field(default_factory=dict)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -87,6 +92,60 @@ class NamedMesh:
     def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
         """This rank's own cells of a group; ValueError, beginning with `what`, if there is none."""
         return _named(self.cells, cells, what, "cell group")
+
+    def with_nodes(
+        self, name: str, at: npt.ArrayLike | Callable[[FloatArray], npt.ArrayLike] | None = None, numbers: Any = None
+    ) -> NamedMesh:
+        """The mesh with a set of nodes, which supports may name in place of a face; collective.
+
+        Args:
+            name: Of the set, such as "corner".
+            at: Where its nodes are, metres, shape (3,) or (q, 3), every rank the same; or a function of coordinates
+                (3, k) that is True at them, shape (k,).  Of several nodes at one place, as on the two sides of a cut,
+                it has all.
+            numbers: In place of it their numbers, 0 for the first node of the file or of the arrays that the mesh was
+                made of, shape (q,), every rank the same.
+
+        Raises:
+            ValueError: On every rank, if the name is that of a face or no text, not exactly one of `at` and `numbers`
+                is given, or no node is there.
+        """
+        what = f"set of nodes {name!r}"
+        if not isinstance(name, str) or not name or name in self.faces:
+            raise ValueError(f"{what}: the name must be text, and not that of a face")
+        if (at is None) == (numbers is None):
+            raise ValueError(f"{what}: give either places of nodes (at) or their numbers")
+        x, in_file = self.domain.geometry.x, np.asarray(self.domain.geometry.input_global_indices, dtype=np.int64)
+        own = np.arange(len(x)) < self.domain.geometry.index_map().size_local
+        if numbers is not None:
+            given = np.unique(on_all_ranks(lambda: np.asarray(numbers, dtype=np.int64), what, self.comm))
+            here = np.isin(in_file, given)
+            count = self.comm.allreduce(int(np.sum(here & own)), op=MPI.SUM)
+            missing = f"{len(given) - count} of its {len(given)} nodes belong to no cell" if count < len(given) else ""
+        elif callable(at):
+            here = on_all_ranks(lambda: np.broadcast_to(np.asarray(at(x.T), dtype=bool), len(x)), what, self.comm)
+            missing = ""
+        else:
+            places = on_all_ranks(lambda: np.reshape(np.asarray(at, dtype=np.float64), (-1, 3)), what, self.comm)
+            ends = np.array([x.min(axis=0, initial=np.inf), -x.max(axis=0, initial=-np.inf)])
+            near = SAME_PLACE * float(np.linalg.norm(np.min(self.comm.allgather(ends), axis=0).sum(axis=0)))
+            here = tree_of(places).query(x)[0] <= near if len(places) else np.zeros(len(x), dtype=bool)
+            found = tree_of(x).query(places)[0] if len(x) else np.full(len(places), np.inf)
+            far = np.min(self.comm.allgather(found), axis=0) > near
+            missing = f"there is no node at x = {in_words(places[np.argmax(far)])}" if np.any(far) else ""
+        if not missing and self.comm.allreduce(int(np.sum(here)), op=MPI.SUM) == 0:
+            missing = "it has no nodes"
+        if missing:
+            raise ValueError(f"{what}: {missing}")
+        fault = f"{name!r} is a set of nodes, which supports may hold, and no face"
+        sets = {**self.node_sets, name: np.flatnonzero(here).astype(np.int32)}
+        return replace(self, node_sets=sets, refused={**self.refused, name: fault})
+
+
+def without_nodes(mesh: NamedMesh) -> dict[str, Any]:
+    """Of a mesh with other nodes that is made of this one: no sets of nodes, with the reason, where one is used."""
+    fault = "is a set of nodes of the mesh that this one was made of: name the nodes of this one (with_nodes)"
+    return {"node_sets": {}, "refused": mesh.refused | {name: f"{name!r} {fault}" for name in mesh.node_sets}}
 
 
 def _named(groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str) -> npt.NDArray[np.int32]:
@@ -235,7 +294,7 @@ class JoinedMesh:
         Raises:
             ValueError: If there is no such face; the message begins with `what`.
         """
-        names = {body: (*mesh.faces, *mesh.refused) for body, mesh in self.bodies.items()}
+        names = {body: tuple({**mesh.faces, **mesh.refused, **mesh.node_sets}) for body, mesh in self.bodies.items()}
         return self._split(face, what, "face", names)
 
     def split_group(self, cells: str, what: str) -> tuple[str, str]:

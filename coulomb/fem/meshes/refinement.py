@@ -29,7 +29,7 @@ from .exchange import Exchange, fetched, global_numbers, owner_of, starts_of
 from .lagrange import corner_geometry, corners_to_nodes, jacobians, lagrange_points, lagrange_values
 from .mesh_parts import distinct, local_cells, local_facets, parts_of
 from .meshes import off_chords, refuse_flat_cells
-from .named_mesh import NamedMesh
+from .named_mesh import NamedMesh, without_nodes
 
 
 def refined(mesh: NamedMesh, marked: npt.NDArray[Any] | None = None, curved: bool = False) -> NamedMesh:
@@ -227,6 +227,7 @@ def _made(mesh: NamedMesh, parent: IntArray, kind: IntArray, nodes: IntArray, of
         coarser=lambda: mesh,
         grid=None,
         curved=None,
+        **without_nodes(mesh),
     )
 
 

@@ -23,7 +23,7 @@ from mesh_writers import (
 )
 
 import coulomb
-from coulomb import Clamp, Elasticity, Material
+from coulomb import Clamp, Elasticity, Material, Pressure
 from coulomb.fem.bodies.materials import midpoints
 
 NAMES = {"names": NUMBERS, "cell_names": CELL_NUMBERS}
@@ -205,7 +205,10 @@ def test_wrong_node_sets(tmp_path):
         ("lost", "has 1 of 5 nodes that belong to no cell"),
         ("none", "is empty"),
     ):
-        with pytest.raises(ValueError, match=f"clamp: node set '{name}' of .*part.inp {message}"):
+        with pytest.raises(ValueError, match=f"pressure: node set '{name}' of .*part.inp {message}"):
+            Elasticity(read, STEEL, [], [Pressure(name, 1.0)])
+    for name in ("lost", "none"):  # the others may hold nodes
+        with pytest.raises(ValueError, match=f"clamp: node set '{name}' of .*part.inp "):
             Elasticity(read, STEEL, [Clamp(name)])
 
 
