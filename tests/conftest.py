@@ -73,10 +73,12 @@ amplitude = [[0, 0], [1, 1]]
 
 
 def make_block(p, friction=0.3, slip_stress=None, cells=None, foundation=None, cohesion=None, **options):
-    """The block of the benchmarks with p cells per metre."""
+    """The block of the benchmarks with p cells per metre; options are of its mesh, its contact and the problem."""
     law = {"slip_stress": slip_stress} if slip_stress else {"friction": friction, "cohesion": cohesion}
+    law |= {"direction": options.pop("direction")} if "direction" in options else {}
+    mesh = {name: options.pop(name) for name in ("cell", "comm") if name in options}
     return coulomb.ContactProblem(
-        coulomb.box((3.0, 1.0, 1.0), cells or (3 * p, p, p)),
+        coulomb.box((3.0, 1.0, 1.0), cells or (3 * p, p, p), **mesh),
         STEEL,
         clamps=[coulomb.Clamp("left")],
         tractions=[coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],

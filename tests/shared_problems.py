@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 import clarabel
 import numpy as np
 import scipy.sparse
+from mpi4py import MPI
 
 import coulomb
 from coulomb import (
@@ -92,6 +93,16 @@ def jaws(friction=(0.4, 0.4), motion=CLOSING, **options):
         springs=[Spring("left", 1e3), Spring("right", 1e3)],
         **options,
     )
+
+
+def ring_mesh(inner, outer, cells, angle=0.5 * np.pi, height=0.1, cell="hexahedron", comm=MPI.COMM_WORLD, degree=1):
+    """A part of a ring about z: left is its inner face, right the outer one, front and back its ends."""
+
+    def place(x):
+        r, phi = inner + (outer - inner) * x[0], angle * x[1]
+        return np.stack([r * np.cos(phi), r * np.sin(phi), height * x[2]])
+
+    return coulomb.box((1.0, 1.0, 1.0), cells, cell, comm, place, degree)
 
 
 def two_bodies(stiffness=1e6, **given):

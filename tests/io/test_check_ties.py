@@ -4,154 +4,63 @@ import json
 import shutil
 
 import pytest
+from case_texts import body, one_body
 from check_runs import change, copied, edit, made, put, shown
 from conftest import run_coulomb
 
 from coulomb.io.recheck import check
 
 GLUED = """\
-[[body]]
-name = "lower"
-box = [1.0, 0.8, 0.4]
-cells = [4, 3, 2]
-[body.material]
-young = 2e11
-poisson = 0.3
-[[body]]
-name = "upper"
-box = [1.0, 0.8, 0.3]
-cells = [3, 2, 2]
-cell = "tetrahedron"
-degree = 2
-translate = [0.0, 0.0, 0.4]
-[body.material]
-young = 7e10
-poisson = 0.34
-[[tie]]
-face = "lower:top"
-against = "upper:bottom"
-[[clamp]]
-face = "upper:left"
-[[traction]]
-face = "upper:top"
-value = [1e6, 2e5, -5e6]
-[contact]
-face = "lower:bottom"
-friction = 0.3
-[history]
-times = [1.0, 2.0]
+tie = [{ face = "lower:top", against = "upper:bottom" }]
+clamp = [{ face = "upper:left" }]
+traction = [{ face = "upper:top", value = [1e6, 2e5, -5e6] }]
+contact = { face = "lower:bottom", friction = 0.3 }
+history = { times = [1.0, 2.0] }
+"""
+GLUED += body("lower", (1.0, 0.8, 0.4), (4, 3, 2))
+GLUED += body("upper", (1.0, 0.8, 0.3), (3, 2, 2), (0.0, 0.0, 0.4), 7e10, 0.34, "tetrahedron", 2)
+
+SECTOR = one_body((0.5, 0.5, 0.4), (3, 4, 2))
+SECTOR += """\
+cyclic_symmetry = [{ face = "left", against = "front", axis = [0.0, 0.0, 1.0], sectors = 4 }]
+traction = [{ face = "top", value = ["-4e5*y", "4e5*x", "-1e6"] }]
+contact = { face = "bottom", friction = 0.3 }
 """
 
-
-SECTOR = """\
-[mesh]
-box = [0.5, 0.5, 0.4]
-cells = [3, 4, 2]
-[material]
-young = 2e11
-poisson = 0.3
-[[cyclic_symmetry]]
-face = "left"
-against = "front"
-axis = [0.0, 0.0, 1.0]
-sectors = 4
-[[traction]]
-face = "top"
-value = ["-4e5*y", "4e5*x", "-1e6"]
-[contact]
-face = "bottom"
-friction = 0.3
-"""
-
-
-PRESSED = """\
-[mesh]
-box = [0.1, 0.1, 0.02]
-cells = [4, 3, 2]
-[material]
-young = 1e9
-poisson = 0.3
+PRESSED = one_body((0.1, 0.1, 0.02), (4, 3, 2), 1e9)
+PRESSED += """\
+contact = { face = "bottom", friction = 0.3 }
+history = { times = [0.5, 1.0] }
+point_load = [{ face = "top", force = [0.0, 0.0, -5e3], moment = [0.0, 2.0, 0.0] }]
 [[rigid_face]]
 face = "top"
 translation = { x = 0.0, y = 0.0 }
 rotation = { x = 0.0, z = 0.004 }
 amplitude = [[0.0, 0.0], [1.0, 1.0]]
-[[point_load]]
-face = "top"
-force = [0.0, 0.0, -5e3]
-moment = [0.0, 2.0, 0.0]
-[contact]
-face = "bottom"
-friction = 0.3
-[history]
-times = [0.5, 1.0]
 """
 
-
-SLICE = """\
-[mesh]
-box = [0.1, 0.02, 0.05]
-cells = [4, 1, 3]
-degree = 2
-[material]
-young = 1e9
-poisson = 0.3
-[[symmetry]]
-face = "front"
-[[rigid_face]]
-face = "back"
-along = "free"
-rotation = { x = 1e-4 }
-amplitude = [[0.0, 0.0], [1.0, 1.0]]
-[[point_load]]
-face = "top"
-force = [20.0, 5.0, -5e2]
-[contact]
-face = "bottom"
-friction = 0.3
-[history]
-times = [0.5, 1.0]
+SLICE = one_body((0.1, 0.02, 0.05), (4, 1, 3), 1e9, degree=2)
+SLICE += """\
+contact = { face = "bottom", friction = 0.3 }
+history = { times = [0.5, 1.0] }
+symmetry = [{ face = "front" }]
+rigid_face = [{ face = "back", along = "free", rotation = { x = 1e-4 }, amplitude = [[0.0, 0.0], [1.0, 1.0]] }]
+point_load = [{ face = "top", force = [20.0, 5.0, -5e2] }]
 """
 
-
-SPRUNG = """\
-[[body]]
-name = "foot"
-box = [0.1, 0.08, 0.02]
-cells = [3, 3, 1]
-[body.material]
-young = 1e9
-poisson = 0.3
-[[body]]
-name = "plate"
-box = [0.14, 0.12, 0.02]
-cells = [4, 3, 1]
-translate = [-0.02, -0.02, 0.02]
-[body.material]
-young = 5e9
-poisson = 0.3
-[[spring]]
-face = "plate:left"
-stiffness = 1e7
-[[tie]]
-face = "foot:top"
-against = "plate:bottom"
+SPRING = 'spring = [{ face = "plate:left", stiffness = 1e7 }]\n'
+SPRUNG = f"""\
+{SPRING}tie = [{{ face = "foot:top", against = "plate:bottom" }}]
+traction = [{{ face = "plate:right", value = [2e4, 1e4, -3e4] }}]
+contact = {{ face = "foot:bottom", friction = 0.3, gap = -1e-5, gap_amplitude = [[0.0, 0.0], [1.0, 1.0]] }}
+history = {{ times = [0.5, 1.0] }}
 [[rigid_face]]
 face = "plate:top"
 translation_stiffness = [1e5, 2e5, 5e6]
 rotation_stiffness = [300.0, 200.0, 50.0]
-[[traction]]
-face = "plate:right"
-value = [2e4, 1e4, -3e4]
-[contact]
-face = "foot:bottom"
-friction = 0.3
-gap = -1e-5
-gap_amplitude = [[0.0, 0.0], [1.0, 1.0]]
-[history]
-times = [0.5, 1.0]
 """
-
+SPRUNG += body("foot", (0.1, 0.08, 0.02), (3, 3, 1), young=1e9)
+SPRUNG += body("plate", (0.14, 0.12, 0.02), (4, 3, 1), (-0.02, -0.02, 0.02), 5e9)
 
 SUPPORTED = {
     "a sector": (SECTOR, ".", ["tie_force"], [("ties", 0, "force", 0)]),
@@ -186,40 +95,19 @@ def assert_noticed(folder, fields, places):
 
 
 def test_rigid_faces_alone_have_springs():
-    found = check(made(SPRUNG.replace('[[spring]]\nface = "plate:left"\nstiffness = 1e7\n', "")))
+    found = check(made(SPRUNG.replace(SPRING, "")))
     assert found.passed and not found.faults, str(found)
     last = json.loads((made(SPRUNG) / "steps/0002/summary.json").read_text())["reactions"][-1]
     assert last["name"] == "spring_plate:top" and abs(last["force"][2]) > 1.0
 
 
 FLOATING = """\
-[[body]]
-name = "pad"
-box = [0.8, 0.4, 0.2]
-cells = [3, 1, 2]
-cell = "tetrahedron"
-[body.material]
-young = 2e9
-poisson = 0.3
-[[body]]
-name = "top"
-box = [0.8, 0.4, 0.4]
-cells = [3, 2, 1]
-degree = 2
-translate = [0.0, 0.0, 0.2]
-[body.material]
-young = 1.5e8
-poisson = 0.3
-[[tie]]
-face = "pad:top"
-against = "top:bottom"
-[[traction]]
-face = "top:top"
-value = [2400.0, 0.0, -15000.0]
-[contact]
-face = "pad:bottom"
-friction = 0.3
+tie = [{ face = "pad:top", against = "top:bottom" }]
+traction = [{ face = "top:top", value = [2400.0, 0.0, -15000.0] }]
+contact = { face = "pad:bottom", friction = 0.3 }
 """
+FLOATING += body("pad", (0.8, 0.4, 0.2), (3, 1, 2), None, 2e9, cell="tetrahedron")
+FLOATING += body("top", (0.8, 0.4, 0.4), (3, 2, 1), (0.0, 0.0, 0.2), 1.5e8, degree=2)
 
 
 def test_tied_bodies_that_contact_holds_are_judged_alike():
@@ -260,39 +148,18 @@ def test_changed_fields_and_numbers_of_a_tie_are_noticed(tmp_path):
 
 
 SCREWED = """\
-[[body]]
-name = "low"
-box = [0.1, 0.1, 0.4]
-cells = [2, 2, 3]
-[body.material]
-young = 2e11
-poisson = 0.3
-[[body]]
-name = "up"
-box = [0.1, 0.1, 0.3]
-cells = [3, 2, 2]
-translate = [0.0, 0.0, 0.4]
-[body.material]
-young = 2e11
-poisson = 0.3
+clamp = [{ face = "low:bottom" }]
+total_force = [{ face = "up:right", force = [0.0, 0.0, 1e4], amplitude = [[1.0, 0.0], [2.0, 1.0]] }]
+contact = { face = "up:top", friction = 0.3 }
+history = { times = [0.5, 1.0, 1.5, 2.0] }
 [[pretension]]
 face = "up:bottom"
 against = "low:top"
 force = -2e5
 amplitude = [[0.0, 0.0], [1.0, 1.0]]
 lock = 1.0
-[[clamp]]
-face = "low:bottom"
-[[total_force]]
-face = "up:right"
-force = [0.0, 0.0, 1e4]
-amplitude = [[1.0, 0.0], [2.0, 1.0]]
-[contact]
-face = "up:top"
-friction = 0.3
-[history]
-times = [0.5, 1.0, 1.5, 2.0]
 """
+SCREWED += body("low", (0.1, 0.1, 0.4), (2, 2, 3)) + body("up", (0.1, 0.1, 0.3), (3, 2, 2), (0.0, 0.0, 0.4))
 
 
 def test_bolts_are_computed_again(tmp_path):

@@ -6,6 +6,7 @@ from conftest import make_block, solved_block
 
 import coulomb
 from coulomb.model import certificate as certificate_module
+from coulomb.solvers import IterativeSolver
 from coulomb.solvers.friction_problem import FrictionProblem
 from coulomb.solvers.results import Goal, Status
 
@@ -35,18 +36,25 @@ def soft_block(friction, **options):
     )
 
 
-@pytest.mark.parametrize(("friction", "tolerance"), [(0.0, 1e-9), (0.1, 1e-8), (0.2, 1e-8), (0.3, 1e-9)])
-def test_soft_springs_are_solved_to_the_certificate(friction, tolerance):
+FACTORISED = [(0.0, 1e-9, None, 140), (0.1, 1e-8, None, 140), (0.2, 1e-8, None, 140), (0.3, 1e-9, None, 140)]
+MULTIGRID = [(friction, 1e-8, IterativeSolver, most) for friction, most in ((0.0, 400), (0.1, 150), (0.3, 150))]
+
+
+@pytest.mark.parametrize(("friction", "tolerance", "linear_solver", "products"), FACTORISED + MULTIGRID)
+def test_soft_springs_are_solved_to_the_certificate(friction, tolerance, linear_solver, products):
     """By the natural residual alone, three of four end with gaps of 1e-5 to 1e-4 of the deformation.
 
     Of two platforms one takes up to 34 steps, six of them semismooth Newton steps that lead nowhere, and 129 products.
+    By multigrid b and A x nearly cancel: without the rigid motions in what the methods know of A it takes 187 products
+    and more, of A as a whole 400 to 880.
     """
-    solution = soft_block(friction).solve(tolerance=tolerance)
+    solution = soft_block(friction, linear_solver=linear_solver).solve(tolerance=tolerance)
     assert solution.certificate.passed and solution.result.residual <= tolerance
     x = solution.contact_force.reshape(-1, 3)
     pull = np.hypot(x[:, 1].sum(), x[:, 2].sum())
     assert pull / x[:, 0].sum() == pytest.approx(friction, rel=1e-6, abs=1e-12)
-    assert solution.result.newton_steps <= 36 and solution.result.products <= 140
+    assert linear_solver or solution.result.newton_steps <= 36
+    assert solution.result.products <= products
 
 
 def test_the_residual_alone_would_have_stopped_before():

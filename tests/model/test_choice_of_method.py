@@ -34,39 +34,25 @@ from coulomb.solvers import DirectSolver, IterativeSolver
 ONCE, TWICE = Precision.SINGLE, Precision.REPEATED
 CELLS = {"tetrahedra": True}
 HELD_BY_CONTACT = {"tetrahedra": True, "unheld": True}
-MEASURED = {  # operations, bytes; measures; expected precision; whether direct is faster, once
-    "block, p = 10": ((3.8e9, 4.1e7), Measures(10_890, 990, 1.7), ONCE, True),
-    "block, p = 16": ((5.2e10, 2.49e8), Measures(41_616, 2448, 1.7), ONCE, False),
-    "block, p = 24": ((5.4e11, 1.2e9), Measures(135_000, 5400, 1.7), ONCE, False),
-    "block, p = 12": ((1.0e10, 8.2e7), Measures(18_252, 1404, 1.7), ONCE, True),
-    "block of tetrahedra, p = 12": ((9.4e9, 7.7e7), Measures(18_252, 1404, 1.7, **CELLS), ONCE, True),
-    "block, p = 6, second order": ((1.0e10, 8.0e7), Measures(18_252, 1443, 1.7, **CELLS), ONCE, True),
-    "two blocks, p = 14": ((1.7e10, 1.12e8), Measures(30_885, 3039, 0.9), ONCE, True),
-    "bracket of 23 121 unknowns": ((3.3e10, 1.67e8), Measures(23_121, 3771, 4.6, **CELLS), TWICE, False),
-    "wedge of 12 351 unknowns": ((7.6e9, 6.3e7), Measures(12_351, 1743, 2.4, **HELD_BY_CONTACT), ONCE, True),
-    "foot of 18 504 unknowns": ((1.9e10, 1.18e8), Measures(18_504, 3084, 2.4, **HELD_BY_CONTACT), TWICE, False),
-    "clip of 20 118 unknowns": ((1.6e10, 1.38e8), Measures(20_118, 2916, 3.8, 0.23, **CELLS), TWICE, False),
-    "hook of 20 430 unknowns": ((9.2e9, 8.7e7), Measures(20_430, 2166, 2.0, 0.58, **CELLS), TWICE, False),
-    "half ring of 16 899 unknowns": ((2.8e10, 1.42e8), Measures(16_899, 3915, 6.4, 0.044, **CELLS), TWICE, False),
-    "plate of 18 597 unknowns": ((1.4e11, 3.9e8), Measures(18_597, 7137, 21.7, **CELLS), TWICE, False),
+MEASURED = {  # operations, bytes; measures; expected precision; whether direct is faster: once, over 8 load steps
+    "block, p = 10": ((3.8e9, 4.1e7), Measures(10_890, 990, 1.7), ONCE, True, True),
+    "block, p = 16": ((5.2e10, 2.49e8), Measures(41_616, 2448, 1.7), ONCE, False, True),
+    "two blocks, p = 14": ((1.7e10, 1.12e8), Measures(30_885, 3039, 0.9), ONCE, True, True),
+    "wedge of 12 351 unknowns": ((7.6e9, 6.3e7), Measures(12_351, 1743, 2.4, **HELD_BY_CONTACT), ONCE, True, True),
+    "clip of 20 118 unknowns": ((1.6e10, 1.38e8), Measures(20_118, 2916, 3.8, 0.23, **CELLS), TWICE, False, True),
+    "half ring": ((2.8e10, 1.42e8), Measures(16_899, 3915, 6.4, 0.044, **CELLS), TWICE, False, False),
+    "plate, whose contact face is wide": ((1.4e11, 3.9e8), Measures(18_597, 7137, 21.7, **CELLS), TWICE, False, False),
 }
 
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_the_faster_method_where_both_were_measured(name):
-    work, measures, precision, direct = MEASURED[name]
+    """Once, and over load steps: over 48 all want factors."""
+    work, measures, precision, direct, steps = MEASURED[name]
     assert factorise(Work(*work), measures, precision=precision) is direct
-
-
-@pytest.mark.parametrize("name", MEASURED)
-def test_load_histories_want_factors(name):
-    """As measured over 8 steps: of all but the half ring, which wants factors in more, and the plate, whose
-    contact face is wide."""
-    work, measures, *_ = MEASURED[name]
-    precision = Precision.DOUBLE if measures.displacement <= 50_000 else ONCE
-    direct = "ring" not in name and "plate" not in name
-    assert factorise(Work(*work), measures, 8, precision=precision) is direct
-    assert factorise(Work(*work), measures, 48, precision=precision)
+    later = Precision.DOUBLE if measures.displacement <= 50_000 else ONCE
+    assert factorise(Work(*work), measures, 8, precision=later) is steps
+    assert factorise(Work(*work), measures, 48, precision=later)
 
 
 def test_what_decides_the_iterations():

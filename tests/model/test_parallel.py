@@ -71,21 +71,10 @@ def test_the_certificate_does_not_depend_on_the_partition(name, error, options):
 def test_same_forces_on_any_number_of_ranks(law, newton):
     """Multigrid, matrix-free: to 1e-8 of what one rank gets by factorisation (each rank solves that for itself)."""
 
-    def block(comm, **options):
-        return ContactProblem(
-            coulomb.box((3.0, 1.0, 1.0), (9, 3, 3), comm=comm),
-            STEEL,
-            [Clamp("left")],
-            Contact("bottom", 0.3 if law == "coulomb" else None, 1e7 if law == "tresca" else None),
-            [coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
-            **options,
-        )
-
-    solver = None
-    if newton == "condensed":
-        solver = InteriorPoint(1e-10, newton=CondensedSystem())
-    alone = block(MPI.COMM_SELF).solve(1e-10)
-    together = block(comm, linear_solver=IterativeSolver, explicit=False).solve(1e-10, solver)
+    given = {"slip_stress": 1e7 if law == "tresca" else None}
+    solver = InteriorPoint(1e-10, newton=CondensedSystem()) if newton == "condensed" else None
+    alone = make_block(3, comm=MPI.COMM_SELF, **given).solve(1e-10)
+    together = make_block(3, linear_solver=IterativeSolver, explicit=False, **given).solve(1e-10, solver)
     expected = alone.contact_force.reshape(-1, 3)[np.lexsort(alone.problem.surface.x.round(9).T)]
     x = everywhere(together.problem.surface.x)
     force = everywhere(together.contact_force.reshape(-1, 3))[np.lexsort(x.round(9).T)]

@@ -3,31 +3,18 @@
 import numpy as np
 import pytest
 from check_runs import fields, order
-from conftest import STEEL, make_block, without_pictures
+from conftest import make_block, without_pictures
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Traction
 from coulomb.io.grid_file import GridFields, write_grids
 from coulomb.io.result_grids import body_grid
 from coulomb.model.nodal_answer import HELD, OPEN, OPEN_BELOW
 from coulomb.model.stopping_criterion import zero_open_forces
 
-CELLS = ["hexahedron", "tetrahedron"]
-
-
-def block(cell, law):
-    return ContactProblem(
-        coulomb.box((3.0, 1.0, 1.0), (9, 3, 3), cell),
-        STEEL,
-        [Clamp("left")],
-        Contact("bottom", 0.3) if law == "coulomb" else Contact("bottom", slip_stress=1e7),
-        [Traction("top", (0.0, 1e7, -4e7)), Traction("right", (2e7, 0.0, 0.0))],
-    )
-
 
 @pytest.mark.parametrize(("cell", "law"), [("hexahedron", "tresca"), ("tetrahedron", "coulomb")])
 def test_written_fields_equal_the_answer_exactly_and_are_zero_where_it_is_open(cell, law, tmp_path):
-    solution = block(cell, law).solve()
+    solution = make_block(3, cell=cell, slip_stress=1e7 if law == "tresca" else None).solve()
     with without_pictures():
         solution.write(tmp_path)
     assert solution.certificate.passed

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import PRESSED_CASE, STEEL, run_coulomb
+from conftest import PRESSED_CASE, STEEL, make_block, run_coulomb
 from report_pages import page_without_pictures
 
 import coulomb
@@ -75,16 +75,8 @@ def test_block_drawn_along_an_angle(cell, direction, angle):
 AXES = {"friction": (F1, F2), "direction": (1.0, 0.5, 0.0)}
 
 
-def block(contact=AXES, cell="hexahedron", **options):
-    """The block of the benchmarks."""
-    return ContactProblem(
-        coulomb.box((3.0, 1.0, 1.0), (9, 3, 3), cell),
-        STEEL,
-        [Clamp("left")],
-        Contact("bottom", **contact),
-        [coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
-        **options,
-    )
+def block(contact=AXES, **options):
+    return make_block(3, **contact, **options)
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

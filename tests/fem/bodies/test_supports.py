@@ -6,6 +6,7 @@ of a circular bar; rigid rotations.
 
 import numpy as np
 import pytest
+from shared_problems import ring_mesh
 
 import coulomb
 from coulomb import (
@@ -114,16 +115,6 @@ def test_tangential_holds_what_normal_leaves(cell):
     assert np.abs(shares[0].forces[inside] @ TURN[:, 0]).max() <= 1e-12 * np.abs(shares[0].forces).max()
 
 
-def ring(angle, cells, cell="hexahedron", inner=1.0, outer=2.0):
-    """A sector of a thick ring from 0 to `angle` about z: faces left (inner), right (outer), front and back (cuts)."""
-
-    def place(x):
-        r, phi = inner + (outer - inner) * x[0], angle * x[1]
-        return np.array([r * np.cos(phi), r * np.sin(phi), 0.2 * x[2]])
-
-    return coulomb.box((1.0, 1.0, 1.0), cells, cell, place=place)
-
-
 def lame(x, p, inner=1.0, outer=2.0):
     """Displacement of a ring in plane strain under internal pressure p, at points (k, 3)."""
     r, (E, nu) = np.hypot(x[:, 0], x[:, 1]), (STEEL.young, STEEL.poisson)
@@ -133,7 +124,7 @@ def lame(x, p, inner=1.0, outer=2.0):
 
 
 def eighth(n, cell):
-    mesh = ring(np.pi / 4, (n, n, 1), cell)
+    mesh = ring_mesh(1.0, 2.0, (n, n, 1), np.pi / 4, 0.2, cell)
     symmetries = [SymmetryPlane(face) for face in ("front", "back", "bottom", "top")]
     elasticity = Elasticity(mesh, STEEL, symmetries, [Pressure("left", 1e8)])
     u, shares = solved(elasticity)

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from mpi4py import MPI
+from shared_problems import ring_mesh
 
 from coulomb import (
     Clamp,
@@ -222,15 +223,7 @@ def test_polygons_of_the_same_and_of_another_division(cells, alike, interference
     """A ring in another one under inner pressure, pressed in or with clearance (Lame): chords of both faces cancel
     where the facets have the same edges, and matter where they have not."""
     E, nu, pressure = 2.1e11, 0.3, 1e7
-
-    def ring(inner, outer, cells):
-        def place(k):
-            angle, radius = 0.5 * np.pi * (k[1] - 0.5), inner + (outer - inner) * k[0]
-            return np.stack([radius * np.cos(angle), radius * np.sin(angle), 0.1 * k[2]])
-
-        return box((1.0, 1.0, 1.0), (6, cells, 1), place=place)
-
-    bodies = join(shaft=ring(0.5, 1.0 + interference, 12), hub=ring(1.0, 2.0, cells))
+    bodies = join(shaft=ring_mesh(0.5, 1.0 + interference, (6, 12, 1)), hub=ring_mesh(1.0, 2.0, (6, cells, 1)))
     planes = [SymmetryPlane(f"{one}:{face}") for one in bodies.bodies for face in ("front", "back", "bottom", "top")]
     contact = Contact("shaft:right", 0.0, against="hub:left")
     solution = ContactProblem(bodies, STEEL, planes, contact, [Pressure("shaft:left", pressure)]).solve()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from shared_problems import ring_mesh
 from user_forms import Script
 
 from coulomb import (
@@ -120,21 +121,11 @@ def test_a_penetration_before_deformation_is_said(caplog):
     assert not caplog.text
 
 
-def bent(inner, outer, cells):
-    """An eighth of a ring; "left" is its inner face, "right" its outer one."""
-    quarter = 0.25 * np.pi
-
-    def place(x):
-        r, angle = inner + (outer - inner) * x[0], quarter * x[1]
-        return np.stack([r * np.cos(angle), r * np.sin(angle), 0.1 * x[2]])
-
-    return box((1.0, 1.0, 1.0), cells, place=place)
-
-
 @pytest.mark.parametrize("cells, adjust, said", [(9, 0.0, True), (9, 2e-3, False), (6, 0.0, False)])
 def test_gaps_of_coarse_curved_meshes_are_said_to_be_uncertain(cells, adjust, said, caplog):
     """A fit without gap: facets of other meshes leave gaps of h^2/(8 R); matching meshes none."""
-    bodies = join(lower=bent(0.5, 1.0, (1, 6, 1)), upper=bent(1.0, 1.5, (1, cells, 1)))
+    eighths = (ring_mesh(inner, inner + 0.5, (1, n, 1), 0.25 * np.pi) for inner, n in ((0.5, 6), (1.0, cells)))
+    bodies = join(dict(zip(("lower", "upper"), eighths, strict=True)))
     supports = [Clamp("lower:left"), Clamp("upper:right")]
     pair = Contact("upper:left", against="lower:right", friction=0.3, adjust=adjust)
     ContactProblem(bodies, {"lower": STEEL, "upper": STEEL}, supports, pair)

@@ -10,6 +10,7 @@ import pytest
 from mesh_files import BoxFile, integral
 from mpi4py import MPI
 from ranks import same_error
+from shared_problems import ring_mesh
 
 from coulomb import Clamp, Contact, ContactProblem, Material, Traction, auto_pairs, box, join, moved, read_mesh
 from coulomb.fem.meshes import NamedMesh, boundary_facets, corners_of, distributed
@@ -45,22 +46,13 @@ def test_sheets_touch_the_next_ones_only():
         assert [pair.area for pair in found.pairs] == pytest.approx([1.0] * 3, rel=1e-12)
 
 
-def ring(inner, outer, cells, degree=1):
-    """Three quarters of a ring along z: left is its inner face, right its outer one."""
-
-    def place(x):
-        r, angle = inner + (outer - inner) * x[0], 1.5 * np.pi * x[1]
-        return np.stack([r * np.cos(angle), r * np.sin(angle), x[2]])
-
-    return box((1.0, 1.0, 1.0), cells, place=place, degree=degree)
-
-
 @pytest.mark.parametrize("degree", [1, 2])
 def test_a_shaft_in_a_bore(degree):
     """Chords of both cross: gaps on both sides of the clearance; an interference is found as well."""
-    bore = ring(1.01, 2.0, (2, 18, 3), degree)
+    shape = {"angle": 1.5 * np.pi, "height": 1.0, "degree": degree}
+    bore = ring_mesh(1.01, 2.0, (2, 18, 3), **shape)
     for radius, sign in ((1.0, 1.0), (1.02, -1.0)):
-        shaft = ring(0.5, radius, (2, 15, 4), degree)
+        shaft = ring_mesh(0.5, radius, (2, 15, 4), **shape)
         (pair,) = auto_pairs(join(bore=bore, shaft=shaft), 0.03).pairs
         assert (pair.face, pair.against) == ("bore:left", "shaft:right")
         assert pair.area == pytest.approx(1.5 * np.pi, rel=0.04)

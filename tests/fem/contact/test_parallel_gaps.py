@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from ranks import by_place, everywhere, same_error
+from shared_problems import ring_mesh
 from test_curved_pairs import RADIUS, rolled
 
-import coulomb
 from coulomb import Contact, ContactProblem, Cylinder, LoadHistory, Material, SymmetryPlane
 from coulomb.solvers import DirectSolver, IterativeSolver
 
@@ -14,11 +14,7 @@ comm = MPI.COMM_WORLD
 
 
 def ring(over, gap=lambda x: -5e-5 * (1.0 + x[2]), degree=1, **more):
-    def place(x):
-        r, angle = 0.1 + 0.1 * x[0], 0.5 * np.pi * x[1]
-        return np.stack([r * np.cos(angle), r * np.sin(angle), 0.1 * x[2]])
-
-    mesh = coulomb.box((1.0, 1.0, 1.0), (2, 4, 2), "tetrahedron", comm=over, place=place, degree=degree)
+    mesh = ring_mesh(0.1, 0.2, (2, 4, 2), cell="tetrahedron", comm=over, degree=degree)
     pin = Cylinder((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.1)
     way = [(1.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 2e-5)]
     fit = Contact("left", 0.2, foundation=pin, gap=gap, gap_amplitude=[(0.0, 0.0), (1.0, 1.0)], motion=way)

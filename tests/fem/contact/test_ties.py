@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from shared_problems import ring_mesh
 
 import coulomb
 from coulomb import (
@@ -204,15 +205,7 @@ def test_bimetal_strip():
 
 def test_curved_faces_that_are_apart_follow_rigid_motions():
     """A shaft in a hub of other facets: chords leave gaps, and rigid motions of both together cause no forces."""
-
-    def ring(inner, outer, cells):
-        def place(x):
-            r, angle = inner + (outer - inner) * x[0], 0.5 * np.pi * x[1]
-            return np.stack([r * np.cos(angle), r * np.sin(angle), 0.05 * x[2]])
-
-        return box((1.0, 1.0, 1.0), cells, place=place)
-
-    bodies = join(a=ring(0.1, 0.15, (2, 7, 2)), b=ring(0.05, 0.1, (2, 4, 3)))
+    bodies = join(a=ring_mesh(0.1, 0.15, (2, 7, 2), height=0.05), b=ring_mesh(0.05, 0.1, (2, 4, 3), height=0.05))
     problem = ContactProblem(
         bodies,
         STEEL,
@@ -234,18 +227,10 @@ def test_curved_faces_that_are_apart_follow_rigid_motions():
 def test_a_face_that_is_clamped_in_part_does_not_follow():
     """Three quarters of a hub on a shaft whose end is clamped, twisted: the clamped nodes of the shaft hold the hub as
     well.  As the slave the shaft leaves the hub free there, which is said; forces are those of the load in both."""
-
-    def ring(inner, outer, cells):
-        def place(x):
-            r, angle = inner + (outer - inner) * x[0], 1.5 * np.pi * x[1]
-            return np.stack([r * np.cos(angle), r * np.sin(angle), 0.1 * x[2]])
-
-        return box((1.0, 1.0, 1.0), cells, place=place)
-
-    angles = []
+    angles, around = [], 1.5 * np.pi
     for slave in (None, "shaft:right"):
         names = ("shaft:right", "hub:left")
-        bodies = join(hub=ring(0.03, 0.05, (2, 12, 4)), shaft=ring(0.01, 0.03, (2, 16, 6)))
+        bodies = join(hub=ring_mesh(0.03, 0.05, (2, 12, 4), around), shaft=ring_mesh(0.01, 0.03, (2, 16, 6), around))
         force = [Traction("hub:right", lambda x: np.stack([-x[1], x[0], 0.0 * x[0]]) * 4e7)]
         foundation = Plane((0.0, 0.0, -1.0), (0.0, 0.0, 1.0))
         contact = Contact("hub:bottom", 0.2, foundation=foundation)
