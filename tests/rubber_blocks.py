@@ -1,6 +1,7 @@
 """Rubber blocks of large displacements, for the tests of large motions."""
 
 import numpy as np
+from case_texts import one_body
 from mpi4py import MPI
 
 from coulomb.fem.compat import fem, functionspace, mesh, ufl
@@ -13,38 +14,33 @@ FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bott
 """The axis of each face of a box, and its end there."""
 
 
-DRAWN = """\
-[mesh]
-box = [1.0, 0.5, 0.5]
-cells = [4, 1, 2]
-[material]
-law = "neo-hookean"
-young = 1e6
-poisson = 0.3
+MOVED = """\
 [[prescribed_displacement]]
-face = "top"
-value = [0.0, 0.0, -0.1]
+face = "TOP"
+value = [0.0, 0.0, DOWN]
 components = "yz"
 amplitude = [[0.0, 0.0], [1.0, 1.0]]
 [[prescribed_displacement]]
-face = "top"
-value = [0.4, 0.0, 0.0]
+face = "TOP"
+value = [ALONG, 0.0, 0.0]
 components = "x"
 amplitude = [[1.0, 0.0], [2.0, 1.0]]
+[solver]
+kinematics = "large"
+[output]
+picture = false
+"""
+"""A face is moved down until time 1, then along x until time 2."""
+
+DRAWN = one_body((1.0, 0.5, 0.5), (4, 1, 2), 1e6, law='"neo-hookean"')
+DRAWN += MOVED.replace("TOP", "top").replace("DOWN", "-0.1").replace("ALONG", "0.4")
+DRAWN += """\
 [contact]
 face = "bottom"
 friction = 0.3
-[contact.foundation]
-shape = "cylinder"
-point = [0.5, 0.0, -2.0]
-axis = [0.0, 1.0, 0.0]
-radius = 2.0
-[solver]
-kinematics = "large"
+foundation = { shape = "cylinder", point = [0.5, 0.0, -2.0], axis = [0.0, 1.0, 0.0], radius = 2.0 }
 [history]
 times = [0.5, 1.0, 1.5, 2.0]
-[output]
-picture = false
 """
 """A case: a block pressed onto a drum, and drawn over it."""
 

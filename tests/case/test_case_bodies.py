@@ -109,7 +109,6 @@ def test_adjust_may_be_0():
 @pytest.mark.parametrize(
     "change, message",
     [
-        ("body.1.name='the upper'", "body.1.name = 'the upper': should be an identifier"),
         ("body.0.rotate={axis=[0,0,0],angle=1.0}", "body.0.rotate.axis = [0, 0, 0]: must not be zero"),
         ("body.0.colour='red'", "body.0.colour = 'red': there is no such key (known here: box, cells, cell, degree"),
         (
@@ -123,7 +122,6 @@ def test_adjust_may_be_0():
         ("body.0.clamp={face='top'}", "there is no such key; [[clamp]] is a table of its own (known"),
         ("body.0.mesh={box=[1,1,1]}", "there is no such key; its keys, as box or file, stand in [[body]] itself"),
         ("contact.master='lower:top'", 'there is no such key: write against = "lower:top"'),
-        ("clamp=[{face='lower.bottom'}]", 'should name body and face, as in "lower:bottom"'),
         ("contact.motion=[[0,0,0,0],[1,0,0,1]]", "motion does not go with against"),
         ("body=[]", "case.toml: mesh: is missing\n"),
     ],

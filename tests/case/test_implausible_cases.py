@@ -39,21 +39,17 @@ LONG = "x" * 300
 ABSURD = {
     "history={end=1e-300, steps=2}": r"history\.end = 1e-300: should be from 1e-30 to 1e\+30",
     "history={end=1.0, steps=2, halvings=1000000000}": r"halvings = 1000000000: should be less than or equal to 30",
-    "contact.friction=1e300": r"contact\.friction = 1e\+300: should be 0, or from 1e-09 to 1000",
     "contact={face='bottom', slip_stress=1e-300}": r"contact\.slip_stress = 1e-300: should be 0, or from 1e-30",
     "contact.region=[{box=[[0,0,0],[1e200,1,1]], friction=0.1}]": r"region\.0\.box\.1\.0 = 1e\+200: should be 0, or",
     "contact.foundation={shape='sphere', centre=[0,0,-1], radius=1e-200}": r"radius = 1e-200: should be from 1e-12",
     "contact.motion=[]": r"contact\.motion = \[\]: should have at least 1 item",
-    "mesh.box=[1e-200,1,1]": r"mesh\.box\.0 = 1e-200: should be from 1e-12 to 1e\+12 in size",
     "mesh.cells=[1000000000000,1,1]": r"mesh\.cells\.0 = 1000000000000: should be less than or equal to 1000000",
     "mesh={file='part.msh', scale=1e-300}": r"mesh\.scale = 1e-300: should be from",
     "mesh={file='part.xdmf', names={a=99999999999}}": r"mesh\.names\.a = 99999999999: should be less than",
     "material.young=1e-300": r"material\.young = 1e-300: should be from 1e-06 to 1e\+24 in size",
-    "material.young=1e300": r"material\.young = 1e\+300: should be from",
     "traction.0.value=[0,0,1e-200]": r"traction\.0\.value\.2 = 1e-200: should be 0, or from 1e-60 to 1e\+30",
     "spring=[{face='top', stiffness=1e-300}]": r"spring\.0\.stiffness\.0 = 1e-300: should be 0, or from 1e-12",
     "solver={method='successive-tresca', max_outer=1000000000}": r"max_outer = 10+: should be less than or equal",
-    f"contact.face='{LONG}'": r"contact\.face = 'x+\.\.\.x+': should have at most 200 characters",
     f"output.directory='{4 * LONG}'": r"output\.directory = 'x+\.\.\.x+': should have at most 1000 characters",
     'output.directory="a\\u0000b"': r"output\.directory = 'a\\x00b': should have no control characters",
     "contact.face=''": r"contact\.face = '': should have at least 1 character",
@@ -78,8 +74,6 @@ def test_implausible_values(change):
 
 MONSTERS = {
     "tables in tables": (f"{BLOCK}[{'.'.join(100_000 * 'a')}]\n", r"lists or tables are nested too deeply"),
-    "keys in keys": (f"{BLOCK}a = {{{'.'.join(100_000 * 'a')} = 1}}\n", r"lists or tables are nested too deeply"),
-    "quoted keys": (f"{BLOCK}{'.'.join(100_000 * [chr(34) + 'a' + chr(34)])} = 1\n", r"nested too deeply"),
     "tables inside lines": (BLOCK + "a = " + 5000 * "{a=" + "1" + 5000 * "}", r"nested too deeply"),
     "digits": (BLOCK + "a = " + 5000 * "9", r"is not TOML: Exceeds the limit \(4300 digits\) [^;]* 5000 digits\s*$"),
     "fewer digits": (

@@ -6,6 +6,7 @@ import shutil
 import numpy as np
 import pytest
 from bodies_runs import TWO, UNLOADED
+from case_texts import body as part
 from check_runs import change, copied, edit, made, put, run_case, shown
 from conftest import run_coulomb
 from resumed_rows import rows_of, same_to_the_tolerance
@@ -178,34 +179,18 @@ def test_a_step_without_loads(tmp_path):
 
 
 FOAM_BESIDE_STEEL = """\
-output = { picture = false }
-[[body]]
-name = "foam"
-box = [0.1, 0.1, 0.1]
-cells = [2, 2, 2]
-material = { young = 1e4, poisson = 0.3 }
-[[body]]
-name = "steel"
-box = [0.1, 0.1, 0.1]
-cells = [2, 2, 2]
-translate = [1.0, 0.0, 0.0]
-material = { young = 2e11, poisson = 0.3 }
+traction = [{ face = "steel:top", value = [0.0, 0.0, -10.0] }]
+contact = [{ face = "foam:bottom", friction = 0.0 }, { face = "steel:bottom", friction = 0.0 }]
 [[prescribed_displacement]]
 face = "foam:top"
 value = [0.0, 0.0, -1e-4]
 [[prescribed_displacement]]
 face = "steel:right"
 value = [0.0, 0.0, 0.0]
-[[traction]]
-face = "steel:top"
-value = [0.0, 0.0, -10.0]
-[[contact]]
-face = "foam:bottom"
-friction = 0.0
-[[contact]]
-face = "steel:bottom"
-friction = 0.0
 """
+FOAM_BESIDE_STEEL += part("foam", (0.1,) * 3, (2, 2, 2), young=1e4) + part(
+    "steel", (0.1,) * 3, (2, 2, 2), (1.0, 0.0, 0.0)
+)
 
 
 def test_held_nodes_are_judged_by_their_own_body(tmp_path, monkeypatch):
@@ -219,26 +204,11 @@ def test_held_nodes_are_judged_by_their_own_body(tmp_path, monkeypatch):
 
 APART = """\
 output = { picture = false }
-[[body]]
-name = "lower"
-box = [1.0, 1.0, 0.5]
-cells = [2, 2, 2]
-material = { young = 2e11, poisson = 0.3 }
-[[body]]
-name = "upper"
-box = [0.6, 1.0, 0.5]
-cells = [1, 1, 1]
-translate = [0.2, 0.0, 0.51]
-material = { young = 2e11, poisson = 0.3 }
-[[clamp]]
-face = "lower:left"
-[[prescribed_displacement]]
-face = "upper:top"
-value = [0.0, 0.0, -0.02]
-[[contact]]
-face = "lower:bottom"
-friction = 0.2
+clamp = [{ face = "lower:left" }]
+prescribed_displacement = [{ face = "upper:top", value = [0.0, 0.0, -0.02] }]
+contact = [{ face = "lower:bottom", friction = 0.2 }]
 """
+APART += part("lower", (1.0, 1.0, 0.5), (2, 2, 2)) + part("upper", (0.6, 1.0, 0.5), (1, 1, 1), (0.2, 0.0, 0.51))
 """A block is pushed into another one, with which it has no contact."""
 
 

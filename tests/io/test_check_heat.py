@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from case_texts import body, one_body
 from check_runs import change, copied, edit, field, get, made, put, shown
 from conftest import run_coulomb
 from mpi4py import MPI
@@ -14,28 +15,9 @@ from coulomb.io.recheck import check
 
 BARS = """\
 reference_temperature = 20.0
-[[body]]
-name = "lower"
-box = [0.02, 0.02, 0.05]
-cells = [3, 2, 4]
-material = { young = 2e11, poisson = 0.3, expansion = 1.2e-5, conductivity = 50.0 }
-[[body]]
-name = "upper"
-box = [0.02, 0.02, 0.03]
-cells = [4, 3, 5]
-cell = "tetrahedron"
-degree = 2
-translate = [0.0, 0.0, 0.05]
-material = { young = 7e10, poisson = 0.33, expansion = 2.3e-5, conductivity = 200.0 }
-[[clamp]]
-face = "lower:bottom"
-[[symmetry]]
-face = "upper:left"
-[[symmetry]]
-face = "upper:front"
-[[pressure]]
-face = "upper:top"
-value = 1e6
+clamp = [{ face = "lower:bottom" }]
+symmetry = [{ face = "upper:left" }, { face = "upper:front" }]
+pressure = [{ face = "upper:top", value = 1e6 }]
 [[heat]]
 face = "lower:bottom"
 temperature = 20.0
@@ -52,17 +34,14 @@ against = "lower:top"
 friction = 0.2
 thermal = { factor = 2e3, hardness = 1e6 }
 """
+BARS += body("lower", (0.02, 0.02, 0.05), (3, 2, 4), expansion=1.2e-5, conductivity=50.0)
+ALUMINIUM = {"young": 7e10, "poisson": 0.33, "expansion": 2.3e-5, "conductivity": 200.0}
+BARS += body("upper", (0.02, 0.02, 0.03), (4, 3, 5), (0.0, 0.0, 0.05), cell="tetrahedron", degree=2, **ALUMINIUM)
 
-SLIDER = """\
+SLIDER = one_body((0.04, 0.02, 0.02), (4, 2, 3), expansion=1e-5, conductivity=50.0)
+SLIDER += """\
 reference_temperature = 25.0
-[mesh]
-box = [0.04, 0.02, 0.02]
-cells = [4, 2, 3]
-[material]
-young = 2e11
-poisson = 0.3
-expansion = 1e-5
-conductivity = 50.0
+history = { times = [1.0, 1.5, 1.75] }
 [[prescribed_displacement]]
 face = "top"
 components = "yz"
@@ -84,8 +63,6 @@ amplitude = [[0, 0], [1, 1]]
 face = "bottom"
 friction = 0.3
 thermal = { factor = 2e4, hardness = 1e8, temperature = 25.0, share = 0.3 }
-[history]
-times = [1.0, 1.5, 1.75]
 """
 
 

@@ -133,11 +133,9 @@ def test_a_point_outside_is_refused(cell, point, nearest, distance):
     ("make", "message"),
     [
         (lambda: Probe("", (0, 0, 0)), "probe: the name must be"),
-        (lambda: Probe("a\n", (0, 0, 0)), "probe: the name must be"),
         (lambda: Probe("a", (0, 0)), "probe 'a': the point must be three finite numbers"),
         (lambda: Probe("a", (0, 0, np.nan)), "probe 'a': the point must be three finite numbers"),
         (lambda: Probe("a", "here"), "probe 'a': the point must be three finite numbers"),
-        (lambda: pressed("hexahedron").body.located([Probe("a", (0, 0, 0))] * 2), "the name 'a' is given to several"),
     ],
 )
 def test_wrong_probes_are_refused(make, message):

@@ -154,7 +154,6 @@ def test_what_was_understood_of_a_gap():
             "'bottom': gap: the value has entries that are not finite",
         ),
         (lambda: block(lambda x: x), r"'bottom': gap: the function must return 15 numbers, .* shape \(3, 15\)"),
-        (lambda: block(-5.0), "interference of 5 m is larger than the body, whose extent is 2.29 m"),
         (lambda: block(-1e-3, lambda time: np.nan), "'bottom': gap: the amplitude at time 0 is nan"),
     ],
 )

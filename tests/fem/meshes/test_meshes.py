@@ -116,7 +116,6 @@ def test_case_with_a_file_is_run_and_checked(case, tmp_path):
         ("mesh.box=[1,1,1]", "give either box .with cells. or file, one of the two"),
         ("mesh={box=[1,1,1], cells=[1,1,1]}", "material: a box has no groups of cells"),
         ("mesh={box=[1,1,1]}", "mesh = .*: cells is missing: a box needs"),
-        ("contact.face='botom'", r"contact: there is no face 'botom' on this mesh \(did you mean 'bottom'\?\)"),
         ("material.1.cells='soft'", "material: give one for every group of cells, but they are for .*soft.*soft"),
         ("material.0.yuong=0", r"material.0.yuong = 0: there is no such key; did you mean young\? .*cells"),
         ("material={young=1e11, poisson=0.3, cells='soft'}", "material.cells = 'soft': there is no such key"),
