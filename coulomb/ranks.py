@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar, cast
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -75,11 +75,14 @@ def all_arrive(seconds: float) -> bool:
     return True
 
 
-def on_rank_0(comm: MPI.Comm | None, action: Callable[[], str]) -> str:
+Value = TypeVar("Value")
+
+
+def on_rank_0(comm: MPI.Comm | None, action: Callable[[], Value]) -> Value:
     """Result of an action of rank 0 on every rank; its error is raised on every rank.  None: there is one rank."""
     if comm is None:
         return action()
-    result: str = ""
+    result: Value | None = None
     fault: Exception | None = None
     if comm.rank == 0:
         try:
@@ -94,4 +97,4 @@ def on_rank_0(comm: MPI.Comm | None, action: Callable[[], str]) -> str:
     result, same = comm.bcast((result, same))
     if same is not None:
         raise fault or same
-    return result
+    return cast(Value, result)

@@ -8,17 +8,18 @@ from pathlib import Path
 
 from ...model.problem import ContactProblem
 from ..run_directory import RunDirectory
-from .findings import Findings, HistoryFindings
+from .comparison import complete
+from .findings import Findings
 from .history import check_history
 from .posed import Posed
-from .run import check_run, check_step
+from .run import check_run
 
 __all__ = ["check"]
 
 
 def check(
     directory: str | Path, problem: ContactProblem | None = None, say: Callable[[str], None] = lambda line: None
-) -> Findings | HistoryFindings:
+) -> Findings:
     """Check what a run, a load history or one of its steps has written.
 
     The problem is posed anew by case.json, or given.  Displacement and contact forces are read from the files and put
@@ -36,12 +37,8 @@ def check(
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others or the problem.
     """
-    folder, files = Path(directory), RunDirectory(Path(directory))
-    whole = files.of_history if files.step_number is not None else files
-    try:
-        posed = Posed.of(whole.path, problem)
-        if files.is_history:
-            return check_history(files, posed, say)
-        return check_step(files, posed) if files.step_number is not None else check_run(files, posed)
-    except (KeyError, TypeError, IndexError, AttributeError) as error:  # entries of wrong type or structure
-        raise ValueError(f"{folder}: is incomplete, or written by another version of coulomb: {error!r}") from None
+    files = RunDirectory(Path(directory))
+    posed = Posed.of((files.of_history if files.step_number is not None else files).path, problem)
+    return complete(
+        files.path, lambda: check_history(files, posed, say) if files.is_history else check_run(files, posed)
+    )

@@ -1,139 +1,165 @@
-"""Comparison of written with recomputed numbers: messages for differences beyond rounding.
+"""Comparison of what is written with what is computed anew: messages for differences beyond rounding.
 
-A number may differ by 1e-9 of itself, so that a factor of 1 + 1e-6 is detected in every entry, and by the effect of
-rounding.  This effect is measured: everything is recomputed from perturbed data (`Rounding`), and differences of that
-size are accepted.  So the tolerance is only as large as necessary where large numbers cancel (the force balance of a
-body, the strain of a body with a large displacement).
+A run is a tree: its files, in them grids with fields, or tables of JSON.  A number may differ by 1e-9 of itself, so
+that a factor of 1 + 1e-6 is detected in every entry, and by the effect of rounding.  This effect is measured: all is
+recomputed from data that are `perturbed`, and differences of that size are accepted.  So the tolerance is only as
+large as necessary where large numbers cancel (the force balance of a body, the strain of a body with a large
+displacement).
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
-import numpy.typing as npt
-from mpi4py import MPI
 
 from ...arrays import FloatArray, in_words
+from ...contact_fields import ANSWER, CONTACT_FIELDS
+from ..run_directory import FIELDS, SUMMARY
 
 RELATIVE: Final = 1e-9
 """Relative tolerance of a recomputed number: files hold 16 digits, of which sums lose a few."""
 
-OF_LARGEST: Final = 1e-14
+OF_LARGEST: Final = 1e-12
 """Rounding of a field relative to its largest entry, at least."""
-
-_OF_ITSELF: Final = 1e-13
 
 _OF_SUMS: Final = 1e-13
 """Rounding of a number in JSON relative to the largest of its key: components of one force, forces of all faces."""
 
+_OF_CERTIFICATE: Final = 1e-12
+"""Value of a check of the certificate below which it is a rounding error."""
 
-class Rounding:
-    """Perturbation of data: each entry is changed by up to 1e-13 of itself and a part of the largest, 1e-14 or more.
 
-    This is at least a hundred times the rounding error, so that the effect of rounding is not underestimated by chance.
-    Data with equal seeds would cancel in a difference.
-    """
+_SOURCE: Final = f"the case and {ANSWER}"
 
-    def __init__(self, seed: Sequence[int], of_largest: float = OF_LARGEST):
-        self._random, self._of_largest = np.random.default_rng(seed), of_largest
+_GIVEN: Final = {
+    **{field.name: field.follows for field in CONTACT_FIELDS if field.given},
+    **{"time": "the load step, or that of the problem", "points": "the case"},
+}
+"""What fields are computed from that are input."""
 
-    def of(self, values: FloatArray, scale: float = 0.0) -> FloatArray:
-        """Perturbed numbers; `scale` is the largest number that they were computed from."""
-        size = np.abs(values)
-        by: FloatArray = self._random.uniform(-1.0, 1.0, values.shape)
-        by *= _OF_ITSELF * size + self._of_largest * np.max(size, initial=scale)
-        return values + by
+
+def perturbed(values: FloatArray, random: np.random.Generator) -> FloatArray:
+    """Each entry changed by up to 1e-13 of itself and 1e-14 of the largest: at least a hundred times the rounding
+    error, so that its effect is not underestimated by chance."""
+    size, by = np.abs(values), random.uniform(-1.0, 1.0, values.shape)
+    moved: FloatArray = values + by * (1e-13 * size + 1e-14 * np.max(size, initial=0.0))
+    return moved
+
+
+class Field(NamedTuple):
+    """The values of a field, shape (k,) or (k, 3), at points x (k, 3); a difference up to `floor` is accepted."""
+
+    values: FloatArray
+    x: FloatArray
+    floor: float = 0.0
+
+
+Result = TypeVar("Result")
+
+Place = tuple[str | int, ...]
+"""Where an entry is in the tree of a run: its file, then the keys of JSON, or the grid and the name of the field."""
 
 
 class Comparison:
-    """Collects differences: `faults`, a line each, and the entries of JSON that were `judged`, by file and key.
+    """Collects differences, `faults`, a line each, and the places of what is written but not expected, `left`."""
 
-    `of_largest` is the accepted difference in any field, relative to its largest entry.
-    """
-
-    def __init__(self, of_largest: float = OF_LARGEST) -> None:
+    def __init__(self) -> None:
         self.faults: list[str] = []
-        self.judged: set[str] = set()
-        self._of_largest = of_largest
-
-    def fault(self, text: str) -> None:
-        self.faults.append(text)
-
-    def share(self, comm: MPI.Comm) -> None:
-        """Give all ranks the faults of all; collective."""
-        self.faults = [fault for faults in comm.allgather(self.faults) for fault in faults]
-
-    def field(
-        self,
-        what: str,
-        written: FloatArray | npt.NDArray[np.bool_],
-        expected: FloatArray | npt.NDArray[np.bool_],
-        x: FloatArray,
-        source: str,
-        others: Sequence[FloatArray] = (),
-        floor: float = 0.0,
-    ) -> None:
-        """Compare the values of a field, shape (k,) or (k, 3), at points x (k, 3).
-
-        `expected` follows from `source`, `others` from perturbed data; `floor` is an additional accepted difference.
-        """
-        written, expected = np.asarray(written, dtype=float), np.asarray(expected, dtype=float)
-        size, scale = np.abs(expected), float(np.max(np.abs(expected), initial=0.0))
-        rounding = max((float(np.max(np.abs(other - expected), initial=0.0)) for other in others), default=0.0)
-        beyond = np.abs(written - expected) - RELATIVE * size - max(rounding, self._of_largest * scale, floor)
-        if written.ndim == 2:
-            beyond = np.max(beyond, axis=1, initial=-np.inf)
-        wrong = ~(beyond <= 0.0)
-        if np.any(wrong):
-            k = int(np.argmax(np.where(wrong, beyond, -np.inf)))
-            place = in_words(x[k])
-            self.fault(
-                f"{what}: {_shown(written[k])} at x = {place}, but {_shown(expected[k])} follows from {source} "
-                f"({np.count_nonzero(wrong)} of {len(wrong)} values differ)"
-            )
+        self.left: list[Place] = []
 
     def tree(
-        self, what: str, written: Any, expected: Any, others: Sequence[Any] = (), source: str = "the fields"
+        self, written: Any, expected: Any, others: Sequence[Any] = (), place: Place = (), source: str = _SOURCE
     ) -> None:
-        """Compare JSON entries: all expected ones must exist and agree; numbers up to rounding, others exactly, in
-        which a figure may be rounded as in `others`, those recomputed from perturbed data.
-        """
-        scales = _largest(expected, {}, "")
+        """Compare the entries at a place: all expected ones must exist and agree with what follows from a source:
+        fields and numbers up to rounding, by `others` from perturbed data; in texts figures may be rounded as there;
+        everything else exactly."""
+        self._compare(written, expected, others, place, source, _largest(expected, {}, ""))
 
-        def compare(what: str, written: Any, expected: Any, others: Sequence[Any], of: str) -> None:
-            """Compare an entry; `of` is its key, that of its list if it is in one."""
-            if not isinstance(expected, Mapping | list) or not expected:
-                self.judged.add(what)
-            if isinstance(expected, Mapping) and isinstance(written, Mapping):
-                for key, value in expected.items():
-                    if key not in written:
-                        self.fault(f"{what}.{key}: is missing")
-                    else:
-                        compare(f"{what}.{key}", written[key], value, [_at(other, key) for other in others], str(key))
-                return
-            if isinstance(expected, list) and isinstance(written, list) and len(expected) == len(written):
-                for k, (one, value) in enumerate(zip(written, expected, strict=True)):
-                    compare(f"{what}[{k}]", one, value, [_at(other, k) for other in others], of)
-                return
-            if isinstance(expected, float) and isinstance(written, float | int) and not isinstance(written, bool):
-                if not np.isfinite(expected):
-                    self.fault(f"{what}: {written!r}, but what follows from {source} is not finite")
-                    return
-                rounding = max((abs(one - expected) for one in others if isinstance(one, float)), default=0.0)
-                if abs(written - expected) <= RELATIVE * abs(expected) + rounding + _OF_SUMS * scales.get(of, 0.0):
-                    return
-            elif written == expected and isinstance(written, bool) == isinstance(expected, bool):
-                return
-            elif isinstance(written, str) and written in others:
-                return
-            elif isinstance(expected, float) and not np.isfinite(expected) and written is None:  # as JSON has it
-                return
-            self.fault(f"{what}: {_shown(written)}, but {_shown(expected)} follows from {source}")
+    def _compare(
+        self, written: Any, expected: Any, others: Sequence[Any], place: Place, source: str, scales: dict[str, float]
+    ) -> None:
+        keys: list[Any] = []
+        if isinstance(expected, Mapping) and isinstance(written, Mapping):
+            self.faults += [f"{in_files((*place, key))}: is missing" for key in expected if key not in written]
+            self.left += [(*place, key) for key in written if key not in expected]
+            keys = [key for key in expected if key in written]
+        elif isinstance(expected, list) and isinstance(written, list) and len(expected) == len(written):
+            keys = list(range(len(expected)))
+        elif said := (self._field if isinstance(expected, Field) else self._entry)(
+            written, expected, others, place, scales
+        ):
+            source = _GIVEN.get(str(place[-1]), source) if place[0] in FIELDS else source
+            self.faults.append(f"{in_files(place)}: {said[0]}, but {said[1]} follows from {source}{said[2]}")
+        for key in keys:
+            one = [_at(other, key) for other in others]
+            self._compare(written[key], expected[key], one, (*place, key), source, scales)
 
-        compare(what, written, expected, others, "")
+    @staticmethod
+    def _field(written: Any, expected: Any, others: Sequence[Any], *_: Any) -> tuple[str, str, str] | None:
+        """The values that differ most, in words, and where."""
+        values, follows, size = written.values, expected.values, np.abs(expected.values)
+        if values.shape != follows.shape:
+            return f"has the shape {values.shape}", f"{follows.shape}", ""
+        rounding = [np.max(np.abs(one.values - follows), initial=0.0) for one in others if one is not None]
+        least = max(*rounding, OF_LARGEST * float(np.max(size, initial=0.0)), expected.floor, 0.0)
+        beyond = np.abs(values - follows) - RELATIVE * size - least
+        if values.ndim == 2:
+            beyond = np.max(beyond, axis=1, initial=-np.inf)
+        wrong = ~(beyond <= 0.0)
+        if not np.any(wrong):
+            return None
+        k = int(np.argmax(np.where(wrong, beyond, -np.inf)))
+        count = f" ({np.count_nonzero(wrong)} of {len(wrong)} values differ)"
+        return f"{_shown(values[k])} at x = {in_words(expected.x[k])}", _shown(follows[k]), count
+
+    @staticmethod
+    def _entry(
+        written: Any, expected: Any, others: Sequence[Any], place: Place, scales: Mapping[str, float]
+    ) -> tuple[str, str, str] | None:
+        """Two entries of JSON that differ, in words."""
+        number = isinstance(written, float | int) and not isinstance(written, bool)
+        if isinstance(expected, float) and not np.isfinite(expected):
+            same = written is None  # as JSON has it
+        elif isinstance(expected, float) and number:
+            rounding = max((abs(one - expected) for one in others if isinstance(one, float)), default=0.0)
+            key = next((key for key in reversed(place) if isinstance(key, str)), "")  # that of the list if it is in one
+            rounding += _OF_SUMS * scales.get(key, 0.0)
+            rounding += _OF_CERTIFICATE if key == "value" and "certificate" in place else 0.0
+            same = abs(written - expected) <= RELATIVE * abs(expected) + rounding
+        else:
+            same = written == expected and isinstance(written, bool) == isinstance(expected, bool)
+            same = same or (isinstance(written, str) and written in others)
+        return None if same else (_shown(written), _shown(expected), "")
+
+
+def in_files(place: Place) -> str:
+    """A place in words: "contact.xdmf: gap of upper", "summary.json.totals.force[0]"."""
+    file, *keys = place
+    if file in FIELDS:
+        grid, name = keys
+        return f"{file}: {name} of {grid}" if grid else f"{file}: {name}"
+    return f"{file}" + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)
+
+
+def named(places: Sequence[Place]) -> list[str]:
+    """The names of entries, each once: of summary.json by the key at the top, or as "key of key at the top"."""
+    found = []
+    for file, *keys in places:
+        names = [str(key) for key in keys if isinstance(key, str)]
+        top = names[:1] if file == SUMMARY else [str(file)]
+        found.append(" of ".join(dict.fromkeys([names[-1], *top])))
+    return list(dict.fromkeys(found))
+
+
+def complete(folder: Path, read: Callable[[], Result]) -> Result:
+    """What a call gives that reads the results in a directory; ValueError if entries have a wrong type or structure."""
+    try:
+        return read()
+    except (KeyError, TypeError, IndexError, AttributeError) as error:
+        raise ValueError(f"{folder}: is incomplete, or written by another version of coulomb: {error!r}") from None
 
 
 def _largest(tree: Any, found: dict[str, float], of: str) -> dict[str, float]:
@@ -147,26 +173,6 @@ def _largest(tree: Any, found: dict[str, float], of: str) -> dict[str, float]:
     elif isinstance(tree, float) and np.isfinite(tree):
         found[of] = max(found.get(of, 0.0), abs(tree))
     return found
-
-
-def unjudged(what: str, written: Any, judged: Collection[str]) -> list[str]:
-    """The entries of a file of JSON that are not `judged`: by their key at the top, or as "key of key at the top"."""
-
-    def looked(entry: Any, place: str) -> Iterator[str]:
-        if place in judged:
-            return
-        inside = any(one.startswith((f"{place}.", f"{place}[")) for one in judged)
-        if isinstance(entry, Mapping) and inside:
-            for key, value in entry.items():
-                yield from looked(value, f"{place}.{key}")
-        elif isinstance(entry, list) and inside:
-            for k, value in enumerate(entry):
-                yield from looked(value, f"{place}[{k}]")
-        else:
-            first, *deeper = re.sub(r"\[\d+\]", "", place.removeprefix(f"{what}.")).split(".")
-            yield f"{deeper[-1]} of {first}" if deeper else first
-
-    return list(dict.fromkeys(looked(written, what)))
 
 
 def _at(tree: Any, key: Any) -> Any:

@@ -1,9 +1,8 @@
-"""Comparison of solution.xdmf and contact.xdmf, with their HDF5 files, with those that are written anew."""
+"""solution.xdmf and contact.xdmf of a run, with their HDF5 files, as trees of fields."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,25 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray, in_words
-from ...contact_fields import ANSWER, COMPLIANCES, CONTACT_FIELDS
 from ...fem.meshes import FACETS, SEPARATOR, SOLIDS
 from ...nearest import in_a_cell, same_nodes
-from ...units import amount
-from ..field_files import NODE, OPPOSITE, data_of, fields_in, grids_of, names_in_cells
-from ..grid_file import Described, described
-from ..result_grids import BODIES, FACES, OURS
-from ..run_directory import CONTACT, FIELDS, OLD, SOLUTION, RunDirectory
-from .comparison import Comparison
-
-SLIP_BOUND_LIMIT: Final = 1e-6
-"""Accepted relative difference between g of the last Tresca problem and the law at its forces, plus ten times the
-natural residual; for other solvers g is that of the law."""
-
-_EXACT: Final = ("status", "face", OPPOSITE, NODE)
-"""Whole numbers, which rounding does not change."""
-
-_SOURCES: Final = {field.name: field.follows for field in CONTACT_FIELDS if field.given}
-_FOLLOWS: Final = f"the case and {ANSWER}"
+from ..field_files import NODE, data_of, fields_in, grids_of, names_in_cells
+from ..grid_file import described
+from ..result_grids import BODIES, FACES
+from ..run_directory import CONTACT, OLD, SOLUTION, RunDirectory
+from .comparison import Field
 
 _KINDS: Final = {SOLUTION: (SOLIDS, BODIES), CONTACT: (FACETS, FACES)}
 """XDMF's names of the cells of the files by the number of their nodes, and the names of their collections of grids."""
@@ -39,32 +26,56 @@ _NEAR: Final = 1e-9
 
 Order = npt.NDArray[np.int64]
 
+Tree = dict[str, dict[str, dict[str, Any]]]
 
-def compare_fields(folder: Path, expected: Sequence[Path], found: Comparison, limit: float | None) -> list[str]:
-    """Compare the fields of a run with those that follow from the answer, and, in the other directories, from perturbed
-    ones.  `limit` is the accepted difference of g, if it is that of a Tresca problem.  Gives the names of
-    what could not be compared.
+
+def fields_of(folder: Path, like: Path | None = None) -> Tree:
+    """The fields of a run by file, grid and name, in the order of the meshes of another one, `like`, if it is given; as
+    those of the grid "" the times of the files.
 
     Raises:
-        ValueError: If a file cannot be read, or its mesh is damaged.
+        ValueError: If a file is missing, cannot be read, is not that of its data, has entries that are not finite, or
+            has other meshes.
     """
-    orders: dict[str, Order] = {}
-    left = [f"{one} of {CONTACT}" for one in dict.fromkeys(COMPLIANCES)]
-    times = [[one.time for one in described_fields(of)] for of in (folder, expected[0])]
-    for name, told, should in zip(FIELDS, *times, strict=True):
-        found.tree(f"{name}: time", told, should, source="the load step, or that of the problem")
-        files = [of / name for of in (folder, *expected)]
-        there, groups = grids_of(files[0]), grids_of(files[1])
+    numbers, found = dict[str, Order](), Tree()
+    for name, (kinds, collection) in _KINDS.items():
+        file = folder / name
+        for path in (file, data_of(file)):
+            if not path.is_file():
+                raise ValueError(f"{folder}: is incomplete: there is no {path.name}")
+        try:
+            found[name] = {"": {"time": described(file, kinds, collection).time}}
+            there = {grid: (group, fields_in(file, group)) for grid, group in grids_of(file).items()}
+        except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
+            raise ValueError(f"{folder}: is incomplete: {error}") from None
+        groups = {grid: group for grid, (group, _) in there.items()} if like is None else grids_of(like / name)
         if list(there) != list(groups):
             what = [", ".join(map(repr, names)) or "one grid" for names in (there, groups)]
-            raise ValueError(f"{files[0]}: shows {what[0]}, but of the case are {what[1]}")
-        for grid, group in groups.items():
-            left += _compare_grid(files, (there[grid], group), grid, orders, found, limit)
-    return left
+            raise ValueError(f"{file}: shows {what[0]}, but of the case are {what[1]}")
+        for grid, (_, (points, cells, fields)) in there.items():
+            x, rows, _ = (points, cells, {}) if like is None else fields_in(like / name, groups[grid])
+            node, cell = _same_mesh(file, points, cells, x, rows)
+            if name == SOLUTION:
+                numbers[grid] = np.empty_like(node)
+                numbers[grid][node] = np.arange(len(node))
+            elif NODE in fields:
+                body = grid.partition(SEPARATOR)[0] if len(numbers) > 1 else next(iter(numbers))
+                fields[NODE] = numbers[body][fields[NODE].astype(np.int64)].astype(np.float64)
+            middle, in_cells = x[rows].mean(axis=1), names_in_cells(file)
+            into = found[name].setdefault(grid, {})
+            into["points"] = Field(points[node], x)
+            for one, values in fields.items():
+                order, place = (cell, middle) if one in in_cells else (node, x)
+                if len(values) != len(order):
+                    raise ValueError(f"{data_of(file)}: {one} does not match the mesh")
+                if not np.all(np.isfinite(values)):
+                    raise ValueError(f"{data_of(file)}: {one} has entries that are not finite")
+                into[one] = Field(values[order], place)
+    return found
 
 
-def sound(files: RunDirectory) -> dict[str, Any]:
-    """The summary of a run whose files are all there.
+def sound(files: RunDirectory) -> tuple[dict[str, Any], Tree]:
+    """The summary and the fields of a run whose files are all there.
 
     Raises:
         ValueError: If a file is missing, cannot be read, or has entries that are not finite.
@@ -72,77 +83,11 @@ def sound(files: RunDirectory) -> dict[str, Any]:
     contents = files.read_summary(
         ("law", "mean_compliance", "totals", "certificate", "method", "iterations", "residual", "faces")
     )
-    compliance, certificate = contents["mean_compliance"], contents["certificate"]
-    if isinstance(compliance, bool) or not isinstance(compliance, float | int) or not 0.0 < compliance < math.inf:
+    if not 0.0 < (compliance := contents["mean_compliance"]) < math.inf:
         raise ValueError(f"{files.summary}: mean_compliance should be a positive number, but is {compliance!r}")
-    if not isinstance(certificate, dict) or not isinstance(certificate.get("passed"), bool):
+    if not isinstance(contents["certificate"]["passed"], bool):
         raise ValueError(f"{files.summary}: certificate does not say whether it had passed: {OLD}")
-    described_fields(files.path, finite=True)
-    return contents
-
-
-def described_fields(folder: Path, finite: bool = False) -> tuple[Described, Described]:
-    """What solution.xdmf and contact.xdmf of a run describe.
-
-    Raises:
-        ValueError: If one cannot be read, is not that of its data, or, if asked for, has entries that are not `finite`.
-    """
-    found = []
-    for name, (kinds, collection) in _KINDS.items():
-        for path in (folder / name, data_of(folder / name)):
-            if not path.is_file():
-                raise ValueError(f"{folder}: is incomplete: there is no {path.name}")
-        try:
-            found.append(described(folder / name, kinds, collection))
-            for group in grids_of(folder / name).values() if finite else ():
-                for one, values in fields_in(folder / name, group)[2].items():
-                    if not np.all(np.isfinite(values)):
-                        raise ValueError(f"{data_of(folder / name)}: {one} has entries that are not finite")
-        except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
-            raise ValueError(f"{folder}: is incomplete: {error}") from None
-    return found[0], found[1]
-
-
-def _compare_grid(
-    files: Sequence[Path],
-    groups: tuple[str, str],
-    grid: str,
-    orders: dict[str, Order],
-    found: Comparison,
-    limit: float | None,
-) -> list[str]:
-    """Compare a grid of the first file with that of the others; `groups` are those of its data in the first, and in
-    the others."""
-    (points, cells, fields), name, of = fields_in(files[0], groups[0]), files[0].name, f" of {grid}" if grid else ""
-    (x, rows, expected), *others = (fields_in(file, groups[1]) for file in files[1:])
-    node, cell = _same_mesh(files[0], points, cells, x, rows)
-    found.field(f"{name}: points{of}", points[node], x, x, "the case")
-    if name == SOLUTION:
-        orders[grid] = node
-    else:
-        body = grid.partition(SEPARATOR)[0] if len(orders) > 1 else next(iter(orders))
-        for values in (expected, *(other[2] for other in others)):
-            values[NODE] = orders[body][values[NODE].astype(np.int64)].astype(np.float64)
-    middle, in_cells = x[rows].mean(axis=1), names_in_cells(files[1])
-    for one in expected:
-        if one not in fields:
-            found.fault(f"{name}: lacks {one}{of}, unlike the case")
-            continue
-        order, place = (cell, middle) if one in in_cells else (node, x)
-        if fields[one].shape != expected[one].shape:
-            raise ValueError(f"{data_of(files[0])}: {one} does not match the mesh")
-        written, follows = fields[one][order], expected[one]
-        if one == "slip_bound" and limit is not None:
-            if not (off := float(np.linalg.norm(written - follows))) <= limit * float(np.linalg.norm(follows)):
-                found.fault(f"{name}: {one}{of}: differs from the law at the contact forces by {amount(off, 'N')}")
-            continue
-        rounded = [] if one in _EXACT else [other[2][one] for other in others]
-        found.field(f"{name}: {one}{of}", written, follows, place, _SOURCES.get(one, _FOLLOWS), rounded)
-    more = [one for one in fields if one not in expected]
-    for one in more:
-        if one in OURS:
-            found.fault(f"{name}: has {one}{of}, unlike the case")
-    return [f"{one} of {name}" for one in more if one not in OURS]
+    return contents, fields_of(files.path)
 
 
 def _same_mesh(file: Path, points: FloatArray, cells: Order, x: FloatArray, rows: Order) -> tuple[Order, Order]:
@@ -151,6 +96,8 @@ def _same_mesh(file: Path, points: FloatArray, cells: Order, x: FloatArray, rows
     Raises:
         ValueError: If it has others, or has the nodes of a cell in another order.
     """
+    if np.array_equal(points, x) and np.array_equal(cells, rows):
+        return np.arange(len(x)), np.arange(len(rows))
     node: Order = np.full(1, -1)
     if points.shape == x.shape and cells.shape == rows.shape and len(points):
         node = same_nodes(x, in_a_cell(x, rows), points, cells, _NEAR * float(np.max(np.ptp(points, axis=0))))

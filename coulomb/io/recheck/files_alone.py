@@ -8,7 +8,7 @@ named: equilibrium, stresses, loads and supports, normals, gaps and weights.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -26,8 +26,8 @@ from ...units import amount, use
 from ..field_files import NODE, OPPOSITE, data_of, fields_in, grids_of
 from ..result_grids import OURS
 from ..run_directory import CONTACT, FIELDS, OLD, SOLUTION, SUMMARY, RunDirectory
-from .comparison import Comparison, unjudged
-from .fields import described_fields, sound
+from .comparison import Comparison, Field, named
+from .fields import sound
 from .findings import Findings, unread
 
 Numbers = npt.NDArray[np.int64]
@@ -60,69 +60,19 @@ _BALANCED: Final = 1e-6
 
 
 @dataclass(frozen=True)
-class _Written:
-    """What the files of a run have.
+class _Contact:
+    """The contact faces in the files of a run.
 
     Attributes:
-        summary: summary.json.
-        bodies: The nodes of every body, by its name, among the k of all.
-        displacement, load: At these nodes, shape (k, 3).
-        on_face: Fields at the q nodes of the contact faces, and their coordinates "x".
-        node: Their numbers among the k nodes, shape (q,).
-        touching: Which of them are contact nodes, shape (q,).
-        opposite: Of every face opposite in a pair the number of the pair, nodes and forces there.
+        fields: By name, at the q nodes of all faces, and their coordinates "points".
+        touching: Which of these are contact nodes, shape (q,).
+        forces: Of every face its number, whether it is that opposite in a pair, the numbers of its nodes among those of
+            all bodies, and the contact forces there.
     """
 
-    summary: dict[str, Any]
-    bodies: Mapping[str, slice]
-    displacement: FloatArray
-    load: FloatArray
-    on_face: Mapping[str, FloatArray]
-    node: Numbers
+    fields: Mapping[str, FloatArray]
     touching: npt.NDArray[np.bool_]
-    opposite: Sequence[tuple[int, Numbers, FloatArray]]
-
-
-def _read(files: RunDirectory) -> _Written:
-    """Read the files of a run.
-
-    Raises:
-        ValueError: If a file is missing, cannot be read, or does not match the others.
-    """
-    summary, bodies = sound(files), dict[str, slice]()
-    x: FloatArray = np.empty((0, 3))
-    displacement: FloatArray = x
-    load: FloatArray = x
-    for name, group in grids_of(files.solution).items():
-        points, _, fields = fields_in(files.solution, group)
-        bodies[name] = slice(len(x), len(x) + len(points))
-        x, displacement, load = (
-            np.concatenate(both)
-            for both in ((x, points), (displacement, fields["displacement"]), (load, fields["load"]))
-        )
-    sides = sides_of(summary["faces"])
-    slaves, masters = [one for one, _ in sides], {master: k for k, (_, master) in enumerate(sides) if master}
-    faces, opposite, names = list[tuple[Mapping[str, FloatArray], Numbers]](), [], []
-    for name, group in grids_of(files.contact).items():
-        points, cells, fields = fields_in(files.contact, group)
-        body = bodies.get(name.partition(SEPARATOR)[0]) or next(iter(bodies.values()))
-        node = body.start + fields[NODE].astype(np.int64)
-        if np.any((node < body.start) | (node >= body.stop)) or not np.array_equal(x[node], points):
-            unfit = f"{data_of(files.contact)} does not match the mesh of {SOLUTION}"
-            raise ValueError(f"{unfit}: its points are not the nodes there that {NODE!r} names")
-        if OPPOSITE in fields:
-            opposite.append((masters[name], node, fields["contact_force"]))
-            continue
-        between = cells[:, 3:] if cells.shape[1] == 6 else cells[:0]  # of 10-node tetrahedra, no contact nodes
-        fields["status"][np.unique(between)] = HELD
-        faces.append(({**fields, "x": points}, node))
-        names.append(name)
-    if names != slaves and any(names):
-        raise ValueError(f"{files.contact}: has the contact faces {names}, but summary.json {slaves}: {OLD}")
-    on_face = {name: np.concatenate([fields[name] for fields, _ in faces]) for name in faces[0][0]}
-    touching = np.round(on_face["status"]) != HELD
-    node = np.concatenate([node for _, node in faces])
-    return _Written(summary, bodies, displacement, load, on_face, node, touching, opposite)
+    forces: list[tuple[int, bool, Numbers, FloatArray]]
 
 
 def check_alone(files: RunDirectory, why: str) -> Findings:
@@ -131,58 +81,90 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
-    run, written = _read(files), described_fields(files.path)
-    use(**{name: str(unit) for name, unit in run.summary.get("units", {}).items() if name in ("length", "stress")})
-    contents, found = run.summary, Comparison(1e-12)
-    _compare_certificate(contents, found)
-    answer, here = _answer(run)
-    x, fields = run.on_face["x"][here], answer.fields()
-    lengths = np.linalg.norm(answer.frames, axis=2)
-    found.field(f"{CONTACT}: length of normal", lengths[:, 0], np.ones(len(x)), x, "its direction")
-    for name in _FIELDS:
-        floor = 1e-9 * float(np.max(np.abs(fields["pressure" if name == "friction_traction" else name]), initial=0.0))
-        found.field(f"{CONTACT}: {name}", run.on_face[name][here], fields[name], x, ANSWER, floor=floor)
-    _compare_cone(run, answer, here, found)
-    numbers = answer.numbers()
+    (contents, tree), found = sound(files), Comparison()
+    use(**{name: str(unit) for name, unit in contents.get("units", {}).items() if name in ("length", "stress")})
+    grids = {name: grid for name, grid in tree[SOLUTION].items() if "displacement" in grid}
+    ends = np.cumsum([0, *(len(grid["points"].x) for grid in grids.values())])
+    bodies = {name: slice(*ends[k : k + 2]) for k, name in enumerate(grids)}
+    x, u, load = (
+        np.concatenate([grid[name].values for grid in grids.values()]) for name in ("points", "displacement", "load")
+    )
+    contact = _contact(files, tree[CONTACT], contents, bodies, x)
+    answer = _answer(contact, contents["faces"], len(bodies) > 1)
+    _compare_fields(contact, answer, contents["certificate"].get("natural_residual", {}), found)
+    numbers, moved = answer.numbers(), float(np.max(np.linalg.norm(u, axis=1)))
     totals = {name: value for name, value in numbers["totals"].items() if name in _TOTALS}
-    moved = float(np.max(np.linalg.norm(run.displacement, axis=1)))
     work = 1e-12 * moved * float(np.sum(np.abs(answer.force)))
     near = {name: totals[name] + by for name, by in (("greatest_slip", 1e-12 * moved), ("dissipated_energy", work))}
-    expected = {"totals": totals, "nodes": numbers["nodes"]}
-    found.tree(SUMMARY, contents, expected, [{"totals": {**totals, **near}, "nodes": numbers["nodes"]}], ANSWER)
-    largest = {"displacement": moved, "contact_pressure": numbers["totals"]["greatest_pressure"]}
-    found.tree(f"{SUMMARY}.maximum", contents["maximum"], largest, source=ANSWER)
-    _compare_forces(run, contents, found)
+    largest = {"displacement": moved, "contact_pressure": totals["greatest_pressure"]}
+    certificate = _certificate(contents["certificate"], found)
+    strain = contents.get("small_strain") or {}
+    violations = () if strain.get("accepted") else tuple(strain.get("violations", ()))
+    expected = {"totals": totals, "nodes": numbers["nodes"], "maximum": largest, "certificate": certificate}
+    expected["valid"] = certificate["passed"] and not violations
+    found.tree(contents, expected, [{**expected, "totals": {**totals, **near}}], (SUMMARY,), ANSWER)
+    _compare_sums(contents, contact, bodies, load, found)
+    for name in FIELDS:
+        time = tree[name][""]["time"]
+        found.tree(time, contents.get("step", {}).get("time", time), (), (name, "", "time"))
     taken = (f"judged from the files alone, since {why}: {_JUDGED}", f"not judged without the problem: {_LEFT}")
-    for name, described in zip(FIELDS, written, strict=True):
-        found.tree(f"{name}: time", described.time, contents.get("step", {}).get("time", described.time))
-    strain = contents.get("small_strain") or {}
-    outside = () if strain.get("accepted") else tuple(strain.get("violations", ()))
-    left = unjudged(SUMMARY, contents, found.judged)
-    left += [f"{name} of {SOLUTION}" for name in written[0].fields if name not in OURS]
-    return Findings(contents, None, outside, tuple(found.faults), taken, (*left, *unread(files)))
+    ours = (*OURS, "points", "time")
+    left = named(found.left) + [f"{one} of {SOLUTION}" for grid in grids.values() for one in grid if one not in ours]
+    return Findings(contents, None, violations, tuple(found.faults), taken, (*left, *unread(files)))
 
 
-def _compare_certificate(contents: Mapping[str, Any], found: Comparison) -> None:
+def _contact(
+    files: RunDirectory,
+    grids: Mapping[str, Mapping[str, Any]],
+    contents: Mapping[str, Any],
+    bodies: Mapping[str, slice],
+    x: FloatArray,
+) -> _Contact:
+    """The contact faces; ValueError if they do not match the other files."""
+    sides = sides_of(contents["faces"])
+    forces, faces, slaves = [], list[dict[str, FloatArray]](), list[str]()
+    for name, group in grids_of(files.contact).items():
+        fields = {one: field.values for one, field in grids[name].items() if one != "time"}
+        body = bodies.get(name.partition(SEPARATOR)[0]) or next(iter(bodies.values()))
+        node = body.start + fields[NODE].astype(np.int64)
+        if np.any(node >= body.stop) or not np.array_equal(x[node], fields["points"]):
+            unfit = f"{data_of(files.contact)} does not match the mesh of {SOLUTION}"
+            raise ValueError(f"{unfit}: its points are not the nodes there that {NODE!r} names")
+        if OPPOSITE in fields:
+            forces.append(([master for _, master in sides].index(name), True, node, fields["contact_force"]))
+            continue
+        cells = fields_in(files.contact, group)[1]
+        between = cells[:, 3:] if cells.shape[1] == 6 else cells[:0]  # of 10-node tetrahedra, no contact nodes
+        fields["status"][np.unique(between)] = HELD
+        here = (np.round(fields["status"]) != HELD)[:, None]
+        forces.append((len(faces), False, node, np.where(here, fields["contact_force"], 0.0)))
+        faces.append(fields)
+        slaves.append(name)
+    if slaves != [slave for slave, _ in sides] and any(slaves):
+        raise ValueError(f"{files.contact}: has other contact faces, {slaves}, than summary.json: {OLD}")
+    joined = {name: np.concatenate([fields[name] for fields in faces]) for name in faces[0]}
+    return _Contact(joined, np.round(joined["status"]) != HELD, forces)
+
+
+def _certificate(certificate: Mapping[str, Any], found: Comparison) -> dict[str, Any]:
     """Rows of the certificate pass if their values are within their limits, and it passes if all do."""
-    rows = {name: row for name, row in contents["certificate"].items() if isinstance(row, Mapping)}
     within = {}
-    for name, row in rows.items():
+    for name, row in certificate.items():
+        if not isinstance(row, Mapping):
+            continue
         value, limit = row.get("value"), row.get("limit")
-        within[name] = isinstance(value, float | int) and isinstance(limit, float | int) and value <= limit
-        if isinstance(value, float | int) and isinstance(limit, float | int) and min(value, limit) < 0.0:
-            found.fault(f"{SUMMARY}.certificate.{name}: {value:g} and its limit {limit:g} must be 0 or more")
-    expected = {**{name: {"passed": passed} for name, passed in within.items()}, "passed": all(within.values())}
-    found.tree(f"{SUMMARY}.certificate", contents["certificate"], expected, source="its values and limits")
-    strain = contents.get("small_strain") or {}
-    valid = expected["passed"] and (bool(strain.get("accepted")) or not strain.get("violations"))
-    found.tree(f"{SUMMARY}.valid", contents.get("valid"), valid, source="certificate and small_strain")
+        if not isinstance(value, float | int) or not isinstance(limit, float | int):
+            within[name] = False
+            continue
+        within[name] = value <= limit
+        if min(value, limit) < 0.0:
+            found.faults.append(f"{SUMMARY}.certificate.{name}: {value:g} and its limit {limit:g} must be 0 or more")
+    return {**{name: {"passed": passed} for name, passed in within.items()}, "passed": all(within.values())}
 
 
-def _answer(run: _Written) -> tuple[NodalAnswer, Any]:
-    """The answer at the contact points of the files, by their fields, and which nodes these are."""
-    here = run.touching
-    at = {name: values[here] for name, values in run.on_face.items()}
+def _answer(contact: _Contact, faces: list[dict[str, Any]], several: bool) -> NodalAnswer:
+    """The answer at the contact points, by their fields; ValueError if they have no axes or area."""
+    at = {name: values[contact.touching] for name, values in contact.fields.items()}
     frames = np.stack([at["normal"], at["tangent_1"], at["tangent_2"]], axis=1)
     if np.any(np.abs(np.linalg.det(frames)) < 1e-6):
         raise ValueError(f"{CONTACT}: normal and tangents of a contact point are no axes")
@@ -191,34 +173,33 @@ def _answer(run: _Written) -> tuple[NodalAnswer, Any]:
     origin = np.einsum("kij,kj->ki", frames, at["slip_origin"])
     rows = origin + np.einsum("kij,kj->ki", frames, at["slip"])
     rows[:, 0] = at["initial_gap"] - at["gap"]
-    answer = NodalAnswer(
+    return NodalAnswer(
         comm=MPI.COMM_SELF,
-        law=FrictionLaw(at["cohesion"] * at["area"], at["friction"], _limits(run, at)),
-        faces=tuple(face["faces"][0] for face in run.summary["faces"]),
+        law=FrictionLaw(at["cohesion"] * at["area"], at["friction"], _limits(faces, at)),
+        faces=tuple(face["faces"][0] for face in faces),
         part=np.round(at["face"]).astype(np.int64),
-        x=at["x"],
+        x=at["points"],
         frames=frames,
         gap=at["initial_gap"],
         given_gap=at["given_gap"],
-        chord=np.zeros(len(at["x"])),
+        chord=np.zeros(len(at["points"])),
         area=at["area"],
         slip_origin=origin,
         displacement=rows,
         force=-np.einsum("kij,kj->ki", inverse_frames(frames), at["contact_force"]),
         slip_bound=at["slip_bound"],
         compliance=np.column_stack([at[name] for name in COMPLIANCES]),
-        spins=(None,) * len(run.summary["faces"]),
+        spins=(None,) * len(faces),
         earlier=Accumulated(*(at[name] for name in ACCUMULATED)),
-        against=tuple(one.get("against") for one in run.summary["faces"]),
-        several=len(run.bodies) > 1,
+        against=tuple(one.get("against") for one in faces),
+        several=several,
     )
-    return answer, here
 
 
-def _limits(run: _Written, at: Mapping[str, FloatArray]) -> FloatArray | None:
+def _limits(faces: list[dict[str, Any]], at: Mapping[str, FloatArray]) -> FloatArray | None:
     """Largest friction at the contact points, newtons, shape (m,): of every face that in the summary, or where it is a
     function of place the bound in the files, between the smallest and the largest; None without limits."""
-    given = [face.get("friction_limit") for face in run.summary["faces"]]
+    given = [face.get("friction_limit") for face in faces]
     if all(one is None for one in given):
         return None
     ends = [(one["min"], one["max"]) if isinstance(one, Mapping) else (one or np.inf,) * 2 for one in given]
@@ -227,52 +208,64 @@ def _limits(run: _Written, at: Mapping[str, FloatArray]) -> FloatArray | None:
     return limits
 
 
-def _compare_cone(run: _Written, answer: NodalAnswer, here: Any, found: Comparison) -> None:
-    """Compare forces with the bounds of friction, and the natural residual with its limit."""
-    x, force, bound = run.on_face["x"][here], answer.force, answer.bound
-    largest = float(np.max(np.abs(force), initial=0.0))
-    rubbing = np.hypot(force[:, 1], force[:, 2])
-    none, limit = np.zeros(len(x)), 1e-6 * largest
-    source = "the law of friction"
-    found.field(f"{CONTACT}: tension", np.maximum(-force[:, 0], 0.0), none, x, source, floor=limit)
-    found.field(f"{CONTACT}: friction beyond its bound", np.maximum(rubbing - bound, 0.0), none, x, source, floor=limit)
-    found.field(f"{CONTACT}: slip_bound", answer.slip_bound, bound, x, source, floor=1e-5 * largest)
+def _compare_fields(contact: _Contact, answer: NodalAnswer, row: Mapping[str, Any], found: Comparison) -> None:
+    """Compare the fields that follow from others, forces with the bounds of friction, and the natural residual with its
+    limit, that of a row of the certificate."""
+    x, force, bound = answer.x, answer.force, answer.bound
+    largest, none = float(np.max(np.abs(force), initial=0.0)), np.zeros(len(x))
+    beyond = np.hypot(force[:, 1], force[:, 2]) - bound
+
+    def compare(name: str, written: FloatArray, follows: FloatArray, floor: float, source: str) -> None:
+        found.tree(Field(written, x), Field(follows, x, floor), (), (CONTACT, "", name), source)
+
+    compare("length of normal", np.linalg.norm(answer.frames[:, 0], axis=1), none + 1.0, 0.0, "its direction")
+    fields = answer.fields()
+    for name in _FIELDS:
+        size = float(np.max(np.abs(fields["pressure" if name == "friction_traction" else name]), initial=0.0))
+        compare(name, contact.fields[name][contact.touching], fields[name], 1e-9 * size, ANSWER)
+    for name, written, follows, floor in (
+        ("tension", np.maximum(-force[:, 0], 0.0), none, 1e-6 * largest),
+        ("friction beyond its bound", np.maximum(beyond, 0.0), none, 1e-6 * largest),
+        ("slip_bound", answer.slip_bound, bound, 1e-5 * largest),
+    ):
+        compare(name, written, follows, floor, "the law of friction")
     remaining = np.column_stack([answer.gap, none, none]) - answer.relative_displacement
     left = FrictionLaw.tresca(bound).left_over(force.ravel(), (remaining / answer.compliance).ravel(), 0.0)
-    size, row = float(np.linalg.norm(left)), run.summary["certificate"].get("natural_residual", {})
+    size = float(np.linalg.norm(left))
     if row.get("passed") and not size <= 1.001 * row["limit"] * float(np.linalg.norm(force)):
-        found.fault(
+        found.faults.append(
             f"{CONTACT}: forces, gaps and slip leave a natural residual of {amount(size, 'N')}, beyond its limit"
         )
 
 
-def _compare_forces(run: _Written, contents: Mapping[str, Any], found: Comparison) -> None:
-    """Compare the sums of nodal forces with the loads, and all forces together with none."""
-    parts = [np.array(one["force"]) for name in ("loads", "reactions") for one in contents.get(name, ())]
+def _compare_sums(
+    contents: Mapping[str, Any], contact: _Contact, bodies: Mapping[str, slice], load: FloatArray, found: Comparison
+) -> None:
+    """Compare sums of nodal forces with the loads and the forces of faces and bodies, and all together with none."""
+    loads = [np.array(one["force"]) for one in contents.get("loads", ())]
+    parts = [*loads, *(np.array(one["force"]) for one in contents.get("reactions", ()))]
     parts += [np.array(one["force"]) for one in contents["faces"] if "against" not in one]
     size = sum(float(np.linalg.norm(part)) for part in parts)
-    size += sum(float(np.sum(np.abs(of))) for of in (run.load, run.on_face["contact_force"]))
+    size += sum(float(np.sum(np.abs(of))) for of in (load, contact.fields["contact_force"]))
     over = float(np.linalg.norm(np.sum(parts, axis=0))) if parts else 0.0
     if not over <= _BALANCED * size and contents["certificate"].get("force_balance", {}).get("passed"):
-        found.fault(
+        found.faults.append(
             f"{SUMMARY}: loads, reactions and contact leave a force of {amount(over, 'N')} of {amount(size, 'N')}"
         )
-    on_body = np.zeros_like(run.displacement)
-    np.add.at(on_body, run.node, np.where(run.touching[:, None], run.on_face["contact_force"], 0.0))
-    for number, node, forces in run.opposite:
+
+    def compare(said: list[float], forces: FloatArray, *place: str | int) -> None:
+        """Compare a force with the sum of nodal ones (k, 3), to the rounding errors of their sizes."""
+        sums, rounding = forces.sum(axis=0), 1e-12 * float(np.sum(np.abs(forces)))
+        found.tree(said, sums.tolist(), [(sums + rounding).tolist()], place, "the nodal forces")
+
+    on_body = np.zeros_like(load)
+    for number, opposite, node, forces in contact.forces:
         np.add.at(on_body, node, forces)
-        what, said = f"{SUMMARY}.faces[{number}].opposite_force", contents["faces"][number]["opposite_force"]
-        _compare_sum(what, said, forces, found)
-    for number, (name, nodes) in enumerate(run.bodies.items() if len(run.bodies) > 1 else ()):
-        what, one = f"{SUMMARY}.bodies[{number}]", contents["bodies"][number]
-        found.tree(f"{what}.name", one["name"], name, source=SOLUTION)
-        _compare_sum(f"{what}.contact_force", one["contact_force"], on_body[nodes], found)
-    total = np.sum([one["force"] for one in contents.get("loads", ())] or [np.zeros(3)], axis=0)
-    _compare_sum(f"{SUMMARY}: loads", total.tolist(), run.load, found)
-
-
-def _compare_sum(what: str, said: list[float], forces: FloatArray, found: Comparison) -> None:
-    """Compare a force in a summary with the sum of nodal ones (k, 3), to the rounding errors of their sizes."""
-    rounding = 1e-12 * float(np.sum(np.abs(forces)))
-    sums = forces.sum(axis=0)
-    found.tree(what, said, sums.tolist(), [(sums + rounding).tolist()], "the nodal forces")
+        if opposite:
+            said = contents["faces"][number]["opposite_force"]
+            compare(said, forces, SUMMARY, "faces", number, "opposite_force")
+    for number, (name, nodes) in enumerate(bodies.items() if len(bodies) > 1 else ()):
+        one = contents["bodies"][number]
+        found.tree(one["name"], name, (), (SUMMARY, "bodies", number, "name"), SOLUTION)
+        compare(one["contact_force"], on_body[nodes], SUMMARY, "bodies", number, "contact_force")
+    compare(np.sum([np.zeros(3), *loads], axis=0).tolist(), load, f"{SUMMARY}: loads")

@@ -16,16 +16,19 @@ _MOST: Final = 12
 
 @dataclass(frozen=True)
 class Findings:
-    """Result of the check of a run or a load step.
+    """Result of the check of a run, a load step or a load history.
 
     Attributes:
         contents: Its summary.json.
-        certificate: Certificate of displacement and contact forces; None if the files alone were judged.
+        certificate: Certificate of displacement and contact forces; None of a history, or if the files alone were
+            judged.
         outside: Violations of the theory of small strains, unless they were accepted.
-        faults: Data that do not follow from displacement and contact forces, or from the problem, a line each.
-        taken: Data that could not be compared, a line each.
+        faults: Data that do not follow from displacement and contact forces, from the problem or from the steps, a line
+            each.
+        taken: Data that could not be compared or are missing, a line each.
         unjudged: Names of the data in the files for which there is nothing to compare with.
         numbers: The entries of its summary that follow from the answer, and from perturbed ones.
+        steps: Of a history.
     """
 
     contents: Mapping[str, Any]
@@ -35,6 +38,7 @@ class Findings:
     taken: tuple[str, ...]
     unjudged: tuple[str, ...]
     numbers: tuple[Mapping[str, Any], ...] = ()
+    steps: tuple[Findings, ...] = ()
 
     @property
     def number(self) -> int:
@@ -43,7 +47,9 @@ class Findings:
 
     @property
     def recorded(self) -> bool:
-        """Whether the run itself recorded that its certificate had passed."""
+        """Whether the run itself recorded that its certificate, or those of all steps, had passed."""
+        if self.steps:
+            return all(step.recorded for step in self.steps)
         return bool(self.contents["certificate"]["passed"])
 
     @property
@@ -53,20 +59,21 @@ class Findings:
 
     @property
     def passed(self) -> bool:
-        """Whether the certificate passes, the answer is inside the theory, and all data agree."""
-        return self.certified and not self.outside and not self.faults
+        """Whether all certificates pass, the answers are inside the theory, and all data agree."""
+        certified = all(step.passed for step in self.steps) if self.steps else self.certified
+        return certified and not self.outside and not self.faults
 
     @property
     def trusted(self) -> tuple[str, ...]:
         """Data that could not be compared, a line each."""
-        return *self.taken, as_recorded(self.unjudged)
+        return *self.taken, f"as recorded by the run, nothing to compare with: {', '.join(self.unjudged)}"
 
     @property
     def details(self) -> str:
         """Lines about what has failed."""
-        failed = ["certificate FAILED, as recorded by the run"] if self.certificate is None else []
-        failed = [] if self.certified else failed or str(self.certificate).splitlines()
-        return "\n".join(f"  {line}" for line in [*failed, *self._beyond, *verdict(self.faults)])
+        failed = "certificate FAILED, as recorded by the run" if self.certificate is None else str(self.certificate)
+        lines = [] if self.certified else failed.splitlines()
+        return "\n".join(f"  {line}" for line in [*lines, *self._beyond, *_verdict(self.faults)])
 
     @property
     def of_step(self) -> str:
@@ -76,62 +83,31 @@ class Findings:
 
     @property
     def ending(self) -> str:
-        """All lines."""
-        return str(self)
+        """All lines but those of steps."""
+        which = "certificates" if self.steps else "certificate"
+        before = f"recorded by the run: {which} {'had passed' if self.recorded else 'had FAILED'}"
+        certificate = [] if self.certificate is None else [str(self.certificate)]
+        lines = [*certificate, *self._beyond, before, *_verdict(self.faults), *self.trusted]
+        if self.steps:
+            besides = ", but the files of the whole FAILED" if self.faults else ""
+            good = sum(step.passed for step in self.steps)
+            lines.append(f"{good} of {len(self.steps)} load steps passed{besides}")
+        return "\n".join(lines)
 
     @property
     def _beyond(self) -> list[str]:
         return [f"outside small-strain theory: {text}" for text in self.outside]
 
     def __str__(self) -> str:
-        before = f"recorded by the run: certificate {'had passed' if self.recorded else 'had FAILED'}"
-        certificate = [] if self.certificate is None else [str(self.certificate)]
-        return "\n".join([*certificate, *self._beyond, before, *verdict(self.faults), *self.trusted])
-
-
-@dataclass(frozen=True)
-class HistoryFindings:
-    """Result of the check of a load history: of its steps, data that do not follow from these, and data that could not
-    be compared or are missing, a line each."""
-
-    steps: tuple[Findings, ...]
-    faults: tuple[str, ...]
-    trusted: tuple[str, ...]
-
-    @property
-    def passed(self) -> bool:
-        """Whether all steps are certified and all data agree."""
-        return all(step.passed for step in self.steps) and not self.faults
-
-    @property
-    def recorded(self) -> bool:
-        """Whether the run itself recorded that all certificates had passed."""
-        return all(step.recorded for step in self.steps)
-
-    @property
-    def ending(self) -> str:
-        """The lines after those of the steps."""
-        good = sum(step.passed for step in self.steps)
-        before = f"recorded by the run: certificates {'had passed' if self.recorded else 'had FAILED'}"
-        besides = ", but the files of the whole FAILED" if self.faults else ""
-        last = f"{good} of {len(self.steps)} load steps passed{besides}"
-        return "\n".join([before, *verdict(self.faults), *self.trusted, last])
-
-    def __str__(self) -> str:
         return "\n".join([*(step.of_step for step in self.steps), self.ending])
 
 
-def verdict(faults: Sequence[str]) -> list[str]:
+def _verdict(faults: Sequence[str]) -> list[str]:
     """Lines about the comparison of fields and numbers."""
     if not faults:
         return ["files agree: every field and number that can be computed again"]
     more = [f"  and {len(faults) - _MOST} more"] if len(faults) > _MOST else []
     return ["files FAILED:", *(f"  {fault}" for fault in faults[:_MOST]), *more]
-
-
-def as_recorded(names: Sequence[str]) -> str:
-    """The line about data for which there is nothing to compare with."""
-    return f"as recorded by the run, nothing to compare with: {', '.join(names)}"
 
 
 def unread(files: RunDirectory) -> list[str]:

@@ -14,18 +14,18 @@ from typing import Any
 from ...case.case import Case
 from ..history_files import whole
 from ..output import Series
-from ..run_directory import FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
-from .comparison import Comparison, unjudged
+from ..run_directory import CASE, FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
+from .comparison import Comparison, named
 from .files_alone import check_alone
-from .findings import Findings, HistoryFindings, as_recorded, unread
+from .findings import Findings, unread
 from .posed import SEEDS, Posed
 from .run import beginning, judged, step_of
 
 
-def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], None]) -> HistoryFindings:
+def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], None]) -> Findings:
     """Check a load history, step by step (`check`)."""
     complete, trusted = complete_steps(files)
-    found, steps, named = Comparison(), list[Findings](), list[str]()
+    found, steps, left = Comparison(), list[Findings](), list[str]()
     before = [] if isinstance(posed, str) else [beginning(files, posed)] * len(SEEDS)
     for number in range(1, complete + 1):
         step = files.step(number)
@@ -39,14 +39,15 @@ def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], 
             ]
         step_of(step, findings.contents)
         trusted += [line for line in findings.taken if line not in trusted]
-        named += findings.unjudged
+        left += findings.unjudged
         steps.append(findings)
         say(findings.of_step)
     summaries = [dict(step.contents) for step in steps]
-    named += check_series(files, summaries, found)
+    check_series(files, summaries, found)
     trusted += check_times(None if isinstance(posed, str) else posed.settings, summaries, found)
-    trusted.append(as_recorded(list(dict.fromkeys(named))))
-    return HistoryFindings(tuple(steps), tuple(found.faults), tuple(trusted))
+    left += [*named(found.left), f"path_following and residual of {HISTORY}", *unread(files)]
+    said = tuple(found.faults), tuple(trusted), tuple(dict.fromkeys(left))
+    return Findings(files.read_summary(), None, (), *said, steps=tuple(steps))
 
 
 def complete_steps(files: RunDirectory) -> tuple[int, list[str]]:
@@ -66,7 +67,7 @@ def check_times(settings: Case | None, summaries: Sequence[dict[str, Any]], foun
     """Check the last time; returns messages on steps still to be taken."""
     history = settings.history if settings is not None else None
     if settings is not None and history is None:
-        found.fault("case.json: has no [history], but there are load steps")
+        found.faults.append(f"{CASE}: has no [history], but there are load steps")
     left = None if history is None else set(history.ends)
     for summary in summaries:
         record, where = summary["step"], f"{step_place(summary['step']['number'])}/{SUMMARY}"
@@ -75,28 +76,27 @@ def check_times(settings: Case | None, summaries: Sequence[dict[str, Any]], foun
             raise ValueError(f"{where}: step has no list of pending times")
         ahead = [time, *reversed(pending)]
         if any(after <= before for before, after in pairwise(ahead)):
-            found.fault(f"{where}: the times still to be reached, {ahead[1:]}, do not increase from {time:g}")
+            found.faults.append(f"{where}: the times still to be reached, {ahead[1:]}, do not increase from {time:g}")
         if left is not None:
             lost, new = sorted(left - {*ahead}), sorted({*ahead} - left)
             if lost:
-                found.fault(f"{where}: goes to time {time:g} and then {ahead[1:]}, but leaves out {lost}")
+                found.faults.append(f"{where}: goes to time {time:g} and then {ahead[1:]}, but leaves out {lost}")
             if len(new) != record.get("halvings"):
-                found.fault(f"{where}: halved {record.get('halvings')} times, but the times {new} are new")
+                found.faults.append(f"{where}: halved {record.get('halvings')} times, but the times {new} are new")
         left = set(pending)
     return [f"not finished: {len(left)} load steps are still to be taken"] if left else []
 
 
-def check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
-    """Compare history.csv, summary.json and the time series with the steps; names what could not be compared."""
-    rows = [summary["step"]["row"] for summary in summaries]
-    lines = files.read_history()
+def check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found: Comparison) -> None:
+    """Compare history.csv, summary.json and the time series with the steps."""
+    rows, lines = [summary["step"]["row"] for summary in summaries], files.read_history()
     if len(lines) != len(rows):
-        found.fault(f"history.csv: has {len(lines)} lines, but there are {len(rows)} load steps")
+        found.faults.append(f"{HISTORY}: has {len(lines)} lines, but there are {len(rows)} load steps")
     if extra := {str(name) for line in lines for name in line} - {name for row_ in rows for name in row_}:
-        found.fault(f"history.csv: has columns that no load step has: {', '.join(sorted(extra))}")
+        found.faults.append(f"{HISTORY}: has columns that no load step has: {', '.join(sorted(extra))}")
     for number, (line, row_) in enumerate(zip(lines, rows, strict=False), start=1):
-        found.tree(f"history.csv: line {number}", line, row_, source=f"step {number}")
-    summary = files.read_summary(("steps", "time", "certificate", "last"))
+        one = {name: value for name, value in line.items() if name in row_}
+        found.tree(one, row_, (), (f"{HISTORY}: line {number}",), f"step {number}")
     expected = {
         "steps": len(summaries),
         "time": summaries[-1]["step"]["time"],
@@ -105,10 +105,8 @@ def check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found
         "history": whole(summaries),
         "last": summaries[-1],
     }
-    found.tree(SUMMARY, summary, expected, source="the steps")
+    found.tree(files.read_summary(tuple(expected)), expected, (), (SUMMARY,), "the steps")
     for name in FIELDS:
         series = Series(files.path, name).text([step_place(number) for number in range(1, len(summaries) + 1)])
         if not (files.path / name).is_file() or (files.path / name).read_bytes() != series.encode():
-            found.fault(f"{name}: is not the time series of the {len(summaries)} load steps")
-    repeated = [f"path_following and residual of {HISTORY}"]  # from iterations and residual of the steps
-    return unjudged(SUMMARY, summary, found.judged) + repeated + unread(files)
+            found.faults.append(f"{name}: is not the time series of the {len(summaries)} load steps")

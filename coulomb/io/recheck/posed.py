@@ -25,13 +25,12 @@ from ...model.problem import ContactProblem
 from ...model.problem_evidence import gather_evidence
 from ...model.solution import Solution
 from ...solvers.results import SolverResult, Status
-from ...solvers.successive_tresca import SuccessiveTresca
 from ..case_record import written_case
 from ..history_files import at_points, points_in_files
 from ..output import finite, write_fields
 from ..run_directory import RunDirectory
 from ..summary import summary
-from .comparison import Rounding
+from .comparison import perturbed
 
 OF_SOLVER: Final = (
     *("status", "method", "iterations", "residual", "contraction", "mean_compliance"),
@@ -70,11 +69,6 @@ class Posed:
         except ValueError as error:
             raise ValueError(f"{RunDirectory(folder).case}: its problem cannot be posed: {error}") from None
 
-    @property
-    def large(self) -> bool:
-        """Whether its motions are large."""
-        return self.problem.large is not None
-
     def accepts(self, record: Mapping[str, Any]) -> bool:
         """Whether answers outside the theory of small strains are accepted; of a load step also by the case that it was
         computed from, if that is recorded: the setting may change between steps."""
@@ -96,22 +90,18 @@ class WrittenAnswer:
         bodies, faces = points_in_files(files, problem)
         self.displacement = at_points(files.solution, "displacement", bodies, comm)
         self.force_on_body = at_points(files.contact, "contact_force", faces, comm)
-
-        def scalar(name: str) -> FloatArray:
-            return at_points(files.contact, name, faces, comm)[:, 0]
-
-        self._compliances = np.column_stack([scalar(name) for name in COMPLIANCES])
-        self._slip_bound = scalar("slip_bound") if SuccessiveTresca.name in str(self.contents.get("method")) else None
+        compliances = [at_points(files.contact, name, faces, comm)[:, 0] for name in COMPLIANCES]
+        self._compliances = np.column_stack(compliances)
         self._temperature = None
         if problem.body.heat is not None:
             self._temperature = at_points(files.solution, TEMPERATURE, bodies, comm)[:, 0]
 
     def judged(self, problem: ContactProblem, seed: int) -> Solution:
         """Judged in a problem posed at their time, as written or with rounding errors; collective."""
-        u, f = self.displacement, self.force_on_body
+        u, f, said = self.displacement, self.force_on_body, self.contents
         if seed:
-            rounding = Rounding((seed, problem.comm.rank), 1e-14)
-            u, f = rounding.of(u), rounding.of(f)
+            random = np.random.default_rng((seed, problem.comm.rank))
+            u, f = perturbed(u, random), perturbed(f, random)
         if problem.large is not None:
             return LoadStepLoop(problem, problem.large).recomputed(u, f, self._compliances)
         if self._temperature is not None:
@@ -121,10 +111,8 @@ class WrittenAnswer:
         bound = problem.slip_bound(x)
         evidence = gather_evidence(problem.body, problem.state, x, u, self._compliances, problem.before)
         result = SolverResult(x, x, bound, np.zeros((len(bound), 2)), Status.STAGNATED, float("nan"))
-        given = bound if self._slip_bound is None else self._slip_bound
-        said = self.contents
         recorded = self._compliances, float(said["mean_compliance"]), dict(said["method"])
-        answer = Solution(problem, x, u, given, result, judge(evidence), evidence, *recorded)
+        answer = Solution(problem, x, u, bound, result, judge(evidence), evidence, *recorded)
         if self._temperature is None or problem.body.heat is None:
             return answer
         flows, of_heat = problem.body.heat.flows(*at_contact(answer), self._temperature), said.get("heat", {})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -15,29 +15,35 @@ from mpi4py import MPI
 from pydantic import ValidationError
 
 from ...case.case import Case
-from ...contact_fields import ANSWER
+from ...contact_fields import ANSWER, COMPLIANCES
 from ...fem.bodies import TEMPERATURE
-from ...fem.geometry import on_all_ranks
 from ...model.certificate import Certificate
 from ...model.load_history import LoadHistory
 from ...model.load_step import State
 from ...model.solution import Solution
+from ...ranks import on_rank_0
 from ...solvers.successive_tresca import SuccessiveTresca
 from ...version import __version__
 from ..answer import totals_in
 from ..case_record import lasting_part
+from ..field_files import NODE, OPPOSITE
 from ..history_files import HistoryFiles
+from ..result_grids import OURS
 from ..run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
-from .comparison import Comparison, unjudged
-from .fields import SLIP_BOUND_LIMIT, compare_fields, sound
+from .comparison import Comparison, Field, Place, complete, in_files, named
+from .fields import fields_of, sound
 from .files_alone import check_alone
 from .findings import Findings, unread
 from .posed import SEEDS, Posed, WrittenAnswer, written
 
-_SOURCE: Final = f"the case and {ANSWER}"
+_HEAT: Final = "conduction, contact forces and slip"
 
-_ROUNDING: Final = 1e-12
-"""Value of a check below which it is a rounding error."""
+_EXACT: Final = ("status", "face", OPPOSITE, NODE)
+"""Fields of whole numbers, which rounding does not change."""
+
+_SLIP_BOUND: Final = 1e-6
+"""Accepted difference of the slip bound of the last Tresca problem from the law at its forces, over the norm of these,
+plus ten times the natural residual; for other solvers it is that of the law."""
 
 _AGREEMENT: Final = 1e-7
 """Difference of temperatures from those of conduction with the contact forces and slip of the files, over the largest
@@ -45,21 +51,15 @@ change: contact and conduction were solved in turn until they agreed to less."""
 
 
 def check_run(files: RunDirectory, posed: Posed | str) -> Findings:
-    """Check the files of a single run (`check`)."""
-    if isinstance(posed, str):
-        return check_alone(files, posed)
-    findings, _ = judged(files, posed, None)
-    if posed.settings is None or posed.settings.history is None:
-        return findings
-    raise ValueError(f"{files.case}: has a [history], but these are the results of a single run")
-
-
-def check_step(files: RunDirectory, posed: Posed | str) -> Findings:
-    """Check one load step in its history, relative to the step before, which must be there."""
+    """Check a single run (`check`), or one load step in its history, relative to the step before, which must be
+    there."""
     number = files.step_number
-    assert number is not None
     if isinstance(posed, str):
         return check_alone(files, posed)
+    if number is None:
+        if posed.settings is not None and posed.settings.history is not None:
+            raise ValueError(f"{files.case}: has a [history], but these are the results of a single run")
+        return judged(files, posed, None)[0]
     before = beginning(files.of_history, posed)
     if number > 1:
         before = HistoryFiles(files.of_history.path, resume=True).state_after(posed.problem, number - 1)
@@ -84,9 +84,8 @@ def judged(files: RunDirectory, posed: Posed, before: Sequence[State] | None) ->
         ValueError: If a file is missing, cannot be read, or does not match the others or the problem.
     """
     comm = posed.problem.comm
-    contents = _on_rank_0(partial(sound, files), files, comm)
-    record: Mapping[str, Any] = contents.get("step") or {}
-    posed.problem.small_strain = "warn" if posed.accepts(record) else "enforce"
+    contents = on_rank_0(comm, lambda: complete(files.path, lambda: sound(files)[0]))
+    posed.problem.small_strain = "warn" if posed.accepts(contents.get("step") or {}) else "enforce"
     problems, answers, states = [posed.problem] * len(SEEDS), list[Solution](), list[State]()
     if before is not None:
         (number, time), then = step_of(files, contents), before[0]
@@ -101,22 +100,19 @@ def judged(files: RunDirectory, posed: Posed, before: Sequence[State] | None) ->
         answers.append(answer.judged(problems[number], seed))
         if before is not None:
             states.append(posed.problem.after(before[number], answers[-1]))
-    found, numbers = Comparison(1e-12), list[dict[str, Any]]()
+    found, numbers, first = Comparison(), list[dict[str, Any]](), answers[0]
+    imbalance = _compare_temperature(answer, first, found)
     with _shared_directory(comm) as beside:
-        for number, one in enumerate(answers):
-            folder = beside / str(number)
+        folders = [beside / str(number) for number in range(len(answers))]
+        for number, (one, folder) in enumerate(zip(answers, folders, strict=True)):
             if comm.rank == 0:
                 folder.mkdir()
             numbers.append(written(one, folder, contents, states[number] if states else None))
-        limit = _compare_temperature(answer, answers[0], found)
-        compare = partial(_compare, files, contents, posed, answers[0].certificate, numbers, beside, limit, found)
-        faults, named = _on_rank_0(compare, files, comm)
+        compare = partial(_compare, files, contents, posed, first.certificate, numbers, folders, imbalance, found)
+        faults, unjudged = on_rank_0(comm, lambda: complete(files.path, compare))
     taken = [] if contents.get("coulomb") == __version__ else [f"written by coulomb {contents.get('coulomb')}"]
-    first = answers[0]
-    findings = Findings(
-        contents, first.certificate, first.outside, tuple(faults), tuple(taken), tuple(named), tuple(numbers)
-    )
-    return findings, states
+    said = tuple(faults), tuple(taken), tuple(unjudged), tuple(numbers)
+    return Findings(contents, first.certificate, first.outside, *said), states
 
 
 @contextmanager
@@ -127,51 +123,74 @@ def _shared_directory(comm: MPI.Comm) -> Iterator[Path]:
         comm.barrier()
 
 
-def _on_rank_0(call: Callable[[], Any], files: RunDirectory, comm: MPI.Comm) -> Any:
-    """What a call gives on rank 0, on all ranks; or its ValueError; collective."""
-
-    def guarded() -> Any:
-        try:
-            return call() if comm.rank == 0 else None
-        except (KeyError, TypeError, IndexError, AttributeError) as error:  # entries of wrong type or structure
-            raise ValueError(
-                f"{files.path}: is incomplete, or written by another version of coulomb: {error!r}"
-            ) from None
-
-    return comm.bcast(on_all_ranks(guarded, "", comm))
-
-
 def _compare(
     files: RunDirectory,
-    contents: Mapping[str, Any],
+    contents: dict[str, Any],
     posed: Posed,
     certificate: Certificate,
     numbers: list[dict[str, Any]],
-    beside: Path,
+    folders: list[Path],
     imbalance: float,
     found: Comparison,
 ) -> tuple[list[str], list[str]]:
-    """Compare the files with those written anew into directories `beside`; gives the faults, and the names of what was
-    not compared."""
-    first, *others = (_without_rounding(one) for one in numbers)
-    said = _without_rounding(contents)
+    """Compare the files with those written anew into other `folders`; gives the faults, and the names of what was not
+    compared."""
+    written, expected, *others = (fields_of(of, folders[0]) for of in (files.path, *folders))
+    for tree, names in ((expected, COMPLIANCES), *((other, _EXACT) for other in others)):
+        for grid in tree[CONTACT].values():
+            for name in names:
+                grid.pop(name, None)
+    bounds = expected[CONTACT].values() if SuccessiveTresca.name in str(contents.get("method")) else ()
+    for grid in (grid for grid in bounds if "slip_bound" in grid):
+        limit = _SLIP_BOUND + 10.0 * certificate["natural residual"].value
+        grid["slip_bound"] = grid["slip_bound"]._replace(floor=limit * float(np.linalg.norm(grid["slip_bound"].values)))
+    for name in (CONTACT, SOLUTION):  # in a list that is cut
+        found.tree(written[name], expected[name], [other[name] for other in others], (name,))
+    said, (first, *more) = dict(contents), [dict(one) for one in numbers]
     if "heat" in first:
-        entry = first.pop("heat")
-        around = [_moved(entry, imbalance), _moved(entry, -imbalance)]
-        found.tree(f"{SUMMARY}.heat", said.get("heat"), entry, around, "conduction, contact forces and slip")
-    found.tree(SUMMARY, said, first, others, _SOURCE)
-    limit = None
-    if SuccessiveTresca.name in str(contents.get("method")):
-        limit = SLIP_BOUND_LIMIT + 10.0 * certificate["natural residual"].value
-    left = compare_fields(files.path, [beside / str(k) for k in range(len(numbers))], found, limit)
+        around = [_moved(first["heat"], by) for by in (imbalance, -imbalance)]
+        found.tree(said.pop("heat", None), first.pop("heat"), around, (SUMMARY, "heat"), _HEAT)
+    if "step" in said:  # `_compare_record` judges the case, `check_times` the rest
+        apart = ("case", "pending", "halvings")
+        said["step"] = {name: one for name, one in said["step"].items() if name not in apart}
+        _compare_record(contents["step"].get("case"), posed.settings, found)
+    found.tree(said, first, more, (SUMMARY,))
     compare_error_bars(contents, found)
-    if posed.settings is not None:
-        _compare_record(contents, posed.settings, found)
-    if "step" in contents:
-        found.judged |= {f"{SUMMARY}.step.{name}" for name in ("pending", "halvings")}  # `check_times`
-    order = {CONTACT: 0, SOLUTION: 1}  # in a list that is cut
-    faults = sorted(found.faults, key=lambda fault: order.get(fault.partition(":")[0], 2))
-    return faults, unjudged(SUMMARY, contents, found.judged) + left + unread(files)
+    ours = [place for place in found.left if place[0] == SOLUTION and place[-1] in OURS]
+    found.faults += [f"{in_files(place)}: is none of the case" for place in ours]
+    return found.faults, named([place for place in found.left if place not in ours]) + unread(files)
+
+
+def _compare_record(record: Any, settings: Case | None, found: Comparison) -> None:
+    """Compare the case from which a load step was computed, if it is recorded, but for what may change between
+    steps."""
+    if record is None or settings is None:
+        return
+    place: Place = (SUMMARY, "step", "case")
+    try:
+        then = Case.model_validate(record["tables"]).model_dump(mode="json", exclude={"output"})
+    except ValidationError:
+        found.faults.append(f"{in_files(place)}.tables: is no case")
+        return
+    tables, digests = lasting_part(settings)
+    now = {"tables": tables, "files": digests}
+    found.tree({"tables": then, "files": record["files"]}, now, (), place, f"{CASE} and its files")
+
+
+def compare_error_bars(contents: Mapping[str, Any], found: Comparison) -> None:
+    """Compare the values that have error bars with the totals of the summary, and the bars with the sums of their
+    parts, which are those of the run."""
+    bars = {bar["quantity"]: bar for bar in (contents.get("error") or {}).get("bars", ())}
+    if not bars:
+        return
+    totals = {name: value.tolist() for name, value, _ in totals_in(contents) if name in bars}
+    said = {name: np.atleast_1d(bars[name]["value"]).tolist() for name in totals}
+    found.tree(said, totals, (), (f"{SUMMARY}: error",), ANSWER)
+    with_parts = {name: bar for name, bar in bars.items() if "parts" in bar}  # runs of earlier versions have none
+    sums = {name: sum(np.atleast_1d(part) for part in bar["parts"].values()) for name, bar in with_parts.items()}
+    said = {name: np.atleast_1d(bar["error"]).tolist() for name, bar in with_parts.items()}
+    whole = {name: np.asarray(of).tolist() for name, of in sums.items()}
+    found.tree(said, whole, (), (f"{SUMMARY}: error bar",), "its parts")
 
 
 def _compare_temperature(answer: WrittenAnswer, judged: Solution, found: Comparison) -> float:
@@ -182,14 +201,13 @@ def _compare_temperature(answer: WrittenAnswer, judged: Solution, found: Compari
     try:
         expected = answer.conducted(judged)
     except ValueError as error:  # on all ranks
-        found.fault(f"{SOLUTION}: {TEMPERATURE}: {error}")
+        found.faults.append(f"{SOLUTION}: {TEMPERATURE}: {error}")
         return heat.limit
-    scale = float(np.max(np.abs(heat.change), initial=0.0))
-    source, x = "conduction, contact forces and slip", judged.problem.elasticity.x
-    found.field(f"{SOLUTION}: {TEMPERATURE}", heat.change, expected, x, source, floor=_AGREEMENT * scale)
+    x, floor = judged.problem.elasticity.x, _AGREEMENT * float(np.max(np.abs(heat.change), initial=0.0))
+    found.tree(Field(heat.change, x), Field(expected, x, floor), place=(SOLUTION, "", TEMPERATURE), source=_HEAT)
     if not heat.balanced:
-        found.fault(f"{SUMMARY}.heat: {heat.imbalance:.3g} W of {heat.power_in:.6g} W are missing")
-    found.share(judged.problem.comm)
+        found.faults.append(f"{SUMMARY}.heat: {heat.imbalance:.3g} W of {heat.power_in:.6g} W are missing")
+    found.faults = [fault for faults in judged.problem.comm.allgather(found.faults) for fault in faults]
     return heat.limit
 
 
@@ -200,50 +218,6 @@ def _moved(entry: Any, by: float) -> Any:
     if isinstance(entry, list):
         return [_moved(value, by) for value in entry]
     return entry + by if isinstance(entry, float) else entry
-
-
-def _without_rounding(contents: Mapping[str, Any]) -> dict[str, Any]:
-    """A summary in which values of the certificate that are rounding errors are 0."""
-
-    def of(check: Any) -> Any:
-        small = isinstance(check, Mapping) and isinstance(check.get("value"), float) and check["value"] < _ROUNDING
-        return {**check, "value": 0.0} if small else check
-
-    return {**contents, "certificate": {name: of(check) for name, check in contents["certificate"].items()}}
-
-
-def _compare_record(contents: Mapping[str, Any], settings: Case, found: Comparison) -> None:
-    """Compare the case from which a load step was computed, if it is recorded, but for what may change between
-    steps."""
-    record = (contents.get("step") or {}).get("case")
-    if record is None:
-        return
-    what = f"{SUMMARY}.step.case"
-    try:
-        then, _ = lasting_part(Case.model_validate(record["tables"]))
-    except ValidationError:
-        found.fault(f"{what}.tables: is no case")
-        return
-    tables, digests = lasting_part(settings)
-    found.tree(f"{what}.tables", then, tables, source=CASE)
-    found.tree(f"{what}.files", record["files"], digests, source=f"the files of {CASE}")
-
-
-def compare_error_bars(contents: Mapping[str, Any], found: Comparison) -> None:
-    """Compare the values that have error bars with the totals of the summary, and the bars with the sums of their
-    parts, which are those of the run."""
-    bars = (contents.get("error") or {}).get("bars", ())
-    if not bars:
-        return
-    said = {bar["quantity"]: np.atleast_1d(bar["value"]).tolist() for bar in bars}
-    totals = {name: value.tolist() for name, value, _ in totals_in(contents) if name in said}
-    found.tree(f"{SUMMARY}: error", {name: said[name] for name in totals}, totals, source=ANSWER)
-    whole, parts = dict[str, Any](), dict[str, Any]()
-    for bar in bars:
-        if "parts" in bar:  # runs of earlier versions have none
-            whole[bar["quantity"]] = np.atleast_1d(bar["error"]).tolist()
-            parts[bar["quantity"]] = np.sum([np.atleast_1d(part) for part in bar["parts"].values()], axis=0).tolist()
-    found.tree(f"{SUMMARY}: error bar", whole, parts, source="its parts")
 
 
 def step_of(files: RunDirectory, contents: Mapping[str, Any]) -> tuple[int, float]:
