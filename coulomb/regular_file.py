@@ -1,4 +1,5 @@
-"""Checks of paths: only regular files are read, since a pipe or a device might not end; where can be written."""
+"""Paths: only regular files are read, since a pipe or a device might not end; where can be written, and how a file is
+replaced."""
 
 from __future__ import annotations
 
@@ -6,6 +7,8 @@ import errno
 import os
 import stat
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 _KINDS = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device", stat.S_IFSOCK: "a socket"}
@@ -36,6 +39,19 @@ def read_bytes(path: str | Path, most: int | None = None) -> bytes:
     if most is not None and len(found) > most:
         raise OSError(errno.EFBIG, f"it is larger than {most / 1e6:g} MB", str(path))
     return found
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """The name beside a file under which another one is written that takes its place at the end; after an error it is
+    removed, and the file is what it was."""
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        yield partial
+        os.replace(partial, path)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise
 
 
 def unwritable(directory: Path) -> str:

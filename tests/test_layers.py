@@ -205,6 +205,7 @@ def test_pictures_import_only_the_file_format():
         "coulomb.load_curve",
         "coulomb.nearest",
         "coulomb.contact_fields",
+        "coulomb.regular_file",
         "coulomb.units",
         *READERS,
     )

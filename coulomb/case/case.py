@@ -51,7 +51,7 @@ from .values import ROWS, TABLES, Duration, Number, SpatialVector, Steps, Table,
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
 
-    from ..fem.bodies import AnyMaterial, Load, LoadedBody, Spring, Support, ThermalLoad
+    from ..fem.bodies import AnyMaterial, Load, Spring, Support, ThermalLoad
     from ..fem.contact import FoundPair, FoundPairs
     from ..fem.geometry import Coefficient
     from ..fem.meshes import JoinedMesh, NamedMesh
@@ -220,25 +220,6 @@ class Case(Table):
             if not comm.allreduce(int(np.sum(region.holds(problem.surface.x.T))), op=MPI.SUM):
                 raise ValueError(f"{key}: there is no contact node in its box {list(region.box)}")
         return problem
-
-    def loaded_bodies(self, comm: MPI.Comm) -> dict[str, LoadedBody]:
-        """The bodies with loads and supports at time 0, by name ("" for one alone), without foundations and without K.
-
-        Raises:
-            ValueError: On every rank, if the parts are inconsistent.
-        """
-        from ..fem.bodies import LoadedBody, build_bodies, distributed_bodies
-        from ..fem.meshes import JoinedMesh
-
-        clamps, loads, springs = self._supports_and_loads
-        mesh, thermal = self._mesh(comm), self._thermal
-        given = (field(self.body_force), springs, amplitude_of(self.body_force_amplitude))
-        factor = amplitude_of(self.gravity_amplitude)
-        if isinstance(mesh, JoinedMesh):
-            heat = () if thermal is None else (self._of_body(thermal), thermal.reference, thermal.amplitude)
-            bodies = distributed_bodies(mesh, self.materials(), clamps, loads, *given, self._gravity, factor, *heat)
-            return build_bodies(LoadedBody, bodies)
-        return {"": LoadedBody(mesh, self.materials(), clamps, loads, *given, self.gravity, factor, thermal)}
 
     def _mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:
         """With the faces that auto_contact makes."""

@@ -126,13 +126,13 @@ def recorded(case: Path) -> tuple[Path, Path | None]:
         ValueError: On every rank, if a directory has no case.
     """
 
-    def find() -> str:
+    def find() -> bool:
         run = RunDirectory(case if case.is_dir() else case.parent)
         if case.is_dir() and not run.case.is_file():
             raise ValueError(f"{case}: has no {CASE}: give a case file, or the directory of a run of one")
-        return str(case.is_dir() or (case.name == CASE and (run.summary.exists() or run.is_history)) or "")
+        return case.is_dir() or (case.name == CASE and (run.summary.exists() or run.is_history))
 
-    of_run = bool(on_rank_0(launched(), find))
+    of_run = on_rank_0(launched(), find)
     folder = case.parent if case.name == CASE else case
     return RunDirectory(folder).case if of_run else case, folder if of_run else None
 

@@ -40,7 +40,7 @@ def new(
     text = (resources.files("coulomb") / "templates" / stored).read_text(encoding="utf-8")
     text = text.replace(name, str(target))
 
-    def write() -> str:
+    def write() -> None:
         stream = target.open("w" if force else "x", encoding="utf-8")
         try:
             with stream:
@@ -48,7 +48,6 @@ def new(
         except OSError:
             target.unlink(missing_ok=True)
             raise
-        return ""
 
     with bad_input():
         try:

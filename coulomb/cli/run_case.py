@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 from ..case.case import Case
 from ..contact_fields import normal_forces
 from ..fem.compilation import announce
-from ..fem.meshes import InspectedMesh, JoinedMesh, NamedMesh, gathered
+from ..fem.meshes import JoinedMesh, NamedMesh, gathered
 from ..fem.meshes import write as write_mesh
 from ..io import output
 from ..io.accuracy import accuracy
@@ -253,11 +253,6 @@ def _write(
     return contents
 
 
-def _written(mesh: InspectedMesh, path: Path) -> str:
-    write_mesh(mesh, path)
-    return ""
-
-
 @contextmanager
 def refined_case(
     settings: Case, solution: Solution, target: Path
@@ -268,11 +263,10 @@ def refined_case(
     assert isinstance(made, NamedMesh | JoinedMesh)  # of a case
     meshes = {"": made} if isinstance(made, NamedMesh) else made.bodies
 
-    def begin() -> str:
-        target.mkdir(parents=True, exist_ok=True)
+    def begin() -> Path:
         folder = target / f"{PARTIAL}-mesh"
-        folder.mkdir()
-        return str(folder)
+        folder.mkdir(parents=True)
+        return folder
 
     def case_in(place: Path) -> Case:
         tables = settings.model_dump(mode="json", exclude_unset=True)
@@ -287,10 +281,10 @@ def refined_case(
             tables["contact"] = [one.model_dump(mode="json", exclude_unset=True) for one in settings.contacts.values()]
         return Case.model_validate_json(json.dumps(tables))
 
-    folder = Path(on_rank_0(comm, begin))
+    folder = on_rank_0(comm, begin)
     try:
         for name, one in meshes.items():
-            on_rank_0(comm, partial(_written, gathered(one), folder / f"{name or 'mesh'}.xdmf"))
+            on_rank_0(comm, partial(write_mesh, gathered(one), folder / f"{name or 'mesh'}.xdmf"))
         yield case_in(target / MESH), case_record(case_in(folder), comm)["files"], folder
     finally:
         if comm.rank == 0:
@@ -442,13 +436,8 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
 
 def _write_formats(settings: Case, target: Path, comm: MPI.Comm) -> None:
     """Write the fields in other formats than XDMF; what fails is a warning; collective."""
-
-    def write() -> str:
-        write_formats(target, settings.output.format)
-        return ""
-
     try:
-        on_rank_0(comm, write)
+        on_rank_0(comm, lambda: write_formats(target, settings.output.format))
     except (OSError, ValueError) as error:
         errors.out(f"warning: {target}: output.format {list(settings.output.format)} cannot be written: {error}")
 
@@ -456,11 +445,8 @@ def _write_formats(settings: Case, target: Path, comm: MPI.Comm) -> None:
 def _outdated(drawn: Path, comm: MPI.Comm) -> bool:
     """Whether a picture or the report is not there or older than the summary beside it; collective."""
 
-    def look() -> str:
-        summary = RunDirectory(drawn.parent).summary
-        return "" if drawn.exists() and drawn.stat().st_mtime_ns > summary.stat().st_mtime_ns else "outdated"
-
-    return bool(on_rank_0(comm, look))
+    summary = RunDirectory(drawn.parent).summary
+    return on_rank_0(comm, lambda: not drawn.exists() or drawn.stat().st_mtime_ns <= summary.stat().st_mtime_ns)
 
 
 def _draw(session: Session, draw: Callable[[Callable[[], bool]], str], what: str = "") -> None:

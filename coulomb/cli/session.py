@@ -185,10 +185,9 @@ class Log(RenderHook):
 def _opened(path: Path, comm: MPI.Comm) -> RawIOBase | None:
     opened: list[Any] = []
 
-    def open_() -> str:
+    def open_() -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         opened.append(path.open("ab", buffering=0))  # unbuffered: no pending output when it fails
-        return ""
 
     try:
         on_rank_0(comm, open_)

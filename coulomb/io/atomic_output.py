@@ -59,7 +59,7 @@ def locked(directory: str | Path, comm: MPI.Comm | None) -> Iterator[bool]:
     """
     folder, made, mine = Path(directory), list[Path](), list[Path]()
 
-    def take() -> str:
+    def take() -> bool:
         made.extend(path for path in (folder, *folder.parents) if not path.exists())
         folder.mkdir(parents=True, exist_ok=True)
         place = folder.resolve()
@@ -69,10 +69,10 @@ def locked(directory: str | Path, comm: MPI.Comm | None) -> Iterator[bool]:
             finish(folder)
             for partial in folder.glob(f"{PARTIAL}*"):
                 shutil.rmtree(partial, ignore_errors=True)
-        return "now" if mine else ""
+        return bool(mine)
 
     try:
-        yield bool(on_rank_0(comm, take))
+        yield on_rank_0(comm, take)
     finally:
         for place in mine:
             with suppress(OSError):
@@ -192,7 +192,7 @@ def _is_ours(folder: Path) -> bool:
 def _is_of_format(path: Path) -> bool:
     """Whether a path in a directory of results is of the format."""
     *_, last = parts = path.parts
-    known = last.lstrip(".") in _NAMES or last.startswith((PARTIAL, _COMPLETE, _OLD))
+    known = last.lstrip(".").removesuffix(".partial") in _NAMES or last.startswith((PARTIAL, _COMPLETE, _OLD))
     in_steps = parts[0] == STEPS and re.fullmatch(r"\d{4,}", last) is not None
     return known or in_steps or (parts[0] == MESH and path.suffix in (".xdmf", ".h5"))
 
@@ -232,10 +232,10 @@ def finish_for_reader(target: Path) -> None:
             pass
 
 
-def set_aside(target: Path, keep: bool = True) -> str:
+def set_aside(target: Path, keep: bool = True) -> None:
     """Remove the results in a directory, and keep them as TARGET.previous; after an OSError they are where they were.
 
-    Links are kept and removed as links.  Returns nothing to report.
+    Links are kept and removed as links.
     """
     if keep and _has_results(target):
         kept = previous(target)
@@ -255,7 +255,6 @@ def set_aside(target: Path, keep: bool = True) -> str:
         finally:
             shutil.rmtree(work, ignore_errors=True)
     _remove(target)
-    return ""
 
 
 def link_tree(path: Path, to: Path) -> None:

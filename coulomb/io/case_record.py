@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -18,7 +17,7 @@ from pydantic import ValidationError
 from ..case.case import Case, read_case
 from ..case.files import named_files, rename_files
 from ..ranks import launched, on_rank_0
-from ..regular_file import refuse_irregular
+from ..regular_file import refuse_irregular, replacing
 from .history_files import read_step
 from .run_directory import CASE, RunDirectory
 
@@ -30,13 +29,10 @@ def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:
         OSError: On every rank, if it cannot be written.
     """
 
-    def write() -> str:
+    def write() -> None:
         directory.mkdir(parents=True, exist_ok=True)
-        file = RunDirectory(directory).case
-        partial = file.with_name(f".{CASE}")
-        partial.write_text(case_text(case), encoding="utf-8")
-        os.replace(partial, file)
-        return ""
+        with replacing(RunDirectory(directory).case) as partial:
+            partial.write_text(case_text(case), encoding="utf-8")
 
     on_rank_0(comm, write)
 
@@ -85,11 +81,9 @@ def case_record(case: Case, comm: MPI.Comm) -> dict[str, Any]:
     """
     tables = case.model_dump(mode="json", exclude_unset=True, exclude={"output"})
 
-    def digests() -> str:
-        return json.dumps({key: _digest(Path(name)) for key, name in _files(tables).items()})
-
     try:
-        return {"tables": tables, "files": json.loads(on_rank_0(comm, digests))}
+        files = on_rank_0(comm, lambda: {key: _digest(Path(name)) for key, name in _files(tables).items()})
+        return {"tables": tables, "files": files}
     except OSError as error:
         raise ValueError(f"{error.filename}: cannot be read: {error.strerror or error}") from None
 

@@ -10,7 +10,6 @@ to W = H^T M^-1 H, q = H^T M^-1 f + w.
 
 from __future__ import annotations
 
-import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from ..arrays import FloatArray
-from ..regular_file import refuse_irregular
+from ..regular_file import refuse_irregular, replacing
 from ..solvers.rigid import cone_residual
 
 _ASYMMETRIC: Final = 1e-2  # over the largest entry: there are files of the Siconos project with 1e-4
@@ -162,14 +161,8 @@ def write_fclib(path: str | Path, problem: FCLIBProblem, r: FloatArray | None = 
     Raises:
         OSError: If it cannot be written; no partial file is left then.
     """
-    path = Path(path)
-    partial = path.with_name(f".{path.name}.partial")
-    try:
+    with replacing(Path(path)) as partial:
         partial.write_bytes(_contents(problem, r))
-        os.replace(partial, path)
-    except OSError:
-        partial.unlink(missing_ok=True)
-        raise
 
 
 def _contents(problem: FCLIBProblem, r: FloatArray | None) -> bytes:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, fields
@@ -32,11 +31,12 @@ from ..model.problem import ContactProblem
 from ..model.small_strain import MEASURES, SmallStrain
 from ..nearest import same_nodes
 from ..ranks import on_rank_0
+from ..regular_file import replacing
 from . import output
 from .atomic_output import locked, refuse_to_replace, set_aside
 from .field_files import data_of, grids_of, mesh_at, parts_of_field
 from .result_grids import collections, names_of_sides
-from .run_directory import FIELDS, HISTORY, STEPS, SUMMARY, RunDirectory, step_place
+from .run_directory import FIELDS, STEPS, SUMMARY, RunDirectory, step_place
 from .summary import LOOK_AT_GAP
 
 
@@ -90,7 +90,7 @@ class HistoryFiles:
         """Lock the directory for this run; gives the state from which to continue (`Recorder`)."""
         comm = problem.comm
         with locked(self.directory.path, comm):
-            found = comm.bcast(self.directory.complete_steps if self._resume and comm.rank == 0 else [])
+            found = on_rank_0(comm, lambda: self.directory.complete_steps if self._resume else [])
             self._continues, self.begun = bool(found), False
             if found or not refuse_to_replace(self.directory.path, self._overwrite, comm):
                 self.begin(comm)
@@ -172,17 +172,15 @@ class HistoryFiles:
             else at_points(step.solution, TEMPERATURE, bodies, comm)[:, 0],
         )
 
-    def _write_whole(self, last: dict[str, Any]) -> str:
+    def _write_whole(self, last: dict[str, Any]) -> None:
         """Replace history.csv, the time series of the steps' files, and the summary; on one rank."""
         folder, rows = self.directory, self.rows
-        partial = folder.history.with_name(f".{HISTORY}")
-        with partial.open("w", newline="", encoding="utf-8") as file:
+        with replacing(folder.history) as partial, partial.open("w", newline="", encoding="utf-8") as file:
             names = dict.fromkeys(name for row in rows for name in row)  # steps of an older version have fewer
             writer = csv.DictWriter(file, list(names))
             writer.writeheader()
             # nan is null in the summary of a step, which a resumed run reads: an empty field in both
             writer.writerows({name: "" if value != value else value for name, value in row.items()} for row in rows)
-        os.replace(partial, folder.history)
         for series in self._series:
             series.write([step_place(row["step"]) for row in rows])
         contents = {
@@ -194,7 +192,6 @@ class HistoryFiles:
             "last": last,
         }
         output.write_json(contents, folder.summary)
-        return ""
 
 
 def refuse_other_forms(problem: ContactProblem, before: Mapping[str, Any] | None, step: Path) -> None:
@@ -221,8 +218,7 @@ def refuse_other_forms(problem: ContactProblem, before: Mapping[str, Any] | None
 
 def steps_on_disk(folder: Path, comm: MPI.Comm) -> int:
     """How many load steps are complete in a directory, the same on every rank; collective."""
-    number: int = comm.bcast(len(RunDirectory(folder).complete_steps) if comm.rank == 0 else 0)
-    return number
+    return on_rank_0(comm, lambda: len(RunDirectory(folder).complete_steps))
 
 
 def steps_left(folder: Path, comm: MPI.Comm) -> int | None:
@@ -237,12 +233,10 @@ def steps_left(folder: Path, comm: MPI.Comm) -> int | None:
 
 def whole_history(folder: Path, comm: MPI.Comm) -> Entries | None:
     """The entry `history` of the summary of a load history; None if it cannot be read; collective."""
-    entry: Entries | None = None
-    if comm.rank == 0:
-        with suppress(ValueError):
-            entry = RunDirectory(folder).read_summary().get("history")
-    entry = comm.bcast(entry)
-    return entry
+    with suppress(ValueError):
+        entry: Entries | None = on_rank_0(comm, RunDirectory(folder).read_summary).get("history")
+        return entry
+    return None
 
 
 def read_step(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
@@ -264,16 +258,16 @@ def read_summary(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
     """
 
     def read() -> dict[str, Any]:
-        if comm.rank > 0:
-            return {}
         contents = RunDirectory(directory).read_summary()
         if "row" not in contents.get("step", {}):
             raise ValueError(f"{SUMMARY} has no step")
         return contents
 
     with _offering_whole_steps(directory):
-        shared: dict[str, Any] = comm.bcast(on_all_ranks(read, f"{directory}: is no load step", comm))
-    return shared
+        try:
+            return on_rank_0(comm, read)
+        except ValueError as error:
+            raise ValueError(f"{directory}: is no load step: {error}") from None
 
 
 @contextmanager

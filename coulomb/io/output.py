@@ -24,6 +24,7 @@ from ..model.discrete_problem import DiscreteProblem
 from ..model.provenance import moment, now, provenance
 from ..model.solution import Solution
 from ..ranks import on_rank_0
+from ..regular_file import replacing
 from ..solvers.results import OuterStep, QPStep
 from .atomic_output import PARTIAL, commit, link_tree, locked, refuse_to_replace
 from .energy_error import recovered_errors
@@ -86,10 +87,9 @@ def _write_complete(
     """See `write`."""
     comm, problem, began, folder = solution.problem.comm, solution.problem, time.perf_counter(), target / PARTIAL
 
-    def begin() -> str:
+    def begin() -> None:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        return ""
 
     on_rank_0(comm, begin)
     try:
@@ -98,7 +98,7 @@ def _write_complete(
         contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **extra}
         contents["run"] = provenance(problem.started, comm)
 
-        def finish() -> str:
+        def finish() -> dict[str, Any]:
             _write_history(solution.result.history, folder / ITERATIONS)
             contents["seconds"]["output"] = time.perf_counter() - began
             contents["picture"] = "not asked for"
@@ -111,9 +111,9 @@ def _write_complete(
             elif any(str((target / MESH).absolute()) in text for text in texts.values()):
                 link_tree(target / MESH, folder / MESH)
             commit(folder, target, keep)
-            return json.dumps(contents)
+            return contents
 
-        contents = dict(json.loads(on_rank_0(comm, finish)))
+        contents = on_rank_0(comm, finish)
     finally:  # no collective call: an unforeseen error may be that of one rank
         if comm.rank == 0:
             shutil.rmtree(folder, ignore_errors=True)
@@ -166,7 +166,7 @@ def refuse_full_disk(problem: DiscreteProblem, target: Path, times: int = 1) -> 
     """
     needed = times * size_on_disk(problem)
 
-    def look() -> str:
+    def look() -> None:
         place = target.absolute()
         while not place.exists():
             place = place.parent
@@ -174,7 +174,6 @@ def refuse_full_disk(problem: DiscreteProblem, target: Path, times: int = 1) -> 
         if free < needed:
             message = f"no space left: the results take about {needed / 1e6:.3g} MB, and {free / 1e6:.3g} MB are free"
             raise OSError(errno.ENOSPC, message)
-        return ""
 
     on_rank_0(problem.comm, look)
 
@@ -192,9 +191,8 @@ class Series:
 
     def write(self, steps: Sequence[str]) -> None:
         """Write FOLDER/NAME, which refers to the files of the steps, by their directories relative to the folder."""
-        partial = self._folder / f".{self._name}"
-        partial.write_text(self.text(steps), encoding="utf-8")
-        os.replace(partial, self._folder / self._name)
+        with replacing(self._folder / self._name) as partial:
+            partial.write_text(self.text(steps), encoding="utf-8")
 
     def text(self, steps: Sequence[str]) -> str:
         """What `write` writes."""
@@ -230,9 +228,8 @@ def _write_history(history: tuple[OuterStep, ...] | tuple[QPStep, ...], path: Pa
 
 def write_json(contents: dict[str, Any], path: Path) -> None:
     """Write a JSON file, replacing an existing one atomically."""
-    partial = path.with_name(f".{path.name}")
-    partial.write_text(json.dumps(finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(partial, path)
+    with replacing(path) as partial:
+        partial.write_text(json.dumps(finite(contents), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def finite(value: Any) -> Any:

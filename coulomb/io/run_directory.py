@@ -51,6 +51,16 @@ MESH = "mesh"
 OLD = "incomplete, or written by another version of coulomb: run the case again"
 
 
+class _File:
+    """A file of a directory of results."""
+
+    def __init__(self, name: str):
+        self._name = name
+
+    def __get__(self, run: RunDirectory, _: type | None = None) -> Path:
+        return run.path / self._name
+
+
 @dataclass(frozen=True)
 class RunDirectory:
     """The directory of a run, of a load history, or of one of its load steps.
@@ -61,37 +71,8 @@ class RunDirectory:
 
     path: Path
 
-    @property
-    def summary(self) -> Path:
-        return self.path / SUMMARY
-
-    @property
-    def history(self) -> Path:
-        return self.path / HISTORY
-
-    @property
-    def iterations(self) -> Path:
-        return self.path / ITERATIONS
-
-    @property
-    def case(self) -> Path:
-        return self.path / CASE
-
-    @property
-    def picture(self) -> Path:
-        return self.path / PICTURE
-
-    @property
-    def report(self) -> Path:
-        return self.path / REPORT
-
-    @property
-    def solution(self) -> Path:
-        return self.path / SOLUTION
-
-    @property
-    def contact(self) -> Path:
-        return self.path / CONTACT
+    summary, history, iterations, case = _File(SUMMARY), _File(HISTORY), _File(ITERATIONS), _File(CASE)
+    picture, report, solution, contact = _File(PICTURE), _File(REPORT), _File(SOLUTION), _File(CONTACT)
 
     def fields(self, of: str) -> Path:
         """The XDMF file of "solution" or "contact"."""

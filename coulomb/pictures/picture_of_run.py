@@ -4,7 +4,6 @@ pictures of a `Solution` in memory, which is written into a temporary directory 
 from __future__ import annotations
 
 import base64
-import json
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -49,16 +48,16 @@ def add_picture(
         OSError: On every rank, if the summary cannot be written.
     """
 
-    def add() -> str:
+    def add() -> dict[str, Any]:
         drawing = time.perf_counter()
         trouble = draw(target, stop, renderer)
         contents["picture"] = "interrupted" if trouble and stop() else trouble or PICTURE
         contents["seconds"]["picture"] = time.perf_counter() - drawing
         contents["run"]["ended"] = moment(now())
         write_json(contents, RunDirectory(target).summary)
-        return json.dumps(contents)
+        return contents
 
-    return dict(json.loads(on_rank_0(comm, add)))
+    return on_rank_0(comm, add)
 
 
 def draw(directory: Path, stop: Callable[[], bool] = lambda: False, renderer: DrawingProcess | None = None) -> str:

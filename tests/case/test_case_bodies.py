@@ -47,8 +47,12 @@ def said(*changes, text=BLOCKS):
     return ""
 
 
+def bodies_of(case):
+    return {member.name: member.body for member in case.problem(MPI.COMM_WORLD).elasticity.members}
+
+
 def test_bodies_are_where_their_tables_say():
-    bodies = read_case("case.toml").loaded_bodies(MPI.COMM_WORLD)
+    bodies = bodies_of(read_case("case.toml"))
     assert list(bodies) == ["lower", "upper"]
     x = bodies["upper"].mesh.domain.geometry.x
     low, high = MPI.COMM_WORLD.allreduce(x.min(axis=0), MPI.MIN), MPI.COMM_WORLD.allreduce(x.max(axis=0), MPI.MAX)
@@ -77,7 +81,7 @@ def test_groups_and_files_of_bodies():
 
 def test_the_temperature_of_one_body():
     changes = ["temperature={value=20, body='upper', reference=5}", "body.1.material.expansion=1e-5"]
-    bodies = read_case("case.toml", changes).loaded_bodies(MPI.COMM_WORLD)
+    bodies = bodies_of(read_case("case.toml", changes))
     assert bodies["lower"].thermal is None and np.all(bodies["upper"].at(0.0).temperature.change == 15.0)
     assert "temperature.body = 'upper': there are no [[body]] tables" in said(changes[0], text=ONE)
 
@@ -85,12 +89,12 @@ def test_the_temperature_of_one_body():
 def test_gravity_of_one_body():
     """Its weight is density times volume times its own gravity; the others have that of the case, here none."""
     changes = ["body.1.gravity=[0.0, 1.0, -10.0]", "body.1.material.density=1000.0"]
-    bodies = read_case("case.toml", changes).loaded_bodies(MPI.COMM_WORLD)
+    bodies = bodies_of(read_case("case.toml", changes))
     load = MPI.COMM_WORLD.allreduce(bodies["upper"].at(0.0).load.sum(axis=0))
     assert load == pytest.approx(np.array([0.0, 1.0, -10.0]) * 1000.0 * 0.8 * 0.4 * 0.4, abs=1e-9)
     assert not bodies["lower"].loads
     other = ["gravity=[0.0, 0.0, -5.0]", "body.0.material.density=10.0", "body.1.gravity=[0.0, 0.0, 0.0]"]
-    bodies = read_case("case.toml", other).loaded_bodies(MPI.COMM_WORLD)
+    bodies = bodies_of(read_case("case.toml", other))
     size = volume(bodies["lower"].mesh)
     assert bodies["lower"].at(0.0).load.sum(axis=0)[2] == pytest.approx(-5.0 * 10.0 * size)
     assert not bodies["upper"].loads  # and it needs no density

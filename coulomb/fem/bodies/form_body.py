@@ -40,11 +40,6 @@ class FormValues:
         return equal and np.array_equal(self.constants, other.constants)
 
 
-def values_of(form: Any) -> FormValues:
-    functions = tuple(np.array(function.x.array) for function in compat.functions_in(form))
-    return FormValues(functions, compat.packed_constants(form))
-
-
 def compiled(form: Any, what: str, comm: MPI.Comm) -> Any:
     """A form, compiled by DOLFINx unless it is already; ValueError on every rank, beginning with `what`, if it cannot
     be; collective."""

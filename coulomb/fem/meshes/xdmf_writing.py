@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import json
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import h5py
 import numpy as np
 
 from ...arrays import FloatArray, IntArray
+from ...regular_file import replacing
 from .. import compat
 from .exchange import global_numbers
 from .inspection import InspectedMesh
@@ -99,20 +99,13 @@ def write(mesh: InspectedMesh, path: Path) -> None:
         OSError: If a file cannot be written; earlier ones of these names are kept then, and no partial ones left.
     """
     data = path.with_suffix(".h5")
-    partial = [file.with_name(f".{file.name}.partial") for file in (data, path)]
-    try:
-        target = HDF5Target(partial[0])
+    with replacing(path) as description, replacing(data) as arrays:
+        target = HDF5Target(arrays)
         with h5py.File(target, "w") as file:
             text = _filled(mesh, file, data.name)
         if fault := target.close():
             raise OSError(errno.EIO, fault, str(data))
-        partial[1].write_text(text, encoding="utf-8")
-        for written, file_ in zip(partial, (data, path), strict=True):
-            os.replace(written, file_)
-    except OSError:
-        for written in partial:
-            written.unlink(missing_ok=True)
-        raise
+        description.write_text(text, encoding="utf-8")
 
 
 def _filled(mesh: InspectedMesh, file: h5py.File, name_of_file: str) -> str:

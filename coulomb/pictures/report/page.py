@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import json
-import os
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from PIL import Image
 
 from ...contact_fields import normal_forces
+from ...regular_file import replacing
 from ...units import in_seconds, number, quantity, scale_of, vector
 from . import charts, problem, results
 from .fields import AXES, ZONES, Bar, Field, limits_of, named, ramp, zone_counts
@@ -53,12 +53,10 @@ def write(directory: str | Path, save: str | Path) -> Path:
     """
     page = render(read_run(directory))
     target = Path(save)
-    partial = target.with_name(f".{target.name}.partial")
     try:
-        partial.write_text(page, encoding="utf-8")
-        os.replace(partial, target)
+        with replacing(target) as partial:
+            partial.write_text(page, encoding="utf-8")
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise OSError(error.errno, f"cannot be written: {error.strerror}", str(save)) from None
     return target
 
