@@ -16,6 +16,7 @@ from coulomb.io.recheck import check
 LARGE = DRAWN.replace("times = [0.5, 1.0, 1.5, 2.0]", "times = [0.5, 1.0, 1.2]")
 RUNS = {
     "block": (BLOCK, "."),
+    "tresca": (BLOCK + '[solver]\nmethod = "successive-tresca"\n', "."),
     "ball": (BALL, "steps/0002"),
     "pair": (TWO, "steps/0002"),
     "bolt": (SCREWED, "steps/0003"),
@@ -80,6 +81,7 @@ def more_energy(contents):
 
 OTHER_LOAD = BLOCK.replace("-2e7]", "-2.1e7]")
 FAULTS = {
+    "tresca: slip bound": lambda run: change(run / "contact.h5", "slip_bound", lambda g: 1.001 * g),
     "block: node": lambda run: change(run / "contact.h5", "node", lambda v: v[::-1]),
     "block: points": moved("solution"),
     "block: points of the face": moved("contact"),
@@ -103,8 +105,9 @@ FAULTS = {
 }
 
 
-def test_unchanged():
-    found = check(made(LARGE))
+@pytest.mark.parametrize("name", ["large", "tresca"])
+def test_unchanged(name):
+    found = check(made(RUNS[name][0]))
     assert found.passed, str(found)
 
 
