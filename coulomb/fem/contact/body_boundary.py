@@ -172,25 +172,31 @@ def boxes_of(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.minimum.reduce(nodes), np.maximum.reduce(nodes)
 
 
-def in_boxes(places: FloatArray, corners: FloatArray) -> tuple[IntArray, IntArray]:
-    """Pairs (place, cell) of places or edges, (p, 1 or 2, 3), whose boxes meet those around the nodes of cells
-    (c, n, 3), searched by size."""
-    boxes = [boxes_of(places), boxes_of(corners)]
-    ends = [(low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)) for low, high in boxes]
-    (points, first, last), (cells, low, high) = (
-        (some := np.flatnonzero(np.all((a <= end[1]) & (b >= end[0]), axis=1)), a[some], b[some])
-        for (a, b), end in zip(boxes, ends[::-1], strict=True)
-    )
-    around, reach = ((1.0 + _SAME) * 0.5 * (b - a).max(axis=1, initial=0.0) for a, b in ((low, high), (first, last)))
-    size = np.floor(np.log2(around + 1e-300))
-    found = [(cells[:0], cells[:0])]
-    for one in np.unique(size):
-        some = np.flatnonzero(size == one)
-        tree = tree_of(0.5 * (low + high)[some])
-        place, which = _flat(tree.query_ball_point(0.5 * (first + last), reach + around[some].max(), p=np.inf))
-        cell = some[which]
-        near = np.all((last[place] >= low[cell]) & (first[place] <= high[cell]), axis=1)
-        found.append((points[place[near]], cells[cell[near]]))
+Box = tuple[FloatArray, FloatArray]
+"""Least and largest coordinates of several boxes, shape (k, 3) each."""
+
+
+def in_boxes(places: Box, cells: Box) -> tuple[IntArray, IntArray]:
+    """Pairs (place, cell) of boxes around places or edges and around cells that meet, searched by size of the cells."""
+    near = list[IntArray]()
+    for (low, high), (first, last) in ((places, cells), (cells, places)):
+        least, largest = first.min(axis=0, initial=np.inf), last.max(axis=0, initial=-np.inf)
+        near.append(np.flatnonzero(((low <= largest) & (high >= least)).all(axis=1)))
+    found, (points, cell) = [(near[0][:0], near[1][:0])], near
+    if len(points) and len(cell):
+        (first, last), (low, high) = (
+            (of[0][some], of[1][some]) for of, some in zip((places, cells), near, strict=True)
+        )
+        tree, reach = tree_of(0.5 * (first + last)), 0.5 * float((last - first).max())
+        around = 0.5 * (high - low).max(axis=1)
+        size = np.floor(np.log2(around + 1e-300))
+        for one in np.unique(size):
+            some = np.flatnonzero(size == one)
+            others, distance = tree_of(0.5 * (low + high)[some]), (1.0 + _SAME) * (reach + float(around[some].max()))
+            pairs = tree.sparse_distance_matrix(others, distance, p=np.inf, output_type="ndarray")
+            i, j = pairs["i"], some[pairs["j"]]
+            met = ((last[i] >= low[j]) & (first[i] <= high[j])).all(axis=1)
+            found.append((points[i[met]], cell[j[met]]))
     place, cell = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return place, cell
 
@@ -206,26 +212,27 @@ def in_tetrahedra(
     """Which of the places or edges, (p, 1 or 2, 3), pass through the tetrahedra (s, 4) of their cells with these nodes
     (p, n, 3): their numbers, where on the edge the middle of what is inside is, from 0 to 1, (k,), the weights of the
     corners there, (k, 4), and the columns of these, (k, 4)."""
-    found = []
-    for columns in tetrahedra:
-        corner, *edges = np.moveaxis(nodes[:, columns], 1, 0)
-        b, c, d = (edge - corner for edge in edges)
-        vectors = np.stack([np.cross(c, d), np.cross(d, b), np.cross(b, c)], axis=1)
-        whole = np.einsum("pi,pi->p", b, vectors[:, 0])
-        vectors /= np.where(whole != 0.0, whole, np.nan)[:, None, None]
-        three = (places - corner[:, None]) @ vectors.transpose(0, 2, 1)
-        weights = np.concatenate([1.0 - three.sum(axis=2, keepdims=True), three], axis=2)
-        first, last = weights[:, 0] + _SAME, weights[:, -1] + _SAME
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crossing = first / (first - last)
-        start = np.where(first >= 0.0, 0.0, np.where(last >= 0.0, crossing, np.inf)).max(axis=1)
-        end = np.where(last >= 0.0, 1.0, np.where(first >= 0.0, crossing, -np.inf)).min(axis=1)
-        inside = np.flatnonzero(start <= end)
-        at = 0.5 * (start[inside] + end[inside])[:, None]
-        middle = (1.0 - at) * weights[inside, 0] + at * weights[inside, -1]
-        found.append((inside, at[:, 0], middle, np.broadcast_to(columns, middle.shape)))
-    point, at, weights, columns = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return point, at, weights, columns
+    corners = nodes[:, tetrahedra]
+    (first, last), (low, high) = boxes_of(places), boxes_of(corners.reshape(-1, 4, 3))
+    shape, margin = (*corners.shape[:2], 3), _SAME * (high - low)
+    low, high = (low - margin).reshape(shape), (high + margin).reshape(shape)
+    point, which = np.nonzero(((last[:, None] >= low) & (first[:, None] <= high)).all(axis=2))
+    corner, *edges = np.moveaxis(corners[point, which], 1, 0)
+    b, c, d = (edge - corner for edge in edges)
+    vectors = np.stack([np.cross(c, d), np.cross(d, b), np.cross(b, c)], axis=1)
+    whole = np.einsum("pi,pi->p", b, vectors[:, 0])
+    vectors /= np.where(whole != 0.0, whole, np.nan)[:, None, None]
+    three = (places[point] - corner[:, None]) @ vectors.transpose(0, 2, 1)
+    weights = np.concatenate([1.0 - three.sum(axis=2, keepdims=True), three], axis=2)
+    first, last = weights[:, 0] + _SAME, weights[:, -1] + _SAME
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = first / (first - last)
+    start = np.where(first >= 0.0, 0.0, np.where(last >= 0.0, crossing, np.inf)).max(axis=1)
+    end = np.where(last >= 0.0, 1.0, np.where(first >= 0.0, crossing, -np.inf)).min(axis=1)
+    inside = np.flatnonzero(start <= end)
+    at = 0.5 * (start[inside] + end[inside])
+    middle = (1.0 - at)[:, None] * weights[inside, 0] + at[:, None] * weights[inside, -1]
+    return point[inside], at, middle, tetrahedra[which[inside]]
 
 
 def depths_below(

@@ -24,6 +24,8 @@ from ..geometry import RigidFoundation, on_all_ranks
 from ..meshes import Exchange, fetched, owner_of
 from .body_boundary import BodyBoundary, Face, Part, boxes_of, depths_below, in_boxes, in_tetrahedra, sides_of
 from .facet_patch import mean_normals
+from .facing import Facets
+from .facing import near as near_facets
 
 Flags = npt.NDArray[np.bool_]
 Rows = npt.NDArray[Any]
@@ -187,7 +189,12 @@ class Surface:
                 kept[own, number] = space.linear_between_vertices(kept[own, number].astype(np.float64)) > 0.0
         rows = np.column_stack([u, deformation, component, self._slaves * (1.0 + kept), self._masters])
         now = [self._now(rows, part) for part in range(len(self._parts))]
-        near = self._near(u, now)
+        facets = [
+            Facets.of(body.patch, at.rows[:, :, :3], at.rows[:, 0, 4], at.vectors)
+            for body, at in zip(self._bodies, now, strict=True)
+        ]
+        low, high = (_least(np.min(of, axis=0, initial=0.0), self._comm) for of in (u, -u))
+        near = near_facets(facets, -2.0 * (low + high), self._comm)
         points = np.concatenate([body.points(k, now[k].rows, near[k]) for k, body in enumerate(self._bodies)])
         found = [self._in_bodies(rows, now, points, gaps, large)]
         stopped = self._stopped(component, [one.face for one in obstacles])
@@ -198,25 +205,6 @@ class Surface:
         patch = self._bodies[part].patch
         at = self._at(rows, part, patch.nodes)
         return _Now(at, replace(patch, x=patch.x + at[:, :, :3]).middle_vectors)
-
-    def _near(self, u: FloatArray, now: Sequence[_Now]) -> list[Flags]:
-        """Which of this rank's facets of each body have a facet of it near them, and which one of another body, of any
-        rank, that faces them at an angle and has no common node: so near that displacements u (k, 3) can have brought
-        one through the other; shape (f, 2) each; collective."""
-        comm, mine = self._comm, []
-        reach = 2.0 * sum(_least(np.min(of, axis=0, initial=0.0), comm) for of in (u, -u))
-        for part, (body, of) in enumerate(zip(self._bodies, now, strict=True)):
-            corners = body.patch.nodes[:, [0, 1, 2, body.patch.kind.corners - 1]]
-            boxes = np.stack(boxes_of(body.patch.x + of.rows[:, :, :3]), axis=1)
-            mine.append((boxes, unit_vectors(of.vectors), corners, np.full(len(corners), part)))
-        box, n, node, own = (np.concatenate(of) for of in zip(*mine, strict=True))
-        every, normals, nodes, parts = (np.concatenate(comm.allgather(of)) for of in (box, n, node, own))
-        facet, other = in_boxes(box + reach * np.array([[1.0], [-1.0]]), every)
-        use, beyond = np.einsum("pi,pi->p", n[facet], normals[other]) < -_SAME, own[facet] != parts[other]
-        use &= beyond | ~np.any(node[facet, :, None] == nodes[other, None], axis=(1, 2))
-        found = np.zeros((len(box), 2), dtype=bool)
-        found[facet[use], beyond[use].astype(np.int64)] = True
-        return np.split(found, np.cumsum([len(of.vectors) for of in now])[:-1])
 
     # --- bodies -------------------------------------------------------------------------------------------------------
 
@@ -232,14 +220,14 @@ class Surface:
             other = points["part"] != part
             use = points["near"][np.arange(len(points)), other.astype(np.int64)] | (~_edges(points) & (other | several))
             near.append(points[use])
-        hits = self._inside(near, cells, deformed=True)
-        hits = hits[_way(hits) > np.maximum(self._rounding, _LEAST * _OF_DEFORMATION * hits["deformation"])]
-        hits = _once(np.concatenate(comm.allgather(hits)))
+        hits = _once(np.concatenate(comm.allgather(self._inside(near, cells, deformed=True))))
         hits = hits[~_with_an_end_in(hits)]
         if not len(hits):
             return None
         vectors = self._vectors_of(hits, now)
         depth, least, behind = self._depths(hits["was"], hits, vectors, now)
+        if not np.any(np.isfinite(depth) & (depth >= _noticed(hits))):
+            return None
         kept: Flags = np.zeros(len(hits), dtype=bool)
         for part, hit, facet in behind:
             slave, master = sides_of(now[part].rows[facet])
@@ -322,12 +310,15 @@ class Surface:
 
     def _inside(self, points: Sequence[Rows], cells: Sequence[FloatArray], deformed: bool) -> Rows:
         """The points that are in this rank's cells of each body with which they share no node, with the body, the
-        component and the place of the material there; before deformation those in the component that they have."""
-        found = []
+        component and the place of the material there, if it has moved relative to them; before deformation those in
+        the component that they have."""
+        found = [points[0][:0]]
         for part, (body, of, these) in enumerate(zip(self._bodies, cells, points, strict=True)):
+            if not len(these):
+                continue
             places = these["x"] + these["u"] if deformed else these["x"]
             nodes = body.x + of[:, :, :3] if deformed else body.x
-            point, cell = in_boxes(places, nodes)
+            point, cell = in_boxes(boxes_of(places), boxes_of(nodes))
             use = _apart(these[point], body.numbers[cell], part)
             if not deformed:
                 use &= of[cell, 0, 4] == these["component"][point]
@@ -341,6 +332,7 @@ class Surface:
                     for name in ("x", "u"):  # of an edge the point that is inside
                         hits[name] += at[:, None, None] * (hits[name][:, 1:] - hits[name][:, :1])
                         hits[name][:, 1] = hits[name][:, 0]
+                    hits = hits[_way(hits) > np.maximum(self._rounding, _noticed(hits))]
                 found.append(hits)
         return _once(np.concatenate(found))
 
@@ -469,6 +461,11 @@ def _way(hits: Rows) -> FloatArray:
     """How far hits and the material at their place have moved relative to each other, metres, shape (h,)."""
     way: FloatArray = np.linalg.norm(hits["was"] - hits["x"][:, 0], axis=1)
     return way
+
+
+def _noticed(hits: Rows) -> FloatArray:
+    """Depths and relative motions of hits up to which they are not worth a word, metres, shape (h,)."""
+    return np.asarray(_LEAST * _OF_DEFORMATION * hits["deformation"])
 
 
 def _worst(depth: FloatArray, way: FloatArray, points: Rows, large: bool, comm: MPI.Comm) -> _Worst | None:
