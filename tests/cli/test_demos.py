@@ -414,6 +414,7 @@ def test_demo_pin_joint():
         assert faces[name]["force"][0] == pytest.approx(pull, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_demo_seal():
     """It meets the wall late, and all forces grow; judged contact by contact, linear problems take 184 steps."""
     text = said("seal.toml")

@@ -59,10 +59,14 @@ def twice(rows):
     return rows
 
 
-@pytest.mark.parametrize("spoil", [exchanged(0, 1), exchanged(1, -1), twice], ids=["first", "last", "twice"])
-@pytest.mark.parametrize(("text", "folder", "file", "group"), MESHES.values(), ids=MESHES)
-def test_nodes_of_a_cell_in_another_order(text, folder, file, group, spoil, tmp_path):
+OTHERS = [(name, exchanged(0, 1)) for name in MESHES] + [(name, exchanged(-2, -1)) for name in ("9 nodes", "10 nodes")]
+OTHERS += [(name, twice) for name in ("hexahedra", "quadrilaterals", "triangles of a slave")]
+
+
+@pytest.mark.parametrize(("name", "spoil"), OTHERS)
+def test_nodes_of_a_cell_in_another_order(name, spoil, tmp_path):
     """A quadrilateral of which two nodes are exchanged is a bow tie; the order of triangles is that of the body."""
+    text, folder, file, group = MESHES[name]
     run = copied(text, tmp_path / "run") / folder
     topology(run / file, group, spoil)
     with pytest.raises(ValueError, match=REFUSED):
