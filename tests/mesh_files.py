@@ -42,6 +42,7 @@ class BoxFile:
     """Points, cells and named groups of a box, which a test may change before writing."""
 
     def __init__(self, lengths=(2.0, 1.0, 1.0), cells=(4, 2, 2), cell="hexahedron", interface=None):
+        self.step = 1  # between the numbers of nodes in the file, which begin with it
         axes = [np.linspace(0.0, length, n + 1) for length, n in zip(lengths, cells, strict=True)]
         self.points = np.array(list(product(*axes)))
         shape = np.array(cells) + 1
@@ -92,13 +93,13 @@ class BoxFile:
         return self
 
     def _blocks(self):
-        """Dimension, physical group, gmsh's type, rows of nodes (from 1)."""
+        """Dimension, physical group, gmsh's type, rows of nodes by their numbers."""
         kinds = KINDS
         for number, rows in enumerate(self.faces.values(), start=1):
             if len(rows):
-                yield 2, number, kinds[0][rows.shape[1]], rows + 1
+                yield 2, number, kinds[0][rows.shape[1]], self.step * (rows + 1)
         for number, members in enumerate(self.cell_groups.values(), start=1):
-            yield 3, number, kinds[1][self.cells.shape[1]], self.cells[members] + 1
+            yield 3, number, kinds[1][self.cells.shape[1]], self.step * (self.cells[members] + 1)
 
     def _names(self, named):
         names = [(2, i, name) for i, name in enumerate(self.faces, start=1)]
@@ -117,7 +118,7 @@ class BoxFile:
     def _write_22(self, binary):
         total = sum(len(rows) for *_, rows in self._blocks())
         out = [f"$Nodes\n{len(self.points)}\n".encode()]
-        for i, x in enumerate(self.points, start=1):
+        for i, x in zip(self.step * np.arange(1, len(self.points) + 1), self.points, strict=True):
             out.append(
                 struct.pack("<i3d", i, *x) if binary else (f"{i} " + " ".join(map(repr, map(float, x))) + "\n").encode()
             )
@@ -158,7 +159,7 @@ class BoxFile:
             ]
         n, total = len(self.points), sum(len(rows) for *_, rows in blocks)
         out += [b"\n$EndEntities\n$Nodes\n", numbers("Q", 1, n, 1, n), numbers("i", 3, 1, 0), numbers("Q", n)]
-        out += [numbers("Q", i + 1) for i in range(n)]
+        out += [numbers("Q", self.step * (i + 1)) for i in range(n)]
         out += [numbers("d", *map(float, x)) for x in self.points]
         out += [b"\n$EndNodes\n$Elements\n", numbers("Q", len(blocks), total, 1, total)]
         for dim, group, kind, rows in blocks:

@@ -27,7 +27,7 @@ from ..contact_fields import unit_of
 from ..fem.meshes import HDF5Target
 from ..units import used
 from .field_files import WHOLE, data_of, function_at, grids_of, mesh_at, uniform
-from .run_directory import OLD
+from .run_directory import OLD, STEPS
 
 KINDS = {1: "Scalar", 3: "Vector", 6: "Tensor6", 9: "Tensor"}
 """XDMF's names of fields by the number of values per point or cell."""
@@ -82,9 +82,9 @@ def write_grids(comm: MPI.Comm, path: Path, grids: Sequence[GridFields], time: f
     """Write meshes and fields on them, the same on every rank except for their parts, as an XDMF file and a .h5 file of
     the same name with the data; collective.
 
-    A grid without a name is the only one of its file, with the groups `Mesh/mesh` and `Function` in the HDF5 file.
-    Others have groups of their own, `Mesh/NAME` and `Function/NAME`, and are in a spatial collection of this name.
-    pyvista reads no file without a time (and meshio none with it).
+    A grid without a name is the only one of its file, with the groups `Mesh/mesh` and `Function` in the HDF5 file, in a
+    temporal collection of one step: the form that both PyVista and meshio's `TimeSeriesReader` read.  Others have
+    groups of their own, `Mesh/NAME` and `Function/NAME`, and are in a spatial collection of this name.
 
     Raises:
         OSError: On every rank, if a file cannot be written.
@@ -204,9 +204,10 @@ def _description(
     """The contents of the XDMF file."""
     root = ElementTree.Element("Xdmf", Version="3.0")
     parent = ElementTree.SubElement(root, "Domain")
+    kind = "Spatial" if collection else "Temporal"
+    attributes = {"Name": collection or STEPS, "GridType": "Collection", "CollectionType": kind}
+    parent = ElementTree.SubElement(parent, "Grid", attributes)
     if collection:
-        attributes = {"Name": collection, "GridType": "Collection", "CollectionType": "Spatial"}
-        parent = ElementTree.SubElement(parent, "Grid", attributes)
         ElementTree.SubElement(parent, "Time", Value=repr(float(time)))
     for one, group in zip(grids, groups_of([one.name for one in grids]), strict=True):
         grid = ElementTree.SubElement(parent, "Grid", Name=one.name or "mesh", GridType="Uniform")
@@ -242,7 +243,6 @@ def _describe_grid(
             place = function_at(name, group)
             kind = KINDS.get(shapes[place][1], "Matrix")
             attributes = {"Name": name, "AttributeType": kind, "Center": centre}
-            attribute = ElementTree.SubElement(grid, "Attribute", attributes)
-            refer(attribute, place, **double)
-            if unit := used().name(unit_of(name)):
-                ElementTree.SubElement(attribute, "Information", Name="unit", Value=unit)
+            refer(ElementTree.SubElement(grid, "Attribute", attributes), place, **double)
+            if unit := used().name(unit_of(name)):  # beside it: meshio reads no attribute with more than its data
+                ElementTree.SubElement(grid, "Information", Name=f"unit of {name}", Value=unit)

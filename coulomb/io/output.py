@@ -30,7 +30,7 @@ from .atomic_output import PARTIAL, commit, link_tree, locked, refuse_to_replace
 from .energy_error import recovered_errors
 from .grid_file import write_grids
 from .result_grids import body_grids, collections, contact_facets, contact_grids
-from .run_directory import CONTACT, ITERATIONS, MESH, SOLUTION, SUMMARY
+from .run_directory import CONTACT, ITERATIONS, MESH, SOLUTION, STEPS, SUMMARY
 from .summary import summary
 
 STRESS_ERROR = "stress_error"
@@ -200,13 +200,15 @@ class Series:
             if step not in self._parts:
                 self._parts[step] = self._part(step)
         head = "<?xml version='1.0' encoding='utf-8'?>\n<Xdmf Version=\"3.0\">\n  <Domain>\n"
-        head += '    <Grid Name="steps" GridType="Collection" CollectionType="Temporal">\n'
+        head += f'    <Grid Name="{STEPS}" GridType="Collection" CollectionType="Temporal">\n'
         return "".join([head, *(self._parts[step] for step in steps), "    </Grid>\n  </Domain>\n</Xdmf>"])
 
     def _part(self, step: str) -> str:
         domain = ElementTree.parse(self._folder / step / self._name).getroot().find("Domain")
         assert domain is not None
         grid = domain.find("Grid")
+        if grid is not None and grid.get("CollectionType") == "Temporal":
+            grid = grid.find("Grid")
         assert grid is not None
         for item in grid.iter("DataItem"):
             if item.get("Format") == "HDF":

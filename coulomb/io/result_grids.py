@@ -27,7 +27,7 @@ from ..fem.bodies import (
 )
 from ..fem.compat import fem
 from ..fem.geometry import on_all_ranks
-from ..fem.meshes import FACETS, SOLIDS, fetched, in_vtk_order, nodes_between, starts_of
+from ..fem.meshes import FACETS, NODE_NUMBER, SOLIDS, corner_geometry, fetched, in_vtk_order, nodes_between, starts_of
 from ..model.discrete_problem import DiscreteProblem
 from ..model.nodal_answer import HELD, carried, carrying, spreading
 from ..model.solution import FaceAnswer, Solution
@@ -50,7 +50,9 @@ GROUND = tuple(f"rigid_force_{number}" for number in range(1, 7))
 TIE_FORCE = "tie_force"
 """Forces of ties on the nodes of both faces."""
 
-OURS = (*ON_CELLS, *ON_BODY, *FIELDS, *GROUND, HELD_OBLIQUE, INTERNAL, ROUNDING, TEMPERATURE, TIE_FORCE, *TIE_STRESSES)
+_OF_LOADS = (HELD_OBLIQUE, INTERNAL, ROUNDING, TEMPERATURE, TIE_FORCE, *TIE_STRESSES)
+
+OURS = (*ON_CELLS, *ON_BODY, *FIELDS, *GROUND, *_OF_LOADS, NODE_NUMBER)
 """All names of fields of solution.h5."""
 
 
@@ -66,6 +68,21 @@ def body_grid(space: DisplacementSpace) -> GridPart:
     own = space.domain.topology.index_map(3).size_local
     cells = in_vtk_order(_global(space, compat.cell_dofs(space.V)[:own]), "dolfinx")
     return GridPart(SOLIDS[cells.shape[1]], cells, space.reference)
+
+
+def node_numbers(body: SingleBody) -> dict[str, FloatArray]:
+    """`NODE_NUMBER` of this rank's nodes, if the mesh file has some of them; collective."""
+    given, domain = body.mesh.node_numbers, body.domain
+    if not body.comm.allreduce(given is not None and bool(np.any(given > 0)), op=MPI.LOR):
+        return {}
+    dofs, points = compat.cell_dofs(body.V), compat.cell_geometry(domain)
+    if dofs.shape != points.shape:  # displacements of another order than the mesh
+        points = corner_geometry(domain)
+        dofs = dofs[:, : points.shape[1]]
+    found, mine = np.zeros(len(body.x)), dofs < len(body.x)
+    if given is not None:
+        found[dofs[mine]] = given[points[mine]]
+    return {NODE_NUMBER: found}
 
 
 def cell_values(functions: Sequence[Any]) -> dict[str, FloatArray]:
@@ -103,6 +120,10 @@ class FaceGrid:
         position[self._nodes] = starts_of(comm, len(self._nodes))[comm.rank] + np.arange(len(self._nodes))
         cells = fetched(comm, starts_of(comm, len(space.x)), _global(space, nodes), position)
         self.grid = GridPart(FACETS[columns.shape[1]], cells, space.reference[self._nodes])
+
+    def numbers(self, body: SingleBody) -> dict[str, FloatArray]:
+        """The fields with the numbers of its points, in solution.xdmf and in the mesh file; collective."""
+        return {NODE: self.node} | {name: self.at(values) for name, values in node_numbers(body).items()}
 
     def at(self, field: FloatArray) -> FloatArray:
         """A field at this rank's nodes, shape (k,) or (k, 3), at those of the faces."""
@@ -269,6 +290,7 @@ def _body_grid(
     body = member.body
     if loading.temperature is not None:
         fields[TEMPERATURE] = loading.temperature.change
+    fields |= node_numbers(body)
     on_cells = cell_values(body.cell_fields(body.function(fields["displacement"]), loading))
     nodal, in_cells = interpolated(given, body, (*fields, *on_cells, *OURS), comm)
     return GridFields(body_grid(body), fields | nodal, on_cells | in_cells, member.name)
@@ -335,7 +357,7 @@ def _face_grid(
         everywhere = np.full((len(member.body.x), *values.shape[1:]), elsewhere.get(field, 0.0))
         everywhere[nodes] = values[here]
         found[field] = face.values(everywhere, BETWEEN.get(field, middle))
-    return GridFields(face.grid, {**found, NODE: face.node}, {}, name)
+    return GridFields(face.grid, found | face.numbers(member.body), {}, name)
 
 
 def _opposite_grid(
@@ -357,4 +379,4 @@ def _opposite_grid(
     on_face = {name: values[member.nodes] for name, values in found.items()}
     on_face |= {"normal": outward / np.where(length > 0.0, length, 1.0), "area": area}
     written = {field: face.at(values) for field, values in on_face.items()}
-    return GridFields(face.grid, {**written, NODE: face.node}, {}, name)
+    return GridFields(face.grid, written | face.numbers(member.body), {}, name)

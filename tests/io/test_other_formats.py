@@ -2,6 +2,7 @@
 
 import csv
 
+import meshio
 import numpy as np
 import pytest
 import pyvista
@@ -43,6 +44,23 @@ def test_every_step_of_a_history(history):
             assert grid.n_cells == len(expected.cells)
         assert grid.area == pytest.approx(0.01, rel=1e-12)
     assert run_coulomb("check", history).returncode == 0
+
+
+@pytest.mark.parametrize("place", ["", "steps/0002"])
+def test_xdmf_is_read_by_meshio_and_pyvista(history, place):
+    """A load history, and a single run."""
+    for name, field in (("solution", "displacement"), ("contact", "pressure")):
+        path = history / place / f"{name}.xdmf"
+        reader = pyvista.get_reader(str(path))
+        with meshio.xdmf.TimeSeriesReader(path) as series:
+            points, cells = series.read_points_cells()
+            steps = [series.read_data(k) for k in range(series.num_steps)]
+        assert [time for time, *_ in steps] == reader.time_values and len(steps) == (1 if place else 4)
+        for number, (_, on_points, _) in enumerate(steps):
+            reader.set_active_time_point(number)
+            grid = reader.read()
+            assert np.array_equal(grid.points, points) and grid.n_cells == len(cells[0].data)
+            assert np.array_equal(np.ravel(grid[field]), np.ravel(on_points[field])) and np.any(grid[field])
 
 
 def test_the_table_of_contact_nodes(history):

@@ -144,7 +144,8 @@ def named_mesh(domain: Any, faces: Any) -> NamedMesh:
     if isinstance(faces, NamedMesh):
         if compat.cpp_of(faces.domain) is not compat.cpp_of(domain):
             raise ValueError("Body: faces is a NamedMesh of another mesh than that of a")
-        return NamedMesh(domain, faces.faces, faces.cells, faces.refused, node_sets=faces.node_sets)
+        sets, numbers = faces.node_sets, faces.node_numbers
+        return NamedMesh(domain, faces.faces, faces.cells, faces.refused, node_sets=sets, node_numbers=numbers)
     boundary = boundary_facets(domain)
     if _is_tags(faces):
         return _of_tags(domain, faces, boundary)

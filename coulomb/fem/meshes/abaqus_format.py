@@ -254,7 +254,7 @@ class _Reader:
             if not found.hidden
         }
         points = np.concatenate(self.points)
-        return MeshFile(path, points, cells, cell_groups, face_groups, node_groups)
+        return MeshFile(path, points, cells, cell_groups, face_groups, node_groups, self._tags)
 
     def _points_of(self, nodes: IntArray) -> IntArray:
         tags, order = self._tags, self._order

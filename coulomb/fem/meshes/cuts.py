@@ -91,7 +91,8 @@ def _cut(file: MeshFile, name: str) -> MeshFile:
         for key, members in file.node_groups.items()
     }
     points = np.concatenate([file.points, file.points[on_cut]])
-    return replace(file, points=points, cells=turned, face_groups=faces, node_groups=nodes)
+    numbers = None if file.numbers is None else np.concatenate([file.numbers, file.numbers[on_cut]])
+    return replace(file, points=points, cells=turned, face_groups=faces, node_groups=nodes, numbers=numbers)
 
 
 def _graph(pairs: IntArray, count: int) -> scipy.sparse.csr_matrix:

@@ -74,7 +74,7 @@ def _hdf5(path: str) -> _Variables:
 
 
 def _needed(name: str) -> bool:
-    starts = ("coord", "connect", "eb_", "ss_", "ns_", "elem_ss", "side_ss", "node_ns")
+    starts = ("coord", "connect", "eb_", "ss_", "ns_", "elem_ss", "side_ss", "node_ns", "node_num_map")
     return name.startswith(starts) and name != "coor_names"
 
 
@@ -127,7 +127,8 @@ def _mesh(path: str, variables: _Variables) -> MeshFile:
         for name, number in _titles(variables, "ns")
         if f"node_ns{number}" in variables
     }
-    return MeshFile(path, points, in_vtk_order(cells, "exodus"), cell_groups, face_groups, node_groups)
+    numbers = variables["node_num_map"][0].astype(np.int64) if "node_num_map" in variables else None
+    return MeshFile(path, points, in_vtk_order(cells, "exodus"), cell_groups, face_groups, node_groups, numbers)
 
 
 def _points(path: str, variables: _Variables) -> FloatArray:

@@ -67,7 +67,7 @@ def read(path: str) -> MeshFile:
     for (dimension, _), name in names.items():  # groups of nothing, or of elements no cell has a side like
         if dimension == 2:
             face_groups.setdefault(name, np.empty((0, corners), dtype=np.int64))
-    return MeshFile(path, points, in_vtk_order(numbers(cells), "gmsh"), cell_groups, face_groups)
+    return MeshFile(path, points, in_vtk_order(numbers(cells), "gmsh"), cell_groups, face_groups, numbers=tags)
 
 
 def _cell_type(path: str, elements: _Elements) -> int:

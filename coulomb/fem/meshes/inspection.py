@@ -45,6 +45,8 @@ class InspectedMesh:
         face_groups: Corners of this rank's facets, sorted in each row, by name.
         refused: Why the other groups of facets cannot be used, by name.
         node_groups: This rank's points of sets of nodes that are no faces, by name.
+        numbers: Of this rank's points the numbers in the file, 0 where it has no such node, shape (p,); None for a
+            mesh that is not from a file.
     """
 
     points: FloatArray
@@ -53,6 +55,7 @@ class InspectedMesh:
     face_groups: dict[str, IntArray]
     refused: dict[str, str]
     node_groups: dict[str, IntArray] = field(default_factory=dict)
+    numbers: IntArray | None = None
 
 
 def inspect(file: MeshFile, scale: float, comm: MPI.Comm) -> InspectedMesh:
@@ -81,7 +84,9 @@ def inspect(file: MeshFile, scale: float, comm: MPI.Comm) -> InspectedMesh:
     refused = {name: f"{kind} {name!r} of {file.path} {fault}" for (kind, name), (_, fault) in found.items() if fault}
     sets = {name: nodes for name, nodes in file.node_groups.items() if name not in file.face_groups and name in refused}
     sets = {name: nodes for name, nodes in sets.items() if len(nodes) and np.all(np.isin(nodes, cells.numbers))}
-    return InspectedMesh(scale * file.points, file.cells, file.cell_groups, faces, refused, sets)
+    first, given = cells.starts[comm.rank], file.numbers
+    numbers = first + np.arange(1, len(file.points) + 1) if given is None else given
+    return InspectedMesh(scale * file.points, file.cells, file.cell_groups, faces, refused, sets, numbers)
 
 
 class _Cells:

@@ -69,7 +69,9 @@ def _mesh(path: str, file: Any) -> MeshFile:
     cell_groups = _members(elements[kind], len(cells), of_elements)
     face_rows = _members(elements[face], len(facets), of_elements) if face in elements else {}
     face_groups = {group: facets[rows] for group, rows in face_rows.items()}
-    return MeshFile(path, points, cells, cell_groups, face_groups, _members(mesh["NOE"], len(points), of_nodes))
+    node_groups = _members(mesh["NOE"], len(points), of_nodes)
+    numbers = np.asarray(mesh["NOE"]["NUM"], dtype=np.int64) if "NUM" in mesh["NOE"] else None
+    return MeshFile(path, points, cells, cell_groups, face_groups, node_groups, numbers)
 
 
 def _only(path: str, group: Any, what: str) -> str:

@@ -21,7 +21,7 @@ from ..geometry import evaluate_vectors, same_on_all_ranks
 from ..mesh_formats import BOX_FACES
 from .curving import arcs, curved_faces, put_on_surfaces
 from .cuts import cut
-from .exchange import global_numbers, on_first_rank, starts_of
+from .exchange import fetched, global_numbers, on_first_rank, starts_of
 from .inspection import FLAT, InspectedMesh, inspect
 from .lagrange import (
     CORNERS,
@@ -68,7 +68,7 @@ def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
     corners = corner_geometry(old)
     of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
     of_point[corners] = number[dofs[:, : corners.shape[1]]]
-    found = _of_order(second_order, mesh, domain, of_point)
+    found = _of_order(second_order, mesh, domain, of_point, nodes.size_local)
     if curved:
         put_on_surfaces(found)
         refuse_flat_cells(domain.geometry.x[compat.cell_geometry(domain)], "second_order: the curved boundary", comm)
@@ -109,18 +109,25 @@ def first_order(mesh: NamedMesh) -> NamedMesh:
     of_point = np.zeros(len(old.geometry.x), dtype=np.int64)
     of_point[corners] = number[of_cell]
     curved = curved_faces(mesh, facet_columns(old.topology.cell_type, 1)[:, None])
-    return replace(_of_order(first_order, mesh, domain, of_point), curved=curved)
+    return replace(_of_order(first_order, mesh, domain, of_point, vertices.size_local), curved=curved)
 
 
-def _of_order(order: Callable[[NamedMesh], NamedMesh], mesh: NamedMesh, domain: Any, of_point: IntArray) -> NamedMesh:
+def _of_order(
+    order: Callable[[NamedMesh], NamedMesh], mesh: NamedMesh, domain: Any, of_point: IntArray, given: int
+) -> NamedMesh:
     """The mesh with a domain of another order, made of this rank's own cells in their order with the numbers `of_point`
-    of its corners; collective."""
+    of its corners, and of `given` points of this rank; collective."""
     old = mesh.domain
     rows = {name: np.sort(of_point[corners_of(old, facets)], axis=1) for name, facets in mesh.faces.items()}
     first = old.topology.index_map(3).local_range[0]
     cells = {name: first + np.asarray(mine, dtype=np.int64) for name, mine in mesh.cells.items()}
     starts = starts_of(mesh.comm, old.topology.index_map(3).size_local)
-    coarser = mesh.coarser
+    coarser, numbers = mesh.coarser, None
+    if mesh.node_numbers is not None:
+        corners = np.unique(corner_geometry(old))
+        at, numbers = of_point[corners] - starts_of(mesh.comm, given)[mesh.comm.rank], np.zeros(given, dtype=np.int64)
+        mine = (at >= 0) & (at < given)
+        numbers[at[mine]] = mesh.node_numbers[corners[mine]]
     return replace(
         mesh,
         domain=domain,
@@ -130,7 +137,15 @@ def _of_order(order: Callable[[NamedMesh], NamedMesh], mesh: NamedMesh, domain: 
         grid=None,
         curved=None,
         **without_nodes(mesh),
+        node_numbers=None if numbers is None else _at_points(domain, numbers),
     )
+
+
+def _at_points(domain: Any, values: IntArray) -> IntArray:
+    """Values (k,) at the points of which this rank gave k to make a mesh, at the points that it has of the mesh;
+    collective."""
+    given = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)  # without cells: empty, of any type
+    return fetched(domain.comm, starts_of(domain.comm, len(values)), given, values)
 
 
 def _points(domain: Any, dofs: npt.NDArray[np.int32], owned: int) -> FloatArray:
@@ -405,13 +420,15 @@ def from_first_rank(comm: MPI.Comm, path: str | Path, sound: InspectedMesh | Non
     shape = None
     if sound is not None:
         corners = {name: rows.shape[1] for name, rows in sound.face_groups.items()}
-        shape = (sound.cells.shape[1], corners, list(sound.cell_groups), sound.refused, list(sound.node_groups))
-    width, corners, groups, refused, sets = comm.bcast(shape)
+        named = [sound.refused, list(sound.cell_groups), list(sound.node_groups)]
+        shape = (sound.cells.shape[1], corners, named, sound.numbers is not None)
+    width, corners, (refused, groups, sets), numbered = comm.bcast(shape)
     if sound is None:
         none: IntArray = np.empty((0, width), dtype=np.int64)
         faces = {name: none[:, :count] for name, count in corners.items()}
         of_groups, of_sets = ({name: none[:, 0] for name in names} for names in (groups, sets))
-        sound = InspectedMesh(np.empty((0, 3)), none, of_groups, faces, refused, of_sets)
+        numbers = none[:, 0] if numbered else None
+        sound = InspectedMesh(np.empty((0, 3)), none, of_groups, faces, refused, of_sets, numbers)
     return _named(comm, path, sound)
 
 
@@ -442,7 +459,9 @@ def _named(comm: MPI.Comm, path: str | Path, sound: InspectedMesh) -> NamedMesh:
     faces = local_facets(domain, sound.face_groups)
     cells = local_cells(domain, starts_of(comm, len(sound.cells)), sound.cell_groups)
     sets = local_nodes(domain, starts_of(comm, len(sound.points)), sound.node_groups)
-    return NamedMesh(domain, faces, cells, sound.refused, components, touching, node_sets=sets)
+    numbers = None if sound.numbers is None else _at_points(domain, sound.numbers)
+    mesh = NamedMesh(domain, faces, cells, sound.refused, components, touching, node_sets=sets)
+    return replace(mesh, node_numbers=numbers)
 
 
 def check_scale(path: str | Path, scale: float) -> None:

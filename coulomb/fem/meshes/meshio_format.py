@@ -41,6 +41,7 @@ _FACES = {
 _OWN_NUMBERS = re.compile(
     r"(?i)(vtk|global|pedigree|original).*|.*\bghost.*"
 )  # written by programs, not chosen by users
+_GRID = re.compile(rb"^GRID(?:\*?\s*,\s*(\d+)|\*[ ]{3}([ \d]{16})|[ ]{4}([ \d]{8}))", re.MULTILINE)
 _LARGE = re.compile(rb"^(?:CTETRA|CHEXA|CPENTA|CPYRAM?|CTRIA3|CQUAD4)\*", re.MULTILINE)
 
 
@@ -68,7 +69,8 @@ def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> 
     facets, facet_numbers = _blocks(mesh, *_FACES[CORNERS[width]])
     cell_groups = _groups(path, cell_numbers, cell_names, "cell_names")
     face_groups = {name: facets[rows] for name, rows in _groups(path, facet_numbers, names, "names").items()}
-    return MeshFile(path, points, cells, cell_groups, face_groups)
+    numbers = _grid_numbers(data, len(points)) if Path(path).suffix.lower() in (".bdf", ".nas") else None
+    return MeshFile(path, points, cells, cell_groups, face_groups, numbers=numbers)
 
 
 def by_meshio(path: str, data: bytes, form: str) -> Any:
@@ -108,6 +110,14 @@ def _nastran(path: str, data: bytes) -> str:
     if b"\nBEGIN BULK" not in b"\n" + data:
         data = b"BEGIN BULK\n" + data
     return data.decode("utf-8-sig", "replace")
+
+
+def _grid_numbers(data: bytes, count: int) -> IntArray | None:
+    """The numbers of GRID points in Nastran's file, in its order, in which meshio has the points without them; None if
+    they are not as many."""
+    found = _GRID.findall(data)
+    numbers = np.array([int(free or large or small) for free, large, small in found], dtype=np.int64)
+    return numbers if len(numbers) == count else None
 
 
 def _blocks(mesh: Any, kinds: Mapping[str, int], width: int) -> tuple[IntArray, dict[str, IntArray]]:

@@ -59,6 +59,8 @@ class NamedMesh:
         surfaces: Exact surfaces of which faces are meshes, by face: nodes of meshes made of this one are there.
         node_sets: Nodes, on edges or at points, that supports may name in place of a face: this rank's, ghosts
             included, by the name of the set; numbers of `domain.geometry`.
+        node_numbers: Of the points `domain.geometry.x` of this rank the numbers in the mesh file, 0 where it has no
+            such node, shape (p,); None if the mesh is not from a file.
     """
 
     domain: Any
@@ -72,6 +74,7 @@ class NamedMesh:
     curved: RigidFoundation | None = field(default=None, repr=False, compare=False)
     surfaces: Mapping[str, RigidFoundation] = field(default_factory=dict, repr=False, compare=False)
     node_sets: Mapping[str, npt.NDArray[np.int32]] = field(default_factory=dict)
+    node_numbers: npt.NDArray[np.int64] | None = field(default=None, repr=False, compare=False)
 
     @property
     def comm(self) -> MPI.Comm:

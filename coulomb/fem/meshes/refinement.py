@@ -228,6 +228,7 @@ def _made(mesh: NamedMesh, parent: IntArray, kind: IntArray, nodes: IntArray, of
         grid=None,
         curved=None,
         **without_nodes(mesh),
+        node_numbers=None,
     )
 
 

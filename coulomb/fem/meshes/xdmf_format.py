@@ -30,6 +30,9 @@ NAMES = "coulomb:names"
 """Name of the Information element with the names of numbers, as {"faces": {"sole": 3}, "cells": {"steel": 1}}: the XDMF
 format has elements for data of a program, but no names for numbers on cells."""
 
+NODE_NUMBER: Final = "node_number"
+"""Name of the field on nodes with their numbers in the mesh file, 0 where it has no such node."""
+
 SOLIDS = {4: "Tetrahedron", 8: "Hexahedron", 10: "Tetrahedron_10", 27: "Hexahedron_27"}
 """XDMF's names of cells by the number of their nodes."""
 
@@ -65,12 +68,14 @@ class XdmfGrid:
         topology: Points of every cell.
         geometry: The last one up to this Grid; None if there is none.
         numbers: Attributes on the cells that are whole numbers, by name.
+        of_nodes: The attribute `NODE_NUMBER` on the points, if there is one.
     """
 
     kind: str
     topology: XdmfArray
     geometry: XdmfArray | None
     numbers: dict[str, XdmfArray]
+    of_nodes: XdmfArray | None = None
 
 
 class XdmfFile:
@@ -136,11 +141,13 @@ class XdmfFile:
             if topology is None:
                 continue
             kind = (topology.get("TopologyType") or topology.get("Type") or "").lower()
-            numbers = {}
+            numbers, of_nodes = {}, None
             for attribute in grid.findall("Attribute"):
+                if attribute.get("Center") == "Node" and attribute.get("Name") == NODE_NUMBER:
+                    of_nodes = self._array(attribute)
                 if attribute.get("Center") == "Cell" and (values := self._array(attribute)).whole:
                     numbers[attribute.get("Name") or "unnamed"] = values
-            grids.append(XdmfGrid(kind, self._array(topology), geometry, numbers))
+            grids.append(XdmfGrid(kind, self._array(topology), geometry, numbers, of_nodes))
         return grids, self._names(tree)
 
     def _names(self, tree: ElementTree.Element) -> dict[str, dict[str, int]]:
@@ -247,6 +254,7 @@ class _Grid:
     geometry: tuple[str, XdmfArray]
     points: FloatArray
     numbers: dict[str, XdmfArray]
+    of_nodes: XdmfArray | None
 
 
 def read(
@@ -279,7 +287,8 @@ def read(
     on_facets = file if facets is None or facets == path else XdmfFile(facets, comm)
     marked = _grids(on_facets, _FACE_OF[mesh.kind], "facets", mesh, optional=facets is None)
     face_groups = _groups([grid for grid in marked if grid.numbers], facets, names, "names", _corners_in_mesh, mesh)
-    return MeshFile(path, mesh.points, mesh.rows, cell_groups, face_groups)
+    of_nodes = None if mesh.of_nodes is None else file.beside(mesh.of_nodes, len(mesh.points)).astype(np.int64)
+    return MeshFile(path, mesh.points, mesh.rows, cell_groups, face_groups, numbers=of_nodes)
 
 
 _RowsOf = Callable[[_Grid, _Grid], IntArray]
@@ -394,7 +403,7 @@ def _grids(
         unknown = bool(len(rows) and not (0 <= rows.min() and rows.max() < count))
         if comm.allreduce(unknown, op=MPI.LOR):
             raise ValueError(f"{path}: has a cell or facet with a point that the file does not define")
-        found.append(_Grid(file, kind, rows, geometry, points, grid.numbers))
+        found.append(_Grid(file, kind, rows, geometry, points, grid.numbers, grid.of_nodes))
     if not found and not optional:
         raise ValueError(f"{path}: has no {what} ({', '.join(kinds)}); it has {', '.join(seen) or 'nothing'}")
     return found

@@ -20,7 +20,7 @@ from .inspection import InspectedMesh
 from .lagrange import in_vtk_order
 from .mesh_parts import corners_of
 from .named_mesh import NamedMesh
-from .xdmf_format import FACETS, NAMES, SOLIDS
+from .xdmf_format import FACETS, NAMES, NODE_NUMBER, SOLIDS
 
 
 class HDF5Target:
@@ -88,12 +88,14 @@ def gathered(mesh: NamedMesh) -> InspectedMesh:
         {name: whole(first + np.asarray(cells, dtype=np.int64)) for name, cells in mesh.cells.items()},
         {name: np.unique(whole(corners), axis=0) for name, corners in of_faces.items()},
         {},
+        numbers=None if mesh.node_numbers is None else whole(mesh.node_numbers[: points.size_local]),
     )
 
 
 def write(mesh: InspectedMesh, path: Path) -> None:
     """Write a mesh that one rank has, .xdmf with the arrays in .h5 beside it; groups become numbers, whose names are in
-    an Information element; points that belong to no cell are left out.
+    an Information element; points that belong to no cell are left out, and the others keep their numbers
+    (`NODE_NUMBER`).
 
     Raises:
         OSError: If a file cannot be written; earlier ones of these names are kept then, and no partial ones left.
@@ -132,9 +134,13 @@ def _filled(mesh: InspectedMesh, file: h5py.File, name_of_file: str) -> str:
             numbers_of_cells = item(f"{name}/numbers", values)
             center = f'Name="{name}" AttributeType="Scalar" Center="Cell"'
             attribute.append(f"<Attribute {center}>{numbers_of_cells}</Attribute>")
+        if name == "mesh":
+            of_nodes = item(NODE_NUMBER, np.zeros(len(used), dtype=np.int64) if given is None else given[used])
+            center = f'Name="{NODE_NUMBER}" AttributeType="Scalar" Center="Node"'
+            attribute.append(f"<Attribute {center}>{of_nodes}</Attribute>")
         return [f'<Grid Name="{name}" GridType="Uniform">', geometry, topology, *attribute, "</Grid>"]
 
-    points = item("points", mesh.points[used])
+    points, given = item("points", mesh.points[used]), mesh.numbers
     members = np.concatenate([np.empty(0, dtype=np.int64), *mesh.cell_groups.values()])
     on_cells = _repeated(mesh.cell_groups, numbers["cells"])
     lines = []
