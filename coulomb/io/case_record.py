@@ -69,7 +69,7 @@ def written_case(directory: Path) -> Case:
     return read_case(files.case)
 
 
-_FREE = ("output", "solver", "history.halvings", "small_strain")
+FREE = ("output", "solver", "history.halvings", "small_strain")
 """What may change between steps: the output, the solution method, and the treatment of large strains."""
 
 
@@ -88,22 +88,19 @@ def case_record(case: Case, comm: MPI.Comm) -> dict[str, Any]:
         raise ValueError(f"{error.filename}: cannot be read: {error.strerror or error}") from None
 
 
-def lasting_part(case: Case) -> tuple[dict[str, Any], dict[str, str]]:
-    """The tables of a case that are the same in all load steps, without names of files, and the digests of the files
-    that are there; on one rank.
+def changes_of_case(before: Mapping[str, Any], case: Case, comm: MPI.Comm) -> tuple[list[str], list[str]]:
+    """How a case differs from the record of an earlier one, and in what may change between load steps, in words that
+    name the place of each difference; collective.
 
     Raises:
-        ValueError: If a file cannot be read.
+        ValidationError: If the record is that of no case.
+        ValueError: On every rank, if a file cannot be read.
     """
-    free = {top: {below} if below else True for top, _, below in (key.partition(".") for key in _FREE)}
-    tables = case.model_dump(mode="json", exclude=free)
-    digests = {key: _digest(Path(name)) for key, name in _files(tables).items() if Path(name).exists()}
-    for *tops, key in named_files(tables):
-        table: Any = tables
-        for top in tops:
-            table = table[top]
-        del table[key]
-    return tables, digests
+    now, then = case_record(case, comm), Case.model_validate(before["tables"]).model_dump(mode="json")
+    changed = [f"the contents of {key}" for key in before["files"] if now["files"].get(key) != before["files"][key]]
+    same, differences = before["files"].keys(), list(_differences(then, case.model_dump(mode="json")))
+    free = [text for key, text in differences if key.startswith(FREE) and not key.startswith("output")]
+    return changed + [text for key, text in differences if key not in same and not key.startswith(FREE)], free
 
 
 def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm) -> list[str]:
@@ -117,15 +114,10 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
     before = read_step(step, comm).get("case")
     if not isinstance(before, dict) or not {"tables", "files"} <= before.keys():
         raise ValueError(f"{step}: has no record of the case it was computed from; run the case again")
-    now = case_record(case, comm)
     try:
-        then = Case.model_validate(before["tables"]).model_dump(mode="json")
+        changed, free = changes_of_case(before, case, comm)
     except ValidationError:
         raise ValueError(f"{step}: was computed by another version of coulomb; run the case again") from None
-    changed = [f"the contents of {key}" for key in before["files"] if now["files"].get(key) != before["files"][key]]
-    same, differences = before["files"].keys(), list(_differences(then, case.model_dump(mode="json")))
-    free = [text for key, text in differences if key.startswith(_FREE) and not key.startswith("output")]
-    changed += [text for key, text in differences if key not in same and not key.startswith(_FREE)]
     if changed:
         listed = "; ".join(changed[:5]) + (f"; and {len(changed) - 5} more" if len(changed) > 5 else "")
         raise ValueError(

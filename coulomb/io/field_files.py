@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from .run_directory import OLD
 
 WHOLE = "mesh"
 """Name of the only grid of a file, and of its group with `geometry` and `topology` in `Mesh`."""
@@ -45,14 +44,16 @@ class Block(NamedTuple):
 class Grid(NamedTuple):
     """Contents of an XDMF file: cells (k, nodes per cell), points (n, 3), fields on points or cells by name.
 
-    Where the cells are pieces of second-order ones, `cut` is the kind of these, and `pieces` how many each has.  Where
-    it holds several grids, each is one of `blocks`; cells with fewer nodes than others repeat their last one.
+    Fields with a value per cell are named in `on_cells`.  Where the cells are pieces of second-order ones, `cut` is the
+    kind of these, and `pieces` how many each has.  Where it holds several grids, each is one of `blocks`; cells with
+    fewer nodes than others repeat their last one.
     """
 
     cell: str
     cells: npt.NDArray[np.int64]
     points: FloatArray
     fields: dict[str, FloatArray]
+    on_cells: frozenset[str] = frozenset()
     cut: str = ""
     pieces: int = 1
     blocks: tuple[Block, ...] = ()
@@ -115,7 +116,7 @@ def read_grids(path: str | Path) -> dict[str, Grid]:
     """Read the grids of an XDMF file from the HDF5 data sets to which it refers, by their names.
 
     Raises:
-        ValueError: If there is no grid in the file.
+        ValueError: If there is no grid in the file, or a mesh is damaged.
         OSError, KeyError, SyntaxError: If a file cannot be read.
     """
     path = Path(path)
@@ -137,50 +138,13 @@ def _read(path: Path, grid: ElementTree.Element) -> Grid:
 
         topology, geometry = grid.find("Topology"), grid.find("Geometry")
         assert topology is not None and geometry is not None
-        fields = {str(attribute.get("Name")): _flat(data(attribute)) for attribute in grid.findall("Attribute")}
-        return Grid(str(topology.get("TopologyType")), data(topology), data(geometry), fields)
-
-
-def _flat(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Scalars (k, 1) as (k,), also where k is 1; others as they are."""
-    return values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values
-
-
-def read_fields(
-    path: Path, names: tuple[str, ...], optional: tuple[str, ...] = (), group: str = ""
-) -> tuple[FloatArray, npt.NDArray[np.int64], dict[str, FloatArray]]:
-    """Points (k, 3), cells and fields of a grid in an HDF5 file, those that are `optional` if they exist; scalars
-    (k,), vectors (k, 3).
-
-    Raises:
-        ValueError: If a field is missing, or the mesh is damaged.
-        OSError, KeyError: If the file cannot be read.
-    """
-    with h5py.File(path, "r") as file:
-        points = np.array(file[f"{mesh_at(group)}/geometry"], dtype=np.float64)
-        cells = np.array(file[f"{mesh_at(group)}/topology"], dtype=np.int64)
-        fields: dict[str, FloatArray] = {}
-        for name in (*names, *(name for name in optional if _function(name, group) in file)):
-            if _function(name, group) not in file:
-                raise ValueError(f"{path}: has no field {name!r}{f' in {group}' if group else ''}: {OLD}")
-            values = np.array(dataset(file, name, group), dtype=np.float64)
-            fields[name] = _flat(values)
-    if points.ndim != 2 or points.shape[1] != 3 or not len(cells) or not 0 <= cells.min() <= cells.max() < len(points):
-        raise ValueError(f"{path}: its mesh is damaged")
-    return points, cells, fields
-
-
-def fields_in(file: Path, group: str) -> tuple[FloatArray, npt.NDArray[np.int64], dict[str, FloatArray]]:
-    """Points, cells and all fields of a grid of an XDMF file, by the group of its data."""
-    with h5py.File(data_of(file), "r") as opened:
-        names = tuple(opened[f"Function/{group}" if group else "Function"])
-    return read_fields(data_of(file), names, (), group)
-
-
-def names_in_cells(file: Path) -> set[str]:
-    """The names of the fields that have a value in every cell."""
-    attributes = ElementTree.parse(file).getroot().iter("Attribute")
-    return {str(one.get("Name")) for one in attributes if one.get("Center") == "Cell"}
+        x, cells, attributes = data(geometry), data(topology), grid.findall("Attribute")
+        if x.ndim != 2 or x.shape[1] != 3 or not len(cells) or not 0 <= cells.min() <= cells.max() < len(x):
+            raise ValueError(f"{path}: its mesh is damaged")
+        rows = {str(one.get("Name")): data(one) for one in attributes}
+        fields = {name: of[:, 0] if of.ndim == 2 and of.shape[1] == 1 else of for name, of in rows.items()}
+        on_cells = frozenset(str(one.get("Name")) for one in attributes if one.get("Center") == "Cell")
+        return Grid(str(topology.get("TopologyType")), cells, x, fields, on_cells)
 
 
 def parts_of_field(path: Path, name: str, group: str = "") -> Iterator[tuple[npt.NDArray[np.int64], FloatArray]]:

@@ -183,15 +183,7 @@ class HistoryFiles:
             writer.writerows({name: "" if value != value else value for name, value in row.items()} for row in rows)
         for series in self._series:
             series.write([step_place(row["step"]) for row in rows])
-        contents = {
-            "steps": len(rows),
-            "time": rows[-1]["time"],
-            "certificate": {"passed": all(row["certified"] for row in rows)},
-            "valid": all(row["valid"] for row in rows),
-            "history": {"start": self._start, **self._history},
-            "last": last,
-        }
-        output.write_json(contents, folder.summary)
+        output.write_json(summary_of(rows, {"start": self._start, **self._history}, last), folder.summary)
 
 
 def refuse_other_forms(problem: ContactProblem, before: Mapping[str, Any] | None, step: Path) -> None:
@@ -384,6 +376,18 @@ def _refuse(missing: npt.NDArray[np.bool_]) -> None:
 
 
 Entries = dict[str, Any]
+
+
+def summary_of(rows: Sequence[Mapping[str, Any]], history: Entries, last: Mapping[str, Any]) -> Entries:
+    """The summary of a history: by its rows in history.csv, its entry `history`, and the summary of its last step."""
+    return {
+        "steps": len(rows),
+        "time": rows[-1]["time"],
+        "certificate": {"passed": all(row["certified"] for row in rows)},
+        "valid": all(row["valid"] for row in rows),
+        "history": history,
+        "last": last,
+    }
 
 
 def whole(steps: Iterable[Mapping[str, Any]]) -> Entries:

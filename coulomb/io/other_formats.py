@@ -10,26 +10,17 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import h5py
 import numpy as np
 
 from ..arrays import FloatArray
-from .field_files import fields_in, grids_of, names_in_cells
+from .field_files import WHOLE, Grid, read_grids
 from .run_directory import CONTACT, FIELDS, SOLUTION, RunDirectory
 
 _CELLS: Final = {SOLUTION: {4: 10, 8: 12, 10: 24, 27: 29}, CONTACT: {3: 5, 4: 9, 6: 22, 9: 28}}
 """VTK's numbers of the kinds of cells, by file and number of nodes."""
-
-
-class _Piece(NamedTuple):
-    """A grid: its name, points (n, 3), cells (c, nodes), and its fields in "PointData" and in "CellData"."""
-
-    name: str
-    points: FloatArray
-    cells: Any
-    fields: dict[str, dict[str, FloatArray]]
 
 
 def write_formats(directory: Path, formats: tuple[str, ...]) -> None:
@@ -46,20 +37,12 @@ def write_formats(directory: Path, formats: tuple[str, ...]) -> None:
         _write_table(directory)
 
 
-def _steps(directory: Path, name: str) -> Iterator[tuple[float, list[_Piece]]]:
+def _steps(directory: Path, name: str) -> Iterator[tuple[float, dict[str, Grid]]]:
     """Time and grids of a run, or of every step of a load history."""
     files = RunDirectory(directory)
     steps = [files.step(number) for number in files.begun_steps] if files.is_history else [files]
     for step in [one for one in steps if one.summary.is_file()]:  # an unfinished last one has none
-        path, pieces = step.path / name, []
-        inside = names_in_cells(path)
-        for grid, group in grids_of(path).items():
-            points, cells, fields = fields_in(path, group)
-            by_place: dict[str, dict[str, FloatArray]] = {"PointData": {}, "CellData": {}}
-            for one, values in fields.items():
-                by_place["CellData" if one in inside else "PointData"][one] = values
-            pieces.append(_Piece(grid, points, cells, by_place))
-        yield float(step.read_summary().get("step", {}).get("time", 0.0)), pieces
+        yield float(step.read_summary().get("step", {}).get("time", 0.0)), read_grids(step.path / name)
 
 
 def _write_vtkhdf(directory: Path, name: str) -> None:
@@ -80,8 +63,9 @@ def _write_vtkhdf(directory: Path, name: str) -> None:
             data[count:] = rows
             return int(count)
 
-        before, starts = list[_Piece](), dict[str, int]()
-        for time, pieces in _steps(directory, name):
+        before, starts = list[Grid](), dict[str, int]()
+        for time, grids in _steps(directory, name):
+            pieces = list(grids.values())
             append("Steps/Values", [time])
             append("Steps/NumberOfParts", [1])
             if not _same_mesh(before, pieces):
@@ -102,34 +86,36 @@ def _write_vtkhdf(directory: Path, name: str) -> None:
                 append(f"Steps/{place}", [row] if place in ("PartOffsets", "PointOffsets") else [[row]])
             number = {"part": np.repeat(np.arange(len(pieces)), [len(piece.cells) for piece in pieces])}
             for of, own in (("PointData", {}), ("CellData", number)):
-                fields = dict.fromkeys(field for piece in pieces for field in piece.fields[of])
-                for field, values in {**{field: _together(pieces, of, field) for field in fields}, **own}.items():
+                fields = dict.fromkeys(field for piece in pieces for field in piece.fields)
+                mine = [field for field in fields if any(field in one.on_cells for one in pieces) == bool(own)]
+                for field, values in {**{field: _together(pieces, field) for field in mine}, **own}.items():
                     append(f"Steps/{of}Offsets/{field}", [append(f"{of}/{field}", values)])
             before = pieces
         root["Steps"].attrs["NSteps"] = len(root["Steps/Values"])
 
 
-def _same_mesh(before: list[_Piece], now: list[_Piece]) -> bool:
+def _same_mesh(before: list[Grid], now: list[Grid]) -> bool:
     return len(before) == len(now) and all(
         np.array_equal(one.points, other.points) and np.array_equal(one.cells, other.cells)
         for one, other in zip(before, now, strict=True)
     )
 
 
-def _together(pieces: list[_Piece], of: str, field: str) -> FloatArray:
+def _together(pieces: list[Grid], field: str) -> FloatArray:
     """A field of all pieces, nan on those without it."""
-    shape = next(piece.fields[of][field].shape[1:] for piece in pieces if field in piece.fields[of])
-    none = [np.full((len(piece.points if of == "PointData" else piece.cells), *shape), np.nan) for piece in pieces]
-    return np.concatenate([piece.fields[of].get(field, nan) for piece, nan in zip(pieces, none, strict=True)])
+    one = next(piece for piece in pieces if field in piece.fields)
+    sizes = [len(piece.cells if field in one.on_cells else piece.points) for piece in pieces]
+    none = [np.full((count, *one.fields[field].shape[1:]), np.nan) for count in sizes]
+    return np.concatenate([piece.fields.get(field, nan) for piece, nan in zip(pieces, none, strict=True)])
 
 
 def _write_table(directory: Path) -> None:
     """contact.csv: a row for every node of a contact face at every step, vectors by components."""
     tables = []
-    for time, pieces in _steps(directory, CONTACT):
-        for piece in pieces:
-            columns: dict[str, Any] = {"time": time, "name": piece.name}
-            for name, values in (("", piece.points), *piece.fields["PointData"].items()):
+    for time, grids in _steps(directory, CONTACT):
+        for of, grid in grids.items():
+            columns: dict[str, Any] = {"time": time, "name": "" if list(grids) == [WHOLE] else of}
+            for name, values in (("", grid.points), *grid.fields.items()):
                 if values.ndim == 1:
                     columns[name] = values
                 else:

@@ -6,12 +6,11 @@ from functools import partial
 
 import numpy as np
 import pytest
-from check_runs import change, edit
+from check_runs import change, edit, read_grid
 from conftest import run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement
-from coulomb.io.field_files import data_of, read_fields
 from coulomb.io.recheck import check
 from coulomb.model.nodal_answer import ACCUMULATED, Accumulated
 
@@ -124,9 +123,9 @@ motion = [[1, 0, 0, 0], [2, 2e-3, 0, 0], [4, -2e-3, 1e-3, 0], [6, 2e-3, 0, 0]]
 
 def accumulated(step):
     """Fields of a step by the coordinates of the nodes, and the area."""
-    x, _, fields = read_fields(data_of(step / "contact.xdmf"), (*ACCUMULATED, "area"))
-    order = np.lexsort(np.round(x, 9).T)
-    return {name: values[order] for name, values in fields.items()}
+    grid = read_grid(step / "contact.xdmf")
+    order = np.lexsort(np.round(grid.points, 9).T)
+    return {name: grid.fields[name][order] for name in (*ACCUMULATED, "area")}
 
 
 @pytest.fixture(scope="module")

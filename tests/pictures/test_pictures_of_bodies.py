@@ -31,14 +31,17 @@ from coulomb.pictures.report.surface_view import surface_view
 CUBE = np.array([[x, y, z] for z in (0.0, 1.0) for y in (0.0, 1.0) for x in (0.0, 1.0)])
 HEXAHEDRON = np.array([[0, 1, 3, 2, 4, 5, 7, 6]])
 UP = np.array([0.0, 0.0, 1.0])
+ON_CELLS = frozenset({"young"})
 ON_FACE = ("pressure", "friction_use", "status", "gap", "area")
 
 
 def body():
     """A hexahedron, and a tetrahedron on it whose three lower nodes are at nodes of the hexahedron."""
     above = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 2.0]])
-    lower = Grid("Hexahedron", HEXAHEDRON, CUBE, {"displacement": 0.0 * CUBE, "young": np.array([1.0])})
-    upper = Grid("Tetrahedron", np.array([[0, 1, 2, 3]]), above, {"displacement": 0.0 * above + UP, "young": [2.0]})
+    lower = Grid("Hexahedron", HEXAHEDRON, CUBE, {"displacement": 0.0 * CUBE, "young": np.array([1.0])}, ON_CELLS)
+    upper = Grid(
+        "Tetrahedron", np.array([[0, 1, 2, 3]]), above, {"displacement": 0.0 * above + UP, "young": [2.0]}, ON_CELLS
+    )
     return merged({"lower": lower, "upper": upper})
 
 
@@ -258,7 +261,8 @@ def test_sheets_have_one_size():
 def test_table_of_stresses():
     """Of every body whose stress is known: of one of the user's forms the merged grid has zeros."""
     parts = {"ours": 2.0 * CUBE, "forms": CUBE, "theirs": CUBE}
-    grids = {name: Grid("Hexahedron", HEXAHEDRON.repeat(2, axis=0), points, {}) for name, points in parts.items()}
+    two, known = HEXAHEDRON.repeat(2, axis=0), frozenset(("stress_xy", "principal_stress_1"))
+    grids = {name: Grid("Hexahedron", two, points, {}, known) for name, points in parts.items()}
     for name, scale in (("ours", 1e6), ("theirs", 1e3)):
         grids[name].fields["stress_xy"] = np.array([-2.0, 3.0]) * scale
         grids[name].fields["principal_stress_1"] = np.array([5.0, 4.0]) * scale

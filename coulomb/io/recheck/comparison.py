@@ -17,6 +17,7 @@ import numpy as np
 
 from ...arrays import FloatArray, in_words
 from ...contact_fields import ANSWER, CONTACT_FIELDS
+from ..field_files import WHOLE
 from ..run_directory import FIELDS, SUMMARY
 
 RELATIVE: Final = 1e-9
@@ -140,7 +141,7 @@ def in_files(place: Place) -> str:
     file, *keys = place
     if file in FIELDS:
         grid, name = keys
-        return f"{file}: {name} of {grid}" if grid else f"{file}: {name}"
+        return f"{file}: {name}" if grid == WHOLE else f"{file}: {name} of {grid}"
     return f"{file}" + "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from ...arrays import FloatArray, in_words
 from ...fem.meshes import FACETS, SEPARATOR, SOLIDS
 from ...nearest import in_a_cell, same_nodes
-from ..field_files import NODE, data_of, fields_in, grids_of, names_in_cells
+from ..field_files import NODE, WHOLE, data_of, read_grids
 from ..grid_file import described
 from ..result_grids import BODIES, FACES
 from ..run_directory import CONTACT, OLD, SOLUTION, RunDirectory
@@ -31,7 +31,7 @@ Tree = dict[str, dict[str, dict[str, Any]]]
 
 def fields_of(folder: Path, like: Path | None = None) -> Tree:
     """The fields of a run by file, grid and name, in the order of the meshes of another one, `like`, if it is given; as
-    those of the grid "" the times of the files.
+    those of the grid of a single one the times of the files.
 
     Raises:
         ValueError: If a file is missing, cannot be read, is not that of its data, has entries that are not finite, or
@@ -44,16 +44,16 @@ def fields_of(folder: Path, like: Path | None = None) -> Tree:
             if not path.is_file():
                 raise ValueError(f"{folder}: is incomplete: there is no {path.name}")
         try:
-            found[name] = {"": {"time": described(file, kinds, collection).time}}
-            there = {grid: (group, fields_in(file, group)) for grid, group in grids_of(file).items()}
+            found[name] = {WHOLE: {"time": described(file, kinds, collection).time}}
+            there = read_grids(file)
         except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
             raise ValueError(f"{folder}: is incomplete: {error}") from None
-        groups = {grid: group for grid, (group, _) in there.items()} if like is None else grids_of(like / name)
-        if list(there) != list(groups):
-            what = [", ".join(map(repr, names)) or "one grid" for names in (there, groups)]
+        wanted = there if like is None else read_grids(like / name)
+        if list(there) != list(wanted):
+            what = [", ".join(map(repr, names)) for names in (there, wanted)]
             raise ValueError(f"{file}: shows {what[0]}, but of the case are {what[1]}")
-        for grid, (_, (points, cells, fields)) in there.items():
-            x, rows, _ = (points, cells, {}) if like is None else fields_in(like / name, groups[grid])
+        for grid, (_, cells, points, fields, on_cells, *_) in there.items():
+            x, rows = wanted[grid].points, wanted[grid].cells
             node, cell = _same_mesh(file, points, cells, x, rows)
             if name == SOLUTION:
                 numbers[grid] = np.empty_like(node)
@@ -61,11 +61,10 @@ def fields_of(folder: Path, like: Path | None = None) -> Tree:
             elif NODE in fields:
                 body = grid.partition(SEPARATOR)[0] if len(numbers) > 1 else next(iter(numbers))
                 fields[NODE] = numbers[body][fields[NODE].astype(np.int64)].astype(np.float64)
-            middle, in_cells = x[rows].mean(axis=1), names_in_cells(file)
-            into = found[name].setdefault(grid, {})
+            middle, into = x[rows].mean(axis=1), found[name].setdefault(grid, {})
             into["points"] = Field(points[node], x)
             for one, values in fields.items():
-                order, place = (cell, middle) if one in in_cells else (node, x)
+                order, place = (cell, middle) if one in on_cells else (node, x)
                 if len(values) != len(order):
                     raise ValueError(f"{data_of(file)}: {one} does not match the mesh")
                 if not np.all(np.isfinite(values)):

@@ -23,7 +23,7 @@ from ...fem.meshes import SEPARATOR
 from ...model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
 from ...solvers.laws import FrictionLaw
 from ...units import amount, use
-from ..field_files import NODE, OPPOSITE, data_of, fields_in, grids_of
+from ..field_files import NODE, OPPOSITE, WHOLE, data_of, read_grids
 from ..result_grids import OURS
 from ..run_directory import CONTACT, FIELDS, OLD, SOLUTION, SUMMARY, RunDirectory
 from .comparison import Comparison, Field, named
@@ -83,13 +83,11 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     """
     (contents, tree), found = sound(files), Comparison()
     use(**{name: str(unit) for name, unit in contents.get("units", {}).items() if name in ("length", "stress")})
-    grids = {name: grid for name, grid in tree[SOLUTION].items() if "displacement" in grid}
-    ends = np.cumsum([0, *(len(grid["points"].x) for grid in grids.values())])
+    grids = read_grids(files.solution)
+    ends = np.cumsum([0, *(len(grid.points) for grid in grids.values())])
     bodies = {name: slice(*ends[k : k + 2]) for k, name in enumerate(grids)}
-    x, u, load = (
-        np.concatenate([grid[name].values for grid in grids.values()]) for name in ("points", "displacement", "load")
-    )
-    contact = _contact(files, tree[CONTACT], contents, bodies, x)
+    u, load = (np.concatenate([one.fields[name] for one in grids.values()]) for name in ("displacement", "load"))
+    contact = _contact(files, contents, bodies, np.concatenate([one.points for one in grids.values()]))
     answer = _answer(contact, contents["faces"], len(bodies) > 1)
     _compare_fields(contact, answer, contents["certificate"].get("natural_residual", {}), found)
     numbers, moved = answer.numbers(), float(np.max(np.linalg.norm(u, axis=1)))
@@ -105,42 +103,35 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     found.tree(contents, expected, [{**expected, "totals": {**totals, **near}}], (SUMMARY,), ANSWER)
     _compare_sums(contents, contact, bodies, load, found)
     for name in FIELDS:
-        time = tree[name][""]["time"]
-        found.tree(time, contents.get("step", {}).get("time", time), (), (name, "", "time"))
+        time = tree[name][WHOLE]["time"]
+        found.tree(time, contents.get("step", {}).get("time", time), (), (name, WHOLE, "time"))
     taken = (f"judged from the files alone, since {why}: {_JUDGED}", f"not judged without the problem: {_LEFT}")
-    ours = (*OURS, "points", "time")
-    left = named(found.left) + [f"{one} of {SOLUTION}" for grid in grids.values() for one in grid if one not in ours]
+    names = dict.fromkeys(one for grid in grids.values() for one in grid.fields if one not in OURS)
+    left = named(found.left) + [f"{one} of {SOLUTION}" for one in names]
     return Findings(contents, None, violations, tuple(found.faults), taken, (*left, *unread(files)))
 
 
-def _contact(
-    files: RunDirectory,
-    grids: Mapping[str, Mapping[str, Any]],
-    contents: Mapping[str, Any],
-    bodies: Mapping[str, slice],
-    x: FloatArray,
-) -> _Contact:
+def _contact(files: RunDirectory, contents: Mapping[str, Any], bodies: Mapping[str, slice], x: FloatArray) -> _Contact:
     """The contact faces; ValueError if they do not match the other files."""
     sides = sides_of(contents["faces"])
     forces, faces, slaves = [], list[dict[str, FloatArray]](), list[str]()
-    for name, group in grids_of(files.contact).items():
-        fields = {one: field.values for one, field in grids[name].items() if one != "time"}
+    for name, (_, cells, points, own, *_) in read_grids(files.contact).items():
+        fields = {"points": points, **own}
         body = bodies.get(name.partition(SEPARATOR)[0]) or next(iter(bodies.values()))
         node = body.start + fields[NODE].astype(np.int64)
-        if np.any(node >= body.stop) or not np.array_equal(x[node], fields["points"]):
+        if np.any(node >= body.stop) or not np.array_equal(x[node], points):
             unfit = f"{data_of(files.contact)} does not match the mesh of {SOLUTION}"
             raise ValueError(f"{unfit}: its points are not the nodes there that {NODE!r} names")
         if OPPOSITE in fields:
             forces.append(([master for _, master in sides].index(name), True, node, fields["contact_force"]))
             continue
-        cells = fields_in(files.contact, group)[1]
         between = cells[:, 3:] if cells.shape[1] == 6 else cells[:0]  # of 10-node tetrahedra, no contact nodes
         fields["status"][np.unique(between)] = HELD
         here = (np.round(fields["status"]) != HELD)[:, None]
         forces.append((len(faces), False, node, np.where(here, fields["contact_force"], 0.0)))
         faces.append(fields)
         slaves.append(name)
-    if slaves != [slave for slave, _ in sides] and any(slaves):
+    if slaves not in ([slave for slave, _ in sides], [WHOLE]):
         raise ValueError(f"{files.contact}: has other contact faces, {slaves}, than summary.json: {OLD}")
     joined = {name: np.concatenate([fields[name] for fields in faces]) for name in faces[0]}
     return _Contact(joined, np.round(joined["status"]) != HELD, forces)
@@ -216,7 +207,7 @@ def _compare_fields(contact: _Contact, answer: NodalAnswer, row: Mapping[str, An
     beyond = np.hypot(force[:, 1], force[:, 2]) - bound
 
     def compare(name: str, written: FloatArray, follows: FloatArray, floor: float, source: str) -> None:
-        found.tree(Field(written, x), Field(follows, x, floor), (), (CONTACT, "", name), source)
+        found.tree(Field(written, x), Field(follows, x, floor), (), (CONTACT, WHOLE, name), source)
 
     compare("length of normal", np.linalg.norm(answer.frames[:, 0], axis=1), none + 1.0, 0.0, "its direction")
     fields = answer.fields()

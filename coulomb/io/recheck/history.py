@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from ...case.case import Case
-from ..history_files import whole
+from ..history_files import summary_of, whole
 from ..output import Series
 from ..run_directory import CASE, FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
 from .comparison import Comparison, named
@@ -52,15 +52,13 @@ def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], 
 
 def complete_steps(files: RunDirectory) -> tuple[int, list[str]]:
     """Number of complete steps, and messages on an incomplete last one; ValueError if one before is missing."""
-    begun = files.begun_steps
-    complete = [number for number in begun if files.step(number).summary.is_file()]
+    complete = len(files.complete_steps)
+    later = [files.step(number) for number in files.begun_steps if number > complete]
+    if any(step.summary.is_file() for step in later):
+        raise ValueError(f"{files.step(complete + 1).path}: is incomplete or missing, but there are later load steps")
     if not complete:
         raise ValueError(f"{files.step(1).path.parent}: holds no load step")
-    for expected, number in enumerate(complete, start=1):
-        if number != expected:
-            raise ValueError(f"{files.step(expected).path}: is incomplete or missing, but there is a step {number:04d}")
-    unfinished = [f"{files.step(number).path}: is incomplete and was not checked" for number in begun[len(complete) :]]
-    return len(complete), unfinished
+    return complete, [f"{step.path}: is incomplete and was not checked" for step in later]
 
 
 def check_times(settings: Case | None, summaries: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
@@ -97,14 +95,7 @@ def check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found
     for number, (line, row_) in enumerate(zip(lines, rows, strict=False), start=1):
         one = {name: value for name, value in line.items() if name in row_}
         found.tree(one, row_, (), (f"{HISTORY}: line {number}",), f"step {number}")
-    expected = {
-        "steps": len(summaries),
-        "time": summaries[-1]["step"]["time"],
-        "certificate": {"passed": all(one["certificate"]["passed"] for one in summaries)},
-        "valid": all(one["valid"] for one in summaries),
-        "history": whole(summaries),
-        "last": summaries[-1],
-    }
+    expected = summary_of(rows, whole(summaries), summaries[-1])
     found.tree(files.read_summary(tuple(expected)), expected, (), (SUMMARY,), "the steps")
     for name in FIELDS:
         series = Series(files.path, name).text([step_place(number) for number in range(1, len(summaries) + 1)])

@@ -25,8 +25,8 @@ from ...ranks import on_rank_0
 from ...solvers.successive_tresca import SuccessiveTresca
 from ...version import __version__
 from ..answer import totals_in
-from ..case_record import lasting_part
-from ..field_files import NODE, OPPOSITE
+from ..case_record import FREE, changes_of_case
+from ..field_files import NODE, OPPOSITE, WHOLE
 from ..history_files import HistoryFiles
 from ..result_grids import OURS
 from ..run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
@@ -168,13 +168,12 @@ def _compare_record(record: Any, settings: Case | None, found: Comparison) -> No
         return
     place: Place = (SUMMARY, "step", "case")
     try:
-        then = Case.model_validate(record["tables"]).model_dump(mode="json", exclude={"output"})
+        changed, _ = changes_of_case(record, settings, MPI.COMM_SELF)
     except ValidationError:
-        found.faults.append(f"{in_files(place)}.tables: is no case")
-        return
-    tables, digests = lasting_part(settings)
-    now = {"tables": tables, "files": digests}
-    found.tree({"tables": then, "files": record["files"]}, now, (), place, f"{CASE} and its files")
+        changed = ["is none"]
+    found.faults += [f"{in_files(place)}: {text} in {CASE}" for text in changed]
+    found.left += [(*place, *key.split(".")) for key in FREE if key != "output"]
+    found.left += [(*place, "file")] * bool(record["files"])
 
 
 def compare_error_bars(contents: Mapping[str, Any], found: Comparison) -> None:
@@ -204,7 +203,7 @@ def _compare_temperature(answer: WrittenAnswer, judged: Solution, found: Compari
         found.faults.append(f"{SOLUTION}: {TEMPERATURE}: {error}")
         return heat.limit
     x, floor = judged.problem.elasticity.x, _AGREEMENT * float(np.max(np.abs(heat.change), initial=0.0))
-    found.tree(Field(heat.change, x), Field(expected, x, floor), place=(SOLUTION, "", TEMPERATURE), source=_HEAT)
+    found.tree(Field(heat.change, x), Field(expected, x, floor), place=(SOLUTION, WHOLE, TEMPERATURE), source=_HEAT)
     if not heat.balanced:
         found.faults.append(f"{SUMMARY}.heat: {heat.imbalance:.3g} W of {heat.power_in:.6g} W are missing")
     found.faults = [fault for faults in judged.problem.comm.allgather(found.faults) for fault in faults]

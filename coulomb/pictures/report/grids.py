@@ -55,10 +55,10 @@ def first_order(grid: Grid) -> Grid:
     kind, pieces = _PIECES[grid.cell]
     cells = grid.cells[:, np.array(pieces)].reshape(-1, len(pieces[0]))
     fields = {
-        name: np.repeat(values, len(pieces), axis=0) if len(values) == len(grid.cells) != len(grid.points) else values
+        name: np.repeat(values, len(pieces), axis=0) if name in grid.on_cells else values
         for name, values in grid.fields.items()
     }
-    return Grid(kind, cells, grid.points, fields, grid.cell, len(pieces))
+    return Grid(kind, cells, grid.points, fields, grid.on_cells, grid.cell, len(pieces))
 
 
 def blocks_of(grid: Grid) -> tuple[Block, ...]:
@@ -112,6 +112,7 @@ def merged(grids: Mapping[str, Grid]) -> Grid:
         np.concatenate(cells),
         np.concatenate([part.points for part in parts]),
         {name: _everywhere(name, parts) for name in names},
+        frozenset().union(*(part.on_cells for part in parts)),
         widest.cut,
         widest.pieces,
         blocks,
@@ -143,9 +144,8 @@ def _together(parts: Sequence[Grid]) -> Grid:
 def _everywhere(name: str, parts: Sequence[Grid]) -> FloatArray:
     """A field on all grids."""
     here = next(part for part in parts if name in part.fields)
-    on_cells = len(here.fields[name]) == len(here.cells) != len(here.points)
     nothing, shape = _ELSEWHERE.get(name, 0.0), here.fields[name].shape[1:]
-    sizes = [len(part.cells if on_cells else part.points) for part in parts]
+    sizes = [len(part.cells if name in here.on_cells else part.points) for part in parts]
     rows = [part.fields.get(name, np.full((n, *shape), nothing)) for part, n in zip(parts, sizes, strict=True)]
     return np.concatenate([np.asarray(row, dtype=np.float64) for row in rows])
 
