@@ -98,14 +98,15 @@ class WrittenAnswer:
 
     def judged(self, problem: ContactProblem, seed: int) -> Solution:
         """Judged in a problem posed at their time, as written or with rounding errors; collective."""
-        u, f, said = self.displacement, self.force_on_body, self.contents
+        u, f, change, said = self.displacement, self.force_on_body, self._temperature, self.contents
         if seed:
             random = np.random.default_rng((seed, problem.comm.rank))
             u, f = perturbed(u, random), perturbed(f, random)
+            change = None if change is None else perturbed(change, random)
         if problem.large is not None:
             return LoadStepLoop(problem, problem.large).recomputed(u, f, self._compliances)
-        if self._temperature is not None:
-            loading = problem.elasticity.heated(problem.loading, self._temperature)
+        if change is not None:
+            loading = problem.elasticity.heated(problem.loading, change)
             problem = problem.in_state(replace(problem.state, loading=loading), problem.seconds, problem.before)
         x = -problem.surface.force_components(f).ravel()
         bound = problem.slip_bound(x)
@@ -113,9 +114,9 @@ class WrittenAnswer:
         result = SolverResult(x, x, bound, np.zeros((len(bound), 2)), Status.STAGNATED, float("nan"))
         recorded = self._compliances, float(said["mean_compliance"]), dict(said["method"])
         answer = Solution(problem, x, u, bound, result, judge(evidence), evidence, *recorded)
-        if self._temperature is None or problem.body.heat is None:
+        if change is None or problem.body.heat is None:
             return answer
-        flows, of_heat = problem.body.heat.flows(*at_contact(answer), self._temperature), said.get("heat", {})
+        flows, of_heat = problem.body.heat.flows(*at_contact(answer), change), said.get("heat", {})
         heat = replace(flows, rounds=of_heat.get("rounds", 0), agreement=of_heat.get("agreement", 0.0))
         return replace(answer, problem=problem.in_state(replace(problem.state, heat=heat), None, problem.before))
 

@@ -101,14 +101,14 @@ def judged(files: RunDirectory, posed: Posed, before: Sequence[State] | None) ->
         if before is not None:
             states.append(posed.problem.after(before[number], answers[-1]))
     found, numbers, first = Comparison(), list[dict[str, Any]](), answers[0]
-    imbalance = _compare_temperature(answer, first, found)
+    _compare_temperature(answer, first, found)
     with _shared_directory(comm) as beside:
         folders = [beside / str(number) for number in range(len(answers))]
         for number, (one, folder) in enumerate(zip(answers, folders, strict=True)):
             if comm.rank == 0:
                 folder.mkdir()
             numbers.append(written(one, folder, contents, states[number] if states else None))
-        compare = partial(_compare, files, contents, posed, first.certificate, numbers, folders, imbalance, found)
+        compare = partial(_compare, files, contents, posed, first.certificate, numbers, folders, found)
         faults, unjudged = on_rank_0(comm, lambda: complete(files.path, compare))
     taken = [] if contents.get("coulomb") == __version__ else [f"written by coulomb {contents.get('coulomb')}"]
     said = tuple(faults), tuple(taken), tuple(unjudged), tuple(numbers)
@@ -130,7 +130,6 @@ def _compare(
     certificate: Certificate,
     numbers: list[dict[str, Any]],
     folders: list[Path],
-    imbalance: float,
     found: Comparison,
 ) -> tuple[list[str], list[str]]:
     """Compare the files with those written anew into other `folders`; gives the faults, and the names of what was not
@@ -147,9 +146,6 @@ def _compare(
     for name in (CONTACT, SOLUTION):  # in a list that is cut
         found.tree(written[name], expected[name], [other[name] for other in others], (name,))
     said, (first, *more) = dict(contents), [dict(one) for one in numbers]
-    if "heat" in first:
-        around = [_moved(first["heat"], by) for by in (imbalance, -imbalance)]
-        found.tree(said.pop("heat", None), first.pop("heat"), around, (SUMMARY, "heat"), _HEAT)
     if "step" in said:  # `_compare_record` judges the case, `check_times` the rest
         apart = ("case", "pending", "halvings")
         said["step"] = {name: one for name, one in said["step"].items() if name not in apart}
@@ -192,31 +188,21 @@ def compare_error_bars(contents: Mapping[str, Any], found: Comparison) -> None:
     found.tree(said, whole, (), (f"{SUMMARY}: error bar",), "its parts")
 
 
-def _compare_temperature(answer: WrittenAnswer, judged: Solution, found: Comparison) -> float:
-    """Compare the temperature with that of conduction; gives the largest sum of heat flows that is none; collective."""
+def _compare_temperature(answer: WrittenAnswer, judged: Solution, found: Comparison) -> None:
+    """Compare the temperature with that of conduction; collective."""
     heat = judged.heat
     if heat is None:
-        return 0.0
+        return
     try:
         expected = answer.conducted(judged)
     except ValueError as error:  # on all ranks
         found.faults.append(f"{SOLUTION}: {TEMPERATURE}: {error}")
-        return heat.limit
+        return
     x, floor = judged.problem.elasticity.x, _AGREEMENT * float(np.max(np.abs(heat.change), initial=0.0))
-    found.tree(Field(heat.change, x), Field(expected, x, floor), place=(SOLUTION, WHOLE, TEMPERATURE), source=_HEAT)
+    found.tree(Field(heat.change, x), Field(expected, x, floor), (), (SOLUTION, WHOLE, TEMPERATURE), _HEAT)
     if not heat.balanced:
         found.faults.append(f"{SUMMARY}.heat: {heat.imbalance:.3g} W of {heat.power_in:.6g} W are missing")
     found.faults = [fault for faults in judged.problem.comm.allgather(found.faults) for fault in faults]
-    return heat.limit
-
-
-def _moved(entry: Any, by: float) -> Any:
-    """All numbers of an entry, moved by so much."""
-    if isinstance(entry, dict):
-        return {name: _moved(value, by) for name, value in entry.items()}
-    if isinstance(entry, list):
-        return [_moved(value, by) for value in entry]
-    return entry + by if isinstance(entry, float) else entry
 
 
 def step_of(files: RunDirectory, contents: Mapping[str, Any]) -> tuple[int, float]:
