@@ -86,11 +86,6 @@ class MaterialTable(Table):
                 raise ValueError(f"{name} does not belong to {law}, which has {', '.join(needed)} and density")
         if self.law and isinstance(self.young, tuple) | isinstance(self.poisson, tuple):
             raise ValueError(f"law = {self.law!r} has one number each in young and poisson")
-        if self.law:
-            try:
-                self.material()
-            except ValueError as error:
-                raise ValueError(str(error).removeprefix("material: ")) from None
         return self
 
     @model_validator(mode="after")
@@ -103,16 +98,15 @@ class MaterialTable(Table):
                 "an orthotropic material has three numbers each in young (E1, E2, E3), poisson (nu12, nu13, nu23) and "
                 f"shear (G12, G13, G23), but not in {lacks}; an isotropic one has one number in young and poisson"
             )
-        if self.orthotropic:
+        for name in ("directions", "expansion") if not self.orthotropic else ():
+            if isinstance(getattr(self, name), tuple):
+                what = "directions are" if name == "directions" else "three numbers in expansion are"
+                raise ValueError(f"{what} for an orthotropic material, which has three numbers in young")
+        if self.law or self.orthotropic:
             try:
                 self.material()
             except ValueError as error:
                 raise ValueError(str(error).removeprefix("material: ")) from None
-            return self
-        for name in ("directions", "expansion"):
-            if isinstance(getattr(self, name), tuple):
-                what = "directions are" if name == "directions" else "three numbers in expansion are"
-                raise ValueError(f"{what} for an orthotropic material, which has three numbers in young")
         return self
 
     @property
