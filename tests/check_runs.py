@@ -8,6 +8,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from case_texts import one_body
 from mpi4py import MPI
 
 from coulomb.case.case import read_case
@@ -16,22 +17,11 @@ from coulomb.io.case_record import write_case
 from coulomb.io.field_files import read_grids
 from coulomb.io.history_files import HistoryFiles
 
-BLOCK = """\
-[mesh]
-box = [1.2, 0.6, 0.4]
-cells = [6, 3, 2]
-[material]
-young = 2e11
-poisson = 0.3
-[[clamp]]
-face = "left"
-value = [0.0, 1e-6, 2e-6]
-[[spring]]
-face = "right"
-stiffness = [0.0, 1e9, 2e9]
-[[traction]]
-face = "top"
-value = [1e6, 2e6, -2e7]
+BLOCK = one_body((1.2, 0.6, 0.4), (6, 3, 2))
+BLOCK += """\
+clamp = [{ face = "left", value = [0.0, 1e-6, 2e-6] }]
+spring = [{ face = "right", stiffness = [0.0, 1e9, 2e9] }]
+traction = [{ face = "top", value = [1e6, 2e6, -2e7] }]
 [contact]
 face = "bottom"
 friction = 0.3
@@ -47,23 +37,11 @@ point = [0.5, 0.3, 0.2]
 """
 """Hexahedra, Coulomb friction by region, the plane of the face, a clamp that moves, springs."""
 
-WEDGE = """\
-[mesh]
-box = [1.2, 0.6, 0.4]
-cells = [4, 2, 2]
-cell = "tetrahedron"
-[material]
-young = 2e11
-poisson = 0.3
-[[clamp]]
-face = "left"
-value = [3e-5, 1e-5, -2e-5]
-[[traction]]
-face = "right"
-value = [2e6, 1e6, -4e6]
-[[spring]]
-face = "back"
-stiffness = 1e8
+WEDGE = one_body((1.2, 0.6, 0.4), (4, 2, 2), cell="tetrahedron")
+WEDGE += """\
+clamp = [{ face = "left", value = [3e-5, 1e-5, -2e-5] }]
+traction = [{ face = "right", value = [2e6, 1e6, -4e6] }]
+spring = [{ face = "back", stiffness = 1e8 }]
 [[contact]]
 face = "bottom"
 slip_stress = 2e6
@@ -76,13 +54,8 @@ foundation = {point = [0.8, 0.0, 0.39999], normal = [0.0, 0.00001, -1.0]}
 """
 """Tetrahedra, Tresca friction, two faces: one against a ball, with the body's normals, one against an oblique plane."""
 
-BALL = """\
-[mesh]
-box = [1.0, 0.6, 0.4]
-cells = [4, 3, 2]
-[material]
-young = 5e6
-poisson = 0.4
+BALL = one_body((1.0, 0.6, 0.4), (4, 3, 2), 5e6, 0.4)
+BALL += """\
 [[clamp]]
 face = "top"
 value = [0.0, 2e-3, 0.0]
@@ -104,7 +77,7 @@ times = [1, 2, 3]
 """
 """Hexahedra, a load history of three steps: a moving ball, a clamp and a traction with amplitudes."""
 
-TRESCA_STEPS = BALL.replace("cells = [4, 3, 2]", 'cells = [4, 2, 2]\ncell = "tetrahedron"').replace(
+TRESCA_STEPS = BALL.replace("cells = [4, 3, 2]", 'cells = [4, 2, 2], cell = "tetrahedron"').replace(
     "friction = 0.4", "slip_stress = 2e4"
 )
 """The same history with tetrahedra and Tresca friction."""

@@ -3,6 +3,7 @@
 import numpy as np
 from case_texts import one_body
 from mpi4py import MPI
+from scipy.optimize import brentq
 
 from coulomb.fem.compat import fem, functionspace, mesh, ufl
 from coulomb.kinematics import NonlinearBody, neo_hookean
@@ -43,6 +44,16 @@ foundation = { shape = "cylinder", point = [0.5, 0.0, -2.0], axis = [0.0, 1.0, 0
 times = [0.5, 1.0, 1.5, 2.0]
 """
 """A case: a block pressed onto a drum, and drawn over it."""
+
+
+def side(stretch):
+    """Stretch of the free sides of a neo-Hookean bar."""
+    return brentq(lambda a: MU * (a - 1.0 / a) + LAME * np.log(a * a * stretch) / a, 0.5, 2.0)
+
+
+def stress(stretch):
+    """First Piola stress of a neo-Hookean bar whose sides are free."""
+    return MU * (stretch - 1.0 / stretch) + LAME * np.log(side(stretch) ** 2 * stretch) / stretch
 
 
 class RubberBlock:

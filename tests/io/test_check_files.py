@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 from bodies_runs import TWO
+from case_texts import one_body
 from check_runs import (
     BALL,
     BLOCK,
@@ -278,17 +279,11 @@ def test_a_single_step(tmp_path):
     assert any("slip origin" in line for line in found.trusted)
 
 
-SQUEEZED = (
-    BLOCK.split("[[clamp]]")[0]
-    + """\
-[[clamp]]
-face = "top"
-value = [0.0, 0.0, -0.15]
-[contact]
-face = "bottom"
-friction = 0.3
+SQUEEZED = one_body((1.2, 0.6, 0.4), (6, 3, 2))
+SQUEEZED += """\
+clamp = [{ face = "top", value = [0.0, 0.0, -0.15] }]
+contact = { face = "bottom", friction = 0.3 }
 """
-)
 
 
 @pytest.mark.parametrize("accepted", [False, True])

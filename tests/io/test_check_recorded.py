@@ -22,7 +22,7 @@ from coulomb.io.history_files import HistoryFiles
 from coulomb.io.recheck import check
 
 SECOND_ORDER = {
-    cell: BLOCK.replace("cells = [6, 3, 2]", f'cells = [3, 2, 1]\ncell = "{cell}"\ndegree = 2')
+    cell: BLOCK.replace("cells = [6, 3, 2]", f'cells = [3, 2, 1], cell = "{cell}", degree = 2')
     for cell in ("hexahedron", "tetrahedron")
 }
 MESHES = {

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from case_texts import body
 from conftest import run_coulomb
-from rubber_blocks import DRAWN, LAME, MOVED, MU
+from rubber_blocks import DRAWN, LAME, MOVED, MU, side, stress
 from scipy.optimize import brentq
 
 import coulomb
@@ -51,15 +51,6 @@ def last(problem, times=(0.5, 1.0)):
     *_, step = LoadHistory(times).steps(problem)
     assert step.solution.certificate.passed
     return step
-
-
-def side(stretch):
-    """Of a neo-Hookean bar with free sides."""
-    return brentq(lambda a: MU * (a - 1.0 / a) + LAME * np.log(a * a * stretch) / a, 0.5, 2.0)
-
-
-def stress(stretch):
-    return MU * (stretch - 1.0 / stretch) + LAME * np.log(side(stretch) ** 2 * stretch) / stretch
 
 
 def test_materials_have_the_stresses_of_their_formulas():
