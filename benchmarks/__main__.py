@@ -391,6 +391,19 @@ def _over_ours(
 
 
 @app.command()
+def decks(
+    folder: Annotated[Path, typer.Argument(help="Folder of input files of CalculiX.", metavar="DIRECTORY")],
+    limit: Annotated[float, typer.Option("--limit", min=1.0, help="Seconds for each run.")] = 300.0,
+    directory: Output = None,
+) -> None:
+    """Decks by coulomb, by CalculiX, and by CalculiX with penalties 100 times stiffer: differences of displacements at
+    the nodes over the largest one, and cpu seconds."""
+    from .decks import rows
+
+    table("decks", rows(folder, limit), directory)
+
+
+@app.command()
 def fclib(
     folder: Annotated[
         Path | None, typer.Argument(help="Folder of problems in FCLIB's format, .hdf5 and .npz.", metavar="[DIRECTORY]")

@@ -50,13 +50,14 @@ def uses(path, *names):
 ROOMS = {
     "cli": {"case", "io", "pictures", "model", "solvers", "linalg", "fem"},
     "io": {"case", "model", "solvers", "linalg", "fem"},
-    "case": {"kinematics", "model", "solvers", "linalg", "fem"},
+    "case": {"decks", "kinematics", "model", "solvers", "linalg", "fem"},
     "pictures": {"io", "model"},
     "kinematics": set(),
     "model": {"solvers", "linalg", "fem"},
     "solvers": {"linalg"},
     "linalg": set(),
-    "fem": set(),
+    "fem": {"decks"},
+    "decks": set(),
 }
 """What a package may import.  The files beside the packages (arrays, ranks, version, ...) and
 `native` import no package."""

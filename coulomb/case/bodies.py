@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from ..fem import mesh_formats
 from .curves import in_radians
@@ -24,6 +24,11 @@ if TYPE_CHECKING:
     from ..fem.meshes import NamedMesh
 
 
+CellsValue = Annotated[
+    Annotated[tuple[Cells, Cells, Cells], Tag("three numbers")] | Annotated[Name, Tag("a name")],
+    Discriminator(lambda given: "a name" if isinstance(given, str) else "three numbers"),
+]
+
 SMALL: Final = 200_000
 """Number of cells up to which a waiting drawing process needs little memory in comparison."""
 
@@ -32,11 +37,12 @@ class MeshTable(Table):
     """A box, lengths in metres; or a mesh file (`mesh_formats`), and the metres per unit of length of the file.
 
     `degree` 2 gives second-order cells, of a first-order file too; by default they are as in the file, in a box 1.
-    `cut` names groups of facets inside the body along which it is cut.
+    `cut` names groups of facets inside the body along which it is cut; `cells` of an .inp file the set of elements that
+    are read.
     """
 
     box: tuple[Length, Length, Length] | None = None
-    cells: tuple[Cells, Cells, Cells] | None = None
+    cells: CellsValue | None = None
     cell: Literal["hexahedron", "tetrahedron"] = "hexahedron"
     degree: Literal[1, 2] | None = None
     file: FileName | None = None
@@ -58,6 +64,8 @@ class MeshTable(Table):
         if kind != "box" and kind not in mesh_formats.FORMATS:
             raise ValueError(f"file must end in one of {mesh_formats.listed()}, but is {self.file!r}")
         fitting = {"degree", "box", "cells", "cell"} if kind == "box" else {"degree", "file", "scale", "cut"}
+        if isinstance(self.cells, str):
+            fitting |= {"cells"}
         if kind in mesh_formats.NUMBERED:
             fitting |= {"names", "cell_names"}
         if kind == ".xdmf":
@@ -65,6 +73,10 @@ class MeshTable(Table):
         misplaced = (self.model_fields_set & MeshTable.model_fields.keys()) - fitting
         if misplaced:
             raise ValueError(f"{', '.join(sorted(misplaced))} does not go with a {kind} mesh")
+        if isinstance(self.cells, str) and kind != ".inp":
+            raise ValueError(
+                "cells is the name of a set of elements, which goes with a file of CalculiX or Abaqus (.inp)"
+            )
         if self.box is not None and self.cells is None:
             raise ValueError("cells is missing: a box needs the numbers of cells along x, y, z")
         return self
@@ -73,7 +85,7 @@ class MeshTable(Table):
     def small(self) -> bool:
         """Whether it has at most about SMALL cells, estimated without reading it."""
         if self.file is None:
-            return self.cells is not None and math.prod(self.cells) <= SMALL
+            return isinstance(self.cells, tuple) and math.prod(self.cells) <= SMALL
         try:
             return os.path.getsize(self.file) <= 100 * SMALL  # bytes per cell
         except OSError:
@@ -84,12 +96,13 @@ class MeshTable(Table):
         from ..fem.meshes import box, read_mesh, read_xdmf, second_order
 
         if self.file is None:
-            assert self.box is not None and self.cells is not None
+            assert self.box is not None and isinstance(self.cells, tuple)
             return box(self.box, self.cells, self.cell, comm, degree=self.degree or 1)
         if self.facets is not None or self.cell_groups is not None:
             read = read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
         else:
-            read = read_mesh(self.file, self.names, self.cell_names, self.scale, comm, self.cut)
+            chosen = self.cells if isinstance(self.cells, str) else None
+            read = read_mesh(self.file, self.names, self.cell_names, self.scale, comm, self.cut, chosen)
         if self.degree == 1 and read.degree == 2:
             raise ValueError(
                 f"{self._of}degree = 1, but {self.file} has second-order cells: leave degree out, or export "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,7 +11,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from ..model.times import HALVINGS, refuse_missed, refuse_times
+from ..model.times import refuse_missed
 from ..ranks import launched, on_rank_0
 from ..units import use
 from .bodies import BodyTable, MeshTable, fault_of_body, fault_of_face
@@ -26,12 +27,15 @@ from .curves import (
     read_curves,
     refuse_ended,
 )
+from .decks import is_deck, read_deck
 from .error_messages import fault_of, tables_of_several
 from .files import LARGEST, RECORDED, apply, named_files, parsed, read_text, recorded, rename_files
 from .loads import (
     ClampTable,
     HeatTable,
     LoadTable,
+    NodalForceTable,
+    PlacedTable,
     PointLoadTable,
     PrescribedDisplacementTable,
     PrescribedRotationTable,
@@ -42,15 +46,17 @@ from .loads import (
     TotalForceTable,
     TractionTable,
     refuse_unfit_heat,
+    with_nodes,
 )
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
-from .solver import OutputTable, ProbeTable, SolverTable, UnitsTable
+from .solver import HistoryTable, OutputTable, ProbeTable, SolverTable, UnitsTable
 from .ties import CyclicSymmetryTable, PretensionTable, RigidFaceTable, TieTable
-from .values import ROWS, TABLES, Duration, Number, SpatialVector, Steps, Table, Vector, field
+from .values import TABLES, Number, SpatialVector, Table, Vector, field
 
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
     from mpi4py import MPI
 
+    from ..decks.tables import Translation
     from ..fem.bodies import AnyMaterial, Load, Spring, Support, ThermalLoad
     from ..fem.contact import FoundPair, FoundPairs
     from ..fem.geometry import Coefficient
@@ -58,29 +64,6 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
     from ..solvers.friction_problem import Solver
-
-
-class HistoryTable(Table):
-    """Load steps: their ends, or the end of the last and their number; from time 0, with the body free of stress."""
-
-    times: Annotated[tuple[Number, ...], Field(max_length=ROWS)] | None = None
-    end: Duration | None = None
-    steps: Steps | None = None
-    halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = HALVINGS
-
-    @model_validator(mode="after")
-    def _times_or_steps(self) -> HistoryTable:
-        if (self.times is None) == (self.end is None or self.steps is None):
-            raise ValueError("give either times, a list that increases from 0, or end and steps")
-        refuse_times(0.0, self.ends)
-        return self
-
-    @property
-    def ends(self) -> tuple[float, ...]:
-        if self.times is not None:
-            return self.times
-        assert self.end is not None and self.steps is not None
-        return tuple(float(t) for t in np.linspace(0.0, self.end, self.steps + 1)[1:])
 
 
 class Case(Table):
@@ -100,6 +83,7 @@ class Case(Table):
     pressure: Annotated[tuple[PressureTable, ...], Field(max_length=TABLES)] = ()
     total_force: Annotated[tuple[TotalForceTable, ...], Field(max_length=TABLES)] = ()
     point_load: Annotated[tuple[PointLoadTable, ...], Field(max_length=TABLES)] = ()
+    nodal_force: Annotated[tuple[NodalForceTable, ...], Field(max_length=TABLES)] = ()
     body_force: SpatialVector = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
     gravity: Vector = (0.0, 0.0, 0.0)
@@ -119,6 +103,12 @@ class Case(Table):
     output: OutputTable = OutputTable()
 
     _found: FoundPairs | None = PrivateAttr(None)
+    _deck: Translation | None = PrivateAttr(None)
+
+    @property
+    def deck(self) -> Translation | None:
+        """What has become of the cards of the input file that the case was read from; None of another."""
+        return self._deck
 
     def resolved(self, comm: MPI.Comm) -> Case:
         """The same case, in which the pairs that auto_contact finds are among the contacts, after those that are given;
@@ -233,9 +223,12 @@ class Case(Table):
     def _given_mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:
         from ..fem.meshes import JoinedMesh
 
-        if self.mesh is not None:
-            return self.mesh.mesh(comm)
-        return JoinedMesh({body.name: body.mesh(comm) for body in self.body})
+        mesh = (
+            JoinedMesh({body.name: body.mesh(comm) for body in self.body})
+            if self.mesh is None
+            else self.mesh.mesh(comm)
+        )
+        return with_nodes(mesh, [table for table in self._on_faces.values() if isinstance(table, PlacedTable)])
 
     @property
     def meshes(self) -> dict[str, MeshTable]:
@@ -274,7 +267,7 @@ class Case(Table):
     def _on_faces(self) -> dict[str, SupportTable | SpringTable | LoadTable]:
         """The tables of supports, loads and springs, by their key in the case."""
         supports = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry")
-        kinds = (*supports, "traction", "pressure", "total_force", "point_load", "spring")
+        kinds = (*supports, "traction", "pressure", "total_force", "point_load", "nodal_force", "spring")
         return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
 
     @property
@@ -342,7 +335,7 @@ class Case(Table):
         heated = None if self.temperature is None else self.temperature.body
         if heated is not None and (fault := fault_of_body(heated, self.body)):
             raise ValueError(f"temperature.body = {heated!r}: {fault}")
-        faces = {f"{key}.face": table.face for key, table in self._on_faces.items()}
+        faces = {f"{key}.face": table.face for key, table in self._on_faces.items() if not _at_nodes(table)}
         faces |= {f"heat.{k}.face": table.face for k, table in enumerate(self.heat) if table.face is not None}
         for key, table in self.contacts.items():
             faces[f"{key}.face"] = table.face
@@ -447,24 +440,34 @@ class Case(Table):
         return self.solver.contact_solver(unknown or any(table.sloped for table in self.contacts.values()))
 
 
-def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
+def _at_nodes(table: Table) -> bool:
+    return isinstance(table, PlacedTable) and table.nodes is not None
+
+
+def read_case(path: str | Path, changes: Sequence[str] = (), deck: Translation | None = None) -> Case:
     """Read a case file; rank 0 reads, all ranks get the same case or the same error.  Its units are those of what this
     process says from then on (`units.use`).
 
     Args:
-        path: The TOML file, or the JSON file that a run has written; names of mesh files in it are relative to its
-            directory.
+        path: The TOML file, the JSON file that a run has written, or an input file of CalculiX or Abaqus (.inp); names
+            of mesh files in it are relative to its directory.
         changes: Settings "key.key=value" that replace or add to those of the file, values in TOML.
+        deck: What has been made of an input file; by default it is read.
 
     Raises:
         ValueError: If the file cannot be read, is not TOML, or is not a valid case, with key, value and allowed values.
     """
     written = Path(path).suffix == ".json"
-    try:
-        text = on_rank_0(launched(), lambda: read_text(path, RECORDED if written else LARGEST))
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
-    tables = recorded(text, path) if written else parsed(text, path, tables_of_several(Case))
+    if is_deck(path):
+        deck = deck or read_deck(path)
+        deck.refuse(str(path))
+        tables = copy.deepcopy(deck.tables)
+    else:
+        try:
+            text = on_rank_0(launched(), lambda: read_text(path, RECORDED if written else LARGEST))
+        except OSError as error:
+            raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
+        tables = recorded(text, path) if written else parsed(text, path, tables_of_several(Case))
     for change in changes:
         apply(tables, change)
     folder = Path(path).parent
@@ -475,4 +478,5 @@ def read_case(path: str | Path, changes: Sequence[str] = ()) -> Case:
     except ValidationError as error:
         raise fault_of(error, str(path), Case) from None
     use(case.units.length, case.units.stress)
+    case._deck = deck
     return case

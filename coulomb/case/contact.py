@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -13,6 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 from ..arrays import FloatArray
 from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere
 from .curves import AmplitudeTable, MotionTable, amplitude_of, in_radians, motion_of, rows_of
+from .files import as_toml
 from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
@@ -305,7 +305,7 @@ class ContactTable(Table):
     def toml(self) -> str:
         """The table as text of a case file, if it has no tables of its own but friction by slip rate."""
         given = self.model_dump(mode="json", exclude_unset=True)
-        return "\n".join(["[[contact]]", *(f"{key} = {_toml(value)}" for key, value in given.items())])
+        return as_toml({"contact": [given]})
 
     def contact(self) -> Contact:
         from ..model.contact import Contact
@@ -380,12 +380,6 @@ class ContactTable(Table):
             return values
 
         return by_region
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{key} = {_toml(one)}' for key, one in value.items())} }}"
-    return json.dumps(value, ensure_ascii=False)
 
 
 def surface_of(table: FoundationTable | None) -> RigidFoundation | None:

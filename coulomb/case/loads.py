@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, model_validator
 
 from .contact import FoundationTable, surface_of
 from .curves import AmplitudeTable, amplitude_of, in_radians
-from .values import Direction, Name, Number, SpatialNumber, SpatialVector, Stiffness, Table, Vector, coefficient, field
+from .values import (
+    Direction,
+    Name,
+    NodesValue,
+    Number,
+    SpatialNumber,
+    SpatialVector,
+    Stiffness,
+    Table,
+    Vector,
+    called_nodes,
+    coefficient,
+    field,
+)
 
 if TYPE_CHECKING:
     from ..fem.bodies import (
         HeatLoad,
+        NodalForce,
         PointLoad,
         PrescribedDisplacement,
         PrescribedRotation,
@@ -23,18 +37,39 @@ if TYPE_CHECKING:
         TotalForce,
         Traction,
     )
+    from ..fem.meshes import JoinedMesh, NamedMesh
 
 
 Components = Literal["x", "y", "z", "xy", "xz", "yz", "xyz", "normal", "tangential"]
 
 
-class PrescribedDisplacementTable(Table):
-    """Prescribed displacement in metres on a face."""
+class PlacedTable(Table):
+    """What acts on a face; or on nodes, on edges or at points: those of a set of the mesh file by its name, or of some
+    by their numbers there (in several bodies "body:12"), or those at places in metres.
+
+    `face` is then what they are called.
+    """
 
     face: Name
+    nodes: NodesValue | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _called(cls, given: object) -> object:
+        if not isinstance(given, dict) or not given.get("nodes"):
+            return given
+        called = called_nodes(given["nodes"])
+        if given.get("face", called) != called:
+            raise ValueError("give face or nodes, one of the two")
+        return {**given, "face": called}
+
+
+class PrescribedDisplacementTable(PlacedTable):
+    """Prescribed displacement in metres on a face, or at nodes."""
+
     value: SpatialVector
     components: Components = "xyz"
-    direction: Direction | None = None
+    direction: SpatialVector | None = None
     surface: FoundationTable | None = None
     amplitude: AmplitudeTable | None = None
 
@@ -42,6 +77,8 @@ class PrescribedDisplacementTable(Table):
     def _one_of_two(self) -> PrescribedDisplacementTable:
         if self.direction is not None and "components" in self.model_fields_set:
             raise ValueError("give components or direction, one of the two")
+        if self.direction is not None and not any(self.direction):
+            raise ValueError("direction must not be zero")
         if self.surface is not None and self.components not in ("normal", "tangential"):
             raise ValueError('surface goes with components = "normal" or "tangential"')
         return self
@@ -51,12 +88,12 @@ class PrescribedDisplacementTable(Table):
 
         return PrescribedDisplacement(
             *(self.face, field(self.value), self.components, amplitude_of(self.amplitude)),
-            *(self.direction, surface_of(self.surface)),
+            *(None if self.direction is None else field(self.direction), surface_of(self.surface)),
         )
 
 
 class ClampTable(PrescribedDisplacementTable):
-    """Zero displacement of a face.  With a value it is a [[prescribed_displacement]]."""
+    """Zero displacement of a face, or of nodes.  With a value it is a [[prescribed_displacement]]."""
 
     value: SpatialVector = (0.0, 0.0, 0.0)
 
@@ -65,7 +102,8 @@ class ClampTable(PrescribedDisplacementTable):
 
         if any(self.value) or self.amplitude:
             return super().support()
-        return Clamp(self.face, self.components, self.direction, surface_of(self.surface))
+        direction = None if self.direction is None else field(self.direction)
+        return Clamp(self.face, self.components, direction, surface_of(self.surface))
 
 
 class PrescribedRotationTable(Table):
@@ -173,7 +211,40 @@ class PointLoadTable(Table):
         return PointLoad(self.face, self.force, self.moment, self.point, amplitude_of(self.amplitude))
 
 
-LoadTable = TractionTable | PressureTable | TotalForceTable | PointLoadTable
+class NodalForceTable(PlacedTable):
+    """Force in newtons at every one of some nodes."""
+
+    force: Vector
+    amplitude: AmplitudeTable | None = None
+
+    def load(self) -> NodalForce:
+        from ..fem.bodies import NodalForce
+
+        return NodalForce(self.face, self.force, amplitude_of(self.amplitude))
+
+
+LoadTable = TractionTable | PressureTable | TotalForceTable | PointLoadTable | NodalForceTable
+
+
+def with_nodes(mesh: NamedMesh | JoinedMesh, tables: Iterable[PlacedTable]) -> NamedMesh | JoinedMesh:
+    """The mesh with the sets of nodes that tables give by numbers or places; collective.
+
+    Raises:
+        ValueError: On every rank, if there is no such node.
+    """
+    from ..fem.meshes import SEPARATOR, JoinedMesh, NamedMesh
+
+    for table in tables:
+        if table.nodes is None or isinstance(table.nodes, str):
+            continue
+        body, _, name = table.face.rpartition(SEPARATOR)
+        one = mesh if isinstance(mesh, NamedMesh) else mesh.body(body, f"nodes {list(table.nodes)[:5]}")
+        if isinstance(table.nodes[0], tuple):
+            one = one.with_nodes(name, at=table.nodes)
+        else:
+            one = one.with_nodes(name, numbers=[int(str(node).rpartition(SEPARATOR)[2]) for node in table.nodes])
+        mesh = one if isinstance(mesh, NamedMesh) else JoinedMesh({**mesh.bodies, body: one})
+    return mesh
 
 
 class HeatTable(Table):

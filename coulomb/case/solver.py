@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from .values import FileName, Name, Rounds, Table, Vector
+from ..model.times import HALVINGS, refuse_times
+from .values import ROWS, Duration, FileName, Name, Number, Rounds, Steps, Table, Vector
 
 if TYPE_CHECKING:
     from ..model.probes import Probe
@@ -76,6 +78,29 @@ class SolverTable(Table):
         return InteriorPoint(self.tolerance) if self.method == "interior-point" else Automatic(self.tolerance)
 
 
+class HistoryTable(Table):
+    """Load steps: their ends, or the end of the last and their number; from time 0, with the body free of stress."""
+
+    times: Annotated[tuple[Number, ...], Field(max_length=ROWS)] | None = None
+    end: Duration | None = None
+    steps: Steps | None = None
+    halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = HALVINGS
+
+    @model_validator(mode="after")
+    def _times_or_steps(self) -> HistoryTable:
+        if (self.times is None) == (self.end is None or self.steps is None):
+            raise ValueError("give either times, a list that increases from 0, or end and steps")
+        refuse_times(0.0, self.ends)
+        return self
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        if self.times is not None:
+            return self.times
+        assert self.end is not None and self.steps is not None
+        return tuple(float(t) for t in np.linspace(0.0, self.end, self.steps + 1)[1:])
+
+
 class OutputTable(Table):
     """Directory of the results, and whether to write a picture and the report, and to estimate the error of the mesh:
     error bars of all totals.  `format` are the files of the fields."""
@@ -84,7 +109,7 @@ class OutputTable(Table):
     picture: bool = True
     report: bool = False
     error: bool = False
-    format: tuple[Literal["xdmf", "vtkhdf", "csv"], ...] = ("xdmf",)
+    format: tuple[Literal["xdmf", "vtkhdf", "csv", "frd"], ...] = ("xdmf",)
 
     @model_validator(mode="after")
     def _with_xdmf(self) -> OutputTable:

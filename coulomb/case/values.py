@@ -100,6 +100,37 @@ TABLES: Final = 1_000
 Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
 """Name of a face or a group of cells."""
 
+NODE_SET, NODES, PLACES = "the name of a set", "numbers of nodes", "places"
+NodeNumber = Annotated[int, Field(ge=0, lt=2**53, strict=True)]
+
+
+def _kind_of_nodes(given: Any) -> str:
+    if isinstance(given, str) or not isinstance(given, list | tuple):
+        return NODE_SET
+    return PLACES if given and isinstance(given[0], list | tuple) else NODES
+
+
+NodesValue = Annotated[
+    Annotated[Name, Tag(NODE_SET)]
+    | Annotated[tuple[NodeNumber | Name, ...], Field(min_length=1, max_length=ROWS), Tag(NODES)]
+    | Annotated[tuple[Vector, ...], Field(min_length=1, max_length=ROWS), Tag(PLACES)],
+    Discriminator(_kind_of_nodes),
+]
+
+
+def called_nodes(given: Any) -> str:
+    """What nodes are called: the name of their set, or "nodes 11, 12 and 7 more", after the body of "body:11"."""
+    if not isinstance(given, list | tuple):
+        return str(given)
+    if given and isinstance(given[0], list | tuple):
+        first = ", ".join(f"{x:g}" if isinstance(x, int | float) else str(x) for x in given[0])
+        return f"nodes at ({first})" + (f" and {len(given) - 1} more places" if len(given) > 1 else "")
+    body, colon, _ = str(given[0]).rpartition(":")
+    numbers = [str(node).rpartition(":")[2] for node in given]
+    more = f" and {len(numbers) - 4} more" if len(numbers) > 5 else ""
+    return f"{body}{colon}nodes {', '.join(numbers[:4] if more else numbers)}{more}"
+
+
 FileName = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_printable)]
 
 # --- values that depend on place -------------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ import json
 import sys
 import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,7 +23,7 @@ from ..io.atomic_output import finish_for_reader
 from ..io.run_directory import CASE, RunDirectory
 from ..ranks import launched, on_rank_0
 from ..version import __version__
-from .case_commands import Changes, check_case, contacts, convert, new
+from .case_commands import Changes, Ignored, case_of, check_case, contacts, convert, import_deck, new
 from .console import BAD_INPUT, CRASHED, EXIT_CODES, FAILED, bad_input, fail, refuse_ranks, showing_messages
 from .console import console as _console
 from .picture_commands import drawing_soon, plot, report
@@ -65,7 +66,12 @@ LogFile = Annotated[
 @app.command()
 def run(
     case: Annotated[
-        Path, typer.Argument(help="Case file; or the directory of a run, whose case is run again.", metavar="CASE.toml")
+        Path,
+        typer.Argument(
+            help="Case file; an input file of CalculiX or Abaqus (.inp); or the directory of a run, whose case is run "
+            "again.",
+            metavar="CASE.toml",
+        ),
     ],
     changes: Changes = None,
     directory: Annotated[
@@ -95,16 +101,19 @@ def run(
     log_file: LogFile = None,
     force: Force = False,
     keep: Annotated[bool, typer.Option("--keep", help="Do not run if there are results in the directory.")] = False,
+    ignored: Ignored = None,
 ) -> None:
     """Solve a case, certify the answer, write the results."""
     from ..case.case import read_case
+    from ..case.decks import read_deck
     from .session import opened
 
     with opened(quiet, log_file) as session:
         with bad_input():
             asked = {"output.report=true": page, "output.error=true": error}
             file, there = recorded(case)
-            settings = read_case(file, [*(changes or ()), *(change for change, given in asked.items() if given)])
+            more = [change for change, given in asked.items() if given]
+            settings = case_of(file, [*(changes or ()), *more], ignored, session.console)
             wanted = None if refine_to is None else (_part(refine_to), refine_for or [], most_unknowns)
             if wanted is not None and settings.history is not None:
                 raise ValueError("--refine-to is for single runs: refine the mesh for the loads of one time")
@@ -115,7 +124,34 @@ def run(
             from .run_case import compute
 
             target = directory or there or Path(settings.output.directory)
-            compute(session, settings, case, target, force, keep=keep, renderer=renderer, refinement=wanted)
+            try:
+                compute(session, settings, case, target, force, keep=keep, renderer=renderer, refinement=wanted)
+            except typer.Exit as end:
+                if end.exit_code != FAILED or not _too_large(settings, target):
+                    raise
+                session.console.out(
+                    "\nmotions are too large for the theory of small strains: solved again as large ones\n"
+                )
+                with bad_input():
+                    deck = read_deck(file, ignored or (), large=True)
+                    settings = read_case(file, [*(changes or ()), *more], deck)
+                compute(session, settings, case, target, force, keep=keep)
+
+
+def _too_large(settings: Case, target: Path) -> bool:
+    """Whether the answer of a deck that allows large motions does not count since motions are large; the same on every
+    rank."""
+    if settings.deck is None or not settings.deck.nonlinear or settings.solver.kinematics == "large":
+        return False
+
+    def outside() -> bool:
+        with suppress(OSError, ValueError):
+            found = RunDirectory(target).read_summary()
+            texts = (found.get("outside") or found.get("small_strain") or {}).get("violations", [])
+            return any("large" in text or "nodes opposite" in text for text in texts)
+        return False
+
+    return on_rank_0(launched(), outside)
 
 
 def recorded(case: Path) -> tuple[Path, Path | None]:
@@ -175,6 +211,7 @@ app.command("new")(new)
 app.command("check-case")(check_case)
 app.command("contacts")(contacts)
 app.command("convert")(convert)
+app.command("import")(import_deck)
 
 
 @app.command()

@@ -3,19 +3,84 @@ it finds, and meshes as XDMF."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from enum import StrEnum
 from importlib import resources
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.console import Console
 
 from ..ranks import launched, on_rank_0
 from .console import FAILED, bad_input, console, errors, fail, refuse_ranks
 
+if TYPE_CHECKING:
+    from ..case.case import Case
+
+Ignored = Annotated[
+    list[str] | None,
+    typer.Option("--ignore", help="Leave out a card of an input file that cannot be followed; may be repeated."),
+]
 Changes = Annotated[
     list[str] | None, typer.Option("--set", help="Replace a setting, for example mesh.cells=[18,6,6]; may be repeated.")
 ]
+
+
+def case_of(file: Path, changes: Sequence[str], ignore: Sequence[str] | None, speaking: Console = console) -> Case:
+    """The case of a file; for an input file of CalculiX or Abaqus what becomes of its cards is printed first.
+
+    Raises:
+        ValueError: As `read_case`.
+    """
+    from ..case.case import read_case
+    from ..case.decks import is_deck, read_deck
+
+    if not is_deck(file):
+        if ignore:
+            raise ValueError(f"{file}: --ignore leaves out cards of an input file of CalculiX or Abaqus (.inp)")
+        return read_case(file, changes)
+    deck = read_deck(file, ignore or ())
+    width = max(len(row.keyword) for row in deck.cards)
+    for row in deck.cards:
+        times = f"{row.count} x" if row.count > 1 else ""
+        why = f"; {row.why}" if row.why else ""
+        speaking.out(f"card     {times:>6} *{row.keyword:<{width}}  {row.fate}{why}")
+    for note in deck.notes:
+        speaking.out(f"note     {note}")
+    return read_case(file, changes, deck)
+
+
+def import_deck(
+    deck: Annotated[Path, typer.Argument(help="Input file of CalculiX or Abaqus.", metavar="DECK.inp")],
+    file: Annotated[Path | None, typer.Argument(help="By default DECK.toml.", metavar="[CASE.toml]")] = None,
+    ignored: Ignored = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the file if it exists.")] = False,
+) -> None:
+    """Write the case file that says what an input file of CalculiX or Abaqus says, to be edited and run."""
+    refuse_ranks("coulomb import")
+    from ..case.decks import is_deck
+    from ..case.files import as_toml
+
+    target = file or deck.with_suffix(".toml")
+    with bad_input():
+        if not is_deck(deck):
+            raise ValueError(f"{deck}: the name of an input file ends in .inp")
+        if target.exists() and not force:
+            raise ValueError(f"{target}: already exists; --force replaces it")
+        found = case_of(deck, (), ignored).deck
+        assert found is not None
+        notes = "".join(f"# {note}\n" for note in found.notes)
+        names = {"file": os.path.relpath(deck, target.absolute().parent)}
+        tables = found.tables | {"mesh": found.tables["mesh"] | names} if "mesh" in found.tables else found.tables
+        if "body" in tables:
+            tables = tables | {"body": [body | names for body in tables["body"]]}
+        try:
+            target.write_text(f"# The case of {deck.name}.\n{notes}{as_toml(tables)}\n", encoding="utf-8")
+        except OSError as error:
+            raise ValueError(f"{target}: cannot be written: {error.strerror or error}") from None
+    console.out(f"{target} written; next: coulomb run {target}")
 
 
 class Kind(StrEnum):
@@ -64,16 +129,15 @@ def check_case(
     case: Annotated[Path, typer.Argument(help="Case file, TOML.", metavar="CASE.toml")],
     changes: Changes = None,
     directory: Annotated[Path | None, typer.Option("--output", help="As for coulomb run.")] = None,
+    ignored: Ignored = None,
 ) -> None:
     """Validate a case without solving it, and estimate memory and disk; 0 if it can be run, 2 if not.
 
     Performs all steps of a run up to the factorisation of K: mesh, supports, loads and contact are checked, for every
     load step, and K is assembled.
     """
-    from ..case.case import read_case
-
     with bad_input():
-        settings = read_case(case, changes or ())
+        settings = case_of(case, changes or (), ignored)
 
     from ..fem.compilation import announce
     from .preparation import expected, prepared, refuse_unwritable, warn_of_locking

@@ -28,7 +28,7 @@ def prepared(settings: Case, target: Path, force: bool, resume: bool = False) ->
     """
     comm = MPI.COMM_WORLD
     for mesh in settings.meshes.values():
-        if mesh.cells is not None:
+        if isinstance(mesh.cells, tuple):
             refuse_too_many_cells(mesh.cells, mesh.degree or 1, force, comm)
     settings = settings.resolved(comm)
     problem = settings.problem(comm)

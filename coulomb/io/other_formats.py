@@ -1,5 +1,5 @@
 """The fields of a run in other formats, from its XDMF files, on one rank: VTKHDF, which ParaView and PyVista open with
-its time steps, and a table of the contact nodes.
+its time steps, CalculiX's .frd, and a table of the contact nodes.
 
 VTKHDF 2.0, an unstructured grid (docs.vtk.org, VTK File Formats): bodies, or faces, are one grid, with their number in
 the cells; a mesh that does not change is there once.
@@ -17,7 +17,8 @@ import numpy as np
 
 from ..arrays import FloatArray
 from .field_files import WHOLE, Grid, read_grids
-from .run_directory import CONTACT, FIELDS, SOLUTION, RunDirectory
+from .frd import NodalResults, write_frd
+from .run_directory import CONTACT, FIELDS, FRD, SOLUTION, RunDirectory
 
 _CELLS: Final = {SOLUTION: {4: 10, 8: 12, 10: 24, 27: 29}, CONTACT: {3: 5, 4: 9, 6: 22, 9: 28}}
 """VTK's numbers of the kinds of cells, by file and number of nodes."""
@@ -35,6 +36,8 @@ def write_formats(directory: Path, formats: tuple[str, ...]) -> None:
             _write_vtkhdf(directory, name)
     if "csv" in formats:
         _write_table(directory)
+    if "frd" in formats:
+        _write_frd(directory)
 
 
 def _steps(directory: Path, name: str) -> Iterator[tuple[float, dict[str, Grid]]]:
@@ -107,6 +110,61 @@ def _together(pieces: list[Grid], field: str) -> FloatArray:
     sizes = [len(piece.cells if field in one.on_cells else piece.points) for piece in pieces]
     none = [np.full((count, *one.fields[field].shape[1:]), np.nan) for count in sizes]
     return np.concatenate([piece.fields.get(field, nan) for piece, nan in zip(pieces, none, strict=True)])
+
+
+_STRESS: Final = ("xx", "yy", "zz", "xy", "yz", "xz")
+
+
+def _write_frd(directory: Path) -> None:
+    """results.frd, on the mesh of the first step."""
+    steps = list(zip(_steps(directory, SOLUTION), _steps(directory, CONTACT), strict=True))
+    mesh = steps[0][0][1]
+    starts = np.cumsum([0, *(len(body.points) for body in mesh.values())])
+    first = dict(zip(mesh, starts.tolist(), strict=False))
+    given = [body.fields.get("node_number", np.zeros(len(body.points))) for body in mesh.values()]
+    numbers = np.concatenate(given).astype(np.int64)
+    known = numbers[numbers > 0]
+    if len(np.unique(known)) < len(known):  # of bodies of several files
+        numbers[:] = 0
+    numbers[numbers == 0] = numbers.max(initial=0) + 1 + np.arange(np.sum(numbers == 0))
+
+    def results() -> Iterator[NodalResults]:
+        for (time, bodies), (_, faces) in steps:
+            fields = {"DISP": np.concatenate([body.fields["displacement"] for body in bodies.values()])}
+            fields["STRESS"] = np.concatenate([_at_nodes(body) for body in bodies.values()])
+            fields["FORC"] = np.concatenate([body.fields["reaction"] for body in bodies.values()])
+            contact = np.zeros((len(numbers), 6))
+            for name, face in faces.items():
+                if "tangent_1" in face.fields:  # of a slave
+                    start = first[name.rpartition(":")[0]] if len(first) > 1 else 0
+                    contact[start + face.fields["node"].astype(np.int64)] = _contact(face.fields)
+            yield NodalResults(time, fields | {"CONTACT": contact})
+
+    blocks = [body.cells + start for body, start in zip(mesh.values(), starts, strict=False)]
+    points = np.concatenate([body.points for body in mesh.values()])
+    write_frd(directory / FRD, numbers, points, blocks, results())
+
+
+def _at_nodes(body: Grid) -> FloatArray:
+    """The stress of the cells at their nodes, the mean of those around, in the order of CalculiX, shape (k, 6)."""
+    of_cells = np.column_stack([body.fields[f"stress_{entry}"] for entry in _STRESS])
+    nodes, width = body.cells.ravel(), body.cells.shape[1]
+    times = np.bincount(nodes, minlength=len(body.points))
+    sums = [np.bincount(nodes, np.repeat(column, width), len(body.points)) for column in of_cells.T]
+    means: FloatArray = np.column_stack(sums) / np.maximum(times, 1)[:, None]
+    return means
+
+
+def _contact(own: dict[str, FloatArray]) -> FloatArray:
+    """Gap, slip, pressure and shear of the slave on the master at contact nodes, in CalculiX's directions: the first is
+    x, or z, projected on the face, shape (k, 6)."""
+    normal = own["normal"]
+    x = np.eye(3)[np.where(np.abs(normal[:, 0]) > 1.0 - 1e-6, 2, 0)]
+    first = x - normal * np.einsum("ki,ki->k", x, normal)[:, None]
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    tangents = np.stack([first, np.cross(normal, first)], axis=1)
+    slip, shear = (np.einsum("kai,ki->ka", tangents, own[name]) for name in ("slip", "friction_traction"))
+    return np.column_stack([own["gap"], slip, own["pressure"], -shear])
 
 
 def _write_table(directory: Path) -> None:

@@ -33,7 +33,10 @@ SOLUTION, CONTACT = "solution.xdmf", "contact.xdmf"
 
 FIELDS = (SOLUTION, CONTACT)
 
-OTHERS = ("solution.vtkhdf", "contact.vtkhdf", "contact.csv")
+FRD = "results.frd"
+"""Results at the nodes as CalculiX writes them."""
+
+OTHERS = ("solution.vtkhdf", "contact.vtkhdf", "contact.csv", FRD)
 """The same fields in other formats, if they are asked for."""
 
 FILES = (HISTORY, ITERATIONS, CASE, PICTURE, REPORT, *FIELDS, *OTHERS)

@@ -162,6 +162,7 @@ class Solution:
         shapes (k, 3); collective."""
         body, e = self.problem.elasticity, self.evidence
         found = {"load": e.load, "prescribed": self.problem.prescribed, "spring_force": e.spring}
+        found["reaction"] = self._reaction
         if body.forms() is not None or self.problem.body.undeformed:
             found |= {"internal_force": e.internal, "rounding_force": rounding_forces(body, self.displacement)}
         return found | self.tie_fields
@@ -171,6 +172,12 @@ class Solution:
         """What supports and ties hold, newtons, shape (k, 3); collective."""
         e = self.evidence
         return e.internal - e.spring - e.load + self.problem.nodal_contact_force(self.contact_force)
+
+    @cached_property
+    def _reaction(self) -> FloatArray:
+        """What supports hold, newtons, shape (k, 3); collective."""
+        body = self.problem.elasticity
+        return body.held_part(self._imbalance - body.forces_of_ties(self._imbalance, self.problem.time))
 
     @property
     def tie_fields(self) -> dict[str, FloatArray]:
@@ -188,8 +195,7 @@ class Solution:
         body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
         imbalance = self._imbalance
         of_ties = body.forces_of_ties(imbalance, problem.time)
-        held = body.held_part(imbalance - of_ties)
-        supports = chain(body.shares(held), body.spring_forces(u))
+        supports = chain(body.shares(self._reaction), body.spring_forces(u))
         over, members = Reductions(problem.comm), body.members
         grounds = [(member, member.body.ground) for member in members if member.body.forms() is not None]
         terms = [

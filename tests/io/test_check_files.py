@@ -34,7 +34,7 @@ from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
 
 ON_CELLS = ("von_mises_stress", "stress_xz", "principal_stress_2", "young", "poisson")
 RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}
-ON_BODY = ("displacement", "load", "held", "prescribed", "spring_force", "rigid_force_5", *ON_CELLS)
+ON_BODY = ("displacement", "load", "held", "prescribed", "spring_force", "reaction", "rigid_force_5", *ON_CELLS)
 ON_FACE = [name for name in names() if name not in ("status", *COMPLIANCES)]  # of the solver's matrix: as recorded
 
 

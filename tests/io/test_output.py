@@ -40,7 +40,7 @@ def test_vtk_reads_the_body(run):
     grid = pyvista.XdmfReader(str(directory / "solution.xdmf")).read()
     grid = grid if isinstance(grid, pyvista.DataSet) else grid[0]
     assert grid.n_cells == 18 * 6 * 6 and grid.n_points == 19 * 7 * 7
-    assert set(grid.point_data.keys()) == {"displacement", "load", "held", "prescribed", "spring_force"}
+    assert set(grid.point_data.keys()) == {"displacement", "load", "held", "prescribed", "spring_force", "reaction"}
     components = {f"stress_{pair}" for pair in ("xx", "yy", "zz", "yz", "xz", "xy")}
     principal = {f"principal_stress_{number}" for number in (1, 2, 3)}
     assert set(grid.cell_data.keys()) == {"von_mises_stress", *components, *principal, "young", "poisson"}

@@ -37,6 +37,7 @@ from .loads import (
     TEMPERATURE,
     AppliedLoad,
     Load,
+    NodalForce,
     NodalForces,
     PointLoad,
     Pressure,

@@ -96,12 +96,12 @@ def eliminated(bodies: _Bodies) -> Reduced:
     times K's diagonal up to twice as many.
 
     Raises:
-        ValueError: On every rank, if every direction of every node of a body is held, or if rigid motions are resisted
-            by no more than rounding errors.
+        ValueError: On every rank, if every direction of every node of all bodies is held, or if rigid motions are
+            resisted by no more than rounding errors.
     """
     comm = bodies.comm
-    for member in bodies.members:
-        _refuse_fully_held(member)
+    if all([_fully_held(member) for member in bodies.members]):
+        raise ValueError("the supports hold every node: there is nothing to compute; use a finer mesh")
     K = bodies.assembled()
     diagonal = K.getDiagonal()
     alone: FloatArray = diagonal.array_r.reshape(-1, 3).copy()
@@ -139,13 +139,9 @@ def eliminated(bodies: _Bodies) -> Reduced:
     return Reduced(K, mean, anchoring)
 
 
-def _refuse_fully_held(member: Any) -> None:
+def _fully_held(member: Any) -> bool:
     body = member.body
-    if body.comm.allreduce(3 * len(body.x) - body.held.number, op=MPI.SUM) == 0:
-        name = f"body {member.name!r}: " if member.name else ""
-        raise ValueError(
-            f"{name}the supports hold every node of the body: there is nothing to compute; use a finer mesh"
-        )
+    return bool(body.comm.allreduce(3 * len(body.x) - body.held.number, op=MPI.SUM) == 0)
 
 
 def _anchors(bodies: _Bodies) -> npt.NDArray[np.bool_]:

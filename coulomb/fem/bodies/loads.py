@@ -200,6 +200,38 @@ class PointLoad:
 
 
 @dataclass(frozen=True)
+class NodalForce:
+    """A force at every one of some nodes.
+
+    Attributes:
+        face: Name of a set of nodes of the mesh, or of a face, all of whose nodes have the force.
+        force: Force at each in newtons, shape (3,).
+        amplitude: Factor of the force as a function of time: a number, a function, a table or a `LoadCurve`.
+
+    Raises:
+        ValueError: If the force has not three finite components.
+    """
+
+    face: str
+    force: Sequence[float]
+    amplitude: Amplitude = 1.0
+
+    kind = "nodal force"
+
+    def __post_init__(self) -> None:
+        three(self.force, f"{load_title(self)}: the force", "numbers, newtons")
+
+    def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
+        sets = mesh.node_sets
+        nodes = (
+            body.nodes_at(sets[self.face]) if self.face in sets else body.nodes_of(mesh.facets(self.face, self.kind))
+        )
+        forces = np.zeros_like(body.x)
+        forces[nodes] = np.asarray(self.force, dtype=np.float64)
+        return forces
+
+
+@dataclass(frozen=True)
 class BodyForce:
     """Force per volume in N/m^3, a vector or a function of x."""
 

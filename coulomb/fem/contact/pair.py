@@ -364,12 +364,14 @@ def pair_of(
         x = x + np.einsum("mij,mj->mi", mirrors, elasticity.x[points.nodes] - x)
     gap = rows.gap(n)
     rounding = _ROUNDING * near.size
-    gap = np.where(np.abs(gap) <= max(adjust, rounding), 0.0, gap)
+    closed = np.abs(gap) <= adjust  # what the facets have there is no gap, and shows no curvature
+    gap = np.where(closed | (np.abs(gap) <= rounding), 0.0, gap)
     off, between = bulges_at_points(rows, gap, near.slave, near.master)
     largest = (comm.allreduce(float(np.max(of, initial=0.0)), op=MPI.MAX) for of in (-gap, off))
     deepest, uncertain = (size if size > _SEEN * near.extent else 0.0 for size in largest)
     remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, uncertain, comm)
-    return Pair(face, against, points, x, n, gap, held, np.max([off, between, rows.chord], axis=0), remarks)
+    chord = np.where(closed & (adjust > 0.0), 0.0, np.max([off, between, rows.chord], axis=0))
+    return Pair(face, against, points, x, n, gap, held, chord, remarks)
 
 
 def bulges_at_points(

@@ -367,11 +367,13 @@ def read_mesh(
     scale: float = 1.0,
     comm: MPI.Comm = MPI.COMM_WORLD,
     cuts: Sequence[str] = (),
+    only: str | None = None,
 ) -> NamedMesh:
     """Mesh of a file, of hexahedra or tetrahedra; the format is determined by the file name extension.
 
     Cells are of first order, or 10-node tetrahedra or 27-node hexahedra, which may be curved; 27-node hexahedra not in
-    `.inp`, where programs number their nodes differently.
+    `.inp`, where programs number their nodes differently.  In `.inp` files 20-node hexahedra get the nodes that they
+    lack, and prisms and pyramids are split into tetrahedra.
 
     - `.msh` (gmsh, MSH 2.2 or 4.1, ASCII or binary): physical surfaces become faces, physical volumes groups of cells,
       by their names; one without a name by its number, as in "3".  Gmsh itself is not needed.
@@ -395,6 +397,7 @@ def read_mesh(
         comm: The ranks that share the mesh.
         cuts: Groups of facets inside the body along which it is cut: nodes are doubled, and each is two faces, one with
             its name and one with "_opposite" after it, for a `Pretension`, a `Tied` or a `Contact`.  Not for XDMF.
+        only: Of an `.inp` file the set of elements that are read; by default all.
 
     Raises:
         ValueError: On every rank, if the format is not known or the file cannot be read or used, with the reason.
@@ -410,7 +413,7 @@ def read_mesh(
     sound = on_first_rank(
         comm,
         str(path),
-        lambda: inspect(cut(read_file(str(path), names or {}, cell_names or {}), cuts), scale, MPI.COMM_SELF),
+        lambda: inspect(cut(read_file(str(path), names or {}, cell_names or {}, only), cuts), scale, MPI.COMM_SELF),
     )
     return from_first_rank(comm, path, sound)
 
@@ -443,12 +446,16 @@ def known_format(path: str | Path, named: bool = False) -> str:
     return end
 
 
-def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
+def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int], only: str | None = None) -> MeshFile:
     """What a mesh file holds, read on this rank alone; arguments and errors as of `read_mesh`, and OSError."""
     end = Path(path).suffix.lower()
     if end == ".xdmf":
         return read_parts(path, None, None, names, cell_names, MPI.COMM_SELF)
     module = import_module(f".{mesh_formats.FORMATS[end][1]}_format", __package__)  # a run needs at most one of them
+    if only is not None:
+        if end != ".inp":
+            raise ValueError(f"{path}: a set of elements to read is for files of CalculiX and Abaqus (.inp)")
+        return module.read(path, only)
     return module.read(path, names, cell_names) if end in mesh_formats.NUMBERED else module.read(path)
 
 

@@ -106,8 +106,8 @@ class NamedMesh:
             at: Where its nodes are, metres, shape (3,) or (q, 3), every rank the same; or a function of coordinates
                 (3, k) that is True at them, shape (k,).  Of several nodes at one place, as on the two sides of a cut,
                 it has all.
-            numbers: In place of it their numbers, 0 for the first node of the file or of the arrays that the mesh was
-                made of, shape (q,), every rank the same.
+            numbers: In place of it their numbers in the mesh file (`node_numbers`), or, of a mesh that is not from a
+                file, 0 for the first node of the arrays that it was made of, shape (q,), every rank the same.
 
         Raises:
             ValueError: On every rank, if the name is that of a face or no text, not exactly one of `at` and `numbers`
@@ -118,7 +118,9 @@ class NamedMesh:
             raise ValueError(f"{what}: the name must be text, and not that of a face")
         if (at is None) == (numbers is None):
             raise ValueError(f"{what}: give either places of nodes (at) or their numbers")
-        x, in_file = self.domain.geometry.x, np.asarray(self.domain.geometry.input_global_indices, dtype=np.int64)
+        x, in_file = self.domain.geometry.x, self.node_numbers
+        if in_file is None:
+            in_file = np.asarray(self.domain.geometry.input_global_indices, dtype=np.int64)
         own = np.arange(len(x)) < self.domain.geometry.index_map().size_local
         if numbers is not None:
             given = np.unique(on_all_ranks(lambda: np.asarray(numbers, dtype=np.int64), what, self.comm))

@@ -17,6 +17,7 @@ from pydantic import ValidationError
 from ...case.case import Case
 from ...contact_fields import ANSWER, COMPLIANCES
 from ...fem.bodies import TEMPERATURE
+from ...fem.meshes import NODE_NUMBER
 from ...model.certificate import Certificate
 from ...model.load_history import LoadHistory
 from ...model.load_step import State
@@ -38,7 +39,7 @@ from .posed import SEEDS, Posed, WrittenAnswer, written
 
 _HEAT: Final = "conduction, contact forces and slip"
 
-_EXACT: Final = ("status", "face", OPPOSITE, NODE)
+_EXACT: Final = ("status", "face", OPPOSITE, NODE, NODE_NUMBER)
 """Fields of whole numbers, which rounding does not change."""
 
 _SLIP_BOUND: Final = 1e-6

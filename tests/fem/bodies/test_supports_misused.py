@@ -64,7 +64,7 @@ def contact(**options):
         (lambda: body([Rotation(ORIGIN, Z, 0.1)]), "clamps must be .*PrescribedRotation .*an entry is Rotation"),
         (lambda: body(HELD, springs=[Clamp("left")]), "springs must be a list of Spring, but an entry is Clamp"),
         (lambda: body(HELD, tractions=[SymmetryPlane("left")]), "tractions must be a list of Traction, "),
-        (lambda: body([*HELD, Clamp("bottom")]).K, "the supports hold every node of the body"),
+        (lambda: body([*HELD, Clamp("bottom")]).K, "the supports hold every node: there is nothing to compute"),
         (lambda: coulomb.box("abc", (1, 1, 1)), "box: lengths must be three positive numbers in metres"),
         (lambda: coulomb.box((1.0, 1.0, 1.0), (1, 0, 1)), "cells must be three whole numbers"),
         (lambda: coulomb.box((1.0, 1.0, 1.0), (1, 1, 1), "prism"), "cell must be one of hexahedron, tetrahedron"),

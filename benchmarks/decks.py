@@ -1,0 +1,138 @@
+"""Decks of CalculiX beside CalculiX: displacements and contact forces of `coulomb run DECK.inp`, of ccx with the deck
+as it is, and with its penalties (contact stiffness, stick slope) 100 times stiffer."""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from coulomb.decks.cards import read_cards
+from coulomb.io.run_directory import FRD, RunDirectory
+
+Nodes = dict[int, npt.NDArray[np.float64]]
+
+STIFFER = 100.0
+
+
+def rows(folder: Path, seconds: float = 300.0) -> Iterator[Mapping[str, object]]:
+    """A row for each deck of a folder: what refuses it, or the differences of displacements at its nodes to those of
+    ccx, over the largest, and cpu seconds of both."""
+    for deck in sorted(folder.glob("*.inp")):
+        with tempfile.TemporaryDirectory() as temporary:
+            here = Path(temporary)
+            shutil.copy(deck, here / deck.name)
+            yield {"deck": deck.stem, **_row(here / deck.name, seconds)}
+
+
+def _row(deck: Path, seconds: float) -> Mapping[str, object]:
+    row: dict[str, object] = {"result": "", "largest u": "", "ccx": "", "stiff ccx": "", "cpu s": "", "ccx cpu s": ""}
+    command = [sys.executable, "-m", "coulomb", "run", deck.name, "--quiet", "--set", "output.picture=false"]
+    before = _children()
+    done = subprocess.run(command, cwd=deck.parent, capture_output=True, text=True, check=False, timeout=seconds)
+    row["cpu s"] = round(_children() - before, 2)
+    results = deck.parent / "results" / deck.stem
+    if not (results / FRD).exists():
+        row["result"] = _reason(done.stderr)
+        return row
+    row["result"] = (
+        "valid" if RunDirectory(results).read_summary().get("valid") or done.returncode == 0 else "not valid"
+    )
+    own = last_displacements(results / FRD)
+    row["largest u"] = f"{max(np.linalg.norm(u) for u in own.values()):.6g}"
+    for column, factor in (("ccx", 1.0), ("stiff ccx", STIFFER)):
+        before = _children()
+        found = _ccx(deck, factor, seconds)
+        if factor == 1.0:
+            row["ccx cpu s"] = round(_children() - before, 2)
+        row[column] = found if isinstance(found, str) else _difference(own, found)
+    return row
+
+
+def _reason(text: str) -> str:
+    """The refused cards, or the first line of an error."""
+    cards = re.findall(r"^  (\*[^:]+):", text, re.MULTILINE)
+    lines = [line for line in text.splitlines() if line.startswith("error")]
+    return "refused: " + ", ".join(cards) if cards else (lines[0][:90] if lines else "failed")
+
+
+def _children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _ccx(deck: Path, factor: float, seconds: float) -> Nodes | str:
+    """Displacements of ccx at the end, by node; or why there are none."""
+    if shutil.which("ccx") is None:
+        return "no ccx"
+    folder = deck.parent / f"ccx{factor:g}"
+    folder.mkdir()
+    (folder / "deck.inp").write_text(stiffened(deck, factor))
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    try:
+        subprocess.run(["ccx", "deck"], cwd=folder, capture_output=True, check=False, timeout=seconds, env=environment)
+    except subprocess.TimeoutExpired:
+        return f"> {seconds:g} s"
+    file = folder / "deck.frd"
+    try:
+        return last_displacements(file)
+    except (OSError, ValueError):
+        return "fails"
+
+
+def stiffened(deck: Path, factor: float) -> str:
+    """The text of a deck with stiffer penalties, that writes displacements."""
+    lines: list[str] = []
+    for card in read_cards(str(deck)):
+        parameters = "".join(f",{name}={value}" if value else f",{name}" for name, value in card.parameters.items())
+        data = list(card.lines)
+        if card.kind == "SURFACEBEHAVIOR" and card.key("PRESSURE-OVERCLOSURE") in ("LINEAR", "TIED") and data:
+            data[0] = _scaled(data[0], 0, factor)
+        if card.kind == "FRICTION" and data and "," in data[0]:
+            data[0] = _scaled(data[0], 1, factor)
+        if card.kind == "ENDSTEP":
+            lines += ["*NODE FILE", "U, RF"]
+        lines += [f"*{card.keyword}{parameters}", *data]
+    return "\n".join(lines) + "\n"
+
+
+def _scaled(line: str, column: int, factor: float) -> str:
+    words = line.split(",")
+    if len(words) > column and words[column].strip():
+        words[column] = repr(float(words[column].upper().replace("D", "E")) * factor)
+    return ",".join(words)
+
+
+def last_displacements(path: Path) -> Nodes:
+    """The displacements of the last block DISP of an .frd file, by node; ValueError if there is none."""
+    found: Nodes = {}
+    inside = False
+    for line in path.read_text(encoding="ascii", errors="replace").splitlines():
+        if line.startswith(" -4"):
+            inside = line[5:13].strip() == "DISP"
+            found = {} if inside else found
+        elif line.startswith(" -3"):
+            inside = False
+        elif inside and line.startswith(" -1"):
+            found[int(line[3:13])] = np.array([float(line[13 + 12 * k : 25 + 12 * k]) for k in range(3)])
+    if not found:
+        raise ValueError(f"{path}: has no displacements")
+    return found
+
+
+def _difference(own: Nodes, other: Nodes) -> str:
+    common = sorted(own.keys() & other.keys())
+    if not common:
+        return "no common nodes"
+    a, b = (np.array([nodes[n] for n in common]) for nodes in (own, other))
+    largest = float(np.abs(b).max())
+    return f"{100.0 * float(np.abs(a - b).max()) / largest:.2f} %" if largest else "0"

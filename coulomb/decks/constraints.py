@@ -1,0 +1,195 @@
+"""What joins nodes in a deck: ties, rigid bodies, couplings, bolts and equations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .cards import Card, key_of
+from .contacts import tied_pairs
+from .reading import Reading
+from .steps import Amplitude, Rows, Step, Tracks, reference
+
+_AtReference = tuple[str, int, int]
+"""What a reference node belongs to, its number among these, and the degree of freedom."""
+
+
+class Constraints:
+    """The constraints of a deck with what is prescribed at their reference nodes."""
+
+    def __init__(self, reading: Reading):
+        self._of = reading
+        self._loads, self._held = Tracks[_AtReference](support=False), Tracks[_AtReference](support=True)
+        self._rigid: list[dict[str, Any]] = []
+        self._bolts: list[dict[str, Any]] = []
+        self._of_node: dict[int, tuple[str, int]] = {}
+        self._kinematic: dict[int, list[int]] = {}
+        self._step: Step | None = None
+        coupling: Card | None = None
+        for card in reading.model:
+            if card.kind == "COUPLING":
+                coupling = card
+            elif card.kind in ("KINEMATIC", "DISTRIBUTING") and coupling is not None:
+                self._coupled(coupling, card)
+            elif card.kind == "RIGIDBODY":
+                self._rigid_body(card)
+            elif card.kind == "PRE-TENSIONSECTION":
+                self._bolt(card)
+            elif card.kind == "EQUATION":
+                raise card.fault("equations between nodes are not read yet")
+
+    def _reference(self, card: Card, name: str) -> int:
+        nodes = np.unique(self._of.node_numbers(card.needs(name), card, None))
+        if len(nodes) != 1:
+            raise card.fault(f"{name} should be one node, but {card.get(name)!r} has {len(nodes)}")
+        return int(nodes[0])
+
+    def _point(self, node: int) -> list[float]:
+        deck = self._of.deck
+        return [float(one) for one in deck.points[deck.places(np.array([node]))[0]]]
+
+    def _coupled(self, coupling: Card, kind: Card) -> None:
+        node = self._reference(coupling, "REFNODE")
+        face = self._of.face(coupling.needs("SURFACE"), "*COUPLING")
+        if kind.kind == "DISTRIBUTING":
+            self._of_node[node] = ("distributing", len(self._rigid))
+            self._rigid.append({"face": face, "point": self._point(node), "spread": True})
+            return
+        held = set(range(1, 7)) if not kind.lines else set()
+        for row, words in kind.rows():
+            first = kind.whole(words[0], row)
+            held |= set(range(first, (kind.whole(words[1], row) if len(words) > 1 and words[1] else first) + 1))
+        if not {1, 2, 3} <= held:
+            raise kind.fault("couplings of one or two directions are not read: 1,3 makes a rigid face")
+        self._of_node[node] = ("rigid", len(self._rigid))
+        self._rigid.append({"face": face, "point": self._point(node)})
+
+    def _rigid_body(self, card: Card) -> None:
+        if not card.get("NSET"):
+            raise card.fault("a rigid body of elements is not read: give the NSET of its face")
+        node = self._reference(card, "REFNODE")
+        nodes = self._of.deck.node_sets.members(card.get("NSET"))
+        face = f"{self._of.body_of(self._of.elements_at(nodes), '*RIGID BODY')}{card.get('NSET')}"
+        self._of_node[node] = ("rigid", len(self._rigid))
+        if card.get("ROTNODE"):
+            self._of_node[self._reference(card, "ROTNODE")] = ("rotation", len(self._rigid))
+        self._rigid.append({"face": face, "point": self._point(node)})
+
+    def _bolt(self, card: Card) -> None:
+        node = self._reference(card, "NODE")
+        self._of_node[node] = ("bolt", len(self._bolts))
+        face = self._of.face(card.needs("SURFACE"), "*PRE-TENSION SECTION")
+        bolt: dict[str, Any] = {"face": face}
+        if card.lines:
+            bolt["direction"] = [float(one) for one in card.floats([0])[:3]]
+        self._bolts.append(bolt)
+
+    # --- what is prescribed at reference nodes ------------------------------------------------------------------------
+
+    def support(self, node: int, card: Card, row: int, step: Step) -> bool:
+        """A *BOUNDARY line at a node of no solid element; whether it is a reference node."""
+        if node not in self._of_node:
+            return False
+        kind, number = self._of_node[node]
+        words = card.words(row)
+        name = key_of(words[1])
+        if name in ("ENCASTRE", "PINNED"):
+            first, last, value = 1, 6 if name == "ENCASTRE" else 3, 0.0
+        else:
+            first = card.whole(words[1], row)
+            last = card.whole(words[2], row) if len(words) > 2 and words[2] else first
+            value = card.number(words[3], row) if len(words) > 3 else 0.0
+        if kind == "distributing":
+            raise card.fault("the reference node of a distributing coupling cannot be held: use *KINEMATIC", row)
+        for dof in range(first, last + 1):
+            if "FIXED" in card.parameters:
+                self._bolts[number].setdefault("lock", step.begin)
+            else:
+                self._held.give((kind, number, dof), value, step, self._of.amplitude(card), step.begin == 0.0)
+        return True
+
+    def load(self, node: int, dof: int, value: float, step: Step, amplitude: Amplitude | None) -> bool:
+        """A *CLOAD line at a node of no solid element; whether it is a reference node."""
+        if node not in self._of_node:
+            return False
+        if step is not self._step:
+            self._loads.begin(step)
+            self._step = step
+        kind, number = self._of_node[node]
+        self._loads.give((kind, number, dof), value, step, amplitude)
+        return True
+
+    def tables(self) -> dict[str, list[dict[str, Any]]]:
+        """The tables of ties, rigid faces and bolts, and of the loads at reference points."""
+        tables: dict[str, list[dict[str, Any]]] = {}
+        for rigid in self._rigid:
+            if not rigid.get("spread"):
+                tables.setdefault("rigid_face", []).append({"face": rigid["face"], "point": rigid["point"]})
+        self._prescribed(tables)
+        self._point_loads(tables)
+        for number, bolt in enumerate(self._bolts):
+            tables.setdefault("pretension", []).append(self._tightened(number, dict(bolt)))
+        ties = tied_pairs(self._of)
+        for card in self._of.model:
+            if card.kind == "TIE":
+                if "CYCLICSYMMETRY" in card.parameters or "MULTISTAGE" in card.parameters:
+                    raise card.fault("ties of cyclic symmetry are not read yet")
+                for row, words in card.rows():
+                    if len(words) < 2:
+                        raise card.fault("needs a slave and a master surface", row)
+                    slave, master = (self._of.face(word, "*TIE") for word in words[:2])
+                    ties.append({"face": slave, "against": master, "slave": True})
+        if ties:
+            tables["tie"] = ties
+        return tables
+
+    def _prescribed(self, tables: dict[str, list[dict[str, Any]]]) -> None:
+        """Put prescribed motions into the rigid faces."""
+        names = [index for index, rigid in enumerate(self._rigid) if not rigid.get("spread")]
+        for key, track in self._held.all:
+            kind, number, dof = key
+            if kind == "bolt":
+                self._bolts[number]["shortening"] = track.fixed()[0]
+                continue
+            table = tables["rigid_face"][names.index(number)]
+            rotation = kind == "rotation" or dof > 3
+            value, amplitude = reference(track.fixed()[0])
+            table.setdefault("rotation" if rotation else "translation", {})["xyz"[(dof - 1) % 3]] = value
+            if amplitude is not None and not self._of.single(amplitude):
+                if table.get("amplitude", amplitude) != amplitude:
+                    raise ValueError(f"{self._of.deck.path}: motions of one rigid face follow different amplitudes")
+                table["amplitude"] = amplitude
+
+    def _point_loads(self, tables: dict[str, list[dict[str, Any]]]) -> None:
+        by_rows: dict[tuple[int, Any], dict[str, Any]] = {}
+        for key, track in self._loads.all:
+            kind, number, dof = key
+            rows = track.fixed()[0]
+            if kind == "bolt":
+                self._bolts[number]["force"] = rows
+                continue
+            value, amplitude = reference(rows)
+            if value == 0.0:
+                continue
+            rigid = self._rigid[number]
+            timed = None if amplitude is None or self._of.single(amplitude) else amplitude
+            table = by_rows.setdefault((number, str(timed)), {"face": rigid["face"], "point": rigid["point"]})
+            moment = kind == "rotation" or dof > 3
+            table.setdefault("moment" if moment else "force", [0.0, 0.0, 0.0])[(dof - 1) % 3] = value
+            if timed is not None:
+                table["amplitude"] = timed
+        if by_rows:
+            tables["point_load"] = list(by_rows.values())
+
+    def _tightened(self, number: int, bolt: dict[str, Any]) -> dict[str, Any]:
+        for name in ("force", "shortening"):
+            if name in bolt:
+                rows: Rows = bolt.pop(name)
+                lock = bolt.get("lock")
+                if lock is not None:
+                    rows = tuple(row for row in rows if row[0] <= lock) or rows[:1]
+                return self._of.timed(bolt, name, rows)
+        raise ValueError(
+            f"{self._of.deck.path}: *PRE-TENSION SECTION on {bolt['face']!r} has neither force nor shortening"
+        )

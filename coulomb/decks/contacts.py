@@ -1,0 +1,218 @@
+"""Contact pairs of a deck as tables of a case."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from .cards import Card, key_of
+from .reading import Reading
+from .steps import Rows
+
+_SOFT: Final = 1.0
+"""Stiffness of an overclosure law below this, over Young's modulus by the size of an element, is meant as a layer."""
+
+_NONE: Final = 1e-9
+"""Below this, likewise, there is no contact: only heat crosses."""
+
+
+class _Interaction:
+    """A *SURFACE INTERACTION: its law and its friction, and what steps make of them."""
+
+    def __init__(self) -> None:
+        self.friction: Card | None = None
+        self.behavior: Card | None = None
+
+
+def contact_tables(of: Reading) -> list[dict[str, Any]]:
+    """A table for each contact pair; those that are tied become [[tie]] tables (`tied_pairs`)."""
+    return [table for table, tied in _pairs(of) if not tied]
+
+
+def tied_pairs(of: Reading) -> list[dict[str, Any]]:
+    """A table of a tie for each contact pair that is TIED."""
+    return [{"face": table["face"], "against": table["against"], "slave": True} for table, tied in _pairs(of) if tied]
+
+
+def _pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
+    interactions = _interactions(of)
+    clearances = {
+        (card.key("SLAVE"), card.key("MASTER")): card.number(card.needs("VALUE"), 0)
+        for card in of.model
+        if card.kind == "CLEARANCE"
+    }
+    found: list[tuple[dict[str, Any], bool]] = []
+    for card in of.model:
+        if card.kind != "CONTACTPAIR":
+            continue
+        interaction = interactions.get(card.key("INTERACTION"), _Interaction())
+        if card.key("INTERACTION") not in interactions:
+            raise card.fault(f"there is no *SURFACE INTERACTION {card.get('INTERACTION')!r}")
+        for row, words in card.rows():
+            if len(words) < 2:
+                raise card.fault("needs a slave and a master surface", row)
+            slave, master = (_surface(of, word) for word in words[:2])
+            kind = _law(of, interaction, card)
+            if kind == "none":
+                of.notes.append(f"{words[0]} and {words[1]}: the contact stiffness is next to nothing: no contact")
+                continue
+            table: dict[str, Any] = {
+                "face": of.face(slave, "*CONTACT PAIR"),
+                "against": of.face(master, "*CONTACT PAIR"),
+            }
+            table |= _friction(of, interaction, card.key("INTERACTION"))
+            names = key_of(words[0]), key_of(words[1])
+            table |= _adjusted(of, card, clearances.get(names))
+            table |= _taken_out(of, names, table.get("gap", 0.0))
+            found.append((table, kind == "tied"))
+    return found
+
+
+def _surface(of: Reading, name: str) -> str:
+    """A surface, or in its place a set of nodes or of elements."""
+    if key_of(name) not in of.deck.surfaces and name not in of.deck.node_sets:
+        raise ValueError(f"{of.deck.path}: *CONTACT PAIR: there is no *SURFACE {name!r}")
+    return name
+
+
+def _interactions(of: Reading) -> dict[str, _Interaction]:
+    found: dict[str, _Interaction] = {}
+    now: _Interaction | None = None
+    for card in of.model:
+        if card.kind == "SURFACEINTERACTION":
+            now = found.setdefault(card.key("NAME"), _Interaction())
+        elif card.kind == "SURFACEBEHAVIOR" and now is not None:
+            now.behavior = card
+        elif card.kind == "FRICTION" and now is not None:
+            now.friction = card
+    return found
+
+
+def _law(of: Reading, interaction: _Interaction, pair: Card) -> str:
+    """What the law of a pair is here: "hard", "tied" or "none"."""
+    card = interaction.behavior
+    kind = "HARD" if card is None else card.key("PRESSURE-OVERCLOSURE") or "HARD"
+    if kind == "HARD" or card is None:
+        return "hard"
+    if kind == "TIED":
+        return "tied"
+    if not card.lines:
+        raise card.fault(f"PRESSURE-OVERCLOSURE={kind} needs constants")
+    if kind == "LINEAR":
+        stiffness = float(card.floats([0])[0])
+    elif kind == "EXPONENTIAL":
+        c0, p0 = card.floats([0])[:2]
+        stiffness = p0 * np.log(100.0) / c0
+    else:
+        raise card.fault(f"PRESSURE-OVERCLOSURE={card.get('PRESSURE-OVERCLOSURE')} is a layer, which is not read")
+    young = min(
+        (float(one.floats([0])[0]) for one in of.model if one.kind == "ELASTIC" and one.lines), default=float("inf")
+    )
+    bound = young / _edge(of)
+    if stiffness < _NONE * bound:
+        return "none"
+    if stiffness < _SOFT * bound:
+        of.notes.append(
+            f"line {card.line}: a contact stiffness of {stiffness:.3g} is below Young's modulus over an edge "
+            f"({bound:.3g}): a penalty; here contact is hard"
+        )
+    return "hard"
+
+
+def _edge(of: Reading) -> float:
+    """A typical edge of the elements."""
+    edges = []
+    for rows in of.deck.solids.values():
+        x = of.deck.points[of.deck.places(rows[:200, 1:3])]
+        edges.append(np.linalg.norm(x[:, 1] - x[:, 0], axis=1))
+    return float(np.median(np.concatenate(edges)))
+
+
+def _friction(of: Reading, interaction: _Interaction, name: str) -> dict[str, Any]:
+    """Coulomb's coefficient, and how it changes from step to step (*CHANGE FRICTION)."""
+    table: dict[str, Any] = {}
+    limit = _limit(interaction.friction)
+    rows: list[tuple[float, float]] = [(0.0, _coefficient(interaction.friction))]
+    for step in of.steps:
+        changing = False
+        for card in step.cards:
+            if card.kind == "CHANGEFRICTION":
+                changing = card.key("INTERACTION") == name
+            elif card.kind == "FRICTION" and changing:
+                before, value = rows[-1][1], _coefficient(card)
+                soon = step.begin + 1e-6 * (step.end - step.begin)
+                rows += [(step.begin, before), (soon, value)] if step.begin > 0.0 else []
+                rows = rows if step.begin > 0.0 else [(0.0, value)]
+    largest = max(value for _, value in rows)
+    table["friction"] = largest
+    if len({value for _, value in rows}) > 1:
+        table["friction_amplitude"] = [[time, value / largest] for time, value in _distinct(tuple(rows))]
+    if limit is not None and largest > 0.0:
+        table["friction_limit"] = limit
+    return table
+
+
+def _distinct(rows: Rows) -> Rows:
+    return tuple(row for k, row in enumerate(rows) if k == 0 or row[0] > rows[k - 1][0])
+
+
+def _coefficient(card: Card | None) -> float:
+    if card is None or not card.lines:
+        return 0.0
+    if "ROUGH" in card.parameters:
+        raise card.fault("ROUGH is not read: give a large coefficient")
+    return float(card.floats([0])[0])
+
+
+def _limit(card: Card | None) -> float | None:
+    """Abaqus' TAUMAX."""
+    return None if card is None or not card.get("TAUMAX") else card.number(card.get("TAUMAX"), 0)
+
+
+def _adjusted(of: Reading, card: Card, clearance: float | None) -> dict[str, Any]:
+    """Gaps that are closed without strain (ADJUST), or that are given (*CLEARANCE)."""
+    if clearance is not None:
+        return {"adjust": _extent(of)} | ({"gap": clearance} if clearance else {})
+    given = card.get("ADJUST")
+    if not given:
+        return {}
+    try:
+        value = float(given)
+    except ValueError:
+        of.notes.append(f"ADJUST={given}: gaps of all nodes of the pair are closed without strain")
+        return {"adjust": _extent(of)}
+    if value == 0.0:
+        of.notes.append("ADJUST=0: overlaps up to a thousandth of the model are closed without strain, and so are gaps")
+        return {"adjust": 1e-3 * _extent(of)}
+    return {"adjust": value}
+
+
+def _extent(of: Reading) -> float:
+    return float(np.linalg.norm(np.ptp(of.deck.points, axis=0)))
+
+
+def _taken_out(of: Reading, names: tuple[str, str], clearance: float) -> dict[str, Any]:
+    """What *MODEL CHANGE makes of a pair: where it is out, its gap is the size of the model."""
+    rows, out = [(0.0, clearance)], False
+    away = 2.0 * _extent(of)
+    for step in of.steps:
+        soon = step.begin + 1e-6 * (step.end - step.begin)
+        for card in step.cards:
+            if card.kind != "MODELCHANGE":
+                continue
+            for row, words in card.rows():
+                if len(words) < 2:
+                    raise card.fault("needs a slave and a master surface", row)
+                if tuple(map(key_of, words[:2])) != names:
+                    continue
+                if "REMOVE" in card.parameters:
+                    rows = rows + [(step.begin, rows[-1][1]), (soon, away)] if step.begin else [(0.0, away)]
+                    out = True
+                elif out:  # an overlap comes in the course of the step
+                    rows += [(step.begin, away), (soon, max(clearance, 0.0)), (step.end, clearance)]
+                    out = False
+    if len({value for _, value in rows}) == 1:
+        return {}
+    largest = max((value for _, value in rows), key=abs)
+    return {"gap": largest, "gap_amplitude": [[time, value / largest] for time, value in _distinct(tuple(rows))]}

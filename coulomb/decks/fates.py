@@ -1,0 +1,100 @@
+"""What becomes of the cards of a deck: used, not needed here, or refused with the line."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from .cards import Card
+from .steps import PROCEDURES
+
+USED, NOT_NEEDED, REFUSED = "used", "not needed here", "refused"
+
+_GEOMETRY: Final = ("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "PART", "ENDPART", "INSTANCE", "ENDINSTANCE")
+
+_HANDLED: Final = frozenset(
+    (
+        *_GEOMETRY,
+        *("ASSEMBLY", "ENDASSEMBLY", "HEADING", "STEP", "ENDSTEP", "STATIC", "MATERIAL", "ELASTIC", "HYPERELASTIC"),
+        *("DENSITY", "EXPANSION", "SOLIDSECTION", "ORIENTATION", "BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "AMPLITUDE"),
+        *("CONTACTPAIR", "SURFACEINTERACTION", "SURFACEBEHAVIOR", "FRICTION", "CLEARANCE", "CHANGEFRICTION"),
+        *("TIE", "TRANSFORM", "EQUATION", "RIGIDBODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "PRE-TENSIONSECTION"),
+        *("TEMPERATURE", "INITIALCONDITIONS", "CONDUCTIVITY", "CYCLICSYMMETRYMODEL"),
+    )
+)
+
+_WITHOUT_MEANING: Final = {
+    **dict.fromkeys(("CONTROLS", "TIMEPOINTS", "NOANALYSIS", "SOLUTIONTECHNIQUE"), "increments and iterations"),
+    **dict.fromkeys(("CONTACTDAMPING", "CONTACTCONTROLS", "CONTACTSTABILIZATION"), "contact is exact"),
+    **dict.fromkeys(("DAMPING", "SPECIFICHEAT"), "of statics"),
+    **dict.fromkeys(
+        ("NODEPRINT", "NODEFILE", "NODEOUTPUT", "ELPRINT", "ELFILE", "ELEMENTOUTPUT", "CONTACTPRINT", "CONTACTFILE"),
+        "all results are written",
+    ),
+    **dict.fromkeys(
+        ("CONTACTOUTPUT", "OUTPUT", "SECTIONPRINT", "ENERGYPRINT", "ENERGYOUTPUT"), "all results are written"
+    ),
+    **dict.fromkeys(("PREPRINT", "RESTART", "MONITOR", "FILEFORMAT", "ELEMENTPRINT"), "all results are written"),
+    **dict.fromkeys(("PHYSICALCONSTANTS", "VALUESATINFINITY"), "no heat radiates"),
+    **dict.fromkeys(
+        ("SENSITIVITY", "DESIGNVARIABLES", "DESIGNRESPONSE", "OBJECTIVE", "FILTER"), "a step of sensitivities"
+    ),
+}
+
+
+@dataclass
+class Row:
+    """What becomes of the cards of one keyword.
+
+    Attributes:
+        keyword: As in the deck.
+        count: Of them.
+        fate: USED, NOT_NEEDED or REFUSED.
+        why: In words; with file and line where it is refused.
+    """
+
+    keyword: str
+    count: int
+    fate: str
+    why: str = ""
+
+
+def fates(cards: Iterable[Card], ignore: Collection[str], surface_elements: Collection[str]) -> list[Row]:
+    """The table of cards, in the order of the deck; those to ignore by `Card.kind`; types of elements that lie on
+    solids by name."""
+    rows: dict[str, Row] = {}
+    for card in cards:
+        fate, why = _fate(card, ignore, surface_elements)
+        row = rows.get(card.kind)
+        if row is None:
+            rows[card.kind] = Row(card.keyword, 1, fate, why)
+            continue
+        row.count += 1
+        if (fate == REFUSED and row.fate != REFUSED) or (fate == USED and row.fate == NOT_NEEDED):
+            row.fate, row.why = fate, why
+    return list(rows.values())
+
+
+def _fate(card: Card, ignore: Collection[str], surface_elements: Collection[str]) -> tuple[str, str]:
+    kind = card.kind
+    where = f"{Path(card.file).name}, line {card.line}"
+    if kind in ignore:
+        return NOT_NEEDED, "ignored, as asked for"
+    if kind in _WITHOUT_MEANING:
+        return NOT_NEEDED, _WITHOUT_MEANING[kind]
+    if kind == "ELEMENT":
+        title = card.get("TYPE").upper()
+        if title.startswith(("C3D", "DC3D")):
+            return USED, ""
+        if title in surface_elements:
+            return USED, "surface elements name faces"
+        return REFUSED, f"{where}: elements of type {title} are no solids"
+    if kind in PROCEDURES and kind != "STATIC":
+        return REFUSED, f"{where}: only *STATIC steps are solved"
+    if kind == "MODELCHANGE" and not card.key("TYPE").startswith("CONTACTPAIR"):
+        return REFUSED, f"{where}: elements are neither taken out nor put in"
+    if kind in _HANDLED or kind == "MODELCHANGE":
+        return USED, ""
+    return REFUSED, f"{where}: coulomb has nothing like it"

@@ -1,0 +1,456 @@
+"""The geometry of a deck: nodes, elements, sets and surfaces, parts and their instances put where they are.
+
+Numbers of nodes and elements are those of the deck.  With several instances, as in files of Abaqus/CAE, those of the
+second begin at 1e8, those of the third at 2e8, and so on; names of an instance's sets are "Instance.Set", and, where no
+other set has the name, "Set" too.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Final, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from ..arrays import FloatArray, IntArray
+from .cards import Card, key_of, read_cards
+
+SOLID = re.compile(r"(?:C3D|DC3D|AC3D|SC)(\d+)")
+FLAT = re.compile(r"(?:SFM3D|M3D|R3D|CPS|CPE|CAX|DS|S|STRI)([346])(?!\d)")
+"""Those of 4 nodes are on hexahedra, of 3 or 6 on tetrahedra; STRI65 has 6 nodes and 5 degrees of freedom at each."""
+
+SIDES: Final = {
+    4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
+    8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
+    6: ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0)),
+    5: ((0, 1, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0)),
+}
+"""Corners of the sides S1, S2, ... of a solid element, by its number of corners."""
+
+CORNERS: Final = {4: 4, 10: 4, 8: 8, 20: 8, 27: 8, 6: 6, 15: 6, 18: 6, 5: 5, 13: 5, 14: 5}
+"""Corners of a solid element, by its number of nodes."""
+
+_GENERATES = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM"}
+_APART: Final = 100_000_000  # between the numbers of two instances
+_LABEL = re.compile(r"[+-]?\d+")
+
+
+@dataclass
+class NamedSet:
+    """Numbers of nodes or elements, and the names of the sets that it contains.
+
+    Attributes:
+        name: As it is written where it is first given.
+        members: Arrays of numbers and names of sets, in their order.
+        hidden: Whether Abaqus/CAE has made it for itself ("internal").
+    """
+
+    name: str
+    members: list[IntArray | str] = field(default_factory=list)
+    hidden: bool = False
+
+
+class Sets:
+    """Sets by name, whose case does not matter."""
+
+    def __init__(self, path: str, kind: str):
+        self._path, self.kind = path, kind
+        self.all: dict[str, NamedSet] = {}
+
+    def get(self, name: str, hidden: bool = False) -> NamedSet:
+        """The set of this name, which is made if there is none."""
+        return self.all.setdefault(key_of(name), NamedSet(name, hidden=hidden))
+
+    def __contains__(self, name: str) -> bool:
+        return key_of(name) in self.all
+
+    def listed(self, name: str, within: tuple[str, ...] = ()) -> IntArray:
+        """The numbers of a set and of those it contains, in their order, those that are given twice twice."""
+        key = key_of(name)
+        if key not in self.all or key in within:
+            fault = "contains itself" if key in within else "is not defined"
+            raise ValueError(f"{self._path}: the {self.kind} set {name!r} {fault}")
+        parts = [
+            self.listed(one, (*within, key)) if isinstance(one, str) else one
+            for one in self.all[key].members
+            if not isinstance(one, str) or one in self or not within  # an unknown set inside a set is empty in CalculiX
+        ]
+        return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
+
+    def members(self, name: str) -> IntArray:
+        """The numbers of a set, ascending, each once."""
+        return np.unique(self.listed(name))
+
+
+@dataclass
+class Surface:
+    """A surface: of every line an element, or a set of elements, and the side, "" for the free ones; or of nodes.
+
+    Attributes:
+        lines: Elements as their number or the name of a set, and the side in upper case.
+        nodes: Whether it is one of nodes, the node set of the same name.
+    """
+
+    name: str
+    lines: list[tuple[int | str, str]] = field(default_factory=list)
+    nodes: bool = False
+
+
+_Named = TypeVar("_Named", NamedSet, Surface)
+
+
+@dataclass
+class _Instance:
+    """An instance of a part, or what is given outside of parts ("")."""
+
+    name: str
+    first: int
+    turn: npt.NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+    about: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    shift: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+
+class Geometry:
+    """Nodes, elements, sets and surfaces of a deck.
+
+    Attributes:
+        path: The file.
+        cards: All cards, in their order.
+        others: Those that say nothing of the geometry.
+        elements: By type in upper case: rows of the number of an element and those of its nodes.
+        node_sets: Of their numbers, as `element_sets`.
+        surfaces: By name as it is compared.
+
+    Raises:
+        OSError: If the file, or one that it includes, cannot be read.
+        ValueError: If it is damaged, or contains something that cannot be read and must not be skipped.
+    """
+
+    def __init__(self, path: str):
+        self.path = path
+        self.cards = read_cards(path)
+        self.others: list[Card] = []
+        self.node_sets, self.element_sets = Sets(path, "node"), Sets(path, "element")
+        self.surfaces: dict[str, Surface] = {}
+        self.elements: dict[str, list[IntArray]] = {}
+        self._tags: list[IntArray] = []
+        self._points: list[FloatArray] = []
+        self._parts: dict[str, tuple[str, list[Card]]] = {}
+        self._instances: dict[str, _Instance] = {}
+        self.owner: dict[int, str] = {}
+        self._outside = _Instance("", 0)
+        self._read()
+
+    # --- reading ------------------------------------------------------------------------------------------------------
+
+    def _read(self) -> None:
+        part: list[Card] | None = None
+        instance: _Instance | None = None
+        instanced = any(card.kind == "INSTANCE" for card in self.cards)
+        for card in self.cards:
+            kind = card.kind
+            if kind == "PART":
+                part = self._parts.setdefault(card.key("NAME"), (card.get("NAME"), []))[1]
+            elif kind == "ENDPART":
+                part = None
+            elif part is not None and instanced:
+                part.append(card)
+            elif kind == "INSTANCE":
+                instance = self._placed(card)
+                for of_part in self._part_of(card):
+                    self._take(of_part, instance)
+            elif kind == "ENDINSTANCE":
+                instance = None
+            elif kind == "NODE" and instanced and instance is None and not self._outside.first:
+                self._outside.first = _APART * len(self._instances)
+                self._take(card, self._outside)
+            else:
+                self._take(card, instance or self._outside)
+        if not instanced and len(self._parts) > 1:
+            named = ", ".join(name for name, _ in list(self._parts.values())[:5])
+            raise ValueError(f"{self.path}: has {len(self._parts)} parts ({named}), but no *INSTANCE of them")
+        self._plain_names()
+
+    def _part_of(self, card: Card) -> list[Card]:
+        name = card.key("PART")
+        if name not in self._parts:
+            raise card.fault(f"there is no *PART {card.get('PART')!r}")
+        return self._parts[name][1]
+
+    def _placed(self, card: Card) -> _Instance:
+        name = card.needs("NAME")
+        if key_of(name) in self._instances:
+            raise card.fault(f"there are two instances {name!r}")
+        placed = _Instance(name, _APART * len(self._instances))
+        self._instances[key_of(name)] = placed
+        rows = [card.floats([row]) for row in range(len(card.lines))]
+        if rows:
+            placed.shift[: len(rows[0])] = rows[0][:3]
+        if len(rows) > 1:
+            if len(rows[1]) != 7:
+                raise card.fault("a rotation needs two points of its axis and an angle in degrees, seven numbers", 1)
+            placed.about, placed.turn = rows[1][:3], _turn(rows[1][3:6] - rows[1][:3], math.radians(rows[1][6]))
+        return placed
+
+    def _take(self, card: Card, of: _Instance) -> None:
+        kind = card.kind
+        if kind in _GENERATES:
+            raise card.fault(
+                "coulomb does not read it: write the mesh with its nodes and elements in global coordinates"
+            )
+        if kind == "NODE":
+            self._nodes(card, of)
+        elif kind == "ELEMENT":
+            self._elements(card, of)
+        elif kind in ("NSET", "ELSET"):
+            sets = self.node_sets if kind == "NSET" else self.element_sets
+            name = self._own(card.needs(kind), of)
+            self._fill(card, sets.get(name, "INTERNAL" in card.parameters), self._of(card, of))
+        elif kind == "SURFACE":
+            self._surface(card, of)
+        else:
+            if of.name:
+                self.owner[id(card)] = of.name
+            self.others.append(card)
+
+    def _own(self, name: str, of: _Instance) -> str:
+        return f"{of.name}.{name}" if of.name and name else name
+
+    def _of(self, card: Card, of: _Instance) -> _Instance:
+        """The instance that the numbers of a card are of."""
+        name = card.key("INSTANCE")
+        if not name:
+            return of
+        if name not in self._instances:
+            raise card.fault(f"there is no *INSTANCE {card.get('INSTANCE')!r}")
+        return self._instances[name]
+
+    def _nodes(self, card: Card, of: _Instance) -> None:
+        if card.key("SYSTEM") not in ("", "R"):
+            raise card.fault("coordinates are not Cartesian")
+        widths = {line.rstrip(", \t").count(",") for line in card.lines}
+        if widths == {3}:
+            rows = card.floats().reshape(-1, 4)
+        else:  # coordinates that are left out are 0
+            each = [card.floats([row])[:4] for row in range(len(card.lines))]
+            rows = np.array([np.pad(row, (0, 4 - len(row))) for row in each]).reshape(-1, 4)
+        tags = rows[:, 0].astype(np.int64)
+        if np.any(tags != rows[:, 0]):
+            raise card.fault("damaged: the number of a node should be whole", int(np.argmax(tags != rows[:, 0])))
+        self._tags.append(tags + of.first)
+        x = rows[:, 1:] + of.shift
+        self._points.append((x - of.about) @ of.turn.T + of.about if of.name else x)
+        if card.get("NSET"):
+            self.node_sets.get(self._own(card.get("NSET"), of)).members.append(self._tags[-1])
+
+    def _elements(self, card: Card, of: _Instance) -> None:
+        kind = card.needs("TYPE").upper()
+        solid, flat = SOLID.match(kind), FLAT.match(kind)
+        width = int((solid or flat)[1]) if solid or flat else 0  # type: ignore[index]
+        if not width:  # springs, beams, masses: one line each
+            lengths = {len(line.rstrip(", \t").split(",")) for line in card.lines}
+            width = max(lengths, default=2) - 1
+        numbers = card.integers()
+        if len(numbers) % (1 + width):
+            raise card.fault(f"damaged: elements of type {kind} must have a number and {width} nodes each")
+        rows = numbers.reshape(-1, 1 + width) + of.first
+        self.elements.setdefault(kind, []).append(rows)
+        if card.get("ELSET"):
+            self.element_sets.get(self._own(card.get("ELSET"), of)).members.append(rows[:, 0])
+
+    def _fill(self, card: Card, into: NamedSet, of: _Instance) -> None:
+        if "GENERATE" in card.parameters:
+            for row, line in enumerate(card.lines):
+                given: list[int] = list(map(int, card.integers([row])))
+                if len(given) not in (2, 3) or given[-1] < 1:
+                    raise card.fault(f"GENERATE needs first, last and step, but has {line.strip()!r}", row)
+                step = given[2] if len(given) == 3 else 1
+                into.members.append(of.first + np.arange(given[0], given[1] + 1, step, dtype=np.int64))
+            return
+        run: list[int] = []
+        for word in (word for _, words in card.rows() for word in words if word):
+            if _LABEL.fullmatch(word):
+                run.append(int(word) + of.first)
+                continue
+            if run:
+                into.members.append(np.array(run, dtype=np.int64))
+                run = []
+            into.members.append(self.label(word, of) if _is_qualified(word) else self._own(word, of))
+        if run:
+            into.members.append(np.array(run, dtype=np.int64))
+
+    def label(self, word: str, of: _Instance | None = None) -> IntArray | str:
+        """What a word names: the number of a node or element, as `7` or `Instance.7`, in an array; or the name of a
+        set."""
+        if _LABEL.fullmatch(word):
+            return np.array([int(word) + (of or self._outside).first], dtype=np.int64)
+        name, dot, number = word.rpartition(".")
+        if dot and number.isdigit() and key_of(name) in self._instances:
+            return np.array([int(number) + self._instances[key_of(name)].first], dtype=np.int64)
+        return word
+
+    def _surface(self, card: Card, of: _Instance) -> None:
+        name, kind = self._own(card.needs("NAME"), of), card.key("TYPE") or "ELEMENT"
+        if kind == "NODE":
+            into = self.node_sets.get(name)
+            for word in (words[0] for _, words in card.rows()):
+                label = self.label(word, of)
+                if not isinstance(label, str):
+                    into.members.append(label)
+                elif key_of(label) != key_of(name):
+                    into.members.append(self._own(label, of))
+            self.surfaces[key_of(name)] = Surface(name, nodes=True)
+        elif kind == "ELEMENT":
+            lines: list[tuple[int | str, str]] = []
+            for _, words in card.rows():
+                label = self.label(words[0], of)
+                side = key_of(words[1]) if len(words) > 1 else ""
+                lines.append((self._own(label, of) if isinstance(label, str) else int(label[0]), side))
+            self.surfaces[key_of(name)] = Surface(name, lines)
+
+    def _plain_names(self) -> None:
+        """Let sets and surfaces of one instance alone be called without its name."""
+        _unqualified(self.node_sets.all, self._instances)
+        _unqualified(self.element_sets.all, self._instances)
+        _unqualified(self.surfaces, self._instances)
+
+    # --- what is read -------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def tags(self) -> IntArray:
+        """Numbers of the nodes, in the order of the file."""
+        tags = np.concatenate(self._tags) if self._tags else np.empty(0, dtype=np.int64)
+        if len(np.unique(tags)) != len(tags):
+            raise ValueError(f"{self.path}: has two nodes of the same number")
+        return tags
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """Their coordinates, shape (k, 3)."""
+        return np.concatenate(self._points) if self._points else np.empty((0, 3))
+
+    @cached_property
+    def _order(self) -> IntArray:
+        return np.argsort(self.tags, kind="stable")
+
+    def places(self, numbers: IntArray) -> IntArray:
+        """Where nodes of these numbers are in `points`; ValueError if one is not defined."""
+        tags, order = self.tags, self._order
+        if numbers.size == 0:
+            return numbers
+        place = np.minimum(np.searchsorted(tags, numbers, sorter=order), len(tags) - 1)
+        if len(tags) == 0 or np.any(tags[order[place]] != numbers):
+            raise ValueError(f"{self.path}: an element or a set has a node that the file does not define; is it whole?")
+        found: IntArray = order[place]
+        return found
+
+    def rows_of(self, kind: re.Pattern[str]) -> dict[int, IntArray]:
+        """Elements of the types that match a pattern by their number of nodes: rows of number and nodes."""
+        found: dict[int, list[IntArray]] = {}
+        for name, blocks in self.elements.items():
+            match = kind.match(name)
+            if match:
+                found.setdefault(int(match[1]), []).extend(blocks)
+        return {width: np.vstack(blocks) for width, blocks in found.items()}
+
+    @cached_property
+    def solids(self) -> dict[int, IntArray]:
+        """The solid elements by their number of nodes, rows of number and nodes, those without a volume of their own
+        left out."""
+        rows = self.rows_of(SOLID)
+        numbers = np.concatenate([one[:, 0] for one in rows.values()]) if rows else np.empty(0)
+        if len(np.unique(numbers)) != len(numbers):
+            raise ValueError(f"{self.path}: has two elements of the same number")
+        return rows
+
+    @cached_property
+    def flats(self) -> dict[int, IntArray]:
+        """The surface elements by their number of nodes."""
+        return self.rows_of(FLAT)
+
+    @cached_property
+    def kinds(self) -> dict[str, IntArray]:
+        """Numbers of the solid elements, by the cells that they can be: those of a component, which shares no node
+        with others, are tetrahedra or hexahedra of first or second order, and tetrahedra if they are mixed."""
+        widths = np.concatenate([np.full(len(rows), width) for width, rows in self.solids.items()])
+        numbers = np.concatenate([rows[:, 0] for rows in self.solids.values()])
+        component = self._components()
+        found: dict[str, list[IntArray]] = {}
+        hexahedra = np.isin(widths, (8, 20, 27))
+        second = ~np.isin(widths, (4, 5, 6, 8))
+        count = int(component.max(initial=-1)) + 1
+        all_hexahedra = np.bincount(component[~hexahedra], minlength=count) == 0
+        any_second = np.bincount(component[second], minlength=count) > 0
+        for order, ordered in (("first", ~any_second), ("second", any_second)):
+            for shape, shaped in (("hexahedra", all_hexahedra), ("tetrahedra", ~all_hexahedra)):
+                mine = (ordered & shaped)[component]
+                if np.any(mine):
+                    found[f"{order}_order_{shape}"] = [numbers[mine]]
+        return {name: np.concatenate(parts) for name, parts in found.items()}
+
+    def _components(self) -> IntArray:
+        """The component of every solid element, in the order of `solids`."""
+        counts = [len(rows) for rows in self.solids.values()]
+        cells = np.concatenate([np.repeat(np.arange(n), w) for n, w in zip(counts, self.solids, strict=True)])
+        cells += np.repeat(np.cumsum([0, *counts[:-1]]), [n * w for n, w in zip(counts, self.solids, strict=True)])
+        nodes = np.concatenate([self.places(rows[:, 1:]).ravel() for rows in self.solids.values()])
+        total = sum(counts)
+        graph = coo_matrix(
+            (np.ones(len(nodes), dtype=np.int8), (cells, total + nodes)), shape=(total + len(self.tags),) * 2
+        )
+        label = connected_components(graph, directed=False)[1][:total]
+        number: IntArray = np.unique(label, return_inverse=True)[1].astype(np.int64)
+        return number
+
+    def pressures(self, card: Card) -> Iterator[tuple[str, float, list[tuple[int | str, str]]]]:
+        """The pressures of a *DLOAD card: the name of the face of each, the pressure, and elements or sets with their
+        side S1, S2, ...; sides of one pressure are one face."""
+        by_value: dict[float, list[tuple[int | str, str]]] = {}
+        for row, words in card.rows():
+            side = key_of(words[1]) if len(words) > 1 else ""
+            if re.fullmatch(r"P[1-6]", side):
+                label = self.label(words[0])
+                value = card.number(words[2], row) if len(words) > 2 else 0.0
+                by_value.setdefault(value, []).append(
+                    (label if isinstance(label, str) else int(label[0]), side.replace("P", "S"))
+                )
+        for number, (value, sides) in enumerate(by_value.items(), 1):
+            if len(sides) == 1:
+                what, side = sides[0]
+                yield f"{what} {side.replace('S', 'P')}", value, sides
+            else:
+                yield f"DLOAD line {card.line}" + (f" {number}" if len(by_value) > 1 else ""), value, sides
+
+
+def _is_qualified(word: str) -> bool:
+    return "." in word
+
+
+def _turn(axis: FloatArray, angle: float) -> FloatArray:
+    """The matrix of a rotation about an axis, right-handed."""
+    unit = axis / np.linalg.norm(axis)
+    cross = np.cross(np.eye(3), unit)
+    turn: FloatArray = (
+        np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (np.outer(unit, unit) - np.eye(3))
+    )
+    return turn
+
+
+def _unqualified(known: dict[str, _Named], instances: Iterable[str]) -> None:
+    owners: dict[str, list[str]] = {}
+    for key in known:
+        for instance in instances:
+            if key.startswith(f"{instance}."):
+                owners.setdefault(key[len(instance) + 1 :], []).append(key)
+    for key, found in owners.items():
+        if len(found) == 1 and key not in known:
+            one = known.pop(found[0])
+            one.name = one.name[len(one.name) - len(key) :]
+            known[key] = known[found[0]] = one

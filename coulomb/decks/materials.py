@@ -1,0 +1,121 @@
+"""Materials of a deck as tables of a case file."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from .cards import Card
+
+
+def material_of(name: str, cards: list[Card], temperature: float | None) -> dict[str, Any]:
+    """The table of a material, from the cards below *MATERIAL, with constants at a temperature.
+
+    Raises:
+        ValueError: If it has no elastic constants, or some that coulomb does not have.
+    """
+    table: dict[str, Any] = {}
+    for card in cards:
+        if card.kind == "ELASTIC":
+            table |= _elastic(card, temperature)
+        elif card.kind == "HYPERELASTIC":
+            table |= _hyperelastic(card)
+        elif card.kind == "DENSITY":
+            table["density"] = float(card.floats([0])[0])
+        elif card.kind == "EXPANSION":
+            kind = card.key("TYPE") or "ISO"
+            row = _at(card, 1 if kind.startswith("ISO") else 3, temperature)
+            if kind.startswith("ANISO"):
+                raise card.fault("anisotropic expansion is not read")
+            table["expansion"] = float(row[0]) if kind.startswith("ISO") else [float(one) for one in row[:3]]
+        elif card.kind == "CONDUCTIVITY":
+            if card.key("TYPE") not in ("", "ISO"):
+                raise card.fault("only isotropic conductivity is read")
+            table["conductivity"] = float(_at(card, 1, temperature)[0])
+    if not {"young", "c1", "mu"} & table.keys():
+        raise ValueError(f"material {name!r} has no *ELASTIC and no *HYPERELASTIC card")
+    return table
+
+
+def _at(card: Card, count: int, temperature: float | None) -> FloatArray:
+    """So many constants at a temperature: linear between the lines, constant outside; without a temperature those of
+    the first line."""
+    values = card.floats()
+    per_line = count + 1
+    if len(values) % per_line and len(values) >= count:  # no temperature on the last line
+        values = np.append(values, np.zeros(per_line - len(values) % per_line))
+    rows = values.reshape(-1, per_line)
+    if not len(rows):
+        raise card.fault("has no constants")
+    if temperature is None or len(rows) == 1:
+        return np.asarray(rows[0, :count])
+    return np.array([np.interp(temperature, rows[:, count], rows[:, k]) for k in range(count)])
+
+
+def _elastic(card: Card, temperature: float | None) -> dict[str, Any]:
+    kind = card.key("TYPE") or "ISO"
+    if kind.startswith("ISO"):
+        young, poisson = _at(card, 2, temperature)
+        return {"young": float(young), "poisson": float(poisson)}
+    if kind.startswith("ORTHO"):
+        d11, d12, d22, d13, d23, d33, g12, g13, g23 = _at(card, 9, temperature)
+        compliance = np.linalg.inv(np.array([[d11, d12, d13], [d12, d22, d23], [d13, d23, d33]]))
+        young = 1.0 / np.diag(compliance)
+        ratios = [-compliance[0, 1] * young[0], -compliance[0, 2] * young[0], -compliance[1, 2] * young[1]]
+        return {"young": young.tolist(), "poisson": [float(nu) for nu in ratios], "shear": [g12, g13, g23]}
+    if kind.startswith("ENGINEERING"):
+        given = [float(one) for one in _at(card, 9, temperature)]
+        return {"young": given[:3], "poisson": given[3:6], "shear": given[6:]}
+    raise card.fault(f"TYPE={card.get('TYPE')} is not read: ISO, ORTHO and ENGINEERING CONSTANTS are")
+
+
+def _hyperelastic(card: Card) -> dict[str, Any]:
+    given = [float(one) for one in card.floats()]
+    flags = {name.replace("-", "").replace("_", "") for name in card.parameters}
+    order = int(card.get("N") or 1)
+    if flags & {"NEOHOOKE"}:
+        c10, d1 = (*given, 0.0)[:2]
+        return {"law": "mooney-rivlin", "c1": c10, "c2": 0.0, "bulk": _bulk(d1, 2.0 * c10)}
+    if flags & {"MOONEYRIVLIN"} or ("POLYNOMIAL" in flags and order == 1):
+        c10, c01, d1 = (*given, 0.0)[:3]
+        return {"law": "mooney-rivlin", "c1": c10, "c2": c01, "bulk": _bulk(d1, 2.0 * (c10 + c01))}
+    if "REDUCEDPOLYNOMIAL" in flags and order == 1:
+        c10, d1 = (*given, 0.0)[:2]
+        return {"law": "mooney-rivlin", "c1": c10, "c2": 0.0, "bulk": _bulk(d1, 2.0 * c10)}
+    if "OGDEN" in flags:
+        moduli, exponents = given[0 : 2 * order : 2], given[1 : 2 * order : 2]
+        d1 = given[2 * order] if len(given) > 2 * order else 0.0
+        # 2 mu / alpha^2 (sum of stretches^alpha - 3) here, mu / alpha there
+        own = [2.0 * mu / alpha for mu, alpha in zip(moduli, exponents, strict=True)]
+        return {"law": "ogden", "mu": own, "alpha": exponents, "bulk": _bulk(d1, sum(moduli))}
+    raise card.fault("of *HYPERELASTIC, NEO HOOKE, MOONEY-RIVLIN and OGDEN are read")
+
+
+def _bulk(d1: float, shear: float) -> float:
+    """2 / D1; where it is 0 that of CalculiX, at which Poisson's ratio is 0.475."""
+    return 2.0 / d1 if d1 > 0.0 else shear * 2.0 * 1.475 / (3.0 * (1.0 - 2.0 * 0.475))
+
+
+def directions_of(card: Card) -> list[list[float | str]]:
+    """The first two axes of an *ORIENTATION, as vectors or as expressions of place."""
+    if len(card.lines) > 1 and np.any(card.floats([1])[1:2]):
+        raise card.fault("a rotation of the axes on a second line is not read", 1)
+    a, b = np.split(card.floats([0])[:6], 2)
+    if (card.key("SYSTEM") or "RECTANGULAR").startswith("R"):
+        return [a.tolist(), b.tolist()]
+    radial = radial_direction(a, b)
+    axis = (b - a) / np.linalg.norm(b - a)
+    # the second axis is along the circle: axis x radial
+    x = radial
+    circle = [f"({axis[1]!r})*({x[2]})-({axis[2]!r})*({x[1]})", f"({axis[2]!r})*({x[0]})-({axis[0]!r})*({x[2]})"]
+    circle.append(f"({axis[0]!r})*({x[1]})-({axis[1]!r})*({x[0]})")
+    return [list(radial), list(circle)]
+
+
+def radial_direction(a: FloatArray, b: FloatArray) -> list[str]:
+    """The vector from the axis through a and b to the place, as expressions."""
+    axis = (b - a) / np.linalg.norm(b - a)
+    along = "+".join(f"({axis[k]!r})*({name}-({a[k]!r}))" for k, name in enumerate("xyz"))
+    return [f"{name}-({a[k]!r})-({axis[k]!r})*({along})" for k, name in enumerate("xyz")]

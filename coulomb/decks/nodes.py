@@ -1,0 +1,277 @@
+"""Supports and forces at the nodes of a deck: *BOUNDARY and *CLOAD, in the frames of *TRANSFORM."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any, Final
+
+import numpy as np
+
+from ..arrays import FloatArray, IntArray
+from .cards import Card, key_of
+from .constraints import Constraints
+from .materials import radial_direction
+from .reading import Reading
+from .steps import Rows, Step, Track, Tracks, reference
+
+_TYPES: Final = {
+    **{"ENCASTRE": (1, 2, 3), "PINNED": (1, 2, 3), "XSYMM": (1,), "YSYMM": (2,), "ZSYMM": (3,)},
+    **{"XASYMM": (2, 3), "YASYMM": (1, 3), "ZASYMM": (1, 2)},
+}
+"""Degrees of freedom of solids that Abaqus' named supports hold."""
+
+_LETTERS: Final = " xyz"
+
+_Key = tuple[int, int]  # node, degree of freedom
+
+
+class NodalTables:
+    """What is prescribed at nodes: supports and forces, those of reference points given on to what they belong to."""
+
+    def __init__(self, reading: Reading, constraints: Constraints):
+        self._of, self._constraints = reading, constraints
+        self._supports, self._forces = Tracks[_Key](support=True), Tracks[_Key](support=False)
+        self._labels: dict[str, IntArray] = {}
+        self._strays = 0
+        self._frame: dict[int, Card] = {}
+        for card in reading.model:
+            if card.kind == "TRANSFORM":
+                for node in reading.node_numbers(card.needs("NSET"), card, None).tolist():
+                    self._frame[node] = card
+
+    def take(self) -> None:
+        """Read the cards of the model and of all steps."""
+        first = self._of.steps[0]
+        for card in self._of.model:
+            if card.kind == "BOUNDARY":
+                self._boundary(card, first, model=True)
+        for step in self._of.steps:
+            if step is not first:
+                self._supports.begin(step)
+            self._forces.begin(step)
+            fresh: set[str] = set()
+            for card in step.cards:
+                if card.kind in ("BOUNDARY", "CLOAD") and card.key("OP") == "NEW" and card.kind not in fresh:
+                    fresh.add(card.kind)
+                    if card.kind == "BOUNDARY" and step is first:
+                        self._supports = Tracks[_Key](support=True)
+                if card.kind == "BOUNDARY":
+                    self._boundary(card, step, model=False)
+                elif card.kind == "CLOAD":
+                    self._cload(card, step)
+            if "BOUNDARY" in fresh and step is not first:
+                self._supports.drop(self._supports.given, step)
+            if "CLOAD" in fresh:
+                self._forces.drop(self._forces.given, step)
+
+    def _boundary(self, card: Card, step: Step, model: bool) -> None:
+        amplitude = self._of.amplitude(card)
+        for row, words in card.rows():
+            nodes = self._nodes(words[0], card, row)
+            kind = key_of(words[1]) if len(words) > 1 else ""
+            value = 0.0
+            if kind in _TYPES:
+                dofs: Iterable[int] = _TYPES[kind]
+            else:
+                if not kind:
+                    raise card.fault("needs nodes, the first and the last degree of freedom, and a value", row)
+                first = card.whole(words[1], row)
+                last = card.whole(words[2], row) if len(words) > 2 and words[2] else first
+                value = card.number(words[3], row) if len(words) > 3 else 0.0
+                if first in (0, 11):
+                    raise card.fault(
+                        "temperatures are prescribed by *TEMPERATURE; *BOUNDARY of temperature is not read", row
+                    )
+                dofs = range(first, last + 1)
+            for node in self._of_solids(nodes, kind, value, card, row, step).tolist():
+                for dof in dofs:
+                    if dof > 3:
+                        continue  # solids have no rotations
+                    if "FIXED" in card.parameters:
+                        self._supports.hold((node, dof), step)
+                    else:
+                        self._supports.give((node, dof), value, step, amplitude, model)
+
+    def _of_solids(self, nodes: IntArray, kind: str, value: float, card: Card, row: int, step: Step) -> IntArray:
+        """Those of some nodes that belong to solid elements; the others given on, if a constraint has them."""
+        mine = np.isin(nodes, self._of.nodes_of_cells)
+        for node in nodes[~mine].tolist():
+            if not self._constraints.support(node, card, row, step):
+                self._strays += 1
+        return nodes[mine]
+
+    def _cload(self, card: Card, step: Step) -> None:
+        amplitude = self._of.amplitude(card)
+        for row, words in card.rows():
+            if len(words) < 3:
+                raise card.fault("needs nodes, a degree of freedom and a force", row)
+            nodes, dof, value = self._nodes(words[0], card, row), card.whole(words[1], row), card.number(words[2], row)
+            mine = np.isin(nodes, self._of.nodes_of_cells)
+            for node in nodes[~mine].tolist():
+                if not self._constraints.load(node, dof, value, step, amplitude):
+                    self._strays += 1
+            if dof not in (1, 2, 3):
+                if np.any(mine):
+                    raise card.fault(f"nodes of solids have no degree of freedom {dof}", row)
+                continue
+            for node in nodes[mine].tolist():
+                self._forces.give((node, dof), value, step, amplitude)
+
+    def _nodes(self, word: str, card: Card, row: int) -> IntArray:
+        nodes = self._of.node_numbers(word, card, row)
+        label = self._of.deck.label(word)
+        if isinstance(label, str):
+            owner = self._of.deck.owner.get(id(card))
+            qualified = f"{owner}.{label}" if owner and f"{owner}.{label}" in self._of.deck.node_sets else label
+            known = self._of.deck.node_sets.get(qualified)
+            if not known.hidden:
+                self._labels.setdefault(known.name, np.unique(nodes))
+        return nodes
+
+    # --- tables -------------------------------------------------------------------------------------------------------
+
+    def tables(self) -> dict[str, Any]:
+        """The tables of supports and forces."""
+        if self._strays:
+            self._of.notes.append(f"supports and loads of {self._strays} nodes of no solid element have no effect")
+        tables: dict[str, Any] = {}
+        for nodes, dofs, frame, rows, begin, end in self._groups(self._supports, whole=False):
+            value, amplitude = reference(rows)
+            for table in self._directions(dofs, frame, value):
+                table["nodes"] = nodes
+                for name, time in (("begin", begin), ("end", end)):
+                    if time is not None:
+                        table[name] = time
+                if amplitude is not None and not self._of.single(amplitude):
+                    table["amplitude"] = amplitude
+                moved = value != 0.0 or begin is not None
+                tables.setdefault("prescribed_displacement" if moved else "clamp", []).append(table)
+        for nodes, dofs, frame, rows, _, _ in self._groups(self._forces, whole=True):
+            value, amplitude = reference(rows)
+            force = np.array([value if dof in dofs else 0.0 for dof in (1, 2, 3)])
+            for some, along in self._in_space(nodes, force, frame):
+                table = {"nodes": some, "force": [float(one) for one in along]}
+                if amplitude is not None and not self._of.single(amplitude):
+                    table["amplitude"] = amplitude
+                tables.setdefault("nodal_force", []).append(table)
+        return tables
+
+    def _directions(self, dofs: list[int], frame: Card | None, value: float) -> list[dict[str, Any]]:
+        """Components that are held, or directions, each with the displacement."""
+        if frame is None:
+            held: dict[str, Any] = {"components": "".join(_LETTERS[dof] for dof in dofs)}
+            return [held | ({"value": [value if dof in dofs else 0.0 for dof in (1, 2, 3)]} if value else {})]
+        if dofs == [1, 2, 3] and not value:
+            return [{"components": "xyz"}]
+        found = []
+        for dof in dofs:
+            along = _axes(frame)[dof - 1]
+            table: dict[str, Any] = {"direction": along}
+            if value:
+                if any(isinstance(one, str) for one in along):
+                    length = "sqrt(" + "+".join(f"({one})**2" for one in along) + ")"
+                    table["value"] = [f"{value!r}*({one})/{length}" for one in along]
+                else:
+                    unit = np.array(along, dtype=np.float64) / np.linalg.norm(np.array(along, dtype=np.float64))
+                    table["value"] = [float(one) for one in value * unit]
+            found.append(table)
+        return found
+
+    def _in_space(self, nodes: Any, force: FloatArray, frame: Card | None) -> Iterator[tuple[Any, FloatArray]]:
+        """Nodes with their force along x, y and z: all with the same, but around the axis of a cylinder each with its
+        own."""
+        if frame is None:
+            yield nodes, force
+        elif frame.key("TYPE") != "C":
+            yield nodes, force @ _unit(np.array(_axes(frame), dtype=np.float64))
+        else:
+            deck = self._of.deck
+            body, _, name = nodes.rpartition(":") if isinstance(nodes, str) else ("", "", "")
+            each = [f"{body}:{n}" if body else int(n) for n in deck.node_sets.members(name)] if name else nodes
+            for node in each:
+                number = int(str(node).rpartition(":")[2])
+                x = deck.points[deck.places(np.array([number]))[0]]
+                yield [node], force @ _unit(axes_at(frame, x))
+
+    def _groups(
+        self, tracks: Tracks[_Key], whole: bool
+    ) -> Iterable[tuple[Any, list[int], Card | None, Rows, float | None, float | None]]:
+        """Nodes, as the name of a set or numbers, with the degrees of freedom that follow the same rows; sets may
+        overlap unless they are `whole`."""
+        by_track: dict[tuple[Any, ...], list[int]] = {}
+        for key, track in tracks.all:
+            if whole and not any(value for _, value in track.rows):
+                continue
+            frame = self._frame.get(key[0])
+            by_track.setdefault((_same(track), key[1], id(frame) if frame else 0), []).append(key[0])
+        frames = {id(card): card for card in self._frame.values()}
+        left = {key: np.unique(nodes) for key, nodes in by_track.items()}
+        every = dict(left)
+        for name, nodes in self._labels.items():
+            nodes = nodes[np.isin(nodes, self._of.nodes_of_cells)]
+            if not len(nodes):
+                continue
+            fitting: dict[tuple[Any, ...], list[int]] = {}
+            for (track, dof, frame), known in (left if whole else every).items():
+                if np.all(np.isin(nodes, known)) and np.any(np.isin(nodes, left[track, dof, frame])):
+                    fitting.setdefault((track, frame), []).append(dof)
+            for (track, frame), dofs in fitting.items():
+                for dof in dofs:
+                    rest = left[track, dof, frame]
+                    left[track, dof, frame] = rest[~np.isin(rest, nodes)]
+                for body in self._bodies_of(nodes):
+                    yield f"{body}{name}", sorted(dofs), frames.get(frame), *track
+        single: dict[tuple[Any, ...], list[int]] = {}
+        for (track, dof, frame), nodes in left.items():
+            if len(nodes):
+                single.setdefault((track, frame, tuple(nodes.tolist())), []).append(dof)
+        for (track, frame, numbers), dofs in single.items():
+            for body in self._bodies_of(np.array(numbers)):
+                here = self._of.bodies.get(body[:-1])
+                mine = [n for n in numbers if here is None or n in self._nodes_in(body[:-1])]
+                yield [f"{body}{number}" for number in mine] if body else mine, sorted(dofs), frames.get(frame), *track
+
+    def _bodies_of(self, nodes: IntArray) -> list[str]:
+        """The names of the bodies with some of these nodes, with a colon; "" for one alone."""
+        if not self._of.bodies:
+            return [""]
+        return [f"{name}:" for name in self._of.bodies if self._nodes_in(name) & set(nodes.tolist())]
+
+    def _nodes_in(self, body: str) -> set[int]:
+        elements = self._of.bodies[body]
+        parts = [rows[np.isin(rows[:, 0], elements), 1:].ravel() for rows in self._of.deck.solids.values()]
+        return set(np.unique(np.concatenate(parts)).tolist())
+
+
+def _same(track: Track) -> tuple[Rows, float | None, float | None]:
+    """What makes two tracks the same; one without a value is held where it is, at 0 of what follows."""
+    rows, begin, end = track.fixed()
+    return tuple((time, 0.0 if math.isnan(value) else value) for time, value in rows), begin, end
+
+
+def _unit(rows: FloatArray) -> FloatArray:
+    unit: FloatArray = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    return unit
+
+
+def axes_at(frame: Card, x: FloatArray) -> FloatArray:
+    """The radial, tangential and axial direction of a cylinder's frame at a place."""
+    a, b = np.split(frame.floats([0])[:6], 2)
+    axis = (b - a) / np.linalg.norm(b - a)
+    radial = x - a - axis * ((x - a) @ axis)
+    return np.array([radial, np.cross(axis, radial), axis])
+
+
+def _axes(frame: Card) -> list[list[Any]]:
+    """The three directions of a *TRANSFORM, vectors or expressions of place."""
+    a, b = np.split(frame.floats([0])[:6], 2)
+    if frame.key("TYPE") != "C":
+        third = np.cross(a, b)
+        return [a.tolist(), np.cross(third, a).tolist(), third.tolist()]
+    axis = (b - a) / np.linalg.norm(b - a)
+    x = radial_direction(a, b)
+    circle = [
+        f"({axis[(k + 1) % 3]!r})*({x[(k + 2) % 3]})-({axis[(k + 2) % 3]!r})*({x[(k + 1) % 3]})" for k in range(3)
+    ]
+    return [list(x), circle, axis.tolist()]

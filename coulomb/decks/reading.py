@@ -1,0 +1,143 @@
+"""What the parts of a translation share: the steps of a deck, and the names that its cards use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..arrays import IntArray
+from .cards import Card, key_of
+from .geometry import Geometry
+from .steps import Amplitude, Rows, Step, reference
+
+
+class Reading:
+    """A deck that is being read.
+
+    Attributes:
+        deck: Its geometry.
+        model: The cards outside of steps that say nothing of the geometry.
+        steps: The steps.
+        large: Whether motions are large.
+        notes: What a user should know, a sentence each.
+    """
+
+    def __init__(self, deck: Geometry, model: list[Card], steps: list[Step], large: bool = False):
+        self.deck, self.model, self.steps, self.large = deck, model, steps, large
+        self.notes: list[str] = []
+
+    @cached_property
+    def bodies(self) -> Mapping[str, IntArray]:
+        """Numbers of the elements of each body by its name; none if there is one alone."""
+        kinds = self.deck.kinds
+        return kinds if len(kinds) > 1 else {}
+
+    @cached_property
+    def nodes_of_cells(self) -> IntArray:
+        """Numbers of the nodes of solid elements, ascending."""
+        found: IntArray = np.unique(np.concatenate([rows[:, 1:].ravel() for rows in self.deck.solids.values()]))
+        return found
+
+    def set_name(self, card: Card) -> str:
+        """The name of the set of a section, which may be of a part."""
+        owner = self.deck.owner.get(id(card))
+        name = card.needs("ELSET")
+        if owner and f"{owner}.{name}" in self.deck.element_sets:
+            name = f"{owner}.{name}"
+        if name not in self.deck.element_sets:
+            raise card.fault(f"there is no element set {name!r}")
+        return self.deck.element_sets.get(name).name
+
+    def node_numbers(self, word: str, card: Card, row: int | None) -> IntArray:
+        """The nodes that a word names, a number or a set, in their order, some perhaps twice."""
+        label = self.deck.label(word)
+        if not isinstance(label, str):
+            return label
+        owner = self.deck.owner.get(id(card))
+        name = f"{owner}.{label}" if owner and f"{owner}.{label}" in self.deck.node_sets else label
+        if name not in self.deck.node_sets:
+            raise card.fault(f"there is no node set {word!r}", row)
+        return self.deck.node_sets.listed(name)
+
+    def body_of(self, elements: IntArray, what: str) -> str:
+        """ "NAME:" of the body of some elements, "" for one alone."""
+        if not self.bodies:
+            return ""
+        homes = [name for name, numbers in self.bodies.items() if np.any(np.isin(elements, numbers))]
+        if len(homes) != 1:
+            raise ValueError(
+                f"{self.deck.path}: {what} is on {len(homes)} bodies ({', '.join(homes)}): give each its own"
+            )
+        return f"{homes[0]}:"
+
+    def face(self, name: str, what: str) -> str:
+        """A surface as a face of the case."""
+        surface = self.deck.surfaces.get(key_of(name))
+        if surface is None:
+            raise ValueError(f"{self.deck.path}: {what}: there is no *SURFACE {name!r}")
+        if not self.bodies:
+            return surface.name
+        if surface.nodes:
+            elements = self.elements_at(self.deck.node_sets.members(surface.name))
+        else:
+            elements = np.concatenate([self.elements_of(one) for one, _ in surface.lines])
+        return f"{self.body_of(elements, what)}{surface.name}"
+
+    def elements_of(self, label: int | str) -> IntArray:
+        """Numbers of an element or a set of elements."""
+        return np.array([label]) if isinstance(label, int) else self.deck.element_sets.members(label)
+
+    def elements_at(self, nodes: IntArray) -> IntArray:
+        """Numbers of the solid elements with one of these nodes."""
+        parts = [rows[np.any(np.isin(rows[:, 1:], nodes), axis=1), 0] for rows in self.deck.solids.values()]
+        return np.concatenate(parts)
+
+    @cached_property
+    def amplitudes(self) -> dict[str, Amplitude]:
+        """The curves of *AMPLITUDE cards by name."""
+        found = {}
+        for card in self.deck.others:
+            if card.kind == "AMPLITUDE":
+                values = card.floats()
+                if len(values) % 2 or not len(values):
+                    raise card.fault("needs pairs of time and factor")
+                shift_x, shift_y = (float(card.get(name) or 0.0) for name in ("SHIFTX", "SHIFTY"))
+                pairs = values.reshape(-1, 2) + (shift_x, shift_y)
+                rows = tuple((float(t), float(v)) for t, v in pairs)
+                found[card.key("NAME")] = Amplitude(rows, card.key("TIME") == "TOTALTIME")
+        return found
+
+    def amplitude(self, card: Card) -> Amplitude | None:
+        """The curve that a card names."""
+        name = card.key("AMPLITUDE")
+        if not name:
+            return None
+        if name not in self.amplitudes:
+            raise card.fault(f"there is no *AMPLITUDE {card.get('AMPLITUDE')!r}")
+        return self.amplitudes[name]
+
+    def single(self, rows: list[list[float]]) -> bool:
+        """Whether factors are those of a single load step from 0 to 1, which need no time."""
+        return (
+            not self.large
+            and len(self.steps) == 1
+            and len(self.steps[0].ends) == 1
+            and rows[-1][1] == 1.0
+            and self._monotonic(rows)
+        )
+
+    @staticmethod
+    def _monotonic(rows: list[list[float]]) -> bool:
+        factors = [row[1] for row in rows]
+        return factors == sorted(factors) and factors[0] >= 0.0
+
+    def timed(self, table: dict[str, Any], key: str, rows: Rows) -> dict[str, Any]:
+        """A table with a value that follows these rows."""
+        value, amplitude = reference(rows)
+        table[key] = value
+        if amplitude is not None and not self.single(amplitude):
+            table["amplitude"] = amplitude
+        return table

@@ -1,0 +1,242 @@
+"""A deck of CalculiX or Abaqus as the tables of a case file, and what becomes of each of its cards.
+
+Nothing is left out without a word: every card is used, not needed here (what it says of penalties, increments or
+print requests has no meaning for this solver), or refused with its line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..arrays import IntArray
+from .cards import Card, key_of
+from .constraints import Constraints
+from .contacts import contact_tables
+from .fates import REFUSED, Row, fates
+from .geometry import Geometry
+from .loads import Loads
+from .materials import directions_of, material_of
+from .nodes import NodalTables
+from .reading import Reading
+from .steps import PROCEDURES, Step, steps_of
+
+
+@dataclass
+class Translation:
+    """A deck as a case.
+
+    Attributes:
+        tables: As those of a case file; empty if a card is refused.
+        cards: What became of each keyword, in the order of the deck.
+        notes: What else a user should know, a sentence each.
+        nonlinear: Whether a step asks for large motions (NLGEOM).
+    """
+
+    nonlinear: bool = False
+    tables: dict[str, Any] = field(default_factory=dict)
+    cards: list[Row] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def refused(self) -> list[Row]:
+        """The keywords that are refused."""
+        return [row for row in self.cards if row.fate == REFUSED]
+
+    def refuse(self, path: str) -> None:
+        """Raises ValueError if a card is refused."""
+        if self.refused:
+            each = "".join(f"\n  *{row.keyword}: {row.why}" for row in self.refused)
+            raise ValueError(f"{path}: coulomb cannot follow all of its cards (--ignore CARD leaves one out):{each}")
+
+
+def translate(path: str, ignore: Iterable[str] = (), large: bool = False) -> Translation:
+    """Read a deck as tables of a case.
+
+    Args:
+        path: The input file.
+        ignore: Keywords that are left out although coulomb cannot follow them.
+        large: For large motions, in load steps.
+
+    Raises:
+        OSError: If it, or a file that it includes, cannot be read.
+        ValueError: If it is damaged, or says something that contradicts itself, with file and line.
+    """
+    return _Translator(Geometry(path), {key_of(name.lstrip("*")) for name in ignore}, large).translation
+
+
+class _Translator:
+    def __init__(self, deck: Geometry, ignore: set[str], large: bool):
+        self.translation = Translation()
+        surface_elements = [name for name in deck.elements if _names_faces(deck, name)]
+        self.translation.cards = fates(deck.cards, ignore, surface_elements)
+        if self.translation.refused:
+            return
+        model, steps = steps_of([card for card in deck.others if card.kind not in ignore])
+        steps = [step for step in steps if _procedure(step) != "SENSITIVITY"]
+        if not steps:
+            raise ValueError(f"{deck.path}: has no *STEP with *STATIC")
+        laws = any(card.kind == "HYPERELASTIC" for card in model)
+        if large or laws:
+            for step in steps:
+                step.divide()
+        self.deck, self.of = deck, Reading(deck, model, steps, large or laws)
+        self.notes = self.translation.notes = self.of.notes
+        self.translation.tables = self._tables()
+
+    def _tables(self) -> dict[str, Any]:
+        stem = Path(self.deck.path).stem
+        tables: dict[str, Any] = {
+            "units": self._units(),
+            "output": {"directory": f"results/{stem}", "format": ["xdmf", "frd"]},
+        }
+        kinds = self.deck.kinds
+        bodies, self.loads = self.of.bodies, Loads(self.of)
+        materials = self._materials()
+        if bodies:
+            tables["body"] = []
+            for name, numbers in bodies.items():
+                body: dict[str, Any] = {"name": name, "file": Path(self.deck.path).name, "cells": name}
+                tables["body"].append(body | {"material": self._of_cells(materials, numbers)})
+            self.notes.append(f"cells are of several kinds, each a [[body]]: {', '.join(bodies)}")
+        else:
+            tables["mesh"] = {"file": Path(self.deck.path).name}
+            tables["material"] = self._of_cells(materials, np.concatenate(list(kinds.values())))
+        self._note_elements()
+        constraints = Constraints(self.of)
+        nodal = NodalTables(self.of, constraints)
+        nodal.take()
+        tables |= self.loads.temperature()
+        tables |= nodal.tables()
+        tables |= self.loads.tables({table.get("density") for _, _, table in materials})
+        for name, more in constraints.tables().items():
+            tables.setdefault(name, []).extend(more)
+        tables["contact"] = contact_tables(self.of)
+        if not tables["contact"]:
+            del tables["contact"]
+        ends = [end for step in self.of.steps for end in step.ends]
+        times = sorted({*ends, *self._kinks(tables)})
+        timed = any("amplitude" in key for table in _all_tables(tables) for key in table)
+        if len(times) > 1 or timed or self.of.large:
+            tables["history"] = {"times": times}
+        nonlinear = [
+            step for step in self.of.steps if "NLGEOM" in step.card.parameters and step.card.key("NLGEOM") != "NO"
+        ]
+        self.translation.nonlinear = bool(nonlinear)
+        if self.of.large:
+            tables["solver"] = {"kinematics": "large"}
+        elif nonlinear:
+            self.notes.append(
+                "NLGEOM: solved with small motions first, and with large ones if they are too large for that"
+            )
+        return tables
+
+    def _kinks(self, tables: dict[str, Any]) -> set[float]:
+        """Times at which an amplitude has an extreme inside a step."""
+        last = self.of.steps[-1].end
+        found: set[float] = set()
+        for table in _all_tables(tables):
+            for key, rows in table.items():
+                if key.endswith("amplitude"):
+                    for before, row, after in zip(rows, rows[1:], rows[2:], strict=False):
+                        if (row[1] - before[1]) * (after[1] - row[1]) < 0.0 and row[0] < last:
+                            found.add(row[0])
+        return found
+
+    def _units(self) -> dict[str, str]:
+        """By the magnitude of the largest elastic modulus."""
+        moduli = [
+            float(np.max(card.floats([0])[:1])) for card in self.of.model if card.kind == "ELASTIC" and card.lines
+        ]
+        largest = max(moduli, default=0.0)
+        if largest >= 1e8:
+            self.notes.append("units: metres, newtons, pascals, by the elastic modulus")
+            return {"length": "m", "stress": "Pa"}
+        sure = 2e4 <= largest <= 1e6
+        self.notes.append(
+            "units: millimetres, newtons, megapascals"
+            + (", by the elastic modulus" if sure else ", as is usual; if they are others, say so under [units]")
+        )
+        return {"length": "mm", "stress": "MPa"}
+
+    def _materials(self) -> list[tuple[str, IntArray, dict[str, Any]]]:
+        """Set of elements, their numbers and the material of every section."""
+        by_name: dict[str, list[Card]] = {}
+        orientations: dict[str, Card] = {}
+        now: list[Card] | None = None
+        for card in self.of.model:
+            if card.kind == "MATERIAL":
+                now = by_name.setdefault(card.key("NAME"), [])
+            elif card.kind == "ORIENTATION":
+                orientations[card.key("NAME")] = card
+            elif card.kind in ("ELASTIC", "HYPERELASTIC", "DENSITY", "EXPANSION", "CONDUCTIVITY") and now is not None:
+                now.append(card)
+        temperature = self.loads.initial_temperature
+        tracks = self.loads.temperatures
+        if tracks is not None:
+            temperature = tracks.all[0][1].value()
+        found = []
+        for card in self.of.model:
+            if card.kind != "SOLIDSECTION":
+                continue
+            if card.key("MATERIAL") not in by_name:
+                raise card.fault(f"there is no *MATERIAL {card.get('MATERIAL')!r}")
+            table = material_of(card.get("MATERIAL"), by_name[card.key("MATERIAL")], temperature)
+            if card.key("ORIENTATION"):
+                if card.key("ORIENTATION") not in orientations:
+                    raise card.fault(f"there is no *ORIENTATION {card.get('ORIENTATION')!r}")
+                if isinstance(table.get("young"), list):
+                    table["directions"] = directions_of(orientations[card.key("ORIENTATION")])
+            name = self.of.set_name(card)
+            found.append((name, self.deck.element_sets.members(name), table))
+        return found
+
+    def _of_cells(self, materials: list[tuple[str, IntArray, dict[str, Any]]], numbers: IntArray) -> Any:
+        """The table of the material of these cells, or several by set."""
+        here = [(name, table) for name, of, table in materials if np.any(np.isin(of, numbers))]
+        covered = np.concatenate([of for _, of, _ in materials]) if materials else np.empty(0)
+        bare = numbers[~np.isin(numbers, covered)]
+        if len(bare):
+            raise ValueError(f"{self.deck.path}: element {bare[0]} has no *SOLID SECTION ({len(bare)} elements)")
+        if all(table == here[0][1] for _, table in here):
+            return here[0][1]
+        return [table | {"cells": name} for name, table in here]
+
+    def _note_elements(self) -> None:
+        widths = set(self.deck.solids)
+        if 20 in widths:
+            self.notes.append("20-node hexahedra have a node in the middle of each face and of the cell as well")
+        if widths & {5, 6, 13, 15}:
+            self.notes.append(
+                "prisms and pyramids, and hexahedra that share nodes with them, are split into tetrahedra"
+            )
+        if any(name.startswith(("C3D8R", "C3D8I")) for name in self.deck.elements):
+            self.notes.append(
+                "8-node hexahedra are fully integrated, without incompatible modes: in bending they are stiff"
+            )
+
+
+def _procedure(step: Step) -> str:
+    return next((card.kind for card in step.cards if card.kind in PROCEDURES), "")
+
+
+def _names_faces(deck: Geometry, kind: str) -> bool:
+    """Whether elements of a type are on the surface of solids."""
+    if not kind.startswith(("CPS", "CPE", "CAX", "S3", "S4", "S6", "STRI", "M3D", "SFM3D", "R3D")) or not deck.solids:
+        return False
+    of_solids = np.unique(np.concatenate([rows[:, 1:].ravel() for rows in deck.solids.values()]))
+    return bool(np.all(np.isin(np.vstack(deck.elements[kind])[:, 1:], of_solids)))
+
+
+def _all_tables(tables: dict[str, Any]) -> list[dict[str, Any]]:
+    """All tables of a case, those in lists too."""
+    found = [tables]
+    for value in tables.values():
+        for one in value if isinstance(value, list) else [value]:
+            if isinstance(one, dict):
+                found += _all_tables(one)
+    return found

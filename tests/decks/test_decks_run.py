@@ -1,0 +1,112 @@
+"""Decks through the command line: the table of cards, results as .frd, import; those of ../shared beside CalculiX."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT, run_coulomb
+from test_tables import CUBES, STEP
+
+from coulomb.case.case import read_case
+from coulomb.io.field_files import read_grids
+
+DECKS = ROOT.parent / "shared" / "decks"
+
+PUSHED = CUBES + STEP.format("*DLOAD\n2, P2, 10.\n*NODE PRINT, NSET=all\nU")
+
+
+def blocks_of(path):
+    """Rows of numbers of the results of an .frd file by name, of the last time."""
+    found, rows = {}, None
+    for line in path.read_text().splitlines():
+        if line.startswith(" -4"):
+            rows = found[line[5:13].strip()] = {}
+        elif line.startswith(" -3"):
+            rows = None
+        elif rows is not None and line.startswith(" -1"):
+            rows[int(line[3:13])] = [float(line[k : k + 12]) for k in range(13, len(line), 12)]
+    return found
+
+
+def test_a_deck_runs_and_its_results_have_its_numbers(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("deck.inp").write_text(PUSHED)
+    done = run_coulomb("run", "deck.inp", "--set", "output.picture=false")
+    assert done.returncode == 0, done.stderr
+    cards = [line.split() for line in done.stdout.splitlines() if line.startswith("card")]
+    assert ["card", "2", "x", "*NSET", "used"] in cards
+    assert ["card", "*NODE", "PRINT", "not", "needed", "here;", "all", "results", "are", "written"] in cards
+    blocks = blocks_of(tmp_path / "results" / "deck" / "results.frd")
+    (grid,) = read_grids(tmp_path / "results" / "deck" / "solution.xdmf").values()
+    fields = grid.fields
+    numbers = fields["node_number"].astype(int).tolist()
+    assert sorted(numbers) == [*range(1, 9), *range(11, 19)]
+    assert np.allclose([blocks["DISP"][n] for n in numbers], fields["displacement"], rtol=1e-4, atol=1e-12)
+    assert np.sum(list(blocks["FORC"].values()), axis=0) == pytest.approx([0.0, 0.0, 10.0], abs=1e-4)
+    assert blocks["STRESS"][17][2] == pytest.approx(-10.0, rel=1e-2)  # szz at the top
+    pressures = {n: row[3] for n, row in blocks["CONTACT"].items() if row[3] > 0.0}
+    assert set(pressures) == {11, 12, 13, 14} and np.mean(list(pressures.values())) == pytest.approx(10.0)
+
+
+def test_an_imported_deck_is_the_same_case(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in").mkdir()
+    Path("in/deck.inp").write_text(PUSHED)
+    done = run_coulomb("import", "in/deck.inp", "case.toml")
+    assert done.returncode == 0 and "case.toml written; next: coulomb run case.toml" in done.stdout
+    written, given = (read_case(path) for path in ("case.toml", "in/deck.inp"))
+    assert written.model_dump() == given.model_dump()
+    assert run_coulomb("import", "in/deck.inp", "case.toml").returncode == 2
+    other = run_coulomb("import", "case.toml")
+    assert other.returncode == 2 and "ends in .inp" in other.stderr
+
+
+def test_a_refused_card_stops_the_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("deck.inp").write_text(PUSHED + "*CREEP\n1., 2., 3.\n")
+    done = run_coulomb("run", "deck.inp")
+    assert done.returncode == 2 and "*CREEP: deck.inp, line" in done.stderr and not Path("results").exists()
+    done = run_coulomb("run", "deck.inp", "--ignore", "creep", "--set", "output.picture=false", "--quiet")
+    assert done.returncode == 0, done.stderr
+
+
+VERTICAL_FORCES = {"contact5": 25.0, "contactenergy": 4.0, "cubes": 25.0, "friction1": 25.0, "moved": 1000.0} | {
+    "punch1": 14.6444,
+    "testmortar": 25.0,
+}
+"""Of CalculiX, or of the pressure by the area."""
+
+LOWEST = {"friction1": -3.99e-4, "testmortar": -3.573e-4, "contactenergy": -1.142857e-4}
+"""Displacements along z of CalculiX with penalties 100 times stiffer, of decks of 8-node hexahedra."""
+
+
+@pytest.mark.skipif(not DECKS.is_dir(), reason="needs ../shared/decks")
+@pytest.mark.parametrize("name", VERTICAL_FORCES)
+def test_decks_of_calculix(name):
+    solution = read_case(DECKS / f"{name}.inp").problem().solve()
+    assert solution.certificate.passed
+    assert solution.at_nodes.totals()["force"][2] == pytest.approx(VERTICAL_FORCES[name], rel=1e-4)
+    if name in LOWEST:
+        assert solution.displacement[:, 2].min() == pytest.approx(LOWEST[name], rel=2e-2)
+
+
+@pytest.mark.skipif(not DECKS.is_dir(), reason="needs ../shared/decks")
+def test_the_shear_of_two_cubes_and_a_wrong_assembly():
+    problem = read_case(DECKS / "contact5.inp").problem()
+    shear = np.array(problem.solve().at_nodes.totals()["force"][:2])
+    assert np.allclose(shear, [0.388, 0.776], rtol=2e-2)  # CalculiX with penalties 100 times stiffer
+    with pytest.raises(ValueError, match="no part of it is opposite"):  # both cubes at one place
+        read_case(DECKS / "unmoved.inp").problem()
+
+
+def test_summary_of_a_deck_in_steps(tmp_path, monkeypatch):
+    """Pressed, then pushed: friction is at its bound in the second step."""
+    monkeypatch.chdir(tmp_path)
+    text = CUBES.replace("base, 1, 3\ntop, 1, 2", "base, 1, 3")
+    text += STEP.format("*DLOAD\n2, P2, 10.\n*BOUNDARY\ntop, 1, 2") + STEP.format("*BOUNDARY\ntop, 1, 1, 0.01")
+    Path("deck.inp").write_text(text)
+    done = run_coulomb("run", "deck.inp", "--set", "output.picture=false", "--quiet")
+    assert done.returncode == 0, done.stderr
+    contents = json.loads(Path("results/deck/steps/0002/summary.json").read_text())
+    assert contents["totals"]["force"][0] == pytest.approx(-2.0, rel=1e-6)

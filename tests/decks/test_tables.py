@@ -1,0 +1,201 @@
+"""Decks as tables of a case: what becomes of every card, and of loads and supports from step to step."""
+
+import numpy as np
+import pytest
+
+from coulomb.case.case import read_case
+from coulomb.decks.tables import translate
+
+CUBES = """** two cubes, the upper one on the lower one
+*NODE, NSET=all
+1, 0, 0, 0
+2, 1, 0, 0
+3, 1, 1, 0
+4, 0, 1, 0
+5, 0, 0, 1
+6, 1, 0, 1
+7, 1, 1, 1
+8, 0, 1, 1
+11, 0, 0, 1
+12, 1, 0, 1
+13, 1, 1, 1
+14, 0, 1, 1
+15, 0, 0, 2
+16, 1, 0, 2
+17, 1, 1, 2
+18, 0, 1, 2
+*ELEMENT, TYPE=C3D8, ELSET=cubes
+1, 1, 2, 3, 4, 5, 6, 7, 8
+2, 11, 12, 13, 14, 15, 16, 17, 18
+*NSET, NSET=base, GENERATE
+1, 4
+*NSET, NSET=top, GENERATE
+15, 18
+*SURFACE, NAME=master
+1, S2
+*SURFACE, NAME=slave
+2, S1
+*MATERIAL, NAME=steel
+*ELASTIC
+210000., .3
+*DENSITY
+7.8e-9
+*SOLID SECTION, ELSET=cubes, MATERIAL=steel
+*BOUNDARY
+base, 1, 3
+top, 1, 2
+*CONTACT PAIR, INTERACTION=si, TYPE=SURFACE TO SURFACE
+slave, master
+*SURFACE INTERACTION, NAME=si
+*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR
+1.E7
+*FRICTION
+.2, 1.E6
+"""
+
+STEP = "*STEP\n*STATIC\n{}\n*END STEP\n"
+
+
+def tables_of(tmp_path, text, **options):
+    (tmp_path / "deck.inp").write_text(text)
+    return translate(str(tmp_path / "deck.inp"), **options)
+
+
+def steps(*texts):
+    return CUBES + "".join(STEP.format(text) for text in texts)
+
+
+def test_one_step(tmp_path):
+    """Node forces of one step need no history; penalties are not needed; the case can be solved."""
+    found = tables_of(tmp_path, steps("*CLOAD\ntop, 3, -1.\n15, 3, -1.\n*NODE PRINT, NSET=all\nU"))
+    assert not found.refused
+    fates = {row.keyword: row.fate for row in found.cards}
+    assert fates["CLOAD"] == fates["FRICTION"] == "used" and fates["NODE PRINT"] == "not needed here"
+    tables = found.tables
+    assert tables["clamp"] == [{"components": "xyz", "nodes": "base"}, {"components": "xy", "nodes": "top"}]
+    assert tables["contact"] == [{"face": "slave", "against": "master", "friction": 0.2}]
+    assert "history" not in tables and tables["units"] == {"length": "mm", "stress": "MPa"}
+    forces = {tuple(table["nodes"]): table["force"] for table in tables["nodal_force"]}
+    assert forces == {(16, 17, 18): [0.0, 0.0, -1.0], (15,): [0.0, 0.0, -2.0]}  # of one step they add up
+    solution = read_case(tmp_path / "deck.inp").problem().solve()
+    assert solution.certificate.passed
+    assert solution.at_nodes.totals()["normal_force"] == pytest.approx(5.0)
+
+
+def test_loads_go_on_from_step_to_step(tmp_path):
+    """A later value replaces, linearly from the one before; OP=NEW lets others go to 0; what is not given stays."""
+    found = tables_of(
+        tmp_path,
+        steps("*DLOAD\n2, P2, 10.", "*DLOAD\n2, P2, 4.\n*CLOAD\n15, 1, 3.", "*CLOAD, OP=NEW\n16, 1, 1."),
+    )
+    assert found.tables["history"] == {"times": [1.0, 2.0, 3.0]}
+    (pressure,) = found.tables["pressure"]
+    assert pressure == {"face": "2 P2", "value": 10.0, "amplitude": [[0.0, 0.0], [1.0, 1.0], [2.0, 0.4]]}
+    forces = {table["nodes"][0]: table for table in found.tables["nodal_force"]}
+    assert forces[15] == {"nodes": [15], "force": [3.0, 0.0, 0.0], "amplitude": [[1.0, 0.0], [2.0, 1.0], [3.0, 0.0]]}
+    assert forces[16]["amplitude"] == [[2.0, 0.0], [3.0, 1.0]]
+
+
+def test_supports_that_begin_and_end(tmp_path):
+    found = tables_of(tmp_path, steps("*CLOAD\ntop, 3, -1.", "*BOUNDARY, OP=NEW\nbase, 1, 3\ntop, 1, 1, .1"))
+    clamps = {(table["nodes"], table["components"]): table for table in found.tables["clamp"]}
+    assert clamps["top", "y"]["end"] == 1.0 and "end" not in clamps["base", "xyz"]
+    (moved,) = found.tables["prescribed_displacement"]
+    assert moved["components"] == "x" and moved["value"] == [0.1, 0.0, 0.0]
+    assert moved["amplitude"] == [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]]
+
+
+def test_amplitudes(tmp_path):
+    """A value is that times the factor at the time, of the step or in all, without a ramp."""
+    curve = "*AMPLITUDE, NAME=a\n0., 1., 1., 1.\n*AMPLITUDE, NAME=b, TIME=TOTAL TIME\n0., 0., 2., 2.\n"
+    text = CUBES + curve + STEP.format("*CLOAD, AMPLITUDE=A\n15, 3, -1.\n*DLOAD, AMPLITUDE=b\n2, P2, 5.")
+    found = tables_of(tmp_path, text + STEP.format(""))
+    (force,), (pressure,) = found.tables["nodal_force"], found.tables["pressure"]
+    assert force == {"nodes": [15], "force": [0.0, 0.0, -1.0]}
+    assert pressure == {"face": "2 P2", "value": 5.0, "amplitude": [[0.0, 0.0], [1.0, 1.0]]}
+
+
+def test_frames_of_nodes(tmp_path):
+    """Directions of *TRANSFORM: a support along them, and around the axis of a cylinder."""
+    frame = "*TRANSFORM, NSET=top, TYPE=R\n1., 1., 0., -1., 1., 0.\n"
+    found = tables_of(tmp_path, CUBES.replace("top, 1, 2", "top, 2, 2") + frame + STEP.format("*CLOAD\ntop, 1, 2."))
+    (_, held) = found.tables["clamp"]
+    assert np.allclose(np.cross(held["direction"], [-1.0, 1.0, 0.0]), 0.0)
+    (force,) = found.tables["nodal_force"]
+    assert np.allclose(force["force"], [np.sqrt(2.0), np.sqrt(2.0), 0.0])
+    around = frame.replace("TYPE=R\n1., 1., 0., -1., 1., 0.", "TYPE=C\n3., 0., 0., 3., 0., 1.")
+    found = tables_of(tmp_path, CUBES.replace("top, 1, 2", "top, 2, 2") + around + STEP.format("*CLOAD\ntop, 3, 1."))
+    (_, held) = found.tables["clamp"]
+    x, y = 0.0, 1.0
+    values = [eval(part, {"x": x, "y": y, "z": 0.0}) if isinstance(part, str) else part for part in held["direction"]]
+    assert abs(np.dot(values, [x - 3.0, y, 0.0])) < 1e-12 and np.linalg.norm(values) > 0.0
+    outwards = CUBES.replace("top, 1, 2", "top, 2, 2") + around + STEP.format("*CLOAD\n18, 1, 2.")
+    (force,) = tables_of(tmp_path, outwards).tables["nodal_force"]
+    assert force["nodes"] == [18] and np.allclose(force["force"], [-6.0 / np.sqrt(10.0), 2.0 / np.sqrt(10.0), 0.0])
+
+
+def test_refused_cards_are_named_with_their_line(tmp_path):
+    text = steps("*CLOAD\ntop, 3, -1.") + "*PLASTIC\n1., 0.\n*DYNAMIC\n"
+    found = tables_of(tmp_path, text)
+    line = text[: text.index("*PLASTIC")].count("\n") + 1
+    assert [row.keyword for row in found.refused] == ["PLASTIC", "DYNAMIC"] and not found.tables
+    with pytest.raises(ValueError, match=rf"--ignore CARD.*\n  \*PLASTIC: deck.inp, line {line}: .*\n  \*DYNAMIC"):
+        found.refuse("deck.inp")
+    assert not tables_of(tmp_path, text, ignore=["plastic", "*Dynamic"]).refused
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("top, 1, 2", "nowhere, 1, 2"), r"line 38: \*BOUNDARY: there is no node set 'nowhere'"),
+        (("base, 1, 3", "base, 1, x"), r"line 37: \*BOUNDARY: damaged: 'x' is no number"),
+        (("MATERIAL=steel", "MATERIAL=iron"), r"\*SOLID SECTION: there is no \*MATERIAL 'iron'"),
+        (("slave, master", "slave, nobody"), r"there is no \*SURFACE 'nobody'"),
+        (("INTERACTION=si,", "INTERACTION=none,"), r"there is no \*SURFACE INTERACTION 'none'"),
+        (("ELSET=cubes, MATERIAL", "ELSET=none, MATERIAL"), "there is no element set 'none'"),
+    ],
+)
+def test_wrong_decks(change, message, tmp_path):
+    with pytest.raises(ValueError, match=f"deck.inp: .*{message}"):
+        tables_of(tmp_path, steps("*CLOAD\ntop, 3, -1.").replace(*change))
+
+
+def test_materials(tmp_path):
+    """Constants at the temperature, orthotropic ones by compliance, hyperelastic ones for large motions."""
+    own = "*ELASTIC\n1000., .3, 20.\n2000., .3, 120.\n*EXPANSION, ZERO=20.\n1.e-5\n*DENSITY\n7.8e-9\n"
+    warm = CUBES.replace("*ELASTIC\n210000., .3\n*DENSITY\n7.8e-9\n", own)
+    warm += "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nall, 20.\n"
+    found = tables_of(tmp_path, warm + STEP.format("*TEMPERATURE\nall, 70."))
+    assert found.tables["material"]["young"] == 1500.0
+    assert found.tables["temperature"] == {"value": 70.0, "reference": 20.0}
+    young, nu = 1000.0, 0.25
+    lame, shear = young * nu / (1 + nu) / (1 - 2 * nu), young / 2 / (1 + nu)
+    stiff = [lame + 2 * shear, lame, lame + 2 * shear, lame, lame, lame + 2 * shear, shear, shear, shear]
+    text = CUBES.replace("*ELASTIC\n210000., .3", "*ELASTIC, TYPE=ORTHO\n" + ", ".join(map(repr, stiff)) + ", 294.")
+    table = tables_of(tmp_path, text + STEP.format("")).tables["material"]
+    assert np.allclose(table["young"], young) and np.allclose(table["poisson"], nu)
+    rubber = CUBES.replace("*ELASTIC\n210000., .3", "*HYPERELASTIC, MOONEY-RIVLIN\n.5, .1, .02")
+    found = tables_of(tmp_path, rubber + "*STEP, NLGEOM\n*STATIC\n.25, 1.\n*BOUNDARY\ntop, 3, 3, -.1\n*END STEP\n")
+    assert found.tables["material"] == {"law": "mooney-rivlin", "c1": 0.5, "c2": 0.1, "bulk": 100.0, "density": 7.8e-9}
+    assert found.tables["solver"] == {"kinematics": "large"} and found.tables["history"]["times"] == [
+        0.25,
+        0.5,
+        0.75,
+        1.0,
+    ]
+
+
+def test_pairs_that_are_taken_out_and_put_in(tmp_path):
+    """Out of the model their gap is its size; a clearance that is an overlap comes in the course of the step."""
+    out, put = (f"*MODEL CHANGE, TYPE=CONTACT PAIR, {word}\nslave, master" for word in ("REMOVE", "ADD"))
+    clearance = "*CLEARANCE, SLAVE=slave, MASTER=master, VALUE=-0.01\n"
+    (contact,) = tables_of(tmp_path, CUBES + clearance + STEP.format(out) + STEP.format(put)).tables["contact"]
+    gaps = {time: contact["gap"] * factor for time, factor in contact["gap_amplitude"]}
+    assert gaps[0.0] == gaps[1.0] > 3.0 and gaps[2.0] == pytest.approx(-0.01) and 0.0 in gaps.values()
+
+
+def test_friction_that_changes(tmp_path):
+    change = "*CHANGE FRICTION, INTERACTION=si\n*FRICTION\n.1, 1.E6"
+    (contact,) = tables_of(tmp_path, steps("", change)).tables["contact"]
+    rows = [[time, contact["friction"] * factor] for time, factor in contact["friction_amplitude"]]
+    assert np.allclose(rows, [[0.0, 0.2], [1.0, 0.2], [1.0, 0.1]], atol=2e-6)
