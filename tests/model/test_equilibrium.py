@@ -126,16 +126,17 @@ def test_a_body_slides_between_walls():
         assert found.direction[0] > 0.9 and found.load == pytest.approx(pull, rel=0.1) and found.resistance < found.load
 
 
-@pytest.mark.slow
 def test_a_body_slides_between_walls_that_curve_away():
-    """Where most nodes are far from the wall, the motion is not larger than the gaps, but than those under pressure."""
+    """Where most nodes are far from the wall, the motion is not larger than the gaps, but than those under pressure.
+    The Tresca problems that follow find no answer either; here they are few."""
+    few = SuccessiveTresca(qp_solver=InteriorPoint(max_iterations=5), max_iterations=1)
     problem = loaded(FloatingBlock(between=True), (4e5, 0.0, -WEIGHT), everywhere=True)
     b = problem.b.copy()
     b[9:36:3] -= 0.5
     with pytest.raises(
         NotConverged, match=r"the loads push along .*at the pressures.*Then successive Tresca"
     ) as failure:
-        Automatic().solve(FrictionProblem(problem.A, b, problem.law, rigid=problem.rigid))
+        Automatic(successive_tresca=few).solve(FrictionProblem(problem.A, b, problem.law, rigid=problem.rigid))
     result = failure.value.result
     assert result.status is not Status.NO_EQUILIBRIUM
 
