@@ -37,7 +37,6 @@ from .fem.meshes import moved as moved
 from .fem.meshes import read_mesh as read_mesh
 from .fem.meshes import second_order as second_order
 from .io.history_files import HistoryFiles as HistoryFiles
-from .io.recheck import check as check
 from .load_curve import LoadCurve as LoadCurve
 from .model.certificate import Certificate as Certificate
 from .model.contact import Contact as Contact
@@ -52,6 +51,7 @@ from .model.probes import Probe as Probe
 from .model.problem import ContactProblem as ContactProblem
 from .model.solution import Solution as Solution
 from .model.stopping_criterion import certify as certify
+from .recheck import check as check
 from .solvers.interior_point import InteriorPoint as InteriorPoint
 from .solvers.results import NotConverged as NotConverged
 from .solvers.results import Status as Status

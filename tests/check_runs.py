@@ -12,8 +12,8 @@ from case_texts import one_body
 from mpi4py import MPI
 
 from coulomb.case.case import read_case
+from coulomb.case.record import write_case
 from coulomb.io import output
-from coulomb.io.case_record import write_case
 from coulomb.io.field_files import read_grids
 from coulomb.io.history_files import HistoryFiles
 

@@ -12,7 +12,7 @@ import coulomb
 PICTURES = {"pyvista", "vtk", "vtkmodules", "matplotlib", "PIL", "jinja2"}
 SLOW = PICTURES | {"mpi4py", "petsc4py", "dolfinx", "ufl", "basix", "scipy", "h5py", "threadpoolctl"}
 
-UNUSED = {"scipy.optimize", "meshio", "coulomb.fem.meshes.gmsh_format", "coulomb.io.recheck"}
+UNUSED = {"scipy.optimize", "meshio", "coulomb.fem.meshes.gmsh_format", "coulomb.recheck"}
 """What the run of a box that supports hold does not need, and takes 60 ms to load."""
 
 AND_TELL = """

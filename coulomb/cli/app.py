@@ -193,7 +193,7 @@ def resume(
     force: Force = False,
 ) -> None:
     """Continue a load history that was interrupted, from its last step, on any number of ranks."""
-    from ..io.case_record import written_case
+    from ..case.record import written_case
     from .session import opened
 
     with opened(quiet, log_file) as session:
@@ -367,7 +367,7 @@ def check(directory: Annotated[Path, typer.Argument(help="Directory of the resul
     """
     refuse_ranks("coulomb check")
 
-    from ..io.recheck import check as check_files
+    from ..recheck import check as check_files
 
     finish_for_reader(directory)
     with bad_input():

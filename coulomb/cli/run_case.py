@@ -20,6 +20,7 @@ from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from ..case.case import Case
+from ..case.record import case_record, case_text, refuse_another_case, write_case
 from ..contact_fields import normal_forces
 from ..fem.compilation import announce
 from ..fem.meshes import JoinedMesh, NamedMesh, gathered
@@ -27,7 +28,6 @@ from ..fem.meshes import write as write_mesh
 from ..io import output
 from ..io.accuracy import accuracy
 from ..io.atomic_output import PARTIAL, locked, refuse_to_replace
-from ..io.case_record import case_record, case_text, refuse_another_case, write_case
 from ..io.error_bars import ComparisonHistories, error_of
 from ..io.history_files import HistoryFiles, read_summary, steps_left, steps_on_disk, whole_history
 from ..io.other_formats import write_formats

@@ -51,7 +51,7 @@ class HistoryFiles:
         resume: Continue from the last step that exists.
         overwrite: Whether results that are there, and not continued, may be replaced: with the first step they are
             kept as DIRECTORY.previous.
-        case: Record of the case, stored in the summary of every step under step.case (`case_record`).
+        case: Record of the case, stored in the summary of every step under step.case (`case.record`).
         entries: Gives further entries of the summary of a step.
         when_begun: Called when the directory is that of this history.
 

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from report_pages import page_without_pictures
 
 from coulomb.case.case import Case, read_case
-from coulomb.io.case_record import case_text
+from coulomb.case.record import case_text
 
 STACK = """
 clamp = [{ face = "base:bottom" }]

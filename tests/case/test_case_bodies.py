@@ -10,8 +10,8 @@ from mesh_files import BoxFile
 from mpi4py import MPI
 
 from coulomb.case.case import Case, read_case
+from coulomb.case.record import case_record, case_text
 from coulomb.fem.meshes.named_mesh import volume
-from coulomb.io.case_record import case_record, case_text
 
 BLOCKS = """
 clamp = [{ face = "lower:bottom" }, { face = "upper:top" }]

@@ -14,9 +14,9 @@ from mpi4py import MPI
 
 from coulomb.case.case import Case, read_case
 from coulomb.case.files import LARGEST
+from coulomb.case.record import write_case, written_case
 from coulomb.cli.preparation import refuse_too_many_cells
 from coulomb.fem.meshes.meshes import read_mesh, read_xdmf
-from coulomb.io.case_record import write_case, written_case
 from coulomb.io.fclib import read_fclib
 
 

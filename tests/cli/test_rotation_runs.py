@@ -10,7 +10,7 @@ from conftest import run_coulomb
 from report_pages import page_without_pictures
 from resumed_rows import rows_of
 
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 SHOE = """\
 material = { young = 1e7, poisson = 0.3 }

@@ -8,7 +8,7 @@ import pytest
 from conftest import run_coulomb
 from mesh_files import BoxFile
 
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 CASE = """
 prescribed_displacement = [{ face = "top", value = [4e-3, 0.0, -2e-3], amplitude = [[0, 0], [2, 1]] }]

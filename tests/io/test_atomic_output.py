@@ -19,8 +19,8 @@ from mpi4py import MPI
 import coulomb
 from coulomb.io import output
 from coulomb.io.atomic_output import commit, finish, locked, refuse_to_replace, set_aside
-from coulomb.io.recheck import check
 from coulomb.io.run_directory import LOCK, RunDirectory
+from coulomb.recheck import check
 
 OTHER = ("--set", "contact.friction=0.4")
 GROWING = "traction=[{face='top',value=[0,0,-1e7],amplitude=[[0,0],[1,1]]}]"

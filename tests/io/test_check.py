@@ -9,7 +9,7 @@ from conftest import make_block, run_coulomb
 
 import coulomb
 from coulomb.io import output
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,11 @@ from check_runs import change, copied, edit, made, put, run_case, shown
 from conftest import run_coulomb
 from resumed_rows import rows_of, same_to_the_tolerance
 
-from coulomb.io.case_record import written_case
+from coulomb.case.record import written_case
 from coulomb.io.field_files import read_grids
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck import check
 from coulomb.model.held_nodes import OtherNodes
+from coulomb.recheck import check
 
 FIRST, LAST = "steps/0001", "steps/0002"
 

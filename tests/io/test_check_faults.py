@@ -11,7 +11,7 @@ from check_runs import BALL, BLOCK, change, copied, edit, made, one_entry
 from rubber_blocks import DRAWN
 from test_check_ties import SCREWED
 
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 LARGE = DRAWN.replace("times = [0.5, 1.0, 1.5, 2.0]", "times = [0.5, 1.0, 1.2]")
 RUNS = {

@@ -29,8 +29,8 @@ from check_runs import (
 from shared_problems import lose
 
 from coulomb.contact_fields import COMPLIANCES, names
-from coulomb.io.recheck import check
 from coulomb.model.nodal_answer import HELD, OPEN, SLIP, STICK
+from coulomb.recheck import check
 
 ON_CELLS = ("von_mises_stress", "stress_xz", "principal_stress_2", "young", "poisson")
 RUNS = {"hexahedra": BLOCK, "tetrahedra": WEDGE}

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from coulomb.case.case import read_case
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 BARS = """\
 reference_temperature = 20.0

@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 from coulomb.case.case import read_case
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck import check
 from coulomb.model.load_history import LoadHistory
+from coulomb.recheck import check
 
 RUNS = {"hexahedra, Coulomb": BALL, "tetrahedra, Tresca": TRESCA_STEPS}
 

@@ -16,10 +16,10 @@ from test_check_files import SQUEEZED
 
 import coulomb
 from coulomb.case.case import read_case
+from coulomb.case.record import write_case
 from coulomb.io import output
-from coulomb.io.case_record import write_case
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 SECOND_ORDER = {
     cell: BLOCK.replace("cells = [6, 3, 2]", f'cells = [3, 2, 1], cell = "{cell}", degree = 2')

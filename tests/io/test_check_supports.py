@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from check_runs import copied, made
 
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 CASE = """\
 mesh = { box = [1.0, 0.6, 0.5], cells = [3, 2, 2], cell = "tetrahedron" }

@@ -8,7 +8,7 @@ from case_texts import body, one_body
 from check_runs import change, copied, edit, made, put, shown
 from conftest import run_coulomb
 
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 GLUED = """\
 tie = [{ face = "lower:top", against = "upper:bottom" }]

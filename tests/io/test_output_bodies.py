@@ -10,9 +10,9 @@ from coulomb.fem.bodies.displacement_space import DisplacementSpace
 from coulomb.fem.bodies.located_points import _Facets
 from coulomb.io import output
 from coulomb.io.field_files import OPPOSITE, read_grids
-from coulomb.io.recheck import check
 from coulomb.model.nodal_answer import CARRIED, HELD, STICK, carried
 from coulomb.model.probes import LocatedProbes, Part
+from coulomb.recheck import check
 
 PRESSURE = 1e7
 

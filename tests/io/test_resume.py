@@ -11,8 +11,8 @@ from mesh_files import BoxFile
 from mpi4py import MPI
 
 from coulomb.case.case import read_case
+from coulomb.case.record import case_record, refuse_another_case, write_case, written_case
 from coulomb.cli import run_case
-from coulomb.io.case_record import case_record, refuse_another_case, write_case, written_case
 from coulomb.io.history_files import HistoryFiles
 from coulomb.model.load_history import LoadHistory
 
@@ -159,7 +159,7 @@ def test_runs_from_python_have_no_case(tmp_path, stopped):
 
 
 def test_the_digest_of_an_xdmf_mesh_covers_its_data(tmp_path):
-    from coulomb.io.case_record import _digest
+    from coulomb.case.record import _digest
 
     (tmp_path / "part.xdmf").write_text('<Xdmf><DataItem Format="HDF">part.h5:/Mesh/x</DataItem></Xdmf>')
     (tmp_path / "part.h5").write_bytes(b"one")

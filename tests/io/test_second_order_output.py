@@ -12,7 +12,6 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, Traction
 from coulomb.fem.contact.surface import contact_surface, interpolated_forces
 from coulomb.io.output import size_on_disk
-from coulomb.io.recheck import check
 from coulomb.linalg.compliance.stiffness import IterativeSolver
 from coulomb.model.memory import memory_needed
 from coulomb.model.nodal_answer import OPEN
@@ -20,6 +19,7 @@ from coulomb.pictures.report.fields import zone_counts
 from coulomb.pictures.report.files import read_run
 from coulomb.pictures.report.grids import first_order
 from coulomb.pictures.report.problem import geometry
+from coulomb.recheck import check
 
 CELLS = ("hexahedron", "tetrahedron")
 

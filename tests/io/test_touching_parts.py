@@ -22,7 +22,7 @@ from coulomb import (
 )
 from coulomb.io import output
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 SIDE, DENSITY, GRAVITY = 0.01, 7800.0, 9.81
 WEIGHT = DENSITY * GRAVITY * SIDE  # pascals

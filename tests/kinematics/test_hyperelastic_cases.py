@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 import coulomb
 from coulomb import Contact, ContactProblem, LoadHistory, PrescribedDisplacement, SymmetryPlane
 from coulomb.case.case import read_case
-from coulomb.io.recheck import check
 from coulomb.kinematics import MooneyRivlin, NeoHookean, Ogden, StVenantKirchhoff
+from coulomb.recheck import check
 
 UP = [(0.0, 0.0), (1.0, 1.0)]
 RUBBER = NeoHookean(1e6, 0.3)

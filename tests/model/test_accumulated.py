@@ -11,8 +11,8 @@ from conftest import run_coulomb
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, PrescribedDisplacement
-from coulomb.io.recheck import check
 from coulomb.model.nodal_answer import ACCUMULATED, Accumulated
+from coulomb.recheck import check
 
 YOUNG, HEIGHT, DOWN, FRICTION, AREA = 1e10, 0.05, 1e-6, 0.4, 0.01
 PRESSURE = YOUNG * DOWN / HEIGHT  # no lateral contraction: uniform as long as nothing shears

@@ -8,9 +8,9 @@ from coulomb import Clamp, Contact, ContactProblem, Cylinder, Material, Plane, P
 from coulomb.fem.contact.facet_patch import FacetKind
 from coulomb.fem.contact.near_facets import FaceSamples
 from coulomb.io.output import write
-from coulomb.io.recheck import check
 from coulomb.linalg.reductions import Reductions
 from coulomb.model.small_strain import _depths, deformation_of
+from coulomb.recheck import check
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from benchmarks.real_parts import PARTS
 from benchmarks.two_blocks import two_blocks
 from coulomb import Clamp, Elasticity, Material, Spring
 from coulomb.case.case import read_case
+from coulomb.case.record import case_record
 from coulomb.cli.preparation import prepared
-from coulomb.io.case_record import case_record
 from coulomb.linalg.compliance.predicted_cost import (
     EXPLICIT_UP_TO,
     PREDICTED_UP_TO,

@@ -23,7 +23,7 @@ from coulomb import (
     VariableFriction,
 )
 from coulomb.case.case import read_case
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 RUBBER = Material(1e7, 0.3)
 FLOOR = Plane((0, 0, 0), (0, 0, 1))

@@ -11,7 +11,7 @@ import coulomb
 from coulomb import Contact, ContactProblem, LoadCurve, LoadHistory, PrescribedDisplacement, Pressure
 from coulomb.case.case import read_case
 from coulomb.fem.geometry.user_values import evaluate_amplitude, evaluate_motion
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 ROWS = [(1.0, 0.5), (2.0, 1.5), (4.0, 0.5)]
 TIMES, VALUES = zip(*ROWS, strict=True)

@@ -28,8 +28,8 @@ from coulomb import (
     SymmetryPlane,
     Traction,
 )
-from coulomb.io.recheck import check
 from coulomb.model.load_history import StepFailed
+from coulomb.recheck import check
 
 
 def test_slip_is_kept_between_steps():

@@ -20,9 +20,9 @@ from coulomb import (
 )
 from coulomb.case.case import read_case
 from coulomb.io.output import write
-from coulomb.io.recheck import check
 from coulomb.io.summary import summary
 from coulomb.linalg.reductions import Reductions
+from coulomb.recheck import check
 
 FRICTION, COHESION = 0.3, 4e6
 CUBE = Material(2.1e11, 0.3)

@@ -15,9 +15,9 @@ from coulomb.fem.contact.mortar import RINGS
 from coulomb.fem.contact.near_facets import near_pair
 from coulomb.fem.contact.pair import pair_of
 from coulomb.io.output import write
-from coulomb.io.recheck import check
 from coulomb.linalg.compliance.stiffness import IterativeSolver
 from coulomb.linalg.reductions import Reductions
+from coulomb.recheck import check
 
 STEEL, ALUMINIUM = Material(2.1e11, 0.3), Material(7e10, 0.33)
 

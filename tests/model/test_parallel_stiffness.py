@@ -26,10 +26,10 @@ from coulomb import (
     moved,
 )
 from coulomb.io.output import write
-from coulomb.io.recheck import check
 from coulomb.linalg.reductions import Reductions
 from coulomb.model.certificate import judge
 from coulomb.model.held_nodes import OtherNodes
+from coulomb.recheck import check
 
 SOFT, STIFF = 1e4, 2e11
 

@@ -8,7 +8,7 @@ from shared_problems import CLOSING, CORK, jaws
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Spring
 from coulomb.io.output import write
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 
 def test_squeezed_and_sheared():

@@ -15,7 +15,7 @@ from user_forms import Script
 import coulomb
 from coulomb import Contact, ContactProblem, HistoryFiles, LoadHistory
 from coulomb.fem.compat import fem
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 
 def held_by_robin(cell, degree):

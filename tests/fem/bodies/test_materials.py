@@ -21,7 +21,7 @@ from coulomb.fem.bodies.materials import (
     symmetric,
     thermal_strain,
 )
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 PLY = OrthotropicMaterial((1.3e11, 1.1e10, 9e9), (0.28, 0.3, 0.4), (5e9, 4.5e9, 3.5e9))
 

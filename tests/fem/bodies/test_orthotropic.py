@@ -14,8 +14,8 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, PrescribedDisplacement, Sphere
 from coulomb.case.case import read_case
 from coulomb.io.output import write
-from coulomb.io.recheck import check
 from coulomb.io.summary import summary
+from coulomb.recheck import check
 from coulomb.solvers import IterativeSolver
 
 F1, F2 = 0.3, 0.1

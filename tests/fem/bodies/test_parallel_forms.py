@@ -15,7 +15,7 @@ import coulomb
 from coulomb import Contact, ContactProblem, LoadHistory
 from coulomb.fem.compat import mesh
 from coulomb.io.output import write
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 comm = MPI.COMM_WORLD
 

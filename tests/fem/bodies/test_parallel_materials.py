@@ -10,7 +10,7 @@ from coulomb import Clamp, Contact, ContactProblem, Material, NodalField, Orthot
 from coulomb.fem import compat
 from coulomb.fem.bodies.materials import midpoints
 from coulomb.io import output
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 comm = MPI.COMM_WORLD
 

@@ -12,11 +12,11 @@ from mpi4py import MPI
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Elasticity, Material, NodalField, Plane
 from coulomb.case.case import read_case
+from coulomb.case.record import case_record
 from coulomb.fem import compat
 from coulomb.fem.bodies.loads import ThermalLoad
-from coulomb.io.case_record import case_record
-from coulomb.io.recheck import check
 from coulomb.model.input_echo import loads_of
+from coulomb.recheck import check
 
 STEEL = Material(2.1e11, 0.3, expansion=1.2e-5)
 

@@ -25,7 +25,7 @@ from coulomb import (
     moved,
 )
 from coulomb.io import output
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 from verification.array_mesh import quarter_ring
 from verification.ring_pair import FIT, INTERFERENCE, rings
 

@@ -12,12 +12,12 @@ from mpi4py import MPI
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, Plane
 from coulomb.case.case import read_case
+from coulomb.case.record import case_record, written_case
 from coulomb.cli.terminal import contact_in_words
-from coulomb.io.case_record import case_record, written_case
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck import check
 from coulomb.model import contact_body as contacts
 from coulomb.model.input_echo import contacts_of
+from coulomb.recheck import check
 
 RUBBER = Material(1e7, 0.3)
 STEPS = one_body((2, 1, 0.5), (4, 2, 2), 1e7)

@@ -27,11 +27,11 @@ from coulomb import (
     join,
     moved,
 )
-from coulomb.io.case_record import written_case
+from coulomb.case.record import written_case
 from coulomb.io.field_files import OPPOSITE, read_grids
 from coulomb.io.history_files import HistoryFiles
-from coulomb.io.recheck import check
 from coulomb.model.nodal_answer import HELD, OPEN
+from coulomb.recheck import check
 from coulomb.units import plain, quantity
 
 BELOW, ABOVE = "mid:around against low:top", "mid:around against up:bottom"

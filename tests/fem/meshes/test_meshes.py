@@ -10,7 +10,7 @@ from shared_problems import solve
 
 import coulomb
 from coulomb import Clamp, Elasticity, Material, Traction
-from coulomb.io.recheck import check
+from coulomb.recheck import check
 
 
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])

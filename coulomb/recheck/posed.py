@@ -12,24 +12,24 @@ from typing import Any, Final
 import numpy as np
 from mpi4py import MPI
 
-from ...arrays import FloatArray
-from ...case.case import Case
-from ...case.files import named_files
-from ...contact_fields import COMPLIANCES
-from ...fem.bodies import TEMPERATURE
-from ...model.certificate import judge
-from ...model.heated import at_contact
-from ...model.large_motions import LoadStepLoop
-from ...model.load_step import LoadStep, State
-from ...model.problem import ContactProblem
-from ...model.problem_evidence import gather_evidence
-from ...model.solution import Solution
-from ...solvers.results import SolverResult, Status
-from ..case_record import written_case
-from ..history_files import at_points, points_in_files
-from ..output import finite, write_fields
-from ..run_directory import RunDirectory
-from ..summary import summary
+from ..arrays import FloatArray
+from ..case.case import Case
+from ..case.files import named_files
+from ..case.record import written_case
+from ..contact_fields import COMPLIANCES
+from ..fem.bodies import TEMPERATURE
+from ..io.history_files import at_points, points_in_files
+from ..io.output import finite, write_fields
+from ..io.run_directory import RunDirectory
+from ..io.summary import summary
+from ..model.certificate import judge
+from ..model.heated import at_contact
+from ..model.large_motions import LoadStepLoop
+from ..model.load_step import LoadStep, State
+from ..model.problem import ContactProblem
+from ..model.problem_evidence import gather_evidence
+from ..model.solution import Solution
+from ..solvers.results import SolverResult, Status
 from .comparison import perturbed
 
 OF_SOLVER: Final = (

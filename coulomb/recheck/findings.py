@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from ...model.certificate import Certificate
-from ..field_files import data_of
-from ..run_directory import CASE, FIELDS, HISTORY, SUMMARY, RunDirectory
+from ..io.field_files import data_of
+from ..io.run_directory import CASE, FIELDS, HISTORY, SUMMARY, RunDirectory
+from ..model.certificate import Certificate
 
 _MOST: Final = 12
 """Maximum number of faults listed; one wrong number causes many."""

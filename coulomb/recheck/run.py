@@ -14,23 +14,23 @@ import numpy as np
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from ...case.case import Case
-from ...contact_fields import ANSWER, COMPLIANCES
-from ...fem.bodies import TEMPERATURE
-from ...fem.meshes import NODE_NUMBER
-from ...model.certificate import Certificate
-from ...model.load_history import LoadHistory
-from ...model.load_step import State
-from ...model.solution import Solution
-from ...ranks import on_rank_0
-from ...solvers.successive_tresca import SuccessiveTresca
-from ...version import __version__
-from ..answer import totals_in
-from ..case_record import FREE, changes_of_case
-from ..field_files import NODE, OPPOSITE, WHOLE
-from ..history_files import HistoryFiles
-from ..result_grids import OURS
-from ..run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
+from ..case.case import Case
+from ..case.record import FREE, changes_of_case
+from ..contact_fields import ANSWER, COMPLIANCES
+from ..fem.bodies import TEMPERATURE
+from ..fem.meshes import NODE_NUMBER
+from ..io.answer import totals_in
+from ..io.field_files import NODE, OPPOSITE, WHOLE
+from ..io.history_files import HistoryFiles
+from ..io.result_grids import OURS
+from ..io.run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
+from ..model.certificate import Certificate
+from ..model.load_history import LoadHistory
+from ..model.load_step import State
+from ..model.solution import Solution
+from ..ranks import on_rank_0
+from ..solvers.successive_tresca import SuccessiveTresca
+from ..version import __version__
 from .comparison import Comparison, Field, Place, complete, in_files, named
 from .fields import fields_of, sound
 from .files_alone import check_alone

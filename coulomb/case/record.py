@@ -14,12 +14,12 @@ from typing import Any
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from ..case.case import Case, read_case
-from ..case.files import named_files, rename_files
+from ..io.history_files import read_step
+from ..io.run_directory import CASE, RunDirectory
 from ..ranks import launched, on_rank_0
 from ..regular_file import refuse_irregular, replacing
-from .history_files import read_step
-from .run_directory import CASE, RunDirectory
+from .case import Case, read_case
+from .files import named_files, rename_files
 
 
 def write_case(case: Case, directory: Path, comm: MPI.Comm) -> None:

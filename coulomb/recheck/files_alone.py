@@ -16,16 +16,16 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray
-from ...contact_fields import ANSWER, COMPLIANCES, sides_of
-from ...fem.geometry import inverse_frames
-from ...fem.meshes import SEPARATOR
-from ...model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
-from ...solvers.laws import FrictionLaw
-from ...units import amount, use
-from ..field_files import NODE, OPPOSITE, WHOLE, data_of, read_grids
-from ..result_grids import OURS
-from ..run_directory import CONTACT, FIELDS, OLD, SOLUTION, SUMMARY, RunDirectory
+from ..arrays import FloatArray
+from ..contact_fields import ANSWER, COMPLIANCES, sides_of
+from ..fem.geometry import inverse_frames
+from ..fem.meshes import SEPARATOR
+from ..io.field_files import NODE, OPPOSITE, WHOLE, data_of, read_grids
+from ..io.result_grids import OURS
+from ..io.run_directory import CONTACT, FIELDS, OLD, SOLUTION, SUMMARY, RunDirectory
+from ..model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
+from ..solvers.laws import FrictionLaw
+from ..units import amount, use
 from .comparison import Comparison, Field, named
 from .fields import sound
 from .findings import Findings, unread

@@ -15,10 +15,10 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 import numpy as np
 
-from ...arrays import FloatArray, in_words
-from ...contact_fields import ANSWER, CONTACT_FIELDS
-from ..field_files import WHOLE
-from ..run_directory import FIELDS, SUMMARY
+from ..arrays import FloatArray, in_words
+from ..contact_fields import ANSWER, CONTACT_FIELDS
+from ..io.field_files import WHOLE
+from ..io.run_directory import FIELDS, SUMMARY
 
 RELATIVE: Final = 1e-9
 """Relative tolerance of a recomputed number: files hold 16 digits, of which sums lose a few."""

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from ...model.problem import ContactProblem
-from ..run_directory import RunDirectory
+from ..io.run_directory import RunDirectory
+from ..model.problem import ContactProblem
 from .comparison import complete
 from .findings import Findings
 from .history import check_history

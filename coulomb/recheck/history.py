@@ -11,10 +11,10 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
-from ...case.case import Case
-from ..history_files import summary_of, whole
-from ..output import Series
-from ..run_directory import CASE, FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
+from ..case.case import Case
+from ..io.history_files import summary_of, whole
+from ..io.output import Series
+from ..io.run_directory import CASE, FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
 from .comparison import Comparison, named
 from .files_alone import check_alone
 from .findings import Findings, unread

@@ -9,13 +9,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray, in_words
-from ...fem.meshes import FACETS, SEPARATOR, SOLIDS
-from ...nearest import in_a_cell, same_nodes
-from ..field_files import NODE, WHOLE, data_of, read_grids
-from ..grid_file import described
-from ..result_grids import BODIES, FACES
-from ..run_directory import CONTACT, OLD, SOLUTION, RunDirectory
+from ..arrays import FloatArray, in_words
+from ..fem.meshes import FACETS, SEPARATOR, SOLIDS
+from ..io.field_files import NODE, WHOLE, data_of, read_grids
+from ..io.grid_file import described
+from ..io.result_grids import BODIES, FACES
+from ..io.run_directory import CONTACT, OLD, SOLUTION, RunDirectory
+from ..nearest import in_a_cell, same_nodes
 from .comparison import Field
 
 _KINDS: Final = {SOLUTION: (SOLIDS, BODIES), CONTACT: (FACETS, FACES)}
