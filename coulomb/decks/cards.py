@@ -8,9 +8,10 @@ format"; Abaqus' "Input syntax rules".)
 from __future__ import annotations
 
 import re
-from array import array
+import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
@@ -20,6 +21,7 @@ from ..arrays import FloatArray, IntArray
 from ..regular_file import read_bytes
 
 _INCLUDES: Final = 10  # nested *INCLUDE
+_KEYWORD = re.compile(r"^[ \t]*\*(?!\*)[^\n]*", re.MULTILINE)
 _INCLUDE = re.compile(r"\*\s*INCLUDE\b", re.IGNORECASE)
 _WITHOUT_E = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))([+-]\d+)")
 _FLAGS = {"GENERATE", "INTERNAL", "UNSORTED", "SMALLSLIDING", "NLGEOM", "PERTURBATION", "DELETE", "DIRECT", "FIXED"}
@@ -39,35 +41,38 @@ class Card:
         parameters: Values as they are written, without quotation marks; "" for one without a value.
         file: The file of the keyword line.
         line: Its number.
-        lines: The data lines, those that say nothing left out.
+        data: The text below it, in pieces: the file, the number of the first line, and the lines.
     """
 
     keyword: str
     parameters: dict[str, str]
     file: str
     line: int
-    lines: list[str] = field(default_factory=list)
-    _numbers: array[int] = field(default_factory=lambda: array("L"), repr=False)
-    _files: list[tuple[int, str]] = field(default_factory=list, repr=False)
+    data: list[tuple[str, int, str]] = field(default_factory=list, repr=False)
+
+    @cached_property
+    def lines(self) -> list[str]:
+        """The data lines, those that say nothing left out."""
+        return [line for _, _, text in self.data for line in text.split("\n") if _says(line)]
+
+    def _place(self, row: int) -> tuple[str, int]:
+        """File and number of a data line."""
+        for file, first, text in self.data:
+            for number, line in enumerate(text.split("\n"), first):
+                if _says(line):
+                    row -= 1
+                if row < 0:
+                    return file, number
+        return self.file, self.line
 
     @property
     def kind(self) -> str:
         """The keyword without blanks, as it is compared."""
         return self.keyword.replace(" ", "")
 
-    def add(self, text: str, file: str, number: int) -> None:
-        """Append a data line."""
-        if not self._files or self._files[-1][1] != file:
-            self._files.append((len(self.lines), file))
-        self.lines.append(text)
-        self._numbers.append(number)
-
     def fault(self, text: str, row: int | None = None) -> ValueError:
         """An error about the card, or about one of its data lines."""
-        file, line = self.file, self.line
-        if row is not None:
-            file = next(name for first, name in reversed(self._files) if first <= row)
-            line = self._numbers[row]
+        file, line = (self.file, self.line) if row is None else self._place(row)
         return ValueError(f"{file}: line {line}: *{self.keyword}: {text}")
 
     def get(self, name: str, default: str = "") -> str:
@@ -109,21 +114,30 @@ class Card:
 
     def floats(self, rows: Iterable[int] | None = None) -> FloatArray:
         """All numbers of some data lines, by default all; commas at their ends do not count, empty fields are 0."""
+        if rows is None:
+            quickly = self._all_floats()
+            if quickly is not None:
+                return quickly
         chosen = range(len(self.lines)) if rows is None else list(rows)
-        lines = self.lines if rows is None else [self.lines[row] for row in chosen]
-        if not lines:
-            return np.empty(0)
-        words = ",".join(line.rstrip(", \t") for line in lines).upper().replace("D", "E").split(",")
-        try:
-            return np.array(words, dtype=np.float64)
-        except ValueError:
-            return np.array(
-                [
-                    self.number(word, row)
-                    for row, line in zip(chosen, lines, strict=True)
-                    for word in line.rstrip(", \t").split(",")
-                ]
-            )
+        return np.array(
+            [self.number(word, row) for row in chosen for word in self.lines[row].rstrip(", \t").split(",")],
+            dtype=np.float64,
+        )
+
+    def _all_floats(self) -> FloatArray | None:
+        """All numbers, if no field is empty and all are such as C reads."""
+        parts = []
+        for _, _, text in self.data:
+            bare = text.replace(" ", "").replace("\t", "")
+            if "**" in text or ",," in bare or "\n," in bare:
+                return None
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                try:
+                    parts.append(np.fromstring(text.replace(",", " "), dtype=np.float64, sep=" "))
+                except (DeprecationWarning, ValueError):
+                    return None
+        return np.concatenate(parts) if parts else np.empty(0)
 
     def integers(self, rows: Iterable[int] | None = None) -> IntArray:
         """All numbers of some data lines, which must be whole."""
@@ -155,22 +169,25 @@ def read_cards(path: str) -> list[Card]:
         ValueError: If there is no card.
     """
     cards: list[Card] = []
-    going_on = False
-    for file, number, text in _lines(path):
-        if going_on and not text.startswith("*") and _is_parameters(text):
-            words = text.split(",")
-        elif text.startswith("*"):
+    for file, number, text, keyword in _pieces(path):
+        if keyword:
             words = text.lstrip("*").split(",")
             cards.append(Card(" ".join(words.pop(0).upper().split()), {}, file, number))
-        else:
-            going_on = False
-            if cards and cards[-1].keyword != "HEADING":
-                cards[-1].add(text, file, number)
-            continue
-        for word in filter(None, (word.strip() for word in words)):
-            name, _, value = word.partition("=")
-            cards[-1].parameters["".join(name.split()).upper()] = value.strip().strip('"').strip()
-        going_on = text.rstrip().endswith(",")
+            _parameters(cards[-1], words)
+            going_on = text.rstrip().endswith(",")
+        elif cards and cards[-1].keyword != "HEADING":
+            data, first = text, number
+            while going_on and data:  # the keyword line goes on below
+                line, _, rest = data.partition("\n")
+                if _says(line):
+                    going_on = _is_parameters(line)
+                    if not going_on:
+                        break
+                    _parameters(cards[-1], line.split(","))
+                    going_on = line.rstrip().endswith(",")
+                data, first = rest, first + 1
+            if data.strip():
+                cards[-1].data.append((file, first, data))
     if not cards:
         empty = not read_bytes(path).strip()
         raise ValueError(
@@ -181,24 +198,42 @@ def read_cards(path: str) -> list[Card]:
     return cards
 
 
+def _parameters(card: Card, words: Iterable[str]) -> None:
+    for word in filter(None, (word.strip() for word in words)):
+        name, _, value = word.partition("=")
+        card.parameters["".join(name.split()).upper()] = value.strip().strip('"').strip()
+
+
 def _is_parameters(line: str) -> bool:
     """Whether a line goes on with the parameters of a keyword line that ends in a comma, and is no data."""
     return "=" in line or all(key_of(word) in _FLAGS for word in line.split(",") if word.strip())
 
 
-def _lines(path: str, depth: int = 0) -> Iterator[tuple[str, int, str]]:
-    """Every line that is no comment with its file and number, those of included files too."""
+def _says(line: str) -> bool:
+    """Whether a line is neither empty nor a comment."""
+    text = line.lstrip()
+    return bool(text) and not text.startswith("**")
+
+
+def _pieces(path: str, depth: int = 0) -> Iterator[tuple[str, int, str, bool]]:
+    """The keyword lines of a file, and the text between them, those of included files too: file, number of the line, or
+    of the first, text, and whether it is a keyword line."""
     if depth > _INCLUDES:
         raise ValueError(f"{path}: *INCLUDE: more than {_INCLUDES} files inside each other")
-    for number, line in enumerate(read_bytes(path).decode("utf-8-sig", "replace").splitlines(), 1):
-        text = line.strip() if line[:1] in " \t" else line
-        if text.startswith("**") or not text or text.isspace():
-            continue
-        if text.startswith("*") and _INCLUDE.match(text):
-            name = text.partition("=")[2].strip().strip('"')
-            file = Path(path).parent / name
+    text = read_bytes(path).decode("utf-8-sig", "replace").replace("\r\n", "\n").replace("\r", "\n")
+    number, begin = 1, 0
+    for found in _KEYWORD.finditer(text):
+        between = text[begin : found.start()]
+        if between.strip():
+            yield path, number, between, False
+        number += text.count("\n", begin, found.start())
+        line, begin = found[0].strip(), found.end()
+        if _INCLUDE.match(line):
+            file = Path(path).parent / line.partition("=")[2].strip().strip('"')
             if not file.exists():
                 raise ValueError(f"{path}: line {number}: *INCLUDE: there is no file {str(file)!r}")
-            yield from _lines(str(file), depth + 1)
+            yield from _pieces(str(file), depth + 1)
         else:
-            yield path, number, text
+            yield path, number, line, True
+    if text[begin:].strip():
+        yield path, number, text[begin:], False

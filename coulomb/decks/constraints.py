@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import FloatArray
 from .cards import Card, key_of
 from .contacts import tied_pairs
+from .geometry import CORNERS, SIDES
 from .reading import Reading
 from .steps import Amplitude, Rows, Step, Tracks, reference
 
@@ -16,13 +18,18 @@ _AtReference = tuple[str, int, int]
 
 
 class Constraints:
-    """The constraints of a deck with what is prescribed at their reference nodes."""
+    """The constraints of a deck with what is prescribed at their reference nodes.
+
+    Attributes:
+        cuts: The faces along which bodies are cut, for the sections of bolts.
+    """
 
     def __init__(self, reading: Reading):
         self._of = reading
         self._loads, self._held = Tracks[_AtReference](support=False), Tracks[_AtReference](support=True)
         self._rigid: list[dict[str, Any]] = []
         self._bolts: list[dict[str, Any]] = []
+        self.cuts: list[str] = []
         self._of_node: dict[int, tuple[str, int]] = {}
         self._kinematic: dict[int, list[int]] = {}
         self._step: Step | None = None
@@ -79,11 +86,28 @@ class Constraints:
     def _bolt(self, card: Card) -> None:
         node = self._reference(card, "NODE")
         self._of_node[node] = ("bolt", len(self._bolts))
-        face = self._of.face(card.needs("SURFACE"), "*PRE-TENSION SECTION")
+        name = card.needs("SURFACE")
+        face = self._of.face(name, "*PRE-TENSION SECTION")
         bolt: dict[str, Any] = {"face": face}
-        if card.lines:
-            bolt["direction"] = [float(one) for one in card.floats([0])[:3]]
+        if card.lines:  # reversed it presses
+            vector = card.floats([0])[:3]
+            bolt["direction"] = vector.tolist()
+            bolt["sign"] = 1.0 if vector @ self._outwards(name, card) > 0.0 else -1.0
         self._bolts.append(bolt)
+        self.cuts.append(face)
+
+    def _outwards(self, name: str, card: Card) -> FloatArray:
+        """A vector from the middle of the elements of a surface to the middle of their sides there."""
+        deck, total = self._of.deck, np.zeros(3)
+        for what, side in deck.surfaces[key_of(name)].lines:
+            for width, rows in deck.solids.items():
+                x = deck.points[deck.places(rows[np.isin(rows[:, 0], self._of.elements_of(what)), 1:])]
+                table = SIDES[CORNERS[width]]
+                if len(x) and side not in [f"S{k + 1}" for k in range(len(table))]:
+                    raise card.fault(f"the surface {name!r} has no sides of elements")
+                if len(x):
+                    total += (x[:, list(table[int(side[1:]) - 1])].mean(axis=1) - x.mean(axis=1)).sum(axis=0)
+        return total
 
     # --- what is prescribed at reference nodes ------------------------------------------------------------------------
 
@@ -133,16 +157,28 @@ class Constraints:
         ties = tied_pairs(self._of)
         for card in self._of.model:
             if card.kind == "TIE":
-                if "CYCLICSYMMETRY" in card.parameters or "MULTISTAGE" in card.parameters:
-                    raise card.fault("ties of cyclic symmetry are not read yet")
+                if "MULTISTAGE" in card.parameters:
+                    raise card.fault("ties of several stages are not read")
+                sector = self._sector(card) if "CYCLICSYMMETRY" in card.parameters else {}
                 for row, words in card.rows():
                     if len(words) < 2:
                         raise card.fault("needs a slave and a master surface", row)
                     slave, master = (self._of.face(word, "*TIE") for word in words[:2])
-                    ties.append({"face": slave, "against": master, "slave": True})
+                    pair = {"face": slave, "against": master, "slave": True} | sector
+                    tables.setdefault("cyclic_symmetry" if sector else "tie", []).append(pair)
         if ties:
-            tables["tie"] = ties
+            tables.setdefault("tie", []).extend(ties)
         return tables
+
+    def _sector(self, tie: Card) -> dict[str, Any]:
+        """The axis and the number of sectors of a *TIE, CYCLIC SYMMETRY."""
+        models = [card for card in self._of.model if card.kind == "CYCLICSYMMETRYMODEL"]
+        found = [card for card in models if card.key("TIE") in ("", tie.key("NAME"))]
+        if not found:
+            raise tie.fault("there is no *CYCLIC SYMMETRY MODEL with N and the axis")
+        a, b = np.split(found[0].floats([0])[:6], 2)
+        count = found[0].whole(found[0].needs("N"), 0)
+        return {"point": a.tolist(), "axis": (b - a).tolist(), "sectors": count}
 
     def _prescribed(self, tables: dict[str, list[dict[str, Any]]]) -> None:
         """Put prescribed motions into the rigid faces."""
@@ -183,9 +219,10 @@ class Constraints:
             tables["point_load"] = list(by_rows.values())
 
     def _tightened(self, number: int, bolt: dict[str, Any]) -> dict[str, Any]:
+        sign = bolt.pop("sign", 1.0)
         for name in ("force", "shortening"):
             if name in bolt:
-                rows: Rows = bolt.pop(name)
+                rows: Rows = tuple((time, sign * value) for time, value in bolt.pop(name))
                 lock = bolt.get("lock")
                 if lock is not None:
                     rows = tuple(row for row in rows if row[0] <= lock) or rows[:1]

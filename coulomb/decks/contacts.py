@@ -17,6 +17,10 @@ _NONE: Final = 1e-9
 """Below this, likewise, there is no contact: only heat crosses."""
 
 
+_NEAR: Final = 0.02
+"""Distance of faces that general contact makes pairs, over the extent of the model."""
+
+
 class _Interaction:
     """A *SURFACE INTERACTION: its law and its friction, and what steps make of them."""
 
@@ -28,6 +32,25 @@ class _Interaction:
 def contact_tables(of: Reading) -> list[dict[str, Any]]:
     """A table for each contact pair; those that are tied become [[tie]] tables (`tied_pairs`)."""
     return [table for table, tied in _pairs(of) if not tied]
+
+
+def general_contact(of: Reading) -> dict[str, Any]:
+    """Abaqus' general contact as the table [auto_contact], in which pairs are found; empty if there is none."""
+    if not any(card.kind == "CONTACT" for card in of.model):
+        return {}
+    name = ""
+    for card in of.model:
+        if card.kind == "CONTACTINCLUSIONS" and "ALLEXTERIOR" not in card.parameters:
+            raise card.fault("only ALL EXTERIOR is read: give pairs of surfaces as *CONTACT PAIR")
+        if card.kind == "CONTACTPROPERTYASSIGNMENT":
+            for row, words in card.rows():
+                if any(words[:2]):
+                    raise card.fault("only one property for all surfaces is read", row)
+                name = key_of(words[2]) if len(words) > 2 else ""
+    interaction = _interactions(of).get(name, _Interaction())
+    distance = _NEAR * _extent(of)
+    of.notes.append(f"general contact: faces within {distance:.3g} of each other become pairs ([auto_contact])")
+    return {"distance": distance, "friction": _coefficient(interaction.friction)}
 
 
 def tied_pairs(of: Reading) -> list[dict[str, Any]]:

@@ -21,6 +21,7 @@ _HANDLED: Final = frozenset(
         *("DENSITY", "EXPANSION", "SOLIDSECTION", "ORIENTATION", "BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "AMPLITUDE"),
         *("CONTACTPAIR", "SURFACEINTERACTION", "SURFACEBEHAVIOR", "FRICTION", "CLEARANCE", "CHANGEFRICTION"),
         *("TIE", "TRANSFORM", "EQUATION", "RIGIDBODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "PRE-TENSIONSECTION"),
+        *("CONTACT", "CONTACTINCLUSIONS", "CONTACTPROPERTYASSIGNMENT"),
         *("TEMPERATURE", "INITIALCONDITIONS", "CONDUCTIVITY", "CYCLICSYMMETRYMODEL"),
     )
 )
@@ -93,6 +94,10 @@ def _fate(card: Card, ignore: Collection[str], surface_elements: Collection[str]
         return REFUSED, f"{where}: elements of type {title} are no solids"
     if kind in PROCEDURES and kind != "STATIC":
         return REFUSED, f"{where}: only *STATIC steps are solved"
+    if kind == "INITIALCONDITIONS" and card.key("TYPE") != "TEMPERATURE":
+        return REFUSED, f"{where}: of initial conditions only temperatures are read"
+    if kind == "STEP" and "PERTURBATION" in card.parameters:
+        return REFUSED, f"{where}: perturbations of a step before are not computed"
     if kind == "MODELCHANGE" and not card.key("TYPE").startswith("CONTACTPAIR"):
         return REFUSED, f"{where}: elements are neither taken out nor put in"
     if kind in _HANDLED or kind == "MODELCHANGE":

@@ -8,6 +8,7 @@ other set has the name, "Set" too.
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -337,18 +338,30 @@ class Geometry:
         return np.concatenate(self._points) if self._points else np.empty((0, 3))
 
     @cached_property
-    def _order(self) -> IntArray:
-        return np.argsort(self.tags, kind="stable")
+    def _place(self) -> IntArray | None:
+        """Where the node of every number is, -1 for none; None where numbers are far apart."""
+        largest = int(self.tags.max(initial=0))
+        if largest > 10 * len(self.tags) + 1_000_000:
+            return None
+        place = np.full(largest + 1, -1, dtype=np.int64)
+        place[self.tags] = np.arange(len(self.tags))
+        return place
 
     def places(self, numbers: IntArray) -> IntArray:
         """Where nodes of these numbers are in `points`; ValueError if one is not defined."""
-        tags, order = self.tags, self._order
+        tags = self.tags
         if numbers.size == 0:
             return numbers
-        place = np.minimum(np.searchsorted(tags, numbers, sorter=order), len(tags) - 1)
-        if len(tags) == 0 or np.any(tags[order[place]] != numbers):
+        if self._place is not None:
+            inside = (numbers >= 0) & (numbers < len(self._place))
+            found: IntArray = self._place[np.where(inside, numbers, 0)]
+            missing = ~inside | (found < 0)
+        else:
+            order = np.argsort(tags, kind="stable")
+            found = order[np.minimum(np.searchsorted(tags, numbers, sorter=order), len(tags) - 1)]
+            missing = tags[found] != numbers
+        if np.any(missing):
             raise ValueError(f"{self.path}: an element or a set has a node that the file does not define; is it whole?")
-        found: IntArray = order[place]
         return found
 
     def rows_of(self, kind: re.Pattern[str]) -> dict[int, IntArray]:
@@ -454,3 +467,22 @@ def _unqualified(known: dict[str, _Named], instances: Iterable[str]) -> None:
             one = known.pop(found[0])
             one.name = one.name[len(one.name) - len(key) :]
             known[key] = known[found[0]] = one
+
+
+_KEPT: dict[tuple[str, int, int], Geometry] = {}
+"""The geometry that was read last, until it is used again: the case of a deck is read before its mesh."""
+
+
+def read_geometry(path: str, again: bool = False) -> Geometry:
+    """The geometry of a deck, perhaps as it was read before; `again`: it will be read once more.
+
+    Raises:
+        OSError, ValueError: As `Geometry`.
+    """
+    state = os.stat(path)
+    key = str(path), state.st_mtime_ns, state.st_size
+    found = _KEPT.pop(key, None) or Geometry(path)
+    _KEPT.clear()
+    if again:
+        _KEPT[key] = found
+    return found

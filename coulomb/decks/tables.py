@@ -16,9 +16,9 @@ import numpy as np
 from ..arrays import IntArray
 from .cards import Card, key_of
 from .constraints import Constraints
-from .contacts import contact_tables
+from .contacts import contact_tables, general_contact
 from .fates import REFUSED, Row, fates
-from .geometry import Geometry
+from .geometry import Geometry, read_geometry
 from .loads import Loads
 from .materials import directions_of, material_of
 from .nodes import NodalTables
@@ -66,7 +66,9 @@ def translate(path: str, ignore: Iterable[str] = (), large: bool = False) -> Tra
         OSError: If it, or a file that it includes, cannot be read.
         ValueError: If it is damaged, or says something that contradicts itself, with file and line.
     """
-    return _Translator(Geometry(path), {key_of(name.lstrip("*")) for name in ignore}, large).translation
+    return _Translator(
+        read_geometry(path, again=True), {key_of(name.lstrip("*")) for name in ignore}, large
+    ).translation
 
 
 class _Translator:
@@ -99,15 +101,19 @@ class _Translator:
         materials = self._materials()
         if bodies:
             tables["body"] = []
-            for name, numbers in bodies.items():
-                body: dict[str, Any] = {"name": name, "file": Path(self.deck.path).name, "cells": name}
-                tables["body"].append(body | {"material": self._of_cells(materials, numbers)})
+            for body_name, numbers in bodies.items():
+                of_body = {"name": body_name, "file": Path(self.deck.path).name, "cells": body_name}
+                tables["body"].append(of_body | {"material": self._of_cells(materials, numbers)})
             self.notes.append(f"cells are of several kinds, each a [[body]]: {', '.join(bodies)}")
         else:
             tables["mesh"] = {"file": Path(self.deck.path).name}
             tables["material"] = self._of_cells(materials, np.concatenate(list(kinds.values())))
         self._note_elements()
         constraints = Constraints(self.of)
+        for face in constraints.cuts:
+            body, _, name = face.rpartition(":")
+            mesh = next((one for one in tables.get("body", ()) if one["name"] == body), tables.get("mesh"))
+            mesh.setdefault("cut", []).append(name)  # type: ignore[union-attr]
         nodal = NodalTables(self.of, constraints)
         nodal.take()
         tables |= self.loads.temperature()
@@ -118,6 +124,8 @@ class _Translator:
         tables["contact"] = contact_tables(self.of)
         if not tables["contact"]:
             del tables["contact"]
+        if general := general_contact(self.of):
+            tables["auto_contact"] = general
         ends = [end for step in self.of.steps for end in step.ends]
         times = sorted({*ends, *self._kinks(tables)})
         timed = any("amplitude" in key for table in _all_tables(tables) for key in table)

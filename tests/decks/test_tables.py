@@ -199,3 +199,77 @@ def test_friction_that_changes(tmp_path):
     (contact,) = tables_of(tmp_path, steps("", change)).tables["contact"]
     rows = [[time, contact["friction"] * factor] for time, factor in contact["friction_amplitude"]]
     assert np.allclose(rows, [[0.0, 0.2], [1.0, 0.2], [1.0, 0.1]], atol=2e-6)
+
+
+def test_general_contact_finds_the_pairs(tmp_path):
+    pair = "*CONTACT PAIR, INTERACTION=si, TYPE=SURFACE TO SURFACE\nslave, master\n"
+    general = "*Contact\n*Contact Inclusions, ALL EXTERIOR\n*Contact Property Assignment\n , , SI\n"
+    found = tables_of(tmp_path, CUBES.replace(pair, general) + STEP.format("*CLOAD\ntop, 3, -1."))
+    assert found.tables["auto_contact"]["friction"] == 0.2 and "contact" not in found.tables
+    solution = read_case(tmp_path / "deck.inp").problem().solve()
+    assert solution.certificate.passed and solution.at_nodes.totals()["normal_force"] == pytest.approx(4.0)
+
+
+COLUMN = """*NODE
+21, 5, 0, 0
+22, 6, 0, 0
+23, 6, 1, 0
+24, 5, 1, 0
+25, 5, 0, 1
+26, 6, 0, 1
+27, 6, 1, 1
+28, 5, 1, 1
+29, 5, 0, 2
+30, 6, 0, 2
+31, 6, 1, 2
+32, 5, 1, 2
+99, 0, 0, 9
+*ELEMENT, TYPE=C3D8, ELSET=cubes
+3, 21, 22, 23, 24, 25, 26, 27, 28
+4, 25, 26, 27, 28, 29, 30, 31, 32
+*NSET, NSET=foot, GENERATE
+21, 24
+*NSET, NSET=head, GENERATE
+29, 32
+*SURFACE, NAME=section
+3, S2
+*BOUNDARY
+foot, 1, 3
+head, 1, 3
+"""
+
+
+@pytest.mark.parametrize(("vector", "sign"), [("", 1.0), ("0., 0., 1.\n", 1.0), ("0., 0., -1.\n", -1.0)])
+def test_bolts(vector, sign, tmp_path):
+    """The body is cut at the section; a vector into the elements of the surface presses in place of pulling."""
+    bolt = "*PRE-TENSION SECTION, SURFACE=section, NODE=99\n" + vector
+    loads = STEP.format("*CLOAD\n99, 1, 10.\ntop, 3, -1.")
+    found = tables_of(tmp_path, CUBES + COLUMN + bolt + loads)
+    assert found.tables["mesh"]["cut"] == ["section"] and found.tables["pretension"][0]["force"] == 10.0 * sign
+    solution = read_case(tmp_path / "deck.inp").problem().solve()
+    (foot,) = (one for one in solution.reactions if one.face == "foot")
+    assert foot.force[2] == pytest.approx(-10.0 * sign)
+    locked = "*BOUNDARY, FIXED\n99, 1, 1"
+    (table,) = tables_of(tmp_path, CUBES + COLUMN + bolt + loads + STEP.format(locked)).tables["pretension"]
+    assert table["lock"] == 1.0 and table["amplitude"] == [[0.0, 0.0], [1.0, 1.0]]
+
+
+def test_ties_couplings_and_rigid_faces(tmp_path):
+    text = CUBES + COLUMN + "*NSET, NSET=reference\n99\n*SURFACE, NAME=lid\n4, S2\n*SURFACE, NAME=ground\n3, S1\n"
+    free = text.replace("head, 1, 3\n", "")
+    kinematic = "*COUPLING, REF NODE=reference, SURFACE=lid, CONSTRAINT NAME=c\n*KINEMATIC\n1, 3\n"
+    found = tables_of(tmp_path, free + kinematic + STEP.format("*BOUNDARY\n99, 3, 3, -0.1\n99, 5\n*CLOAD\n99, 1, 7."))
+    (rigid,) = found.tables["rigid_face"]
+    assert rigid == {"face": "lid", "point": [0.0, 0.0, 9.0], "translation": {"z": -0.1}, "rotation": {"y": 0.0}}
+    assert found.tables["point_load"] == [{"face": "lid", "point": [0.0, 0.0, 9.0], "force": [7.0, 0.0, 0.0]}]
+    spread = kinematic.replace("*KINEMATIC\n1, 3", "*DISTRIBUTING\n1, 3")
+    found = tables_of(tmp_path, free + spread + STEP.format("*CLOAD\n99, 1, 7.\n99, 6, 2."))
+    (load,) = found.tables["point_load"]
+    assert load["force"] == [7.0, 0.0, 0.0] and load["moment"] == [0.0, 0.0, 2.0] and "rigid_face" not in found.tables
+    tie = "*TIE, NAME=t\nlid, ground\n"
+    assert tables_of(tmp_path, text + tie + STEP.format("")).tables["tie"] == [
+        {"face": "lid", "against": "ground", "slave": True}
+    ]
+    sector = "*TIE, CYCLIC SYMMETRY, NAME=t\nlid, ground\n*CYCLIC SYMMETRY MODEL, N=6, TIE=t\n0, 0, 0, 0, 0, 1\n"
+    (cyclic,) = tables_of(tmp_path, text + sector + STEP.format("")).tables["cyclic_symmetry"]
+    assert cyclic["sectors"] == 6 and cyclic["axis"] == [0.0, 0.0, 1.0]

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...arrays import IntArray
-from ...decks.geometry import CORNERS, SIDES, Geometry
+from ...decks.geometry import CORNERS, SIDES, Geometry, read_geometry
 from .mesh_file import MeshFile, solid_nodes
 from .mesh_parts import distinct
 from .one_kind import READ, of_one_kind
@@ -38,7 +38,7 @@ def read(path: str, cells: str | None = None) -> MeshFile:
         OSError: If it, or a file it includes, cannot be read.
         ValueError: If it is damaged, or contains something that this reader does not support and cannot skip.
     """
-    return _Mesh(Geometry(path), cells).file
+    return _Mesh(read_geometry(path, again=cells is not None), cells).file
 
 
 class _Mesh:
