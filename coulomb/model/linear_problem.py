@@ -248,6 +248,14 @@ class LinearProblem:
         return FrictionProblem(self.A, self.b, self.state.law, rigid=self.state.rigid, elastic=True, body=body)
 
     @cached_property
+    def node_stiffness(self) -> FloatArray:
+        """Mean of the diagonal of K at the node of every contact point, newtons per metre, shape (m,)."""
+        diagonal = self.elasticity.K.getDiagonal()
+        found: FloatArray = diagonal.array_r[: 3 * len(self.elasticity.x)].reshape(-1, 3).mean(axis=1)
+        diagonal.destroy()
+        return found[self.surface.nodes]
+
+    @cached_property
     def compliances(self) -> FloatArray:
         """diag(A) of every contact point, of both tangents the mean, metres per newton, shape (m, 3)."""
         return self.friction_problem.scales.compliance

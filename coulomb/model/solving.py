@@ -16,7 +16,7 @@ from ..linalg.compliance import IterativeSolver
 from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged, TooSlow
 from ..native import threads
-from ..solvers.automatic import Automatic
+from ..solvers.automatic import Automatic, settled
 from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
@@ -70,6 +70,9 @@ def _by_present_method(
         with timed(posed.seconds, "solve"), _one_blas_thread(posed), limit:
             try:
                 result = chosen.solve(problem, start, progress=counted)
+                if chosen.tolerance <= CERTIFIED_FROM:
+                    stiffness = posed.linear.node_stiffness
+                    result = settled(problem, result, stiffness, chosen.tolerance, counted)
             except NotConverged as failure:
                 raise criterion.explained(failure, chosen.tolerance) from None
             except CGNotConverged as failure:

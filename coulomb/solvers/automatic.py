@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
@@ -13,7 +14,7 @@ from .driver import Answer, result_of
 from .equilibrium import EXACT
 from .friction_problem import FrictionProblem, SolverSettings, Task
 from .interior_point import InteriorPoint
-from .results import Goal, NotConverged, SolverResult, Status
+from .results import Goal, NotConverged, ProgressCallback, QPStep, SemismoothStep, SolverResult, Status
 from .semismooth_newton import SemismoothNewton
 from .successive_tresca import SuccessiveTresca
 
@@ -21,6 +22,11 @@ FINISH: Final = SemismoothNewton(patience=3, refused=1e-4, finer=1.0, sharpest=0
 """From the end of a path it takes one to five steps; the residual may grow in the first and fall in the second.  An
 answer that the certificate refuses at 1e-4 of the tolerance, on soft springs, it refuses at rounding errors."""
 
+
+_SETTLED: Final = 1e-6
+"""Change of a force in a further Newton step, over the largest on its body, up to which an answer is settled."""
+
+_SETTLING: Final = replace(FINISH, sharpest=1e-5, settled=_SETTLED)
 
 DECISIVE = (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
 """Ends after which no other method is tried."""
@@ -89,6 +95,56 @@ class Automatic(SolverSettings):
         better = min((one, other), key=lambda result: result.residual)
         message = f"{one.message}.  Then {other.message}"
         return called(replace(better, message=message), f"{better.method}, the better of both")
+
+
+def settled(
+    problem: FrictionProblem,
+    result: SolverResult,
+    stiffness: FloatArray,
+    tolerance: float,
+    progress: ProgressCallback | None = None,
+) -> SolverResult:
+    """A result after Newton steps, until one leaves all forces as they are, where its residual does not say so.
+
+    Of a steel block on rubber diag(A) is that of the rubber.  Forces of neighbours that cancel in a facet of the rubber
+    move the steel alone: of their errors the residual feels a part of 1/(a k), with the stiffness k of their nodes.
+
+    Args:
+        problem: The problem,
+        result: with an answer that has converged.
+        stiffness: Of the nodes of the contact points, newtons per metre, shape (m,).
+        tolerance: Residual at which to stop.
+        progress: Called after every step.
+
+    Raises:
+        NotConverged: If the steps go on to change forces.
+    """
+    hidden = problem.reductions.max(np.append(problem.scales.compliance[:, 0] * stiffness, 0.0))
+    if not hidden * result.residual > _SETTLED:
+        return result
+    after = outcome(lambda: _SETTLING.solve(problem, result.x, tolerance=tolerance, progress=progress))
+    steps = [step for step in after.history if isinstance(step, SemismoothStep)]
+    before, first = [step for step in result.history if isinstance(step, QPStep)], result.newton_steps
+    numbered = [replace(step, iteration=first + step.iteration) for step in steps]
+    after = replace(
+        after,
+        method=result.method,
+        outer_steps=result.outer_steps,
+        newton_steps=first + len(steps),
+        products=result.products + after.products,
+        history=(*before, *numbered) if before or not result.history else result.history,
+        contraction=result.contraction,
+    )
+    first_moved, last_moved = (steps[0].moved, steps[-1].moved) if steps else (math.inf, math.inf)
+    if after.status is Status.INTERRUPTED or (after.status is Status.CONVERGED and last_moved <= _SETTLED):
+        return after
+    if not steps or first_moved <= _SETTLED:
+        return result
+    message = (
+        f"forces are unresolved: with a residual of {result.residual:.1e} one is wrong by about {first_moved:.1e} "
+        "of the largest on its body, as where a body is far stiffer than the one it lies on"
+    )
+    raise NotConverged(message, replace(after, message=message))
 
 
 def outcome(solve: Callable[[], SolverResult]) -> SolverResult:

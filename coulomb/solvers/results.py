@@ -133,9 +133,11 @@ class SemismoothStep(QPStep):
 
     Attributes:
         changed: Nodes that opened, closed, stuck or slipped anew in it.
+        moved: Largest change of a force in it, over the largest on its body.
     """
 
     changed: int
+    moved: float
 
 
 StepKind = Literal["cg", "expansion", "proportioning"]

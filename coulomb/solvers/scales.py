@@ -125,6 +125,11 @@ class ContactScales:
         mean = np.where(count > 0.0, sums / np.maximum(count, 1.0), of_all)
         return np.where(mean > 0.0, mean, of_all if of_all > 0.0 else 1.0)
 
+    def moved(self, change: FloatArray, x: FloatArray) -> float:
+        """Largest change of a force, (m, 3), over the largest of the forces x (m, 3) on its body; collective."""
+        most = self.largest(sizes(x))[self.body]
+        return self.over.max(np.append(relative(change, np.where(most > 0.0, most, math.inf)), 0.0))
+
     def of_contacts(self, x: FloatArray, loads: FloatArray) -> FloatArray:
         """s_i in newtons, shape (m,); arguments as of `of_bodies`."""
         return np.maximum(sizes(x.reshape(-1, 3)), SHARE * self.of_bodies(x, loads)[self.body])

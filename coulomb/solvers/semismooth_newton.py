@@ -154,6 +154,8 @@ class SemismoothNewton(SolverSettings):
             method.
         finer: With exact products, steps are computed to this part of the tolerance, and a start is an answer only
             below it: nodes that stick then have no slip beyond rounding, and no work of either sign.
+        settled: An answer is one only after a step that has changed no force by more than this part of the largest on
+            its body.
 
     Raises:
         ValueError: If a constant is outside its bounds.
@@ -169,6 +171,7 @@ class SemismoothNewton(SolverSettings):
     updated_from: tuple[int, int] = within("[1, inf)", (16, 12))
     product: float = within("(0, 1)", 1e-3)
     finer: float = within("(0, 1]", 1e-3)
+    settled: float = within("(0, inf]", math.inf)
 
     name = "semismooth Newton"
 
@@ -299,7 +302,8 @@ class _Iteration:
         self._left = self._sharp(found, self._finer)
         self._at = self._equations.at(self._x, self._w(self._A_x, self._alpha))
         self._fallen, self._since = self._of_bodies(self._x, self._A_x, self._alpha), 0
-        return self._left if found <= self._finer * self._goal.residual else math.inf
+        may_be = found <= self._finer * self._goal.residual and self._settings.settled == math.inf
+        return self._left if may_be else math.inf
 
     def _sharp(self, residual: float, part: float = 1.0) -> float:
         """The residual; with the most accurate product where it decides, and without rounding errors at open nodes."""
@@ -319,7 +323,10 @@ class _Iteration:
         self._left = self._sharp(self._residual(self._x, self._A_x, self._alpha))
         self._at = self._equations.at(self._x, self._w(self._A_x, self._alpha))
         changed = int(self._over.sum((self._at.status != before).astype(float)))
-        return SemismoothStep(len(self._history) + 1, self._left, iterations, changed)
+        moved, residual = self._problem.scales.moved(dx, self._x), self._left
+        if not moved <= settings.settled:
+            residual = max(residual, math.nextafter(self._goal.residual, math.inf))
+        return SemismoothStep(len(self._history) + 1, residual, iterations, changed, moved)
 
     def answer(self) -> Answer:
         without = (self._a * (self._A_x - self._b)).ravel()

@@ -195,7 +195,8 @@ class Surface:
         ]
         low, high = (_least(np.min(of, axis=0, initial=0.0), self._comm) for of in (u, -u))
         near = near_facets(facets, -2.0 * (low + high), self._comm)
-        points = np.concatenate([body.points(k, now[k].rows, near[k]) for k, body in enumerate(self._bodies)])
+        made = [body.points(k, now[k].rows, near[k], bool(obstacles)) for k, body in enumerate(self._bodies)]
+        points = np.concatenate(made)
         found = [self._in_bodies(rows, now, points, gaps, large)]
         stopped = self._stopped(component, [one.face for one in obstacles])
         found += [self._in_obstacle(points, one, on, large) for one, on in zip(obstacles, stopped, strict=True)]

@@ -1,0 +1,56 @@
+"""Forces of steel on rubber that cancel in a facet of the rubber, which the residual by diag(A) hardly feels."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from coulomb import Clamp, Contact, ContactProblem, Material, NotConverged, TotalForce, box, join, moved
+from coulomb.solvers import automatic
+
+STEEL, RUBBER = Material(2e11, 0.3), Material(4.6e6, 0.4)
+
+
+def stack():
+    """Steel, rubber, and steel with smaller facets; pressed and pulled at the top."""
+    blocks = {
+        "base": box((0.1, 0.08, 0.1), (3, 2, 2)),
+        "pad": moved(box((0.1, 0.08, 0.1), (2, 3, 2)), translate=(0.0, 0.0, 0.1)),
+        "top": moved(box((0.07, 0.07, 0.1), (4, 4, 3), "tetrahedron"), translate=(0.015, 0.005, 0.2)),
+    }
+    contacts = [Contact("pad:bottom", 0.4, against="base:top"), Contact("top:bottom", 0.3, against="pad:top")]
+    return ContactProblem(
+        join(**blocks),
+        {"base": STEEL, "pad": RUBBER, "top": STEEL},
+        [Clamp("base:bottom")],
+        contacts,
+        [TotalForce("top:top", (-110.0, -33.0, -1030.0))],
+        small_strain="warn",
+    )
+
+
+def test_every_force_is_right_to_a_millionth_of_the_largest(monkeypatch):
+    problem = stack()
+    answer, exact = problem.solve(), problem.solve(tolerance=1e-12).result.x
+
+    def error(found):
+        parts = [np.flatnonzero(problem.surface.part == k)[:, None] * 3 + np.arange(3) for k in (0, 1)]
+        return max(np.abs(found.result.x - exact)[part].max() / np.abs(exact[part]).max() for part in parts)
+
+    assert answer.valid and error(answer) < 1e-7
+    monkeypatch.setattr(automatic, "_SETTLED", np.inf)
+    before = problem.solve()
+    assert before.valid and error(before) > 1e-6  # by the residual alone
+
+
+def test_forces_that_steps_do_not_settle_are_unresolved(monkeypatch):
+    problem, settled = stack(), automatic.settled
+    with monkeypatch.context() as patched:
+        patched.setattr(automatic, "_SETTLED", np.inf)
+        result = problem.solve().result
+    posed, stiffness = problem.friction_problem, problem.linear.node_stiffness
+    assert settled(posed, result, stiffness, 1e-8).newton_steps > result.newton_steps
+    assert settled(posed, result, np.zeros_like(stiffness), 1e-8) is result
+    monkeypatch.setattr(automatic, "_SETTLING", replace(automatic._SETTLING, max_iterations=1))
+    with pytest.raises(NotConverged, match=r"forces are unresolved: .* wrong by about [1-9]\.\de-0[56] of the"):
+        settled(posed, result, stiffness, 1e-8)
