@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -85,12 +85,12 @@ def drawing_soon(settings: Case) -> Iterator[DrawingProcess | None]:
             renderer.stop()
 
 
-def write_report(directory: Path, stop: Callable[[], bool]) -> str:
-    """Write the report into the directory of a run, unless `stop`, called repeatedly, is true; collective.  Returns an
-    error message, or nothing: a run does not fail because of its report."""
+def write_report(directory: Path, stop: Callable[[], bool], what: Literal["page", "both"] = "page") -> str:
+    """Write the report into the directory of a run, and picture.png as well (`both`), unless `stop`, called repeatedly,
+    is true; collective.  Returns an error message, or nothing: a run does not fail because of its report."""
 
     def write() -> str:
-        code, said = DrawingProcess("page", str(directory), str(RunDirectory(directory).report)).finish(stop=stop)
+        code, said = DrawingProcess(what, str(directory), str(RunDirectory(directory).report)).finish(stop=stop)
         return f"{REPORT} could not be written: {said}" if code else ""
 
     return on_rank_0(launched(), write)

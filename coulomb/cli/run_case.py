@@ -413,6 +413,9 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
     if history is not None:
         _write_formats(settings, target, comm)
         files_of = RunDirectory(target)
+        wanted = settings.output.picture and settings.output.report and code != INTERRUPTED
+        if wanted and not session.interruption.asked() and _outdated(files_of.picture, comm):
+            write_report(target, lambda: session.interruption.requested, "both")  # what it cannot do is tried alone
         if settings.output.picture and code != INTERRUPTED and _outdated(files_of.picture, comm):
             _draw(session, lambda stop: on_rank_0(comm, lambda: picture_of_run.draw(target, stop)), f"{PICTURE} ")
         if settings.output.report and _outdated(files_of.report, comm):

@@ -37,7 +37,7 @@ from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..pictures.report.words import bars_in_words, compared_in_words, friction_in_words, in_few, share_of_tolerance
 from ..process import animated
-from ..solvers.results import Progress
+from ..solvers.results import Progress, Status
 from ..units import plain, quantity, vector
 from .console import bad_input, errors
 
@@ -223,13 +223,17 @@ def report(
         str(solution.certificate),
         f"seconds: {seconds}; {total:.2f} in all",
     )
-    for number, line in enumerate(lines):
-        if number == 3:
-            show_error_bars(console, contents, tolerance)
-        console.out(line)
-    strain = solution.small_strain
-    warn(*contents["remarks"], *(strain.mere_warnings if solution.outside else strain.warnings))
-    refuse(solution.outside)
+    if solution.result.status is Status.NO_EQUILIBRIUM:  # forces, certificate and strains would be those of no answer
+        for line in (contents["message"], "certificate FAILED: there is no answer to judge", lines[-1]):
+            console.out(line)
+    else:
+        for number, line in enumerate(lines):
+            if number == 3:
+                show_error_bars(console, contents, tolerance)
+            console.out(line)
+        strain = solution.small_strain
+        warn(*contents["remarks"], *(strain.mere_warnings if solution.outside else strain.warnings))
+        refuse(solution.outside)
     picture = contents.get("picture", "")
     if "could not" in picture:
         errors.out(f"warning: {PICTURE} {picture}")

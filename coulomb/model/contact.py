@@ -244,6 +244,13 @@ class Contact:
         friction_limit: The largest shear stress q > 0 in pascals that friction reaches, as where the softer surface
             yields in shear (0.58 times its yield stress); constant or a function of place.
 
+    Example:
+        >>> from coulomb import Contact, Plane
+        >>> floor = Contact("bottom", friction=0.3)  # the plane of the face
+        >>> wall = Contact("right", 0.2, foundation=Plane((0.1, 0.0, 0.0), (-1.0, 0.0, 0.0)))
+        >>> press_fit = Contact("ring:bore", 0.15, against="shaft:surface", gap=-20e-6)  # metres
+        >>> glued = Contact("bottom", slip_stress=2e6)  # Tresca, pascals
+
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
             friction have no direction.

@@ -252,10 +252,12 @@ def refuse_held_inside(
         place = first_place(elasticity.x[nodes.nodes[nodes.held]], inside) if np.any(inside) else ""
         found = elasticity.comm.allgather((int(inside.sum()), float(np.max(depth, initial=0.0)), place))
         if count := sum(number for number, _, _ in found):
-            where = next(place for number, _, place in found if number)
+            where, sign = next(place for number, _, place in found if number), ""
+            if isinstance(contact.gap, int | float) and contact.gap < 0.0:
+                sign = f"its gap of {amount(contact.gap)} is an interference, a distance is positive; "
             raise ValueError(
                 f"contact face {contact.face!r}: supports, or what its nodes follow, hold {count} of its nodes inside "
                 f"{what}, up to {amount(max(depth for _, depth, _ in found))} deep at time {time:g} (first seen at x = "
-                f"{where}), where no contact force can move them: prescribe displacements that stay outside, move the "
-                "foundation less, or end the support or the contact face before these nodes"
+                f"{where}), where no contact force can move them: {sign}prescribe displacements that stay outside, "
+                "move the foundation less, or end the support or the contact face before these nodes"
             )

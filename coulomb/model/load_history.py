@@ -60,6 +60,23 @@ class LoadHistory:
 
     Raises:
         ValueError: If the times do not increase.
+
+    Example:
+        A block is pressed, then pulled by its end face: friction is 0.3 times the normal force when it slides.
+
+        >>> import coulomb
+        >>> loads = [
+        ...     coulomb.TotalForce("top", (0.0, 0.0, -1000.0), amplitude=[(0.0, 0.0), (1.0, 1.0)]),
+        ...     coulomb.PrescribedDisplacement("right", (1e-3, 0.0, 0.0), "x", amplitude=[(1.0, 0.0), (2.0, 1.0)]),
+        ... ]
+        >>> mesh = coulomb.box((0.1, 0.1, 0.05), (4, 4, 2))
+        >>> block = coulomb.ContactProblem(
+        ...     mesh, coulomb.Material(2.1e11, 0.3), loads[1:], coulomb.Contact("bottom", 0.3), loads[:1]
+        ... )
+        >>> for step in coulomb.LoadHistory([1.0, 2.0]).steps(block):
+        ...     print(step.state.time, step.solution.force_on_body[:, [0, 2]].sum(axis=0).round(1))
+        1.0 [ 119.1 1000. ]
+        2.0 [-300. 1000.]
     """
 
     times: Sequence[float]

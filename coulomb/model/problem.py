@@ -134,6 +134,22 @@ class ContactProblem(DiscreteProblem):
         kinematics: "small" for small strains, or "large" for large motions; of a `Body` from an energy or a residual,
             or of a mesh with material (`NeoHookean`, ...), supports and loads.
 
+    Example:
+        A block, pressed on the floor by 1 MPa on its top: the contact forces bear it.
+
+        >>> import coulomb
+        >>> mesh = coulomb.box((0.1, 0.1, 0.05), (4, 4, 2))  # metres
+        >>> problem = coulomb.ContactProblem(
+        ...     mesh,
+        ...     coulomb.Material(young=2.1e11, poisson=0.3),
+        ...     clamps=[],
+        ...     contact=coulomb.Contact("bottom", friction=0.3),
+        ...     tractions=[coulomb.Pressure("top", 1e6)],
+        ... )
+        >>> solution = problem.solve()
+        >>> print(solution.valid, solution.force_on_body[:, 2].sum().round(3))  # newtons
+        True 10000.0
+
     Attributes:
         body: The time-independent part: K, K^-1, A, contact faces and foundations.
         state: The state at one time: loads, gaps, frames, law of friction, slip origin.

@@ -148,6 +148,12 @@ class SmallStrain:
     def _measures(self) -> tuple[tuple[float, Bound, str], ...]:
         """Every measure with its bounds and its message."""
         return (
+            (  # first: what follows may be its consequence
+                self.gradient,
+                GRADIENT,
+                f"displacement gradients reach {self.gradient:.2g}: strains or rotations are no longer small "
+                '(kinematics = "large" computes large ones)' + (_UNITS if self.gradient > 1.0 else ""),
+            ),
             (
                 self.gap_error,
                 GAP_ERROR,
@@ -161,12 +167,6 @@ class SmallStrain:
                 SLIP_OVER_CELL,
                 f"nodes move by {self.slip_over_cell:.1f} cells along a curved foundation or another body, but keep "
                 "their normals, and the nodes opposite",
-            ),
-            (
-                self.gradient,
-                GRADIENT,
-                f"displacement gradients reach {self.gradient:.2g}: strains or rotations are no longer small "
-                '(kinematics = "large" computes large ones)',
             ),
             (
                 self.between,
@@ -207,6 +207,9 @@ class SmallStrain:
 
 MEASURES: Final = tuple(field.name for field in fields(SmallStrain) if field.name not in ("inside", "off"))
 """Names of the numbers among the attributes."""
+
+
+_UNITS: Final = "; so large they mostly are where young, loads and mesh are in different units"
 
 
 def _plain(value: Any) -> Any:

@@ -178,6 +178,13 @@ def join(
     Raises:
         ValueError: If there is no body, or one is neither mesh nor `Body`, or not what the others are; if a name is no
             identifier or occurs twice, a mesh is given twice, or meshes are on different communicators.
+
+    Example:
+        >>> import coulomb
+        >>> block = coulomb.box((0.1, 0.1, 0.05), (4, 4, 2))
+        >>> stack = coulomb.join(lower=block, upper=coulomb.moved(block, translate=(0.0, 0.0, 0.05)))
+        >>> [name for name in stack.faces if name.endswith("top")]
+        ['lower:top', 'upper:top']
     """
     if bodies is not None and not isinstance(bodies, Mapping):
         raise ValueError(f"join: must be join(lower=..., upper=...), or a mapping of names to meshes, not {bodies!r}")

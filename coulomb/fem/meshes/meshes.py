@@ -236,6 +236,11 @@ def box(
     Raises:
         ValueError: If a length or a number of cells is not positive, the cell or degree unknown, or a position not
             finite, or if a cell becomes flat.
+
+    Example:
+        >>> from coulomb import box
+        >>> list(box((0.1, 0.1, 0.05), (4, 4, 2)).faces)
+        ['left', 'right', 'front', 'back', 'bottom', 'top']
     """
     same_on_all_ranks({"box: lengths": lengths, "box: cells": cells, "box: cell": cell, "box: degree": degree}, comm)
     if len(lengths) != 3 or not all(is_number(length) and length > 0.0 for length in lengths):

@@ -1,5 +1,5 @@
-"""`page DIRECTORY FILE`, `overview`, or `plot ARGUMENTS` in JSON: run in a separate process by the command line
-(`drawing_process`), with which it ends.
+"""`page DIRECTORY FILE`, the same with picture.png as `both`, `overview`, or `plot ARGUMENTS` in JSON: in a separate
+process by the command line (`drawing_process`), with which it ends.
 
 On failure one line on standard error, and exit code 2 if the input is wrong, 1 if a package or the room for the file is
 missing.
@@ -24,6 +24,8 @@ if __name__ == "__main__":
     try:
         if kind == "page":
             from .page import main
+        elif kind == "both":
+            from .page import with_picture as main
         elif kind == "overview":
             from .picture import overview as main
         else:

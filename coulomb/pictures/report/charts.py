@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+from collections.abc import Sequence
 from typing import Any, Final
 
 import matplotlib
 import numpy as np
 import numpy.typing as npt
+from matplotlib.ticker import NullLocator
 
 from ...contact_fields import normal_forces
 from ...units import scale_of
@@ -64,6 +66,7 @@ def convergence_figure(run: Run) -> Any:
         _legend(right)
     right.set(xlabel=what, ylabel="number" if outer else "CG iterations")
     _whole(left.xaxis, right.xaxis, right.yaxis)
+    _arrange(figure)
     return figure
 
 
@@ -314,15 +317,28 @@ def _legend(axis: Any) -> None:
     labels = axis.get_legend_handles_labels()[1]
     if not labels:
         return
-    columns = max(1, min(4, _ACROSS // (max(len(label) for label in labels) + 6)))
-    shape = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": columns, "borderaxespad": 0.2}
+    shape = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "ncols": _columns(labels), "borderaxespad": 0.2}
     axis.legend(frameon=False, labelcolor=_INK, fontsize=8.5, columnspacing=1.2, **shape)
+
+
+def _columns(labels: Sequence[str]) -> int:
+    return max(1, min(4, _ACROSS // (max(len(label) for label in labels) + 6)))
 
 
 def _logarithmic(axis: Any, x: Any, y: Any, style: str, colour: str, size: float, label: str = "") -> None:
     """A line on a logarithmic axis, without the values that are not positive; none if no value is."""
     if np.any(y > 0.0):
         axis.semilogy(x, np.where(y > 0.0, y, np.nan), style, color=colour, markersize=size, label=label)
+        axis.yaxis.set_major_formatter(_power)  # a tenth of the time of matplotlib's formulas
+        axis.yaxis.set_minor_locator(NullLocator())
+
+
+_RAISED: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def _power(value: float, _: int | None = None) -> str:
+    """A power of ten."""
+    return "10" + f"{round(float(np.log10(value)))}".translate(_RAISED)
 
 
 def _decades(axis: Any, empty: str) -> None:
@@ -360,7 +376,7 @@ def _figure(count: int) -> tuple[Any, Any]:
 
     colours = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _INK)
     with matplotlib.rc_context({**colours, "font.size": 9.5}):
-        figure = Figure(figsize=(4.3 * count, 3.3), layout="constrained", facecolor="none")
+        figure = Figure(figsize=(4.3 * count, 3.3), facecolor="none")
         axes = figure.subplots(1, count, squeeze=False)[0]
     for axis in axes:
         axis.set_facecolor("none")
@@ -385,10 +401,34 @@ def _calm(axis: Any) -> None:
             axis.yaxis.get_major_formatter().set_useOffset(False)
 
 
+_LETTER, _LINE, _PADS = 6.0, 13.5, 16.0
+"""Of texts in charts: width of a letter, height of a line, and all distances beside them, points."""
+
+
+def _arrange(figure: Any) -> None:
+    """Place the axes by the lengths of their texts: matplotlib's own layout draws every figure twice."""
+    first = figure.axes[0]
+    width, height = 72.0 * figure.get_size_inches()
+    count = first.get_gridspec().ncols
+    legends = [[text.get_text() for text in legend.get_texts()] for a in figure.axes if (legend := a.get_legend())]
+    lines = max((-(-len(labels) // _columns(labels)) for labels in legends), default=0)
+    top, bottom = 1.0 - (8.0 + _LINE * lines) / height, (2.0 * _LINE + _PADS) / height
+    for column, panel in enumerate(figure.axes[:count]):
+        same = [axis for axis in figure.axes if axis.get_subplotspec() == panel.get_subplotspec()]
+        beside = [_PADS, _PADS]
+        for axis, side in zip(same, (0, 1), strict=False):
+            ticks = axis.yaxis.get_major_formatter().format_ticks(axis.yaxis.get_majorticklocs())
+            beside[side] += _LINE + _LETTER * max((len(text) for text in ticks), default=0)
+        left, right = (column / count + beside[0] / width, (column + 1) / count - beside[1] / width)
+        for axis in same:
+            axis.set_position((left, bottom, right - left, top - bottom))
+
+
 def _svg(figure: Any, title: str) -> str:
     """A figure as a scalable element of the page, without links and background, in the text's colour."""
     for axis in figure.axes:
         _calm(axis)
+    _arrange(figure)
     with matplotlib.rc_context({"svg.fonttype": "path", "svg.hashsalt": title}):
         file = io.StringIO()
         figure.savefig(file, format="svg", transparent=True)

@@ -20,6 +20,7 @@ from ...units import in_seconds, number, quantity, scale_of, vector
 from . import charts, problem, results
 from .fields import AXES, ZONES, Bar, Field, limits_of, named, ramp, zone_counts
 from .files import Run, read_run
+from .picture import draw
 from .scene import Look, Shot, automatic_scale, cropped, shoot
 from .surface_view import surface_view
 from .words import compared_in_words
@@ -44,14 +45,14 @@ SCRIPTS = ("drawing.js", "controls.js")
 """Scripts of the page, in one function."""
 
 
-def write(directory: str | Path, save: str | Path) -> Path:
-    """Write the report of a run, single or a load history, converged or not, as one page.
+def write(directory: str | Path, save: str | Path, run: Run | None = None) -> Path:
+    """Write the report of a run, single or a load history, converged or not, as one page; it may have been read.
 
     Raises:
         ValueError: If the directory contains no run, or a file cannot be read.
         OSError: If the page cannot be written; no partial file is left then.
     """
-    page = render(read_run(directory))
+    page = render(run or read_run(directory))
     target = Path(save)
     try:
         with replacing(target) as partial:
@@ -249,6 +250,14 @@ def _forces_of(row: dict[str, float], accuracy: Mapping[str, float]) -> str:
     if "force_x" in row:
         return vector([row["force_x"], row["force_y"], row["force_z"]], "N", accuracy=accuracy)
     return " / ".join(quantity(value, "N", accuracy=accuracy) for value in normal_forces(row).values())
+
+
+def with_picture(arguments: list[str]) -> str:
+    """DIRECTORY FILE: picture.png as well, by libraries and from files that are loaded once."""
+    directory, save = arguments
+    run = read_run(directory)
+    draw(Path(directory), run)
+    return str(write(directory, save, run))
 
 
 def main(arguments: list[str]) -> str:

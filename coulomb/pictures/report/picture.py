@@ -286,13 +286,14 @@ _ABOVE, _BESIDE = (8.3, 3.7), (5.4, 5.4)
 """Largest width and height of a view, stacked and side by side."""
 
 
-def draw(directory: Path) -> Path:
-    """Draw picture.png into the directory of a run, with solution.xdmf, contact.xdmf and summary.json.
+def draw(directory: Path, run: Run | None = None) -> Path:
+    """Draw picture.png into the directory of a run, with solution.xdmf, contact.xdmf and summary.json; it may have been
+    read.
 
     Raises:
         ValueError: If the directory contains no run, or a file cannot be read.
     """
-    run = read_run(directory)
+    run = run or read_run(directory)
     run = replace(run, steps=run.steps[-1:])  # the last step of a load history, which may be long
     step, scale = run.steps[-1], automatic_scale(run)
     pressure, status = named("pressure"), named("status")

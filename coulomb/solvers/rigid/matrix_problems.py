@@ -240,6 +240,15 @@ def solve_coulomb(
     Raises:
         ValueError: As `solve_tresca`.
         NotConverged: If the Coulomb residual stays above the solver's tolerance.
+
+    Example:
+        One contact, pressed with 10 N and pulled with 5 N: it slips, and friction bears 0.3 of 10 N.
+
+        >>> import numpy as np
+        >>> from coulomb import solve_coulomb
+        >>> A, b = 1e-6 * np.eye(3), 1e-6 * np.array([10.0, 5.0, 0.0])
+        >>> solve_coulomb(A, b, friction=0.3).x.round(6)
+        array([10.,  3.,  0.])
     """
     sweeps: Sweeps | None = None
     if solver is None and rigid is None and isinstance(cohesion, float | int) and cohesion == 0:
