@@ -244,7 +244,7 @@ class Contact:
         friction_limit: The largest shear stress q > 0 in pascals that friction reaches, as where the softer surface
             yields in shear (0.58 times its yield stress); constant or a function of place.
 
-    Example:
+    Examples:
         >>> from coulomb import Contact, Plane
         >>> floor = Contact("bottom", friction=0.3)  # the plane of the face
         >>> wall = Contact("right", 0.2, foundation=Plane((0.1, 0.0, 0.0), (-1.0, 0.0, 0.0)))

@@ -61,7 +61,7 @@ class LoadHistory:
     Raises:
         ValueError: If the times do not increase.
 
-    Example:
+    Examples:
         A block is pressed, then pulled by its end face: friction is 0.3 times the normal force when it slides.
 
         >>> import coulomb

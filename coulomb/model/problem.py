@@ -134,7 +134,7 @@ class ContactProblem(DiscreteProblem):
         kinematics: "small" for small strains, or "large" for large motions; of a `Body` from an energy or a residual,
             or of a mesh with material (`NeoHookean`, ...), supports and loads.
 
-    Example:
+    Examples:
         A block, pressed on the floor by 1 MPa on its top: the contact forces bear it.
 
         >>> import coulomb

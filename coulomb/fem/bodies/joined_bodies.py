@@ -179,7 +179,7 @@ def join(
         ValueError: If there is no body, or one is neither mesh nor `Body`, or not what the others are; if a name is no
             identifier or occurs twice, a mesh is given twice, or meshes are on different communicators.
 
-    Example:
+    Examples:
         >>> import coulomb
         >>> block = coulomb.box((0.1, 0.1, 0.05), (4, 4, 2))
         >>> stack = coulomb.join(lower=block, upper=coulomb.moved(block, translate=(0.0, 0.0, 0.05)))

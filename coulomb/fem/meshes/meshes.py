@@ -237,7 +237,7 @@ def box(
         ValueError: If a length or a number of cells is not positive, the cell or degree unknown, or a position not
             finite, or if a cell becomes flat.
 
-    Example:
+    Examples:
         >>> from coulomb import box
         >>> list(box((0.1, 0.1, 0.05), (4, 4, 2)).faces)
         ['left', 'right', 'front', 'back', 'bottom', 'top']

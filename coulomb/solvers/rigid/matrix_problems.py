@@ -241,7 +241,7 @@ def solve_coulomb(
         ValueError: As `solve_tresca`.
         NotConverged: If the Coulomb residual stays above the solver's tolerance.
 
-    Example:
+    Examples:
         One contact, pressed with 10 N and pulled with 5 N: it slips, and friction bears 0.3 of 10 N.
 
         >>> import numpy as np
