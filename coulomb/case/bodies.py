@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 CellsValue = Annotated[
     Annotated[tuple[Cells, Cells, Cells], Tag("three numbers")] | Annotated[Name, Tag("a name")],
-    Discriminator(lambda given: "a name" if isinstance(given, str) else "three numbers"),
+    Discriminator(lambda given: "a name" if isinstance(given, str) and given[:1] != "[" else "three numbers"),
 ]
 
 SMALL: Final = 200_000

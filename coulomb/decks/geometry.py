@@ -113,9 +113,9 @@ class _Instance:
 
     name: str
     first: int
-    turn: npt.NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
-    about: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
-    shift: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    turn: FloatArray = field(default_factory=lambda: np.eye(3))
+    about: FloatArray = field(default_factory=lambda: np.zeros(3))
+    shift: FloatArray = field(default_factory=lambda: np.zeros(3))
 
 
 class Geometry:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, run_coulomb
-from test_tables import CUBES, STEP
+from test_deck_tables import CUBES, STEP
 
 from coulomb.case.case import read_case
 from coulomb.io.field_files import read_grids

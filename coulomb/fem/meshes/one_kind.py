@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from ...arrays import FloatArray, IntArray
 from .lagrange import nodes_between
@@ -162,7 +163,9 @@ class _Middles:
 
     def _quadrilaterals(self, blocks: Mapping[int, IntArray]) -> tuple[IntArray, IntArray]:
         """Corners of all quadrilaterals, sorted, and the nodes in their middles."""
-        given, old, wanted = [np.empty((0, 4), dtype=np.int64)], [np.empty(0, dtype=np.int64)], []
+        given: list[IntArray] = [np.empty((0, 4), dtype=np.int64)]
+        old: list[IntArray] = [np.empty(0, dtype=np.int64)]
+        wanted: list[IntArray] = []
         for width, rows in blocks.items():
             faces = [face for face in _FACES[_CORNERS[width]] if len(face) == 4]
             if width == 27:
@@ -186,7 +189,8 @@ class _Middles:
 
     def _hexahedra(self, blocks: Mapping[int, IntArray]) -> tuple[IntArray, IntArray]:
         """Corners of all hexahedra, sorted, and the nodes in their middles."""
-        known, centre = np.empty((0, 8), dtype=np.int64), np.empty(0, dtype=np.int64)
+        known: IntArray = np.empty((0, 8), dtype=np.int64)
+        centre: IntArray = np.empty(0, dtype=np.int64)
         if 27 in blocks:
             known, centre = np.sort(blocks[27][:, :8], axis=1), blocks[27][:, 26]
         if 20 in blocks:
@@ -245,7 +249,7 @@ def _unique(rows: IntArray, values: IntArray) -> tuple[IntArray, IntArray]:
     return rows[first], values[first]
 
 
-def _among(rows: IntArray, some: IntArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _among(rows: IntArray, some: IntArray) -> npt.NDArray[np.bool_]:
     """Which of some rows are among others."""
     if not len(rows) or not len(some):
         return np.zeros(len(some), dtype=bool)
