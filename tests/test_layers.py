@@ -267,3 +267,9 @@ def test_constants_are_final_and_bound_once(path):
     bound = [name for name, _ in constants(path)]
     assert not [name for name in set(bound) if bound.count(name) > 1]
     assert not [name for name, plain in constants(path) if plain]
+
+
+def test_names_of_test_files_are_unique():
+    """pytest takes two files of one name in different folders for one module, and collects neither."""
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py")]
+    assert sorted(names) == sorted(set(names))

@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import Final, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
