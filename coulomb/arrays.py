@@ -11,6 +11,11 @@ IntArray = npt.NDArray[np.int64]
 """Double precision; written so that numpy 1 and 2 infer it alike."""
 
 
+def as_list(values: npt.NDArray[Any]) -> list[Any]:
+    """An array with at least one axis as a list; types of `tolist` depend on the version of NumPy."""
+    return cast(list[Any], values.tolist())
+
+
 def is_number(value: object, least: float = 0.0) -> bool:
     """Whether a value is one finite number, not smaller than `least`; a text is none."""
     if isinstance(value, str | bytes) or np.ndim(cast(npt.ArrayLike, value)) != 0:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, as_list
 from .cards import Card
 
 
@@ -104,7 +104,7 @@ def directions_of(card: Card) -> list[list[float | str]]:
         raise card.fault("a rotation of the axes on a second line is not read", 1)
     a, b = np.split(card.floats([0])[:6], 2)
     if (card.key("SYSTEM") or "RECTANGULAR").startswith("R"):
-        return [a.tolist(), b.tolist()]
+        return [as_list(a), as_list(b)]
     radial = radial_direction(a, b)
     axis = (b - a) / np.linalg.norm(b - a)
     # the second axis is along the circle: axis x radial

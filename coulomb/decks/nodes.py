@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..arrays import FloatArray, IntArray
+from ..arrays import FloatArray, IntArray, as_list
 from .cards import Card, key_of
 from .constraints import Constraints
 from .materials import radial_direction
@@ -37,7 +37,7 @@ class NodalTables:
         self._frame: dict[int, Card] = {}
         for card in reading.model:
             if card.kind == "TRANSFORM":
-                for node in reading.node_numbers(card.needs("NSET"), card, None).tolist():
+                for node in as_list(reading.node_numbers(card.needs("NSET"), card, None)):
                     self._frame[node] = card
 
     def take(self) -> None:
@@ -84,7 +84,7 @@ class NodalTables:
                         "temperatures are prescribed by *TEMPERATURE; *BOUNDARY of temperature is not read", row
                     )
                 dofs = range(first, last + 1)
-            for node in self._of_solids(nodes, kind, value, card, row, step).tolist():
+            for node in as_list(self._of_solids(nodes, kind, value, card, row, step)):
                 for dof in dofs:
                     if dof > 3:
                         continue  # solids have no rotations
@@ -96,7 +96,7 @@ class NodalTables:
     def _of_solids(self, nodes: IntArray, kind: str, value: float, card: Card, row: int, step: Step) -> IntArray:
         """Those of some nodes that belong to solid elements; the others given on, if a constraint has them."""
         mine = np.isin(nodes, self._of.nodes_of_cells)
-        for node in nodes[~mine].tolist():
+        for node in as_list(nodes[~mine]):
             if not self._constraints.support(node, card, row, step):
                 self._strays += 1
         return nodes[mine]
@@ -108,14 +108,14 @@ class NodalTables:
                 raise card.fault("needs nodes, a degree of freedom and a force", row)
             nodes, dof, value = self._nodes(words[0], card, row), card.whole(words[1], row), card.number(words[2], row)
             mine = np.isin(nodes, self._of.nodes_of_cells)
-            for node in nodes[~mine].tolist():
+            for node in as_list(nodes[~mine]):
                 if not self._constraints.load(node, dof, value, step, amplitude):
                     self._strays += 1
             if dof not in (1, 2, 3):
                 if np.any(mine):
                     raise card.fault(f"nodes of solids have no degree of freedom {dof}", row)
                 continue
-            for node in nodes[mine].tolist():
+            for node in as_list(nodes[mine]):
                 self._forces.give((node, dof), value, step, amplitude)
 
     def _nodes(self, word: str, card: Card, row: int) -> IntArray:
@@ -225,7 +225,7 @@ class NodalTables:
         single: dict[tuple[Any, ...], list[int]] = {}
         for (track, dof, frame), nodes in left.items():
             if len(nodes):
-                single.setdefault((track, frame, tuple(nodes.tolist())), []).append(dof)
+                single.setdefault((track, frame, tuple(as_list(nodes))), []).append(dof)
         for (track, frame, numbers), dofs in single.items():
             for body in self._bodies_of(np.array(numbers)):
                 here = self._of.bodies.get(body[:-1])
@@ -236,12 +236,12 @@ class NodalTables:
         """The names of the bodies with some of these nodes, with a colon; "" for one alone."""
         if not self._of.bodies:
             return [""]
-        return [f"{name}:" for name in self._of.bodies if self._nodes_in(name) & set(nodes.tolist())]
+        return [f"{name}:" for name in self._of.bodies if self._nodes_in(name) & set(as_list(nodes))]
 
     def _nodes_in(self, body: str) -> set[int]:
         elements = self._of.bodies[body]
         parts = [rows[np.isin(rows[:, 0], elements), 1:].ravel() for rows in self._of.deck.solids.values()]
-        return set(np.unique(np.concatenate(parts)).tolist())
+        return set(as_list(np.unique(np.concatenate(parts))))
 
 
 def _same(track: Track) -> tuple[Rows, float | None, float | None]:
@@ -268,10 +268,10 @@ def _axes(frame: Card) -> list[list[Any]]:
     a, b = np.split(frame.floats([0])[:6], 2)
     if frame.key("TYPE") != "C":
         third = np.cross(a, b)
-        return [a.tolist(), np.cross(third, a).tolist(), third.tolist()]
+        return [as_list(one) for one in (a, np.cross(third, a), third)]
     axis = (b - a) / np.linalg.norm(b - a)
     x = radial_direction(a, b)
     circle = [
         f"({axis[(k + 1) % 3]!r})*({x[(k + 2) % 3]})-({axis[(k + 2) % 3]!r})*({x[(k + 1) % 3]})" for k in range(3)
     ]
-    return [list(x), circle, axis.tolist()]
+    return [list(x), circle, as_list(axis)]

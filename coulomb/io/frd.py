@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from ..arrays import FloatArray, IntArray
+from ..arrays import FloatArray, IntArray, as_list
 
 _KINDS: Final = {4: 3, 8: 1, 10: 6, 20: 4}
 """Numbers of kinds of elements, by their number of nodes."""
@@ -71,7 +71,7 @@ def write_frd(
         for cells in blocks:
             width = min(cells.shape[1], 20)
             order = _ORDER.get(width, tuple(range(width)))
-            for nodes in numbers[cells[:, order]].tolist():
+            for nodes in as_list(numbers[cells[:, order]]):
                 number += 1
                 file.write(f" -1{number:10d}{_KINDS[width]:5d}{0:5d}{1:5d}\n")
                 for first in range(0, width, 10):
@@ -104,4 +104,4 @@ def _rows(numbers: IntArray, values: FloatArray) -> Iterable[str]:
     """A line for each node: its number and values of twelve columns."""
     form = " -1%10d" + "%12.5E" * values.shape[1] + "\n"
     small = np.where(np.abs(values) < 1e-99, 0.0, values)  # exponents have two digits
-    return (form % (number, *row) for number, row in zip(numbers.tolist(), small.tolist(), strict=True))
+    return (form % (number, *row) for number, row in zip(as_list(numbers), as_list(small), strict=True))

@@ -138,9 +138,11 @@ class Linearised(DiscreteProblem):
         body = self.elasticity
         e = self._evidence(x, np.zeros_like(body.x), compliance[self.surface.nodes])
         places = [(member.nodes, nonlinear(member.body).place) for member in body.members]
-        spring = np.concatenate([place.spring for _, place in places])
         load = np.concatenate([e.load[nodes] if place.load is None else place.load for nodes, place in places])
-        return replace(e, internal=e.internal - e.load + load + spring, load=load, spring=spring)
+        kept = e.internal - e.load + load
+        in_forms = balanced_load(body, kept, Reductions(body.comm))
+        spring = np.concatenate([in_forms[nodes] if place.spring is None else place.spring for nodes, place in places])
+        return replace(e, internal=kept + spring, load=load, spring=spring)
 
     def _evidence(self, x: FloatArray, du: FloatArray, compliance: FloatArray) -> Evidence:
         """With the residual F(u) + dF(u) du, and loads with the resultants of it (`balanced_load`); collective."""

@@ -22,6 +22,7 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, Loading, nonlinear
 from ..fem.contact import FaceMotion
+from ..fem.geometry import Refused
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
@@ -163,7 +164,7 @@ class LoadStepLoop:
 
         try:
             return self._whole_step(state, tolerance, solve)
-        except (CGNotConverged, ValueError, NotConverged) as failure:
+        except (CGNotConverged, NotPositiveDefinite, Refused, NotConverged) as failure:
             linearised(self.elasticity, state.displacement, state.time)  # the user's functions are of that state
             result = failure.result if isinstance(failure, NotConverged) else _without_answer(count)
             if result.status is Status.INTERRUPTED or isinstance(failure, StepCut):

@@ -394,7 +394,7 @@ class HyperelasticBody(NonlinearBody):
         if self.thermal is not None:
             self._amplitude.value = evaluate_amplitude(self.thermal.amplitude, time, "temperature")
 
-    def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
+    def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray, FloatArray]:
         inside, *_ = super()._outer_forces(u, time)
         dead, load = self._loaded.at(time), sum((one.forces for one in self._following()), np.zeros_like(u))
         spring = self._loaded.spring_force(u)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import ctypes
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -26,8 +26,9 @@ from ..meshes import boundary_facets
 from .deformable import Loading
 from .displacement_space import free_earlier_bodies
 from .elimination import Made
-from .form_body import BilinearForm, Body, FormValues
+from .form_body import BilinearForm, Body, FormValues, compiled
 from .free_motions import FreeMotions, free_motions, names_of_components
+from .loads import NodalForces
 from .rigid_modes import component_modes
 
 
@@ -41,7 +42,7 @@ class _Place:
         prescribed: The whole prescribed displacements, 0 elsewhere, metres, shape (k, 3).
         values: Of the coefficients of the tangent.
         load: Loads in newtons, shape (k, 3); None if they are in the form, with the internal forces.
-        spring: Forces of springs in newtons, shape (k, 3), if they are known.
+        spring: Forces of springs in newtons, shape (k, 3); None if they are in the form, beside loads that are known.
     """
 
     u: FloatArray
@@ -49,7 +50,7 @@ class _Place:
     prescribed: FloatArray
     values: FormValues
     load: FloatArray | None
-    spring: FloatArray
+    spring: FloatArray | None
 
 
 class NonlinearBody(Body, large=True):
@@ -105,6 +106,9 @@ class NonlinearBody(Body, large=True):
         super().__init__(whole, -F, bcs, faces, update=update)
         self._undeformed: FloatArray = self.x
         self._function = fem.Function(self.V)
+        dead = _without(displacement, ufl.algorithms.expand_derivatives(F))
+        self._dead = None if dead is None else compiled(-dead, "residual", V.mesh.comm)
+        self._potential = None if energy is None else fem.form(ufl.replace(energy, {displacement: self._function}))
         self._surface_forms: dict[tuple[bytes, bool], tuple[Any, Any]] = {}
 
     # --- at a displacement ------------------------------------------------------------------------------------------
@@ -129,14 +133,28 @@ class NonlinearBody(Body, large=True):
         )
         return there
 
-    def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray]:
+    def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray | None]:
         """Minus the residual and the prescribed displacements at the present displacement u; loads and forces of
         springs in it, as of `_Place`; collective."""
-        return super().at(time), None, np.zeros_like(u)
+        if self._dead is None:
+            return super().at(time), None, np.zeros_like(u)
+        return super().at(time), self._assemble(self._dead), None
+
+    def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
+        dead = None if self._place is None else self._place.load
+        return super().loads_in(loading if dead is None else replace(loading, load=dead))
 
     def strain_energy(self, u: FloatArray) -> float | None:
-        """Of the displacement u (k, 3), in joules; None if it is not known beside that of loads; collective."""
-        return None
+        """Of the displacement u (k, 3) from u = 0, in joules: the user's energy without that of dead loads; None if
+        there is a residual alone; collective."""
+        if self._potential is None:
+            return None
+        work = 0.0 if self._dead is None else self.comm.allreduce(float(np.sum(self._assemble(self._dead) * u)))
+        return self._assembled_energy(u) - self._assembled_energy(np.zeros_like(u)) + work
+
+    def _assembled_energy(self, u: FloatArray) -> float:
+        self._evaluate_at(u)
+        return float(self.comm.allreduce(fem.assemble_scalar(self._potential)))
 
     @property
     def reference(self) -> FloatArray:
@@ -264,6 +282,37 @@ class NonlinearBody(Body, large=True):
         return area[:, 0].copy(), normal
 
 
+def _without(u: Any, form: Any) -> Any:
+    """The terms of a form in which a function is not; None if there are none."""
+    parts = [
+        integral.reconstruct(term)
+        for integral in form.integrals()
+        for term in _terms(integral.integrand())
+        if u not in ufl.algorithms.extract_coefficients(term)
+    ]
+    return ufl.Form(parts) if parts else None
+
+
+def _terms(integrand: Any) -> Iterator[Any]:
+    """The terms of a sum, and of products and quotients of one."""
+    if isinstance(integrand, ufl.classes.Sum):
+        for one in integrand.ufl_operands:
+            yield from _terms(one)
+        return
+    if isinstance(integrand, ufl.classes.Product | ufl.classes.Division):
+        first, second = integrand.ufl_operands
+        product = isinstance(integrand, ufl.classes.Product)
+        if isinstance(first, ufl.classes.Sum):
+            for one in _terms(first):
+                yield from _terms(one * second if product else one / second)
+            return
+        if product and isinstance(second, ufl.classes.Sum):
+            for one in _terms(second):
+                yield from _terms(first * one)
+            return
+    yield integrand
+
+
 def _of_kind(form: Any, cells: bool) -> Any:
     """The integrals of a form over cells, or the others; None if there are none."""
     chosen = [one for one in form.integrals() if (one.integral_type() == "cell") == cells]
@@ -310,17 +359,16 @@ class _PositivePart(BilinearForm):
         return self._product(values, u)
 
     def _assembled(self, values: FormValues) -> PETSc.Mat:
-        K = self._inside.matrix(values)
-        with self._inside.with_coefficients(values):
-            matrices = _cell_matrices(self._inside.compiled, self._V)
+        with self.with_coefficients(values):  # of the whole tangent
+            K, matrices = self._inside.matrix(self._inside.values), _cell_matrices(self._inside.compiled, self._V)
+            surface = None if self._on_facets is None else self._on_facets.matrix(self._on_facets.values)
         sizes, vectors = np.linalg.eigh(matrices)
         matrices = np.einsum("cik,ck,cjk->cij", vectors, np.maximum(sizes, 0.0), vectors)
         K.zeroEntries()
         for nodes, matrix in zip(compat.cell_dofs(self._V), matrices, strict=False):
             K.setValuesBlockedLocal(nodes, nodes, matrix, addv=PETSc.InsertMode.ADD)
         K.assemble()
-        if self._on_facets is not None:
-            surface = self._on_facets.matrix(values)
+        if surface is not None:
             K.axpy(1.0, surface)
             surface.destroy()
         return K

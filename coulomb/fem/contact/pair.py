@@ -18,6 +18,7 @@ from ..geometry import (
     HELD_BELOW,
     HELD_BEYOND,
     FrictionAxes,
+    Refused,
     RigidFoundation,
     held_length,
     on_all_ranks,
@@ -338,7 +339,7 @@ def pair_of(
                 f"{what}: all of its nodes are clamped, follow clamped ones, or are contact points of another face, "
                 f"and none is left against {against!r}: leave this pair out"
             )
-        raise ValueError(
+        raise Refused(
             f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals in "
             "opposite directions"
         )

@@ -19,6 +19,7 @@ from ..geometry import (
     HELD_BELOW,
     FrictionAxes,
     Plane,
+    Refused,
     RigidFoundation,
     first_place,
     held_length,
@@ -369,7 +370,7 @@ def distance_along(n: FloatArray, x: FloatArray, distance: FloatArray, foundatio
     return np.where(missed | (left > 1e-8 * size + 1e-300), tangent, way)
 
 
-class FullyHeld(ValueError):
+class FullyHeld(Refused):
     """No node of a contact face can move against its foundation."""
 
 

@@ -39,6 +39,7 @@ from .user_values import (
     Coefficient,
     Field,
     Motion,
+    Refused,
     evaluate_amplitude,
     evaluate_numbers,
     evaluate_signed_numbers,

@@ -180,9 +180,12 @@ def first_place(x: FloatArray, where: npt.NDArray[np.bool_]) -> str:
     return in_words(np.where(np.abs(place) < 1e-12 * np.max(np.abs(x)), 0.0, place))
 
 
+class Refused(ValueError):
+    """A face, foundation or function cannot be used at a place or time, on every rank: a load step may end there."""
+
+
 def on_all_ranks(evaluate: Callable[[], Value], what: str, comm: MPI.Comm) -> Value:
-    """The result of a call; or a ValueError on every rank with the first fault of any rank, after `what` if it is
-    given."""
+    """The result of a call; or Refused on every rank with the first fault of any rank, after `what` if it is given."""
     fault = ""
     value: Value | None = None
     try:
@@ -191,7 +194,7 @@ def on_all_ranks(evaluate: Callable[[], Value], what: str, comm: MPI.Comm) -> Va
         fault = str(error) or type(error).__name__
     faults = [text for text in comm.allgather(fault) if text]
     if faults:
-        raise ValueError(f"{what}: {faults[0]}" if what else faults[0])
+        raise Refused(f"{what}: {faults[0]}" if what else faults[0])
     return cast(Value, value)
 
 

@@ -1,0 +1,84 @@
+"""The user's own forms beside the same built-in material; and the remedy for tangents that are not positive definite."""
+
+import numpy as np
+import pytest
+from rubber_blocks import LAME, MU, RubberBlock
+
+import coulomb
+from coulomb.kinematics import LargeMotions, neo_hookean
+
+BODY_FORCE, PRESS, SPRING = (3e4, 0.0, 0.0), (0.0, 0.0, -8e4), (0.0, 2e4, 0.0)
+CONTACT = coulomb.Contact("bottom", friction=0.4)
+
+
+def own(given):
+    """Held on the left, with a body force in the integral of the strain energy, a load beside it and springs."""
+    return RubberBlock(
+        held="left",
+        loads={"top": lambda time: np.array(PRESS) * time},
+        energy=lambda u: neo_hookean(u, MU, LAME) - (2.0 * BODY_FORCE[0] * u[0]) / 2.0,
+        skin=lambda u, n: 0.5 * SPRING[1] * u[1] ** 2,
+        given=given,
+    )
+
+
+def built_in():
+    return coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)),
+        coulomb.NeoHookean(1e6, 0.3),
+        [coulomb.Clamp("left")],
+        CONTACT,
+        [coulomb.TotalForce("top", PRESS, amplitude=[(0.0, 0.0), (1.0, 1.0)])],
+        body_force=BODY_FORCE,
+        springs=[coulomb.Spring("bottom", SPRING)],
+        kinematics="large",
+    )
+
+
+@pytest.mark.parametrize("given", ["energy", "residual"])
+def test_energies_and_loads_are_those_of_the_built_in_material(given):
+    """Dead loads are found in the forms.  Of a residual the strain energy is the work of its internal forces, with the
+    error of the trapezoidal rule, and springs are inside."""
+    history = coulomb.LoadHistory([0.5, 1.0], tolerance=1e-11)
+    steps = [list(history.steps(problem)) for problem in (built_in(), LargeMotions(own(given).body, CONTACT))]
+    for one, other in zip(*steps, strict=True):
+        assert one.solution.valid and other.solution.valid
+        energies = [step.state.energy for step in (one, other)]
+        size = abs(energies[0].loads)
+        for name in ("loads", "prescribed", "foundation", "elastic", "dissipated"):
+            values = [getattr(energy, name) for energy in energies]
+            within = 5e-3 if (given, name) == ("residual", "elastic") else 1e-9
+            assert values[1] == pytest.approx(values[0], abs=within * size), name
+        loads = [sum(load.force for load in step.solution.loads) for step in (one, other)]
+        assert loads[1] == pytest.approx(loads[0], rel=1e-12, abs=1e-9)
+        ratio = [np.linalg.norm(step.solution.evidence.load) for step in (one, other)]
+        assert ratio[1] == pytest.approx(ratio[0], rel=1e-12)
+
+
+def test_where_cells_are_stable_the_last_remedy_changes_nothing():
+    """In every cell, and on facets with springs: coefficients are those of the integrals over each."""
+    body = own("energy").body
+    there = body.linearised(np.zeros_like(body.reference), 1.0)
+    positive = there.made_positive()
+    tangents = [one.assembled() for one in (there, positive)]
+    size = tangents[0].norm()
+    tangents[1].axpy(-1.0, tangents[0])
+    assert tangents[1].norm() < 1e-12 * size
+    squeezed = body.reference * (0.0, 0.0, -0.6)
+    there = body.linearised(squeezed, 1.0)
+    least = [
+        np.linalg.eigvalsh(one.assembled().convert("dense").getDenseArray())[0]
+        for one in (there, there.made_positive())
+    ]
+    assert least[0] < -1.0 and least[1] > -1e-9 * size
+
+
+def test_faults_of_the_program_are_no_failed_steps(monkeypatch):
+    problem = LargeMotions(own("energy").body, CONTACT)
+
+    def fault(*_):
+        raise ValueError("zip() argument 2 is longer than argument 1")
+
+    monkeypatch.setattr("coulomb.model.large_motions.Iterate.tangent", fault)
+    with pytest.raises(ValueError, match=r"^zip\(\)"):
+        list(coulomb.LoadHistory([0.5, 1.0]).steps(problem))
