@@ -1,4 +1,4 @@
-"""The user's own forms beside the same built-in material; and the remedy for tangents that are not positive definite."""
+"""The user's own forms beside the same built-in material; and the remedy for tangents that are not definite."""
 
 import numpy as np
 import pytest
