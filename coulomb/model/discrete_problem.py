@@ -21,6 +21,7 @@ from .contact_body import ContactBody
 from .contact_stiffness import FixedStiffness
 from .linear_problem import Before, ContactState, LinearProblem
 from .problem_evidence import gather_evidence
+from .stability import Stability
 
 
 class StatePoints(NamedTuple):
@@ -171,6 +172,11 @@ class DiscreteProblem:
             before: State after the load step before; by default slip is measured from `slip_origin`.
         """
         return gather_evidence(self.body, self.state, x, u, self.compliances, before)
+
+    def stability(self, x: FloatArray) -> Stability | None:
+        """Of an answer with contact forces x (3 m,) in newtons: K of small strains is positive definite; None if it is
+        not known; collective."""
+        return Stability(0, 0, np.zeros_like(self.elasticity.x))
 
     def slip_bound(self, x: FloatArray) -> FloatArray:
         """Bound of the friction force of every node at the forces x (3 m,), newtons, shape (m,)."""

@@ -23,6 +23,7 @@ from .discrete_problem import DiscreteProblem
 from .linear_problem import Before
 from .load_step import State
 from .problem_evidence import gather_evidence
+from .stability import Stability, stability
 
 _MEMORY: Final = 4
 """Differences of iterates by which they are accelerated."""
@@ -144,6 +145,31 @@ class Linearised(DiscreteProblem):
         spring = np.concatenate([in_forms[nodes] if place.spring is None else place.spring for nodes, place in places])
         return replace(e, internal=kept + spring, load=load, spring=spring)
 
+    def geometric(self, x: FloatArray) -> FloatArray:
+        """The change of normal forces x (3 m,) as normals turn on curved foundations, N/m, shape (k, 3, 3): -x_n times
+        the second derivative of the signed distance, which is symmetric; that of friction, which is not, is left
+        out."""
+        surface, motions = self.surface, self.state.foundation_motions
+        stiffness = np.zeros((len(self.elasticity.x), 3, 3))
+        if not surface.points.nodal:
+            return stiffness
+        for part, (foundation, motion) in enumerate(zip(self.body.foundations, motions, strict=True)):
+            here = (surface.part == part) & (x[0::3] > 0.0)
+            if foundation is not None and np.any(here):
+                bent = curvature(moved(foundation, motion), surface.x[here])
+                stiffness[surface.nodes[here]] = -x[0::3][here, None, None] * bent
+        return stiffness
+
+    def turning(self, body: Deformable, x: FloatArray) -> Deformable:
+        """The bodies with the stiffness `geometric` of forces x; collective."""
+        stiffness, none = self.geometric(x), np.zeros_like(body.x)
+        flat = Reductions(body.comm).all(not np.any(stiffness))
+        return body if flat else each(body, lambda one, nodes: one.on_springs(stiffness[nodes], none[nodes]))
+
+    def stability(self, x: FloatArray) -> Stability | None:
+        """By the inertia of the tangent at this place; None if there are too many unknowns."""
+        return stability(self.turning(self.elasticity, x), self.surface.free_B, x)
+
     def _evidence(self, x: FloatArray, du: FloatArray, compliance: FloatArray) -> Evidence:
         """With the residual F(u) + dF(u) du, and loads with the resultants of it (`balanced_load`); collective."""
         e, body = gather_evidence(self.body, self.state, x, du, compliance, None), self.elasticity
@@ -218,26 +244,6 @@ class Iterate:
         state = replace(self.problem.state, elasticity=body, loading=body.at(self.time))
         self.body, self.problem = body, self.problem.in_state(state, self.problem.seconds, self._before)
 
-    def tangent(self, body: Deformable, x: FloatArray) -> Deformable:
-        """The bodies with the change of normal forces x (3 m,) as normals turn on curved foundations: -x_n times the
-        second derivative of the signed distance, which is symmetric; that of friction, which is not, is left out."""
-        stiffness = self._geometric(x)
-        none = np.zeros_like(body.x)
-        curved = Reductions(body.comm).all(not np.any(stiffness))
-        return body if curved else each(body, lambda one, nodes: one.on_springs(stiffness[nodes], none[nodes]))
-
-    def _geometric(self, x: FloatArray) -> FloatArray:
-        surface, state = self.problem.surface, self.problem.state
-        stiffness = np.zeros((len(self.u), 3, 3))
-        if not surface.points.nodal:
-            return stiffness
-        for part, (foundation, motion) in enumerate(zip(self.foundations, state.foundation_motions, strict=True)):
-            here = (surface.part == part) & (x[0::3] > 0.0)
-            if foundation is not None and np.any(here):
-                bent = curvature(moved(foundation, motion), surface.x[here])
-                stiffness[surface.nodes[here]] = -x[0::3][here, None, None] * bent
-        return stiffness
-
     def supported(self, body: Deformable, x: FloatArray) -> Deformable:
         """The bodies on springs at the nodes that press on foundations with forces x (3 m,), along normals, and along
         tangents where they stick, relaxed where the gap is closed and nothing has slipped.
@@ -246,7 +252,7 @@ class Iterate:
         nothing, and with stiff ones K is positive definite if the body is stable on them (Finsler's lemma).
         """
         surface, state, problem = self.problem.surface, self.problem.state, self.problem
-        stiffness, force = self._geometric(x), np.zeros_like(body.x)
+        stiffness, force = problem.geometric(x), np.zeros_like(body.x)
         if surface.points.nodal:
             x = x.reshape(-1, 3)
             on_foundation = np.array([one is not None for one in self.foundations])[surface.part]

@@ -145,6 +145,7 @@ class LoadStepLoop:
     def __init__(self, posed: DiscreteProblem, shared: LoadSteps):
         self.posed, self.shared = posed, shared
         self.elasticity, self.comm, self.time = shared.elasticity, posed.comm, posed.time
+        self._definite = False  # the last tangent was positive definite without contact
 
     def solve(self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None) -> Solution:
         """The equilibrium at the end of the load step, or in one step from the undeformed place; arguments as of
@@ -232,6 +233,7 @@ class LoadStepLoop:
             raise self._cut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
         whole = _together(results, x, certificate, sizes[-1] <= tolerance)
         methods = {**linear.methods, "kinematics": "large", "linear_problems": len(results)}
+        methods |= {"definite": True} if self._definite else {}
         answer = self._answer(here, x, whole, evidence, certificate, at_nodes, methods, tuple(sizes))
         warnings = answer.small_strain.warnings
         for text in warnings if self.comm.rank == 0 else ():
@@ -292,7 +294,7 @@ class LoadStepLoop:
     def _linear(self, here: Iterate, x: FloatArray, solve: _Solve) -> Solution:
         """The linear problem; with a positive definite matrix in place of a tangent that is none, or is so nearly
         singular that the answer is inaccurate, as that of a thin strip that only contact holds; collective."""
-        given, remedies, why = here.body, (here.tangent, here.supported, here.made_positive), ""
+        given, remedies, why = here.body, (here.problem.turning, here.supported, here.made_positive), ""
         for number in range(self.shared.remedy, len(remedies)):
             body = remedies[number](given, x)
             if body is not here.body:
@@ -306,6 +308,7 @@ class LoadStepLoop:
                 _log.debug("%s", why)
                 continue
             self.shared.remedy = min(number, 1)  # springs do no harm where they are not needed; the last remedy does
+            self._definite = number == 0
             return answer
         raise self._cut(f"no answer, even with a tangent that is positive in every cell: {why}")
 

@@ -83,6 +83,17 @@ OVERLAP: Final = Bound(0.1, 0.1)
 """Of the motion of two surfaces relative to each other, the part that they may be inside each other."""
 
 
+UNSTABLE: Final = Bound(0.0, 0.0)
+"""Directions of instability: an answer that a touch destroys is none."""
+
+BY_FRICTION: Final = Bound(0.0, math.inf)
+"""A warning only."""
+
+
+def _directions(count: int) -> str:
+    return f"{count} direction{'s'[: count != 1]}"
+
+
 @dataclass(frozen=True)
 class SmallStrain:
     """Measures of the nonlinearity that the linear contact conditions neglect.
@@ -106,6 +117,8 @@ class SmallStrain:
             where no contact judges it, over the motion of the two relative to each other (`fem.contact.overlaps`).
         inside: Where that is; None below 5 %.
         off: Where the gap error is, and how much in metres.
+        unstable: Directions in which an equilibrium of large motions is unstable, with all nodes in contact held.
+        by_friction: Directions in which it is stable only as long as friction holds.
     """
 
     gap_error: float
@@ -118,6 +131,8 @@ class SmallStrain:
     overlap: float = 0.0
     inside: Overlap | None = None
     off: str = ""
+    unstable: int = 0
+    by_friction: int = 0
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -191,6 +206,17 @@ class SmallStrain:
                 "and pressures differ by as much from node to node (a mesh file with more digits)",
             ),
             (self.overlap, OVERLAP, self._overlap),
+            (
+                self.unstable,
+                UNSTABLE,
+                f"the equilibrium is unstable in {_directions(self.unstable)}, however rough the contact: the body "
+                'snaps or buckles to another one (field instability_mode; [solver] branch = "stable" goes there)',
+            ),
+            (
+                self.by_friction,
+                BY_FRICTION,
+                f"the equilibrium is stable in {_directions(self.by_friction)} only as long as friction holds",
+            ),
         )
 
     @property

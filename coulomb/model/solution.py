@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
@@ -29,6 +29,7 @@ from .overlap import deformations
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion, force_balance, resultant_of_ground
 from .small_strain import SmallStrain, small_strain
+from .stability import Stability
 
 _log = logging.getLogger(__name__)
 
@@ -288,9 +289,19 @@ class Solution:
         gradient = 0.0 if large else body.largest_gradient(self.displacement)
         off = None if large else problem.body.off_linear(problem.surface, self.displacement)
         foundations = problem.surface.foundations
-        return small_strain(
+        measured = small_strain(
             self.at_nodes, foundations, e.displacement, e.internal, gradient, faces, blocked, inside, large, off
         )
+        found = self.stability
+        return measured if found is None else replace(measured, unstable=found.unstable, by_friction=found.by_friction)
+
+    @cached_property
+    def stability(self) -> Stability | None:
+        """In how many directions an equilibrium of large motions is unstable; None if it has too many unknowns to look.
+        It is stable if the tangent of the last linear problem was positive definite without contact; collective."""
+        if self.methods.get("definite"):
+            return Stability(0, 0, np.zeros_like(self.displacement))
+        return self.problem.stability(self.contact_force)
 
     @property
     def outside(self) -> tuple[str, ...]:

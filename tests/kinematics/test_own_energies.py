@@ -79,6 +79,6 @@ def test_faults_of_the_program_are_no_failed_steps(monkeypatch):
     def fault(*_):
         raise ValueError("zip() argument 2 is longer than argument 1")
 
-    monkeypatch.setattr("coulomb.model.large_motions.Iterate.tangent", fault)
+    monkeypatch.setattr("coulomb.model.large_motions.Linearised.turning", fault)
     with pytest.raises(ValueError, match=r"^zip\(\)"):
         list(coulomb.LoadHistory([0.5, 1.0]).steps(problem))
