@@ -14,6 +14,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 from ..fem import mesh_formats
 from .curves import in_radians
 from .material import MaterialTable, MaterialTables, materials_of, refuse_groups
+from .synonyms import face_meant
 from .values import TABLES, Cells, Direction, FileName, GroupNumber, Length, Name, Number, Table, Vector
 
 if TYPE_CHECKING:
@@ -208,4 +209,5 @@ def _no_face_of_a_box(face: str, of: str = "") -> str:
     if face in mesh_formats.BOX_FACES:
         return ""
     *most, last = (repr(f"{of}{name}") for name in mesh_formats.BOX_FACES)
-    return f"should be {', '.join(most)} or {last}"
+    close = face_meant(face, mesh_formats.BOX_FACES)
+    return f"should be {', '.join(most)} or {last}{f': write {of + close!r}' if close else ''}"

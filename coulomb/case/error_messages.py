@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import difflib
 import functools
+import re
 import reprlib
 import sys
 from collections.abc import Iterator
 from types import UnionType
-from typing import Annotated, Any, Final, NamedTuple, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, Tag, ValidationError
 
 from .contact import BY_PRESSURE, BY_SLIP_RATE, FACE, FACES
 from .curves import CURVE, ROWS_ALONE, CurveTable, columns_of
 from .material import ONE, ONE_NUMBER, SEVERAL, THREE_NUMBERS
-from .synonyms import example, line, right
+from .synonyms import example, in_its_place, right
 from .values import EXPRESSION, FIELD, ISOTROPIC, NUMBER, ORTHOTROPIC
 
 _MOST: Final = 10
@@ -39,6 +40,9 @@ _OTHER_TYPES = {
 }
 """Errors of values of another type, and of lists with too few values."""
 
+_OTHER_KINDS: Final = {"literal_error", "model_type", "model_attributes_type"}
+"""Errors of values that are none of several, and of those in place of a table."""
+
 _BOUNDS = {
     **{"greater_than": "greater than", "greater_than_equal": "greater than or equal to"},
     **{"less_than": "less than", "less_than_equal": "less than or equal to"},
@@ -58,9 +62,10 @@ _short.maxlevel, _short.maxdict, _short.maxlist, _short.maxtuple = 3, 4, 6, 6
 def fault_of(error: ValidationError, where: str, case: _Model) -> ValueError:
     """All faults found by pydantic in the file `where`, one per line, as one error."""
     entries = _without_consequences(error.errors(include_url=False))
-    lines = [f"{where}: {_explain(entry, case)}" for entry in entries[:_MOST]]
-    if len(entries) > _MOST:
-        lines.append(f"{where}: and {len(entries) - _MOST} more")
+    said = [(entry, _explain(entry, case)) for entry in entries]
+    lines = [f"{where}: {text}" for entry, text in said if not _given_otherwise(entry, said)]
+    if len(lines) > _MOST:
+        lines[_MOST:] = [f"{where}: and {len(lines) - _MOST} more"]
     return ValueError("\n".join(lines))
 
 
@@ -81,6 +86,14 @@ def _without_consequences(entries: list[Any]) -> list[Any]:
     return kept
 
 
+def _given_otherwise(entry: Any, said: list[tuple[Any, str]]) -> bool:
+    """Whether a key is missing since its table has another word for it, which a line among those `said` names."""
+    if entry["type"] != "missing":
+        return False
+    *table, key = entry["loc"]
+    return any(list(other["loc"][:-1]) == table and re.search(rf"(: write|,) {key} = ", text) for other, text in said)
+
+
 @functools.cache
 def tables_of_several(case: _Model) -> frozenset[str]:
     """Names of the tables of which a case may have several, [[name]]."""
@@ -98,6 +111,9 @@ def _explain(entry: Any, case: _Model) -> str:
     names = ".".join(part for part in location if isinstance(part, str))
     if entry["type"] == "extra_forbidden":
         return f"{key} = {_shown(given)}: there is no such key{_meant(location, given, case)}"
+    other = entry["type"] in {*_OTHER_TYPES, *_OTHER_KINDS} and bool(location) and isinstance(location[-1], str)
+    better = in_its_place(names.rpartition(".")[0], str(location[-1]), given) if other else ""
+    instead = f": write {better}" if better else ""
     usual = example(str(location[-1])) if location else ""
     for_example = f", for example {usual}" if usual else ""
     if entry["type"] == "missing" and isinstance(location[-1], str) and place == entry["loc"]:
@@ -109,9 +125,9 @@ def _explain(entry: Any, case: _Model) -> str:
     if entry["type"] == "float_type" and isinstance(given, int) and abs(given) > sys.float_info.max:
         return f"{key} = {_shown(given)}: is too large: numbers are at most {sys.float_info.max:.1e}"
     if entry["type"] in _OTHER_TYPES and (wanted := expected_value(case, place)):
-        meant = _number(given) if isinstance(location[-1], str) else None
-        instead = "" if meant is None else f": write {line(str(location[-1]), meant)}"
         return f"{key} = {_shown(given)}: should be {wanted}{', not text' if isinstance(given, str) else ''}{instead}"
+    if instead and entry["type"] in _OTHER_KINDS and entry["type"] != "literal_error":
+        return f"{key} = {_shown(given)}: is a table{instead}"
     if entry["type"] == "tuple_type":
         return f"{key} = {_shown(given)}: is a list of tables: write [[{names}]], and below it its keys"
     if entry["type"] in ("model_type", "model_attributes_type"):
@@ -128,15 +144,7 @@ def _explain(entry: Any, case: _Model) -> str:
     message = str(entry["msg"]).removeprefix("Value error, ").replace(" after validation", "")
     for subject in ("Input ", "String ", "Tuple "):
         message = message.removeprefix(subject)
-    return f"{key} = {_shown(given)}: {message.replace('Input', 'it')}"
-
-
-def _number(text: Any) -> float | None:
-    """That of a text which is one, None of others."""
-    try:
-        return float(text) if isinstance(text, str) else None
-    except ValueError:
-        return None
+    return f"{key} = {_shown(given)}: {message.replace('Input', 'it')}{instead}"
 
 
 def _shown(value: Any) -> str:
@@ -281,6 +289,10 @@ def _words(kind: Any) -> ExpectedValue | None:
             return None
         one, several = " or ".join(words.one for words in found), " or ".join(words.several for words in found)
         return ExpectedValue(one, several, next((words.examples for words in found if words.examples), ()))
+    if get_origin(bare) is Literal:
+        *most, last = (f'"{one}"' for one in get_args(bare))
+        names = f"{', '.join(most)} or {last}" if most else last
+        return ExpectedValue(names, f"texts, each {names}", (*most, last))
     if get_origin(bare) is dict:
         return ExpectedValue(
             "a table of names and numbers", "tables of names and numbers", ("{ left = 1, right = 2 }",)

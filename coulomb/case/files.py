@@ -124,6 +124,10 @@ def _hint(fault: str, line: str, several: frozenset[str]) -> str:
         return f"; in TOML it is {value.split('#')[0].strip().lower()}"
     if "Invalid value" in fault and re.match(r"[A-Za-z_]", value):
         return "; text must be in quotes"
+    if re.fullmatch(r"[-+]?\d+,\d+\s*(#.*)?", value):
+        return f"; decimals are written with a point: {value.split('#')[0].strip().replace(',', '.')}"
+    if re.match(r"[-+.\d]+(e[-+]?\d+)?\s*[A-Za-z]", value):
+        return "; numbers have no unit: they are in the case's [units], by default m, N, Pa"
     return ""
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, cast
 
@@ -42,6 +43,7 @@ from ..model.problem import ContactProblem
 from ..model.provenance import timed
 from ..model.solution import Solution
 from ..model.stopping_criterion import failing_at_tolerance
+from ..model.times import in_times
 from ..pictures import drawing_process, picture_of_run
 from ..pictures.drawing_process import DrawingProcess
 from ..ranks import on_rank_0
@@ -360,19 +362,22 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
     warned: tuple[str, ...] = ()
     taken = 0
     forces: list[float] = []
+    history = settings.load_history()
+    planned = pairwise((history.start, *history.times))
+    wide = min(40, max(len(changes_in_words(settings, start, end)) for start, end in planned))
 
     def say(step: LoadStep) -> bool:
         nonlocal warned, taken
         row, taken = step.row, taken + 1
         forces.extend(normal_forces(row).values())
         least = accuracy(step.solution.force_balance.entries(), settings.solver.tolerance, forces=forces)
-        halved = f", halved {step.halvings} times" if step.halvings else ""
+        halved = f", halved {in_times(step.halvings)}: {step.why_halved}" if step.halvings else ""
         problems, start = step.solution.methods.get("linear_problems"), step.solution.problem.before
         assert start is not None  # the state from which the step was computed
         changes, when = changes_in_words(settings, start.time, row["time"]), f"{row['time']:.4g} s"
         linear = "" if problems is None else f"{problems} linear problems, "
         console.out(
-            f"step {row['step']:3d}  {when:<8} {changes:<20} "
+            f"step {row['step']:3d}  {when:<8} {changes:<{wide}} "
             f"{forces_in_a_step(row, least['N'])}; open {row['open']}, stick {row['stick']}, slip {row['slip']}; "
             f"{linear}{row['path_following']} steps, "
             f"residual {row['residual']:.1e}"
@@ -397,8 +402,8 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
     try:
         with display, bad_input():
             progress = session.progress(display)
-            settings.load_history().run(problem, files, progress=progress, on_step=say)
-        if files.rows[-1]["time"] < settings.load_history().times[-1]:
+            history.run(problem, files, progress=progress, on_step=say)
+        if files.rows[-1]["time"] < history.times[-1]:
             trouble, code = "interrupted between two load steps", INTERRUPTED
     except StepFailed as failure:
         trouble = str(failure)
@@ -409,8 +414,8 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
     except OSError as error:
         trouble = f"{target}: cannot be written: {error.strerror or error}"
         then = f"free some space, then: coulomb resume {target}"
-    history = whole_history(target, comm) if files.rows else None
-    if history is not None:
+    whole = whole_history(target, comm) if files.rows else None
+    if whole is not None:
         _write_formats(settings, target, comm)
         files_of = RunDirectory(target)
         wanted = settings.output.picture and settings.output.report and code != INTERRUPTED
@@ -420,10 +425,10 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
             _draw(session, lambda stop: on_rank_0(comm, lambda: picture_of_run.draw(target, stop)), f"{PICTURE} ")
         if settings.output.report and _outdated(files_of.report, comm):
             _draw(session, lambda stop: write_report(target, stop))
-        last = files_of.step(history["steps"])
+        last = files_of.step(whole["steps"])
         show_error_bars(console, read_summary(last.path, comm), settings.solver.tolerance)
         report_history(
-            console, history, taken, time.perf_counter() - began, target, session.kept, settings.solver.tolerance
+            console, whole, taken, time.perf_counter() - began, target, session.kept, settings.solver.tolerance
         )
     if not trouble and session.interruption.asked():
         fail(_cut_short(settings, target), INTERRUPTED)

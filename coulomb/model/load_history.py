@@ -37,7 +37,7 @@ from .notebook import NotebookBar, in_notebook
 from .problem import ContactProblem
 from .solution import Solution
 from .solving import LinearSolveFailed
-from .times import HALVINGS, refuse_missed, refuse_times
+from .times import HALVINGS, in_times, refuse_missed, refuse_times
 
 _log = logging.getLogger(__name__)
 
@@ -110,7 +110,8 @@ class LoadHistory:
             problem.refuse_held_inside(state.pending[::-1])
             refuse_missed(problem.elasticity.locks, state.time, state.pending)
         problem.body.stiffness.expect_load_steps(len(state.pending))
-        halved, bar = 0, NotebookBar() if progress is None and in_notebook() and problem.comm.rank == 0 else None
+        halved, why = 0, ""
+        bar = NotebookBar() if progress is None and in_notebook() and problem.comm.rank == 0 else None
         if in_notebook():  # one bar for all steps
             progress = progress or (lambda _: None)
         same_on_all_ranks({"history": self}, problem.comm)
@@ -130,11 +131,12 @@ class LoadHistory:
                     text = f"the load step from {state.time:g} s to {time:g} s failed: {failure}"
                     raise StepFailed(text, failure.result, posed) from None
                 middle = 0.5 * (state.time + time)
-                halved += 1
+                halved, why = halved + 1, str(failure)
                 least = max(self._whole(time) * 0.5**self.halvings, SMALLEST * (self.times[-1] - self.start))
                 if middle - state.time < (1.0 - SMALLEST) * least:
                     interval = f"from {state.time:g} s to {time:g} s"
-                    text = f"the load step {interval} failed, halved {halved - 1} times: {failure}"
+                    after = f", halved {in_times(halved - 1)}" if halved > 1 else ""
+                    text = f"the load step {interval} failed{after}: {failure}"
                     raise StepFailed(text, failure.result, posed) from None
                 if problem.comm.rank == 0:
                     _log.warning("load step from %g s to %g s halved: %s", state.time, time, failure)
@@ -150,8 +152,8 @@ class LoadHistory:
                 _log.info("load step %d to %g s: certificate %s", state.number, state.time, passed)
             if bar is not None and not state.pending:
                 bar.show(1.0, f"{state.number} load steps")
-            yield LoadStep(solution, state, halved)
-            halved = 0
+            yield LoadStep(solution, state, halved, why)
+            halved, why = 0, ""
 
     def _whole(self, time: float) -> float:
         """Length of the load step in `times` that contains a time."""

@@ -303,11 +303,13 @@ class LoadStep:
         solution: The solution at its end; `solution.problem` has the loads at that time.
         state: The state after it.
         halvings: How often its interval was halved.
+        why_halved: Why the last attempt failed; empty without one.
     """
 
     solution: Solution
     state: State
     halvings: int
+    why_halved: str = ""
 
     @property
     def row(self) -> dict[str, Any]:

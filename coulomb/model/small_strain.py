@@ -163,26 +163,26 @@ class SmallStrain:
     def _measures(self) -> tuple[tuple[float, Bound, str], ...]:
         """Every measure with its bounds and its message."""
         return (
-            (  # first: what follows may be its consequence
+            (  # causes first: what follows may be their consequence
                 self.gradient,
                 GRADIENT,
                 f"displacement gradients reach {self.gradient:.2g}: strains or rotations are no longer small "
                 '(kinematics = "large" computes large ones)' + (_UNITS if self.gradient > 1.0 else ""),
             ),
             (
+                self.slip_over_cell,
+                SLIP_OVER_CELL,
+                f"nodes move by {self.slip_over_cell:.1f} cells along a curved foundation or another body, but keep "
+                'their normals, and the nodes opposite (kinematics = "large" follows them)',
+            ),
+            (
                 self.gap_error,
                 GAP_ERROR,
-                "the curvature of the foundation, or of the face opposite, matters: contact nodes are "
+                f"{self._since}the curvature of the foundation, or of the face opposite, matters: contact nodes are "
                 f"{self.gap_error:.0%} of the deformation off it{self.off} (smaller load, or smaller load steps with "
                 'the foundation moved to its new place; between deformable faces kinematics = "large")',
             ),
             (self.turn, TURN, f"the foundation's normal turns by {self.turn:.1f} degrees under a moving node"),
-            (
-                self.slip_over_cell,
-                SLIP_OVER_CELL,
-                f"nodes move by {self.slip_over_cell:.1f} cells along a curved foundation or another body, but keep "
-                "their normals, and the nodes opposite",
-            ),
             (
                 self.between,
                 BETWEEN,
@@ -217,6 +217,15 @@ class SmallStrain:
                 BY_FRICTION,
                 f"the equilibrium is stable in {_directions(self.by_friction)} only as long as friction holds",
             ),
+        )
+
+    @property
+    def _since(self) -> str:
+        """The cause of an error of gaps, if it is known."""
+        return (
+            ""
+            if self.slip_over_cell <= SLIP_OVER_CELL.warn
+            else f"since nodes move by {self.slip_over_cell:.1f} cells, "
         )
 
     @property
@@ -325,7 +334,7 @@ def small_strain(
         rounding=_relative(rounded, approach),
         overlap=0.0 if inside is None else inside.depth / inside.approach,
         inside=inside,
-        off=f", {amount(largest(apart, over), 'm')} {where},",
+        off=f", {amount(largest(apart, over), 'm')} {where}",
     )
 
 

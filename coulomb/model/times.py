@@ -13,6 +13,11 @@ HALVINGS: Final = 6
 """Default of the maximum number of halvings of a failing load step."""
 
 
+def in_times(count: int) -> str:
+    """Once, twice, 3 times."""
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
 def refuse_times(start: float, times: Sequence[float]) -> None:
     """Check that the ends of load steps increase.
 

@@ -228,11 +228,16 @@ class Body(SingleBody):
         K, self._assembled = self._assembled, None
         if K is None:
             K = self._a.matrix(self._values)
-            refuse_unsymmetric(K, self.x, self._a.suspects(self._values))
+            refuse_unsymmetric(K, self.x, self._a.suspects(self._values), self._definite)
             diagonal = K.getDiagonal()
             self._made.diagonal = diagonal.array_r.reshape(-1, 3).copy()
             diagonal.destroy()
         return K
+
+    @property
+    def _definite(self) -> bool:
+        """Whether the matrix of a must have a positive diagonal; the same on every rank, collective."""
+        return True
 
     @property
     def _diagonal(self) -> FloatArray:

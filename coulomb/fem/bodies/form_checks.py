@@ -145,7 +145,9 @@ def named_mesh(domain: Any, faces: Any) -> NamedMesh:
         if compat.cpp_of(faces.domain) is not compat.cpp_of(domain):
             raise ValueError("Body: faces is a NamedMesh of another mesh than that of a")
         sets, numbers = faces.node_sets, faces.node_numbers
-        return NamedMesh(domain, faces.faces, faces.cells, faces.refused, node_sets=sets, node_numbers=numbers)
+        return NamedMesh(
+            domain, faces.faces, faces.cells, faces.refused, node_sets=sets, node_numbers=numbers, file=faces.file
+        )
     boundary = boundary_facets(domain)
     if _is_tags(faces):
         return _of_tags(domain, faces, boundary)
@@ -222,9 +224,9 @@ def _of_tags(domain: Any, tags: Any, boundary: npt.NDArray[Any]) -> NamedMesh:
     return NamedMesh(domain, found, {}, refused)
 
 
-def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray, suspects: str) -> None:
-    """ValueError on every rank unless the matrix of a is symmetric and its diagonal positive; `suspects` ends the
-    message; collective."""
+def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray, suspects: str, definite: bool = True) -> None:
+    """ValueError on every rank unless the matrix of a is symmetric and, if it must be `definite`, its diagonal
+    positive; `suspects` ends the message; collective."""
     (u, image), other = K.createVecs(), K.createVecRight()
     size = float(np.max(np.abs(x), initial=0.0)) or 1.0
     u.array[:] = np.sin(x / size @ np.array([[11.0, 23.0, 35.0], [51.0, 43.0, 72.0], [93.0, 81.0, 64.0]]) + 1.0).ravel()
@@ -247,7 +249,7 @@ def refuse_unsymmetric(K: PETSc.Mat, x: FloatArray, suspects: str) -> None:
             f"Body: a is not symmetric: a(u, v) and a(v, u) differ by {off / (length or 1.0):.1e} of their size; "
             "contact with friction needs a symmetric positive definite a"
         )
-    if not least > 0.0:
+    if definite and not least > 0.0:
         raise ValueError(
             f"Body: a is not positive definite: a(u, u) = {least:.3g} for the hat function at x = ({place}); "
             f"look at the signs of its terms and coefficients{suspects}"

@@ -165,6 +165,11 @@ class NonlinearBody(Body, large=True):
         assert self._place is not None
         return self._place
 
+    @property
+    def _definite(self) -> bool:
+        """Of the undeformed body; a deformed one may be unstable on the way to its equilibrium."""
+        return not (self._place is not None and self.comm.allreduce(bool(np.any(self._place.u)), op=MPI.LOR))
+
     def at_time(self, time: float) -> Body:
         if self._place is None:
             self._set(time)

@@ -473,7 +473,7 @@ def _named(comm: MPI.Comm, path: str | Path, sound: InspectedMesh) -> NamedMesh:
     sets = local_nodes(domain, starts_of(comm, len(sound.points)), sound.node_groups)
     numbers = None if sound.numbers is None else _at_points(domain, sound.numbers)
     mesh = NamedMesh(domain, faces, cells, sound.refused, components, touching, node_sets=sets)
-    return replace(mesh, node_numbers=numbers)
+    return replace(mesh, node_numbers=numbers, file=str(path))
 
 
 def check_scale(path: str | Path, scale: float) -> None:

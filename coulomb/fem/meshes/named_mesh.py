@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import PurePath
 from typing import Any, Final
 
 import numpy as np
@@ -61,6 +62,7 @@ class NamedMesh:
             included, by the name of the set; numbers of `domain.geometry`.
         node_numbers: Of the points `domain.geometry.x` of this rank the numbers in the mesh file, 0 where it has no
             such node, shape (p,); None if the mesh is not from a file.
+        file: Its name; empty if the mesh is not from a file.
     """
 
     domain: Any
@@ -75,6 +77,7 @@ class NamedMesh:
     surfaces: Mapping[str, RigidFoundation] = field(default_factory=dict, repr=False, compare=False)
     node_sets: Mapping[str, npt.NDArray[np.int32]] = field(default_factory=dict)
     node_numbers: npt.NDArray[np.int64] | None = field(default=None, repr=False, compare=False)
+    file: str = field(default="", repr=False, compare=False)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -90,11 +93,11 @@ class NamedMesh:
         """This rank's facets of a face; ValueError, beginning with `what`, if there is none."""
         if isinstance(face, str) and face in self.refused:
             raise ValueError(f"{what}: {self.refused[face]}")
-        return _named(self.faces, face, what, "face")
+        return _named(self.faces, face, what, "face", self.file)
 
     def group(self, cells: str, what: str) -> npt.NDArray[np.int32]:
         """This rank's own cells of a group; ValueError, beginning with `what`, if there is none."""
-        return _named(self.cells, cells, what, "cell group")
+        return _named(self.cells, cells, what, "cell group", self.file)
 
     def with_nodes(
         self, name: str, at: npt.ArrayLike | Callable[[FloatArray], npt.ArrayLike] | None = None, numbers: Any = None
@@ -153,11 +156,30 @@ def without_nodes(mesh: NamedMesh) -> dict[str, Any]:
     return {"node_sets": {}, "refused": mesh.refused | {name: f"{name!r} {fault}" for name in mesh.node_sets}}
 
 
-def _named(groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str) -> npt.NDArray[np.int32]:
+_NAMING: Final = {
+    ".msh": {
+        "face": 'Physical Surface("left") = {1}; and Physical Volume("body") = {1}; in the .geo file, with the numbers '
+        "of the surface and of the volume, and mesh again",
+        "cell group": 'Physical Volume("steel") = {1}; in the .geo file, with the number of the volume, and mesh again',
+    },
+    ".inp": {"face": "*SURFACE, NAME=left, or *NSET, NSET=left", "cell group": "*ELSET, ELSET=steel"},
+}
+"""How a face and a group of cells get a name, by the end of the file's name."""
+
+
+def _none(kind: str, file: str) -> str:
+    """That a mesh has no group of a kind, and how one is made in its file."""
+    lines = _NAMING.get(PurePath(file).suffix.lower(), {})
+    return f"{file or 'it'} has no {kind}s{f': write {lines[kind]}' if kind in lines else ''}"
+
+
+def _named(
+    groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str, file: str
+) -> npt.NDArray[np.int32]:
     if not isinstance(name, str):
         raise ValueError(f"{what}: a {kind} is given by its name, text in quotation marks, but is {name!r}")
     if name not in groups:
-        listed = f"its {kind}s are {', '.join(groups)}" if groups else f"it has no {kind}s"
+        listed = f"its {kind}s are {', '.join(groups)}" if groups else _none(kind, file)
         raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{_hint(name, groups)}; {listed}")
     return groups[name]
 
@@ -334,7 +356,7 @@ class JoinedMesh:
         own = names[body]
         if name not in own:
             listed = [_joined(body, inner) for inner in own]
-            has = f"its {kind}s are {_list(listed)}" if own else f"it has no {kind}s"
+            has = f"its {kind}s are {_list(listed)}" if own else _none(kind, self.bodies[body].file)
             if not name:
                 raise ValueError(f"{what}: {given!r} names a body, but none of its {kind}s; {has}")
             raise ValueError(f"{what}: body {body!r} has no {kind} {given!r}{_hint(given, listed or every)}; {has}")

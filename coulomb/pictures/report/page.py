@@ -182,7 +182,8 @@ def _pictures(run: Run, scale: float) -> list[dict[str, Any]]:
         entry |= {"axes": _axes(shot), "zones": [], "ramp": ", ".join(ramp(field, 17)), "bars": []}
         if field.zones:
             counts = zone_counts(step.grid("contact"))
-            entry["zones"] = [(zone, colour, counts[zone]) for zone, colour in ZONES.values()]
+            shown = [zone for zone in counts if counts[zone] or zone != ZONES[3][0]]  # as in `picture.legend`
+            entry["zones"] = [(zone, colour, counts[zone]) for zone, colour in ZONES.values() if zone in shown]
         else:
             grid = step.grid(field.file)
             entry["bars"] = [_bar(field, bar) for bar in limits.bars(field.values(grid), grid)]

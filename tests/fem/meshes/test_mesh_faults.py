@@ -198,6 +198,18 @@ def test_wrong_face_groups(cell, tmp_path):
             Elasticity(domain, STEEL, [Clamp(name)])
 
 
+def test_a_gmsh_file_without_groups_is_told_how_to_name_faces(tmp_path):
+    """Alone, and as one of two bodies."""
+    file = BoxFile()
+    file.faces.clear()
+    mesh = coulomb.read_mesh(file.write(tmp_path / "bare.msh"))
+    message = r"there is no face 'left' on this mesh; .*bare.msh has no faces: write Physical Surface\(\"left\"\) = "
+    with pytest.raises(ValueError, match=message):
+        Elasticity(mesh, STEEL, [Clamp("left")])
+    with pytest.raises(ValueError, match=r"no face 'a:left'.*; .*bare.msh has no faces: write Physical Surface"):
+        coulomb.join({"a": mesh, "b": coulomb.box((1, 1, 1), (1, 1, 1))}).facets("a:left", "clamp")
+
+
 def test_wrong_materials(tmp_path):
     file = BoxFile()
     file.cell_groups["end"] = file.cell_groups["stiff"][-1:]
