@@ -86,6 +86,9 @@ def test_bodies_of_other_cells_are_one_grid(tmp_path):
     assert lower.n_cells == 4 and lower.volume + grid.extract_cells(grid["part"] == 1).volume == pytest.approx(
         grid.volume
     )
+    # the way of docs/run-directory.md, since meshio reads no XDMF file of several grids
+    pyvista.save_meshio(tmp_path / "bodies.vtu", grid)
+    assert sum(len(block.data) for block in meshio.read(tmp_path / "bodies.vtu").cells) == grid.n_cells
 
 
 def test_without_xdmf_there_is_no_check():
