@@ -196,6 +196,7 @@ class Case(Table):
             small_strain=self.small_strain,
             probes=[table.probe() for table in self.probe],
             kinematics=self.solver.kinematics,
+            branch=self.solver.branch,
             rigid_faces=[table.rigid_face() for table in self.rigid_face],
             ties=[table.tie() for table in self.ties.values()],
         )

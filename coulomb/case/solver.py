@@ -27,9 +27,10 @@ class UnitsTable(Table):
 
 class SolverTable(Table):
     """Accuracy, and methods in place of the choice by size; newton = "condensed" is matrix-free.  kinematics = "large"
-    is for large motions."""
+    is for large motions, branch = "stable" for their stable equilibria."""
 
     kinematics: Literal["small", "large"] = "small"
+    branch: Literal["any", "stable"] = "any"
 
     tolerance: Annotated[float, Field(ge=1e-12, le=1e-6, strict=True)] = 1e-8
     linear_solver: Literal["auto", "direct", "iterative"] = "auto"

@@ -23,6 +23,9 @@ from .stopping_criterion import CERTIFIED_FROM
 KINEMATICS = ("small", "large")
 """Theories of a problem."""
 
+BRANCHES = ("any", "stable")
+"""Equilibria that are taken in large motions."""
+
 
 def refuse_wrong(given: Mapping[str, object]) -> None:
     """Refuse what is no mesh or body, other arguments that differ between ranks, or that are not what their names say;
@@ -46,6 +49,9 @@ def refuse_wrong(given: Mapping[str, object]) -> None:
     explicit, probes, kinematics = given.get("explicit"), given.get("probes", ()), given.get("kinematics", "small")
     if kinematics not in KINEMATICS:
         raise ValueError(f'kinematics must be "small" or "large", but is {kinematics!r}')
+    branch = given.get("branch", "any")
+    if branch not in BRANCHES or (branch == "stable" and kinematics == "small"):
+        raise ValueError(f'branch must be "any", or in large motions "stable", but is {branch!r}')
     if not isinstance(explicit, bool | np.bool_ | None):
         raise ValueError(f"explicit must be True, False, or None for the choice by size, but is {explicit!r}")
     if not isinstance(probes, Sequence) or not all(isinstance(one, Probe) for one in probes):

@@ -244,15 +244,23 @@ class Iterate:
         state = replace(self.problem.state, elasticity=body, loading=body.at(self.time))
         self.body, self.problem = body, self.problem.in_state(state, self.problem.seconds, self._before)
 
-    def supported(self, body: Deformable, x: FloatArray) -> Deformable:
+    def supported(self, body: Deformable, x: FloatArray, damping: float = 0.0) -> Deformable:
         """The bodies on springs at the nodes that press on foundations with forces x (3 m,), along normals, and along
         tangents where they stick, relaxed where the gap is closed and nothing has slipped.
 
         What contact holds may be unstable without it.  Where the contact conditions hold as equations springs change
         nothing, and with stiff ones K is positive definite if the body is stable on them (Finsler's lemma).
+
+        Damping, over the mean diagonal of K at each node, resists every change of the displacement: where the body is
+        unstable iterates go down in energy as a damped motion does (pseudo-time), and at an equilibrium nothing is left
+        of it.
         """
         surface, state, problem = self.problem.surface, self.problem.state, self.problem
         stiffness, force = problem.geometric(x), np.zeros_like(body.x)
+        diagonal = body.K.getDiagonal()
+        size = diagonal.array_r[: body.x.size].reshape(-1, 3).mean(axis=1)
+        diagonal.destroy()
+        stiffness += damping * size[:, None, None] * np.eye(3)
         if surface.points.nodal:
             x = x.reshape(-1, 3)
             on_foundation = np.array([one is not None for one in self.foundations])[surface.part]
@@ -265,11 +273,9 @@ class Iterate:
             lengths = np.linalg.norm(surface.frames, axis=2)
             G = surface.frames / lengths[:, :, None]
             target = np.column_stack([surface.gap, state.slip_origin[:, 1:] / lengths[:, 1:]])
-            diagonal = body.K.getDiagonal()
-            size = _STIFFER * diagonal.array_r.reshape(-1, 3).mean(axis=1)[surface.nodes]
-            diagonal.destroy()
-            stiffness[surface.nodes] += np.einsum("k,kr,kri,krj->kij", size, which, G, G)
-            force[surface.nodes] = np.einsum("k,kr,kri->ki", size, which * target, G)
+            stiff = _STIFFER * size[surface.nodes]
+            stiffness[surface.nodes] += np.einsum("k,kr,kri,krj->kij", stiff, which, G, G)
+            force[surface.nodes] = np.einsum("k,kr,kri->ki", stiff, which * target, G)
         return each(body, lambda one, nodes: one.on_springs(stiffness[nodes], force[nodes]))
 
     def made_positive(self, body: Deformable, x: FloatArray) -> Deformable:

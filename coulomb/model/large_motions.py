@@ -14,7 +14,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import chain
+from functools import partial
+from itertools import chain, product
 from typing import Any, Final
 
 import numpy as np
@@ -50,6 +51,12 @@ _MOST: Final = 25
 _BACKTRACKS: Final = 8
 """Largest number of halvings of a change of the displacement."""
 
+_DAMPINGS: Final = (1e-6, 3.0, 10.0)
+"""Least damping over the mean diagonal of K at the nodes, the ratio of each to the next, and the largest."""
+
+_PERTURBED: Final = (1.0, 3.0, 0.3)
+"""Amplitudes of the mode of an unstable answer over its largest displacement, one after the other."""
+
 _WORSE: Final = 10.0
 """A residual may grow by this factor from one linear problem to the next: the first ones of a load step do not know
 where contact is."""
@@ -80,6 +87,7 @@ class LoadSteps:
         body: The bodies before deformation, with their contact faces.
         time: A time.
         linear_solver, explicit: Of the linear problems.
+        branch: As of `ContactProblem`.
 
     Raises:
         ValueError: On every rank, if tied faces are apart.
@@ -89,10 +97,15 @@ class LoadSteps:
         points: All nodes of the contact faces: which of them are contact points depends on the displacement.
         number: Of every node among these, shape (k,); -1 of others.
         remedy: Number of the first tangent that is tried.
+        damped: Whether changes of the displacement are damped where tangents are not positive definite: iterates then
+            go through an instability (snap-through) to the next equilibrium.
+        damping: The last one that made a tangent positive definite; 0 without one.
+        stable: Whether an equilibrium has to be stable.
     """
 
-    def __init__(self, body: ContactBody, time: float, linear_solver: object, explicit: bool | None):
-        self.body, self.elasticity, self.remedy = body, body.elasticity, 0
+    def __init__(self, body: ContactBody, time: float, linear_solver: object, explicit: bool | None, branch: str):
+        self.body, self.elasticity, self.remedy, self.stable = body, body.elasticity, 0, branch == "stable"
+        self.damped, self.damping = False, 0.0
         if self.elasticity.ties:
             self._refuse_ties_across_gaps(time)
         self._methods = linear_solver_of(linear_solver), explicit
@@ -104,6 +117,12 @@ class LoadSteps:
         part = np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces])
         self.points, self.number = StatePoints(np.concatenate(faces), part), np.full(len(self.elasticity.x), -1)
         self.number[self.points.nodes] = np.arange(len(part))
+
+    def damps(self) -> bool:
+        """Whether a failed step is worth another attempt with damping, which is set: not if it was damped already, or
+        no tangent has been other than positive definite."""
+        again, self.damped = not self.damped and self.remedy > 0, True
+        return again
 
     def _refuse_ties_across_gaps(self, time: float) -> None:
         """Nodes of a tie follow across a distance d as the ends of rigid arms, with the linear part of their rotations:
@@ -146,6 +165,7 @@ class LoadStepLoop:
         self.posed, self.shared = posed, shared
         self.elasticity, self.comm, self.time = shared.elasticity, posed.comm, posed.time
         self._definite = False  # the last tangent was positive definite without contact
+        self._damped = shared.damped
 
     def solve(self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None) -> Solution:
         """The equilibrium at the end of the load step, or in one step from the undeformed place; arguments as of
@@ -164,13 +184,19 @@ class LoadStepLoop:
                 return solved(problem, within, solver, shown, x)
 
         try:
-            return self._whole_step(state, tolerance, solve)
+            answer = self._whole_step(state, state.displacement, tolerance, solve)
+            if self.shared.stable:
+                answer = self._on_stable_branch(answer, state, tolerance, solve)
         except (CGNotConverged, NotPositiveDefinite, Refused, NotConverged) as failure:
             linearised(self.elasticity, state.displacement, state.time)  # the user's functions are of that state
             result = failure.result if isinstance(failure, NotConverged) else _without_answer(count)
             if result.status is Status.INTERRUPTED or isinstance(failure, StepCut):
                 raise
             raise StepCut(str(failure), result) from failure
+        warnings = answer.small_strain.warnings
+        for text in warnings if self.comm.rank == 0 else ():
+            _log.warning("at %g s: %s", self.time, text)
+        return answer
 
     @property
     def _state(self) -> State:
@@ -180,20 +206,43 @@ class LoadStepLoop:
             return self.posed.before
         return State.beginning(self.time, len(self.elasticity.x), len(self.shared.points.nodes))
 
-    def _whole_step(self, state: State, tolerance: float, solve: _Solve) -> Solution:
+    def _on_stable_branch(self, answer: Solution, state: State, tolerance: float, solve: _Solve) -> Solution:
+        """From an unstable answer along its mode, to either side, to a stable one."""
+        found = answer.stability
+        if found is None or not found.unstable:
+            return answer
+        size, self._damped = Reductions(self.comm).max(np.linalg.norm(answer.displacement, axis=1)), True
+        for part, side in product(_PERTURBED, (1.0, -1.0)):
+            start = answer.displacement + side * part * size * found.mode
+            try:
+                other = self._whole_step(state, start, tolerance, solve)
+            except (CGNotConverged, NotPositiveDefinite, Refused, NotConverged) as failure:
+                if isinstance(failure, NotConverged) and failure.result.status is Status.INTERRUPTED:
+                    raise
+                _log.debug("along the mode by %g: %s", side * part * size, failure)
+                continue
+            if other.stability is not None and not other.stability.unstable:
+                return other
+        raise self._cut(
+            f"its equilibrium is unstable in {found.unstable} directions, and none that is stable was found along the "
+            "mode: the body snaps far away"
+        )
+
+    def _whole_step(self, state: State, u: FloatArray, tolerance: float, solve: _Solve) -> Solution:
         """Of bodies that slide on each other by accelerated iterates, and if these fail, by the others: on foundations
         iterates converge fast enough."""
         if any(one.against is not None for one in self.shared.contacts):
             try:
-                return self._solved_from(state, tolerance, solve, accelerate=True)
+                return self._solved_from(state, u, tolerance, solve, accelerate=True)
             except StepCut as failure:
                 _log.debug("accelerated: %s", failure)
-        return self._solved_from(state, tolerance, solve, accelerate=False)
+        return self._solved_from(state, u, tolerance, solve, accelerate=False)
 
-    def _solved_from(self, state: State, tolerance: float, solve: _Solve, accelerate: bool) -> Solution:
+    def _solved_from(self, state: State, u: FloatArray, tolerance: float, solve: _Solve, accelerate: bool) -> Solution:
+        """The answer of a step from a state, by iterates that begin at a displacement u (k, 3)."""
         begin = self._iterate(state, state.displacement, state.time, None)
         start = begin.start()
-        here = self._iterate(state, state.displacement, self.time, start)
+        here = self._iterate(state, u, self.time, start)
         x, sizes, found = self._carried(state, begin).at(here.problem.surface), [np.inf], False
         results, path = list[SolverResult](), Path(Reductions(self.comm))
         for _ in range(_MOST):
@@ -234,11 +283,7 @@ class LoadStepLoop:
         whole = _together(results, x, certificate, sizes[-1] <= tolerance)
         methods = {**linear.methods, "kinematics": "large", "linear_problems": len(results)}
         methods |= {"definite": True} if self._definite else {}
-        answer = self._answer(here, x, whole, evidence, certificate, at_nodes, methods, tuple(sizes))
-        warnings = answer.small_strain.warnings
-        for text in warnings if self.comm.rank == 0 else ():
-            _log.warning("at %g s: %s", self.time, text)
-        return answer
+        return self._answer(here, x, whole, evidence, certificate, at_nodes, methods, tuple(sizes))
 
     def solution(self, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:
         """The state before a step that has failed, judged with the loads of its end; collective."""
@@ -292,11 +337,19 @@ class LoadStepLoop:
             self.posed.seconds[name] = self.posed.seconds.get(name, 0.0) + seconds
 
     def _linear(self, here: Iterate, x: FloatArray, solve: _Solve) -> Solution:
-        """The linear problem; with a positive definite matrix in place of a tangent that is none, or is so nearly
-        singular that the answer is inaccurate, as that of a thin strip that only contact holds; collective."""
-        given, remedies, why = here.body, (here.problem.turning, here.supported, here.made_positive), ""
-        for number in range(self.shared.remedy, len(remedies)):
-            body = remedies[number](given, x)
+        """The linear problem; with springs where the tangent is not positive definite, or is so nearly singular that
+        the answer is inaccurate, as that of a thin strip that only contact holds; then with the positive part of every
+        cell's tangent, or with damping; collective."""
+        shared, given, why = self.shared, here.body, ""
+        remedies = [here.problem.turning, here.supported][shared.remedy :]
+        if self._damped:
+            least, ratio, most = _DAMPINGS
+            dampings = max(shared.damping / ratio, least) * ratio ** np.arange(_MOST)
+            remedies += [partial(here.supported, damping=float(one)) for one in dampings[dampings <= most]]
+        else:  # takes long steps of the boundary, but leaves an unstable equilibrium slowly
+            remedies.append(here.made_positive)
+        for remedy in remedies:
+            body = remedy(given, x)
             if body is not here.body:
                 here.pose(body)
             try:
@@ -307,10 +360,15 @@ class LoadStepLoop:
                 why = str(failure)
                 _log.debug("%s", why)
                 continue
-            self.shared.remedy = min(number, 1)  # springs do no harm where they are not needed; the last remedy does
-            self._definite = number == 0
+            self._definite = remedy == here.problem.turning
+            if not self._definite:
+                shared.remedy = 1  # springs do no harm where they are not needed; the other remedies do
+            if isinstance(remedy, partial):
+                shared.damping = remedy.keywords["damping"]
             return answer
-        raise self._cut(f"no answer, even with a tangent that is positive in every cell: {why}")
+        raise self._cut(
+            f"no answer, even with {'damping' if self._damped else 'a tangent that is positive in every cell'}: {why}"
+        )
 
     def _cut(self, why: str) -> StepCut:
         return StepCut(why, _without_answer(len(self.shared.points.nodes)))

@@ -134,14 +134,21 @@ class LoadHistory:
                 halved, why = halved + 1, str(failure)
                 least = max(self._whole(time) * 0.5**self.halvings, SMALLEST * (self.times[-1] - self.start))
                 if middle - state.time < (1.0 - SMALLEST) * least:
+                    halved -= 1
+                    if problem.large is not None and problem.large.damps():
+                        if problem.comm.rank == 0:
+                            _log.warning("load step from %g s to %g s damped: %s", state.time, time, failure)
+                        continue
                     interval = f"from {state.time:g} s to {time:g} s"
-                    after = f", halved {in_times(halved - 1)}" if halved > 1 else ""
+                    after = f", halved {in_times(halved)}" if halved else ""
                     text = f"the load step {interval} failed{after}: {failure}"
                     raise StepFailed(text, failure.result, posed) from None
                 if problem.comm.rank == 0:
                     _log.warning("load step from %g s to %g s halved: %s", state.time, time, failure)
                 state = replace(state, pending=(*state.pending, middle))
                 continue
+            if problem.large is not None:
+                problem.large.damped = False
             # Slip is measured from the state before, independently of the slip origin given to the solver.
             if solution.problem.before is not state:
                 evidence = solution.problem.evidence(solution.contact_force, solution.displacement, state)

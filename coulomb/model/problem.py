@@ -133,6 +133,8 @@ class ContactProblem(DiscreteProblem):
             (`Pretension`).
         kinematics: "small" for small strains, or "large" for large motions; of a `Body` from an energy or a residual,
             or of a mesh with material (`NeoHookean`, ...), supports and loads.
+        branch: Which equilibrium is taken in large motions: "any" that Newton's method finds, an unstable one being
+            invalid, or from an unstable one along its mode to a "stable" one.
 
     Examples:
         A block, pressed on the floor by 1 MPa on its top: the contact forces bear it.
@@ -184,6 +186,7 @@ class ContactProblem(DiscreteProblem):
         small_strain: str = "enforce",
         probes: Sequence[Probe] = (),
         kinematics: str = "small",
+        branch: str = "any",
         ties: Sequence[Tied] = (),
         rigid_faces: Sequence[RigidFace] = (),
     ):
@@ -202,7 +205,7 @@ class ContactProblem(DiscreteProblem):
             state = body.state(time)
         super().__init__(body, state, mode, started, body.seconds)
         self.given = given
-        self.large = LoadSteps(body, time, linear_solver, explicit) if kinematics == "large" else None
+        self.large = LoadSteps(body, time, linear_solver, explicit, branch) if kinematics == "large" else None
         self.contacts = self.large.contacts if self.large else body.contacts
 
     def at(self, time: float, before: Before | None = None) -> ContactProblem:

@@ -166,6 +166,8 @@ class Solution:
         found["reaction"] = self._reaction
         if body.forms() is not None or self.problem.body.undeformed:
             found |= {"internal_force": e.internal, "rounding_force": rounding_forces(body, self.displacement)}
+        if self.stability is not None and self.stability.unstable:
+            found["instability_mode"] = self.stability.mode
         return found | self.tie_fields
 
     @cached_property

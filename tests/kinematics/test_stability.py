@@ -9,7 +9,7 @@ import coulomb
 def column(**settings):
     """Clamped below, pressed by a rough plate by 1 % of its length in 1 s."""
     return coulomb.ContactProblem(
-        coulomb.box((0.1, 0.1, 1.0), (1, 1, 8), degree=2),
+        coulomb.box((0.1, 0.1, 1.0), (1, 1, 6), degree=2),
         coulomb.NeoHookean(1e6, 0.0),
         [coulomb.Clamp("bottom")],
         coulomb.Contact(
@@ -42,3 +42,19 @@ def test_a_column_is_stable_up_to_eulers_loads():
     sideways = np.linalg.norm(mode[:, :2], axis=1)
     assert sideways.max() == pytest.approx(1.0, rel=1e-6) and sideways[middle].min() > 0.95
     assert np.abs(mode[:, 2]).max() < 0.2 and sideways[np.isclose(place[:, 2], 1.0)].max() < 1e-3
+
+
+def test_the_stable_branch_beyond_eulers_load_carries_less():
+    """Pressed at once by 1.1 times the strain at which it buckles with its top held: it bends, and carries nearly
+    Euler's load 4 pi^2 E I/L^2, of which shear takes a few per cent."""
+    history = coulomb.LoadHistory([4.5 * EULER])
+    (straight,) = (step.solution for step in history.steps(column()))
+    (bent,) = (step.solution for step in history.steps(column(branch="stable")))
+    assert not straight.valid and bent.valid and bent.small_strain.unstable == 0
+    sideways = [np.linalg.norm(one.displacement[:, :2], axis=1).max() for one in (straight, bent)]
+    carried = [-one.force_on_body[:, 2].sum() for one in (straight, bent)]
+    euler = 4.0 * np.pi**2 * 1e6 * 0.1**4 / 12.0
+    assert sideways[0] < 1e-2 < 3e-2 < sideways[1]
+    assert carried[0] > 1.1 * euler and 0.93 * euler < carried[1] < euler
+    with pytest.raises(ValueError, match='branch must be "any"'):
+        column(branch="best")
