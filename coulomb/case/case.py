@@ -33,6 +33,7 @@ from .files import LARGEST, RECORDED, apply, named_files, parsed, read_text, rec
 from .loads import (
     ClampTable,
     HeatTable,
+    LastingTable,
     LoadTable,
     NodalForceTable,
     PlacedTable,
@@ -393,12 +394,11 @@ class Case(Table):
             for key in timed:
                 if not key.endswith("friction_amplitude"):
                     raise ValueError(f"{key} depends on time: it needs a [history]")
-            for k, table in enumerate(self.pretension):
-                if table.lock is not None:
-                    raise ValueError(f"pretension.{k}.lock: bolts are locked between load steps: it needs a [history]")
+            for key in self._limits:
+                raise ValueError(f"{key}: load steps end there: it needs a [history]")
         end = self.history.ends[-1] if self.history is not None else 0.0
         if self.history is not None:
-            refuse_missed([one.lock for one in self.pretension if one.lock is not None], 0.0, self.history.ends)
+            refuse_missed(list(self._limits.values()), 0.0, self.history.ends)
         ends = {f"pretension.{k}.amplitude": one.lock for k, one in enumerate(self.pretension) if one.lock is not None}
         for key, rows in timed.items():
             try:
@@ -406,6 +406,15 @@ class Case(Table):
             except ValueError as error:
                 raise ValueError(f"{key}: {error}") from None
         return self
+
+    @property
+    def _limits(self) -> dict[str, float]:
+        """The times at which load steps must end, by their keys in the case."""
+        found = {f"pretension.{k}.lock": one.lock for k, one in enumerate(self.pretension)}
+        for key, table in self._on_faces.items():
+            if isinstance(table, LastingTable):
+                found |= {f"{key}.begin": table.begin, f"{key}.end": table.end}
+        return {key: time for key, time in found.items() if time is not None}
 
     @property
     def timed(self) -> dict[str, tuple[Table, Factors | Translations]]:

@@ -64,7 +64,26 @@ class PlacedTable(Table):
         return {**given, "face": called}
 
 
-class PrescribedDisplacementTable(PlacedTable):
+class LastingTable(Table):
+    """When a support acts, in seconds: from `begin`, where it takes nodes as they are, to `end`; load steps end there.
+
+    At `reaches` the displacement is the given one; without it, what is given changes it from where it was at `begin`.
+    """
+
+    begin: Number | None = None
+    end: Number | None = None
+    reaches: Number | None = None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> LastingTable:
+        if self.reaches is not None and (self.begin is None or self.reaches < self.begin):
+            raise ValueError("reaches goes with a begin that is not after it")
+        if self.end is not None and self.end <= (self.begin or 0.0):
+            raise ValueError(f"end must be after begin = {self.begin or 0.0:g}")
+        return self
+
+
+class PrescribedDisplacementTable(PlacedTable, LastingTable):
     """Prescribed displacement in metres on a face, or at nodes."""
 
     value: SpatialVector
@@ -89,6 +108,9 @@ class PrescribedDisplacementTable(PlacedTable):
         return PrescribedDisplacement(
             *(self.face, field(self.value), self.components, amplitude_of(self.amplitude)),
             *(None if self.direction is None else field(self.direction), surface_of(self.surface)),
+            begin=self.begin,
+            end=self.end,
+            reaches=self.reaches,
         )
 
 
@@ -103,7 +125,12 @@ class ClampTable(PrescribedDisplacementTable):
         if any(self.value) or self.amplitude:
             return super().support()
         direction = None if self.direction is None else field(self.direction)
-        return Clamp(self.face, self.components, direction, surface_of(self.surface))
+        return Clamp(
+            *(self.face, self.components, direction, surface_of(self.surface)),
+            begin=self.begin,
+            end=self.end,
+            reaches=self.reaches,
+        )
 
 
 class PrescribedRotationTable(Table):
@@ -127,7 +154,7 @@ class PrescribedRotationTable(Table):
         )
 
 
-class SymmetryTable(Table):
+class SymmetryTable(LastingTable):
     """A plane of symmetry in which a face lies."""
 
     face: Name
@@ -135,7 +162,7 @@ class SymmetryTable(Table):
     def support(self) -> SymmetryPlane:
         from ..fem.bodies import SymmetryPlane
 
-        return SymmetryPlane(self.face)
+        return SymmetryPlane(self.face, begin=self.begin, end=self.end, reaches=self.reaches)
 
 
 SupportTable = PrescribedDisplacementTable | PrescribedRotationTable | SymmetryTable

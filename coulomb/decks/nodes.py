@@ -25,6 +25,9 @@ _LETTERS: Final = " xyz"
 
 _Key = tuple[int, int]  # node, degree of freedom
 
+_Limits = tuple[float | None, float | None, float | None]
+"""When a support begins, ends, and reaches its displacement."""
+
 
 class NodalTables:
     """What is prescribed at nodes: supports and forces, those of reference points given on to what they belong to."""
@@ -136,18 +139,17 @@ class NodalTables:
         if self._strays:
             self._of.notes.append(f"supports and loads of {self._strays} nodes of no solid element have no effect")
         tables: dict[str, Any] = {}
-        for nodes, dofs, frame, rows, begin, end in self._groups(self._supports, whole=False):
+        for nodes, dofs, frame, rows, *limits in self._groups(self._supports, whole=False):
             value, amplitude = reference(rows)
             for table in self._directions(dofs, frame, value):
                 table["nodes"] = nodes
-                for name, time in (("begin", begin), ("end", end)):
+                for name, time in zip(("begin", "end", "reaches"), limits, strict=True):
                     if time is not None:
                         table[name] = time
                 if amplitude is not None and not self._of.single(amplitude):
                     table["amplitude"] = amplitude
-                moved = value != 0.0 or begin is not None
-                tables.setdefault("prescribed_displacement" if moved else "clamp", []).append(table)
-        for nodes, dofs, frame, rows, _, _ in self._groups(self._forces, whole=True):
+                tables.setdefault("prescribed_displacement" if value else "clamp", []).append(table)
+        for nodes, dofs, frame, rows, *_ in self._groups(self._forces, whole=True):
             value, amplitude = reference(rows)
             force = np.array([value if dof in dofs else 0.0 for dof in (1, 2, 3)])
             for some, along in self._in_space(nodes, force, frame):
@@ -196,7 +198,7 @@ class NodalTables:
 
     def _groups(
         self, tracks: Tracks[_Key], whole: bool
-    ) -> Iterable[tuple[Any, list[int], Card | None, Rows, float | None, float | None]]:
+    ) -> Iterable[tuple[Any, list[int], Card | None, Rows, *_Limits]]:
         """Nodes, as the name of a set or numbers, with the degrees of freedom that follow the same rows; sets may
         overlap unless they are `whole`."""
         by_track: dict[tuple[Any, ...], list[int]] = {}
@@ -244,10 +246,10 @@ class NodalTables:
         return set(as_list(np.unique(np.concatenate(parts))))
 
 
-def _same(track: Track) -> tuple[Rows, float | None, float | None]:
-    """What makes two tracks the same; one without a value is held where it is, at 0 of what follows."""
-    rows, begin, end = track.fixed()
-    return tuple((time, 0.0 if math.isnan(value) else value) for time, value in rows), begin, end
+def _same(track: Track) -> tuple[Rows, *_Limits]:
+    """What makes two tracks the same; one without a value is held where it is."""
+    rows, begin, end, reaches = track.fixed()
+    return tuple((time, 0.0 if math.isnan(value) else value) for time, value in rows), begin, end, reaches
 
 
 def _unit(rows: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ loads linearly to 0 in the course of the step, supports at once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from typing import Final, Generic, TypeVar
@@ -84,11 +85,14 @@ class Track:
         rows: Times and values so far.
         begin: When a support begins; None from the start.
         end: When it ends; None never.
+        reaches: Of one that begins, when its displacement is that of the rows: until then it goes there from where it
+            is; None if it stays.
     """
 
     rows: list[tuple[float, float]] = field(default_factory=list)
     begin: float | None = None
     end: float | None = None
+    reaches: float | None = None
 
     def value(self) -> float:
         """At the end of what is known."""
@@ -96,6 +100,9 @@ class Track:
 
     def goes_to(self, value: float, step: Step, amplitude: Amplitude | None = None) -> None:
         """In the course of a step."""
+        if self.begin is not None and not self.rows:
+            self._begins(value, step, amplitude)
+            return
         last = self.value()
         if amplitude is not None:
             for time, factor in amplitude.between(step.begin, step.end):
@@ -108,6 +115,16 @@ class Track:
             self._put(step.begin, last)
             self._put(step.end, value)
 
+    def _begins(self, value: float, step: Step, amplitude: Amplitude | None) -> None:
+        """The first step of a support: from where it is to the value, or at once with an amplitude."""
+        rows = [(step.begin, value)] if amplitude is None else []
+        if amplitude is not None:
+            rows = [(time, value * factor) for time, factor in amplitude.between(step.begin, step.end)]
+        for time, at in rows:
+            self._put(time, at)
+        if not math.isnan(value):
+            self.reaches = step.begin if amplitude is not None or step.at_once else step.end
+
     def _put(self, time: float, value: float) -> None:
         while self.rows and self.rows[-1][0] > time:
             self.rows.pop()
@@ -117,7 +134,7 @@ class Track:
             time += _SOON * max(abs(time), 1.0)  # a jump
         self.rows.append((time, value))
 
-    def fixed(self) -> tuple[Rows, float | None, float | None]:
+    def fixed(self) -> tuple[Rows, float | None, float | None, float | None]:
         """All of it, in a form that can be compared: without rows that say nothing."""
         rows = self.rows
         while len(rows) > 1 and rows[-1][1] == rows[-2][1]:
@@ -127,7 +144,7 @@ class Track:
             for k, row in enumerate(rows)
             if not (0 < k < len(rows) - 1 and row[1] == rows[k - 1][1] == rows[k + 1][1])
         ]
-        return tuple(kept), self.begin, self.end
+        return tuple(kept), self.begin, self.end, self.reaches
 
 
 def reference(rows: Rows) -> tuple[float, list[list[float]] | None]:
@@ -213,6 +230,8 @@ class Tracks(Generic[Key]):
         if not self._support:
             value = self._of_step.get(key, 0.0) + value
         self._of_step[key] = value
+        if key in self._now and math.isnan(self._now[key].value()) and not math.isnan(value):
+            self._now.pop(key).end = step.begin  # it moves again from where it was held
         if key not in self._now:
             self._now[key] = Track(begin=None if model or step.begin == 0.0 or not self._support else step.begin)
             self.all.append((key, self._now[key]))
@@ -233,7 +252,10 @@ class Tracks(Generic[Key]):
     def drop(self, keep: set[Key], step: Step) -> None:
         """OP=NEW: what is not given in this step goes."""
         for key in [key for key in self._now if key not in keep]:
-            if self._support:
+            if self._support and step.begin == 0.0:
+                self.all = [(of, track) for of, track in self.all if track is not self._now[key]]
+                del self._now[key]
+            elif self._support:
                 self._now.pop(key).end = step.begin
             elif self._now[key].value():
                 self._now[key].goes_to(0.0, Step(step.number, step.card, [], step.begin, step.end))

@@ -5,6 +5,7 @@ The faces have foundations or faces against them at any time, and a common surfa
 
 from __future__ import annotations
 
+import copy
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +17,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, Loading, unjoined_parts
+from ..fem.bodies import Deformable, End, Loading, unjoined_parts
 from ..fem.contact import (
     ContactSurface,
     FullyHeld,
@@ -263,30 +264,60 @@ class ContactBody:
             touching = unjoined_parts(self.elasticity, pairs)
             for text in touching if self.comm.rank == 0 else ():  # before these are refused as parts that nothing holds
                 _log.warning("%s", text)
-            self._faces = faces = ContactFaces(self.contacts, self.elasticity)
-            self.held_in_pairs = HeldInPairs(self.contacts, self.elasticity, self.pair)
-            motions = faces.foundation_motions(time)
-            try:
-                reference = faces.surface(self.elasticity, motions, time)
-            except FullyHeld:  # a contradiction says more
-                elasticity = self.elasticity.at_time(time)
-                self.refuse_held_inside(elasticity, elasticity.at(time))
-                raise
-            self._latest = {self.elasticity.locked: _Positioned(reference, motions, faces.gap_factors(time))}
-            refuse_untouched(self.elasticity, reference)
-            self._references = {self.elasticity.locked: reference}  # with the unknowns of which bolts are locked
+            self._methods, self._by_supports = (linear_solver, explicit), {self.elasticity.acting: self}
+            self._take(self.elasticity, time)
             self.probes = self.located(probes)
-        of_ties = (text for tie in self.elasticity.ties for text in tie.remarks)
-        self.remarks = (*self.elasticity.contradictions, *reference.remarks, *of_ties)
+
+    def _take(self, elasticity: Deformable, time: float) -> None:
+        """Find contact faces and unknowns of the bodies, with the supports that act at a time; collective."""
+        self.elasticity, self._faces = elasticity, ContactFaces(self.contacts, elasticity)
+        self.held_in_pairs = HeldInPairs(self.contacts, elasticity, self.pair)
+        motions = self._faces.foundation_motions(time)
+        try:
+            reference = self._faces.surface(elasticity, motions, time)
+        except FullyHeld:  # a contradiction says more
+            then = elasticity.at_time(time)
+            self.refuse_held_inside(then, then.at(time))
+            raise
+        self._latest = {elasticity.locked: _Positioned(reference, motions, self._faces.gap_factors(time))}
+        refuse_untouched(elasticity, reference)
+        self._references = {elasticity.locked: reference}  # with the unknowns of which bolts are locked
+        of_ties = (text for tie in elasticity.ties for text in tie.remarks)
+        self.remarks = (*elasticity.contradictions, *reference.remarks, *of_ties)
         self.kept_matrix, self.judged_pairs = KeptMatrix(), dict[int, JudgedPair]()
-        free, points = 3 * len(self.elasticity.x) - self.elasticity.held.number, 3 * len(reference.nodes)
+        free, points = 3 * len(elasticity.x) - elasticity.held.number, 3 * len(reference.nodes)
         self.unknowns = {
             "displacement": self.comm.allreduce(free, op=MPI.SUM),
             "contact": self.comm.allreduce(points, op=MPI.SUM),
         }
         self.stiffness = ContactStiffness(
-            self.elasticity, self._references, self.unknowns, linear_solver, explicit, self.seconds
+            elasticity, self._references, self.unknowns, *self._methods, seconds=self.seconds
         )
+
+    def at_time(self, time: float) -> ContactBody:
+        """The same with the supports that act at a time: itself if they are its own; collective.
+
+        Raises:
+            ValueError: On every rank, if other nodes are contact points then, or as `ContactProblem`.
+        """
+        elasticity = self.elasticity.at_time(time)
+        known = self._by_supports.get(elasticity.acting)
+        if known is None:
+            known = copy.copy(self)
+            known._take(elasticity, time)
+            known.stiffness.load_steps = self.stiffness.load_steps
+            self._by_supports[elasticity.acting] = known
+            here, there = (one._references[one.elasticity.locked].nodes for one in (self, known))
+            if not self.comm.allreduce(np.array_equal(here, there), op=MPI.LAND):
+                raise ValueError(
+                    f"contact: at time {time:g} supports that have begun or ended make other nodes contact points: "
+                    "those whose displacement along the normal is prescribed are none; leave nodes of contact faces "
+                    "out of such supports, or prescribe displacements along the faces alone"
+                )
+        for other in self._by_supports.values():
+            if other is not known:
+                other.stiffness.forget()
+        return known
 
     @property
     def foundations(self) -> tuple[RigidFoundation | None, ...]:
@@ -434,5 +465,5 @@ class ContactBody:
         law = self._faces.law(surface, time, slip_rate)
         if before is None:
             elasticity.refuse_beginning(time)
-        loading = elasticity.at(time) if before is None else elasticity.after(time, before.displacement)
+        loading = elasticity.after(time, None if before is None else End(before.time, before.displacement))
         return ContactState(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated)

@@ -258,6 +258,10 @@ class ContactStiffness:
         """Take another K of the same sparsity from now on, or the same with other entries."""
         self.elasticity, self._latest, self._rounding = elasticity, None, None
 
+    def forget(self) -> None:
+        """Free what is kept of K^-1 and A."""
+        self._latest = self._rounding = None
+
     @property
     def solver(self) -> StiffnessSolver:
         """K^-1 of `elasticity`."""

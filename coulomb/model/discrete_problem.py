@@ -75,11 +75,16 @@ class DiscreteProblem:
         self._known: LinearProblem | None = None
 
     def in_state(
-        self, state: ContactState, seconds: dict[str, float] | None = None, before: Before | None = None
+        self,
+        state: ContactState,
+        seconds: dict[str, float] | None = None,
+        before: Before | None = None,
+        body: ContactBody | None = None,
     ) -> Self:
-        """The problem of the same body in another state; `seconds` and `before` as of its arguments."""
+        """The problem of the same body, or of it with other supports, in another state; `seconds` and `before` as of
+        its arguments."""
         posed = copy.copy(self)
-        given = self.body, state, self.small_strain, self.started, {} if seconds is None else seconds, before
+        given = body or self.body, state, self.small_strain, self.started, {} if seconds is None else seconds, before
         DiscreteProblem.__init__(posed, *given)
         return posed
 

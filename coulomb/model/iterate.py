@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, JoinedBodies, NonlinearBody, nonlinear, rigid_modes
+from ..fem.bodies import Deformable, End, JoinedBodies, NonlinearBody, nonlinear, rigid_modes
 from ..fem.contact import ContactSurface, FaceMotion, TiedBodies, foot_points
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.reductions import Reductions
@@ -227,7 +227,11 @@ class Iterate:
         start: FaceMotion | None,
     ):
         self.u, self.time = u, time
-        self._before, self._number, self.body = before, number, linearised(body, u, time)
+        self._before, self._number, self.body = (
+            before,
+            number,
+            linearised(body, u, time, End(before.time, before.displacement)),
+        )
         posed = pose(self.body, time)
         there, self.foundations = posed.state, posed.body.foundations
         at = number[there.surface.nodes]
@@ -322,9 +326,9 @@ def components(body: Deformable, over: Reductions) -> Iterator[npt.NDArray[np.bo
         yield component == number
 
 
-def linearised(body: Deformable, u: FloatArray, time: float) -> Deformable:
-    """The bodies of small displacements from u (k, 3) at a time; collective."""
-    return each(body, lambda one, nodes: one.linearised(u[nodes], time))
+def linearised(body: Deformable, u: FloatArray, time: float, before: End | None = None) -> Deformable:
+    """The bodies of small displacements from u (k, 3) at a time, in a load step after another's end; collective."""
+    return each(body, lambda one, nodes: one.linearised(u[nodes], time, before and before.of(nodes)))
 
 
 def each(body: Deformable, change: Callable[[NonlinearBody, slice], NonlinearBody]) -> Deformable:

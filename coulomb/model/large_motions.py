@@ -204,6 +204,7 @@ class LoadStepLoop:
         if self.posed.before is not None:
             assert isinstance(self.posed.before, State)
             return self.posed.before
+        self.elasticity.refuse_beginning(self.time)
         return State.beginning(self.time, len(self.elasticity.x), len(self.shared.points.nodes))
 
     def _on_stable_branch(self, answer: Solution, state: State, tolerance: float, solve: _Solve) -> Solution:
@@ -409,7 +410,8 @@ class LoadStepLoop:
 
     @staticmethod
     def _forces(u: FloatArray, e: Evidence) -> Forces:
-        return Forces(u, e.load, e.internal - e.spring, e.on_body, np.zeros_like(e.on_body))
+        kept = e.internal - e.spring
+        return Forces(u, e.load, kept, e.on_body, e.held.held_part(kept - e.load - e.on_body))
 
 
 def _together(results: Sequence[SolverResult], x: FloatArray, certificate: Certificate, reached: bool) -> SolverResult:

@@ -108,7 +108,7 @@ class LoadHistory:
         if state.pending:
             problem.body.refuse_undefined(state.pending[0])
             problem.refuse_held_inside(state.pending[::-1])
-            refuse_missed(problem.elasticity.locks, state.time, state.pending)
+            refuse_missed(problem.elasticity.limits, state.time, state.pending)
         problem.body.stiffness.expect_load_steps(len(state.pending))
         halved, why = 0, ""
         bar = NotebookBar() if progress is None and in_notebook() and problem.comm.rank == 0 else None

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..contact_fields import named_faces
-from ..fem.bodies import Deformable, HeldDirections
+from ..fem.bodies import Deformable
 from ..linalg.reductions import Reductions
 from ..units import amount
 from .nodal_answer import Accumulated
@@ -125,7 +125,6 @@ class Energy:
         self,
         then: Forces,
         now: Forces,
-        held: HeldDirections,
         foundation: float,
         dissipated: float,
         over: Reductions,
@@ -134,10 +133,9 @@ class Energy:
         """The energy at the end of a step, from the forces at its beginning and end; and the work of the foundation,
         the energy dissipated, and the work of changes of the stiffness (`coefficients`) in it, joules; collective."""
         change = now.displacement - then.displacement
-        reactions = sum(held.held_part(at.kept - at.load - at.on_body) + at.of_ties for at in (then, now))
         return Energy(
             loads=self.loads + 0.5 * over.dot(now.load + then.load, change) + coefficients,
-            prescribed=self.prescribed + 0.5 * over.dot(np.asarray(reactions), change),
+            prescribed=self.prescribed + 0.5 * over.dot(then.reaction + now.reaction, change),
             foundation=self.foundation + foundation,
             elastic=0.5 * over.dot(now.displacement, now.kept),
             dissipated=self.dissipated + dissipated,
@@ -153,14 +151,15 @@ class Forces:
         load: Load of tractions and body force.
         kept: Internal forces of the stress, and minus the forces of the springs.
         on_body: Forces of contact and ties on the body.
-        of_ties: Those of ties and rigid faces alone; work is done by those of faces whose motion is prescribed.
+        reaction: Forces of supports, and of ties and rigid faces: those where the motion is prescribed do work.  Those
+            of a support that ends become 0 linearly in the load step that follows.
     """
 
     displacement: FloatArray
     load: FloatArray
     kept: FloatArray
     on_body: FloatArray
-    of_ties: FloatArray
+    reaction: FloatArray
 
 
 def coefficients_work(then: Forces, now: Forces, over: Reductions) -> float:
@@ -232,7 +231,8 @@ class State(Moment):
         ) -> Forces:
             of_contact = surface.at_nodes(surface.force_components(on_body))
             of_ties = body.forces_of_ties(kept - load - of_contact, time)
-            return Forces(u, load, kept, of_contact + of_ties, of_ties)
+            outer = of_contact + of_ties
+            return Forces(u, load, kept, outer, body.held_at(time).held_part(kept - load - outer) + of_ties)
 
         if self.forces is not None:
             then = forces(body, u, self.forces.kept, self.forces.load, self.force_on_body, self.time)
@@ -276,8 +276,8 @@ class State(Moment):
 
         moved = problem.body.foundation_displacement(problem.surface, self.time, problem.time)
         foundation = 0.5 * over.dot(self.force_on_body[at] + on_body, moved)
-        dissipated, held = answer.dissipated_energy, problem.elasticity.held
-        energy = self.energy.after(then, now, held, foundation, dissipated, over, stiffened)
+        dissipated = answer.dissipated_energy
+        energy = self.energy.after(then, now, foundation, dissipated, over, stiffened)
         rate = np.linalg.norm(answer.slip, axis=1) / (problem.time - self.time)
         worn = map(put, vars(answer.accumulated).values(), vars(self.accumulated).values())
         return State(

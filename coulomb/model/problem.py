@@ -72,7 +72,7 @@ def _bodies_of(given: Mapping[str, Any]) -> Deformable:
     """The bodies of the arguments of a problem, with what follows others; collective."""
     mesh = given["mesh"]
     if isinstance(mesh, Deformable):
-        body = mesh.at_time(given["time"])
+        body = mesh
     else:
         kind: Callable[..., SingleBody] = HyperelasticBody if given["kinematics"] == "large" else Elasticity
         heat = given["reference_temperature"], given["temperature_amplitude"]
@@ -85,6 +85,7 @@ def _bodies_of(given: Mapping[str, Any]) -> Deformable:
             if any(isinstance(one, Mapping) for one in (given["body_force"], given["gravity"], temperature)):
                 raise ValueError("body_force, gravity, temperature: by body only for the bodies of coulomb.join")
             body = kind(mesh, *own, None if temperature is None else ThermalLoad(temperature, *heat))
+    body = body.at_time(given["time"])
     followers = [*given["rigid_faces"], *given["ties"]]
     if followers:
         body = TiedBodies(body, followers, given["time"])
@@ -227,8 +228,9 @@ class ContactProblem(DiscreteProblem):
             there.time, there.before, there.seconds = time, before, seconds
             return there
         with timed(seconds, "assembly"):
-            state = self.body.state(time, before)
-        return self.in_state(state, seconds, before)
+            body = self.body.at_time(time)
+            state = body.state(time, before)
+        return self.in_state(state, seconds, before, body)
 
     @property
     def made_of(self) -> NamedMesh | JoinedMesh | Deformable:
@@ -254,8 +256,13 @@ class ContactProblem(DiscreteProblem):
 
     def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
         """Refuse supports that hold nodes of contact faces inside foundations now, or at other times; ValueError on
-        every rank, with face, number of nodes and depth; collective."""
+        every rank, with face, number of nodes and depth; collective.
+
+        Where supports have begun, only the load step before says what they prescribe.
+        """
         for time in times or (self.time,):
+            if times and self.elasticity.depends_on_steps(time):
+                continue
             if self.large is not None:
                 body, loading = self.body.elasticity, self.large.loading(time)
             elif times:

@@ -17,7 +17,7 @@ from .constraints import (
     matrix_product,
     rows_of,
 )
-from .deformable import TIE_STRESSES, Bolt, Deformable, Loading, Member, SingleBody
+from .deformable import TIE_STRESSES, Bolt, Deformable, End, Loading, Member, SingleBody
 from .displacement_space import DisplacementSpace, free_earlier_bodies
 from .elasticity import Elasticity, LoadedBody
 from .elimination import Made

@@ -70,9 +70,10 @@ class Nodes(Shared, Protocol):
 
 
 class HeldNodes(Nodes, Protocol):
-    """Nodes whose displacement is prescribed along some directions."""
+    """Nodes whose displacement is prescribed along some directions, `held`; along `still` it is 0 at all times."""
 
     held: HeldDirections
+    still: HeldDirections
 
     @property
     def fixed(self) -> npt.NDArray[np.bool_]:
@@ -156,6 +157,12 @@ class DirichletConditions:
     @property
     def count(self) -> int:
         return len(self._bcs)
+
+    @property
+    def still(self) -> HeldDirections:
+        """The directions along which displacements are 0 with the present values; collective."""
+        along = np.einsum("ri,ri->r", self.rows.direction, self.prescribed()[self.rows.node])
+        return self.rows.along(along == 0.0)
 
     def prescribed(self) -> FloatArray:
         """The displacements that they prescribe now, 0 elsewhere, metres, shape (k, 3); ValueError on every rank if one
@@ -306,6 +313,13 @@ class PrescribedRows:
         np.add.at(u, self.node, values[:, None] * self.dual)
         return u
 
+    def along(self, chosen: npt.NDArray[np.bool_]) -> HeldDirections:
+        """The directions that some of the rows (r,) hold by themselves."""
+        nodes, place = np.unique(self.node[chosen], return_inverse=True)
+        gram = np.zeros((len(nodes), 3, 3))
+        np.add.at(gram, place, np.einsum("ri,rj->rij", self.direction[chosen], self.direction[chosen]))
+        return HeldDirections(self.held.count, nodes, gram @ np.linalg.pinv(gram, DEPENDENT**2, hermitian=True))
+
     def shares(self, reaction: FloatArray, supports: int) -> Iterator[FloatArray]:
         """The forces of every support by itself, shape (k, 3), in a reaction (k, 3) along held directions."""
         forces = np.einsum("ri,ri->r", self.dual, reaction[self.node])[:, None] * self.direction
@@ -389,6 +403,11 @@ class SupportedNodes:
     nodes: npt.NDArray[np.int32]
     directions: FloatArray
     displacement: FloatArray
+
+    @property
+    def nowhere(self) -> SupportedNodes:
+        """The same at none of them."""
+        return SupportedNodes(self.support, self.nodes[:0], self.directions[:0], self.displacement[:0])
 
 
 def contradictions(

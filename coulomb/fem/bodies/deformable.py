@@ -19,7 +19,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..meshes import SEPARATOR, NamedMesh, boundary_facets
-from .constraints import HeldNodes, Numbering
+from .constraints import HeldDirections, HeldNodes, Numbering
 from .displacement_space import DisplacementSpace
 from .elimination import Made, Reduced, attach_rigid_modes, eliminated
 from .free_motions import FreeMotions, free_motions, names_of_components
@@ -53,6 +53,18 @@ class Loading:
     untied: Loading | None = None
     apart: FloatArray | float = 0.0
     tension: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class End:
+    """The end of a load step: its time, and the displacements of this rank's nodes, metres, shape (k, 3)."""
+
+    time: float
+    displacement: FloatArray
+
+    def of(self, nodes: slice) -> End:
+        """Of some of the nodes."""
+        return End(self.time, self.displacement[nodes])
 
 
 @dataclass(frozen=True)
@@ -95,12 +107,14 @@ class Deformable(HeldNodes, ABC):
         contradictions: Messages about supports that prescribe different displacements where they meet.
         ties: What ties faces to each other, moves them as rigid bodies, or shortens them.
         locked: Whether the shortening of each bolt is given, prescribed or locked: it is no unknown then.
+        acting: Which supports act; () if all act at all times.
         component: The component of the meshes of each of this rank's nodes, whether or not it is tied to others, shape
             (k,).
     """
 
     ties: tuple[Tie, ...] = ()
     locked: tuple[bool, ...] = ()
+    acting: tuple[bool, ...] = ()
     contradictions: tuple[str, ...]
     materials: Materials | None
     loads: tuple[AppliedLoad, ...]
@@ -264,8 +278,8 @@ class Deformable(HeldNodes, ABC):
         yield from ()
 
     @property
-    def locks(self) -> tuple[float, ...]:
-        """The times at which tightening ends."""
+    def limits(self) -> tuple[float, ...]:
+        """The times at which load steps must end: supports begin or end, tightening ends."""
         return ()
 
     def bolts(self, u: FloatArray) -> Iterator[Bolt]:
@@ -283,8 +297,13 @@ class Deformable(HeldNodes, ABC):
         """Internal nodal forces of u in newtons, assembled without K; shapes (k, 3); collective."""
 
     def at_time(self, time: float) -> Deformable:
-        """The body with the coefficients that its stiffness has at a time: itself if they do not change; collective."""
+        """The body with the supports that act, and the coefficients that its stiffness has, at a time: itself if these
+        do not change; collective."""
         return self
+
+    def held_at(self, time: float) -> HeldDirections:
+        """The directions that supports hold at a time; collective."""
+        return self.held
 
     @abstractmethod
     def at(self, time: float) -> Loading:
@@ -295,9 +314,17 @@ class Deformable(HeldNodes, ABC):
         """Raise ValueError on every rank if what the bodies are at a time depends on load steps before."""
         return
 
-    def after(self, time: float, before: FloatArray) -> Loading:
-        """Loads and prescribed displacements at a time, after a load step that ended with displacements (k, 3), which
-        fix the shortening of locked bolts; errors as of `at`; collective."""
+    def depends_on_steps(self, time: float) -> bool:
+        """Whether displacements that supports prescribe at a time depend on load steps before."""
+        try:
+            self.refuse_beginning(time)
+        except ValueError:
+            return True
+        return False
+
+    def after(self, time: float, before: End | None) -> Loading:
+        """Loads and prescribed displacements at a time, after a load step, from the end of which supports that have
+        begun move their nodes, and bolts are locked; errors as of `at`; collective."""
         return self.at(time)
 
     def outdated(self, loading: Loading) -> bool:

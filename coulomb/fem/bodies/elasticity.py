@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, Self, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +19,10 @@ from ..compat import fem, ufl
 from ..geometry import Amplitude, Field, evaluate_amplitude, on_all_ranks
 from ..meshes import NamedMesh
 from .body import STRESSES, ElasticBody, strain
-from .constraints import HeldNodes, SupportedNodes, contradictions, prescribed_rows
-from .deformable import Loading, SingleBody
+from .constraints import HeldDirections, HeldNodes, SupportedNodes, contradictions, prescribed_rows
+from .deformable import End, Loading, SingleBody
 from .elimination import Made
+from .lasting_supports import acts, share_left
 from .loads import (
     AppliedLoad,
     BodyForce,
@@ -49,7 +51,7 @@ _KINDS = {
 class LoadedBody(ElasticBody, HeldNodes):
     """An elastic body with its supports, springs and loads; `at` gives the loading at a time.
 
-    Where supports meet, the later one applies; `thermal` is its temperature, None without one.
+    Where supports meet, the later one of those that act (`acting`) applies; `thermal` is its temperature, or None.
 
     Raises:
         ValueError: If a face is unknown, a value not finite, a cell without a material or with two, no density under
@@ -73,8 +75,9 @@ class LoadedBody(ElasticBody, HeldNodes):
         super().__init__(mesh.domain, material_of_cells(mesh, materials, thermal is not None))
         self.mesh = mesh
         self.materials: Materials | None = materials
-        self.supports = tuple(clamps)
-        self._set_held_directions()
+        self.supports, self._siblings = tuple(clamps), dict[tuple[bool, ...], LoadedBody]()
+        self._given = [self._supported_nodes(support) for support in self.supports]
+        self._hold(self._acting(-np.inf))
         self.springs, self._sprung_by = tuple(springs), fem.Function(self.V)
         self._spring_forms = [fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs]
         volume: list[Load] = [] if vanishes(body_force) else [BodyForce(body_force, body_force_amplitude)]
@@ -91,14 +94,59 @@ class LoadedBody(ElasticBody, HeldNodes):
         self.loads = (*in_volume, *heat, *on_faces)
 
     def at(self, time: float) -> Loading:
+        return self.after(time, None)
+
+    def after(self, time: float, before: End | None) -> Loading:
         load = sum((part.forces for part in self.loads_at(time)), np.zeros((self._owned, 3)))
-        prescribed = self._rows.displacement(self.prescribed_values(time))
-        return Loading(time, load, prescribed, self._temperature_at(time))
+        values = self.prescribed_values(time)
+        if before is not None and any(self.supports[number].begin is not None for number in self._rows.support):
+            values += self._left(before, time)
+        return Loading(time, load, self._rows.displacement(values), self._temperature_at(time))
 
     def prescribed_values(self, time: float) -> FloatArray:
         """The prescribed displacements along the held directions at a time, metres; collective."""
         factors = [self._factor(support.amplitude, time, support.what) for support in self.supports]
         return np.array([0.0, *factors])[1 + self._rows.support] * self._values
+
+    def _left(self, before: End, time: float) -> FloatArray:
+        """By how much displacements along the held directions of supports that have begun differ from the given ones,
+        from the end of the load step before; metres; collective."""
+        shares = np.array([0.0 if one.begin is None else share_left(one, before.time, time) for one in self.supports])[
+            self._rows.support
+        ]
+        along = np.einsum("ri,ri->r", self._rows.direction, before.displacement[self._rows.node])
+        return shares * (along - self.prescribed_values(before.time))
+
+    # --- supports that begin and end ------------------------------------------------------------------------------
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        return tuple(time for one in self.supports for time in (one.begin, one.end) if time is not None)
+
+    def at_time(self, time: float) -> Self:
+        """The body with the supports that act at a time: itself if these are its own; collective."""
+        acting = self._acting(time)
+        if acting == self.acting:
+            return self
+        if acting not in self._siblings:
+            other = copy.copy(self)
+            other._hold(acting)
+            self._siblings[acting] = other
+        return cast(Self, self._siblings[acting])
+
+    def held_at(self, time: float) -> HeldDirections:
+        return self.at_time(time).held
+
+    def _acting(self, time: float) -> tuple[bool, ...]:
+        return tuple(acts(support, time) for support in self.supports) if self.limits else ()
+
+    def refuse_beginning(self, time: float) -> None:
+        for support in self.supports:
+            if support.begin is not None and acts(support, time):
+                raise ValueError(
+                    f"{support.what}: at time {time:g} it moves nodes from where the load steps before have left them "
+                    f"(begin = {support.begin:g}): begin at this time or before"
+                )
 
     def blocked_displacement(self, loading: Loading) -> float:
         alone = self.nodal_displacement(self.free_part(loading.load))
@@ -142,8 +190,12 @@ class LoadedBody(ElasticBody, HeldNodes):
     def _factor(self, amplitude: Amplitude, time: float, what: str) -> float:
         return on_all_ranks(lambda: evaluate_amplitude(amplitude, time, what), "", self.mesh.comm)
 
-    def _set_held_directions(self) -> None:
-        given = [self._supported_nodes(support) for support in self.supports]
+    def _hold(self, acting: tuple[bool, ...]) -> None:
+        """Take the supports that act, all if () is given; collective."""
+        self.acting, self._made = acting, Made()
+        if acting:
+            self._siblings[acting] = self
+        given = [one if not acting or acting[k] else one.nowhere for k, one in enumerate(self._given)]
         self._rows = prescribed_rows(self._owned, [(one.nodes, one.directions) for one in given])
         self.held = self._rows.held
         self._values = np.zeros(len(self._rows.node))
@@ -151,6 +203,8 @@ class LoadedBody(ElasticBody, HeldNodes):
             here = self._rows.support == number
             values = one.displacement[np.searchsorted(one.nodes, self._rows.node[here])]
             self._values[here] = np.einsum("ri,ri->r", self._rows.direction[here], values)
+        begun = np.array([False, *(one.begin is not None for one in self.supports)])[1 + self._rows.support]
+        self.still = self._rows.along((self._values == 0.0) & ~begun)
         self.contradictions = contradictions(given, self._rows, self._values, self.x, self.mesh.comm)
 
     def _supported_nodes(self, support: Support) -> SupportedNodes:
@@ -284,7 +338,7 @@ class Elasticity(LoadedBody, SingleBody):
                 raise ValueError(
                     f'material: {material!r} is for large motions: ContactProblem(..., kinematics="large")'
                 )
-        self.component, self._made, self.sprung = mesh_components(self), Made(), bool(self.springs)
+        self.component, self.sprung = mesh_components(self), bool(self.springs)
 
     def assembled(self) -> PETSc.Mat:
         trial = ufl.TrialFunction(self.V)

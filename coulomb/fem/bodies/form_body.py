@@ -205,7 +205,7 @@ class Body(SingleBody):
         self._conditions = DirichletConditions(
             refuse_bcs(bcs, V), self.x, 3 * (dofs.size_local + dofs.num_ghosts), self.mesh.comm
         )
-        self.held = self._conditions.rows.held
+        self.held, self.still = self._conditions.rows.held, self._conditions.still
         self.component, self._made = mesh_components(self), Made()
         self.contradictions, self.materials, self.loads = (), None, ()
         self._assembled: PETSc.Mat | None = None

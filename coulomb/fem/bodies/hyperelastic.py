@@ -3,6 +3,7 @@ a body of these with supports and loads, as of small strains."""
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,8 +22,10 @@ from ..compat import fem, ufl
 from ..geometry import Amplitude, Field, evaluate_amplitude
 from ..meshes import NamedMesh
 from .body import cell_measure
-from .deformable import Loading
+from .constraints import HeldDirections
+from .deformable import End, Loading
 from .elasticity import LoadedBody
+from .elimination import Made
 from .loads import AppliedLoad, Load, NodalForces, Pressure, Temperature, ThermalLoad, range_of, shown_range
 from .materials import Material, Materials, by_group, material_of_cells
 from .nonlinear_body import NonlinearBody
@@ -353,11 +356,45 @@ class HyperelasticBody(NonlinearBody):
         )
         self._energy = fem.form(ufl.replace(energy, {u: self._function}))
         self._pressure_forms = [fem.form(ufl.replace(-one, {u: self._function})) for one in pressures]
-        self.held, self.contradictions = loaded.held, loaded.contradictions
+        self._siblings = dict[tuple[bool, ...], HyperelasticBody]()
+        self._hold(loaded)
         self.materials, self.loads = materials, loaded.loads
         if thermal is not None:  # its forces are in the internal ones
             size = shown_range(range_of(self._change, self.comm))
             self.loads = (*loaded.loads, AppliedLoad(thermal, np.zeros_like(self.reference), size))
+
+    def _hold(self, loaded: _SupportedBody) -> None:
+        """Take the supports that act on these bodies."""
+        self._loaded, self.held, self.still, self.contradictions = (
+            loaded,
+            loaded.held,
+            loaded.still,
+            loaded.contradictions,
+        )
+        self.acting, self._made = loaded.acting, Made()
+        self.__dict__.pop("_not_held", None)
+        if self.acting:
+            self._siblings[self.acting] = self
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        return self._loaded.limits
+
+    def held_at(self, time: float) -> HeldDirections:
+        return self._loaded.held_at(time)
+
+    def refuse_beginning(self, time: float) -> None:
+        if self._place is None:
+            self._loaded.refuse_beginning(time)
+
+    def at_time(self, time: float) -> NonlinearBody:
+        super().at_time(time)
+        loaded = self._loaded.at_time(time)
+        if self._place is not None or loaded is self._loaded:
+            return self
+        if loaded.acting not in self._siblings:
+            copy.copy(self)._hold(loaded)
+        return self._siblings[loaded.acting]
 
     def _density(self, laws: Sequence[tuple[str | None, Any]], of: Sequence[Any]) -> Any:
         """Strain energy per undeformed volume: the sum of those of all laws, each 0 in the cells of others."""
@@ -394,9 +431,9 @@ class HyperelasticBody(NonlinearBody):
         if self.thermal is not None:
             self._amplitude.value = evaluate_amplitude(self.thermal.amplitude, time, "temperature")
 
-    def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray, FloatArray]:
-        inside, *_ = super()._outer_forces(u, time)
-        dead, load = self._loaded.at(time), sum((one.forces for one in self._following()), np.zeros_like(u))
+    def _outer_forces(self, u: FloatArray, time: float, before: End | None) -> tuple[Loading, FloatArray, FloatArray]:
+        inside, *_ = super()._outer_forces(u, time, before)
+        dead, load = self._loaded.after(time, before), sum((one.forces for one in self._following()), np.zeros_like(u))
         spring = self._loaded.spring_force(u)
         heat = None
         if self.thermal is not None:

@@ -19,7 +19,7 @@ from ...arrays import FloatArray
 from ..geometry import Amplitude, Coefficient, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh
 from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
-from .deformable import Deformable, Loading, Member, SingleBody
+from .deformable import Deformable, End, Loading, Member, SingleBody
 from .elasticity import LoadedBody, refuse_others
 from .elimination import Made
 from .loads import AppliedLoad, Load, NodalForces, ThermalLoad, joined_temperatures
@@ -226,13 +226,19 @@ class JoinedBodies(Deformable):
         self._members = tuple(map(Member, bodies, parts, slices))
         self._numbers = _Numbers(self.comm, [(body.numbering.first, body.numbering.local) for body in parts])
         self.x: FloatArray = np.concatenate([body.x for body in parts])
-        nodes = np.concatenate([body.held.nodes + own.start for body, own in zip(parts, slices, strict=True)])
-        self.held = HeldDirections(len(self.x), nodes, np.concatenate([body.held.projector for body in parts]))
+        self.held, self.still = (
+            HeldDirections(
+                len(self.x),
+                np.concatenate([one.nodes + own.start for one, own in zip(each, slices, strict=True)]),
+                np.concatenate([one.projector for one in each]),
+            )
+            for each in ([body.held for body in parts], [body.still for body in parts])
+        )
         counts = [len(body.component_names) for body in parts]
         self.component = np.concatenate(
             [first + body.component for first, body in zip(np.cumsum([0, *counts]), parts, strict=False)]
         )
-        self._made = Made()
+        self._made, self.acting = Made(), tuple(one for body in parts for one in body.acting)
         self.contradictions = tuple(
             f"body {name!r}: {text}" for name, body in bodies.items() for text in body.contradictions
         )
@@ -306,8 +312,24 @@ class JoinedBodies(Deformable):
 
     _changed: JoinedBodies | None = None
 
+    def held_at(self, time: float) -> HeldDirections:
+        return self.at_time(time).held
+
+    @property
+    def limits(self) -> tuple[float, ...]:
+        return tuple(time for member in self._members for time in member.body.limits)
+
+    def refuse_beginning(self, time: float) -> None:
+        for member in self._members:
+            member.body.refuse_beginning(time)
+
     def at(self, time: float) -> Loading:
-        return self._together(time, tuple(member.body.at(time) for member in self._members))
+        return self.after(time, None)
+
+    def after(self, time: float, before: End | None) -> Loading:
+        ends = [before and before.of(member.nodes) for member in self._members]
+        parts = zip(self._members, ends, strict=True)
+        return self._together(time, tuple(member.body.after(time, end) for member, end in parts))
 
     def heated(self, loading: Loading, change: FloatArray) -> Loading:
         each = zip(self._members, loading.parts, strict=True)

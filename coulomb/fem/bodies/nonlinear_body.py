@@ -23,7 +23,7 @@ from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
 from ..meshes import boundary_facets
-from .deformable import Loading
+from .deformable import End, Loading
 from .displacement_space import free_earlier_bodies
 from .elimination import Made
 from .form_body import BilinearForm, Body, FormValues, compiled
@@ -113,9 +113,12 @@ class NonlinearBody(Body, large=True):
 
     # --- at a displacement ------------------------------------------------------------------------------------------
 
-    def linearised(self, u: FloatArray, time: float) -> NonlinearBody:
-        """The body of small displacements from u (k, 3) in metres at a time; the stiffness is made when it is first
-        asked for; collective."""
+    def linearised(self, u: FloatArray, time: float, before: End | None = None) -> NonlinearBody:
+        """The body of small displacements from u (k, 3) in metres at a time, in a load step after the end of another;
+        the stiffness is made when it is first asked for; collective."""
+        return self.at_time(time)._placed(u, time, before)
+
+    def _placed(self, u: FloatArray, time: float, before: End | None) -> NonlinearBody:
         free_earlier_bodies(self.domain)
         _ = self._not_held, self.boundary  # once, for all places
         there = copy.copy(self)
@@ -124,7 +127,7 @@ class NonlinearBody(Body, large=True):
         self._set(time)
         self._displacement.x.array[: u.size] = u.ravel()
         self._displacement.x.scatter_forward()
-        loading, load, spring = there._outer_forces(u, time)
+        loading, load, spring = there._outer_forces(u, time, before)
         rest = loading.prescribed - self.held_part(u)
         values = self._a.values
         there._made = Made(values)
@@ -133,7 +136,9 @@ class NonlinearBody(Body, large=True):
         )
         return there
 
-    def _outer_forces(self, u: FloatArray, time: float) -> tuple[Loading, FloatArray | None, FloatArray | None]:
+    def _outer_forces(
+        self, u: FloatArray, time: float, before: End | None
+    ) -> tuple[Loading, FloatArray | None, FloatArray | None]:
         """Minus the residual and the prescribed displacements at the present displacement u; loads and forces of
         springs in it, as of `_Place`; collective."""
         if self._dead is None:
@@ -170,7 +175,7 @@ class NonlinearBody(Body, large=True):
         """Of the undeformed body; a deformed one may be unstable on the way to its equilibrium."""
         return not (self._place is not None and self.comm.allreduce(bool(np.any(self._place.u)), op=MPI.LOR))
 
-    def at_time(self, time: float) -> Body:
+    def at_time(self, time: float) -> NonlinearBody:
         if self._place is None:
             self._set(time)
         return self

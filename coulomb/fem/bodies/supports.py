@@ -28,6 +28,7 @@ from ..geometry import (
     on_all_ranks,
     tangent_frames,
 )
+from .lasting_supports import Lasting, LastingSupport
 
 
 def held_in_words(components: str, direction: Field | None, value: Field) -> str:
@@ -61,7 +62,7 @@ _STIFFEST: Final = 1e30
 """Largest stiffness of a spring in N/m^3: far beyond that of a clamp."""
 
 
-class Support(Protocol):
+class Support(Lasting, Protocol):
     """A support that prescribes displacements on a face."""
 
     @property
@@ -97,7 +98,7 @@ class Support(Protocol):
 
 
 @dataclass(frozen=True)
-class PrescribedDisplacement:
+class PrescribedDisplacement(LastingSupport):
     """Prescribed displacement on a face (an inhomogeneous Dirichlet condition).
 
     Attributes:
@@ -113,10 +114,11 @@ class PrescribedDisplacement:
         surface: The exact surface of which the face is a mesh, a `Plane`, `Sphere`, `Cylinder` or `SignedDistance`; the
             normals are then its own.  A cylinder in a bearing turns freely only with it: normals of a mesh are not
             quite radial.
+        begin, end, reaches: When it acts (`LastingSupport`).
 
     Raises:
-        ValueError: If components is none of these, or is given beside a direction, or a surface beside other components
-            than "normal" and "tangential".
+        ValueError: As `LastingSupport`; if components is none of these, or is given beside a direction, or a surface
+            beside other components than "normal" and "tangential".
     """
 
     face: str
@@ -129,6 +131,7 @@ class PrescribedDisplacement:
     kind = "prescribed displacement"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         letters = set(self.components) if isinstance(self.components, str) else set()
         by_letters = bool(letters) and len(letters) == len(self.components) and not letters - set("xyz")
         if not by_letters and self.components not in (NORMAL, TANGENTIAL):
@@ -147,7 +150,7 @@ class PrescribedDisplacement:
 
     @property
     def holds(self) -> str:
-        return held_in_words(self.components, self.direction, self.value)
+        return held_in_words(self.components, self.direction, self.value) + self.lasting
 
     def directions(self, face: SupportedFace) -> FloatArray:
         rows = np.zeros((len(face.nodes), 3, 3))
@@ -190,24 +193,40 @@ class Clamp(PrescribedDisplacement):
 
     Args:
         face: Name of the face, or of a set of nodes.
-        components: As of `PrescribedDisplacement`, as are direction, surface and errors.
+        components: As of `PrescribedDisplacement`, as are direction, surface, begin, end, reaches and errors.
     """
 
     kind = "clamp"
 
     def __init__(
-        self, face: str, components: str = "xyz", direction: Field | None = None, surface: RigidFoundation | None = None
+        self,
+        face: str,
+        components: str = "xyz",
+        direction: Field | None = None,
+        surface: RigidFoundation | None = None,
+        *,
+        begin: float | None = None,
+        end: float | None = None,
+        reaches: float | None = None,
     ):
-        super().__init__(face, (0.0, 0.0, 0.0), components, direction=direction, surface=surface)
+        super().__init__(
+            *(face, (0.0, 0.0, 0.0), components),
+            direction=direction,
+            surface=surface,
+            begin=begin,
+            end=end,
+            reaches=reaches,
+        )
 
 
 @dataclass(frozen=True)
-class SymmetryPlane:
+class SymmetryPlane(LastingSupport):
     """A plane of symmetry of body, supports and loads, at any angle: the face lies in it, and does not leave it.
 
     Attributes:
         face: Name of the face, which must be plane, or of nodes in a plane.  Its displacement along its normal is zero;
             where two planes of symmetry meet, along both normals.
+        begin, end, reaches: When it acts; as errors, those of `LastingSupport`.
     """
 
     face: str
@@ -224,7 +243,7 @@ class SymmetryPlane:
 
     @property
     def holds(self) -> str:
-        return "along the normal"
+        return f"along the normal{self.lasting}"
 
     def directions(self, face: SupportedFace) -> FloatArray:
         rows = np.zeros((len(face.nodes), 3, 3))
@@ -265,6 +284,7 @@ class PrescribedRotation:
     axial: Literal["held", "free"] = "held"
 
     kind = "prescribed rotation"
+    begin = end = reaches = None
 
     def __post_init__(self) -> None:
         check_point(f"{self.what}: point", self.point)

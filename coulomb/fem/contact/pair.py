@@ -191,9 +191,11 @@ def smooth_normals(
 def mirrored(
     points: ContactPoints, planes: FloatArray, opposite: scipy.sparse.csr_matrix, elasticity: Deformable
 ) -> FloatArray | None:
-    """The directions among the `planes_of_symmetry` (m, 3, 3) along which the nodes opposite are held as well, by the
-    averages (m, nodes) over these, as projectors of this shape; None if no rank has any; collective."""
-    every = elasticity.held.projector_at(np.arange(len(elasticity.x))).reshape(-1, 9)
+    """The directions among the `planes_of_symmetry` (m, 3, 3) along which these nodes and those opposite never move, by
+    averages (m, nodes) over the latter, as projectors of this shape; None if no rank has any; collective."""
+    still = elasticity.still.projector_at(points.nodes)
+    planes = np.where(np.any(planes, axis=(1, 2))[:, None, None], still, 0.0)
+    every = elasticity.still.projector_at(np.arange(len(elasticity.x))).reshape(-1, 9)
     share = replace(points, weights=shares(opposite), nodal=False, opposite=None)
     both = held_on_both(planes, share.average(every).reshape(-1, 3, 3))
     return both if elasticity.comm.allreduce(bool(np.any(both)), op=MPI.LOR) else None

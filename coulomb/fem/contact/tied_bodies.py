@@ -27,7 +27,9 @@ from ..bodies import (
     TIE_STRESSES,
     Bolt,
     Deformable,
+    End,
     FreeMotions,
+    HeldDirections,
     Loading,
     Made,
     Member,
@@ -47,7 +49,7 @@ from ..bodies import (
 from ..meshes import fetched, starts_of
 from .rigid_faces import FaceMotion, RigidFace
 from .sections import Section, openings
-from .ties import Tied
+from .ties import Tied, with_slaves
 
 
 class TiedBodies(Deformable):
@@ -65,8 +67,9 @@ class TiedBodies(Deformable):
 
     def __init__(self, bodies: Deformable, given: Sequence[Tied | RigidFace], time: float = 0.0):
         self.bodies, self.given = bodies, tuple(given)
-        self.x, self.held, self.materials, self.loads = bodies.x, bodies.held, bodies.materials, bodies.loads
-        self.contradictions, self.component = bodies.contradictions, bodies.component
+        self.x, self.materials, self.loads = bodies.x, bodies.materials, bodies.loads
+        self.held, self.still = bodies.held, bodies.still
+        self.contradictions, self.component, self.acting = bodies.contradictions, bodies.component, bodies.acting
         self.slaves: npt.NDArray[np.bool_] = np.zeros(len(self.x), dtype=bool)
         pairs = [{one.face, one.against} for one in self.given if isinstance(one, Tied)]
         for number, pair in enumerate(pairs):
@@ -97,18 +100,26 @@ class TiedBodies(Deformable):
         return Made(reduction=self._unlocked.prescribing(of_locked))
 
     @property
-    def locks(self) -> tuple[float, ...]:
-        return tuple(s.given.lock for s in self.sections if s.given.lock is not None)
+    def limits(self) -> tuple[float, ...]:
+        return (*self.bodies.limits, *(s.given.lock for s in self.sections if s.given.lock is not None))
+
+    def held_at(self, time: float) -> HeldDirections:
+        return self.bodies.held_at(time)
 
     def at_time(self, time: float) -> TiedBodies:
-        """The same with the coefficients of K and the bolts locked at a time; T, ties and faces are shared;
-        collective."""
+        """The same with the coefficients of K, and the bolts locked, at a time; T, ties and faces are shared unless
+        other supports act; collective."""
         bodies, locked = self.bodies.at_time(time), tuple(section.given.fixed(time) for section in self.sections)
         for known in self._states:
             if known.bodies is bodies and known.locked == locked:
                 return known
-        other = self.over(bodies)
-        other.locked, other._made = locked, self._with(locked)
+        if bodies.acting != self.acting:
+            faces = [one for one in self.given if isinstance(one, RigidFace)]
+            ties = with_slaves([one for one in self.given if isinstance(one, Tied)], self.ties)
+            other = TiedBodies(bodies, [*faces, *ties], time)
+        else:
+            other = self.over(bodies)
+            other.locked, other._made = locked, self._with(locked)
         self._states[1:] = [known for known in self._states[1:] if known.bodies is bodies]
         self._states.append(other)
         return other
@@ -178,10 +189,14 @@ class TiedBodies(Deformable):
 
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
+    def depends_on_steps(self, time: float) -> bool:
+        return self.bodies.depends_on_steps(time)
+
     def at(self, time: float) -> Loading:
-        return self._loading(time, np.zeros(self.reduction.width))
+        return self.after(time, None)
 
     def refuse_beginning(self, time: float) -> None:
+        self.bodies.refuse_beginning(time)
         for one in (section.given for section in self.sections):
             if one.force is not None and one.locked(time):
                 raise ValueError(
@@ -189,13 +204,13 @@ class TiedBodies(Deformable):
                     "steps before determine: begin at the time of lock or before"
                 )
 
-    def after(self, time: float, before: FloatArray) -> Loading:
-        return self._loading(time, self.reduction.amounts(self.reduction.apart(before)))
-
-    def _loading(self, time: float, kept: FloatArray) -> Loading:
-        """Prescribed displacements are u with no unknowns: those of supports, rigid faces and bolts, and what follows
-        them; `kept` are the own unknowns (width,) by which bolts are locked; collective."""
-        of_bodies, offset = self.bodies.at(time), np.zeros_like(self.x)
+    def after(self, time: float, before: End | None) -> Loading:
+        """Prescribed displacements are u with no unknowns: those of supports, rigid faces and bolts, which are locked
+        at the own unknowns of the step before, and what follows them; collective."""
+        kept: FloatArray = np.zeros(self.reduction.width)
+        if before is not None:
+            kept = self.reduction.amounts(self.reduction.apart(before.displacement))
+        of_bodies, offset = self.bodies.after(time, before), np.zeros_like(self.x)
         for motion in self.face_motions:
             offset += motion.prescribed(self.x, time, self.comm)
         if self.face_motions:

@@ -223,5 +223,5 @@ def test_bolts_that_cannot_be():
     problem = two_boxes(Pretension("up:bottom", "low:top", force=1.0, lock=1.0))
     with pytest.raises(ValueError, match=r"at time 2 it is locked"):
         problem.at(2.0)
-    with pytest.raises(ValueError, match=r"locked at time 1, but no load step ends there \(they end at 0.5, 2\)"):
+    with pytest.raises(ValueError, match=r"at time 1 .* no load step ends there \(they end at 0.5, 2\)"):
         next(LoadHistory([0.5, 2.0]).steps(problem))

@@ -1,0 +1,86 @@
+"""Supports that begin and end in the course of a load history."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+from ...arrays import is_number
+
+
+class Lasting(Protocol):
+    """When a support acts."""
+
+    @property
+    def begin(self) -> float | None:
+        """The time from which it acts; None from the start."""
+        ...
+
+    @property
+    def end(self) -> float | None:
+        """The time until which it acts; None if it does not end."""
+        ...
+
+    @property
+    def reaches(self) -> float | None:
+        """Of one that begins, when the displacement is the given one; None: changes count, from where nodes are."""
+        ...
+
+
+_SAME_TIME: Final = 1e-9  # relative difference of times below which they are the same
+
+
+def acts(support: Lasting, time: float) -> bool:
+    """Whether a support acts at a time: after `begin`, and at `end` for the last time."""
+    begun = support.begin is None or time > support.begin + _SAME_TIME * abs(support.begin)
+    return begun and (support.end is None or time <= support.end + _SAME_TIME * abs(support.end))
+
+
+def share_left(support: Lasting, then: float, now: float) -> float:
+    """Of a support that has begun: which share of the difference at one time between the displacement and the
+    prescribed one is left at a later time."""
+    if support.reaches is None:
+        return 1.0
+    return max(support.reaches - now, 0.0) / (support.reaches - then) if then < support.reaches else 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class LastingSupport:
+    """When a support acts.  Before and after, its nodes are free; load steps must end where it begins and ends.
+
+    Attributes:
+        begin: The time from which it acts, by default from the start.  From there it moves its nodes, from where they
+            are, by the changes of what it prescribes: a clamp holds them there.
+        end: The time until which it acts, by default always.  In the load step that follows its reaction is gone.
+        reaches: The time at which the displacement is the given one, in place of changes of it: until then what is
+            missing at `begin` is made up for linearly in time.
+
+    Raises:
+        ValueError: If one is no number, or they are not in this order: begin, reaches, end.
+    """
+
+    begin: float | None = None
+    end: float | None = None
+    reaches: float | None = None
+
+    @property
+    def what(self) -> str:
+        """Kind and face, for messages."""
+        raise NotImplementedError
+
+    def __post_init__(self) -> None:
+        for name in ("begin", "end", "reaches"):
+            value = getattr(self, name)
+            if value is not None and not is_number(value, -math.inf):
+                raise ValueError(f"{self.what}: {name} must be a time, but is {value!r}")
+        if self.reaches is not None and (self.begin is None or self.reaches < self.begin):
+            raise ValueError(f"{self.what}: reaches goes with a begin that is not after it")
+        if self.begin is not None and self.end is not None and self.end <= self.begin:
+            raise ValueError(f"{self.what}: end = {self.end:g} must be after begin = {self.begin:g}")
+
+    @property
+    def lasting(self) -> str:
+        """When it acts in words, after what it holds; empty if always."""
+        begin = "" if self.begin is None else f", after {self.begin:g} s"
+        return begin + ("" if self.end is None else f", until {self.end:g} s")
