@@ -1,8 +1,9 @@
-"""Decks of CalculiX beside CalculiX: displacements and contact forces of `coulomb run DECK.inp`, of ccx with the deck
-as it is, and with its penalties (contact stiffness, stick slope) 100 times stiffer."""
+"""Decks of CalculiX beside CalculiX: displacements of `coulomb run DECK.inp`, of ccx with the deck as it is, and with
+its penalties (contact stiffness, stick slope) 100 times stiffer, and those of NAME.dat.ref where there are some."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import resource
@@ -17,11 +18,15 @@ import numpy as np
 import numpy.typing as npt
 
 from coulomb.decks.cards import read_cards
+from coulomb.decks.geometry import Geometry
 from coulomb.io.run_directory import FRD, RunDirectory
 
 Nodes = dict[int, npt.NDArray[np.float64]]
 
 STIFFER = 100.0
+
+_HARD = 50.0
+"""Stiffness of CalculiX' hard contact over the first elastic constant."""
 
 
 def rows(folder: Path, seconds: float = 300.0) -> Iterator[Mapping[str, object]]:
@@ -31,11 +36,24 @@ def rows(folder: Path, seconds: float = 300.0) -> Iterator[Mapping[str, object]]
         with tempfile.TemporaryDirectory() as temporary:
             here = Path(temporary)
             shutil.copy(deck, here / deck.name)
-            yield {"deck": deck.stem, **_row(here / deck.name, seconds)}
+            yield {"deck": deck.stem, **_row(here / deck.name, deck.with_suffix(".dat.ref"), seconds)}
 
 
-def _row(deck: Path, seconds: float) -> Mapping[str, object]:
-    row: dict[str, object] = {"result": "", "largest u": "", "ccx": "", "stiff ccx": "", "cpu s": "", "ccx cpu s": ""}
+def _row(deck: Path, reference: Path, seconds: float) -> Mapping[str, object]:
+    columns = (
+        "result",
+        "cells",
+        "steps",
+        "force N",
+        "largest u",
+        "reference",
+        "ccx",
+        "stiff ccx",
+        "cpu s",
+        "ccx cpu s",
+    )
+    row: dict[str, object] = dict.fromkeys(columns, "")
+    row["cells"] = _cells(deck)
     command = [sys.executable, "-m", "coulomb", "run", deck.name, "--quiet", "--set", "output.picture=false"]
     before = _children()
     done = subprocess.run(command, cwd=deck.parent, capture_output=True, text=True, check=False, timeout=seconds)
@@ -44,11 +62,15 @@ def _row(deck: Path, seconds: float) -> Mapping[str, object]:
     if not (results / FRD).exists():
         row["result"] = _reason(done.stderr)
         return row
-    row["result"] = (
-        "valid" if RunDirectory(results).read_summary().get("valid") or done.returncode == 0 else "not valid"
-    )
+    row["result"] = "valid" if done.returncode == 0 else "not valid"
+    whole, steps = RunDirectory(results), RunDirectory(results).complete_steps
+    row["steps"] = len(steps) or 1
+    force = (whole.step(steps[-1]) if steps else whole).read_summary()["totals"].get("force", [])
+    row["force N"] = " ".join(f"{value + 0.0:.4g}" for value in np.round(force, 6) + 0.0)
     own = last_displacements(results / FRD)
     row["largest u"] = f"{max(np.linalg.norm(u) for u in own.values()):.6g}"
+    if reference.exists() and (listed := listed_displacements(reference)):
+        row["reference"] = _difference(own, listed)
     for column, factor in (("ccx", 1.0), ("stiff ccx", STIFFER)):
         before = _children()
         found = _ccx(deck, factor, seconds)
@@ -92,9 +114,13 @@ def _ccx(deck: Path, factor: float, seconds: float) -> Nodes | str:
 def stiffened(deck: Path, factor: float) -> str:
     """The text of a deck with stiffer penalties, that writes displacements."""
     lines: list[str] = []
-    for card in read_cards(str(deck)):
-        parameters = "".join(f",{name}={value}" if value else f",{name}" for name, value in card.parameters.items())
+    cards = read_cards(str(deck))
+    young = next((card.floats([0])[0] for card in cards if card.kind == "ELASTIC" and card.lines), 0.0)
+    for card in cards:
         data = list(card.lines)
+        if factor != 1.0 and card.kind == "SURFACEBEHAVIOR" and card.key("PRESSURE-OVERCLOSURE") == "HARD":
+            card.parameters["PRESSURE-OVERCLOSURE"], data = "LINEAR", [repr(float(_HARD * young))]
+        parameters = "".join(f",{name}={value}" if value else f",{name}" for name, value in card.parameters.items())
         if card.kind == "SURFACEBEHAVIOR" and card.key("PRESSURE-OVERCLOSURE") in ("LINEAR", "TIED") and data:
             data[0] = _scaled(data[0], 0, factor)
         if card.kind == "FRICTION" and data and "," in data[0]:
@@ -127,6 +153,29 @@ def last_displacements(path: Path) -> Nodes:
     if not found:
         raise ValueError(f"{path}: has no displacements")
     return found
+
+
+def listed_displacements(path: Path) -> Nodes:
+    """The displacements of the last block of a .dat file that has some, by node; empty if there is none."""
+    found: Nodes = {}
+    inside = False
+    for line in path.read_text(encoding="ascii", errors="replace").splitlines():
+        words = line.split()
+        if "for set" in line:
+            inside = line.lstrip().startswith("displacements")
+            found = {} if inside else found
+        elif inside and len(words) == 4:
+            found[int(words[0])] = np.array([float(word) for word in words[1:]])
+    return found
+
+
+def _cells(deck: Path) -> str:
+    """The types of its elements, with their number."""
+    found: dict[str, int] = {}
+    with contextlib.suppress(ValueError):
+        for name, blocks in Geometry(str(deck)).elements.items():
+            found[name] = sum(map(len, blocks))
+    return ", ".join(f"{count} {name}" for name, count in found.items())
 
 
 def _difference(own: Nodes, other: Nodes) -> str:

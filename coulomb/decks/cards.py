@@ -7,6 +7,7 @@ format"; Abaqus' "Input syntax rules".)
 
 from __future__ import annotations
 
+import difflib
 import re
 import warnings
 from collections.abc import Iterable, Iterator
@@ -75,6 +76,17 @@ class Card:
         file, line = (self.file, self.line) if row is None else self._place(row)
         return ValueError(f"{file}: line {line}: *{self.keyword}: {text}")
 
+    def lacks(self, what: str, name: str, known: Iterable[str], row: int | None = None) -> ValueError:
+        """An error about a name that the deck does not have, with the closest of those of its kind."""
+        names = {key_of(one): one for one in known}
+        close = [names[key] for key in difflib.get_close_matches(key_of(name), list(names), n=3)]
+        listed = close or list(names.values())[:6]
+        others = "" if len(listed) == len(names) or close else ", ..."
+        hint = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+        if not close:
+            hint = f"; there are {', '.join(map(repr, listed))}{others}" if names else "; there is none at all"
+        return self.fault(f"there is no {what} {name!r}{hint}", row)
+
     def get(self, name: str, default: str = "") -> str:
         """Value of a parameter as it is written."""
         return self.parameters.get(name, default)
@@ -103,13 +115,13 @@ class Card:
         try:
             return number_of(word)
         except ValueError:
-            raise self.fault(f"damaged: {word!r} is no number", row) from None
+            raise self.fault(f"damaged: {word.strip()!r} is no number", row) from None
 
     def whole(self, word: str, row: int) -> int:
         """One whole number."""
         value = self.number(word, row)
         if value != int(value):
-            raise self.fault(f"damaged: {word!r} should be a whole number", row)
+            raise self.fault(f"damaged: {word.strip()!r} should be a whole number", row)
         return int(value)
 
     def floats(self, rows: Iterable[int] | None = None) -> FloatArray:

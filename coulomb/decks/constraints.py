@@ -58,7 +58,7 @@ class Constraints:
 
     def _coupled(self, coupling: Card, kind: Card) -> None:
         node = self._reference(coupling, "REFNODE")
-        face = self._of.face(coupling.needs("SURFACE"), "*COUPLING")
+        face = self._of.face(coupling.needs("SURFACE"), coupling)
         if kind.kind == "DISTRIBUTING":
             self._of_node[node] = ("distributing", len(self._rigid))
             self._rigid.append({"face": face, "point": self._point(node), "spread": True})
@@ -87,7 +87,7 @@ class Constraints:
         node = self._reference(card, "NODE")
         self._of_node[node] = ("bolt", len(self._bolts))
         name = card.needs("SURFACE")
-        face = self._of.face(name, "*PRE-TENSION SECTION")
+        face = self._of.face(name, card)
         bolt: dict[str, Any] = {"face": face}
         if card.lines:  # reversed it presses
             vector = card.floats([0])[:3]
@@ -163,7 +163,7 @@ class Constraints:
                 for row, words in card.rows():
                     if len(words) < 2:
                         raise card.fault("needs a slave and a master surface", row)
-                    slave, master = (self._of.face(word, "*TIE") for word in words[:2])
+                    slave, master = (self._of.face(word, card, row) for word in words[:2])
                     pair = {"face": slave, "against": master, "slave": True} | sector
                     tables.setdefault("cyclic_symmetry" if sector else "tie", []).append(pair)
         if ties:
@@ -185,6 +185,11 @@ class Constraints:
         names = [index for index, rigid in enumerate(self._rigid) if not rigid.get("spread")]
         for key, track in self._held.all:
             kind, number, dof = key
+            if track.begin is not None:
+                raise ValueError(
+                    f"{self._of.deck.path}: *BOUNDARY: degree of freedom {dof} of a reference node is held from time "
+                    f"{track.begin:g} on, but not before: hold it from the first step, or put the support on nodes"
+                )
             if kind == "bolt":
                 self._bolts[number]["shortening"] = track.fixed()[0]
                 continue

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from .cards import Card, key_of
+from .node_surfaces import facets_with_nodes
 from .reading import Reading
 from .steps import Rows
 
@@ -59,6 +61,13 @@ def tied_pairs(of: Reading) -> list[dict[str, Any]]:
 
 
 def _pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
+    """The table of each contact pair, and whether it is tied; read once."""
+    if of.pairs is None:
+        of.pairs = _read_pairs(of)
+    return of.pairs
+
+
+def _read_pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
     interactions = _interactions(of)
     clearances = {
         (card.key("SLAVE"), card.key("MASTER")): card.number(card.needs("VALUE"), 0)
@@ -71,31 +80,40 @@ def _pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
             continue
         interaction = interactions.get(card.key("INTERACTION"), _Interaction())
         if card.key("INTERACTION") not in interactions:
-            raise card.fault(f"there is no *SURFACE INTERACTION {card.get('INTERACTION')!r}")
+            raise card.lacks("*SURFACE INTERACTION", card.get("INTERACTION"), interactions)
         for row, words in card.rows():
             if len(words) < 2:
                 raise card.fault("needs a slave and a master surface", row)
-            slave, master = (_surface(of, word) for word in words[:2])
-            kind = _law(of, interaction, card)
-            if kind == "none":
+            slave, master = (_surface(of, word, card, row) for word in words[:2])
+            laws = [(None, _law(of, interaction.behavior)), *_other_laws(of, card.key("INTERACTION"))]
+            kinds = {kind for _, kind in laws}
+            if "tied" in kinds and len(kinds) > 1:
+                changed = next(one for one, kind in laws if one is not None and kind != laws[0][1])
+                raise changed.fault("a pair that is tied in some steps and not in others is not read")
+            if kinds == {"none"}:
                 of.notes.append(f"{words[0]} and {words[1]}: the contact stiffness is next to nothing: no contact")
                 continue
             table: dict[str, Any] = {
-                "face": of.face(slave, "*CONTACT PAIR"),
-                "against": of.face(master, "*CONTACT PAIR"),
+                "face": of.face(slave, card, row),
+                "against": of.face(master, card, row),
             }
             table |= _friction(of, interaction, card.key("INTERACTION"))
             names = key_of(words[0]), key_of(words[1])
             table |= _adjusted(of, card, clearances.get(names))
-            table |= _taken_out(of, names, table.get("gap", 0.0))
-            found.append((table, kind == "tied"))
+            table |= _taken_out(of, names, table.get("gap", 0.0), laws)
+            found.append((table, kinds == {"tied"}))
     return found
 
 
-def _surface(of: Reading, name: str) -> str:
+def _surface(of: Reading, name: str, card: Card, row: int) -> str:
     """A surface, or in its place a set of nodes or of elements."""
     if key_of(name) not in of.deck.surfaces and name not in of.deck.node_sets:
-        raise ValueError(f"{of.deck.path}: *CONTACT PAIR: there is no *SURFACE {name!r}")
+        raise card.lacks("*SURFACE", name, of.surface_names, row)
+    facets = facets_with_nodes(of.deck, name)
+    if facets is not None:
+        count = len(of.deck.node_sets.members(name))
+        said = "slave node makes" if count == 1 else "slave nodes make"
+        of.notes.append(f"{name}: its {count} {said} no facets: the slave are the {len(facets)} with one of them")
     return name
 
 
@@ -112,9 +130,19 @@ def _interactions(of: Reading) -> dict[str, _Interaction]:
     return found
 
 
-def _law(of: Reading, interaction: _Interaction, pair: Card) -> str:
-    """What the law of a pair is here: "hard", "tied" or "none"."""
-    card = interaction.behavior
+def _other_laws(of: Reading, interaction: str) -> Iterator[tuple[Card, str]]:
+    """What *CHANGE SURFACE BEHAVIOR makes of an interaction: each card with the law from its step on."""
+    for step in of.steps:
+        changing = False
+        for card in step.cards:
+            if card.kind == "CHANGESURFACEBEHAVIOR":
+                changing = card.key("INTERACTION") == interaction
+            elif card.kind == "SURFACEBEHAVIOR" and changing:
+                yield card, _law(of, card)
+
+
+def _law(of: Reading, card: Card | None) -> str:
+    """What a *SURFACE BEHAVIOR is here: "hard", "tied" or "none"."""
     kind = "HARD" if card is None else card.key("PRESSURE-OVERCLOSURE") or "HARD"
     if kind == "HARD" or card is None:
         return "hard"
@@ -215,27 +243,40 @@ def _extent(of: Reading) -> float:
     return float(np.linalg.norm(np.ptp(of.deck.points, axis=0)))
 
 
-def _taken_out(of: Reading, names: tuple[str, str], clearance: float) -> dict[str, Any]:
-    """What *MODEL CHANGE makes of a pair: where it is out, its gap is the size of the model."""
-    rows, out = [(0.0, clearance)], False
-    away = 2.0 * _extent(of)
+def _taken_out(
+    of: Reading, names: tuple[str, str], clearance: float, laws: Sequence[tuple[Card | None, str]]
+) -> dict[str, Any]:
+    """What *MODEL CHANGE, and laws by the cards that give them, make of a pair: where it is out, its gap is the size of
+    the model."""
+    away, out, kinds = 2.0 * _extent(of), laws[0][1] == "none", {id(card): kind for card, kind in laws[1:]}
+    rows = [(0.0, away if out else clearance)]
     for step in of.steps:
         soon = step.begin + 1e-6 * (step.end - step.begin)
         for card in step.cards:
-            if card.kind != "MODELCHANGE":
+            if id(card) in kinds:
+                goes: bool | None = kinds[id(card)] == "none"
+            else:
+                goes = _goes_out(card, names)
+            if goes is None or goes == out:
                 continue
-            for row, words in card.rows():
-                if len(words) < 2:
-                    raise card.fault("needs a slave and a master surface", row)
-                if tuple(map(key_of, words[:2])) != names:
-                    continue
-                if "REMOVE" in card.parameters:
-                    rows = rows + [(step.begin, rows[-1][1]), (soon, away)] if step.begin else [(0.0, away)]
-                    out = True
-                elif out:  # an overlap comes in the course of the step
-                    rows += [(step.begin, away), (soon, max(clearance, 0.0)), (step.end, clearance)]
-                    out = False
+            if goes:
+                rows = rows + [(step.begin, rows[-1][1]), (soon, away)] if step.begin else [(0.0, away)]
+            else:  # an overlap comes in the course of the step
+                rows += [(step.begin, away), (soon, max(clearance, 0.0)), (step.end, clearance)]
+            out = goes
     if len({value for _, value in rows}) == 1:
         return {}
     largest = max((value for _, value in rows), key=abs)
     return {"gap": largest, "gap_amplitude": [[time, value / largest] for time, value in _distinct(tuple(rows))]}
+
+
+def _goes_out(card: Card, names: tuple[str, str]) -> bool | None:
+    """Whether a *MODEL CHANGE takes a pair out, or puts it in; None if it does neither."""
+    if card.kind != "MODELCHANGE" or not card.key("TYPE").startswith("CONTACTPAIR"):
+        return None
+    for row, words in card.rows():
+        if len(words) < 2:
+            raise card.fault("needs a slave and a master surface", row)
+        if tuple(map(key_of, words[:2])) == names:
+            return "REMOVE" in card.parameters
+    return None

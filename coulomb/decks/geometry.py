@@ -71,6 +71,11 @@ class Sets:
     def __contains__(self, name: str) -> bool:
         return key_of(name) in self.all
 
+    @property
+    def names(self) -> list[str]:
+        """Those that the user has given."""
+        return [one.name for one in self.all.values() if not one.hidden]
+
     def listed(self, name: str, within: tuple[str, ...] = ()) -> IntArray:
         """The numbers of a set and of those it contains, in their order, those that are given twice twice."""
         key = key_of(name)
@@ -181,7 +186,7 @@ class Geometry:
     def _part_of(self, card: Card) -> list[Card]:
         name = card.key("PART")
         if name not in self._parts:
-            raise card.fault(f"there is no *PART {card.get('PART')!r}")
+            raise card.lacks("*PART", card.get("PART"), (part for part, _ in self._parts.values()))
         return self._parts[name][1]
 
     def _placed(self, card: Card) -> _Instance:
@@ -229,7 +234,7 @@ class Geometry:
         if not name:
             return of
         if name not in self._instances:
-            raise card.fault(f"there is no *INSTANCE {card.get('INSTANCE')!r}")
+            raise card.lacks("*INSTANCE", card.get("INSTANCE"), (one.name for one in self._instances.values()))
         return self._instances[name]
 
     def _nodes(self, card: Card, of: _Instance) -> None:
@@ -259,7 +264,10 @@ class Geometry:
             width = max(lengths, default=2) - 1
         numbers = card.integers()
         if len(numbers) % (1 + width):
-            raise card.fault(f"damaged: elements of type {kind} must have a number and {width} nodes each")
+            counts = [len(card.integers([row])) for row in range(len(card.lines))]
+            odd = [row for row, count in enumerate(counts) if count != 1 + width and 1 + width in counts]
+            said = f"damaged: elements of type {kind} must have a number and {width} nodes each"
+            raise card.fault(said, odd[0] if odd else None)
         rows = numbers.reshape(-1, 1 + width) + of.first
         self.elements.setdefault(kind, []).append(rows)
         if card.get("ELSET"):

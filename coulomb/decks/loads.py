@@ -94,7 +94,7 @@ class Loads:
                     for row, words in card.rows():
                         if len(words) < 3 or key_of(words[1]) != "P":
                             raise card.fault("needs a surface, P and a pressure", row)
-                        face = self._of.face(words[0], "*DSLOAD")
+                        face = self._of.face(words[0], card, row)
                         names.setdefault(face, face)
                         pressures.give(face, card.number(words[2], row), step, amplitude)
                     continue

@@ -23,7 +23,10 @@ class Reading:
         steps: The steps.
         large: Whether motions are large.
         notes: What a user should know, a sentence each.
+        pairs: The table of each contact pair and whether it is tied; None until they are read.
     """
+
+    pairs: list[tuple[dict[str, Any], bool]] | None = None
 
     def __init__(self, deck: Geometry, model: list[Card], steps: list[Step], large: bool = False):
         self.deck, self.model, self.steps, self.large = deck, model, steps, large
@@ -48,7 +51,7 @@ class Reading:
         if owner and f"{owner}.{name}" in self.deck.element_sets:
             name = f"{owner}.{name}"
         if name not in self.deck.element_sets:
-            raise card.fault(f"there is no element set {name!r}")
+            raise card.lacks("element set", name, self.deck.element_sets.names)
         return self.deck.element_sets.get(name).name
 
     def node_numbers(self, word: str, card: Card, row: int | None) -> IntArray:
@@ -59,7 +62,7 @@ class Reading:
         owner = self.deck.owner.get(id(card))
         name = f"{owner}.{label}" if owner and f"{owner}.{label}" in self.deck.node_sets else label
         if name not in self.deck.node_sets:
-            raise card.fault(f"there is no node set {word!r}", row)
+            raise card.lacks("node set", word, self.deck.node_sets.names, row)
         return self.deck.node_sets.listed(name)
 
     def body_of(self, elements: IntArray, what: str) -> str:
@@ -73,18 +76,23 @@ class Reading:
             )
         return f"{homes[0]}:"
 
-    def face(self, name: str, what: str) -> str:
-        """A surface as a face of the case."""
+    @property
+    def surface_names(self) -> list[str]:
+        """Those of all surfaces."""
+        return [surface.name for surface in self.deck.surfaces.values()]
+
+    def face(self, name: str, card: Card, row: int | None = None) -> str:
+        """A surface that a card names as a face of the case."""
         surface = self.deck.surfaces.get(key_of(name))
         if surface is None:
-            raise ValueError(f"{self.deck.path}: {what}: there is no *SURFACE {name!r}")
+            raise card.lacks("*SURFACE", name, self.surface_names, row)
         if not self.bodies:
             return surface.name
         if surface.nodes:
             elements = self.elements_at(self.deck.node_sets.members(surface.name))
         else:
             elements = np.concatenate([self.elements_of(one) for one, _ in surface.lines])
-        return f"{self.body_of(elements, what)}{surface.name}"
+        return self.body_of(elements, f"*{card.keyword}") + surface.name
 
     def elements_of(self, label: int | str) -> IntArray:
         """Numbers of an element or a set of elements."""
@@ -116,7 +124,7 @@ class Reading:
         if not name:
             return None
         if name not in self.amplitudes:
-            raise card.fault(f"there is no *AMPLITUDE {card.get('AMPLITUDE')!r}")
+            raise card.lacks("*AMPLITUDE", card.get("AMPLITUDE"), self.amplitudes)
         return self.amplitudes[name]
 
     def single(self, rows: list[list[float]]) -> bool:

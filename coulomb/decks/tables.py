@@ -144,10 +144,12 @@ class _Translator:
         return tables
 
     def _kinks(self, tables: dict[str, Any]) -> set[float]:
-        """Times at which an amplitude has an extreme inside a step."""
+        """Times at which an amplitude has an extreme inside a step, and just after contact pairs are taken out or put
+        in: as one step with what follows their forces would do work over the gap that stands for that."""
         last = self.of.steps[-1].end
         found: set[float] = set()
         for table in _all_tables(tables):
+            found.update(time for time, _ in table.get("gap_amplitude", ()) if 0.0 < time < last)
             for key, rows in table.items():
                 if key.endswith("amplitude"):
                     for before, row, after in zip(rows, rows[1:], rows[2:], strict=False):
@@ -192,11 +194,11 @@ class _Translator:
             if card.kind != "SOLIDSECTION":
                 continue
             if card.key("MATERIAL") not in by_name:
-                raise card.fault(f"there is no *MATERIAL {card.get('MATERIAL')!r}")
+                raise card.lacks("*MATERIAL", card.get("MATERIAL"), by_name)
             table = material_of(card.get("MATERIAL"), by_name[card.key("MATERIAL")], temperature)
             if card.key("ORIENTATION"):
                 if card.key("ORIENTATION") not in orientations:
-                    raise card.fault(f"there is no *ORIENTATION {card.get('ORIENTATION')!r}")
+                    raise card.lacks("*ORIENTATION", card.get("ORIENTATION"), orientations)
                 if isinstance(table.get("young"), list):
                     table["directions"] = directions_of(orientations[card.key("ORIENTATION")])
             name = self.of.set_name(card)

@@ -103,6 +103,15 @@ def test_supports_that_begin_and_end(tmp_path):
     (moved,) = found.tables["prescribed_displacement"]
     assert moved["components"] == "x" and moved["value"] == [0.1, 0.0, 0.0]
     assert moved["amplitude"] == [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]]
+    late = "*BOUNDARY, OP=NEW\nbase, 1, 3\ntop, 3, 3, .1"
+    (moved,) = tables_of(tmp_path, steps("*CLOAD\ntop, 3, -1.", late, late)).tables["prescribed_displacement"]
+    assert moved == {"components": "z", "value": [0.0, 0.0, 0.1], "nodes": "top", "begin": 1.0, "reaches": 2.0}
+    held = "*BOUNDARY, FIXED\n16, 3, 3"  # where it is, then from there
+    found = tables_of(tmp_path, steps("*CLOAD\ntop, 3, -1.", held, "*BOUNDARY\n16, 3, 3, .2"))
+    first = next(table for table in found.tables["clamp"] if table["nodes"] == [16])
+    (then,) = found.tables["prescribed_displacement"]
+    assert (first["begin"], first["end"]) == (1.0, 2.0) and "reaches" not in first
+    assert (then["begin"], then["reaches"], then["value"]) == (2.0, 3.0, [0.0, 0.0, 0.2])
 
 
 def test_amplitudes(tmp_path):

@@ -19,6 +19,7 @@ from report_pages import page_without_pictures
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, PrescribedDisplacement, Sphere
 from coulomb.cli import app as cli
+from coulomb.fem.contact.body_boundary import depths_below, in_tetrahedra
 from coulomb.model import load_history, stopping_criterion
 from coulomb.model.load_step import Energy
 from coulomb.model.small_strain import CHORD, GAP_ERROR, GRADIENT, TURN, SmallStrain, known_mode
@@ -285,3 +286,15 @@ def test_imbalance_just_inside_and_just_outside():
     stuck = Energy(prescribed=10.0, elastic=10.0, dissipated=0.0)
     assert not replace(stuck, elastic=10.009).warning() and replace(stuck, elastic=10.02).warning()
     assert replace(stuck, elastic=np.nan).warning()
+
+
+def test_a_place_on_a_surface_is_not_before_it():
+    """A node that slides on a face is outside of the cell by a rounding error, however far it has come."""
+    corners = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]])
+    place = np.array([[[0.3, 0.3, -5e-10]]])
+    point, _, weights, columns = in_tetrahedra(place, corners, np.array([[0, 1, 2, 3]]))
+    was = weights @ corners[0, columns[0]]
+    assert len(point) == 1 and was[0, 2] == 0.0
+    surface = corners[:, [0, 2, 1]]  # outward normal -z
+    hit, depth, _ = depths_below(was, np.array([0.01]), surface, np.array([0]))
+    assert len(hit) == 1 and depth == pytest.approx(0.0, abs=1e-12)

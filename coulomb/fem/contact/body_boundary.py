@@ -245,6 +245,8 @@ def in_tetrahedra(
     inside = np.flatnonzero(start <= end)
     at = 0.5 * (start[inside] + end[inside])
     middle = (1.0 - at)[:, None] * weights[inside, 0] + at[:, None] * weights[inside, -1]
+    middle = np.maximum(middle, 0.0)  # what is outside by a rounding error is on the surface, not before it
+    middle /= middle.sum(axis=1)[:, None]
     return point[inside], at, middle, tetrahedra[which[inside]]
 
 

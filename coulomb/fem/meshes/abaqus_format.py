@@ -17,6 +17,7 @@ import numpy as np
 
 from ...arrays import IntArray
 from ...decks.geometry import CORNERS, SIDES, Geometry, read_geometry
+from ...decks.node_surfaces import facets_with_nodes
 from .mesh_file import MeshFile, solid_nodes
 from .mesh_parts import distinct
 from .one_kind import READ, of_one_kind
@@ -26,7 +27,8 @@ def read(path: str, cells: str | None = None) -> MeshFile:
     """Read a file on this rank.
 
     Sets of solid elements become groups of cells; sets of surface elements (S3, S4, CPS3, SFM3D4, ...) and surfaces
-    groups of facets; node sets and surfaces of nodes groups of nodes.  Loads on sides of elements that belong to no
+    groups of facets; node sets and surfaces of nodes groups of nodes, and of slave nodes that make no facets the facets
+    with one of them that face the master (`decks.node_surfaces`).  Loads on sides of elements that belong to no
     surface (*DLOAD P3 on a set) make a group of facets, as "SET P3".
 
     Args:
@@ -95,6 +97,11 @@ class _Mesh:
             if facets:
                 groups[found.name] = self._joined(facets)
         for surface in deck.surfaces.values():
+            around = facets_with_nodes(deck, surface.name) if surface.nodes else None
+            if around is not None:
+                mine = around[np.all(self._used[around], axis=1)]
+                triangular = mine[:, 2] == mine[:, 3]
+                groups[surface.name] = self._joined([mine[triangular, :3], mine[~triangular]])
             if not surface.nodes:
                 groups[surface.name] = self._joined(
                     [rows for what, side in surface.lines for rows in self._sides(surface.name, what, side)]

@@ -1,0 +1,117 @@
+"""Decks as users write them: nearly right names, damaged lines, slave nodes without facets, laws that change."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import run_coulomb
+from test_deck_tables import CUBES, STEP, steps, tables_of
+
+from coulomb.case.case import read_case
+from coulomb.decks.geometry import Geometry
+from coulomb.decks.node_surfaces import facets_with_nodes
+
+NEARLY = {
+    "base, 1, 3": ("bases, 1, 3", r"line \d+: \*BOUNDARY: there is no node set 'bases'; did you mean 'base'\?"),
+    "ELSET=cubes, MATERIAL": ("ELSET=cube, MATERIAL", r"no element set 'cube'; did you mean 'cubes'\?"),
+    "MATERIAL=steel\n*BOUND": ("MATERIAL=stel\n*BOUND", r"no \*MATERIAL 'stel'; did you mean 'STEEL'\?"),
+    "slave, master": (
+        "slave, mastr",
+        r"line \d+: \*CONTACT PAIR: there is no \*SURFACE 'mastr'; did you mean 'master'",
+    ),
+    "INTERACTION=si,": ("INTERACTION=law,", r"there is no \*SURFACE INTERACTION 'law'; there are 'SI'"),
+    "1, 1, 2, 3, 4, 5, 6, 7, 8": ("1, 1, 2, 3, 4, 5, 6, 7", r"deck.inp: line 20: \*ELEMENT: damaged: elements of type"),
+    "12, 1, 0, 1": ("12, 1, 0, 1o", r"deck.inp: line 12: \*NODE: damaged: '1o' is no number"),
+}
+
+
+@pytest.mark.parametrize("right", NEARLY)
+def test_a_wrong_name_or_line_is_said_with_its_place(right, tmp_path):
+    wrong, said = NEARLY[right]
+    assert right in CUBES
+    with pytest.raises(ValueError, match=said):
+        tables_of(tmp_path, CUBES.replace(right, wrong) + STEP.format("*CLOAD\ntop, 3, -1."))
+
+
+def test_one_text_in_many_ways(tmp_path):
+    """Lower case, tabs, Windows' line ends, Fortran's exponents, comments inside data, an included file."""
+    text = CUBES + STEP.format("*DLOAD\n2, P2, 1.D1")
+    nodes = text[: text.index("*ELEMENT")]
+    (tmp_path / "nodes.txt").write_text(nodes.replace("\n", "\r\n"), newline="")
+    ways = [
+        text,
+        text.lower().replace("\n", "\r\n"),
+        text.replace(", ", ",\t").replace("\n1, 1, 2", "\n** a comment, 1\n\n1, 1, 2"),
+        text.replace("INTERACTION=si, ", "INTERACTION=si,\n "),
+        "*INCLUDE, INPUT=nodes.txt\n" + text[text.index("*ELEMENT") :],
+    ]
+    found = [tables_of(tmp_path, way) for way in ways]
+    assert not any(one.refused for one in found)
+    plain = [str({**one.tables, "output": 0}).lower() for one in found]
+    assert len(set(plain)) == 1
+    (tmp_path / "nodes.txt").write_text(nodes.replace("7, 1, 1, 1", "7, 1, 1, one"))
+    with pytest.raises(ValueError, match=r"nodes.txt: line 9: \*NODE: damaged: 'one' is no number"):
+        tables_of(tmp_path, ways[-1])
+
+
+def test_a_slave_node_without_facets(tmp_path, monkeypatch):
+    """The slave are the facets with it that face the master, and no sides; the deck says so, and presses as a whole."""
+    text = CUBES.replace("*SURFACE, NAME=slave\n2, S1", "*NSET, NSET=one\n12\n*SURFACE, NAME=slave, TYPE=NODE\none")
+    found = tables_of(tmp_path, text + STEP.format("*DLOAD\n2, P2, 10."))
+    assert found.tables["contact"][0]["face"] == "slave"
+    assert any(
+        "slave: its 1 slave node makes no facets: the slave are the 1 with one of them" in n for n in found.notes
+    )
+    deck = Geometry(str(tmp_path / "deck.inp"))
+    facets = facets_with_nodes(deck, "SLAVE")
+    assert [sorted(deck.tags[one]) for one in facets] == [[11, 12, 13, 14]]
+    monkeypatch.chdir(tmp_path)
+    done = run_coulomb("run", "deck.inp", "--quiet", "--set", "output.picture=false")
+    assert done.returncode == 0, done.stderr
+    solution = read_case(tmp_path / "deck.inp").problem().solve()
+    assert solution.at_nodes.totals()["normal_force"] == pytest.approx(10.0)
+
+
+def test_slave_nodes_with_facets_are_these(tmp_path):
+    text = CUBES.replace("*SURFACE, NAME=slave\n2, S1", "*SURFACE, NAME=slave, TYPE=NODE\n11\n12\n13\n14")
+    tables_of(tmp_path, text + STEP.format("*DLOAD\n2, P2, 10."))
+    assert facets_with_nodes(Geometry(str(tmp_path / "deck.inp")), "slave") is None
+
+
+def test_a_law_that_changes(tmp_path):
+    """From hard to hard with another penalty nothing changes; a tie that opens is refused with the line."""
+    change = "*CHANGE SURFACE BEHAVIOR, INTERACTION=si\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE={}\n{}\n"
+    hard = tables_of(tmp_path, steps("*DLOAD\n2, P2, 10.", change.format("LINEAR", "1.E9")))
+    assert hard.tables["contact"] == [{"face": "slave", "against": "master", "friction": 0.2}]
+    out = tables_of(tmp_path, steps("*DLOAD\n2, P2, 10.", change.format("LINEAR", "1.E-20")))
+    (pair,) = out.tables["contact"]
+    assert pair["gap_amplitude"][0] == [0.0, 0.0] and pair["gap_amplitude"][-1][1] == 1.0
+    with pytest.raises(ValueError, match=r"\*SURFACE BEHAVIOR: a pair that is tied in some steps and not in others"):
+        tables_of(tmp_path, steps("*DLOAD\n2, P2, 10.", change.format("TIED", "1.E9")))
+
+
+def test_a_pair_that_is_put_in_has_a_step_of_its_own(tmp_path):
+    """The forces of the rest do no work over the gap that stands for a pair that is out."""
+    text = CUBES + "*CLEARANCE, SLAVE=slave, MASTER=master, VALUE=-.001\n"
+    change = "*MODEL CHANGE, TYPE=CONTACT PAIR, {}\nslave, master"
+    found = tables_of(tmp_path, text + STEP.format(change.format("REMOVE")) + STEP.format(change.format("ADD")))
+    assert found.tables["history"]["times"] == pytest.approx([1.0, 1.000001, 2.0], rel=1e-9)
+
+
+def test_supports_of_later_steps(tmp_path, monkeypatch):
+    """Pressed; the top is let go and the edge of the foot pushed from where it is to 0.1, and back: friction is F N."""
+    monkeypatch.chdir(tmp_path)
+    text = CUBES + "*NSET, NSET=foot, GENERATE\n11, 14\n"
+    text += STEP.format("*DLOAD\n2, P2, 10.")
+    text += STEP.format("*BOUNDARY, OP=NEW\nbase, 1, 3\nfoot, 2, 2, .01\nfoot, 1, 1, 0.")
+    text += STEP.format("*BOUNDARY, OP=NEW\nbase, 1, 3\nfoot, 2, 2, -.01\nfoot, 1, 1, 0.")
+    Path("deck.inp").write_text(text)
+    found = tables_of(tmp_path, text)
+    (moved,) = found.tables["prescribed_displacement"]
+    assert (moved["begin"], moved["reaches"]) == (1.0, 2.0) and "end" not in moved
+    assert moved["amplitude"] == [[1.0, 1.0], [2.0, 1.0], [3.0, -1.0]]
+    case = read_case("deck.inp")
+    steps_taken = list(case.load_history().steps(case.problem()))
+    forces = [step.solution.at_nodes.totals()["force"] for step in steps_taken]
+    assert all(step.solution.certificate.passed for step in steps_taken)
+    assert np.array(forces)[:, 1] == pytest.approx([0.0, -2.0, 2.0], rel=1e-5, abs=1e-6)
