@@ -110,6 +110,72 @@ def test_cells_of_one_kind_and_their_sets(tmp_path):
     assert np.allclose(alone.points[alone.node_groups["end"]][:, 0], 0.0)
 
 
+GMSH = {
+    8: ((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7)),
+    6: ((0, 1), (0, 2), (0, 3), (1, 2), (1, 4), (2, 5), (3, 4), (3, 5), (4, 5)),
+    5: ((0, 1), (0, 3), (0, 4), (1, 2), (1, 4), (2, 3), (2, 4), (3, 4)),
+}
+"""Edges of hexahedra, prisms and pyramids in gmsh's order of nodes between corners (its manual, "Node ordering")."""
+
+TYPES = {20: 17, 15: 18, 13: 19, 8: 5, 6: 6, 5: 7}
+
+
+def msh_of(deck):
+    """The mixed deck as MSH 2.2: cells in the group 1, of the hexahedron 2 as well; facets "left" (7) and "bottom"."""
+    elements, number = [], 0
+    for width, rows in deck.solids.items():
+        corners = {20: 8, 15: 6, 13: 5}.get(width, width)
+        for row in rows[:, 1:].tolist():
+            between = dict(zip(_EDGES[corners], row[corners:], strict=False))
+            between |= {edge[::-1]: node for edge, node in between.items()}
+            nodes = row[:corners] + ([between[edge] for edge in GMSH[corners]] if width > corners else [])
+            for group in (1, 2) if corners == 8 else (1,):
+                number += 1
+                elements.append([number, TYPES[width], 2, group, group, *nodes])
+    for row in [1, 2, 4, 3], [1, 5, 7, 3], [13, 9, 11, 15]:  # x = 0, and the bottoms of both hexahedral cubes
+        elements.append([number := number + 1, 3, 2, *((7, 7) if row[1] == 2 else (8, 8)), *row])
+    for row in [5, 9, 7], [9, 11, 7]:
+        elements.append([number := number + 1, 2, 2, 8, 8, *row])
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "4", '2 7 "left"', '2 8 "bottom"']
+    lines += ['3 1 "all"', '3 2 "hexahedron"', "$EndPhysicalNames", "$Nodes", str(len(deck.tags))]
+    lines += [f"{tag} {x} {y} {z}" for tag, (x, y, z) in zip(deck.tags, deck.points.tolist(), strict=True)]
+    lines += ["$EndNodes", "$Elements", str(len(elements)), *(" ".join(map(str, row)) for row in elements)]
+    return "\n".join([*lines, "$EndElements", ""])
+
+
+@pytest.mark.parametrize("second", [False, True], ids=["first order", "second order"])
+def test_mixed_meshes_of_gmsh(second, tmp_path):
+    """As those of decks: the same volume, faces and groups, in gmsh's order of nodes."""
+    deck = Geometry(written(tmp_path, mixed_deck(second)))
+    read = coulomb.read_mesh(written(tmp_path, msh_of(deck), "part.msh"))
+    same = coulomb.read_mesh(str(tmp_path / "part.inp"))
+    assert (
+        read.degree == 1 + second
+        and len(read.cells["hexahedron"]) == len(same.cells["C3D20" if second else "C3D8"]) > 1
+    )
+    assert np.allclose(np.sort(read.domain.geometry.x, axis=0), np.sort(same.domain.geometry.x, axis=0))
+    body = Elasticity(read, STEEL, [Clamp("left")])
+    one = body.volume_load(np.tile([1.0, 0.0, 0.0], (len(body.x), 1)))
+    assert one[:, 0].sum() == pytest.approx(3.0, rel=1e-12)
+    for face, area in (("left", 1.0), ("bottom", 3.0)):
+        assert body.area_of(read.facets(face, "test")).sum() == pytest.approx(area, rel=1e-12)
+
+
+def test_mixed_meshes_of_vtk(tmp_path):
+    """By meshio, with whole numbers on cells as groups: two prisms beside a hexahedron."""
+    meshio = pytest.importorskip("meshio")
+    cells = [("hexahedron", np.array([HEXAHEDRON]) - 1), ("wedge", np.array(WEDGES) - 1)]
+    cells.append(("quad", np.array([[1, 2, 4, 3]]) - 1))
+    path = tmp_path / "part.vtu"
+    meshio.vtu.write(path, meshio.Mesh(POINTS[:12], cells, cell_data={"part": [[4], [5, 5], [6]]}))
+    read = coulomb.read_mesh(path, names={"left": 6}, cell_names={"prisms": 5})
+    body = Elasticity(read, STEEL, [Clamp("left")])
+    one = body.volume_load(np.tile([1.0, 0.0, 0.0], (len(body.x), 1)))
+    assert one[:, 0].sum() == pytest.approx(2.0, rel=1e-12)
+    assert body.area_of(read.facets("left", "test")).sum() == pytest.approx(1.0, rel=1e-12)
+    assert len(read.cells["prisms"]) == 6
+
+
 def _left_nodes(text):
     """A set of all nodes at x = 0."""
     rows = [line.split(",") for line in text.split("*Element")[0].splitlines()[1:]]

@@ -14,6 +14,7 @@ from ...arrays import FloatArray, IntArray
 from ...regular_file import read_bytes
 from .lagrange import CORNERS, in_vtk_order
 from .mesh_file import MeshFile, refuse_cells
+from .one_kind import of_one_kind
 
 NODES = {
     **{1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 13: 18, 14: 14, 15: 1, 16: 8},
@@ -22,8 +23,18 @@ NODES = {
 }
 """Nodes of an element, by gmsh's number of its type."""
 
-_FACES = {4: (2, 9), 5: (3, 10), 11: (9, 2), 12: (10, 3)}
-"""Types of the triangles and quadrilaterals on tetrahedra and hexahedra of first and second order, usual ones first."""
+_READ = (4, 5, 6, 7, 11, 12, 17, 18, 19)
+"""Types of cells that are read: tetrahedra, hexahedra, prisms and pyramids, of first and second order."""
+
+_IN_VTK = {
+    17: (*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15),
+    18: (*range(6), 6, 9, 7, 12, 14, 13, 8, 10, 11),
+    19: (*range(5), 5, 8, 10, 6, 7, 9, 11, 12),
+}
+"""Nodes of 20-node hexahedra, 15-node prisms and 13-node pyramids in VTK's order."""
+
+_FACES = {3: (2, 9), 4: (3, 10, 16)}
+"""Types of facets by their corners."""
 
 _NAMES = {
     **{4: "tetrahedra", 5: "hexahedra", 6: "prisms", 7: "pyramids"},
@@ -49,7 +60,7 @@ def read(path: str) -> MeshFile:
         raise ValueError(f"{path}: is of MSH version {stream.version}; save it as 4.1 or 2.2 (gmsh -format msh41)")
     names = stream.physical_names()
     tags, points, elements = _read_22(stream) if stream.version == "2.2" else _read_41(stream)
-    cell = _cell_type(path, elements)
+    types = _cell_types(path, elements)
 
     order = np.argsort(tags)
 
@@ -59,18 +70,38 @@ def read(path: str) -> MeshFile:
             raise ValueError(f"{path}: an element has a node that the file does not define; is it whole?")
         return order[place]
 
-    cells, cell_groups = _join(elements[cell], NODES[cell], names, 3)
-    corners = 3 if CORNERS[NODES[cell]] == 4 else 4
-    of_faces = [(groups, rows[:, :corners]) for kind in _FACES[cell] for groups, rows in elements.get(kind, [])]
-    faces, members = _join(of_faces, corners, names, 2)
-    face_groups = {name: numbers(faces[rows]) for name, rows in members.items()}
+    blocks, of_cells, count = dict[int, IntArray](), dict[str, list[IntArray]](), 0
+    for kind in types:
+        cells, members = _join(elements[kind], NODES[kind], names, 3)
+        rows = numbers(cells)
+        blocks[NODES[kind]] = rows[:, list(_IN_VTK[kind])] if kind in _IN_VTK else _in_vtk_order(rows)
+        for name, mine in members.items():
+            of_cells.setdefault(name, []).append(count + mine)
+        count += len(cells)
+    found = of_one_kind(path, points, blocks)
+    corners = 3 if CORNERS[found.cells.shape[1]] == 4 else 4
+    of_faces: dict[str, list[IntArray]] = {}
+    for width in _FACES if found.split else (corners,):
+        given = [(groups, rows[:, :width]) for kind in _FACES[width] for groups, rows in elements.get(kind, [])]
+        faces, members = _join(given, width, names, 2)
+        for name, mine in members.items():
+            of_faces.setdefault(name, []).append(found.facets(numbers(faces[mine])))
     for (dimension, _), name in names.items():  # groups of nothing, or of elements no cell has a side like
         if dimension == 2:
-            face_groups.setdefault(name, np.empty((0, corners), dtype=np.int64))
-    return MeshFile(path, points, in_vtk_order(numbers(cells), "gmsh"), cell_groups, face_groups, numbers=tags)
+            of_faces.setdefault(name, [np.empty((0, corners), dtype=np.int64)])
+    groups = (
+        {name: np.flatnonzero(np.isin(found.source, np.concatenate(parts))) for name, parts in of_cells.items()},
+        {name: np.vstack(parts) for name, parts in of_faces.items()},
+    )
+    tags = np.concatenate([tags, np.zeros(len(found.points) - len(tags), dtype=np.int64)])
+    return MeshFile(path, found.points, found.cells, *groups, numbers=tags)
 
 
-def _cell_type(path: str, elements: _Elements) -> int:
+def _in_vtk_order(cells: IntArray) -> IntArray:
+    return in_vtk_order(cells, "gmsh") if cells.shape[1] in CORNERS else cells
+
+
+def _cell_types(path: str, elements: _Elements) -> list[int]:
     present = sorted(kind for kind in elements if kind in _NAMES)
     if not present:
         flat = ", ".join(f"{sum(len(n) for _, n in elements[k])} {_FLAT[k]}" for k in elements if k in _FLAT)
@@ -78,8 +109,9 @@ def _cell_type(path: str, elements: _Elements) -> int:
             f"{path}: has no cells in 3D{f' (it has {flat})' if flat else ''}; mesh the volume (gmsh -3), and where "
             "there are physical groups, put the volume in one too: gmsh saves nothing else"
         )
-    refuse_cells(path, {_NAMES[kind]: NODES[kind] for kind in present})
-    return present[0]
+    if set(present) - set(_READ):
+        refuse_cells(path, {_NAMES[kind]: NODES[kind] for kind in present})
+    return present
 
 
 def _join(

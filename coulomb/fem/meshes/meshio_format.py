@@ -24,19 +24,22 @@ from ...arrays import IntArray
 from ...regular_file import read_bytes
 from .lagrange import CORNERS
 from .mesh_file import MeshFile, members_by_name, only_set, solid_nodes
+from .one_kind import of_one_kind
 
 _MODULES = {".vtu": "vtu", ".vtk": "vtk", ".bdf": "nastran", ".nas": "nastran", ".mesh": "medit"}
 """meshio's name of the format, by the end of the file's name."""
 
 _SOLIDS = {
-    4: {"tetra": 4, "tetra10": 10, "VTK_LAGRANGE_TETRAHEDRON": 10},
-    8: {"hexahedron": 8, "hexahedron27": 27, "VTK_LAGRANGE_HEXAHEDRON": 27},
+    **{"tetra": 4, "tetra10": 10, "VTK_LAGRANGE_TETRAHEDRON": 10, "wedge": 6, "wedge15": 15, "pyramid": 5},
+    **{"pyramid13": 13, "hexahedron": 8, "hexahedron20": 20, "hexahedron27": 27, "VTK_LAGRANGE_HEXAHEDRON": 27},
 }
+"""meshio's types of cells, with their numbers of nodes."""
+
 _FACES = {
     4: ({"triangle": 3, "triangle6": 6, "VTK_LAGRANGE_TRIANGLE": 6}, 3),
     8: ({"quad": 4, "quad8": 8, "quad9": 9, "VTK_LAGRANGE_QUADRILATERAL": 9}, 4),
 }
-"""meshio's types of cells and of facets on them, by the number of the cells' corners, with their numbers of nodes."""
+"""Its types of facets by the number of corners of cells, with their numbers of nodes and of their own corners."""
 
 _OWN_NUMBERS = re.compile(
     r"(?i)(vtk|global|pedigree|original).*|.*\bghost.*"
@@ -61,16 +64,33 @@ def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> 
             solids[block.data.shape[1]] = solids.get(block.data.shape[1], 0) + len(block.data)
         elif block.type.startswith(("tri", "quad", "polygon")):
             flat += len(block.data)
-    width = solid_nodes(path, solids, flat)
+    read = set(solids) <= set(_SOLIDS.values()) and bool(solids)
+    widths = sorted(solids) if read else [solid_nodes(path, solids, flat)]
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"{path}: has points in {points.shape[-1]}D, but a body in 3D is needed")
-    cells, cell_numbers = _blocks(mesh, _SOLIDS[CORNERS[width]], width)
-    facets, facet_numbers = _blocks(mesh, *_FACES[CORNERS[width]])
-    cell_groups = _groups(path, cell_numbers, cell_names, "cell_names")
-    face_groups = {name: facets[rows] for name, rows in _groups(path, facet_numbers, names, "names").items()}
+    given = [_blocks(mesh, {kind: n for kind, n in _SOLIDS.items() if n == width}, width) for width in widths]
+    found = of_one_kind(path, points, {width: rows for width, (rows, _) in zip(widths, given, strict=True)})
+    shared = set.intersection(*(set(sets) for _, sets in given))
+    cell_numbers = {name: np.concatenate([sets[name] for _, sets in given]) for name in given[0][1] if name in shared}
+    cell_groups = {
+        name: np.flatnonzero(np.isin(found.source, rows))
+        for name, rows in _groups(path, cell_numbers, cell_names, "cell_names").items()
+    }
+    of_faces: dict[str, list[IntArray]] = {}
+    for shape in _FACES if found.split else (CORNERS[found.cells.shape[1]],):
+        facets, sets = _blocks(mesh, *_FACES[shape])
+        here = np.concatenate([np.empty(0, dtype=np.int64), *sets.values()])
+        mine = {name: number for name, number in names.items() if number in here} if found.split else names
+        for name, rows in _groups(path, sets, mine, "names").items():
+            of_faces.setdefault(name, []).append(found.facets(facets[rows]))
+    if lost := names.keys() - of_faces.keys():
+        raise ValueError(f"{path}: names has {min(lost)!r} = {names[min(lost)]}, but no facet has this number")
+    face_groups = {name: np.vstack(parts) for name, parts in of_faces.items()}
     numbers = _grid_numbers(data, len(points)) if Path(path).suffix.lower() in (".bdf", ".nas") else None
-    return MeshFile(path, points, cells, cell_groups, face_groups, numbers=numbers)
+    if numbers is not None:
+        numbers = np.concatenate([numbers, np.zeros(len(found.points) - len(numbers), dtype=np.int64)])
+    return MeshFile(path, found.points, found.cells, cell_groups, face_groups, numbers=numbers)
 
 
 def by_meshio(path: str, data: bytes, form: str) -> Any:

@@ -145,12 +145,8 @@ NODES = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 
             "1 of 1 cells .* has nodes between its corners that its neighbours do not share",
         ),
         (
-            NODES + "$Elements\n2\n1 4 2 1 1 1 2 3 4\n2 5 2 1 1 1 2 3 4 1 2 3 4\n$EndElements\n",
-            "has tetrahedra and hexahedra, but coulomb .*: mesh the body with tetrahedra alone or hexahedra alone",
-        ),
-        (
-            NODES + "$Elements\n1\n1 6 2 1 1 1 2 3 4 1 2\n$EndElements\n",
-            "has prisms, but coulomb .*: mesh the body with tetrahedra alone or hexahedra alone",
+            NODES + "$Elements\n1\n1 13 2 1 1 1 2 3 4 1 2 3 4 1 2 3 4 1 2 3 4 1 2\n$EndElements\n",
+            "has 18-node prisms, but coulomb .*: mesh the body with tetrahedra alone or hexahedra alone",
         ),
     ],
 )

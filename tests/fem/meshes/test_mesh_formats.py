@@ -183,8 +183,8 @@ def test_abaqus_files_that_include_others(tmp_path):
         ),
         (TWO[:-3], r"\*ELEMENT: damaged: elements of type C3D8R must have a number and 8 nodes each"),
         (TWO.replace("12, 8", "12, 88"), "a node that the file does not define"),
-        (TWO.replace("12, 8", "12, x"), r"line 16: \*ELEMENT: damaged: ' x' is no number"),
-        (TWO.replace("12, 8", "12, 8.5"), r"line 16: \*ELEMENT: damaged: ' 8.5' should be a whole number"),
+        (TWO.replace("12, 8", "12, x"), r"line 16: \*ELEMENT: damaged: 'x' is no number"),
+        (TWO.replace("12, 8", "12, 8.5"), r"line 16: \*ELEMENT: damaged: '8.5' should be a whole number"),
         (TWO.replace("2, 5, 9", "1, 5, 9"), "has two elements of the same number"),
         (NODES + TWO, "has two nodes of the same number"),
         (TWO + "*ELSET, ELSET=a\nb\n*ELSET, ELSET=b\na\n", "the element set 'a' contains itself"),
@@ -314,8 +314,7 @@ def test_second_order_and_mixed_cells_by_meshio(tmp_path):
 
     x = np.random.default_rng(1).random((20, 3))
     for kind, nodes, message in (
-        ("hexahedron20", 20, "has 20-node hexahedra, but coulomb .*SecondOrderIncomplete = 0"),
-        ("wedge", 6, "has prisms, but coulomb .*: mesh the body with tetrahedra alone or hexahedra alone"),
+        ("wedge18", 18, "has 18-node prisms, but coulomb .*: mesh the body with tetrahedra alone or hexahedra alone"),
     ):
         meshio.vtu.write(tmp_path / "a.vtu", meshio.Mesh(x, [(kind, np.arange(nodes)[None, :])]))
         with pytest.raises(ValueError, match=f"a.vtu: {message}"):
