@@ -16,15 +16,27 @@ def as_list(values: npt.NDArray[Any]) -> list[Any]:
     return cast(list[Any], values.tolist())
 
 
+def is_of_ufl(value: object) -> bool:
+    """Whether a value is an expression of UFL, or an object of DOLFINx that stands for one."""
+    return hasattr(value, "ufl_shape") or hasattr(value, "ufl_expression")
+
+
 def is_number(value: object, least: float = 0.0) -> bool:
-    """Whether a value is one finite number, not smaller than `least`; a text is none."""
-    if isinstance(value, str | bytes) or np.ndim(cast(npt.ArrayLike, value)) != 0:
+    """Whether a value is one finite number, not smaller than `least`; a text is none, nor is
+    a constant of UFL, of which float() calls itself for ever."""
+    if isinstance(value, str | bytes) or is_of_ufl(value) or np.ndim(cast(npt.ArrayLike, value)) != 0:
         return False
     try:
         number = float(cast(float, value))
     except (TypeError, ValueError):
         return False
     return bool(np.isfinite(number)) and number >= least
+
+
+def short(value: object) -> str:
+    """What a value is, in words that are the same on all ranks."""
+    text = repr(value)
+    return text if len(text) <= 60 and " at 0x" not in text else f"a {type(value).__name__}"
 
 
 def side_by_side(*columns: FloatArray) -> FloatArray:

@@ -35,9 +35,9 @@ finally:
     sys.setdlopenflags = _setdlopenflags
 import basix
 import ufl
-from dolfinx import cpp, fem, io, mesh
+from dolfinx import cpp, fem, geometry, io, mesh
 
-__all__ = ["basix", "cpp", "fem", "io", "mesh", "ufl"]
+__all__ = ["basix", "cpp", "fem", "geometry", "io", "mesh", "ufl"]
 
 VERSION: str = dolfinx.__version__
 NUMBERS = tuple(int(part) for part in VERSION.split(".")[:2])

@@ -17,6 +17,7 @@ from ..fem.bodies import (
     by_group,
     range_of,
 )
+from ..fem.geometry import of_place
 from ..linalg.reductions import Reductions
 from ..model.certificate import Certificate
 from ..model.equilibrium import undetermined
@@ -177,7 +178,7 @@ def _material_entry(cells: str | None, material: AnyMaterial) -> dict[str, Any]:
     """A material in summary.json; what it does not have is left out."""
     entry: dict[str, Any] = {"cells": cells, "young": material.young, "poisson": material.poisson}
     if isinstance(material, OrthotropicMaterial):
-        directions = ["function of place" if callable(given) else given for given in material.directions]
+        directions = ["function of place" if of_place(given) else given for given in material.directions]
         entry |= {"shear": material.shear, "directions": directions}
     given = {"density": material.density, "expansion": material.expansion}
     given |= {"conductivity": material.conductivity}

@@ -9,11 +9,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..arrays import is_number
+from ..arrays import is_number, short
 from ..fem.bodies import Deformable, nonlinear, vanishes
 from ..fem.contact import Tied
 from ..fem.geometry import same_on_all_ranks
-from ..fem.meshes import JoinedMesh, NamedMesh
+from ..fem.meshes import JoinedMesh, NamedMesh, is_mesh_data
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
 from ..solvers.friction_problem import Solver
 from .contact import Contact
@@ -39,10 +39,13 @@ def refuse_wrong(given: Mapping[str, object]) -> None:
         if isinstance(mesh, str | Path):
             advice = f"coulomb.read_mesh({str(mesh)!r}) reads a file"
         elif hasattr(mesh, "topology"):
-            advice = "NamedMesh(mesh, faces) gives the faces of a DOLFINx mesh names"
+            advice = (
+                "coulomb.NamedMesh(mesh, facet_tags) makes faces '1', '2' of MeshTags, and coulomb.NamedMesh(mesh, "
+                "{'sole': (facet_tags, 1), 'top': lambda x: np.isclose(x[2], 1)}) faces with names"
+            )
         else:
             advice = "coulomb.box and coulomb.read_mesh make meshes, coulomb.join several bodies"
-        raise ValueError(f"mesh must be a mesh with named faces, or a Body, but is {_short(mesh)}; {advice}")
+        raise ValueError(f"mesh must be a mesh with named faces, or a Body, but is {short(mesh)}; {advice}")
     same_on_all_ranks({name: value for name, value in given.items() if name != "mesh"}, mesh.comm)
     if not is_number(given["time"], -np.inf):
         raise ValueError(f"time must be a finite number, but is {given['time']!r}")
@@ -55,13 +58,12 @@ def refuse_wrong(given: Mapping[str, object]) -> None:
     if not isinstance(explicit, bool | np.bool_ | None):
         raise ValueError(f"explicit must be True, False, or None for the choice by size, but is {explicit!r}")
     if not isinstance(probes, Sequence) or not all(isinstance(one, Probe) for one in probes):
-        raise ValueError(f"probes must be a list of Probe, but is {_short(probes)}")
+        raise ValueError(f"probes must be a list of Probe, but is {short(probes)}")
 
 
-def _short(value: object) -> str:
-    """What it is, in words that are the same on all ranks."""
-    text = repr(value)
-    return text if len(text) <= 60 and " at 0x" not in text else f"a {type(value).__name__}"
+def named(given: Any) -> Any:
+    """A mesh with names for MeshData of DOLFINx; all else as it is; collective."""
+    return NamedMesh(given) if is_mesh_data(given) else given
 
 
 def certifying(solver: Solver | None) -> Solver | None:
@@ -104,7 +106,7 @@ def contacts_given(arguments: Mapping[str, Any]) -> tuple[Contact, ...]:
         raise ValueError("give ContactProblem(mesh, material, clamps, contact), or ContactProblem(body, contact)")
     contacts = (given,) if isinstance(given, Contact) else tuple(given) if isinstance(given, Sequence) else ()
     if not contacts or not all(isinstance(contact, Contact) for contact in contacts):
-        raise ValueError(f"contact must be a Contact, or several, but is {given!r}")
+        raise ValueError(f"contact must be a Contact, or several, but is {short(given)}")
     return contacts_of_large_motions(arguments, contacts) if arguments["kinematics"] == "large" else contacts
 
 

@@ -30,6 +30,7 @@ from ..fem.geometry import (
     evaluate_amplitude,
     evaluate_numbers,
     evaluate_signed_numbers,
+    of_place,
     on_all_ranks,
     rigid_motion,
     supported_frames,
@@ -79,9 +80,9 @@ class SlipRateFriction:
 
     def __post_init__(self) -> None:
         for name, value in (("static", self.static), ("kinetic", self.kinetic)):
-            if not callable(value) and not is_number(value):
+            if not of_place(value) and not is_number(value):
                 raise ValueError(f"friction: {name} must be a number >= 0, but is {value}")
-        if not callable(self.decay_speed) and not (is_number(self.decay_speed) and self.decay_speed > 0.0):
+        if not of_place(self.decay_speed) and not (is_number(self.decay_speed) and self.decay_speed != 0.0):
             raise ValueError(f"friction: decay_speed must be a number > 0 (m/s), but is {self.decay_speed}")
 
     def coefficient(self, x: FloatArray, time: float, slip_rate: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
@@ -321,22 +322,22 @@ class Contact:
             ("cohesion", self.cohesion),
         ):
             for value in given if isinstance(given, Sequence) else (given,) if given is not None else ():
-                allowed = callable(value) or is_number(value)
+                allowed = of_place(value) or is_number(value)
                 if not (allowed or (name == "friction" and isinstance(value, variable))):
                     raise ValueError(f"contact: {name} must be a number >= 0, but is {value}")
         if self.friction_limit is not None and self.friction is None:
             raise ValueError("contact: friction_limit goes with friction; slip_stress is a limit itself")
-        if not (self.friction_limit is None or callable(self.friction_limit)) and not (
-            is_number(self.friction_limit) and self.friction_limit > 0.0
+        if not (self.friction_limit is None or of_place(self.friction_limit)) and not (
+            is_number(self.friction_limit) and self.friction_limit != 0.0
         ):
             raise ValueError(f"contact: friction_limit must be a number of pascals > 0, but is {self.friction_limit!r}")
-        if not (callable(self.gap) or is_number(self.gap, -np.inf)):
+        if not (of_place(self.gap) or is_number(self.gap, -np.inf)):
             raise ValueError(
                 "contact: gap must be a number of metres or a function of place, negative for an interference, "
                 f"but is {self.gap!r}"
             )
         unscaled = is_number(self.gap_amplitude, -np.inf) and self.gap_amplitude == 1.0
-        if not (unscaled or callable(self.gap) or self.gap):
+        if not (unscaled or of_place(self.gap) or self.gap):
             raise ValueError("contact: gap_amplitude is a factor of gap, which is not given")
 
     def exchanged(self) -> Contact:

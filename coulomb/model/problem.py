@@ -35,7 +35,7 @@ from ..linalg.compliance import LinearSolver
 from ..solvers.friction_problem import Solver, contact_solver
 from ..solvers.results import ProgressCallback, SolverResult
 from . import notebook
-from .arguments import certifying, contacts_given, linear_solver_of, refuse_wrong
+from .arguments import certifying, contacts_given, linear_solver_of, named, refuse_wrong
 from .contact import Contact, on_named_surfaces
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem, StatePoints
@@ -100,8 +100,9 @@ class ContactProblem(DiscreteProblem):
     u = K^-1 (f - B^T x) with the contact forces x, which obey |x_t| <= c a + F x_n (`solvers/laws.py`).
 
     Args:
-        mesh: The body: a mesh, with material, loads and supports as below; or a `Body` of the user's forms, which has
-            its own: `ContactProblem(body, contact)`.  Several bodies: what `join` makes of their meshes, or of `Body`s.
+        mesh: The body: a mesh (`NamedMesh`, or the MeshData of dolfinx.io.gmsh), with material, loads and supports as
+            below; or a `Body` of the user's forms, which has its own: `ContactProblem(body, contact)`.  Several bodies:
+            what `join` makes of their meshes, or of `Body`s.
         material: Its material, or a mapping of cell groups to theirs; of several bodies one for all, or a mapping of
             bodies or groups ("lower:steel") to theirs.  After a `Body`: the contact.
         clamps: Prescribed displacements (`Clamp`, `PrescribedDisplacement`); rigid motions that they and the
@@ -191,6 +192,7 @@ class ContactProblem(DiscreteProblem):
         ties: Sequence[Tied] = (),
         rigid_faces: Sequence[RigidFace] = (),
     ):
+        mesh = named(mesh)
         given = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
         refuse_wrong(given)
         mode, started = known_mode(small_strain), now()

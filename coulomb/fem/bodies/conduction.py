@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray, is_number
 from .. import compat
 from ..compat import fem, ufl
-from ..geometry import Amplitude, Coefficient, evaluate_amplitude, evaluate_signed_numbers, on_all_ranks
+from ..geometry import Amplitude, Coefficient, evaluate_amplitude, evaluate_signed_numbers, of_place, on_all_ranks
 from .body import cell_measure
 from .constraints import distributed_rows, local_rows
 from .deformable import Deformable, Member
@@ -73,7 +73,7 @@ class HeatLoad:
             raise ValueError(f"heat: film must be a positive number of W/(m^2 K), but is {self.film!r}")
         for name in ("temperature", "flux", "ambient", "source"):
             value = getattr(self, name)
-            if not (value is None or callable(value) or is_number(value, -np.inf)):
+            if not (value is None or of_place(value) or is_number(value, -np.inf)):
                 raise ValueError(f"heat: {name} must be a finite number or a function of place, but is {value!r}")
 
     @property

@@ -146,8 +146,9 @@ class Body(SingleBody):
         a: The bilinear form, of UFL or compiled by `fem.form`.
         L: The linear form; None for no load.
         bcs: `dirichletbc` of DOLFINx on the space of a or its components; where they meet, the later one applies.
-        faces: Facets by name: {"sole": facets}, with numbers of this rank or (MeshTags, value); or MeshTags, whose
-            values become names such as "3"; or a NamedMesh of the same mesh.
+        faces: Facets by name: {"sole": facets}, with numbers of this rank, or (MeshTags, value), or a function of x,
+            shape (3, k), that is True on the face; or MeshTags, whose values become names such as "3"; or the MeshData
+            of dolfinx.io.gmsh, with the names of its physical groups; or a NamedMesh of the same mesh.
         update: Called with the time before anything is evaluated at that time, also for earlier times again; it sets
             coefficients, constants and boundary values, which must depend on the time alone.
         space: The function space of compiled forms, for results in the user's own space.

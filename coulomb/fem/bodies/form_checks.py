@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from functools import partial
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
-from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray, in_words
+from ...arrays import FloatArray, in_words, short
 from .. import compat
 from ..compat import mesh, ufl
-from ..geometry import on_all_ranks
-from ..meshes import NamedMesh, boundary_facets
+from ..meshes import NamedMesh, faces_of
 
 SYMMETRIC: Final = 1e-10
 """Largest difference of a(u, v) and a(v, u), relative to their size."""
@@ -33,7 +29,7 @@ def space_of_forms(a: Any, L: Any, space: Any) -> Any:
     spaces = [*_spaces(a, "a"), *([] if L is None else _spaces(L, "L"))]
     python = [one for one in spaces if isinstance(one, ufl.FunctionSpace)]
     if space is not None and not isinstance(space, ufl.FunctionSpace):
-        raise ValueError(f"Body: space must be a function space of DOLFINx, but is {space!r}")
+        raise ValueError(f"Body: space must be a function space of DOLFINx, but is {short(space)}")
     chosen = space if space is not None else python[0] if python else None
     for one in spaces:
         if compat.cpp_of(one) is not compat.cpp_of(spaces[0]):
@@ -49,27 +45,38 @@ def space_of_forms(a: Any, L: Any, space: Any) -> Any:
     return chosen
 
 
+_ONE_SPACE: Final = (
+    "a and L must have one space of displacements V, continuous Lagrange vectors: eliminate or penalise other unknowns"
+)
+
+
 def _refuse_rank(form: Any, rank: int, what: str) -> None:
     if isinstance(form, ufl.Form):
         try:
-            found = len(form.arguments())
+            arguments = form.arguments()
         except Exception:
             raise ValueError(
                 f"Body: {what} has trial or test functions of different spaces: a and L must have one space V, "
                 "the same object everywhere"
             ) from None
+        if any(argument.part() is not None for argument in arguments):
+            raise ValueError(f"Body: {what} is on a MixedFunctionSpace; {_ONE_SPACE}")
+        found = len(arguments)
         if len(form.ufl_domains()) > 1:
             raise ValueError(f"Body: {what} is on {len(form.ufl_domains())} meshes; a body has one mesh")
     elif compat.is_compiled(form):
         found = int(form.rank)
         if np.dtype(form.dtype) != np.float64:
             raise ValueError(f"Body: {what} is compiled for {np.dtype(form.dtype)}; compile it for float64")
+    elif isinstance(form, list | tuple):
+        raise ValueError(f"Body: {what} is {len(form)} blocks (a {type(form).__name__}); {_ONE_SPACE}")
     else:
-        raise ValueError(f"Body: {what} must be a form of UFL, or one compiled by fem.form, but is {form!r}")
+        raise ValueError(f"Body: {what} must be a form of UFL, or one compiled by fem.form, but is {short(form)}")
     if found != rank:
         kinds = {0: "no argument", 1: "one argument (linear)", 2: "two arguments (bilinear)"}
+        has = kinds.get(found, f"{found} arguments")
         needed = "a bilinear form of a trial and a test function" if rank == 2 else "a linear form of a test function"
-        raise ValueError(f"Body: {what} must be {needed}, but has {kinds[found]}; exchange a and L?")
+        raise ValueError(f"Body: {what} must be {needed}, but has {has}; exchange a and L?")
 
 
 def _spaces(form: Any, what: str) -> list[Any]:
@@ -89,6 +96,9 @@ def _refuse_space(space: Any) -> None:
     if topology.dim != 3 or geometry.dim != 3:
         where = f"of dimension {topology.dim} in {geometry.dim}D space"
         raise ValueError(f"Body: the mesh is {where}; a 3D mesh is needed")
+    if space.mesh.geometry.x.dtype != np.float64:
+        of = space.mesh.geometry.x.dtype
+        raise ValueError(f"Body: the coordinates of the mesh are {of}; make mesh and forms with dtype=np.float64")
     kind = topology.cell_type
     if kind not in (mesh.CellType.tetrahedron, mesh.CellType.hexahedron):
         raise ValueError(f"Body: the cells are of type {kind.name}; only tetrahedra and hexahedra can be used")
@@ -103,7 +113,10 @@ def _refuse_space(space: Any) -> None:
         raise ValueError(f"Body: the space of a is discontinuous, or not Lagrange; {wanted}")
     if degree not in (1, 2):
         raise ValueError(f"Body: the space of a has degree {degree}; {wanted}")
-    if degree < compat.geometry_degree(space.mesh):
+    of_cells = compat.geometry_degree(space.mesh)
+    if of_cells > 2:
+        raise ValueError(f"Body: the cells of the mesh are of degree {of_cells}; only 1 and 2 can be used")
+    if degree < of_cells:
         raise ValueError(
             f"Body: the space of a has degree {degree}, but the cells of the mesh are of degree 2: use a space of "
             "degree 2, or a first-order mesh"
@@ -113,7 +126,7 @@ def _refuse_space(space: Any) -> None:
 def refuse_bcs(bcs: Any, V: Any) -> list[Any]:
     """Boundary conditions as a list; ValueError unless they are DOLFINx's, on V or its components."""
     if hasattr(bcs, "dof_indices") or not isinstance(bcs, Iterable):
-        raise ValueError(f"Body: bcs must be a list of dirichletbc of DOLFINx, but is {bcs!r}")
+        raise ValueError(f"Body: bcs must be a list of dirichletbc of DOLFINx, but is {short(bcs)}")
     given = list(bcs)
     for number, bc in enumerate(given):
         if hasattr(bc, "slaves") or "mpc" in type(bc).__module__:
@@ -122,17 +135,13 @@ def refuse_bcs(bcs: Any, V: Any) -> list[Any]:
                 "term of a (a stiff spring or a penalty), or as a dirichletbc on V or V.sub(i)"
             )
         if not (hasattr(bc, "dof_indices") and hasattr(bc, "function_space")):
-            raise ValueError(f"Body: bcs[{number}] must be a dirichletbc of DOLFINx, but is {bc!r}")
+            raise ValueError(f"Body: bcs[{number}] must be a dirichletbc of DOLFINx, but is {short(bc)}")
         if not compat.contains(V, bc.function_space):
             raise ValueError(
                 f"Body: bcs[{number}] is on another space than a: make it with the same V, or one of its components "
                 "V.sub(i)"
             )
     return given
-
-
-Faces = Mapping[str, Any] | NamedMesh | Any
-"""Facets by name, MeshTags, or a NamedMesh."""
 
 
 def named_mesh(domain: Any, faces: Any) -> NamedMesh:
@@ -148,79 +157,7 @@ def named_mesh(domain: Any, faces: Any) -> NamedMesh:
         return NamedMesh(
             domain, faces.faces, faces.cells, faces.refused, node_sets=sets, node_numbers=numbers, file=faces.file
         )
-    boundary = boundary_facets(domain)
-    if _is_tags(faces):
-        return _of_tags(domain, faces, boundary)
-    if not isinstance(faces, Mapping):
-        raise ValueError(
-            "Body: faces must be names with facets, such as faces={'sole': facets}, MeshTags, or a NamedMesh, but is "
-            f"{faces!r}"
-        )
-    comm: MPI.Comm = domain.comm
-    found: dict[str, npt.NDArray[np.int32]] = {}
-    for name, given in faces.items():
-        what = f"Body: face {name!r}"
-        if not isinstance(name, str) or not name:
-            raise ValueError(f"Body: faces: the name of a face must be a word, but is {name!r}")
-        facets = on_all_ranks(partial(_facets, domain, given), what, comm)
-        inside = ~np.isin(facets, boundary)
-        if count := comm.allreduce(int(np.sum(inside)), op=MPI.SUM):
-            raise ValueError(
-                f"{what}: {count} of its facets are not on the boundary of the mesh: use "
-                "mesh.locate_entities_boundary(domain, 2, ...)"
-            )
-        found[name] = facets
-        if comm.allreduce(len(facets), op=MPI.SUM) == 0:
-            raise ValueError(f"{what} has no facets")
-    return NamedMesh(domain, found)
-
-
-def _is_tags(value: Any) -> bool:
-    return all(hasattr(value, name) for name in ("dim", "indices", "values", "find"))
-
-
-def _facets(domain: Any, given: Any) -> npt.NDArray[np.int32]:
-    """Facets that this rank owns, ascending."""
-    if isinstance(given, tuple) and len(given) == 2 and _is_tags(given[0]):
-        tags, value = given
-        _refuse_tags(domain, tags)
-        given = tags.find(int(value))
-    try:
-        facets = np.asarray(given)
-    except ValueError:  # lists of different lengths
-        facets = np.empty((0, 0))
-    if facets.ndim != 1 or (facets.size and not np.issubdtype(facets.dtype, np.integer)):
-        raise ValueError(f"give the numbers of its facets, or (MeshTags, value), but this is {given!r}")
-    count = domain.topology.index_map(2)
-    outside = (facets < 0) | (facets >= count.size_local + count.num_ghosts)
-    if np.any(outside):
-        raise ValueError(
-            f"{facets[outside][0]} is no facet of this mesh, which has the facets 0 to "
-            f"{count.size_local + count.num_ghosts - 1}"
-        )
-    return np.unique(facets[facets < count.size_local]).astype(np.int32)
-
-
-def _refuse_tags(domain: Any, tags: Any) -> None:
-    if tags.dim != 2:
-        raise ValueError(f"the MeshTags are of dimension {tags.dim}, but facets have dimension 2")
-    if compat.mesh_of_tags(tags) is not compat.cpp_of(domain.topology):
-        raise ValueError("the MeshTags are of another mesh")
-
-
-def _of_tags(domain: Any, tags: Any, boundary: npt.NDArray[Any]) -> NamedMesh:
-    """Each value of MeshTags as a face, named by it; one with facets inside the body is refused where it is used."""
-    comm: MPI.Comm = domain.comm
-    on_all_ranks(lambda: _refuse_tags(domain, tags), "Body: faces", comm)
-    values = sorted(set().union(*comm.allgather({int(value) for value in np.unique(tags.values)})))
-    found: dict[str, npt.NDArray[np.int32]] = {}
-    refused: dict[str, str] = {}
-    for value in values:
-        facets = _facets(domain, tags.find(value))
-        if count := comm.allreduce(int(np.sum(~np.isin(facets, boundary))), op=MPI.SUM):
-            refused[str(value)] = f"face '{value}' of the MeshTags has {count} facets inside the body"
-        else:
-            found[str(value)] = facets
+    found, refused = faces_of(domain, faces, "Body")
     return NamedMesh(domain, found, {}, refused)
 
 

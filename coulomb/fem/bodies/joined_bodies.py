@@ -17,7 +17,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..geometry import Amplitude, Coefficient, Field
-from ..meshes import SEPARATOR, JoinedMesh, NamedMesh
+from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, is_mesh_data
 from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
 from .deformable import Deformable, End, Loading, Member, SingleBody
 from .elasticity import LoadedBody, refuse_others
@@ -192,7 +192,7 @@ def join(
     twice = first.keys() & named.keys()
     if twice:
         raise ValueError(f"join: two bodies have the name {min(twice)!r}")
-    given = {**first, **named}
+    given = {name: NamedMesh(one) if is_mesh_data(one) else one for name, one in {**first, **named}.items()}
     meshes = {name: one for name, one in given.items() if isinstance(one, NamedMesh)}
     singles = {name: one for name, one in given.items() if isinstance(one, SingleBody)}
     for name, one in given.items():

@@ -22,6 +22,7 @@ from ..geometry import (
     evaluate_amplitude,
     evaluate_signed_numbers,
     evaluate_vectors,
+    of_place,
     on_all_ranks,
 )
 from ..meshes import NamedMesh, NodalField
@@ -287,7 +288,7 @@ def load_title(load: Timed) -> str:
 
 
 def vanishes(value: Field) -> bool:
-    return not callable(value) and np.shape(value) == (3,) and not np.any(np.asarray(value))
+    return not of_place(value) and np.asarray(value).shape == (3,) and not np.any(np.asarray(value))
 
 
 TEMPERATURE = "temperature_change"
@@ -333,8 +334,8 @@ class ThermalLoad:
     face = None
 
     def __post_init__(self) -> None:
-        given = {"reference_temperature": self.reference}
-        if not callable(self.temperature):
+        given: dict[str, object] = {"reference_temperature": self.reference}
+        if not of_place(self.temperature):
             given["temperature"] = self.temperature
         for name, value in given.items():
             if isinstance(value, bool) or not isinstance(value, float | int) or not math.isfinite(value):

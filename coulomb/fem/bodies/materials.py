@@ -26,7 +26,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
 from .. import compat
-from ..geometry import Field, evaluate_vectors, first_place, on_all_ranks
+from ..geometry import Field, evaluate_vectors, first_place, of_place, on_all_ranks
 from ..meshes import NamedMesh
 
 ISOTROPIC = ("young", "poisson")
@@ -188,7 +188,7 @@ class OrthotropicMaterial:
                 f"material: directions must be two, the first and the second, each a vector or a function of place, "
                 f"but are {self.directions!r}"
             )
-        given = [direction for direction in self.directions if not callable(direction)]
+        given = [direction for direction in self.directions if not of_place(direction)]
         vectors = [three(direction, "material: directions", "components each") for direction in given]
         if len(vectors) == 2:
             perpendicular(np.array([vectors[0]]), np.array([vectors[1]]))
@@ -196,7 +196,7 @@ class OrthotropicMaterial:
     @property
     def constant(self) -> bool:
         """Whether the directions are the same everywhere."""
-        return not any(callable(direction) for direction in self.directions)
+        return not any(of_place(direction) for direction in self.directions)
 
 
 def three(given: object, what: str, unit: str) -> FloatArray:

@@ -25,6 +25,7 @@ from ..geometry import (
     check_point,
     evaluate_vectors,
     first_place,
+    of_place,
     on_all_ranks,
     tangent_frames,
 )
@@ -35,12 +36,12 @@ def held_in_words(components: str, direction: Field | None, value: Field) -> str
     """Held components or direction, and the prescribed displacement unless it is zero."""
     letters = direction is None and not set(components) - set("xyz")
     if direction is not None:
-        held = "along a function of x" if callable(direction) else f"along {vector_in_words(direction)}"
+        held = f"along {'a function of x' if of_place(direction) else vector_in_words(np.asarray(direction))}"
     elif letters:
         held = ", ".join(components)
     else:
         held = "along the normal" if components == "normal" else "across the normal"
-    if callable(value):
+    if of_place(value):
         return f"{held}: a function of x"
     given = np.asarray(value, dtype=np.float64)
     if not np.any(given):

@@ -45,6 +45,7 @@ from .user_values import (
     evaluate_signed_numbers,
     evaluate_vectors,
     first_place,
+    of_place,
     on_all_ranks,
     on_every_rank,
     same_on_all_ranks,

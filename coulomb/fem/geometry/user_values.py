@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Final, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Final, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from ...arrays import FloatArray, in_words
+from ...arrays import FloatArray, in_words, is_of_ufl
 from ...load_curve import LoadCurve
 
 if TYPE_CHECKING:
@@ -19,10 +19,12 @@ if TYPE_CHECKING:
 Value = TypeVar("Value")
 
 Field = Sequence[float] | Callable[[FloatArray], FloatArray]
-"""A vector, or a function of x, shape (3, k), in metres, that returns vectors, shape (3, k)."""
+"""A vector, or a function of x, shape (3, k), in metres, that returns vectors, shape (3, k), as `interpolate` of
+DOLFINx takes it; or a fem.Constant, a fem.Function of any space, a fem.Expression, or an expression of UFL."""
 
 Coefficient = float | Callable[[FloatArray], FloatArray]
-"""A number, or a function of x, shape (3, k), in metres, that returns k numbers."""
+"""A number, or a function of x, shape (3, k), in metres, that returns k numbers; or an object of DOLFINx or UFL, as
+for `Field`."""
 
 Amplitude = float | Callable[[float], float] | Sequence[tuple[float, float]] | LoadCurve
 """Factor of a load: a number, a function of time, a table of (time, factor), or a `LoadCurve`.
@@ -97,9 +99,43 @@ def _curve(table: LoadCurve | Sequence[Sequence[float]], time: float, columns: i
         raise ValueError(f"{what}: {error}") from None
 
 
+def of_place(value: object) -> bool:
+    """Whether a value may change with the place: a function, or an object of DOLFINx or UFL."""
+    return callable(value) or is_of_ufl(value)
+
+
+def evaluated_by_ufl(value: Any, x: FloatArray, what: str, comm: MPI.Comm) -> Any:
+    """An object of DOLFINx or UFL as a function of the points x (k, 3), of which it has the values; else the value
+    itself; errors as of `evaluate_numbers`; collective."""
+    if not is_of_ufl(value):
+        return value
+    from ..ufl_values import UflValues  # with DOLFINx, which other values do not need
+
+    given = on_all_ranks(lambda: UflValues(value), what, comm)
+    if given.constant is not None:
+        constant = np.multiply.outer(given.constant, np.ones(len(x)))
+        return lambda _: constant
+    points = np.concatenate(comm.allgather(x))
+    near = on_all_ranks(lambda: given.near(points), what, comm)
+    outside = np.full(len(points), np.inf)
+    np.minimum.at(outside, near.point, near.outside)
+    outside = np.min(comm.allgather(outside), axis=0)
+    if np.any(far := np.isinf(outside)):
+        raise ValueError(f"{what}: {given.name} has no value at x = {first_place(points, far)}: its mesh is elsewhere")
+    sums = comm.allgather(on_all_ranks(lambda: given.sums(points, near, outside), what, comm))
+    total, count = (np.sum(one, axis=0) for one in zip(*sums, strict=True))
+    first = sum(comm.allgather(len(x))[: comm.rank])
+    mean = total / count[:, None]
+    mean[np.abs(mean) <= _ROUNDING * np.max(np.abs(mean), initial=0.0)] = 0.0  # no friction of -1e-17
+    own = mean[first : first + len(x)]
+    values = np.moveaxis(own.reshape(len(x), *given.shape), 0, -1)
+    return lambda _: values
+
+
 def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
     """Vectors (k, 3) of a field at points x (k, 3); ValueError on every rank if the function fails, or a value has not
     three finite components."""
+    field = evaluated_by_ufl(field, x, what, comm)
 
     def evaluate() -> FloatArray:
         if callable(field):
@@ -123,6 +159,7 @@ def evaluate_vectors(field: Field, x: FloatArray, what: str, comm: MPI.Comm) -> 
 def evaluate_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
     """Numbers >= 0 (k,) of a coefficient at points x (k, 3); ValueError on every rank if the function fails, or a value
     is negative or not finite."""
+    coefficient = evaluated_by_ufl(coefficient, x, what, comm)
 
     def evaluate() -> FloatArray:
         values = _numbers(coefficient, x)
@@ -137,6 +174,7 @@ def evaluate_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: M
 def evaluate_signed_numbers(coefficient: Coefficient, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
     """Numbers of either sign (k,) of a coefficient at points x (k, 3); ValueError on every rank if the function fails,
     or a value is not finite."""
+    coefficient = evaluated_by_ufl(coefficient, x, what, comm)
 
     def evaluate() -> FloatArray:
         values = _numbers(coefficient, x)

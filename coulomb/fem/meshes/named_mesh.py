@@ -18,6 +18,7 @@ from .. import compat
 from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point, on_all_ranks
 from .lagrange import corner_geometry
 from .mesh_parts import SAME_PLACE
+from .user_groups import cells_of, faces_of, is_mesh, is_mesh_data
 
 Planes = tuple[FloatArray, FloatArray, FloatArray]
 """Of a box, the coordinates of the planes between its cells along x, y and z, ends included, metres."""
@@ -45,9 +46,12 @@ class NamedMesh:
     """A mesh of a body, of degree 1 or 2, whose boundary faces, and perhaps groups of cells, have names.
 
     Attributes:
-        domain: The DOLFINx mesh, coordinates in metres.
-        faces: This rank's boundary facets of each face, by name; facet numbers of `domain`.
-        cells: This rank's own cells of each group, by name; cell numbers of `domain`.
+        domain: The DOLFINx mesh, coordinates in metres; or the MeshData of dolfinx.io.gmsh, with the faces and cells of
+            its physical groups.
+        faces: This rank's boundary facets of each face, by name; facet numbers of `domain`.  For them may be given: by
+            name also (MeshTags, value), or a function of x, shape (3, k), that is True on the face; or MeshTags, whose
+            values become names such as "3"; or MeshData.  These are checked, arrays of int32 are taken as they are.
+        cells: This rank's own cells of each group, by name; cell numbers of `domain`; or MeshTags, or MeshData.
         refused: Groups of facets in the file that cannot be faces, by name, with the reason.
         components: How many components the mesh in the file has, which share no nodes; 1 if it is not from a file.
         touching: Places in metres at which nodes of several components coincide, those found on this rank, shape
@@ -66,7 +70,7 @@ class NamedMesh:
     """
 
     domain: Any
-    faces: dict[str, npt.NDArray[np.int32]]
+    faces: dict[str, npt.NDArray[np.int32]] = field(default_factory=dict)
     cells: dict[str, npt.NDArray[np.int32]] = field(default_factory=dict)
     refused: dict[str, str] = field(default_factory=dict)
     components: int = 1
@@ -78,6 +82,25 @@ class NamedMesh:
     node_sets: Mapping[str, npt.NDArray[np.int32]] = field(default_factory=dict)
     node_numbers: npt.NDArray[np.int64] | None = field(default=None, repr=False, compare=False)
     file: str = field(default="", repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        given: dict[str, Any] = {}
+        if is_mesh_data(self.domain):
+            given = {"domain": self.domain[0], "faces": self.faces or self.domain, "cells": self.cells or self.domain}
+        domain, faces, cells = ({**vars(self), **given}[name] for name in ("domain", "faces", "cells"))
+        if not is_mesh(domain):
+            raise ValueError(f"NamedMesh: domain must be a mesh of DOLFINx, but is a {type(domain).__name__}")
+        if domain.geometry.x.dtype != np.float64:
+            raise ValueError(
+                f"NamedMesh: the coordinates of the mesh are {domain.geometry.x.dtype}; make it with dtype=np.float64"
+            )
+        if not _are_arrays(faces):
+            given["faces"], refused = faces_of(domain, faces, "NamedMesh")
+            given["refused"] = {**self.refused, **refused}
+        if not _are_arrays(cells):
+            given["cells"] = cells_of(domain, cells, "NamedMesh")
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
 
     @property
     def comm(self) -> MPI.Comm:
@@ -148,6 +171,11 @@ class NamedMesh:
         fault = f"{name!r} is a set of nodes, which supports may hold, and no face"
         sets = {**self.node_sets, name: np.flatnonzero(here).astype(np.int32)}
         return replace(self, node_sets=sets, refused={**self.refused, name: fault})
+
+
+def _are_arrays(groups: object) -> bool:
+    """Whether groups are numbers by name already."""
+    return isinstance(groups, dict) and all(isinstance(one, np.ndarray) for one in groups.values())
 
 
 def without_nodes(mesh: NamedMesh) -> dict[str, Any]:
