@@ -52,6 +52,7 @@ def _later(module, name):
 late_bound.update(
     write=_later(".pictures.picture_of_run", "write_with_picture"),
     faces=_later(".io.result_grids", "face_answers"),
+    fields_on_bodies=_later(".io.result_grids", "fields_on_bodies"),
     error=_later(".io.error_bars", "error_of"),
     refine=_later(".io.refinement", "refine"),
     plot=_later(".pictures.picture_of_run", "plot_solution"),

@@ -31,5 +31,5 @@ def lazily_loaded(package: str, file: str) -> tuple[list[str], Callable[[str], o
 
 
 late_bound: dict[str, Callable[..., Any]] = {}
-"""By name: `write`, `faces`, `error`, `plot`, `picture`, `plot_history`, which take a `Solution` first; `refine`, which
-takes a problem."""
+"""By name: `write`, `faces`, `fields_on_bodies`, `error`, `plot`, `picture`, `plot_history`, which take a `Solution`
+first; `refine`, which takes a problem."""

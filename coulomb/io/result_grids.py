@@ -5,6 +5,7 @@ beside those of the contact points in `contact_fields`."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,9 @@ from ..fem.compat import fem
 from ..fem.geometry import on_all_ranks
 from ..fem.meshes import FACETS, NODE_NUMBER, SOLIDS, corner_geometry, fetched, in_vtk_order, nodes_between, starts_of
 from ..model.discrete_problem import DiscreteProblem
+from ..model.face_answer import FaceAnswer
 from ..model.nodal_answer import HELD, carried, carrying, spreading
-from ..model.solution import FaceAnswer, Solution
+from ..model.solution import Solution
 from .field_files import NODE, OPPOSITE
 from .grid_file import GridFields, GridPart
 
@@ -55,6 +57,9 @@ _OF_LOADS = (HELD_OBLIQUE, INTERNAL, ROUNDING, TEMPERATURE, TIE_FORCE, *TIE_STRE
 OURS = (*ON_CELLS, *ON_BODY, *FIELDS, *GROUND, *_OF_LOADS, NODE_NUMBER)
 """All names of fields of solution.h5."""
 
+
+TRACTION = "traction"
+"""The whole traction of contact on a body, pascals; it is not in the files, which have its parts."""
 
 BETWEEN: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
     **dict.fromkeys(names(between="least"), np.minimum),
@@ -323,6 +328,39 @@ def face_answers(solution: Solution) -> dict[str, FaceAnswer]:
         for (face, of), side in zip(grids, sides, strict=False):
             for name in filter(None, (face, side)):
                 found.setdefault(name, FaceAnswer(name, of.grid.points, of.grid.cells, dict(of.on_points)))
+    return found
+
+
+def fields_on_bodies(solution: Solution) -> dict[str, dict[str, FloatArray]]:
+    """By the names of bodies, the fields of the contact points at this rank's nodes of each body, and "traction", the
+    whole one on the body; off its contact faces 0, and the status 3; of a node in several contacts those of the first;
+    shapes (k,) or (k, 3); collective."""
+    problem, at = solution.problem, solution.at_nodes
+    fields = {**at.fields(), TRACTION: at.on_body / at.area[:, None]}
+    members, found = problem.elasticity.members, dict[str, dict[str, FloatArray]]()
+    taken = {member.name: np.zeros(len(member.body.x), dtype=bool) for member in members}
+    for number, contact in enumerate(problem.contacts):
+        member, facets = problem.elasticity.face(contact.face, "contact")
+        grids = [(member, _face_grid("", member, facets, problem, fields, number))]
+        if contact.against is not None:
+            opposite = _opposite_grid(solution, number, contact.against, "", at.fields())
+            area = opposite.on_points["area"][:, None]
+            whole = opposite.on_points["contact_force"] / np.where(area > 0.0, area, np.inf)
+            opposite = replace(opposite, on_points={**opposite.on_points, TRACTION: whole})
+            grids.append((problem.elasticity.face(contact.against, "contact")[0], opposite))
+        for owner, grid in grids:
+            first = starts_of(problem.comm, len(owner.body.x))[problem.comm.rank]
+            nodes = (grid.on_points[NODE] - first).astype(np.int64)
+            free = ~taken[owner.name][nodes]
+            for name in (*fields, *(() if owner is member else (OPPOSITE,))):
+                if name not in grid.on_points:
+                    continue
+                values = grid.on_points[name]
+                everywhere = found.setdefault(owner.name, {}).setdefault(
+                    name, np.full((len(owner.body.x), *values.shape[1:]), float(HELD) if name == "status" else 0.0)
+                )
+                everywhere[nodes[free]] = values[free]
+            taken[owner.name][nodes[grid.on_points["status"] != HELD]] = True
     return found
 
 

@@ -183,7 +183,7 @@ def _material_entry(cells: str | None, material: AnyMaterial) -> dict[str, Any]:
     given = {"density": material.density, "expansion": material.expansion}
     given |= {"conductivity": material.conductivity}
     entry |= {name: value for name, value in given.items() if value is not None}
-    return {name: _plain(value) for name, value in entry.items()}
+    return {name: "function of place" if of_place(value) else _plain(value) for name, value in entry.items()}
 
 
 def _plain(value: Any) -> Any:

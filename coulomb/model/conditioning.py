@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final, cast
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, SingleBody, by_group, component_modes, null_space, of_components
 from ..fem.contact import ContactSurface
+from ..fem.geometry import of_place
 from ..fem.meshes import aspects, volume
 from ..linalg.compliance import Measures, SoftMotions
 from ..linalg.reductions import Reductions
@@ -177,6 +178,8 @@ def _poissons_ratios(elasticity: Deformable) -> list[float]:
 
 
 def _moduli(elasticity: Deformable) -> list[float]:
-    """Young's moduli of all materials, of orthotropic ones the largest, pascals."""
+    """Young's moduli of all materials, of orthotropic ones the largest, pascals; 0 of functions of place, which may be
+    far apart."""
     materials = [member.body.materials for member in elasticity.members]
-    return [float(np.max(m.young)) for given in materials if given is not None for _, m in by_group(given)]
+    moduli = [m.young for given in materials if given is not None for _, m in by_group(given)]
+    return [0.0 if of_place(young) else float(np.max(cast(Any, young))) for young in moduli]

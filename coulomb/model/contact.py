@@ -15,7 +15,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray, is_number
+from ..arrays import FloatArray, is_number, is_of_ufl, short
 from ..fem.bodies import Deformable, PrescribedDisplacement, Support
 from ..fem.contact import Normals, Shape
 from ..fem.geometry import (
@@ -27,6 +27,7 @@ from ..fem.geometry import (
     RigidFoundation,
     RigidMotion,
     Rotation,
+    SignedDistance,
     evaluate_amplitude,
     evaluate_numbers,
     evaluate_signed_numbers,
@@ -153,7 +154,7 @@ class ThermalContact:
     roughness and hardness H of the softer body (Cooper, Mikic and Yovanovich 1969).
 
     Attributes:
-        conductance: The part of h that does not depend on pressure, W/(m^2 K).
+        conductance: The part of h that does not depend on pressure, W/(m^2 K): a number or a function of place.
         factor: h at the pressure `hardness`, without that part, W/(m^2 K).
         hardness: Pressure in pascals, > 0.
         exponent: Exponent of the pressure, > 0; 1 for a conductance that is linear in the pressure.
@@ -165,7 +166,7 @@ class ThermalContact:
         ValueError: If a number is out of bounds.
     """
 
-    conductance: float = 0.0
+    conductance: Coefficient = 0.0
     factor: float = 0.0
     hardness: float = 1e9
     exponent: float = 0.95
@@ -175,6 +176,8 @@ class ThermalContact:
     def __post_init__(self) -> None:
         for name, least in (("conductance", 0.0), ("factor", 0.0), ("hardness", None), ("exponent", None)):
             value = getattr(self, name)
+            if name == "conductance" and of_place(value):
+                continue
             if not is_number(value) or (least is None and not value > 0.0):
                 bound = ">" if least is None else ">="
                 raise ValueError(f"contact: thermal: {name} must be a number {bound} 0, but is {value!r}")
@@ -186,12 +189,14 @@ class ThermalContact:
     @property
     def conducts(self) -> bool:
         """Whether heat flows at any pressure."""
-        return self.conductance > 0.0 or self.factor > 0.0
+        return of_place(self.conductance) or self.conductance != 0.0 or self.factor > 0.0
 
-    def at(self, pressure: FloatArray) -> FloatArray:
-        """h at pressures (m,) in pascals, W/(m^2 K), shape (m,)."""
+    def at(self, pressure: FloatArray, x: FloatArray, what: str, comm: MPI.Comm) -> FloatArray:
+        """h at points x (m, 3) under pressures (m,) in pascals, W/(m^2 K), shape (m,); ValueError on every rank if the
+        conductance fails, or is negative or not finite; collective."""
         p = np.maximum(pressure, 0.0)
-        h: FloatArray = self.conductance + self.factor * (p / self.hardness) ** self.exponent
+        constant = evaluate_numbers(self.conductance, x, f"{what}: thermal: conductance", comm)
+        h: FloatArray = constant + self.factor * (p / self.hardness) ** self.exponent
         return np.where(p > 0.0, h, 0.0)
 
 
@@ -217,7 +222,8 @@ class Contact:
             or `SlipRateFriction`, or any `VariableFriction` of place, time and slip rate; or `PressureFriction`.
         slip_stress: Tresca friction: the shear stress in pascals at which the face slips, independent of pressure;
             constant or a function of place.
-        foundation: Rigid foundation; by default the plane of the face itself (gap 0).
+        foundation: Rigid foundation; by default the plane of the face itself (gap 0).  A function of x, shape (3, k),
+            is its signed distance, as of `SignedDistance`.
         normals: Source of the normals of the contact frames, "foundation" or "body" (`contact_surface`).
         motion: Translation of the foundation as a function of time, metres.
         rotation: Rotation of the foundation as a function of time; before the translation, with which its axis moves.
@@ -280,6 +286,16 @@ class Contact:
     friction_limit: Coefficient | None = None
 
     def __post_init__(self) -> None:
+        for name in ("foundation", "surface", "against_surface"):
+            given = getattr(self, name)
+            if given is None or hasattr(given, "signed_distance"):
+                continue
+            if not callable(given) or is_of_ufl(given):
+                raise ValueError(
+                    f"contact: {name} must be a Plane, Sphere, Cylinder or SignedDistance, or a function of x, shape "
+                    f"(3, k), that returns distances (k,), but is {short(given)}"
+                )
+            object.__setattr__(self, name, SignedDistance(given))
         if not isinstance(self.thermal, ThermalContact):
             raise ValueError(f"contact: thermal must be a ThermalContact, but is {self.thermal!r}")
         if self.against is None and self.thermal.conducts and self.thermal.temperature is None:

@@ -273,7 +273,9 @@ class HeatProblem:
         conductance, beyond = np.zeros((2, len(pressure)))
         for part, contact in enumerate(self.contacts):
             here = surface.part == part
-            conductance[here] = surface.area[here] * contact.thermal.at(pressure[here])
+            conductance[here] = surface.area[here] * contact.thermal.at(
+                pressure[here], surface.x[here], f"contact face {contact.face!r}", self.bodies.comm
+            )
             if contact.thermal.temperature is not None:
                 beyond[here] = contact.thermal.temperature - self.reference
         return _Through(self._averages[1], self._averages[2], conductance, beyond)

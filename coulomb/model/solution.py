@@ -5,16 +5,16 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..contact_fields import side_names
+from ..fem.bodies import Member
 from ..fem.contact import face_samples
 from ..lazy_names import late_bound
 from ..linalg.reductions import Reductions
@@ -23,6 +23,7 @@ from . import notebook
 from .certificate import Certificate, Evidence, rounding_forces
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem
+from .face_answer import FaceAnswer
 from .heat import Heat
 from .nodal_answer import NodalAnswer
 from .overlap import deformations
@@ -34,33 +35,7 @@ from .stability import Stability
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class FaceAnswer:
-    """Nodes and facets of a contact face of this rank, with the contact fields as attributes: `face.pressure`.
-
-    The names are those of contact.xdmf (`fields`); units are in docs/theory.md.  Nodes without a contact point have the
-    status 3 and zeros.  The middle nodes of 10-node tetrahedra have values between those of the vertices, over which
-    sums of forces go: `connectivity[:, :3]`.
-
-    Attributes:
-        name: Of the face.
-        coordinates: Of its nodes before deformation, metres, shape (k, 3).
-        connectivity: The nodes of its facets in VTK's order, numbered over all ranks, rank after rank, shape (f, n).
-        fields: By name, shapes (k,) or (k, 3).
-    """
-
-    name: str
-    coordinates: FloatArray
-    connectivity: npt.NDArray[np.int64]
-    fields: dict[str, FloatArray]
-
-    def __getattr__(self, name: str) -> FloatArray:
-        if name.startswith("_") or name not in self.fields:
-            raise AttributeError(f"a contact face has no {name!r}; its fields are {', '.join(self.fields)}")
-        return self.fields[name]
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Solution:
     """Answer of a contact problem.
 
@@ -111,14 +86,46 @@ class Solution:
 
     @property
     def function(self) -> Any:
-        """The displacement in metres as a DOLFINx Function, of the only body; of a `Body` in the user's own space."""
-        return self.problem.elasticity.alone.function(self.displacement)
+        """The displacement in metres as a DOLFINx Function, of the only body; of a `Body` in the user's own space.
 
-    @property
+        `solution.function("pressure")` is a field of contact.xdmf as a Function on the same mesh: numbers in the
+        Lagrange space of the order of the body, vectors in that of the displacement; zero off the contact faces, where
+        the status is 3.  Also "traction", the whole one on the body in pascals, and "displacement" itself.  It is the
+        same object at each access.
+
+        Raises:
+            ValueError: If there are several bodies, see `functions`; if there is no field of this name.
+        """
+        _ = self.problem.elasticity.alone
+        return self.functions[""]
+
+    @cached_property
     def functions(self) -> dict[str, Any]:
-        """The displacement of each body by the body's name, as `function`; the name of a body that is alone is ""."""
-        members = self.problem.elasticity.members
-        return {member.name: member.body.function(self.displacement[member.nodes]) for member in members}
+        """The displacement of each body by the body's name, as `function`: `solution.functions["upper"]("pressure")`;
+        the name of a body that is alone is ""."""
+        found: dict[str, Any] = {}
+        for member in self.problem.elasticity.members:
+            fields = partial(_field_on, self, member)
+            found[member.name] = member.body.function(self.displacement[member.nodes], fields=fields)
+        return found
+
+    @cached_property
+    def _on_bodies(self) -> dict[str, dict[str, FloatArray]]:
+        found: dict[str, dict[str, FloatArray]] = late_bound["fields_on_bodies"](self)
+        return found
+
+    @cached_property
+    def _made(self) -> dict[tuple[str, str], Any]:
+        """Functions by the names of body and field."""
+        return {}
+
+    @cached_property
+    def forces(self) -> dict[str, Any]:
+        """The totals of contact in newtons, newton metres, metres, m^2, Pa and J, by name: "force" and "moment" on the
+        body, "normal_force", "friction_force", "contact_area", "centre_of_pressure", "greatest_slip",
+        "greatest_pressure", "dissipated_energy"; of several contacts by their names such dictionaries; collective."""
+        totals = [self.at_nodes.totals(part) for part in range(len(self.at_nodes.faces))]
+        return totals[0] if len(totals) == 1 else dict(zip(self._sides, totals, strict=True))
 
     @property
     def heat(self) -> Heat | None:
@@ -401,6 +408,19 @@ class Solution:
         than 0."""
         return late_bound["plot_history"](self)
 
+    def __repr__(self) -> str:
+        """Status, verdict, time and sizes on one line, without collective calls."""
+        unknowns = ", ".join(f"{count} {what}" for what, count in self.problem.body.unknowns.items())
+        verdict = "certificate passed" if self.certificate.passed else "certificate FAILED"
+        return f"Solution({self.result.status.value}, {verdict}, time {self.time:g}, {unknowns} unknowns)"
+
+    def __reduce__(self) -> Any:
+        raise TypeError(
+            "a Solution has meshes and matrices of DOLFINx and PETSc, and cannot be pickled or copied to another "
+            "process: pickle solution.certificate, solution.forces, solution.table() and arrays such as "
+            "solution.displacement, or solution.write(directory)"
+        )
+
     def _repr_html_(self) -> str:
         """Verdict, totals, certificate and a picture; on several ranks, of which one may ask alone, the certificate."""
         if self.problem.comm.size > 1:
@@ -424,6 +444,23 @@ class Solution:
     @cached_property
     def _picture(self) -> str:
         return str(late_bound["picture"](self))
+
+
+def _field_on(solution: Solution, member: Member, name: str) -> Any:
+    """A field of the contacts as a Function on the mesh of a body, one object for each; ValueError if there is none of
+    this name; collective."""
+    if name == "displacement":
+        return solution.functions[member.name]
+    known = solution._made
+    if (member.name, name) not in known:
+        fields = solution._on_bodies.get(member.name, {})
+        if name not in fields:
+            there = ", ".join(("displacement", *fields)) if fields else "displacement; no contact is on this body"
+            raise ValueError(f"there is no field {name!r}; there are {there}")
+        values = fields[name]
+        body = member.body
+        known[member.name, name] = body.scalar(values, name) if values.ndim == 1 else body.function(values, name)
+    return known[member.name, name]
 
 
 def warn(answer: Solution) -> None:

@@ -31,6 +31,22 @@ class Vertices:
     node: npt.NDArray[np.int64]
 
 
+class DisplacementFunction(fem.Function):  # type: ignore[misc]
+    """A displacement as a Function of DOLFINx, which also gives other fields of an answer by their names.
+
+    `u` is used as any Function; `u("pressure")` is the Function of another field, as `u("+")` is a restriction.
+    """
+
+    def __init__(self, V: Any, name: str, fields: Callable[[str], Any]):
+        super().__init__(V, name=name)
+        self._fields_of_answer = fields
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        if arguments and isinstance(arguments[0], str) and arguments[0] not in ("+", "-"):
+            return self._fields_of_answer(*arguments)
+        return super().__call__(*arguments, **named)
+
+
 class DisplacementSpace:
     """Displacements with values at nodes: vertices, and in second order also the middles of edges, faces and cells.
 
@@ -75,11 +91,19 @@ class DisplacementSpace:
         """Order of the displacements, 1 or 2."""
         return 1 if self.V.dofmap.dof_layout.num_dofs in (4, 8) else 2
 
-    def function(self, u: FloatArray, name: str = "displacement") -> Any:
-        """DOLFINx Function of nodal vectors (k, 3) of this rank."""
-        function = fem.Function(self.V, name=name)
+    def function(self, u: FloatArray, name: str = "displacement", fields: Callable[[str], Any] | None = None) -> Any:
+        """DOLFINx Function of nodal vectors (k, 3) of this rank, one that gives other fields by name if these are
+        given; collective."""
+        function = fem.Function(self.V, name=name) if fields is None else DisplacementFunction(self.V, name, fields)
         function.x.array[: 3 * self._owned] = u.ravel()
         function.x.scatter_forward()
+        return function
+
+    def scalar(self, values: FloatArray, name: str) -> Any:
+        """DOLFINx Function of numbers (k,) at this rank's nodes; collective."""
+        vectors = self.function(np.repeat(values[:, None], 3, axis=1)).x.array[::3]
+        function = fem.Function(compat.functionspace(self.domain, self.degree), name=name)
+        function.x.array[compat.cell_dofs(function.function_space)] = vectors[compat.cell_dofs(self.V)]
         return function
 
     def key_of(self, facets: npt.NDArray[np.int32]) -> bytes:

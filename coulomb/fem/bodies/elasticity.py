@@ -16,7 +16,7 @@ from ...arrays import FloatArray
 from ...native import address, kernels
 from .. import compat
 from ..compat import fem, ufl
-from ..geometry import Amplitude, Field, evaluate_amplitude, on_all_ranks
+from ..geometry import Amplitude, Coefficient, Field, evaluate_amplitude, evaluate_numbers, of_place, on_all_ranks
 from ..meshes import NamedMesh
 from .body import STRESSES, ElasticBody, strain
 from .constraints import HeldDirections, HeldNodes, SupportedNodes, contradictions, prescribed_rows
@@ -79,6 +79,7 @@ class LoadedBody(ElasticBody, HeldNodes):
         self._given = [self._supported_nodes(support) for support in self.supports]
         self._hold(self._acting(-np.inf))
         self.springs, self._sprung_by = tuple(springs), fem.Function(self.V)
+        self._by_place = {id(one): self._at_nodes(one) for one in springs if of_place(one.stiffness)}
         self._spring_forms = [fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs]
         volume: list[Load] = [] if vanishes(body_force) else [BodyForce(body_force, body_force_amplitude)]
         volume += [] if vanishes(gravity) else [Weight(gravity, materials, gravity_amplitude)]
@@ -222,9 +223,21 @@ class LoadedBody(ElasticBody, HeldNodes):
         face = SupportedFace(nodes, self.x[nodes], self.mesh.comm, integrals)
         return SupportedNodes(support, nodes, support.directions(face), support.displacement(face))
 
+    def spring_stiffness(self, spring: Spring) -> Any:
+        """Along x, y and z, N/m^3: a Constant, or of a function of place a Function."""
+        if id(spring) in self._by_place:
+            return self._by_place[id(spring)]
+        return fem.Constant(self.domain, np.array(spring.along_axes))
+
+    def _at_nodes(self, spring: Spring) -> Any:
+        values, nodes = np.zeros_like(self.x), self.nodes_of(self.mesh.facets(spring.face, "spring"))
+        what = f"spring on {spring.face!r}: stiffness"
+        values[nodes] = evaluate_numbers(cast(Coefficient, spring.stiffness), self.x[nodes], what, self.comm)[:, None]
+        return self.function(values, "stiffness")
+
     def spring_form(self, spring: Spring, u: Any) -> Any:
         """UFL's form of the integral over its face of a spring's stiffness times u, a Function or trial function."""
-        stiffness = fem.Constant(self.domain, np.array(spring.along_axes))
+        stiffness = self.spring_stiffness(spring)
         sprung = ufl.as_vector([stiffness[k] * u[k] for k in range(3)])
         return ufl.inner(sprung, self._test) * self.measure(self.mesh.facets(spring.face, "spring"))
 

@@ -19,7 +19,7 @@ from scipy.special import roots_jacobi
 from ...arrays import FloatArray, is_number
 from .. import compat
 from ..compat import fem, ufl
-from ..geometry import Amplitude, Field, evaluate_amplitude
+from ..geometry import Amplitude, Field, evaluate_amplitude, of_place
 from ..meshes import NamedMesh
 from .body import cell_measure
 from .constraints import HeldDirections
@@ -247,6 +247,8 @@ def hyperelastic(material: object) -> Hyperelastic:
     """A material of large motions; of small strains, isotropic, with Green's strain; ValueError if it is none."""
     if isinstance(material, Hyperelastic):
         return material
+    if type(material) is Material and of_place(material.young):
+        raise ValueError("material of large motions: young must be a number, one for each group of cells")
     if type(material) is Material:
         return StVenantKirchhoff(material.young, material.poisson, material.density, material.expansion)
     raise ValueError(
@@ -343,7 +345,7 @@ class HyperelasticBody(NonlinearBody):
         energy = density * dx
         on_faces = list(pressures)
         for number, spring in enumerate(springs, len(self._follow)):
-            stiffness = fem.Constant(loaded.domain, np.array(spring.along_axes))
+            stiffness = loaded.spring_stiffness(spring)
             sprung = on(number, sum(0.5 * stiffness[i] * u[i] ** 2 for i in range(3)))
             energy += sprung
             on_faces.append(ufl.derivative(sprung, u, v))

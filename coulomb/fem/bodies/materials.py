@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
 from .. import compat
-from ..geometry import Field, evaluate_vectors, first_place, of_place, on_all_ranks
+from ..geometry import Coefficient, Field, evaluate_numbers, evaluate_vectors, first_place, of_place, on_all_ranks
 from ..meshes import NamedMesh
 
 ISOTROPIC = ("young", "poisson")
@@ -325,7 +325,8 @@ class Material:
     """Isotropic, linear elastic.
 
     Attributes:
-        young: Young's modulus in pascals, > 0.
+        young: Young's modulus in pascals, > 0; a number or, in small strains, a function of place, evaluated at the
+            midpoint of each cell.
         poisson: Poisson's ratio, in (-1, 0.5).
         density: Density in kg/m^3, > 0; only gravity needs it.
         expansion: Coefficient of thermal expansion in 1/K; only a temperature needs it.
@@ -335,7 +336,7 @@ class Material:
         ValueError: If a constant is outside its bounds.
     """
 
-    young: float
+    young: float | Any  # a Coefficient; computations with numbers are many
     poisson: float
     density: float | None = None
     expansion: float | None = None
@@ -343,7 +344,7 @@ class Material:
 
     def __post_init__(self) -> None:
         _refuse_not_positive(self)
-        if not (is_number(self.young) and self.young > 0.0):
+        if not (of_place(self.young) or (is_number(self.young) and self.young != 0.0)):
             raise ValueError(f"material: young must be a positive number of pascals, but is {self.young!r}")
         if not (is_number(self.poisson, -1.0) and -1.0 < self.poisson < 0.5):
             raise ValueError(f"material: poisson must be a number in (-1, 0.5), but is {self.poisson!r}")
@@ -386,11 +387,12 @@ def material_of_cells(mesh: NamedMesh, materials: Materials, heated: bool = Fals
     of_cells = Directional(young, poisson, shear, np.zeros((count, 3, 3)))
     expansion = np.zeros((count, 3))
     for material, cells in _with_cells(mesh, materials):
-        young[cells], poisson[cells] = material.young, material.poisson
+        modulus, poisson[cells] = _moduli(mesh, material, cells), material.poisson
+        young[cells] = modulus
         if isinstance(material, OrthotropicMaterial):
             shear[cells] = material.shear
         else:
-            shear[cells] = material.young / (2.0 * (1.0 + material.poisson))
+            shear[cells] = modulus / (2.0 * (1.0 + material.poisson))
         expansion[cells] = 0.0 if material.expansion is None else material.expansion
         if directional:
             of_cells.axes[cells] = _axes(mesh, material, cells)
@@ -445,10 +447,29 @@ def _refuse_without(materials: Materials, name: str) -> None:
         raise ValueError(f"{needs} of every material, but the material{of} has none: {name}, {unit}")
 
 
+def _moduli(mesh: NamedMesh, material: AnyMaterial, cells: Cells) -> FloatArray:
+    """Young's moduli of cells, shapes (), (3,) or (c, 1); collective."""
+    if not of_place(material.young):
+        return np.asarray(material.young, dtype=np.float64)
+    x, what = _midpoints(mesh, cells), "material: young"
+    values = evaluate_numbers(cast(Coefficient, material.young), x, what, mesh.comm)
+
+    def positive() -> FloatArray:
+        if np.any(zero := values == 0.0):
+            raise ValueError(f"must be > 0 everywhere, but is 0 at x = {first_place(x, zero)}")
+        return values[:, None]
+
+    return on_all_ranks(positive, what, mesh.comm)
+
+
+def _midpoints(mesh: NamedMesh, cells: Cells) -> FloatArray:
+    return midpoints(mesh.domain)[: mesh.domain.topology.index_map(3).size_local][cells]
+
+
 def _axes(mesh: NamedMesh, material: AnyMaterial, cells: Cells) -> FloatArray:
     """Rows d1, d2, d3 at the midpoints of cells, shape (c, 3, 3); collective."""
     given = material.directions if isinstance(material, OrthotropicMaterial) else COORDINATE_AXES
-    x = midpoints(mesh.domain)[: mesh.domain.topology.index_map(3).size_local][cells]
+    x = _midpoints(mesh, cells)
     first, second = (evaluate_vectors(direction, x, "material: directions", mesh.comm) for direction in given)
     return on_all_ranks(lambda: perpendicular(first, second, x), "", mesh.comm)
 

@@ -17,6 +17,7 @@ from ...units import amount, plain, quantity, vector
 from ..geometry import (
     LEAST_LENGTH,
     Amplitude,
+    Coefficient,
     Field,
     Point,
     RigidFoundation,
@@ -326,16 +327,19 @@ class Spring:
 
     Attributes:
         face: Name of the face.
-        stiffness: Force per area and displacement in N/m^3, along x, y and z; one number for all three.
+        stiffness: Force per area and displacement in N/m^3, along x, y and z; one number for all three, or a function
+            of x, evaluated at the nodes.
 
     Raises:
         ValueError: If there are not one or three numbers, finite, >= 0, and one > 0.
     """
 
     face: str
-    stiffness: float | Sequence[float]
+    stiffness: Coefficient | Sequence[float]
 
     def __post_init__(self) -> None:
+        if of_place(self.stiffness):
+            return
         given = np.asarray(self.stiffness, dtype=object)
         numbers = [float(one) if is_number(one) else math.inf for one in given.ravel()]
         if given.shape not in ((), (3,)) or not 0.0 < max(numbers) <= _STIFFEST:
@@ -346,11 +350,15 @@ class Spring:
 
     @property
     def along_axes(self) -> FloatArray:
-        """Shape (3,)."""
+        """Shape (3,); of a function of place 1."""
+        if of_place(self.stiffness):
+            return np.ones(3)
         return np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), (3,))
 
     @property
     def holds(self) -> str:
+        if of_place(self.stiffness):
+            return "stiffness a function of x"
         values = self.along_axes
         same = bool(np.all(values == values[0]))
         return f"stiffness {f'{values[0]:g}' if same else vector_in_words(values)} N/m^3"

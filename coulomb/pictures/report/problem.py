@@ -181,7 +181,7 @@ def _material(material: dict[str, Any]) -> str:
         text = f"orthotropic: E1, E2, E3 {young}; ν12, ν13, ν23 {ratios}; G12, G13, G23 {shear}; "
         text += f"direction 1 {shown[0]}, direction 2 {shown[1]}"
     else:
-        young = quantity(material["young"], "Pa")
+        young = material["young"] if isinstance(material["young"], str) else quantity(material["young"], "Pa")
         text = f"Young's modulus {young}, Poisson's ratio {number(material['poisson'])}"
     if "density" in material:
         text += f", density {number(material['density'])} kg/m³"
