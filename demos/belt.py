@@ -50,7 +50,7 @@ film = io.XDMFFile(domain.comm, "belt.xdmf", "w")  # for ParaView: Warp By Vecto
 film.write_mesh(domain)
 for step in coulomb.LoadHistory([1.0, 1.25, 1.5, 1.75, 2.0, 2.5]).steps(problem):
     film.write_function(u, step.state.time)
-    *_, upward = step.solution.at_nodes.totals()["force"]  # of the drum on the belt
+    *_, upward = step.solution.forces["force"]  # of the drum on the belt
     ratio, count = upward / PULL - 1.0, step.solution.outer_iterations
     if domain.comm.rank == 0:
         print(f"{step.state.time:5.3f} s: {count} linear problems, T2/T1 {ratio:.4f}")

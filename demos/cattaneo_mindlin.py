@@ -60,7 +60,7 @@ pressed = replace(
 positions, forces = [], []
 for step in history.steps(problem, pressed):
     positions.append(step.solution.problem.motions[0, 0] / d)
-    forces.append(2 * step.solution.at_nodes.totals()["force"][0] / (F * P))
+    forces.append(2 * step.solution.forces["force"][0] / (F * P))
     nodes = f"{step.row['stick']} nodes stick, {step.row['slip']} slip"
     print(f"displacement {positions[-1]:+.3f} d, Q = {forces[-1]:+.4f} F P, {nodes}")
 print(step.solution.certificate)

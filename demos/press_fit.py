@@ -41,7 +41,7 @@ problem = ContactProblem(
 p, area = E * d * (b**2 - a**2) / ((1 + nu) * a * ((1 - 2 * nu) * a**2 + b**2)), 0.5 * np.pi * a * length
 pulled, force = [], []
 for step in LoadHistory(times=[0.5, 1.0, *np.linspace(1.0, 2.0, 13)[1:]]).steps(problem):
-    totals = step.solution.at_nodes.totals()
+    totals = step.solution.forces
     pulled.append(1e6 * step.solution.problem.motions[0, 2])
     force.append(totals["force"][2])
     if step.state.time == 1.0:

@@ -39,7 +39,7 @@ history = coulomb.LoadHistory([0.5, 1.0, *np.linspace(1.05, 1.5, 10)])
 film = io.XDMFFile(domain.comm, "rubber_block.xdmf", "w")  # for ParaView: Warp By Vector
 film.write_mesh(domain)
 for step in history.steps(problem):
-    solution, totals = step.solution, step.solution.at_nodes.totals()
+    solution, totals = step.solution, step.solution.forces
     film.write_function(u, step.state.time)
     along, _, across = totals["force"]
     if domain.comm.rank == 0:
