@@ -81,7 +81,10 @@ def linear_solver_of(given: object) -> LinearSolver | None:
             return solver
         if isinstance(given, type) and issubclass(given, solver):
             return given
-    raise ValueError(f'linear_solver must be "auto", "direct" or "iterative", or one of the classes, but is {given!r}')
+    raise ValueError(
+        f'linear_solver must be "auto", "direct" or "iterative", or one of the classes, but is {short(given)}; these '
+        "factors and this multigrid are coulomb's own and take no options of PETSc"
+    )
 
 
 def contacts_given(arguments: Mapping[str, Any]) -> tuple[Contact, ...]:

@@ -289,6 +289,10 @@ class Certificate:
     def __getitem__(self, name: str) -> Check:
         return next(check for check in self.checks if check.name == name)
 
+    def __repr__(self) -> str:
+        failing = ", ".join(f"{c.name} {c.value:.1e} (limit {c.limit:.0e})" for c in self.checks if not c.passed)
+        return f"Certificate({f'FAILED: {failing}' if failing else f'passed, {len(self.checks)} conditions'})"
+
     def _repr_html_(self) -> str:
         rows = [
             (c.name, f"{c.value:.2e} {c.unit}", f"{c.limit:.0e}", "ok" if c.passed else "FAILED", c.meaning)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, in_words, is_number
+from ...arrays import FloatArray, in_words, is_number, short
 from ...nearest import tree_of
 from .. import compat
 from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point, on_all_ranks
@@ -41,7 +41,7 @@ class Grid:
     make: Callable[[Planes], NamedMesh]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class NamedMesh:
     """A mesh of a body, of degree 1 or 2, whose boundary faces, and perhaps groups of cells, have names.
 
@@ -101,6 +101,11 @@ class NamedMesh:
             given["cells"] = cells_of(domain, cells, "NamedMesh")
         for name, value in given.items():
             object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        groups = f", cells {_list(self.cells)}" if self.cells else ""
+        kind, count = self.domain.topology.cell_type.name, self.domain.topology.index_map(3).size_global
+        return f"NamedMesh({count} cells of type {kind}, order {self.degree}, faces {_list(self.faces)}{groups})"
 
     @property
     def comm(self) -> MPI.Comm:
@@ -205,7 +210,8 @@ def _named(
     groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str, file: str
 ) -> npt.NDArray[np.int32]:
     if not isinstance(name, str):
-        raise ValueError(f"{what}: a {kind} is given by its name, text in quotation marks, but is {name!r}")
+        names = ": Body(faces={'sole': ...}) and NamedMesh(domain, {'sole': ...}) give facets names" * (kind == "face")
+        raise ValueError(f"{what}: a {kind} is given by its name, text in quotation marks, but is {short(name)}{names}")
     if name not in groups:
         listed = f"its {kind}s are {', '.join(groups)}" if groups else _none(kind, file)
         raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{_hint(name, groups)}; {listed}")
