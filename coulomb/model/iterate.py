@@ -176,6 +176,7 @@ class Linearised(DiscreteProblem):
         here, over = np.concatenate([nonlinear(one.body).place.u for one in body.members]), Reductions(self.comm)
         residual = e.internal - e.load
         load, rigid = balanced_load(body, residual, over), rigid_part(body, here, over)
+        extent = max(over.max(axis) - over.min(axis) for axis in body.x.T)  # grad u is added to 1
         return replace(
             e,
             displacement=here + du - rigid,
@@ -184,7 +185,7 @@ class Linearised(DiscreteProblem):
             prescribed=body.held_part(here - rigid) + e.prescribed,
             jump=self._jump(here + du, over) if body.ties else None,
             ground=None,
-            rounding=rounding_forces(body, here + du),
+            rounding=rounding_forces(body, np.maximum(np.abs(here + du), extent)),
         )
 
     def _jump(self, u: FloatArray, over: Reductions) -> FloatArray:

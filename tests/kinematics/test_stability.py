@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 import coulomb
+from coulomb.kinematics import NeoHookean, StVenantKirchhoff
 
 
 def column(**settings):
     """Clamped below, pressed by a rough plate by 1 % of its length in 1 s."""
     return coulomb.ContactProblem(
         coulomb.box((0.1, 0.1, 1.0), (1, 1, 6), degree=2),
-        coulomb.NeoHookean(1e6, 0.0),
+        NeoHookean(1e6, 0.0),
         [coulomb.Clamp("bottom")],
         coulomb.Contact(
             "top",
@@ -58,3 +59,27 @@ def test_the_stable_branch_beyond_eulers_load_carries_less():
     assert carried[0] > 1.1 * euler and 0.93 * euler < carried[1] < euler
     with pytest.raises(ValueError, match='branch must be "any"'):
         column(branch="best")
+
+
+def test_a_beam_that_slips_off_a_cylinder_snaps_back_and_is_free():
+    """The cylinder bends it aside until its end slips off; from there no equilibrium is near, and the one that is left
+    has no forces: what is no more than rounding errors of 1 + grad u is balanced."""
+    beam = coulomb.moved(coulomb.box((0.1, 0.1, 1.0), (2, 1, 12)), translate=(0.0, 0.0, -1.0))
+    problem = coulomb.ContactProblem(
+        beam,
+        StVenantKirchhoff(1e6, 0.3),
+        [coulomb.Clamp("top"), coulomb.Clamp("front", components="y"), coulomb.Clamp("back", components="y")],
+        coulomb.Contact(
+            "left",
+            friction=0.3,
+            foundation=coulomb.Cylinder((-0.17, 0.0, -0.97), (0.0, 1.0, 0.0), 0.15),
+            motion=lambda time: (0.9 * time, 0.0, 0.0),
+        ),
+        kinematics="large",
+    )
+    history = coulomb.LoadHistory([0.1, 0.2, 0.4, 1.2], halvings=4)
+    steps = [step.solution for step in history.steps(problem)]
+    pushed = [one.force_on_body[:, 0].sum() for one in steps]
+    aside = [np.abs(one.displacement[:, 0]).max() for one in steps]
+    assert max(pushed) > 1.0 and max(aside) > 0.1
+    assert steps[-1].valid and pushed[-1] == 0.0 and np.abs(steps[-1].displacement).max() < 1e-8
