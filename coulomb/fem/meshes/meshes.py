@@ -71,7 +71,9 @@ def second_order(mesh: NamedMesh, curved: bool = False) -> NamedMesh:
     found = _of_order(second_order, mesh, domain, of_point, nodes.size_local)
     if curved:
         put_on_surfaces(found)
-        refuse_flat_cells(domain.geometry.x[compat.cell_geometry(domain)], "second_order: the curved boundary", comm)
+        cells = domain.geometry.x[compat.cell_geometry(domain)]
+        straight = corners_to_nodes(kind) @ cells[:, : corners.shape[1]]  # tetrahedra of files may be mirror images
+        refuse_flat_cells(cells, "second_order: the curved boundary", comm, straight)
     return found
 
 

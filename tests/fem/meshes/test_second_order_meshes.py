@@ -9,7 +9,8 @@ import coulomb
 from coulomb.case.bodies import MeshTable
 from coulomb.cli.preparation import unknowns_of_box
 from coulomb.fem import compat
-from coulomb.fem.meshes.lagrange import corner_geometry
+from coulomb.fem.meshes.lagrange import corner_geometry, jacobians
+from coulomb.fem.meshes.meshes import smooth_second_order
 from coulomb.fem.meshes.named_mesh import NamedMesh
 
 CELLS = ("hexahedron", "tetrahedron")
@@ -70,3 +71,18 @@ def test_second_order_meshes_are_not_raised_again():
         coulomb.second_order(mesh)
     with pytest.raises(ValueError, match="degree must be 1 or 2, but is 3"):
         coulomb.box((1.0, 1.0, 1.0), (1, 1, 1), degree=3)
+
+
+def test_curved_edges_of_cells_of_both_orientations(tmp_path):
+    """A quarter of a ring, cut as DOLFINx cuts boxes: half of the cells of the file are mirror images of the others,
+    and were taken for turned inside out."""
+    file = BoxFile((1.0, 1.0, 1.0), (2, 6, 2), "tetrahedron")
+    r, phi = 1.0 + file.points[:, 0], 0.5 * np.pi * file.points[:, 1]
+    file.points = np.column_stack([r * np.cos(phi), r * np.sin(phi), file.points[:, 2]])
+    mesh = coulomb.read_mesh(file.write(tmp_path / "ring.msh"))
+    signs = np.sign(jacobians(mesh.domain.geometry.x[compat.cell_geometry(mesh.domain)])[0][0])
+    assert np.sum(signs > 0.0) == np.sum(signs < 0.0) == 72
+    curved = coulomb.second_order(mesh, curved=True)
+    assert integral(curved) == pytest.approx(0.75 * np.pi, rel=2e-4)
+    assert integral(coulomb.second_order(mesh)) == pytest.approx(0.75 * np.pi * np.sinc(15.0 / 180.0), rel=1e-9)
+    assert integral(smooth_second_order(mesh)) == integral(curved)  # as error bars take it
