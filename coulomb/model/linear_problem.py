@@ -117,6 +117,10 @@ _ROUNDING: Final = 2.0**-48
 resultant of loads of the sum of their magnitudes."""
 
 
+_UNMOVED: Final = 1e-10
+"""Motion of a contact point, in a free motion of a metre, that is a rounding error."""
+
+
 @dataclass(frozen=True)
 class ContactState:
     """A contact problem at one time; this rank's m contact points.
@@ -169,13 +173,15 @@ class ContactState:
     def rigid(self) -> RigidMotions | None:
         """The motions that contact alone prevents, with the loads along them; None if supports prevent all; collective.
 
-        A resultant below its own rounding is 0, as of the thermal forces of a body that expands freely.
+        A resultant below its own rounding is 0, as of the thermal forces of a body that expands freely, and so is the
+        motion of contact points on the side of a bolt's section that supports hold.
         """
         elasticity, loading, free = self.elasticity, self.loading, self.elasticity.free
         if not len(free):
             return None
         R = elasticity.free_unknowns
         G = np.stack([rows_of(self.surface.free_B, R[:, :, number]).ravel() for number in range(len(free))])
+        G = np.where(np.abs(G) <= _UNMOVED, 0.0, G)
         load = elasticity.reduction.along(loading.load, loading.tension)
         each = [load, *(elasticity.reduction.along(one.forces) for one in elasticity.loads_in(loading))]
         sums = [np.einsum("kcq,kc->q", R, load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]

@@ -196,6 +196,8 @@ class StoppingCriterion:
             whole = (running_away(problem, result), str(failure), _worst(problem, result), implausible_sizes(problem))
             texts = [text for text in whole if text]
             return NotConverged("; ".join(texts), result) if len(texts) > 1 else failure
+        if away := running_away(problem, result):
+            return NotConverged(f"{away}; {failure}", result)
         certificate = self.answer(result.x, result.rigid).certificate
         remedies = ["a check of the units of lengths, forces and stiffnesses"]
         if problem.elasticity.ground is not None:

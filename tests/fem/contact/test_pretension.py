@@ -12,6 +12,7 @@ from coulomb import (
     LoadHistory,
     Material,
     NoEquilibrium,
+    NotConverged,
     Plane,
     PrescribedDisplacement,
     Pretension,
@@ -183,6 +184,24 @@ def test_loose_bolts_of_a_free_body():
     )
     with pytest.raises(NoEquilibrium, match=r"nothing holds the bolt at 'up:bottom' against loads of 10 kN"):
         pulled.solve()
+
+
+def test_a_bolt_that_pulls_on_nothing():
+    """A stud without a head: where contact is on the side that is clamped, the free one had contact by rounding errors
+    and was moved by 5e25 m; where friction holds a part of the force, no proof was wanted, but a word."""
+    low = box((WIDE, WIDE, 0.02), (2, 2, 4))
+    up = moved(box((WIDE, WIDE, 0.02), (3, 2, 4)), (0.0, 0.0, 0.02))
+
+    def stud(contact, *loads):
+        bolt = Pretension("up:bottom", "low:top", force=1e4)
+        return ContactProblem(
+            join(low=low, up=up), Material(E, 0.3), [Clamp("low:bottom")], Contact(contact, 0.2), loads, ties=[bolt]
+        )
+
+    with pytest.raises(NoEquilibrium, match=r"nothing holds the bolt at 'up:bottom' against loads of 10 kN along -z"):
+        stud("low:left").solve()
+    with pytest.raises(NotConverged, match=r"^no answer found: loads push the bolt at 'up:bottom' along -z with 10 kN"):
+        stud("up:left", TotalForce("up:right", (-2e3, 0.0, 0.0))).solve()
 
 
 def test_the_users_own_forms():
