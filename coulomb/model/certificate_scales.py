@@ -54,6 +54,13 @@ def lengths(vectors: FloatArray) -> FloatArray:
     return norms
 
 
+def largest_motions(component: npt.NDArray[np.int64], u: FloatArray, over: Reductions) -> FloatArray:
+    """Largest component of the displacements u (k, 3) in the component of the meshes of each node, metres, shape (k,);
+    collective."""
+    count = 1 + int(over.max(component.astype(np.float64)))
+    return _Bodies(component, count, over).largest(np.max(np.abs(u), axis=1))[component]
+
+
 def worst(*values: float) -> float:
     """The largest, nan if one is nan."""
     return float(np.max(values))
@@ -95,6 +102,10 @@ class Scales:
     def of_points(self, values: FloatArray, over: Reductions) -> FloatArray:
         """Largest value (m,) of the contact points of every body, at least 0, shape (n,); collective."""
         return _Bodies(self.owner, len(self.forces), over).largest(values)
+
+    def of_nodes(self, values: FloatArray, over: Reductions) -> FloatArray:
+        """The same of values (k,) of the nodes."""
+        return _Bodies(self.body, len(self.forces), over).largest(values)
 
     def norms(self, sizes: FloatArray, over: Reductions) -> FloatArray:
         """Norm of the sizes (k,) at the nodes of every body, shape (n,); collective."""

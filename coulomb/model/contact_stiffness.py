@@ -53,6 +53,7 @@ from ..linalg.solve_errors import CGNotConverged
 from ..solvers.condensed import CondensedSystem
 from ..solvers.newton_systems import DenseSystem
 from .certificate import rounding_forces
+from .certificate_scales import largest_motions
 from .conditioning import ill_conditioned, measures_of, on_soft_springs, soft_motions
 from .memory import first_room
 from .provenance import timed
@@ -232,7 +233,7 @@ class ContactStiffness:
         self.elasticity, self._references, self._unknowns = elasticity, references, unknowns
         self.comm, self._seconds = elasticity.comm, seconds
         self._given, self.load_steps = (linear_solver, explicit), 1
-        self._rounding: tuple[object, float, FloatArray] | None = None
+        self._rounding: tuple[object, FloatArray] | None = None
         self._latest: FixedStiffness | None = None
         self._factors_of: set[tuple[bool, ...]] = set()
         self._work: Work | None = None
@@ -275,13 +276,11 @@ class ContactStiffness:
         return self.linear_solver.name
 
     def rounding_forces(self, elasticity: Deformable, u: FloatArray) -> FloatArray:
-        """`rounding_forces` of the body in a state, scaled by the largest displacement while K is the same;
+        """`rounding_forces` of the body in a state, those of unit displacements scaled while K is the same;
         collective."""
-        motion = Reductions(self.comm).max(np.abs(u))
-        if self._rounding is None or self._rounding[0] is not elasticity.K or not 0.0 < self._rounding[1] < math.inf:
-            self._rounding = elasticity.K, motion, rounding_forces(elasticity, u)
-        forces: FloatArray = self._rounding[2] * (motion / self._rounding[1] if motion != self._rounding[1] else 1.0)
-        return forces
+        if self._rounding is None or self._rounding[0] is not elasticity.K:
+            self._rounding = elasticity.K, rounding_forces(elasticity, np.ones_like(u))
+        return self._rounding[1] * largest_motions(elasticity.component, u, Reductions(self.comm))[:, None]
 
     # --- the method -----------------------------------------------------------------------------------------------
 

@@ -31,7 +31,7 @@ from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from ..units import amount
 from .arguments import linear_solver_of
-from .certificate import Certificate, Evidence, judge
+from .certificate import LIMIT, Certificate, Evidence, judge
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem, StatePoints
 from .equilibrium import refuse_without_equilibrium
@@ -75,8 +75,8 @@ class StepCut(NotConverged):
 
 
 def size_of(certificate: Certificate) -> float:
-    """The largest value of the checks, but of the angle; inf if one is not finite."""
-    values = [check.value for check in certificate.checks if check.unit == ""]
+    """The largest value of the checks, but of the angle and of rounding; inf if one is not finite."""
+    values = [check.value for check in certificate.checks if check.limit == LIMIT]
     return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
 
 

@@ -25,6 +25,9 @@ answer that the certificate refuses at 1e-4 of the tolerance, on soft springs, i
 _SETTLED: Final = 1e-6
 """Change of a force in a further Newton step, over the largest on its body, up to which an answer is settled."""
 
+_OF_ROUNDING: Final = 100.0
+"""Changes of forces up to this multiple of what rounding errors of displacements are in them do not settle."""
+
 _SETTLING: Final = replace(FINISH, sharpest=1e-5, settled=_SETTLED)
 
 DECISIVE = (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
@@ -104,10 +107,12 @@ def settled(
     progress: ProgressCallback | None = None,
 ) -> SolverResult:
     """A result after Newton steps, until one leaves all forces as they are, where its residual does not say so; the
-    result itself where they do not settle, as by products of thin bodies that are no more accurate than that.
+    result itself where rounding errors do not let them settle, as of thin sheets: how much these are is said by the
+    certificate.
 
     Of a steel block on rubber diag(A) is that of the rubber.  Forces of neighbours that cancel in a facet of the rubber
     move the steel alone: of their errors the residual feels a part of 1/(a k), with the stiffness k of their nodes.
+    Rounding errors of displacements d are errors of 2^-52 k d of these forces.
 
     Args:
         problem: The problem,
@@ -115,6 +120,9 @@ def settled(
         stiffness: Of the nodes of the contact points, newtons per metre, shape (m,).
         tolerance: Residual at which to stop.
         progress: Called after every step.
+
+    Raises:
+        NotConverged: If steps go on to change forces by more than a hundred times their rounding errors.
     """
     hidden = problem.reductions.max(np.append(problem.scales.compliance[:, 0] * stiffness, 0.0))
     if not hidden * result.residual > _SETTLED:
@@ -133,7 +141,18 @@ def settled(
         contraction=result.contraction,
     )
     settles = bool(steps) and after.status is Status.CONVERGED and steps[-1].moved <= _SETTLED
-    return after if settles or after.status is Status.INTERRUPTED else result
+    if settles or after.status is Status.INTERRUPTED:
+        return after
+    closed = np.abs(result.gradient + problem.b).reshape(-1, 3)
+    rounding = problem.scales.moved(2.0**-52 * stiffness[:, None] * closed, result.x.reshape(-1, 3))
+    moved = steps[0].moved if steps else 0.0
+    if moved <= max(_SETTLED, _OF_ROUNDING * rounding):
+        return result
+    message = (
+        f"forces are unresolved: with a residual of {result.residual:.1e} one is wrong by about {moved:.1e} of the "
+        "largest on its body, as where a body is far stiffer than the one it lies on"
+    )
+    raise NotConverged(message, replace(after, message=message))
 
 
 def outcome(solve: Callable[[], SolverResult]) -> SolverResult:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import solved_block
-from synthetic_evidence import CASES, SLIP, failed, synthetic_evidence, turned_short_slip, turned_small_friction
+from synthetic_evidence import CASES, SLIP, F, failed, synthetic_evidence, turned_short_slip, turned_small_friction
 
 import coulomb
 from coulomb import certify
-from coulomb.model.certificate import ANGLE_LIMIT, LIMIT, judge
+from coulomb.model.certificate import ANGLE_LIMIT, LIMIT, judge, rounding_forces
 
 
 @pytest.fixture
@@ -216,3 +216,34 @@ def test_a_drift_of_a_rubbing_block_fails():
     """With friction as well: errors are relative to the spring forces, not to the contact forces."""
     _, certificate = drifted(sprung(1e6, friction=0.3), 0.1)
     assert "rigid motion" in failed(certificate)
+
+
+@pytest.mark.parametrize("left", [0.9e-6, 1.1e-6, 0.9e-2, 1.1e-2])
+def test_what_rounding_errors_leave(left):
+    """Sixteen of the largest, over the largest contact force: above 1e-6 there is a line, above 1e-2 it fails."""
+    evidence, _ = synthetic_evidence()
+    rounding = np.zeros_like(evidence.rounding)
+    rounding[130, 1] = -left * F / 16.0
+    checks = {check.name: check for check in judge(replace(evidence, rounding=rounding)).checks}
+    assert ("rounding" in checks) is (left > LIMIT)
+    if left > LIMIT:
+        assert checks["rounding"].value == pytest.approx(left) and checks["rounding"].passed is (left < 1e-2)
+        assert checks["rounding"].meaning.startswith("forces are unresolved: ") is (left > 1e-2)
+
+
+def test_rounding_errors_are_of_every_component():
+    """A block that is moved by a metre beside one that is at rest."""
+    blocks = coulomb.join(
+        one=coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)),
+        other=coulomb.moved(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), translate=(2.0, 0.0, 0.0)),
+    )
+    problem = coulomb.ContactProblem(
+        blocks, coulomb.Material(2e11, 0.3), [coulomb.Clamp("one:top")], coulomb.Contact("other:bottom", 0.3)
+    )
+    body, u = problem.elasticity, np.full((54, 3), 1e-6)
+    resting = rounding_forces(body, u)
+    u[body.component == 1] = 1.0
+    forces = problem.body.stiffness.rounding_forces(body, u)
+    assert np.allclose(forces, rounding_forces(body, u), rtol=1e-12, atol=0.0)
+    assert np.array_equal(rounding_forces(body, u)[body.component == 0], resting[body.component == 0])
+    assert np.abs(forces[body.component == 1]).max() > 1e5 * np.abs(forces[body.component == 0]).max()

@@ -3,8 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from coulomb import Clamp, Contact, ContactProblem, Material, TotalForce, box, join, moved
+from coulomb import Clamp, Contact, ContactProblem, Material, NotConverged, TotalForce, box, join, moved
 from coulomb.solvers import automatic
 
 STEEL, RUBBER = Material(2e11, 0.3), Material(4.6e6, 0.4)
@@ -42,7 +43,8 @@ def test_every_force_is_right_to_a_millionth_of_the_largest(monkeypatch):
     assert before.valid and error(before) > 1e-6  # by the residual alone
 
 
-def test_steps_that_do_not_settle_are_not_taken(monkeypatch):
+def test_forces_that_steps_do_not_settle_are_unresolved(monkeypatch):
+    """Unless rounding errors explain it: the certificate has these, and the answer stays."""
     problem, settled = stack(), automatic.settled
     with monkeypatch.context() as patched:
         patched.setattr(automatic, "_SETTLED", np.inf)
@@ -51,4 +53,7 @@ def test_steps_that_do_not_settle_are_not_taken(monkeypatch):
     assert settled(posed, result, stiffness, 1e-8).newton_steps > result.newton_steps
     assert settled(posed, result, np.zeros_like(stiffness), 1e-8) is result
     monkeypatch.setattr(automatic, "_SETTLING", replace(automatic._SETTLING, max_iterations=1))
+    with pytest.raises(NotConverged, match=r"forces are unresolved: .* wrong by about [1-9]\.\de-0[56] of the"):
+        settled(posed, result, stiffness, 1e-8)
+    monkeypatch.setattr(automatic, "_OF_ROUNDING", np.inf)
     assert settled(posed, result, stiffness, 1e-8) is result

@@ -326,6 +326,40 @@ def test_rounding_errors_are_not_corrected():
     assert solution.valid and solution.result.newton_steps < 20
 
 
+def thin(thickness, angle=0.0):
+    """A strip that is pressed onto the plane at its free end, turned in that plane."""
+    strip = coulomb.box((0.16, 0.05, thickness), (6, 2, 1), degree=2)
+    return ContactProblem(
+        coulomb.moved(strip, rotate=coulomb.Rotation((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), angle)),
+        STEEL,
+        [Clamp("left")],
+        Contact("bottom", 0.3, gap=1e-4),
+        [Traction("top", (0.0, 0.0, -48.0 * (thickness / 5e-4) ** 3))],
+        small_strain="warn",
+    )
+
+
+def test_what_rounding_may_leave_of_the_forces_of_a_sheet():
+    """Of meshes turned in the plane they differ by 2e-4, which nothing said; the answer is one nevertheless."""
+    answers = [thin(2e-4, angle).solve() for angle in (0.0, 0.3)]
+    first, other = (answer.contact_force[0::3] for answer in answers)
+    changed = np.abs(other - first).max() / first.max()
+    for answer in answers:
+        assert answer.valid and changed < answer.certificate["rounding"].value < 1e-3
+    entry, check = summary(answers[0])["certificate"]["rounding"], answers[0].certificate["rounding"]
+    assert (entry["value"], entry["limit"]) == (check.value, 1e-2)
+    assert "may be undetermined; worst at (0.1333, " in check.meaning and check.meaning.endswith("m of 'bottom'")
+
+
+def test_unresolved_forces_of_a_thinner_sheet():
+    """From mesh to mesh its forces differ by 1 and more."""
+    problem = thin(6e-5)
+    with pytest.raises(NotConverged) as failure:
+        problem.solve(solver=InteriorPoint(max_iterations=15))
+    check = problem.solution(failure.value.result).certificate["rounding"]
+    assert not check.passed and "forces are unresolved: so much of the largest" in check.meaning
+
+
 def pressed(cells, **given):
     """A sheet on its plane, whose compression is 2e10 times smaller than the deflection without the plane."""
     return ContactProblem(
