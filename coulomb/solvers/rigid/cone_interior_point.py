@@ -248,7 +248,7 @@ class _ConeRun:
             if size <= near:
                 near = _NEARER * size
                 self._newton(at.X, self._settings.newton // 2)
-        if opened is not None:
+        if self._settings.curve:
             self._newton(self._X, 2 * self._settings.newton, patient=True)
 
     def _successive_slips(self, enough: float) -> None:

@@ -191,9 +191,10 @@ class _Run:
         return dv if singular == 0 else np.full(len(dv), np.nan)
 
     def _judged(self, v: FloatArray) -> None:
-        """Judge an answer afresh."""
+        """Judge an answer afresh, within the bounds of friction: of a contact whose compliance is small, what is
+        beyond its bound counts more in other units."""
         problem, n = self._problem, len(self._b)
-        forces = problem.completed(self._s * v[:n])
+        forces = problem.project(problem.completed(self._s * v[:n]))
         alpha: FloatArray = self._a * self._s * (self._T.T @ v[n:])
         residual = self._residual(forces, problem.gradient(forces, alpha))
         if residual < self._best[0]:
