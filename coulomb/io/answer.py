@@ -76,6 +76,7 @@ class Answer:
             largest of all bodies.
         volume: Of the bodies by the corners of their cells, m^3.
         few_chords: What to say of faces that may stand for curved ones, but have fewer than ten chords in a circle.
+        chord: Of the facets in contact, over the approach (`SmallStrain.chord`).
     """
 
     totals: Totals
@@ -94,6 +95,7 @@ class Answer:
     polygon: float = 0.0
     volume: float = 0.0
     few_chords: tuple[str, ...] = ()
+    chord: float = 0.0
 
 
 def answer_of(solution: Solution, tolerance: float) -> Answer:
@@ -128,6 +130,7 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
         polygon=max(map(polygon, meshes)),
         volume=over.sum(sum(map(volume, meshes))),
         few_chords=_few_chords(problem),
+        chord=solution.small_strain.chord,
     )
 
 

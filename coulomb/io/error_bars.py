@@ -365,7 +365,7 @@ def bars_of(answers: Sequence[Answer], unknown: float = 0.0) -> ErrorBars:
     least = least_bar(largest.value, energy, free, first.single, SAFETY)
     found[LARGEST] = replace(largest, discretisation=np.maximum(largest.discretisation, least))
     second = [one for one in compared if _beside(first, one)]
-    warnings = too_stiff(first.energies, second[0].energies) if second else ()
+    warnings = too_stiff(first.energies, second[0].energies, first.chord) if second else ()
     found, missed = _with_missed_contact((first, *compared), found)
     return ErrorBars(tuple(found.values()), (first, *compared), stress, (*warnings, *missed, *first.few_chords))
 

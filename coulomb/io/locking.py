@@ -17,6 +17,7 @@ import numpy as np
 from ..fem.bodies import Deformable, Elasticity, Member, by_group, stress_error
 from ..fem.meshes import boundary_facets, corners_of
 from ..linalg.reductions import Reductions
+from ..model.small_strain import CHORD
 from ..model.solution import Solution
 
 ROUGH: Final = 1.0 / 3.0
@@ -59,26 +60,36 @@ def nearly_incompressible(body: Deformable) -> bool:
     )
 
 
-def too_stiff(first: Mapping[str, float], second: Mapping[str, float]) -> tuple[str, ...]:
+def too_stiff(first: Mapping[str, float], second: Mapping[str, float], chord: float = 0.0) -> tuple[str, ...]:
     """Warnings, from the strain energies in joules of every body by its name in an answer and in one of second order on
-    the same cells."""
+    the same cells.  Where the chord of facets in contact is a part of the approach that is worth a word, as of a pin in
+    a lug, it is named as the cause: it decides where these touch."""
     total, said = max(sum(first.values()), sum(second.values())), []
     for name, energy in first.items():
         other = second.get(name, energy)
         if abs(other - energy) > WIDE * max(energy, other) and max(energy, other) > SHARE * total:
             of, table = (f" of body {name!r}", "[[body]]") if name else ("", "[mesh]")
             times = other / energy if energy > 0.0 else np.inf
+            why = f"the first-order cells{of} are far too stiff, as they lock in bending and near incompressibility"
+            if chord > CHORD.warn:
+                why = (
+                    f"the plane facets of the first-order cells{of}, or of what these touch, stand for a curved face: "
+                    f"their chords leave gaps of {chord:.0%} of the approach between contact points"
+                )
             said.append(
-                f"the first-order cells{of} are far too stiff, as they lock in bending and near incompressibility: "
-                f"with second order (degree = 2 in {table}) the same cells have {times:.2g} times the strain energy"
+                f"{why}: with second order (degree = 2 in {table}) the same cells have {times:.2g} times the strain "
+                "energy"
             )
     return tuple(said)
 
 
 def thin_and_bent(solution: Solution) -> list[str]:
     """Remarks on bodies of first order, one or two cells thick, whose stress has an error of about its size, of those
-    alone since the error costs up to a tenth of a small problem; collective.
+    alone since the error costs up to a tenth of a small problem; none where chords of the facets in contact may be the
+    cause, which `SmallStrain` says; collective.
     """
+    if solution.small_strain.chord > CHORD.warn:
+        return []
     found, over = [], Reductions(solution.problem.comm)
     temperature = solution.problem.loading.temperature
     for member in _of_first_order(solution.problem.elasticity):

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from conftest import run_coulomb
+from shared_problems import ring_mesh
 
 from coulomb import (
     Clamp,
@@ -113,6 +114,22 @@ def test_what_is_bent_is_told_from_what_is_pulled_without_a_comparison():
         (said,) = thin_and_bent(cantilever(0.004, (16, 4, layers)).solve())
         assert "seem far too stiff, as they lock in bending" in said and "(degree = 2 in [mesh])" in said
     assert not thin_and_bent(cantilever(0.004, (8, 2, 1), degree=2).solve())
+
+
+@pytest.mark.parametrize(("cell", "cells"), [("hexahedron", (1, 6)), ("tetrahedron", (1, 8))])
+def test_chords_of_a_pin_in_a_lug_are_no_lock(cell, cells):
+    """Half of a pin with a clearance of 20 um: polygons touch at a few points, and nothing is bent."""
+    rows, around = cells
+    lug = ring_mesh(0.01, 0.02, (rows, around, 1), np.pi, 0.01, cell)
+    pin = ring_mesh(0.003, 0.00998, (rows, around + 1, 1), np.pi, 0.01, cell)
+    held = [SymmetryPlane(f"{body}:{face}") for body in ("lug", "pin") for face in ("front", "back", "bottom")]
+    contact, load = Contact("pin:right", 0.1, against="lug:left"), Traction("pin:left", (0.0, 8e7, 0.0))
+    bodies = join(lug=lug, pin=pin)
+    answer = ContactProblem(bodies, STEEL, [Clamp("lug:right"), *held], contact, [load], small_strain="warn").solve()
+    assert answer.small_strain.chord > 5.0 and not thin_and_bent(answer)
+    if cell == "hexahedron":
+        said = answer.error().warnings
+        assert len(said) == 2 and all("their chords leave gaps of 736% of the approach" in one for one in said)
 
 
 def test_a_run_says_it(tmp_path):
