@@ -90,7 +90,7 @@ def wedge(cell: str) -> ContactProblem:
     return ContactProblem(
         box((1.0, 1.0, 1.0), (3, 2, 2), cell),
         STEEL,
-        [PrescribedDisplacement(face, _wedge_exact) for face in sides],
+        [PrescribedDisplacement(face, _wedge_exact, "xy") for face in sides],  # all of the bottom is in contact
         Contact("bottom", FRICTION, gap=lambda x: WEDGE * x[0] - OFFSET),
         [Traction("top", (0.0, 0.0, -PRESSURE))],
     )

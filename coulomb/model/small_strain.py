@@ -29,6 +29,9 @@ _PRESSING: Final = 1e-6  # a node presses if its force is above this fraction of
 _CHORDS: Final = 4.0
 """Chords of facets by which a face may be in its foundation: at its ends the estimate is a third of it."""
 
+_AROUND: Final = 8
+"""Contact points whose given gaps tell that of a corner beside them, as where they are means around vertices."""
+
 _ROUNDING: Final = 1e-12  # distances below this fraction of the coordinates are rounding
 
 
@@ -450,13 +453,15 @@ def _depths(
     if face.nodal:
         near = np.all(among(face.corners, points), axis=1)
 
-    def remaining(x: FloatArray, moved: FloatArray) -> FloatArray:
-        gap = foundation.signed_distance(moved)
-        return gap + given[tree_of(points).query(x)[1]] if np.any(given) else gap
-
     if not np.any(near):
         return np.zeros(0)
-    least = face.least(near, remaining)
+    at_corners = np.zeros(face.corners.shape[:2])
+    if np.any(given):
+        number = tree_of(points).query(face.corners, min(_AROUND, len(points)))[1].reshape(*at_corners.shape, -1)
+        nearest, others = points[number[..., :1]], points[number] - points[number[..., :1]]
+        slope = np.linalg.pinv(others, rcond=1e-3) @ (given[number] - given[number[..., :1]])[..., None]
+        at_corners = given[number[..., 0]] + ((face.corners[:, :, None] - nearest) @ slope)[:, :, 0, 0]
+    least = face.least(near, foundation.signed_distance, at_corners)
     chords = face.chord[near] if large else face.chord_on(foundation.signed_distance)[near]
     depths: FloatArray = np.where(np.abs(least) <= max(_ROUNDING * size, noise), 0.0, -least) - _CHORDS * chords
     return depths

@@ -156,3 +156,24 @@ def test_flat_faces_whose_coordinates_have_rounding_errors(tmp_path):
     together = ContactProblem(bodies, steel, [Clamp("a:bottom")], pair, [load]).solve()
     assert together.valid and not together.small_strain.warnings
     assert together.at_nodes.pressure == pytest.approx(1e7, rel=1e-3)
+
+
+@pytest.mark.parametrize(("cell", "degree"), [("hexahedron", 1), ("tetrahedron", 1), ("tetrahedron", 2)])
+def test_a_given_gap_of_a_slope(cell, degree):
+    """A block turned by a thousandth onto a wedge, pressed by 10 MPa as if on a plane; between the corners of its
+    facets the gap was that of the nearest one, 1.7 of the deformation off, and the right answer did not count."""
+    slope, offset, strain = 1e-3, 5e-4, 1e7 * (1.0 - 0.3**2 / (1.0 - 0.3) * 2.0) / 2e11
+
+    def exact(x):
+        return np.stack([slope * x[2], 0.0 * x[0], offset - slope * x[0] - strain * x[2]])
+
+    answer = coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 1.0), (3, 2, 2), cell, degree=degree),
+        coulomb.Material(2e11, 0.3),
+        [coulomb.PrescribedDisplacement(side, exact, "xy") for side in ("left", "right", "front", "back")],
+        coulomb.Contact("bottom", 0.3, gap=lambda x: slope * x[0] - offset),
+        [coulomb.Traction("top", (0.0, 0.0, -1e7))],
+    ).solve()
+    assert answer.valid and answer.small_strain.between < 1e-6
+    u = answer.displacement - exact(answer.problem.elasticity.x.T).T
+    assert np.abs(u).max() < 1e-9 * offset

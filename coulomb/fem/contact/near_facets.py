@@ -85,10 +85,13 @@ class FaceSamples:
         off = np.abs(distance(self.corners.mean(axis=1)) - on_nodes.mean(axis=1))
         return np.where(np.max(np.abs(on_nodes), axis=1) <= _ON * off, np.maximum(self.chord, off), self.chord)
 
-    def least(self, which: npt.NDArray[np.bool_], value: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
-        """The least value in some facets, shape (f,), of a function of places (k, 3) before deformation and after it,
-        metres."""
+    def least(
+        self, which: npt.NDArray[np.bool_], distance: Callable[[FloatArray], FloatArray], given: FloatArray
+    ) -> FloatArray:
+        """The least in some facets, shape (f,), of a distance, a function of places (k, 3) after deformation, and what
+        is given beside it at the corners of all facets, shape (all, c), linear between them; metres."""
         x, u = self.x[which], self.u[which]
+        on_nodes = given[which] @ self.kind.vertex_functions
         step = 1.0 / _STEPS
         along = np.arange(_STEPS + 1) * step
         offsets = np.array([(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1)])
@@ -99,7 +102,9 @@ class FaceSamples:
                 at = at / np.maximum(at.sum(axis=2), 1.0)[:, :, None]
             functions = np.stack(self.kind.values(at[..., 0], at[..., 1]))
             before, way = (np.einsum("nfq,fni->fqi", functions, of) for of in (x, u))
-            values = value(before.reshape(-1, 3), (before + way).reshape(-1, 3)).reshape(at.shape[:2])
+            values = distance((before + way).reshape(-1, 3)).reshape(at.shape[:2])
+            if np.any(given):
+                values = values + np.einsum("nfq,fn->fq", functions, on_nodes)
             best = np.argmin(values, axis=1)[:, None]
             step *= 0.5
             at = np.clip(np.take_along_axis(at, best[:, :, None], axis=1) + step * offsets, 0.0, 1.0)
