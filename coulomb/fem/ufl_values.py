@@ -29,7 +29,7 @@ _BEYOND: Final = 0.2
 """Part of its extent by which a curved cell may reach beyond its nodes."""
 
 _STEPS: Final = 20
-_AT_ONCE: Final = 20_000
+_AT_ONCE: Final = 5_000
 """Newton steps, and points that are located at a time, so that little memory is needed."""
 
 _NEWER: Final = hasattr(geometry, "bb_tree")

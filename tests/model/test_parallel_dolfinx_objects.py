@@ -183,8 +183,8 @@ def mesh_data():
     facets = np.concatenate([BOX.faces[name] for name in ("bottom", "top", "left")]).astype(np.int32)
     values = np.repeat([2, 3, 9], [len(BOX.faces[name]) for name in ("bottom", "top", "left")]).astype(np.int32)
     cells = np.arange(domain.topology.index_map(3).size_local, dtype=np.int32)
-    tags = compat.meshtags(domain, 2, facets, values), compat.meshtags(domain, 3, cells, np.ones_like(cells))
-    groups = {"bottom": Group(2, 2), "top": Group(2, 3), "all": Group(3, 1)}
+    tags = compat.meshtags(domain, 2, facets, values), compat.meshtags(domain, 3, cells, np.full_like(cells, 2))
+    groups = {"bottom": Group(2, 2), "top": Group(2, 3), "all": Group(3, 2)}
     return Data(domain, tags[1], tags[0], None, None, groups)
 
 
@@ -193,7 +193,7 @@ def test_meshes_and_faces():
     named = NamedMesh(data)
     assert set(named.faces) == {"bottom", "top", "9"} and list(named.cells) == ["all"]
     by_value = NamedMesh(data.mesh, data.facet_tags, data.cell_tags)
-    assert set(by_value.faces) == {"2", "3", "9"} and list(by_value.cells) == ["1"]
+    assert set(by_value.faces) == {"2", "3", "9"} and list(by_value.cells) == ["2"]
     located = {"bottom": lambda x: np.isclose(x[2], 0.0), "top": (data.facet_tags, 3), "left": BOX.faces["left"]}
     for faces in (located, {name: one for name, one in BOX.faces.items() if name in located}):
         found = NamedMesh(data.mesh, faces)

@@ -1,5 +1,6 @@
 """Points, motions and surfaces without a mesh: rigid surfaces by their signed distance, rigid motions, frames of
-contact points, and values that a user gives as numbers or functions.  Uses numpy alone.
+contact points, and values that a user gives as numbers or functions.  Uses numpy alone; `fem.ufl_values` is loaded
+where a value is an object of DOLFINx or UFL.
 """
 
 from .contact_frames import (
