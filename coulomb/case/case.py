@@ -24,6 +24,7 @@ from .curves import (
     Translations,
     amplitude_of,
     columns_of,
+    in_one_history,
     read_curves,
     refuse_ended,
 )
@@ -321,6 +322,11 @@ class Case(Table):
             raise PydanticCustomError("missing", "is missing")
         return given
 
+    @model_validator(mode="before")
+    @classmethod
+    def _large_by_itself(cls, given: Any) -> Any:
+        return in_one_history(given) if isinstance(given, dict) else given
+
     @model_validator(mode="after")
     def _groups_of_the_mesh(self) -> Case:
         if self.mesh is not None and self.material is not None:
@@ -363,12 +369,9 @@ class Case(Table):
                     f'law = {laws[0]!r} of a material is for large motions: set solver.kinematics = "large"'
                 )
             return self
-        if self.history is None:
-            raise ValueError('solver.kinematics = "large" needs a [history]: large motions are computed in load steps')
-        if self.pretension or self.cyclic_symmetry or self.rigid_face:
-            raise ValueError(
-                'pretension, cyclic_symmetry, rigid_face: not with solver.kinematics = "large", which has [[tie]]'
-            )
+        for key in ("pretension", "cyclic_symmetry", "rigid_face"):
+            if getattr(self, key):
+                raise ValueError(f'{key}: not with solver.kinematics = "large", which has [[tie]]')
         return self
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -200,3 +200,36 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+_RAMPED: Final = (
+    *("prescribed_displacement", "prescribed_rotation", "traction", "pressure", "total_force", "point_load"),
+    *("nodal_force", "temperature"),
+)
+"""Tables of what is applied, each with its amplitude."""
+
+
+def in_one_history(case: dict[str, Any]) -> dict[str, Any]:
+    """The tables of a case; of large motions without a history with one from 0 to 1 s, in which all that is applied and
+    has no amplitude grows with time, so that load steps can be halved."""
+    solver = case.get("solver")
+    if not isinstance(solver, dict) or solver.get("kinematics") != "large" or case.get("history") is not None:
+        return case
+    ramp: Any = [[0.0, 0.0], [1.0, 1.0]]
+
+    def ramped(tables: Any, of: str = "") -> Any:
+        if isinstance(tables, list | tuple):
+            return [ramped(table, of) for table in tables]
+        wanted = isinstance(tables, dict) and (not of or of in tables)
+        key = f"{of}_amplitude".lstrip("_")
+        return {**tables, key: ramp} if wanted and tables.get(key) is None else tables
+
+    grown = {name: ramped(case[name]) for name in _RAMPED if case.get(name)}
+    gaps = {"contact": ramped(case["contact"], "gap")} if case.get("contact") else {}
+    with_weight = [case, *(case["body"] if isinstance(case.get("body"), list | tuple) else [])]
+    forces = {
+        f"{name}_amplitude": case.get(f"{name}_amplitude", ramp)
+        for name in ("body_force", "gravity")
+        if any(name in table for table in with_weight)
+    }
+    return {**case, **grown, **gaps, **forces, "history": {"end": 1.0, "steps": 1}}

@@ -312,3 +312,34 @@ def test_wrong_input():
         MooneyRivlin(1e5, 0.0, -1e9)
     with pytest.raises(ValueError, match="material of large motions must be"):
         block(coulomb.OrthotropicMaterial((1e6,) * 3, (0.3,) * 3, (4e5,) * 3), ROLLERS)
+
+
+def test_without_a_history_all_that_is_applied_grows_with_time(tmp_path):
+    text = """\
+gravity = [0.0, 0.0, -9.81]
+[mesh]
+box = [1.0, 1.0, 1.0]
+cells = [2, 2, 2]
+[material]
+law = "neo-hookean"
+young = 1e6
+poisson = 0.3
+density = 1e3
+[[prescribed_displacement]]
+face = "top"
+value = [0.0, 0.0, -0.1]
+[contact]
+face = "bottom"
+friction = 0.3
+gap = -0.01
+[solver]
+kinematics = "large"
+"""
+    (tmp_path / "case.toml").write_text(text)
+    case = read_case(tmp_path / "case.toml")
+    ramp = ((0.0, 0.0), (1.0, 1.0))
+    assert case.history.ends == (1.0,)
+    assert case.gravity_amplitude == case.prescribed_displacement[0].amplitude == case.contact.gap_amplitude == ramp
+    given = text.replace("gravity =", "gravity_amplitude = [[0, 1], [1, 1]]\ngravity =")
+    (tmp_path / "case.toml").write_text(given)
+    assert read_case(tmp_path / "case.toml").gravity_amplitude == ((0.0, 1.0), (1.0, 1.0))
