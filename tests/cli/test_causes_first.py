@@ -3,6 +3,9 @@
 import pytest
 from conftest import run_coulomb
 
+from coulomb.pictures.report.files import read_run
+from coulomb.pictures.report.results import in_words
+
 CASE = """
 output = {picture = false}
 [mesh]
@@ -34,6 +37,7 @@ def test_without_equilibrium_there_is_no_certificate_of_no_answer(tmp_path):
     at = next(k for k, line in enumerate(lines) if line.startswith("contact  'bottom'"))
     assert lines[at + 1 : at + 3] == [reason, "certificate FAILED: there is no answer to judge"]
     assert done.returncode == 1 and done.stderr == f"error: {reason}\n"
+    assert in_words(read_run(tmp_path / "out")) == f"{reason[0].upper()}{reason[1:]}. There is no answer to judge."
 
 
 @pytest.mark.parametrize("young", ["2.1e5", "2.1e11"])

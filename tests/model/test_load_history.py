@@ -122,6 +122,7 @@ def test_a_step_that_fails_is_halved(caplog):
     assert said == ["INFO", "WARNING", "WARNING", "INFO", "INFO", "INFO"]
     assert caplog.messages[-1] == "load step 4 to 2 s: certificate passed"
     assert [step.halvings for step in steps] == [0, 2, 0, 0]
+    assert ["fussy" in step.why_halved for step in steps] == [False, True, False, False]
 
 
 def test_a_step_that_always_fails_keeps_those_before(tmp_path):

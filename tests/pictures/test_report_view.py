@@ -303,28 +303,32 @@ def test_mesh_lines_do_not_hide_the_colours_of_a_fine_mesh(block, tmp_path):
 
 
 @needs_chromium
-def test_wide_charts_scroll_on_phones(history, history_seen, tmp_path):
+def test_on_phones_panels_are_below_each_other_and_tables_scroll(history, history_seen, tmp_path):
     view, console = open_page(page_of(history), tmp_path, PHONE, phone=True)
     assert not console
     assert view["width"] == "390" and view["page"] == "390"  # the page itself does not scroll sideways
-    assert int(view["charts"]) == int(view["hints"]) == 6
+    assert int(view["charts"]) == int(view["stacked"]) == 6
     assert view["hint"] == "scroll sideways →" and view["shadow"] != "none"
     assert view["hintatend"] == "← scroll sideways"
-    assert history_seen["hints"] == "0" and history_seen["shadow"] == "none"  # nothing to scroll on a wide screen
+    assert history_seen["charts"] == "6" and history_seen["stacked"] == "0"  # side by side on a wide screen
 
 
 PHONE = """
   const charts = [...document.querySelectorAll(".chart")].filter((chart) => chart.querySelector("svg"));
-  const hints = charts.filter((chart) => chart.nextElementSibling.textContent);
+  for (const closed of document.querySelectorAll("details")) closed.open = true;
+  const edges = (panel) => panel.getBoundingClientRect();
+  const stacked = charts.filter(({ children: [one, other] }) => edges(other).top >= edges(one).bottom);
+  const table = document.querySelector(".wide .steps").parentElement;
+  table.dispatchEvent(new Event("scroll"));
   report("width", innerWidth);
   report("page", document.documentElement.scrollWidth > innerWidth ? document.documentElement.scrollWidth : 390);
   report("charts", charts.length);
-  report("hints", hints.length);
-  report("hint", charts[0].nextElementSibling.textContent);
-  report("shadow", getComputedStyle(charts[0]).boxShadow);
-  charts[0].scrollLeft = 10000;
-  charts[0].dispatchEvent(new Event("scroll"));
-  report("hintAtEnd", charts[0].nextElementSibling.textContent);
+  report("stacked", stacked.length);
+  report("hint", table.nextElementSibling.textContent);
+  report("shadow", getComputedStyle(table).boxShadow);
+  table.scrollLeft = 10000;
+  table.dispatchEvent(new Event("scroll"));
+  report("hintAtEnd", table.nextElementSibling.textContent);
 """
 
 

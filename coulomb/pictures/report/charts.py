@@ -425,7 +425,8 @@ def _arrange(figure: Any) -> None:
 
 
 def _svg(figure: Any, title: str) -> str:
-    """A figure as a scalable element of the page, without links and background, in the text's colour."""
+    """A figure as scalable elements of the page, one for each panel, which narrow screens put below each other; without
+    links and background, in the text's colour."""
     for axis in figure.axes:
         _calm(axis)
     _arrange(figure)
@@ -433,12 +434,18 @@ def _svg(figure: Any, title: str) -> str:
         file = io.StringIO()
         figure.savefig(file, format="svg", transparent=True)
     drawn = file.getvalue()
-    drawn = drawn[drawn.index("<svg") :]
+    drawn = drawn[drawn.index(">", drawn.index("<svg")) + 1 : drawn.rindex("</svg>")]
     drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.DOTALL)
-    drawn = re.sub(r' xmlns(:\w+)?="[^"]*"', "", drawn)
-    drawn = re.sub(r' (width|height)="[\d.]+pt"', "", drawn, count=2)
     drawn = drawn.replace("xlink:href", "href").replace(_INK, "currentColor")
-    return drawn.replace("<svg", f'<svg role="img" aria-label="{title}"', 1)
+    width, height = 72.0 * figure.get_size_inches()
+    panels, name = figure.axes[0].get_gridspec().ncols, title.replace(" ", "-")
+    wide = width / panels
+    first = f'<svg role="img" aria-label="{title}" viewBox="0 0 {wide:g} {height:g}"><g id="{name}">{drawn}</g></svg>'
+    others = [
+        f'<svg aria-hidden="true" viewBox="{k * wide:g} 0 {wide:g} {height:g}"><use href="#{name}"/></svg>'
+        for k in range(1, panels)
+    ]
+    return first + "".join(others)
 
 
 def subsampled(count: int, most: int) -> npt.NDArray[np.int64]:

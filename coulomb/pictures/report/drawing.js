@@ -1,4 +1,4 @@
-// Scrolling of wide charts and tables, and the 3D view of the contact surface: its data, its state, and its drawing by
+// Scrolling of wide tables, and the 3D view of the contact surface: its data, its state, and its drawing by
 // WebGL 2.  No library, no network.  Together with controls.js in one function of the page.
 //
 // pyvista's HTML export (0.49) in its place needs trame-pyvista and trame (49 MB at least) and starts a web server to
@@ -10,9 +10,9 @@ addEventListener("beforeprint", () => document.querySelectorAll("details").forEa
 
 // --- scrolling ---------------------------------------------------------------------------------------------------
 
-// Charts and tables wider than the screen can be scrolled sideways; the page indicates where there is more.
+// Tables wider than the screen can be scrolled sideways; the page indicates where there is more.
 
-for (const frame of document.querySelectorAll(".chart, .wide")) {
+for (const frame of document.querySelectorAll(".wide")) {
   const hint = document.createElement("p");
   hint.className = "more screen-only";
   frame.after(hint);

@@ -79,6 +79,7 @@ def render(run: Run) -> str:
         passed=not alarm,
         alarm=alarm,
         verdict=results.in_words(run),
+        no_answer=results.without_answer(run),
         made=results.made_in_short(run),
         message=run.summary.get("message", "") or _unfinished(run),
         warnings=run.warnings,

@@ -192,8 +192,16 @@ def checks(run: Run) -> list[dict[str, Any]]:
     return rows
 
 
+def without_answer(run: Run) -> bool:
+    """Whether a single run has found that there is no equilibrium."""
+    return not run.is_history and run.summary["status"] == "no_equilibrium"
+
+
 def in_words(run: Run) -> str:
-    """The verdict of the certificate."""
+    """The verdict of the certificate; without an answer the reason, whose consequences the failing conditions are."""
+    if without_answer(run):
+        reason = run.summary["message"]
+        return f"{reason[0].upper()}{reason[1:]}. There is no answer to judge."
     rows = checks(run)
     failed = [row for row in rows if not row["passed"]]
     if failed:
