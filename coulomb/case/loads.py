@@ -172,16 +172,15 @@ def _along_axes(stiffness: Any) -> Any:
     return [stiffness] * 3 if isinstance(stiffness, int | float) and not isinstance(stiffness, bool) else stiffness
 
 
-class SpringTable(Table):
-    """Elastic support of a face, stiffness in N/m^3: one number, or three along x, y, z."""
+class SpringTable(PlacedTable):
+    """Elastic support of a face, stiffness in N/m^3: one number, or three along x, y, z; or at nodes, in N/m."""
 
-    face: Name
     stiffness: Annotated[tuple[Stiffness, Stiffness, Stiffness], BeforeValidator(_along_axes)]
 
     def spring(self) -> Spring:
         from ..fem.bodies import Spring
 
-        return Spring(self.face, self.stiffness)
+        return Spring(self.face, self.stiffness, at_nodes=self.nodes is not None)
 
 
 class TractionTable(Table):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from .cards import Card
+from .springs import KINDS
 from .steps import PROCEDURES
 
 USED, NOT_NEEDED, REFUSED = "used", "not needed here", "refused"
@@ -22,7 +23,7 @@ _HANDLED: Final = frozenset(
         *("CONTACTPAIR", "SURFACEINTERACTION", "SURFACEBEHAVIOR", "FRICTION", "CLEARANCE", "CHANGEFRICTION"),
         "CHANGESURFACEBEHAVIOR",
         *("TIE", "TRANSFORM", "EQUATION", "RIGIDBODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "PRE-TENSIONSECTION"),
-        *("CONTACT", "CONTACTINCLUSIONS", "CONTACTPROPERTYASSIGNMENT"),
+        *("SPRING", "CONTACT", "CONTACTINCLUSIONS", "CONTACTPROPERTYASSIGNMENT"),
         *("TEMPERATURE", "INITIALCONDITIONS", "CONDUCTIVITY", "CYCLICSYMMETRYMODEL"),
     )
 )
@@ -90,6 +91,8 @@ def _fate(card: Card, ignore: Collection[str], surface_elements: Collection[str]
         title = card.get("TYPE").upper()
         if title.startswith(("C3D", "DC3D")):
             return USED, ""
+        if title in KINDS:
+            return USED, "springs to the ground"
         if title in surface_elements:
             return USED, "surface elements name faces"
         return REFUSED, f"{where}: elements of type {title} are no solids"

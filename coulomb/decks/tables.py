@@ -23,6 +23,7 @@ from .loads import Loads
 from .materials import directions_of, material_of
 from .nodes import NodalTables
 from .reading import Reading
+from .springs import spring_tables
 from .steps import PROCEDURES, Step, steps_of
 
 
@@ -121,6 +122,8 @@ class _Translator:
         tables |= self.loads.tables({table.get("density") for _, _, table in materials})
         for name, more in constraints.tables().items():
             tables.setdefault(name, []).extend(more)
+        if springs := spring_tables(self.of):
+            tables["spring"] = springs
         tables["contact"] = contact_tables(self.of)
         if not tables["contact"]:
             del tables["contact"]

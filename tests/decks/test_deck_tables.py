@@ -282,3 +282,22 @@ def test_ties_couplings_and_rigid_faces(tmp_path):
     sector = "*TIE, CYCLIC SYMMETRY, NAME=t\nlid, ground\n*CYCLIC SYMMETRY MODEL, N=6, TIE=t\n0, 0, 0, 0, 0, 1\n"
     (cyclic,) = tables_of(tmp_path, text + sector + STEP.format("")).tables["cyclic_symmetry"]
     assert cyclic["sectors"] == 6 and cyclic["axis"] == [0.0, 0.0, 1.0]
+
+
+def test_springs_to_the_ground(tmp_path):
+    """Of one node they add up; SPRINGA along the line to a node of no solid; others are refused with the line."""
+    ground = CUBES.replace("18, 0, 1, 2", "18, 0, 1, 2\n91, -1., 0., 1.")
+    springs = "*ELEMENT, TYPE=SPRING1, ELSET=g\n101, 11\n102, 12\n*SPRING, ELSET=g\n2\n\n50.\n"
+    springs += "*ELEMENT, TYPE=SPRINGA, ELSET=a\n103, 91, 11\n*BOUNDARY\n91, 1, 3\n*SPRING, ELSET=a\n\n7.\n"
+    found = tables_of(tmp_path, ground + springs + STEP.format("*DLOAD\n2, P2, 10."))
+    assert {row.keyword: row.fate for row in found.cards}["SPRING"] == "used"
+    by_nodes = {tuple(table["nodes"]): table["stiffness"] for table in found.tables["spring"]}
+    assert by_nodes == {(11,): [7.0, 50.0, 0.0], (12,): [0.0, 50.0, 0.0]}
+    assert read_case(tmp_path / "deck.inp").problem().solve().certificate.passed
+    for wrong, said in (
+        (springs.replace("ELSET=a\n\n7.", "ELSET=a, NONLINEAR\n0., 0., 1., 1."), "only linear springs are read"),
+        (springs.replace("103, 91, 11", "103, 91, 13"), "springs along a line that is no axis"),
+        (springs.replace("103, 91, 11", "103, 3, 11"), "springs between 2 nodes of solid elements"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            tables_of(tmp_path, ground + wrong + STEP.format("*DLOAD\n2, P2, 10."))

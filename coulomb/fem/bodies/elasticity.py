@@ -80,7 +80,9 @@ class LoadedBody(ElasticBody, HeldNodes):
         self._hold(self._acting(-np.inf))
         self.springs, self._sprung_by = tuple(springs), fem.Function(self.V)
         self._by_place = {id(one): self._at_nodes(one) for one in springs if of_place(one.stiffness)}
-        self._spring_forms = [fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs]
+        self._spring_forms = [
+            None if spring.at_nodes else fem.form(self.spring_form(spring, self._sprung_by)) for spring in springs
+        ]
         volume: list[Load] = [] if vanishes(body_force) else [BodyForce(body_force, body_force_amplitude)]
         volume += [] if vanishes(gravity) else [Weight(gravity, materials, gravity_amplitude)]
         self.thermal, heat = thermal, []
@@ -175,11 +177,24 @@ class LoadedBody(ElasticBody, HeldNodes):
         return replace(loading, load=load, temperature=temperature)
 
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
-        """Integrals of stiffness times displacement over the faces; see `Deformable`."""
+        """Integrals of stiffness times displacement over the faces, or this at nodes; see `Deformable`."""
         for spring, form in zip(self.springs, self._spring_forms, strict=True):
+            if form is None:
+                yield NodalForces("spring", spring.face, -self._at_sprung_nodes(spring) * u)
+                continue
             self._sprung_by.x.array[: 3 * self._owned] = u.ravel()
             self._sprung_by.x.scatter_forward()
             yield NodalForces("spring", spring.face, -self._assemble(form))
+
+    def _at_sprung_nodes(self, spring: Spring) -> FloatArray:
+        """Stiffness of springs at nodes along the axes, N/m, shape (k, 3); ValueError on every rank if there is no such
+        set of nodes; collective."""
+        if spring.face not in self.mesh.node_sets:
+            known = ", ".join(self.mesh.node_sets) or "none"
+            raise ValueError(f"spring: there is no set of nodes {spring.face!r} (there are {known})")
+        found = np.zeros((self._owned, 3))
+        found[self.nodes_at(self.mesh.node_sets[spring.face])] = spring.along_axes
+        return found
 
     def _temperature_at(self, time: float) -> Temperature | None:
         if self.thermal is None:
@@ -356,7 +371,15 @@ class Elasticity(LoadedBody, SingleBody):
     def assembled(self) -> PETSc.Mat:
         trial = ufl.TrialFunction(self.V)
         K = assembled_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx), self.V)
+        at_nodes = [self._at_sprung_nodes(spring) for spring in self.springs if spring.at_nodes]
+        if at_nodes:
+            diagonal = K.getDiagonal()
+            diagonal.array[:] += np.sum(at_nodes, axis=0).ravel()
+            K.setDiagonal(diagonal)
+            diagonal.destroy()
         for spring in self.springs:
+            if spring.at_nodes:
+                continue
             S = compat.assemble_matrix(fem.form(self.spring_form(spring, trial)))
             K.axpy(1.0, S, PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
             S.destroy()
@@ -365,5 +388,8 @@ class Elasticity(LoadedBody, SingleBody):
     def resisted(self, modes: FloatArray) -> FloatArray:
         sprung = np.zeros((self._owned, 3, 1))
         for spring in self.springs:
-            sprung[np.ix_(self.nodes(spring.face, "spring"), spring.along_axes > 0.0)] = 1.0
+            if spring.at_nodes:
+                sprung[:, :, 0][self._at_sprung_nodes(spring) > 0.0] = 1.0
+            else:
+                sprung[np.ix_(self.nodes(spring.face, "spring"), spring.along_axes > 0.0)] = 1.0
         return sprung * modes

@@ -303,6 +303,8 @@ class HyperelasticBody(NonlinearBody):
         gravity_amplitude: Amplitude = 1.0,
         thermal: ThermalLoad | None = None,
     ):
+        if any(spring.at_nodes for spring in springs):
+            raise ValueError("spring: springs at nodes are for small motions: give one on a face")
         laws = [(group, hyperelastic(material)) for group, material in by_group(materials)]
         several = isinstance(materials, Mapping)
         materials = {str(group): law for group, law in laws} if several else laws[0][1]

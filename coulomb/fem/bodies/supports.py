@@ -326,9 +326,10 @@ class Spring:
     """Elastic support of a face towards its undeformed position (Winkler foundation).
 
     Attributes:
-        face: Name of the face.
+        face: Name of the face; or of a set of nodes, each of which has such a spring to the ground.
         stiffness: Force per area and displacement in N/m^3, along x, y and z; one number for all three, or a function
-            of x, evaluated at the nodes.
+            of x, evaluated at the nodes.  At nodes alone force per displacement in N/m, as numbers.
+        at_nodes: Whether the face is a set of nodes.
 
     Raises:
         ValueError: If there are not one or three numbers, finite, >= 0, and one > 0.
@@ -336,17 +337,23 @@ class Spring:
 
     face: str
     stiffness: Coefficient | Sequence[float]
+    at_nodes: bool = False
 
     def __post_init__(self) -> None:
-        if of_place(self.stiffness):
+        if of_place(self.stiffness) and not self.at_nodes:
             return
         given = np.asarray(self.stiffness, dtype=object)
         numbers = [float(one) if is_number(one) else math.inf for one in given.ravel()]
         if given.shape not in ((), (3,)) or not 0.0 < max(numbers) <= _STIFFEST:
             raise ValueError(
-                f"spring on {self.face!r}: stiffness must be a number or three (along x, y, z), in N/m^3, "
+                f"spring on {self.face!r}: stiffness must be a number or three (along x, y, z), in {self.unit}, "
                 f">= 0, not all 0 and at most {_STIFFEST:g}, but is {self.stiffness!r}"
             )
+
+    @property
+    def unit(self) -> str:
+        """That of the stiffness."""
+        return "N/m" if self.at_nodes else "N/m^3"
 
     @property
     def along_axes(self) -> FloatArray:
@@ -361,7 +368,7 @@ class Spring:
             return "stiffness a function of x"
         values = self.along_axes
         same = bool(np.all(values == values[0]))
-        return f"stiffness {f'{values[0]:g}' if same else vector_in_words(values)} N/m^3"
+        return f"stiffness {f'{values[0]:g}' if same else vector_in_words(values)} {self.unit}"
 
 
 _FOLDED: Final = 0.8

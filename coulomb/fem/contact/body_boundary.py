@@ -25,6 +25,9 @@ Rows = npt.NDArray[Any]
 _SAME: Final = 1e-9
 """Distances that differ by less than this part are the same."""
 
+_TALLEST: Final = 10.0
+"""Height of a cell over a facet, over the extent of facets, at most."""
+
 
 class Part(NamedTuple):
     """A body: its name, "" if it is alone, its displacements before deformation, and the facets of its named faces."""
@@ -245,8 +248,6 @@ def in_tetrahedra(
     inside = np.flatnonzero(start <= end)
     at = 0.5 * (start[inside] + end[inside])
     middle = (1.0 - at)[:, None] * weights[inside, 0] + at[:, None] * weights[inside, -1]
-    middle = np.maximum(middle, 0.0)  # what is outside by a rounding error is on the surface, not before it
-    middle /= middle.sum(axis=1)[:, None]
     return point[inside], at, middle, tetrahedra[which[inside]]
 
 
@@ -254,7 +255,8 @@ def depths_below(
     x: FloatArray, most: FloatArray, triangles: FloatArray, row: IntArray
 ) -> tuple[IntArray, FloatArray, IntArray]:
     """Distances of places (p, 3) from triangles (t, 3, 3) that they are behind, up to these (p,): numbers of the
-    places, distances, and the row of the triangle."""
+    places, distances, and the row of the triangle.  What is before a triangle by no more than `in_tetrahedra` takes for
+    inside of its cell is on it."""
     if not len(triangles):
         return np.empty(0, dtype=np.int64), np.empty(0), np.empty(0, dtype=np.int64)
     middle = triangles.mean(axis=1)
@@ -273,6 +275,6 @@ def depths_below(
         along = np.einsum("pi,pi->p", away, edge) / np.maximum(np.einsum("pi,pi->p", edge, edge), 1e-300)
         foot = start + np.clip(along, 0.0, 1.0)[:, None] * edge
         distance = np.minimum(distance, np.linalg.norm(p - foot, axis=1))
-    distance = np.where(over, np.abs(height), distance)
-    use = (distance <= most[place]) & (height <= _SAME * most[place])
+    distance = np.where(over, np.maximum(-height, 0.0), distance)
+    use = (distance <= most[place]) & (height <= _SAME * np.maximum(most[place], _TALLEST * around))
     return place[use], distance[use], row[which[use]]

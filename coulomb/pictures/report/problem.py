@@ -87,7 +87,8 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
     for spring in case.get("spring", ()):
         given = spring["stiffness"]
         stiffness = [float(given)] * 3 if isinstance(given, int | float) else given
-        facts.append((f"spring on {spring['face']}", f"{_bare(stiffness)} N/m³ along x, y, z"))
+        unit = "N/m" if spring.get("nodes") else "N/m³"
+        facts.append((f"spring on {spring['face']}", f"{_bare(stiffness)} {unit} along x, y, z"))
     for load in case.get("traction", ()):
         facts.append((f"traction on {load['face']}", vector_at(load["value"], "Pa") + in_time(load.get("amplitude"))))
     for load in case.get("pressure", ()):

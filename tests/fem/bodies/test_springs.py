@@ -108,3 +108,26 @@ def test_stiffness_and_forces_have_the_same_springs(cell, degree):
     softest.K.mult(given, product)
     expected = softest.internal_force(u) - softest.spring_force(u)
     assert product.array.reshape(-1, 3) == pytest.approx(expected, abs=1e-12 * np.abs(expected).max())
+
+
+def test_springs_at_nodes():
+    """A block on a smooth floor, held sideways by springs at four corners alone: as a whole, by F over the sum of k."""
+    mesh = coulomb.box((0.1, 0.1, 0.05), (2, 2, 1)).with_nodes(
+        "feet", at=[(x, y, 0.0) for x in (0, 0.1) for y in (0, 0.1)]
+    )
+    springs = [Spring("feet", (100.0, 50.0, 0.0), at_nodes=True)]
+    loads = [coulomb.Pressure("top", 10.0), coulomb.TotalForce("top", (0.004, 0.003, 0.0))]
+    problem = ContactProblem(mesh, Material(1e9, 0.0), [], Contact("bottom", 0.0), loads, springs=springs)
+    solution = problem.solve()
+    assert solution.valid
+    assert np.allclose(solution.displacement[:, :2], [0.004 / 400.0, 0.003 / 200.0], rtol=1e-2)
+    (spring,) = (one for one in problem.elasticity.support_entries() if one["kind"] == "spring")
+    assert spring["holds"] == "stiffness (100, 50, 0) N/m"
+    forces = problem.elasticity.spring_force(solution.displacement).sum(axis=0)
+    assert forces == pytest.approx([-0.004, -0.003, 0.0], abs=1e-9)
+    with pytest.raises(ValueError, match="there is no set of nodes 'toes' \\(there are feet\\)"):
+        ContactProblem(mesh, Material(1e9, 0.0), [], Contact("bottom", 0.0), loads, springs=[Spring("toes", 1.0, True)])
+    with pytest.raises(ValueError, match="springs at nodes are for small motions"):
+        ContactProblem(
+            *(mesh, Material(1e9, 0.0), [], Contact("bottom", 0.0), loads), springs=springs, kinematics="large"
+        )
