@@ -10,6 +10,7 @@ from .fem.bodies import PointLoad as PointLoad
 from .fem.bodies import PrescribedDisplacement as PrescribedDisplacement
 from .fem.bodies import PrescribedRotation as PrescribedRotation
 from .fem.bodies import Pressure as Pressure
+from .fem.bodies import RigidFace as RigidFace
 from .fem.bodies import Spring as Spring
 from .fem.bodies import SymmetryPlane as SymmetryPlane
 from .fem.bodies import ThermalLoad as ThermalLoad
@@ -22,7 +23,6 @@ from .fem.bodies.hyperelastic import Ogden as Ogden
 from .fem.bodies.hyperelastic import StVenantKirchhoff as StVenantKirchhoff
 from .fem.contact import CyclicSymmetry as CyclicSymmetry
 from .fem.contact import Pretension as Pretension
-from .fem.contact import RigidFace as RigidFace
 from .fem.contact import Tied as Tied
 from .fem.contact import auto_pairs as auto_pairs
 from .fem.geometry import Cylinder as Cylinder

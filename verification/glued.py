@@ -54,7 +54,7 @@ def bond(cells: int, cell: str, degree: int) -> FloatArray:
         temperature=COOLED,
         ties=[Tied("inner:right", "outer:left")],
     )
-    stresses, (tie,) = problem.solve().forces_at_nodes, problem.elasticity.ties
+    stresses, (tie,) = problem.solve().forces_at_nodes, problem.elasticity.constraints.ties
     found: FloatArray = stresses["peel_stress"][tie.nodes]
     return found
 

@@ -20,8 +20,7 @@ import math
 import numpy as np
 
 from coulomb.arrays import FloatArray
-from coulomb.fem.bodies import PointLoad, SymmetryPlane
-from coulomb.fem.contact import RigidFace
+from coulomb.fem.bodies import PointLoad, RigidFace, SymmetryPlane
 from coulomb.fem.geometry import Plane
 from coulomb.fem.meshes import box
 from coulomb.model.contact import Contact

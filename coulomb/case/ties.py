@@ -11,7 +11,8 @@ from .curves import AmplitudeTable, amplitude_of
 from .values import Direction, Name, Number, Stiffness, Table, Vector
 
 if TYPE_CHECKING:
-    from ..fem.contact import RigidFace, Tied
+    from ..fem.bodies import RigidFace
+    from ..fem.contact import Tied
 
 
 class TieTable(Table):
@@ -104,7 +105,7 @@ class RigidFaceTable(Table):
     along: Literal["rigid", "free"] = "rigid"
 
     def rigid_face(self) -> RigidFace:
-        from ..fem.contact import RigidFace
+        from ..fem.bodies import RigidFace
 
         return RigidFace(
             *(self.face, self.point, self.translation.components, self.rotation.components),

@@ -59,6 +59,11 @@ def refuse_wrong(given: Mapping[str, object]) -> None:
         raise ValueError(f"explicit must be True, False, or None for the choice by size, but is {explicit!r}")
     if not isinstance(probes, Sequence) or not all(isinstance(one, Probe) for one in probes):
         raise ValueError(f"probes must be a list of Probe, but is {short(probes)}")
+    ties = given.get("ties", ())
+    pairs = [{one.face, one.against} for one in ties if isinstance(one, Tied)] if isinstance(ties, Sequence) else []
+    for number, pair in enumerate(pairs):
+        if pair in pairs[:number]:
+            raise ValueError(f"ties: the pair of {' and '.join(map(repr, sorted(pair)))} is given twice")
 
 
 def named(given: Any) -> Any:

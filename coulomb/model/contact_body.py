@@ -187,7 +187,7 @@ def refuse_tied(elasticity: Deformable, contacts: Sequence[Contact]) -> None:
     def some(which: npt.NDArray[np.bool_]) -> bool:
         return bool(comm.allreduce(bool(np.any(which)), op=MPI.LOR))
 
-    for tie in (one for one in elasticity.ties if one.kind in (Tied.kind, Pretension.kind)):
+    for tie in (one for one in elasticity.constraints.ties if one.kind in (Tied.kind, Pretension.kind)):
         masters = elasticity.nodes(tie.against, tie.kind)
         for contact in contacts:
             faces = (contact.face, contact.against)
@@ -260,7 +260,7 @@ class ContactBody:
             self.contacts, self.chosen = slaves_as_faces(self.elasticity, contacts)
             refuse_tied(self.elasticity, self.contacts)
             pairs = [(c.face, c.against) for c in contacts if c.against is not None]
-            pairs += [(tie.face, tie.against) for tie in self.elasticity.ties]
+            pairs += [(tie.face, tie.against) for tie in self.elasticity.constraints.ties]
             touching = unjoined_parts(self.elasticity, pairs)
             for text in touching if self.comm.rank == 0 else ():  # before these are refused as parts that nothing holds
                 _log.warning("%s", text)
@@ -279,10 +279,10 @@ class ContactBody:
             then = elasticity.at_time(time)
             self.refuse_held_inside(then, then.at(time))
             raise
-        self._latest = {elasticity.locked: _Positioned(reference, motions, self._faces.gap_factors(time))}
+        self._latest = {elasticity.constraints.locked: _Positioned(reference, motions, self._faces.gap_factors(time))}
         refuse_untouched(elasticity, reference)
-        self._references = {elasticity.locked: reference}  # with the unknowns of which bolts are locked
-        of_ties = (text for tie in elasticity.ties for text in tie.remarks)
+        self._references = {elasticity.constraints.locked: reference}  # with the unknowns of which bolts are locked
+        of_ties = (text for tie in elasticity.constraints.ties for text in tie.remarks)
         self.remarks = (*elasticity.contradictions, *reference.remarks, *of_ties)
         self.kept_matrix, self.judged_pairs = KeptMatrix(), dict[int, JudgedPair]()
         free, points = 3 * len(elasticity.x) - elasticity.held.number, 3 * len(reference.nodes)
@@ -307,7 +307,7 @@ class ContactBody:
             known._take(elasticity, time)
             known.stiffness.load_steps = self.stiffness.load_steps
             self._by_supports[elasticity.acting] = known
-            here, there = (one._references[one.elasticity.locked].nodes for one in (self, known))
+            here, there = (one._references[one.elasticity.constraints.locked].nodes for one in (self, known))
             if not self.comm.allreduce(np.array_equal(here, there), op=MPI.LAND):
                 raise ValueError(
                     f"contact: at time {time:g} supports that have begun or ended make other nodes contact points: "
@@ -427,7 +427,7 @@ class ContactBody:
             ValueError: On every rank, if the set of contact nodes changes.
         """
         factors, elasticity = self._faces.gap_factors(time), elasticity or self.elasticity
-        locked = elasticity.locked
+        locked = elasticity.constraints.locked
         if locked not in self._references:  # the same points, by other unknowns
             (first, *_), (known, *_) = self._references.values(), self._latest.values()
             self._references[locked] = with_unknowns(elasticity, first)
@@ -465,5 +465,6 @@ class ContactBody:
         law = self._faces.law(surface, time, slip_rate)
         if before is None:
             elasticity.refuse_beginning(time)
+            elasticity.constraints.refuse_beginning(time)
         loading = elasticity.after(time, None if before is None else End(before.time, before.displacement))
         return ContactState(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated)

@@ -245,15 +245,15 @@ class ContactStiffness:
         known, method = self._latest, self.present
         if known is None or known.elasticity.K is not elasticity.K or known.method is not method:
             self.elasticity, spent = elasticity, self._seconds if seconds is None else seconds
-            many = elasticity.locked not in self._factors_of and self.in_double
-            self._factors_of.add(elasticity.locked)
+            many = elasticity.constraints.locked not in self._factors_of and self.in_double
+            self._factors_of.add(elasticity.constraints.locked)
             known = self._latest = FixedStiffness(elasticity, self._reference, method, spent, many)
         return known
 
     @property
     def _reference(self) -> ContactSurface:
         """The contact surface in whose frames A is computed, by the unknowns that the body has now."""
-        return self._references[self.elasticity.locked]
+        return self._references[self.elasticity.constraints.locked]
 
     def replace(self, elasticity: Deformable) -> None:
         """Take another K of the same sparsity from now on, or the same with other entries."""
@@ -373,7 +373,7 @@ class ContactStiffness:
         """Whether supports hold the bodies, and contact points are nodes, none of which is tied; collective."""
         seen, (first, last) = self._reference.nodes_in_rows, self._reference.B.getOwnershipRangeColumn()
         nodal = len(seen) == len(self._reference.nodes) and bool(np.all((3 * seen >= first) & (3 * seen < last)))
-        nodal = nodal and (not self.elasticity.ties or not self._reference.slip_prescribed)
+        nodal = nodal and (not self.elasticity.constraints.ties or not self._reference.slip_prescribed)
         return bool(self.comm.allreduce(nodal and len(self.elasticity.free) == 0, op=MPI.LAND))
 
     def _fit(self, work: Work, formed: bool) -> bool:

@@ -90,7 +90,7 @@ def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
             "nodes": int(over.sum(float(len(tie.nodes)))),
             "area": over.sum(tie.area),
         }
-        for tie in problem.elasticity.ties
+        for tie in problem.elasticity.constraints.ties
     ]
 
 

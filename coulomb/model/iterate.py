@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, End, JoinedBodies, NonlinearBody, nonlinear, rigid_modes
-from ..fem.contact import ContactSurface, FaceMotion, TiedBodies, foot_points
+from ..fem.contact import ContactSurface, FaceMotion, foot_points
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.reductions import Reductions
 from ..solvers.friction_problem import FrictionProblem
@@ -183,7 +183,7 @@ class Linearised(DiscreteProblem):
             internal=residual + load,
             load=load,
             prescribed=body.held_part(here - rigid) + e.prescribed,
-            jump=self._jump(here + du, over) if body.ties else None,
+            jump=self._jump(here + du, over) if body.constraints.ties else None,
             ground=None,
             rounding=rounding_forces(body, np.maximum(np.abs(here + du), extent)),
         )
@@ -329,12 +329,11 @@ def components(body: Deformable, over: Reductions) -> Iterator[npt.NDArray[np.bo
 
 def linearised(body: Deformable, u: FloatArray, time: float, before: End | None = None) -> Deformable:
     """The bodies of small displacements from u (k, 3) at a time, in a load step after another's end; collective."""
-    return each(body, lambda one, nodes: one.linearised(u[nodes], time, before and before.of(nodes)))
+    there = body.at_time(time)
+    return each(there, lambda one, nodes: one.linearised(u[nodes], time, before and before.of(nodes)))
 
 
 def each(body: Deformable, change: Callable[[NonlinearBody, slice], NonlinearBody]) -> Deformable:
     """The same bodies, each changed; the change is given its nodes."""
-    if isinstance(body, TiedBodies):
-        return body.over(each(body.bodies, change))
-    changed = {one.name: change(nonlinear(one.body), one.nodes) for one in body.members}
-    return JoinedBodies(changed) if isinstance(body, JoinedBodies) else next(iter(changed.values()))
+    changed = [change(nonlinear(one.body), one.nodes) for one in body.members]
+    return body.of(changed) if isinstance(body, JoinedBodies) else changed[0]

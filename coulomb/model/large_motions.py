@@ -106,7 +106,7 @@ class LoadSteps:
     def __init__(self, body: ContactBody, time: float, linear_solver: object, explicit: bool | None, branch: str):
         self.body, self.elasticity, self.remedy, self.stable = body, body.elasticity, 0, branch == "stable"
         self.damped, self.damping = False, 0.0
-        if self.elasticity.ties:
+        if self.elasticity.constraints.ties:
             self._refuse_ties_across_gaps(time)
         self._methods = linear_solver_of(linear_solver), explicit
         self.contacts = tuple(
@@ -131,7 +131,7 @@ class LoadSteps:
         body, over = self.elasticity, Reductions(self.elasticity.comm)
         undeformed = linearised(body, np.zeros_like(body.x), time)
         arms = np.linalg.norm(undeformed.reduction.left_apart(body.x, undeformed.at(time).apart), axis=1)
-        for tie in body.ties:
+        for tie in body.constraints.ties:
             d, facet = over.max(arms[tie.nodes]), over.max(np.sqrt(tie.area))
             if d > _ARM * facet:
                 raise ValueError(

@@ -230,7 +230,7 @@ class State(Moment):
             body: Deformable, u: FloatArray, kept: FloatArray, load: FloatArray, on_body: FloatArray, time: float
         ) -> Forces:
             of_contact = surface.at_nodes(surface.force_components(on_body))
-            of_ties = body.forces_of_ties(kept - load - of_contact, time)
+            of_ties = body.constraints.forces(kept - load - of_contact, time)
             outer = of_contact + of_ties
             return Forces(u, load, kept, outer, body.held_at(time).held_part(kept - load - outer) + of_ties)
 

@@ -156,7 +156,7 @@ def tied_nodes(body: Deformable) -> IntArray:
     """This rank's nodes that ties move, and those that move these: contact points of both may be held; collective."""
     own: list[IntArray] = []
     first = body.numbering.first
-    for tie in body.ties:
+    for tie in body.constraints.ties:
         moving = concatenated(body.comm, np.unique(tie.rows.indices // 3).astype(np.int64)) - first
         own += [tie.nodes, moving[(moving >= 0) & (moving < body.numbering.local)]]
     return np.concatenate([np.empty(0, dtype=np.int64), *own])

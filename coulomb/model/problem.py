@@ -20,6 +20,7 @@ from ..fem.bodies import (
     JoinedBodies,
     Load,
     Materials,
+    RigidFace,
     SingleBody,
     Spring,
     Support,
@@ -27,7 +28,7 @@ from ..fem.bodies import (
     build_bodies,
     distributed_bodies,
 )
-from ..fem.contact import RigidFace, Tied, TiedBodies, with_slaves
+from ..fem.contact import Tied, with_slaves
 from ..fem.geometry import Amplitude, Coefficient, Field, RigidFoundation, same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..lazy_names import late_bound
@@ -88,7 +89,7 @@ def _bodies_of(given: Mapping[str, Any]) -> Deformable:
     body = body.at_time(given["time"])
     followers = [*given["rigid_faces"], *given["ties"]]
     if followers:
-        body = TiedBodies(body, followers, given["time"])
+        body = JoinedBodies({one.name: one.body for one in body.members}, followers, given["time"])
     if given["kinematics"] != "large":
         _ = body.K  # what is wrong with supports is said before what is wrong with contacts
     return body
@@ -247,7 +248,7 @@ class ContactProblem(DiscreteProblem):
         contacts = [replace(one, slave=one.against is not None) for one in self.body.contacts]
         if given["kinematics"] == "small" and not isinstance(mesh, Deformable):
             contacts = [one if one.against is None else _on_curved_faces(one, mesh) for one in contacts]
-        given["ties"] = with_slaves(given["ties"], self.elasticity.ties)
+        given["ties"] = with_slaves(given["ties"], self.elasticity.constraints.ties)
         return type(self)(**{**given, "mesh": mesh, "contact": contacts, "time": self.time})
 
     @property

@@ -96,7 +96,7 @@ def gather_evidence(
     bound = law.radius(force[:, 0])
     internal, spring = elasticity.internal_force(u), elasticity.spring_force(u)
     load = state.loading.load
-    on_body += elasticity.forces_of_ties(internal - load - spring - on_body, state.time)
+    on_body += elasticity.constraints.forces(internal - load - spring - on_body, state.time)
     component = elasticity.component
     own = at_all_points(taken_as_is(compliance), compliance, Reductions(body.comm))
     strays = surface.nodes[~known][stray_rows]
@@ -124,7 +124,7 @@ def gather_evidence(
         blocked=elasticity.blocked_displacements(state.loading),
         averaged=not points.nodal,
         bodies=tuple(member.nodes for member in elasticity.members) if len(elasticity.members) > 1 else (),
-        jump=elasticity.reduction.left_apart(u, state.loading.apart) if elasticity.ties else None,
+        jump=elasticity.reduction.left_apart(u, state.loading.apart) if elasticity.constraints.ties else None,
         owner=np.concatenate([component[nodes], component[strays]]),
         place=np.concatenate([points.average(elasticity.x), elasticity.x[strays]]),
         part=np.concatenate([parts, np.full(len(stray), -1)]),

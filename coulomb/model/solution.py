@@ -187,16 +187,16 @@ class Solution:
     def _reaction(self) -> FloatArray:
         """What supports hold, newtons, shape (k, 3); collective."""
         body = self.problem.elasticity
-        return body.held_part(self._imbalance - body.forces_of_ties(self._imbalance, self.problem.time))
+        return body.held_part(self._imbalance - body.constraints.forces(self._imbalance, self.problem.time))
 
     @property
     def tie_fields(self) -> dict[str, FloatArray]:
         """Forces of ties at the nodes, shape (k, 3), and their stresses, shape (k,); collective."""
         body, time = self.problem.elasticity, self.problem.time
-        if not body.ties:
+        if not body.constraints.ties:
             return {}
-        forces = {"tie_force": body.forces_of_ties(self._imbalance, time)}
-        return forces | body.stresses_of_ties(self._imbalance, time)
+        forces = {"tie_force": body.constraints.forces(self._imbalance, time)}
+        return forces | body.constraints.stresses(self._imbalance, time)
 
     @cached_property
     def force_balance(self) -> ForceBalance:
@@ -204,7 +204,8 @@ class Solution:
         problem, u = self.problem, self.displacement
         body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
         imbalance = self._imbalance
-        of_ties = body.forces_of_ties(imbalance, problem.time)
+        constraints = body.constraints
+        of_ties = constraints.forces(imbalance, problem.time)
         supports = chain(body.shares(self._reaction), body.spring_forces(u))
         over, members = Reductions(problem.comm), body.members
         grounds = [(member, member.body.ground) for member in members if member.body.forms() is not None]
@@ -214,8 +215,8 @@ class Solution:
             if ground is not None
         ]
         each = {member.name: member.nodes for member in members} if len(members) > 1 else {}
-        moved = (body.motions_of_faces(u, problem.time), body.bolts(u))
-        ties = (body.shares_of_ties(imbalance, problem.time), of_ties, *moved) if body.ties else ()
+        moved = (constraints.motions_of_faces(u, problem.time), constraints.bolts_at(u))
+        ties = (constraints.shares(imbalance, problem.time), of_ties, *moved) if constraints.ties else ()
         return force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each, *ties)
 
     @property

@@ -161,7 +161,7 @@ def test_an_origin_that_does_not_move_with_the_foundation_fails(monkeypatch):
 @pytest.mark.parametrize(
     ("method", "wrong"),
     [
-        ("surface", lambda self, *_: self._references[self.elasticity.locked]),
+        ("surface", lambda self, *_: self._references[self.elasticity.constraints.locked]),
         ("foundation_motions", lambda self, time: (RigidMotion(np.zeros(3)),)),
     ],
 )

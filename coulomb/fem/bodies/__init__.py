@@ -17,10 +17,9 @@ from .constraints import (
     matrix_product,
     rows_of,
 )
-from .deformable import TIE_STRESSES, Bolt, Deformable, End, Loading, Member, SingleBody
+from .deformable import Deformable, End, Member, SingleBody
 from .displacement_space import DisplacementSpace, free_earlier_bodies
 from .elasticity import Elasticity, LoadedBody
-from .elimination import Made
 from .form_body import BilinearForm, Body, FormValues
 from .free_motions import (
     FreeMotion,
@@ -33,10 +32,12 @@ from .free_motions import (
 )
 from .hyperelastic import HyperelasticBody
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
+from .linear_constraints import TIE_STRESSES, Bolt, Constraints, Follower
 from .loads import (
     TEMPERATURE,
     AppliedLoad,
     Load,
+    Loading,
     NodalForce,
     NodalForces,
     PointLoad,
@@ -71,7 +72,7 @@ from .materials import (
 from .mesh_components import mesh_components, unjoined_parts
 from .nonlinear_body import NonlinearBody, nonlinear
 from .recovery import StressedCells, StressError, relative_error, stress_error, stress_errors
-from .reduction import LONGEST_CHAIN, Reduction
+from .rigid_faces import RigidFace
 from .rigid_modes import (
     RigidPart,
     component_modes,
@@ -85,4 +86,4 @@ from .rigid_modes import (
 )
 from .stress_difference import StressDifference, stress_difference
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane
-from .ties import Tie
+from .ties import Section, Tie

@@ -106,7 +106,7 @@ class Conduction:
         for load in loads:
             if not isinstance(load, HeatLoad):
                 raise ValueError(f"heat must be a list of HeatLoad, but an entry is {load!r}")
-        if bodies.ties:
+        if bodies.constraints.ties:
             raise ValueError("heat: not yet with ties, cyclic symmetry and rigid faces: make one mesh of tied parts")
         self.bodies, self.loads, self.reference = bodies, tuple(loads), reference
         self.fixed_by = np.full(len(bodies.x), -1)

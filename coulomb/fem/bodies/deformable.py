@@ -23,36 +23,11 @@ from .constraints import HeldDirections, HeldNodes, Numbering
 from .displacement_space import DisplacementSpace
 from .elimination import Made, Reduced, attach_rigid_modes, eliminated
 from .free_motions import FreeMotions, free_motions, names_of_components
-from .loads import AppliedLoad, NodalForces, Temperature
+from .linear_constraints import Constraints
+from .loads import AppliedLoad, Loading, NodalForces
 from .materials import Materials
 from .reduction import Reduction
 from .rigid_modes import component_modes
-from .ties import Tie
-
-
-@dataclass(frozen=True)
-class Loading:
-    """Loads and prescribed displacements of a body at a time; this rank's k nodes.
-
-    Attributes:
-        load: Nodal forces of all loads in newtons, shape (k, 3).
-        prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
-        temperature: None for a body without.
-        parts: Of several bodies, the loading of each, in their order.
-        untied: Of tied bodies, that of these without ties.
-        apart: By how much tied nodes are prescribed to be apart from what they follow, by own unknowns of the ties that
-            are prescribed as well, metres, shape (k, 3).
-        tension: The forces of bolts along own unknowns, newtons; None without bolts.
-    """
-
-    time: float
-    load: FloatArray
-    prescribed: FloatArray
-    temperature: Temperature | None = None
-    parts: tuple[Loading, ...] = ()
-    untied: Loading | None = None
-    apart: FloatArray | float = 0.0
-    tension: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -82,44 +57,35 @@ class Member:
         return self.name if face is None else f"{self.name}{SEPARATOR}{face}"
 
 
-TIE_STRESSES = ("peel_stress", "shear_stress")
-"""Tractions of ties at slave nodes: along the outward normal, positive where the tie pulls, and the size of the part
-across it."""
-
-
-@dataclass(frozen=True)
-class Bolt:
-    """The section of a bolt: its slave face, its middle (3,) in metres, its direction out of that face (3,), by how
-    much it is shortened, metres, and whether that is given."""
-
-    face: str
-    centre: FloatArray
-    direction: FloatArray
-    shortening: float
-    locked: bool
-
-
 class Deformable(HeldNodes, ABC):
     """Linear elastic bodies with their supports and loads.
 
     Attributes:
         materials: None if they are in the user's forms.
         contradictions: Messages about supports that prescribe different displacements where they meet.
-        ties: What ties faces to each other, moves them as rigid bodies, or shortens them.
-        locked: Whether the shortening of each bolt is given, prescribed or locked: it is no unknown then.
         acting: Which supports act; () if all act at all times.
         component: The component of the meshes of each of this rank's nodes, whether or not it is tied to others, shape
             (k,).
     """
 
-    ties: tuple[Tie, ...] = ()
-    locked: tuple[bool, ...] = ()
     acting: tuple[bool, ...] = ()
     contradictions: tuple[str, ...]
     materials: Materials | None
     loads: tuple[AppliedLoad, ...]
     component: npt.NDArray[np.int64]
     _made: Made
+
+    @property
+    def constraints(self) -> Constraints:
+        """What follows what in them."""
+        if self._made.constraints is None:
+            self._made.constraints = Constraints(self)
+        return self._made.constraints
+
+    @property
+    def reduction(self) -> Reduction:
+        """The map from unknowns to displacements."""
+        return self.constraints.reduction
 
     @property
     @abstractmethod
@@ -196,7 +162,7 @@ class Deformable(HeldNodes, ABC):
     def moving_together(self) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]:
         """The component of each of this rank's nodes, where those that are tied are one, shape (k,), and what each is
         called in messages; collective."""
-        return self.component, self.component_names
+        return self.constraints.joined(self.component, self.component_names)
 
     @property
     def free(self) -> FreeMotions:
@@ -205,12 +171,10 @@ class Deformable(HeldNodes, ABC):
             component, names = self.moving_together
             modes, _ = component_modes(self.x, component, self.comm)
             forces = self.reduction.prevented(modes) + self.resisted(modes)
-            self._made.free = self._opened(free_motions(self.x, component, names, forces, self.comm))
+            found = free_motions(self.x, component, names, forces, self.comm)
+            of_bodies = self.component, self.component_names, self.resisted
+            self._made.free = self.constraints.opened(found, *of_bodies)
         return self._made.free
-
-    def _opened(self, found: FreeMotions) -> FreeMotions:
-        """With the motions in which components of those that are tied move against each other; collective."""
-        return found
 
     @property
     def K(self) -> PETSc.Mat:
@@ -247,44 +211,14 @@ class Deformable(HeldNodes, ABC):
         return P
 
     @property
-    def reduction(self) -> Reduction:
-        """The map from unknowns to displacements."""
-        if self._made.reduction is None:
-            self._made.reduction = Reduction(self)
-        return self._made.reduction
-
-    @property
     def free_unknowns(self) -> FloatArray:
         """The unknowns of K in each of the free motions, shape (k + p, 3, q); collective."""
         return self.reduction.reduced(self.held.free_part(self.free.modes(self.x)))
-
-    def forces_of_ties(self, imbalance: FloatArray, time: float) -> FloatArray:
-        """The forces of all ties and bolts on the bodies at a time in newtons, by the internal forces less all other
-        forces, shapes (k, 3); collective."""
-        return np.zeros_like(imbalance)
-
-    def shares_of_ties(self, imbalance: FloatArray, time: float) -> Iterator[NodalForces]:
-        """The forces of every tie on the nodes of its slave face, in the order given; collective."""
-        yield from ()
-
-    def stresses_of_ties(self, imbalance: FloatArray, time: float) -> dict[str, FloatArray]:
-        """The `TIE_STRESSES` in pascals at this rank's nodes, shapes (k,), 0 off slave nodes; none without ties;
-        collective."""
-        return {}
-
-    def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-        """Of every rigid face its name, reference point (3,) in metres, and motion (6,) at displacements u (k, 3):
-        translation of the point in metres, rotation about it in radians; collective."""
-        yield from ()
 
     @property
     def limits(self) -> tuple[float, ...]:
         """The times at which load steps must end: supports begin or end, tightening ends."""
         return ()
-
-    def bolts(self, u: FloatArray) -> Iterator[Bolt]:
-        """Of every bolt what is known of it at displacements u (k, 3), in the order given; collective."""
-        yield from ()
 
     @property
     def ground(self) -> FloatArray | None:
@@ -311,7 +245,7 @@ class Deformable(HeldNodes, ABC):
         collective."""
 
     def refuse_beginning(self, time: float) -> None:
-        """Raise ValueError on every rank if what the bodies are at a time depends on load steps before."""
+        """Raise ValueError on every rank if what supports prescribe at a time depends on load steps before."""
         return
 
     def depends_on_steps(self, time: float) -> bool:

@@ -20,13 +20,14 @@ from ..geometry import Amplitude, Coefficient, Field, evaluate_amplitude, evalua
 from ..meshes import NamedMesh
 from .body import STRESSES, ElasticBody, strain
 from .constraints import HeldDirections, HeldNodes, SupportedNodes, contradictions, prescribed_rows
-from .deformable import End, Loading, SingleBody
+from .deformable import End, SingleBody
 from .elimination import Made
 from .lasting_supports import acts, share_left
 from .loads import (
     AppliedLoad,
     BodyForce,
     Load,
+    Loading,
     NodalForces,
     Temperature,
     ThermalLoad,

@@ -16,15 +16,13 @@ from ...arrays import FloatArray
 from ...units import amount
 from .constraints import HeldNodes, distributed_rows, local_rows
 from .free_motions import FreeMotions, anchors, free_motions
+from .linear_constraints import Constraints
 from .reduction import Reduction
 from .rigid_modes import component_modes, of_components
-from .ties import Tie
 
 
 class _Bodies(HeldNodes, Protocol):
     """What is needed of `Deformable`."""
-
-    ties: tuple[Tie, ...]
 
     @property
     def members(self) -> tuple[Any, ...]: ...
@@ -34,6 +32,9 @@ class _Bodies(HeldNodes, Protocol):
 
     @property
     def free_unknowns(self) -> FloatArray: ...
+
+    @property
+    def constraints(self) -> Constraints: ...
 
     @property
     def reduction(self) -> Reduction: ...
@@ -66,7 +67,8 @@ class Reduced:
 
 @dataclass
 class Made:
-    """What follows from the coefficients of the stiffness: made when it is asked for, thrown away when these change.
+    """What follows from the coefficients of the stiffness and from supports: made when it is asked for, thrown away
+    when these change.
 
     Attributes:
         values: The coefficients of the user's forms.
@@ -77,7 +79,7 @@ class Made:
     values: Any = None
     free: FreeMotions | None = None
     reduced: Reduced | None = None
-    reduction: Reduction | None = None
+    constraints: Constraints | None = None
     diagonal: FloatArray | None = None
     ground: tuple[FloatArray | None, FreeMotions] | None = None
 
@@ -150,7 +152,7 @@ def _anchors(bodies: _Bodies) -> npt.NDArray[np.bool_]:
     places = np.zeros((4, len(bodies.reduction.points)), dtype=bool)
     for member in bodies.members:
         places[:3, member.nodes] = member.body.anchor_places
-    for tie in bodies.ties:
+    for tie in bodies.constraints.ties:
         places[:3, tie.nodes] = False
     places[3] = True
     return anchors(bodies.free, bodies.free_unknowns, bodies.reduction.points, list(places), bodies.comm)

@@ -17,12 +17,12 @@ from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
 from .constraints import DirichletConditions, rows_of
-from .deformable import Loading, SingleBody
+from .deformable import SingleBody
 from .displacement_space import summed
 from .elimination import Made
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
 from .free_motions import FreeMotions, free_motions, names_of_components
-from .loads import NodalForces
+from .loads import Loading, NodalForces
 from .mesh_components import mesh_components
 from .rigid_modes import component_modes, of_components, rigid_modes
 

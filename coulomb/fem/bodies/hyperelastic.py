@@ -23,10 +23,10 @@ from ..geometry import Amplitude, Field, evaluate_amplitude, of_place
 from ..meshes import NamedMesh
 from .body import cell_measure
 from .constraints import HeldDirections
-from .deformable import End, Loading
+from .deformable import End
 from .elasticity import LoadedBody
 from .elimination import Made
-from .loads import AppliedLoad, Load, NodalForces, Pressure, Temperature, ThermalLoad, range_of, shown_range
+from .loads import AppliedLoad, Load, Loading, NodalForces, Pressure, Temperature, ThermalLoad, range_of, shown_range
 from .materials import Material, Materials, by_group, material_of_cells
 from .nonlinear_body import NonlinearBody
 from .supports import PrescribedRotation, Spring, Support

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar, cast, overload
@@ -19,10 +19,11 @@ from ...arrays import FloatArray
 from ..geometry import Amplitude, Coefficient, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, is_mesh_data
 from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
-from .deformable import Deformable, End, Loading, Member, SingleBody
+from .deformable import Deformable, End, Member, SingleBody
 from .elasticity import LoadedBody, refuse_others
 from .elimination import Made
-from .loads import AppliedLoad, Load, NodalForces, ThermalLoad, joined_temperatures
+from .linear_constraints import Constraints, Follower
+from .loads import AppliedLoad, Load, Loading, NodalForces, ThermalLoad, joined_temperatures
 from .materials import AnyMaterial, Materials, by_group
 from .rigid_modes import rigid_modes
 from .supports import Spring, Support
@@ -212,14 +213,20 @@ def join(
 
 
 class JoinedBodies(Deformable):
-    """Bodies on the same ranks that only contact connects; `coulomb.join` makes them.
+    """Bodies on the same ranks that contact and constraints connect; `coulomb.join` makes them without constraints.
 
     On every rank the nodes of the first body come before those of the second, and so on; globally, those of one rank
-    before those of the next.  Faces are called "body:face".
+    before those of the next.  Faces are called "body:face", or as those of the body if there is one alone, named "".
+
+    Args:
+        bodies: By their names.
+        given: Ties, rigid faces and bolts; of those that meet, a later one may refuse nodes of earlier ones.
+        time: By which bolts are locked.
     """
 
-    def __init__(self, bodies: Mapping[str, SingleBody]):
-        self._mesh = JoinedMesh({name: body.mesh for name, body in bodies.items()})
+    def __init__(self, bodies: Mapping[str, SingleBody], given: Sequence[Follower] = (), time: float = 0.0):
+        self._alone = bodies.get("")
+        self._mesh = None if self._alone else JoinedMesh({name: body.mesh for name, body in bodies.items()})
         parts = tuple(bodies.values())
         ends = np.cumsum([0, *(len(body.x) for body in parts)])
         slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
@@ -240,10 +247,12 @@ class JoinedBodies(Deformable):
         )
         self._made, self.acting = Made(), tuple(one for body in parts for one in body.acting)
         self.contradictions = tuple(
-            f"body {name!r}: {text}" for name, body in bodies.items() for text in body.contradictions
+            f"body {name!r}: {text}" if name else text for name, body in bodies.items() for text in body.contradictions
         )
-        self.materials = _materials(bodies)
-        self.loads = tuple(self._load_of(member, given) for member in self.members for given in member.body.loads)
+        self.materials = self._alone.materials if self._alone else _materials(bodies)
+        self.loads = tuple(self._load_of(member, load) for member in self.members for load in member.body.loads)
+        self._made.constraints = Constraints(self, given, time)
+        self._at_times = list[JoinedBodies]()
 
     # --- nodes ------------------------------------------------------------------------------------------------------
 
@@ -262,6 +271,8 @@ class JoinedBodies(Deformable):
         return np.concatenate([one.body.reference for one in self._members])
 
     def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
+        if self._mesh is None:
+            return self._members[0], self._members[0].body.mesh.facets(name, what)
         of, own = self._mesh.split(name, what)
         member = next(member for member in self._members if member.name == of)
         return member, member.body.mesh.facets(own, what)
@@ -281,7 +292,8 @@ class JoinedBodies(Deformable):
         return distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
 
     def resisted(self, modes: FloatArray) -> FloatArray:
-        return np.concatenate([member.body.resisted(modes[member.nodes]) for member in self.members])
+        of_bodies = np.concatenate([member.body.resisted(modes[member.nodes]) for member in self.members])
+        return of_bodies + self.constraints.resisted(modes)
 
     def interpolated(self) -> tuple[scipy.sparse.csr_matrix, FloatArray, Numbering]:
         blocks, places, numberings = zip(*(member.body.interpolated() for member in self.members), strict=True)
@@ -297,27 +309,47 @@ class JoinedBodies(Deformable):
     @property
     def component_names(self) -> tuple[str, ...]:
         each = [(member.body.component_names, f'body "{member.name}"') for member in self.members]
-        return tuple(name.replace("the body", body) for names, body in each for name in names)
+        return tuple(name.replace("the body", body) if self._mesh else name for names, body in each for name in names)
 
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
     def at_time(self, time: float) -> JoinedBodies:
-        """Itself, if no body has changed; the same for the same bodies."""
-        bodies = {member.name: cast(SingleBody, member.body.at_time(time)) for member in self._members}
-        for known in (self, self._changed):
-            if known is not None and all(bodies[member.name] is member.body for member in known.members):
+        """Itself, if no body has changed, and the same bolts are locked; the same for the same ones.  Constraints are
+        shared unless other supports act."""
+        bodies, constraints = [one.body.at_time(time) for one in self._members], self.constraints.at_time(time)
+        for known in (self, *self._at_times):
+            if known._has(bodies) and known.constraints.locked == constraints.locked:
                 return known
-        self._changed = JoinedBodies(bodies)
-        return self._changed
+        if any(one.body.acting != body.acting for one, body in zip(self._members, bodies, strict=True)):
+            names = [one.name for one in self._members]
+            given = dict(zip(names, cast(list[SingleBody], bodies), strict=True))
+            other = JoinedBodies(given, constraints.as_made, time)
+        else:
+            other = self._with(cast(list[SingleBody], bodies), constraints)
+        self._at_times[:] = [*(known for known in self._at_times if known._has(bodies)), other]
+        return other
 
-    _changed: JoinedBodies | None = None
+    def _has(self, bodies: Sequence[Deformable]) -> bool:
+        return all(one.body is body for one, body in zip(self._members, bodies, strict=True))
+
+    def of(self, bodies: Sequence[SingleBody]) -> JoinedBodies:
+        """The same with others in place of the bodies: these with another stiffness, or at another place."""
+        other = self._with(bodies, self.constraints.at_place(np.concatenate([body.x for body in bodies])))
+        other._at_times = []
+        return other
+
+    def _with(self, bodies: Sequence[SingleBody], constraints: Constraints) -> JoinedBodies:
+        other = copy.copy(self)
+        other._members = tuple(replace(one, body=body) for one, body in zip(self._members, bodies, strict=True))
+        other.x, other._made = constraints.reduction.x, Made(constraints=constraints)
+        return other
 
     def held_at(self, time: float) -> HeldDirections:
         return self.at_time(time).held
 
     @property
     def limits(self) -> tuple[float, ...]:
-        return tuple(time for member in self._members for time in member.body.limits)
+        return (*(time for member in self._members for time in member.body.limits), *self.constraints.locks)
 
     def refuse_beginning(self, time: float) -> None:
         for member in self._members:
@@ -329,7 +361,8 @@ class JoinedBodies(Deformable):
     def after(self, time: float, before: End | None) -> Loading:
         ends = [before and before.of(member.nodes) for member in self._members]
         parts = zip(self._members, ends, strict=True)
-        return self._together(time, tuple(member.body.after(time, end) for member, end in parts))
+        of_bodies = self._together(time, tuple(member.body.after(time, end) for member, end in parts))
+        return self.constraints.loading(of_bodies, None if before is None else before.displacement)
 
     def heated(self, loading: Loading, change: FloatArray) -> Loading:
         each = zip(self._members, loading.parts, strict=True)
@@ -347,7 +380,8 @@ class JoinedBodies(Deformable):
         return np.concatenate([one.body.internal_force(u[one.nodes]) for one in self._members])
 
     def spring_force(self, u: FloatArray) -> FloatArray:
-        return np.concatenate([one.body.spring_force(u[one.nodes]) for one in self._members])
+        of_bodies = np.concatenate([one.body.spring_force(u[one.nodes]) for one in self._members])
+        return sum((one.forces for one in self.constraints.spring_forces(u)), of_bodies)
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
         for member, part in zip(self.members, loading.parts, strict=True):
@@ -360,10 +394,13 @@ class JoinedBodies(Deformable):
     def spring_forces(self, u: FloatArray) -> Iterator[NodalForces]:
         for member in self.members:
             yield from self._named(member, member.body.spring_forces(u[member.nodes]))
+        yield from self.constraints.spring_forces(u)
 
     def support_entries(self) -> list[dict[str, Any]]:
         given = [(member, one) for member in self.members for one in member.body.support_entries()]
-        return [{**one, "face": member.called(one["face"])} for member, one in given]
+        of_bodies = [{**one, "face": member.called(one["face"])} for member, one in given]
+        springs = [("spring", motion.given.face, motion.given.holds) for motion in self.constraints.sprung]
+        return of_bodies + [dict(zip(("kind", "face", "holds"), one, strict=True)) for one in springs]
 
     def blocked_displacement(self, loading: Loading) -> float:
         return max(self.blocked_displacements(loading))
@@ -373,20 +410,23 @@ class JoinedBodies(Deformable):
         return tuple(one.body.blocked_displacement(part) for one, part in parts)
 
     def forms(self) -> Mapping[str, Any] | None:
-        """By the name of the body."""
+        """By the name of the body; those of a body alone."""
+        if self._alone:
+            return self._alone.forms()
         return {one.name: forms for one in self._members if (forms := one.body.forms()) is not None} or None
 
     @property
     def ground(self) -> FloatArray | None:
-        parts = [member.body.ground for member in self._members]
-        if all(part is None for part in parts):
+        parts, sprung = [member.body.ground for member in self._members], self.constraints.sprung
+        if all(part is None for part in parts) and not sprung:
             return None
-        whole, ground = rigid_modes(self.x, self.comm), np.zeros((len(self.x), 3, 6))
+        whole = rigid_modes(self.x, self.comm)
+        ground = -sum((one.forces for one in self.constraints.spring_forces(whole)), np.zeros_like(whole))
         for member, part in zip(self.members, parts, strict=True):
             if part is not None:  # a rigid motion of all is one of the body
                 own, given = rigid_modes(member.body.x, self.comm).reshape(-1, 6), whole[member.nodes].reshape(-1, 6)
                 gram, right = self.comm.allreduce(own.T @ own), self.comm.allreduce(own.T @ given)
-                ground[member.nodes] = part @ np.linalg.lstsq(gram, right, rcond=None)[0]
+                ground[member.nodes] += part @ np.linalg.lstsq(gram, right, rcond=None)[0]
         return ground
 
     def _among_all_nodes(self, member: Member, values: FloatArray) -> FloatArray:
@@ -395,6 +435,8 @@ class JoinedBodies(Deformable):
         return lifted
 
     def _load_of(self, member: Member, given: AppliedLoad) -> AppliedLoad:
+        if self._alone:
+            return given
         load = _LoadOfBody(given.load.kind, member.called(given.load.face), given.load.amplitude)
         return AppliedLoad(load, self._among_all_nodes(member, given.nodal_force), given.size)
 

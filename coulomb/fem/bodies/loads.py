@@ -365,6 +365,29 @@ def shown_range(found: Mapping[str, float]) -> str:
     return f"temperature change {low:.6g} K" if same else f"temperature change from {low:.6g} to {high:.6g} K"
 
 
+@dataclass(frozen=True)
+class Loading:
+    """Loads and prescribed displacements of a body at a time; this rank's k nodes.
+
+    Attributes:
+        load: Nodal forces of all loads in newtons, shape (k, 3).
+        prescribed: Prescribed displacements in metres, 0 elsewhere, shape (k, 3).
+        temperature: None for a body without.
+        parts: Of several bodies, the loading of each, in their order.
+        apart: By how much tied nodes are prescribed to be apart from what they follow, by own unknowns of the ties that
+            are prescribed as well, metres, shape (k, 3).
+        tension: The forces of bolts along own unknowns, newtons; None without bolts.
+    """
+
+    time: float
+    load: FloatArray
+    prescribed: FloatArray
+    temperature: Temperature | None = None
+    parts: tuple[Loading, ...] = ()
+    apart: FloatArray | float = 0.0
+    tension: FloatArray | None = None
+
+
 def joined_temperatures(parts: Sequence[Temperature | None], slices: Sequence[slice]) -> Temperature | None:
     """The temperatures of all bodies, with no change in those without; None if no body has one."""
     given = [part for part in parts if part is not None]

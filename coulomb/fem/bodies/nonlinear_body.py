@@ -23,12 +23,12 @@ from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
 from ..meshes import boundary_facets
-from .deformable import End, Loading
+from .deformable import End
 from .displacement_space import free_earlier_bodies
 from .elimination import Made
 from .form_body import BilinearForm, Body, FormValues, compiled
 from .free_motions import FreeMotions, free_motions, names_of_components
-from .loads import NodalForces
+from .loads import Loading, NodalForces
 from .rigid_modes import component_modes
 
 

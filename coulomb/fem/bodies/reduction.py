@@ -64,6 +64,7 @@ class Reduction:
         places: Where the own unknowns of those that have any are, metres, each of shape (3,).
 
     Attributes:
+        x, held: Of the nodes.
         points: Where the unknowns are, metres, shape (k + p, 3); p is 0 but on the last rank.
         numbering: The numbers of the unknowns.
         own: Where those of each tie are among all own unknowns.
@@ -74,7 +75,7 @@ class Reduction:
     """
 
     def __init__(self, nodes: HeldNodes, ties: Sequence[Tie] = (), places: Sequence[FloatArray] = ()):
-        self._x, self._held, self.comm, self.lifetime = nodes.x, nodes.held, nodes.comm, nodes.lifetime
+        self.x, self.held, self.comm, self.lifetime = nodes.x, nodes.held, nodes.comm, nodes.lifetime
         self._ties, self._of_nodes = tuple(ties), nodes.numbering
         padded = [-(-tie.own.shape[2] // 3) for tie in ties]
         starts = 3 * np.cumsum([0, *padded])
@@ -85,14 +86,14 @@ class Reduction:
             self.loose[own] = 1.0
         x = np.repeat(np.reshape(places, (-1, 3)), [count for count in padded if count], axis=0)
         last = self.comm.rank == self.comm.size - 1
-        self.points: FloatArray = np.concatenate([self._x, x]) if last else self._x
-        self.here = len(self.points) - len(self._x)
+        self.points: FloatArray = np.concatenate([self.x, x]) if last else self.x
+        self.here = len(self.points) - len(self.x)
         total = self._of_nodes.total + self.width // 3
         self.numbering = replace(self._of_nodes, local=len(self.points), total=total)
 
     @cached_property
     def trivial(self) -> bool:
-        return not (self._ties or self.comm.allreduce(bool(np.any(self._held.oblique)), op=MPI.LOR))
+        return not (self._ties or self.comm.allreduce(bool(np.any(self.held.oblique)), op=MPI.LOR))
 
     def prescribing(self, own: Sequence[int]) -> Reduction:
         """The same with these own unknowns prescribed; collective."""
@@ -101,12 +102,18 @@ class Reduction:
         other.loose[list(own)] = 0.0
         return other
 
+    def at_place(self, x: FloatArray) -> Reduction:
+        """The same of nodes at another place x (k, 3), metres."""
+        other = copy.copy(self)
+        other.x, other.points = x, np.concatenate([x, self.points[len(x) :]])
+        return other
+
     @cached_property
     def tied(self) -> FloatArray:
         """D: projectors on the directions along which nodes follow others, shape (k, 3, 3)."""
-        tied = np.zeros((len(self._x), 3, 3))
+        tied = np.zeros((len(self.x), 3, 3))
         for tie in self._ties:
-            free = np.eye(3) - self._held.projector_at(tie.nodes)
+            free = np.eye(3) - self.held.projector_at(tie.nodes)
             sizes, directions = np.linalg.eigh(free @ tie.directions @ free)
             tied[tie.nodes] = np.einsum("mia,ma,mja->mij", directions, np.round(sizes), directions)
         return tied
@@ -114,7 +121,7 @@ class Reduction:
     @cached_property
     def W(self) -> PETSc.Mat:
         """W of all slave nodes, shape (n, n), distributed; rows of others are empty."""
-        n, axes = 3 * len(self._x), np.arange(3)
+        n, axes = 3 * len(self.x), np.arange(3)
         follow = scipy.sparse.csr_matrix((n, 3 * self._of_nodes.total))
         for tie in self._ties:
             at = (3 * tie.nodes[:, None] + axes).ravel()
@@ -173,7 +180,7 @@ class Reduction:
 
     def moved(self, y: FloatArray) -> FloatArray:
         """D N y of own unknowns (width,) or (width, j), shape (k, 3) or (k, 3, j)."""
-        u = np.zeros((*self._x.shape, *y.shape[1:]))
+        u = np.zeros((*self.x.shape, *y.shape[1:]))
         for nodes, own, N, _ in self.weights:
             u[nodes] = np.einsum("miq,q...->mi...", N, y[own])
         return u
@@ -197,7 +204,7 @@ class Reduction:
 
     def prevented(self, modes: FloatArray) -> FloatArray:
         """Nodal forces (k, 3, j) of unit springs in place of supports and of ties, in motions (k, 3, j); collective."""
-        return self._held.held_part(modes) + self.on_followed(self.left_apart(modes))
+        return self.held.held_part(modes) + self.on_followed(self.left_apart(modes))
 
     def with_own(self, of_nodes: FloatArray, own: FloatArray) -> FloatArray:
         """Values at nodes (k, 3, ...), and those of own unknowns (width, ...) where these are, as of unknowns."""
@@ -207,8 +214,8 @@ class Reduction:
 
     def kept(self, v: FloatArray) -> FloatArray:
         """Unknowns, or forces along them, without those that are prescribed; shapes (k + p, 3), or (k + p, 3, j)."""
-        free = self._held.free_part(v)
-        free[len(self._x) :] *= self.loose[: 3 * self.here].reshape(self.here, 3, *(1,) * (v.ndim - 2))
+        free = self.held.free_part(v)
+        free[len(self.x) :] *= self.loose[: 3 * self.here].reshape(self.here, 3, *(1,) * (v.ndim - 2))
         return free
 
     def lifted(self, v: FloatArray) -> FloatArray:
@@ -239,7 +246,7 @@ class Reduction:
         (k + p, 3, j); collective."""
         transferred = self.transferred(forces)
         if own is not None:
-            transferred = transferred + self.with_own(np.zeros_like(self._x), own)
+            transferred = transferred + self.with_own(np.zeros_like(self.x), own)
         return self.kept(transferred)
 
     def reduced(self, u: FloatArray, offset: FloatArray | float = 0.0) -> FloatArray:
@@ -254,8 +261,8 @@ class Reduction:
     def projection(self) -> PETSc.Mat:
         """P, distributed."""
         blocks = np.tile(np.eye(3), (len(self.points), 1, 1))
-        blocks[: len(self._x)] -= self._held.projector_at(np.arange(len(self._x)))
-        blocks[len(self._x) :] *= self.loose[: 3 * self.here].reshape(-1, 1, 3)
+        blocks[: len(self.x)] -= self.held.projector_at(np.arange(len(self.x)))
+        blocks[len(self.x) :] *= self.loose[: 3 * self.here].reshape(-1, 1, 3)
         P = self._distributed(block_diagonal(blocks, self.numbering), 3 * len(self.points))
         if not self._ties:
             return P
@@ -268,9 +275,9 @@ class Reduction:
         """This rank's rows of what a stiffness has beside P^T K P: numbers m (k, 1) in N/m along what is held or
         follows, their mean along own unknowns that are prescribed, springs (k + p, 3), and those of own unknowns;
         collective."""
-        count = len(self._x)
+        count = len(self.x)
         blocks = anchoring[:, :, None] * np.eye(3)
-        blocks[:count] += mean[:, :, None] * (self._held.projector_at(np.arange(count)) + self.tied)
+        blocks[:count] += mean[:, :, None] * (self.held.projector_at(np.arange(count)) + self.tied)
         typical = self.comm.allreduce(float(mean.sum()), op=MPI.SUM) / self._of_nodes.total
         blocks[count:] += typical * (1.0 - self.with_own(np.zeros((0, 3)), self.loose))[:, :, None] * np.eye(3)
         nodes = scipy.sparse.csr_matrix((3 * count, 3 * self._of_nodes.total))
@@ -281,8 +288,8 @@ class Reduction:
         """From displacements that are linear between vertices, of which so many are on this rank, by these rows those
         of nodes, to unknowns: without what is held, at nodes of second order (k,), or follows; own unknowns as they
         are, and nodes of first order, of which K has a diagonal where they are held; collective."""
-        count = len(self._x)
-        left_out = self.tied + second[:, None, None] * self._held.projector_at(np.arange(count))
+        count = len(self.x)
+        left_out = self.tied + second[:, None, None] * self.held.projector_at(np.arange(count))
         rows = block_diagonal(np.eye(3) - left_out, Numbering(0, count, count)) @ linear
         own = scipy.sparse.identity(self.width, format="csr")[: 3 * self.here]
         rows = scipy.sparse.block_diag([rows, own], "csr")
@@ -292,9 +299,9 @@ class Reduction:
     def rigid_modes(self, x: FloatArray) -> FloatArray:
         """The rigid motions of all bodies at nodes x (n, 3) of a mesh of them, and own unknowns in these, shape (n + p,
         3, 6); collective."""
-        (whole,) = component_modes(self._x, np.zeros(len(self._x), dtype=np.int64), self.comm)[1]
-        at, there = (displacements_of(of - whole.centre, np.full(len(of), whole.radius)) for of in (x, self._x))
-        return np.concatenate([at, self.reduced(there)[len(self._x) :]])
+        (whole,) = component_modes(self.x, np.zeros(len(self.x), dtype=np.int64), self.comm)[1]
+        at, there = (displacements_of(of - whole.centre, np.full(len(of), whole.radius)) for of in (x, self.x))
+        return np.concatenate([at, self.reduced(there)[len(self.x) :]])
 
     def lacking(self, imbalance: FloatArray, tension: FloatArray) -> FloatArray:
         """lambda: the forces of all constraints on their slave nodes, by the internal forces less all other forces,

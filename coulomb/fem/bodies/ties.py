@@ -3,12 +3,144 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
+from mpi4py import MPI
 
 from ...arrays import FloatArray
+from ..geometry import Amplitude, evaluate_amplitude, on_all_ranks
+from .rigid_modes import displacements_of
+
+_ROUNDING: Final = 1e-9
+"""Part of the prescribed displacements up to which they are the same."""
+
+
+class GivenFace(Protocol):
+    """What is needed of a rigid face as given."""
+
+    @property
+    def face(self) -> str: ...
+
+    @property
+    def what(self) -> str: ...
+
+    @property
+    def holds(self) -> str: ...
+
+    @property
+    def amplitude(self) -> Amplitude: ...
+
+    @property
+    def stiffness(self) -> FloatArray: ...
+
+
+class GivenBolt(Protocol):
+    """What is needed of a bolt as given."""
+
+    @property
+    def what(self) -> str: ...
+
+    @property
+    def force(self) -> float | None: ...
+
+    @property
+    def lock(self) -> float | None: ...
+
+    def locked(self, time: float) -> bool: ...
+
+    def fixed(self, time: float) -> bool: ...
+
+    def value(self, time: float, comm: MPI.Comm) -> float: ...
+
+
+@dataclass(frozen=True)
+class FaceMotion:
+    """The motion of a rigid face.
+
+    Attributes:
+        given: As given.
+        place: The reference point, metres, shape (3,).
+        nodes: Its nodes among this rank's k nodes, ascending, shape (m,).
+        ways: Orthonormal directions along which its nodes follow the motion, shape (d, 3).
+        motions: The free motions as translations of the point and rotations about it, shape (6, r).
+        given_part: What is prescribed as such a motion, for an amplitude of 1, shape (6,).
+        spread: C, shape (m, 3, 6); 0 but on one component of the mesh, so that forces on each are by its own motion.
+    """
+
+    given: GivenFace
+    place: FloatArray
+    nodes: npt.NDArray[np.int64]
+    ways: FloatArray
+    motions: FloatArray
+    given_part: FloatArray
+    spread: FloatArray
+
+    def spring_force(self, u: FloatArray, stiffness: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """Nodal forces in newtons of a spring of a diagonal stiffness (6,) at displacements u (k, 3), or (k, 3, j), of
+        the same shape; collective."""
+        q = comm.allreduce(np.einsum("mcp,mc...->p...", self.spread, u[self.nodes]), op=MPI.SUM)
+        forces = np.zeros_like(u)
+        forces[self.nodes] = -np.einsum("mcp,p,p...->mc...", self.spread, stiffness, q)
+        return forces
+
+    def unit_stiffness(self, x: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """The stiffness (6,) of unit springs at all nodes, of those x (k, 3) of this rank, where the spring has any;
+        collective."""
+        count, square = comm.allreduce(
+            np.array([len(self.nodes), np.sum((x[self.nodes] - self.place) ** 2)]), op=MPI.SUM
+        )
+        return np.where(self.given.stiffness > 0.0, np.repeat([count, square], 3), 0.0)
+
+    def values(self, time: float, comm: MPI.Comm) -> FloatArray:
+        """The prescribed motion at a time, shape (6,); collective.
+
+        Raises:
+            ValueError: On every rank, if the amplitude has no value then.
+        """
+        given = self.given
+        return self.given_part * on_all_ranks(lambda: evaluate_amplitude(given.amplitude, time, given.what), "", comm)
+
+    def prescribed(self, x: FloatArray, time: float, comm: MPI.Comm) -> FloatArray:
+        """t at nodes x (k, 3) of the face, 0 at others, metres, shape (k, 3), of which `ways` matter; collective."""
+        values, t = self.values(time, comm), np.zeros_like(x)
+        t[self.nodes] = moved_at(values[:, None], x[self.nodes] - self.place)[:, :, 0]
+        return t
+
+    def refuse_other(self, held: FloatArray, size: float, comm: MPI.Comm) -> None:
+        """ValueError on every rank if supports prescribe other displacements at its nodes than it does: `held` (k, 3)
+        is the difference along held directions, of displacements of a size, metres; collective."""
+        if comm.allreduce(bool(np.any(np.abs(held[self.nodes] @ self.ways.T) > _ROUNDING * size)), op=MPI.LOR):
+            raise ValueError(
+                f"{self.given.what}: supports prescribe other displacements at some of its nodes: leave these "
+                "components free, or end the supports before the face"
+            )
+
+
+def moved_at(motions: FloatArray, r: FloatArray) -> FloatArray:
+    """Displacements at r (p, 3) from the point in motions (6, q), shape (p, 3, q)."""
+    return displacements_of(r, np.ones(len(r))) @ motions
+
+
+@dataclass(frozen=True)
+class Section:
+    """The section of a bolt, whose own unknown is along it.
+
+    Attributes:
+        face: The slave face.
+        given: As given.
+        place: Its middle, metres, shape (3,).
+        direction: n, out of the slave face, shape (3,).
+        radius: Root of its area over pi, metres.
+    """
+
+    face: str
+    given: GivenBolt
+    place: FloatArray
+    direction: FloatArray
+    radius: float
 
 
 @dataclass(frozen=True)
@@ -31,6 +163,8 @@ class Tie:
             along itself.
         own: N, their displacements by q unknowns that the tie has of its own, metres per metre, shape (m, 3, q), the
             same q on every rank.
+        motion: Of a rigid face, whose amounts its own unknowns are.
+        bolt: Of the section of a bolt, whose shortening its own unknown is.
     """
 
     kind: str
@@ -46,3 +180,5 @@ class Tie:
     remarks: tuple[str, ...]
     directions: FloatArray
     own: FloatArray
+    motion: FaceMotion | None = None
+    bolt: Section | None = None

@@ -39,7 +39,6 @@ from .pair import (
     within,
 )
 from .pair_evidence import Claims, Deviations, PairSamples, Surfaces, opposite_nodes
-from .rigid_faces import RigidFace
 from .sections import Pretension
 from .slip import FaceMotion, foot_points
 from .surface import (
@@ -57,5 +56,4 @@ from .surface import (
     with_unknowns,
     without_noise,
 )
-from .tied_bodies import TiedBodies
 from .ties import CyclicSymmetry, Tied, with_slaves

@@ -115,7 +115,7 @@ def free_lengths(points: ContactPoints, n: FloatArray, body: Deformable) -> Floa
     u = T v + g, v the unknowns: it is 0 where the displacement along n is prescribed, by supports of the nodes, or of
     those that they follow.
     """
-    if points.opposite is None and not body.ties:
+    if points.opposite is None and not body.constraints.ties:
         return np.sqrt(np.maximum(1.0 - held_length(n, points.held(body.held)) ** 2, 0.0))
     rows, size = _blocks(points.difference, n[:, None]), points.space.numbering
     B, P = distributed_rows(rows, (3 * size.local, 3 * size.total), points.space, None), body.reduction.projection()

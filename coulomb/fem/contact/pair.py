@@ -357,7 +357,7 @@ def pair_of(
     points = points.of(slave, elasticity)
     mirrors = mirrored(points, planes, opposite, elasticity)
     points = replace(points, opposite=opposite, mirrored=mirrors)
-    if elasticity.ties and still is None:
+    if elasticity.constraints.ties and still is None:
         still = np.zeros(len(elasticity.x), dtype=bool)
         still[points.nodes[free_lengths(points, n, elasticity) <= HELD_BELOW]] = True
         if comm.allreduce(bool(np.any(still)), op=MPI.LOR):

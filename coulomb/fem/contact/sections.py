@@ -5,7 +5,6 @@ A force F of the bolt is the force along s; where s is given, or locked, it is n
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -13,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from ...arrays import FloatArray, is_number
-from ..bodies import Deformable, RigidPart, Tie
+from ...arrays import is_number
+from ..bodies import Deformable, Section, Tie
 from ..geometry import Amplitude, Point, check_direction, evaluate_amplitude, on_all_ranks
 from .ties import Tied, tie_of
 
@@ -23,9 +22,6 @@ _SAME_TIME: Final = 1e-9
 
 _PLANE: Final = 0.95
 """Length of the mean normal of a section below which it has no direction of its own."""
-
-_SHORTENS: Final = 1e-6
-"""Part by which a motion of bodies changes the length of a bolt above which it does."""
 
 _ALONG: Final = 1e-6
 """Part of the bolt's direction that supports may hold at nodes of its section."""
@@ -91,32 +87,12 @@ class Pretension(Tied):
         factor = on_all_ranks(lambda: evaluate_amplitude(self.amplitude, time, self.what), "", comm)
         return factor * float((self.shortening if self.force is None else self.force) or 0.0)
 
-    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> tuple[Tie, Section]:
-        """The tie, and the section; collective; errors as of `section_of`."""
-        section = section_of(body, self, taken)
-        return section.tie, section
+    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> Tie:
+        """The tie, with the section; collective; errors as of `section_of`."""
+        return section_of(body, self, taken)
 
 
-@dataclass(frozen=True)
-class Section:
-    """The section of a bolt.
-
-    Attributes:
-        given: As given.
-        tie: Its nodes, with s as an unknown of their own.
-        direction: n, out of the slave face, shape (3,).
-        place: Its middle, metres, shape (3,).
-        radius: Root of its area over pi, metres.
-    """
-
-    given: Pretension
-    tie: Tie
-    direction: FloatArray
-    place: FloatArray
-    radius: float
-
-
-def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]) -> Section:
+def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]) -> Tie:
     """The section of a bolt, of nodes that are in no tie (`taken`, (k,)); collective.
 
     Raises:
@@ -142,26 +118,4 @@ def section_of(body: Deformable, given: Pretension, taken: npt.NDArray[np.bool_]
             f"{given.what}: supports hold nodes of the section along the bolt: end them before the section"
         )
     own = np.tile(n[:, None], (len(tie.nodes), 1, 1))
-    return Section(given, replace(tie, own=own), n, centre, float(np.sqrt(area / np.pi)))
-
-
-def openings(
-    amounts: FloatArray, sections: Sequence[Section]
-) -> tuple[FloatArray, list[tuple[str, RigidPart, FloatArray]]]:
-    """The combinations of q motions that change the lengths of bolts, by the amounts (bolts, q) of each: of every bolt
-    by itself where that is possible, shape (q, p); and of each what it is called, where it is, and along which
-    direction."""
-    left, sizes, right = np.linalg.svd(amounts)
-    rank = int(np.sum(sizes > _SHORTENS))
-    bolts = left[:, :rank]
-    alone = np.linalg.norm(bolts @ bolts.T - np.eye(len(sections)), axis=0) < _SHORTENS
-    wanted = np.eye(len(sections))[:, alone]
-    others = np.linalg.svd(bolts - wanted @ (wanted.T @ bolts))[0]
-    wanted = np.column_stack([wanted, others[:, : rank - wanted.shape[1]]])
-    named = []
-    for way in wanted.T:
-        moving = [sections[k] for k in np.flatnonzero(np.abs(way) > _SHORTENS)]
-        name = " with ".join(f"the bolt at {section.tie.face!r}" for section in moving)
-        named.append((name, RigidPart(moving[0].place, moving[0].radius), moving[0].direction))
-    ways: FloatArray = right[:rank].T @ ((bolts / sizes[:rank]).T @ wanted)
-    return ways, named
+    return replace(tie, own=own, bolt=Section(tie.face, given, centre, n, float(np.sqrt(area / np.pi))))

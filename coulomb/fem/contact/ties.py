@@ -68,10 +68,13 @@ class Tied:
         are where they are."""
         return None
 
-    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> tuple[Tie, object]:
-        """The tie of nodes that are in no other (`taken`, (k,)), and what can move in it; collective; errors as of
-        `tie_of`."""
-        return tie_of(body, self, taken), None
+    def as_made(self, tie: Tie) -> Tied:
+        """The same, with the slave that a tie has; those that are no ties alone have a slave given."""
+        return replace(self, face=tie.face, against=tie.against, slave=True) if type(self) is Tied else self
+
+    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> Tie:
+        """The tie of nodes that are in no other (`taken`, (k,)); collective; errors as of `tie_of`."""
+        return tie_of(body, self, taken)
 
 
 @dataclass(frozen=True)

@@ -123,7 +123,7 @@ def test_unknowns_and_displacements_with_a_tie_a_bolt_and_a_rigid_face():
         assert np.abs(there.reduction.displacement(v) - u).max() <= 1e-12
         forces = np.sin(np.arange(u.size)).reshape(u.shape)
         assert np.sum(there.reduction.along(forces) * v) == pytest.approx(np.sum(forces * u), rel=1e-11)
-        (bolt,) = there.bolts(u)
+        (bolt,) = there.constraints.bolts_at(u)
         assert abs(bolt.shortening) == pytest.approx(0.0 if u is rigid else 0.2, abs=1e-12)
         assert bolt.locked == (time > 1.0)
 

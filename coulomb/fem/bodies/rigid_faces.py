@@ -22,14 +22,16 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
 from ...units import amount
-from ..bodies import Deformable, Tie, displacements_of, null_space
-from ..geometry import Amplitude, Point, check_angle, check_point, evaluate_amplitude, on_all_ranks
+from ..geometry import Amplitude, Point, check_angle, check_point
+from .deformable import Deformable
+from .rigid_modes import null_space
+from .ties import FaceMotion, Tie, moved_at
 
 _FREE: Final = 1e-10
 """Part of the energy of a motion that supports take below which they do not prevent it."""
 
 _ROUNDING: Final = 1e-9
-"""Part of the prescribed displacements up to which they are the same."""
+"""Part of the prescribed components up to which they are the same."""
 
 _PLANE: Final = 1e-5
 """Distance of nodes from a plane over the size of the face up to which it is plane; 1 less the cosine of an angle."""
@@ -112,81 +114,17 @@ class RigidFace:
         """Which of the six components are prescribed, shape (6,)."""
         return np.array([one is not None for one in (*self.translation, *self.rotation)])
 
-    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> tuple[Tie, FaceMotion]:
+    def as_made(self, tie: Tie) -> RigidFace:
+        """Itself."""
+        return self
+
+    def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> Tie:
         """Its nodes, and how they move; collective; errors as of `rigid_face_of`."""
         return rigid_face_of(body, self, taken)
 
 
-@dataclass(frozen=True)
-class FaceMotion:
-    """The motion of a rigid face.
-
-    Attributes:
-        given: As given.
-        place: The reference point, metres, shape (3,).
-        nodes: Its nodes among this rank's k nodes, ascending, shape (m,).
-        ways: Orthonormal directions along which its nodes follow the motion, shape (d, 3).
-        motions: The free motions as translations of the point and rotations about it, shape (6, r).
-        given_part: What is prescribed as such a motion, for an amplitude of 1, shape (6,).
-        spread: C, shape (m, 3, 6); 0 but on one component of the mesh, so that forces on each are by its own motion.
-    """
-
-    given: RigidFace
-    place: FloatArray
-    nodes: npt.NDArray[np.int64]
-    ways: FloatArray
-    motions: FloatArray
-    given_part: FloatArray
-    spread: FloatArray
-
-    def spring_force(self, u: FloatArray, stiffness: FloatArray, comm: MPI.Comm) -> FloatArray:
-        """Nodal forces in newtons of a spring of a diagonal stiffness (6,) at displacements u (k, 3), or (k, 3, j), of
-        the same shape; collective."""
-        q = comm.allreduce(np.einsum("mcp,mc...->p...", self.spread, u[self.nodes]), op=MPI.SUM)
-        forces = np.zeros_like(u)
-        forces[self.nodes] = -np.einsum("mcp,p,p...->mc...", self.spread, stiffness, q)
-        return forces
-
-    def unit_stiffness(self, x: FloatArray, comm: MPI.Comm) -> FloatArray:
-        """The stiffness (6,) of unit springs at all nodes, of those x (k, 3) of this rank, where the spring has any;
-        collective."""
-        count, square = comm.allreduce(
-            np.array([len(self.nodes), np.sum((x[self.nodes] - self.place) ** 2)]), op=MPI.SUM
-        )
-        return np.where(self.given.stiffness > 0.0, np.repeat([count, square], 3), 0.0)
-
-    def values(self, time: float, comm: MPI.Comm) -> FloatArray:
-        """The prescribed motion at a time, shape (6,); collective.
-
-        Raises:
-            ValueError: On every rank, if the amplitude has no value then.
-        """
-        given = self.given
-        return self.given_part * on_all_ranks(lambda: evaluate_amplitude(given.amplitude, time, given.what), "", comm)
-
-    def prescribed(self, x: FloatArray, time: float, comm: MPI.Comm) -> FloatArray:
-        """t at nodes x (k, 3) of the face, 0 at others, metres, shape (k, 3), of which `ways` matter; collective."""
-        values, t = self.values(time, comm), np.zeros_like(x)
-        t[self.nodes] = _moved(values[:, None], x[self.nodes] - self.place)[:, :, 0]
-        return t
-
-    def refuse_other(self, held: FloatArray, size: float, comm: MPI.Comm) -> None:
-        """ValueError on every rank if supports prescribe other displacements at its nodes than it does: `held` (k, 3)
-        is the difference along held directions, of displacements of a size, metres; collective."""
-        if comm.allreduce(bool(np.any(np.abs(held[self.nodes] @ self.ways.T) > _ROUNDING * size)), op=MPI.LOR):
-            raise ValueError(
-                f"{self.given.what}: supports prescribe other displacements at some of its nodes: leave these "
-                "components free, or end the supports before the face"
-            )
-
-
-def _moved(motions: FloatArray, r: FloatArray) -> FloatArray:
-    """Displacements at r (p, 3) from the point in motions (6, q), shape (p, 3, q)."""
-    return displacements_of(r, np.ones(len(r))) @ motions
-
-
-def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool_]) -> tuple[Tie, FaceMotion]:
-    """A rigid face of nodes that are in no tie (`taken`, (k,)), and its motion; collective.
+def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool_]) -> Tie:
+    """A rigid face of nodes that are in no tie (`taken`, (k,)), with its motion; collective.
 
     Raises:
         ValueError: On every rank, if the face is unknown, nodes of it are tied, or nothing of it can move; if it is to
@@ -210,7 +148,7 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
     possible: FloatArray = np.diag([1.0] * 3 + [1.0 / size] * 3)
     component = body.component[nodes]
     sprung = comm.allreduce(int(np.min(component, initial=np.iinfo(np.int64).max)), op=MPI.MIN)
-    rigid = _moved(possible, r) * (component == sprung)[:, None, None]
+    rigid = moved_at(possible, r) * (component == sprung)[:, None, None]
     gram = comm.allreduce(np.einsum("mcp,mcq->pq", rigid, rigid), op=MPI.SUM)
     spread = rigid @ np.linalg.solve(gram, possible)
     if given.along == "free":
@@ -225,11 +163,11 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
             )
     free, given_part = _left_free(given, possible, size)
     follow = ways.T @ ways
-    against = np.einsum("mij,jk,mkq->miq", held, follow, _moved(free, r))
+    against = np.einsum("mij,jk,mkq->miq", held, follow, moved_at(free, r))
     energy = comm.allreduce(np.einsum("miq,mip->qp", against, against), op=MPI.SUM)
     count = comm.allreduce(float(len(nodes)), op=MPI.SUM)
     motions = free @ null_space(energy, _FREE * count) if free.shape[1] else free
-    moved = follow @ _moved(motions, r)
+    moved = follow @ moved_at(motions, r)
     sizes, axes = np.linalg.eigh(comm.allreduce(np.einsum("miq,mip->qp", moved, moved), op=MPI.SUM))
     motions = motions @ axes[:, sizes > _FREE * count]  # not those about a line of nodes
     if motions.shape[1] == 0:
@@ -237,7 +175,8 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
             f"{given.what}: nothing of it is free; prescribe its motion by PrescribedDisplacement or a clamp"
         )
     none = scipy.sparse.csr_matrix((3 * len(nodes), 3 * body.numbering.total))
-    tie = Tie(
+    motion = FaceMotion(given, point, nodes, ways, motions, given_part, spread)
+    return Tie(
         given.kind,
         given.face,
         given.face,
@@ -250,9 +189,9 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
         traction=scipy.sparse.csr_matrix((len(nodes), body.numbering.total)),
         remarks=(),
         directions=np.tile(follow, (len(nodes), 1, 1)),
-        own=follow @ _moved(motions, r),
+        own=follow @ moved_at(motions, r),
+        motion=motion,
     )
-    return tie, FaceMotion(given, point, nodes, ways, motions, given_part, spread)
 
 
 def _normal(given: RigidFace, mean: FloatArray, r: FloatArray, comm: MPI.Comm) -> FloatArray:
