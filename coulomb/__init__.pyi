@@ -3,6 +3,7 @@
 from .fem.bodies import Body as Body
 from .fem.bodies import Clamp as Clamp
 from .fem.bodies import Elasticity as Elasticity
+from .fem.bodies import Equation as Equation
 from .fem.bodies import HeatLoad as HeatLoad
 from .fem.bodies import Material as Material
 from .fem.bodies import OrthotropicMaterial as OrthotropicMaterial

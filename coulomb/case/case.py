@@ -52,7 +52,7 @@ from .loads import (
 )
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
 from .solver import HistoryTable, OutputTable, ProbeTable, SolverTable, UnitsTable
-from .ties import CyclicSymmetryTable, PretensionTable, RigidFaceTable, TieTable
+from .ties import CyclicSymmetryTable, EquationTable, PretensionTable, RigidFaceTable, TieTable
 from .values import TABLES, Number, SpatialVector, Table, Vector, field
 
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
@@ -98,6 +98,7 @@ class Case(Table):
     tie: Annotated[tuple[TieTable, ...], Field(max_length=TABLES)] = ()
     cyclic_symmetry: Annotated[tuple[CyclicSymmetryTable, ...], Field(max_length=TABLES)] = ()
     pretension: Annotated[tuple[PretensionTable, ...], Field(max_length=TABLES)] = ()
+    equation: Annotated[tuple[EquationTable, ...], Field(max_length=TABLES)] = ()
     probe: Annotated[tuple[ProbeTable, ...], Field(max_length=TABLES)] = ()
     history: HistoryTable | None = None
     units: UnitsTable = UnitsTable()
@@ -200,7 +201,7 @@ class Case(Table):
             kinematics=self.solver.kinematics,
             branch=self.solver.branch,
             rigid_faces=[table.rigid_face() for table in self.rigid_face],
-            ties=[table.tie() for table in self.ties.values()],
+            ties=[*(table.tie() for table in self.ties.values()), *(one.equation() for one in self.equation)],
         )
         if self.history is not None:
             problem.body.stiffness.expect_load_steps(len(self.history.ends))
@@ -422,7 +423,7 @@ class Case(Table):
     @property
     def timed(self) -> dict[str, tuple[Table, Factors | Translations]]:
         """What depends on time, by its key in the case: the table that has it, and its rows."""
-        several = ("pretension", "heat", "rigid_face")
+        several = ("pretension", "heat", "rigid_face", "equation")
         tables: dict[str, Table | None] = {"": self, "temperature": self.temperature, **self._on_faces, **self.contacts}
         tables |= {f"{kind}.{k}": table for kind in several for k, table in enumerate(getattr(self, kind))}
         tables |= {f"{key}.rotation": table.rotation for key, table in self.contacts.items()}

@@ -1,4 +1,4 @@
-"""The tables of a case file about what joins faces: ties, sectors, bolts, and faces that move as rigid bodies."""
+"""The tables of a case file about what joins faces and nodes: ties, sectors, bolts, rigid faces, equations."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pydantic import Field, model_validator
 
 from ..fem.mesh_formats import other_side
 from .curves import AmplitudeTable, amplitude_of
-from .values import Direction, Name, Number, Stiffness, Table, Vector
+from .values import ROWS, Direction, Name, NodesValue, Number, Stiffness, Table, Vector
 
 if TYPE_CHECKING:
-    from ..fem.bodies import RigidFace
+    from ..fem.bodies import Equation, RigidFace
     from ..fem.contact import Tied
 
 
@@ -78,6 +78,35 @@ class PretensionTable(TieTable):
             *(self.face, self.against, self.slave, self.force, self.shortening, self.direction),
             *(amplitude_of(self.amplitude), self.lock),
         )
+
+
+class TermTable(Table):
+    """A term of an equation: a coefficient times a component of the displacement of nodes: those of a set by its name,
+    some by their numbers in the mesh file (in several bodies "body:12"), or those at places in metres."""
+
+    nodes: NodesValue
+    component: Literal["x", "y", "z"]
+    coefficient: Number
+
+
+class EquationTable(Table):
+    """Terms whose sum is a constant in metres; the displacement of the first is eliminated."""
+
+    terms: Annotated[tuple[TermTable, ...], Field(min_length=1, max_length=ROWS)]
+    constant: Number = 0.0
+    amplitude: AmplitudeTable | None = None
+
+    @model_validator(mode="after")
+    def _eliminates(self) -> EquationTable:
+        if self.terms[0].coefficient == 0.0:
+            raise ValueError("the coefficient of the first term must not be 0: its displacement is eliminated")
+        return self
+
+    def equation(self) -> Equation:
+        from ..fem.bodies import Equation
+
+        terms = [(term.nodes, term.component, term.coefficient) for term in self.terms]
+        return Equation(terms, self.constant, amplitude_of(self.amplitude))
 
 
 class MotionAlongAxes(Table):

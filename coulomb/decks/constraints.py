@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray, as_list
 from .cards import Card, key_of
 from .contacts import tied_pairs
 from .geometry import CORNERS, SIDES
@@ -33,6 +33,7 @@ class Constraints:
         self._of_node: dict[int, tuple[str, int]] = {}
         self._kinematic: dict[int, list[int]] = {}
         self._step: Step | None = None
+        self._equations: dict[tuple[tuple[str, float], ...], list[list[int]]] = {}
         coupling: Card | None = None
         for card in reading.model:
             if card.kind == "COUPLING":
@@ -44,7 +45,7 @@ class Constraints:
             elif card.kind == "PRE-TENSIONSECTION":
                 self._bolt(card)
             elif card.kind == "EQUATION":
-                raise card.fault("equations between nodes are not read yet")
+                self._equation(card)
 
     def _reference(self, card: Card, name: str) -> int:
         nodes = np.unique(self._of.node_numbers(card.needs(name), card, None))
@@ -95,6 +96,62 @@ class Constraints:
             bolt["sign"] = 1.0 if vector @ self._outwards(name, card) > 0.0 else -1.0
         self._bolts.append(bolt)
         self.cuts.append(face)
+
+    def _equation(self, card: Card) -> None:
+        """Equations by their components and coefficients, each with its nodes; the sum is 0, the first displacement is
+        eliminated."""
+        if "REMOVE" in card.parameters:
+            raise card.fault("equations are not removed: leave them out")
+        rows = iter(card.rows())
+        for first, words in rows:
+            count, terms = card.whole(words[0], first), list[tuple[IntArray, str, float]]()
+            while len(terms) < count:
+                row, words = next(rows, (first, []))
+                if not words:
+                    raise card.fault(f"has {len(terms)} terms of node, direction and coefficient, not {count}", first)
+                for k in range(0, len(words) - 2, 3):
+                    nodes, dof = self._of.node_numbers(words[k], card, row), card.whole(words[k + 1], row)
+                    if dof not in (1, 2, 3):
+                        raise card.fault(f"an equation is between displacements 1, 2 and 3, not {dof}", row)
+                    self._refuse_other_nodes(nodes, card, row)
+                    terms.append((nodes, "xyz"[dof - 1], card.number(words[k + 2], row)))
+            size = len(terms[0][0])
+            if any(len(nodes) not in (1, size) for nodes, _, _ in terms):
+                raise card.fault("sets of an equation must have as many nodes as the first, or one", first)
+            kind = tuple((component, coefficient) for _, component, coefficient in terms)
+            each = [np.broadcast_to(nodes, size) for nodes, _, _ in terms]
+            self._equations.setdefault(kind, []).extend(as_list(np.column_stack(each)))
+
+    def _refuse_other_nodes(self, nodes: IntArray, card: Card, row: int) -> None:
+        """Equations with reference nodes, nodes of no solid, or in frames of their own are not read."""
+        turned = [one for one in self._of.model if one.kind == "TRANSFORM"]
+        for one in turned:
+            if np.any(np.isin(nodes, self._of.node_numbers(one.needs("NSET"), one, None))):
+                raise card.fault("equations of nodes with a *TRANSFORM are not read", row)
+        other = nodes[~np.isin(nodes, self._of.nodes_of_cells)]
+        if len(other):
+            raise card.fault(f"node {other[0]} belongs to no solid element: its equation is not read", row)
+
+    def _equation_tables(self) -> list[dict[str, Any]]:
+        homes = {
+            node: name
+            for name, elements in self._of.bodies.items()
+            for rows in self._of.deck.solids.values()
+            for node in as_list(np.unique(rows[np.isin(rows[:, 0], elements), 1:]))
+        }
+
+        def called(node: int) -> int | str:
+            return f"{homes[node]}:{node}" if homes else node
+
+        return [
+            {
+                "terms": [
+                    {"nodes": [called(node) for node in nodes], "component": component, "coefficient": coefficient}
+                    for nodes, (component, coefficient) in zip(zip(*rows, strict=True), kind, strict=True)
+                ]
+            }
+            for kind, rows in self._equations.items()
+        ]
 
     def _outwards(self, name: str, card: Card) -> FloatArray:
         """A vector from the middle of the elements of a surface to the middle of their sides there."""
@@ -168,6 +225,8 @@ class Constraints:
                     tables.setdefault("cyclic_symmetry" if sector else "tie", []).append(pair)
         if ties:
             tables.setdefault("tie", []).extend(ties)
+        if self._equations:
+            tables["equation"] = self._equation_tables()
         return tables
 
     def _sector(self, tie: Card) -> dict[str, Any]:

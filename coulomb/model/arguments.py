@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..arrays import is_number, short
-from ..fem.bodies import Deformable, nonlinear, vanishes
+from ..fem.bodies import Deformable, Equation, nonlinear, vanishes
 from ..fem.contact import Tied
 from ..fem.geometry import same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh, is_mesh_data
@@ -60,6 +60,9 @@ def refuse_wrong(given: Mapping[str, object]) -> None:
     if not isinstance(probes, Sequence) or not all(isinstance(one, Probe) for one in probes):
         raise ValueError(f"probes must be a list of Probe, but is {short(probes)}")
     ties = given.get("ties", ())
+    for one in ties if isinstance(ties, Sequence) else ():
+        if not isinstance(one, Tied | Equation):
+            raise ValueError(f"ties must be a list of Tied, CyclicSymmetry, Pretension and Equation, but has {one!r}")
     pairs = [{one.face, one.against} for one in ties if isinstance(one, Tied)] if isinstance(ties, Sequence) else []
     for number, pair in enumerate(pairs):
         if pair in pairs[:number]:
@@ -124,8 +127,13 @@ def contacts_of_large_motions(arguments: Mapping[str, Any], contacts: Sequence[C
     if isinstance(arguments["mesh"], Deformable):
         for member in arguments["mesh"].members:
             nonlinear(member.body)
-    if arguments["rigid_faces"] or any(type(one) is not Tied for one in arguments["ties"]):
-        raise ValueError("rigid faces, bolts and cyclic symmetry are for small strains; large motions have ties (Tied)")
+    if arguments["rigid_faces"] or any(type(one) not in (Tied, Equation) for one in arguments["ties"]):
+        raise ValueError(
+            "rigid faces, bolts and cyclic symmetry are for small strains; large motions have ties (Tied) and equations"
+        )
+    for one in arguments["ties"]:
+        if isinstance(one, Equation) and one.constant != 0.0:
+            raise ValueError(f"{one.what}: in large motions its constant must be 0")
     for one in contacts:
         if one.adjust or one.smooth or one.surface or one.against_surface:
             raise ValueError(

@@ -260,7 +260,7 @@ class ContactBody:
             self.contacts, self.chosen = slaves_as_faces(self.elasticity, contacts)
             refuse_tied(self.elasticity, self.contacts)
             pairs = [(c.face, c.against) for c in contacts if c.against is not None]
-            pairs += [(tie.face, tie.against) for tie in self.elasticity.constraints.ties]
+            pairs += [(tie.face, tie.against) for tie in self.elasticity.constraints.ties if tie.of_faces]
             touching = unjoined_parts(self.elasticity, pairs)
             for text in touching if self.comm.rank == 0 else ():  # before these are refused as parts that nothing holds
                 _log.warning("%s", text)

@@ -131,7 +131,7 @@ class LoadSteps:
         body, over = self.elasticity, Reductions(self.elasticity.comm)
         undeformed = linearised(body, np.zeros_like(body.x), time)
         arms = np.linalg.norm(undeformed.reduction.left_apart(body.x, undeformed.at(time).apart), axis=1)
-        for tie in body.constraints.ties:
+        for tie in (one for one in body.constraints.ties if one.of_faces):
             d, facet = over.max(arms[tie.nodes]), over.max(np.sqrt(tie.area))
             if d > _ARM * facet:
                 raise ValueError(

@@ -37,7 +37,7 @@ class OutsideContacts:
 
     def __init__(self, body: Deformable, contacts: Sequence[Contact], foundations: Sequence[RigidFoundation | None]):
         self._body, self._contacts, self._foundations = body, contacts, foundations
-        self._ties = [tie for tie in body.constraints.ties if tie.kind != "rigid face"]
+        self._ties = [tie for tie in body.constraints.ties if tie.of_faces]
         self._pairs = [k for k, contact in enumerate(contacts) if contact.against is not None]
         names = [(contacts[k].face, str(contacts[k].against)) for k in self._pairs]
         names += [(tie.face, tie.against) for tie in self._ties]

@@ -15,6 +15,8 @@ from ..arrays import FloatArray
 from ..fem.bodies import (
     Deformable,
     Elasticity,
+    Equation,
+    Equations,
     HeatLoad,
     HyperelasticBody,
     JoinedBodies,
@@ -87,7 +89,9 @@ def _bodies_of(given: Mapping[str, Any]) -> Deformable:
                 raise ValueError("body_force, gravity, temperature: by body only for the bodies of coulomb.join")
             body = kind(mesh, *own, None if temperature is None else ThermalLoad(temperature, *heat))
     body = body.at_time(given["time"])
-    followers = [*given["rigid_faces"], *given["ties"]]
+    equations = [one for one in given["ties"] if isinstance(one, Equation)]
+    followers = [*given["rigid_faces"], *(one for one in given["ties"] if not isinstance(one, Equation))]
+    followers += [Equations(equations)] if equations else []
     if followers:
         body = JoinedBodies({one.name: one.body for one in body.members}, followers, given["time"])
     if given["kinematics"] != "large":
@@ -133,7 +137,7 @@ class ContactProblem(DiscreteProblem):
             history.csv.
         rigid_faces: Faces that move as rigid bodies, with a reference point each.
         ties: Faces that are glued to each other (`Tied`), cuts of a sector (`CyclicSymmetry`), and sections of bolts
-            (`Pretension`).
+            (`Pretension`); and linear equations between displacements of nodes (`Equation`).
         kinematics: "small" for small strains, or "large" for large motions; of a `Body` from an energy or a residual,
             or of a mesh with material (`NeoHookean`, ...), supports and loads.
         branch: Which equilibrium is taken in large motions: "any" that Newton's method finds, an unstable one being
@@ -190,7 +194,7 @@ class ContactProblem(DiscreteProblem):
         probes: Sequence[Probe] = (),
         kinematics: str = "small",
         branch: str = "any",
-        ties: Sequence[Tied] = (),
+        ties: Sequence[Tied | Equation] = (),
         rigid_faces: Sequence[RigidFace] = (),
     ):
         mesh = named(mesh)

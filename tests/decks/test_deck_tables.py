@@ -143,6 +143,29 @@ def test_frames_of_nodes(tmp_path):
     assert force["nodes"] == [18] and np.allclose(force["force"], [-6.0 / np.sqrt(10.0), 2.0 / np.sqrt(10.0), 0.0])
 
 
+def test_equations(tmp_path):
+    """Sets are matched node by node; equations with the same directions and coefficients are one table."""
+    level = "*EQUATION\n2\ntop, 3, 1., 5, 3, -1.\n*EQUATION\n3\n6, 1, 2., 7, 1, -1.\n8, 3, .5\n2\n6, 3, 1., 7, 3, -1."
+    one, other = tables_of(tmp_path, CUBES + level + "\n" + STEP.format("")).tables["equation"]
+    assert [term["nodes"] for term in one["terms"]] == [[15, 16, 17, 18, 6], [5, 5, 5, 5, 7]]
+    kinds = [[(term["component"], term["coefficient"]) for term in table["terms"]] for table in (one, other)]
+    assert kinds == [[("z", 1.0), ("z", -1.0)], [("x", 2.0), ("x", -1.0), ("z", 0.5)]]
+    assert [term["nodes"] for term in other["terms"]] == [[6], [7], [8]]
+    assert [(term["component"], term["coefficient"]) for term in other["terms"]] == [
+        ("x", 2.0),
+        ("x", -1.0),
+        ("z", 0.5),
+    ]
+    for lines, message in (
+        ("2\n6, 4, 1., 7, 1, 1.", "between displacements 1, 2 and 3, not 4"),
+        ("2\n6, 1, 1., 99, 1, 1.", "node 99 belongs to no solid element"),
+        ("2\n6, 1, 1., top, 1, 1.", "as many nodes as the first, or one"),
+        ("2\n6, 1, 1.", "has 1 terms of node, direction and coefficient, not 2"),
+    ):
+        with pytest.raises(ValueError, match=rf"deck.inp: line \d+: \*EQUATION: .*{message}"):
+            tables_of(tmp_path, f"{CUBES}*EQUATION\n{lines}\n" + STEP.format(""))
+
+
 def test_refused_cards_are_named_with_their_line(tmp_path):
     text = steps("*CLOAD\ntop, 3, -1.") + "*PLASTIC\n1., 0.\n*DYNAMIC\n"
     found = tables_of(tmp_path, text)

@@ -8,6 +8,7 @@ import pytest
 from conftest import ROOT, run_coulomb
 from test_deck_tables import CUBES, STEP
 
+from coulomb import LoadHistory
 from coulomb.case.case import read_case
 from coulomb.io.field_files import read_grids
 
@@ -89,6 +90,16 @@ def test_decks_of_calculix(name):
     assert solution.at_nodes.totals()["force"][2] == pytest.approx(VERTICAL_FORCES[name], rel=1e-4)
     if name in LOWEST:
         assert solution.displacement[:, 2].min() == pytest.approx(LOWEST[name], rel=2e-2)
+
+
+@pytest.mark.skipif(not DECKS.is_dir(), reason="needs ../shared/decks")
+def test_a_loop_of_friction_with_equations():
+    """F N to both sides, but for the cosine of the directions in which the block twists a little as one node pulls it;
+    CalculiX, with its penalties: -0.8001, 0.8003, -0.8001."""
+    case = read_case(DECKS / "fricloop.inp")
+    steps = LoadHistory(case.history.ends).steps(case.problem())
+    forces = [step.solution.at_nodes.totals()["force"][1] for step in steps]
+    assert forces[1:] == pytest.approx([-0.8, 0.8, -0.8], rel=1e-5)
 
 
 @pytest.mark.skipif(not DECKS.is_dir(), reason="needs ../shared/decks")

@@ -20,6 +20,7 @@ from .constraints import (
 from .deformable import Deformable, End, Member, SingleBody
 from .displacement_space import DisplacementSpace, free_earlier_bodies
 from .elasticity import Elasticity, LoadedBody
+from .equations import Equation, Equations
 from .form_body import BilinearForm, Body, FormValues
 from .free_motions import (
     FreeMotion,

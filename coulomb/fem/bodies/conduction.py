@@ -107,7 +107,7 @@ class Conduction:
             if not isinstance(load, HeatLoad):
                 raise ValueError(f"heat must be a list of HeatLoad, but an entry is {load!r}")
         if bodies.constraints.ties:
-            raise ValueError("heat: not yet with ties, cyclic symmetry and rigid faces: make one mesh of tied parts")
+            raise ValueError("heat: not yet with ties, rigid faces, equations: make one mesh of tied parts")
         self.bodies, self.loads, self.reference = bodies, tuple(loads), reference
         self.fixed_by = np.full(len(bodies.x), -1)
         self._nodal = np.zeros((len(self.loads), len(bodies.x)))

@@ -1,4 +1,4 @@
-"""What follows what in bodies, u = T v + g: ties, cyclic symmetry, rigid faces and bolts, all as rows of one
+"""What follows what in bodies, u = T v + g: ties, cyclic symmetry, rigid faces, bolts and equations, all as rows of one
 `Reduction`.
 
 Equilibrium is T^T (internal - outer forces) = F, with F the forces of bolts along their own unknowns: the stiffness is
@@ -64,7 +64,7 @@ class Constraints:
 
     Args:
         nodes: The nodes, with what supports hold.
-        given: Ties, rigid faces and bolts; of those that meet, a later one may refuse nodes of earlier ones.
+        given: Ties, rigid faces, bolts and equations; of those that meet, a later one may refuse nodes of earlier ones.
         time: By which bolts are locked.
 
     Attributes:
@@ -152,26 +152,39 @@ class Constraints:
         names: tuple[str, ...],
         resisted: Callable[[FloatArray], FloatArray],
     ) -> FreeMotions:
-        """Free motions, with those in which bolts that are not locked become shorter and nothing is deformed;
-        collective.
+        """Free motions, with those in which bolts that are not locked become shorter, or bodies that equations alone
+        join move against each other, and nothing is deformed; collective.
 
-        The parts on the two sides of a section are bodies of their own there; of the motions of all of them against
-        which nothing has energy, those are taken that change the lengths of bolts.
+        The parts on the two sides of a section, or of an equation, are bodies of their own there; of the motions of all
+        of them against which nothing has energy, those are taken that change the lengths of bolts, and then those that
+        are no motions of components.
         """
         loose = [of for of, locked in zip(self._of_bolts, self.locked, strict=True) if not locked]
-        if not loose:
+        bolts, own = [bolt for bolt, _ in loose], [at for _, at in loose]
+        firm = [tie for tie in self.ties if tie.bolt not in bolts and tie.prescribed is None]
+        if len(firm) == len(self.ties):
             return found
-        sections, own = zip(*loose, strict=True)
-        part, names = self._together([tie for tie in self.ties if tie.bolt not in sections], component, names)
+        part, names = self._together(firm, component, names)
         modes, parts = component_modes(self.reduction.x, part, self.comm)
         each = np.concatenate([np.where((part == k)[:, None, None], modes, 0.0) for k in range(len(parts))], axis=2)
         forces = self.reduction.prevented(each) + resisted(each)
-        energy = self.comm.allreduce(np.einsum("kci,kcj->ij", each, forces), op=MPI.SUM)
+        of_modes = found.modes(self.reduction.x)
+        energy, gram, whole = (
+            self.comm.allreduce(np.einsum("kci,kcj->ij", each, of), op=MPI.SUM) for of in (forces, each, of_modes)
+        )
         free = null_space(energy, least_energy(energy))
         motions = each @ free
-        ways, named = _openings(self._amounts(motions)[list(own)], sections)
+        ways, named = _openings(self._amounts(motions)[own], bolts)
+        known = np.column_stack([free.T @ np.linalg.solve(gram, whole), ways])
+        left, sizes, _ = np.linalg.svd(known)
+        others = left[:, int(np.sum(sizes > _SHORTENS)) :]
+        for amounts in (free @ others).T.reshape(-1, len(parts), 6):
+            most = int(np.argmax(np.linalg.norm(amounts, axis=1)))
+            along = amounts[most, :3] if np.any(np.abs(amounts[most, :3]) > _SHORTENS) else amounts[most, 3:]
+            named.append((names[most], parts[most], along))
         if not named:
             return found
+        ways = np.column_stack([ways, others])
         of_parts = (free @ ways).reshape(len(parts), 6, -1)
         numbers = [int(np.max(found.component[part == k], initial=-1)) for k in range(len(parts))]
         numbers = np.max(self.comm.allgather(numbers), axis=0).tolist()
@@ -209,6 +222,9 @@ class Constraints:
         offset = np.zeros_like(x)
         for motion in self.motions:
             offset += motion.prescribed(x, time, self.comm)
+        for tie in self.ties:
+            if tie.prescribed is not None:
+                offset[tie.nodes] += tie.prescribed.at(time, self.comm)
         if self.motions:
             given = (float(np.max(np.abs(of), initial=0.0)) for of in (offset, of_bodies.prescribed))
             size = self.comm.allreduce(max(given), op=MPI.MAX)
@@ -249,7 +265,7 @@ class Constraints:
         """The forces of every tie on the nodes of its slave face, in the order given; collective."""
         forces = self._lacking(imbalance, time)
         for tie in self.ties:
-            share, own = np.zeros_like(forces), forces[tie.nodes]
+            share, own = np.zeros_like(forces), np.einsum("mij,mj->mi", tie.directions, forces[tie.nodes])
             share[tie.nodes] = own
             beside = distributed_rows(tie.beside, (forces.size, tie.beside.shape[1]), self.reduction, None)
             share -= at_nodes_of(beside, own)

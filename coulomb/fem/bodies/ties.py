@@ -144,12 +144,36 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Prescribed:
+    """By how much nodes are prescribed to be apart from what they follow.
+
+    Attributes:
+        amounts: Metres at an amplitude of 1, of each of j amplitudes, shape (m, 3, j).
+        amplitudes: What each belongs to, in words, and its factor as a function of time.
+    """
+
+    amounts: FloatArray
+    amplitudes: tuple[tuple[str, Amplitude], ...]
+
+    def at(self, time: float, comm: MPI.Comm) -> FloatArray:
+        """The sum at a time, metres, shape (m, 3); ValueError on every rank if an amplitude has no value then;
+        collective."""
+
+        def factors() -> FloatArray:
+            return np.array([evaluate_amplitude(given, time, what) for what, given in self.amplitudes])
+
+        amounts: FloatArray = self.amounts @ on_all_ranks(factors, "", comm)
+        return amounts
+
+
+@dataclass(frozen=True)
 class Tie:
     """Two faces that are tied to each other; this rank's slave nodes.
 
     Attributes:
-        kind: "tie", "cyclic symmetry", "rigid face" or "pretension".
-        face, against: The faces; nodes of the first follow those of the other.
+        kind: "tie", "cyclic symmetry", "rigid face", "pretension" or "equation".
+        face, against: The faces; nodes of the first follow those of the other.  Of a rigid face and of equations both
+            are the same, of the latter in words.
         why: Why it is the first, in words.
         nodes: Slave nodes among this rank's k nodes, ascending, shape (m,).
         area: Integrals of their functions over the tie, m^2, shape (m,).
@@ -165,6 +189,7 @@ class Tie:
             same q on every rank.
         motion: Of a rigid face, whose amounts its own unknowns are.
         bolt: Of the section of a bolt, whose shortening its own unknown is.
+        prescribed: Of equations, their constants.
     """
 
     kind: str
@@ -182,3 +207,9 @@ class Tie:
     own: FloatArray
     motion: FaceMotion | None = None
     bolt: Section | None = None
+    prescribed: Prescribed | None = None
+
+    @property
+    def of_faces(self) -> bool:
+        """Whether it holds two faces together."""
+        return self.face != self.against

@@ -80,6 +80,10 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         facts.append((f"{kind} {face['face']}", (", ".join(moves) or "free") + in_time(face.get("amplitude"))))
     for kind in ("tie", "cyclic_symmetry"):
         facts += [(f"{kind.replace('_', ' ')} of {tie['face']}", f"to {tie['against']}") for tie in case.get(kind, ())]
+    for equation in case.get("equation", ()):
+        terms = [f"{number(one['coefficient'])} u_{one['component']}({one['nodes']})" for one in equation["terms"]]
+        constant = quantity(equation.get("constant", 0.0), "m")
+        facts.append(("equation", f"{' + '.join(terms)} = {constant}{in_time(equation.get('amplitude'))}"))
     for bolt in case.get("pretension", ()):
         given = quantity(bolt["force"], "N") if bolt["force"] is not None else quantity(bolt["shortening"], "m")
         lock = "" if bolt["lock"] is None else f", locked at {number(bolt['lock'])} s"
