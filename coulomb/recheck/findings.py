@@ -96,7 +96,7 @@ class Findings:
 
     @property
     def _beyond(self) -> list[str]:
-        return [f"outside small-strain theory: {text}" for text in self.outside]
+        return [f"outside the theory: {text}" for text in self.outside]
 
     def __str__(self) -> str:
         return "\n".join([*(step.of_step for step in self.steps), self.ending])

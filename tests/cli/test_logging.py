@@ -28,7 +28,7 @@ def test_a_library_user_sees_the_messages(tmp_path):
     seen = run_python(script, "INFO")
     assert seen.returncode == 0, seen.stderr
     assert f"WARNING:coulomb.model.problem:{MESSAGE}" in seen.stderr
-    assert "WARNING:coulomb.model.solution:outside small-strain theory: " in seen.stderr
+    assert "WARNING:coulomb.model.solution:outside the theory: " in seen.stderr
     assert "INFO:coulomb.model:information" in seen.stderr and not seen.stdout
     plain = run_python(script)
     assert plain.returncode == 0 and MESSAGE in plain.stderr and "INFO" not in plain.stderr and not plain.stdout
