@@ -469,6 +469,6 @@ def warn(answer: Solution) -> None:
     strain = answer.small_strain
     if answer.problem.comm.rank == 0:
         for text in strain.violations:
-            _log.warning("outside small-strain theory: %s", text)
+            _log.warning("outside the theory: %s", text)
         for text in strain.mere_warnings:
             _log.warning("%s", text)

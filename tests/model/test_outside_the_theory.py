@@ -173,9 +173,7 @@ def test_python_returns_the_answer_and_logs_the_warning(caplog):
     with caplog.at_level(logging.INFO, "coulomb"):
         answer = problem.solve()
     assert answer.certificate.passed and not answer.valid and answer.outside == answer.small_strain.violations != ()
-    assert [(r.levelname, r.message.split(":")[0]) for r in caplog.records] == [
-        ("WARNING", "outside the theory")
-    ]
+    assert [(r.levelname, r.message.split(":")[0]) for r in caplog.records] == [("WARNING", "outside the theory")]
     accepted = make_block(3, foundation=inside, small_strain="warn").solve()
     assert accepted.valid and accepted.outside == () and accepted.small_strain.violations
     assert make_block(3).solve().valid
