@@ -224,6 +224,8 @@ def test_words():
     )
     assert "must be >= 0 everywhere" in same_error(lambda: problem(friction=interpolated(lambda x: x[0] - 0.9)))
     assert "a function of x" in same_error(lambda: Contact("bottom", 0.3, foundation=7.0))
+    rubber = coulomb.NeoHookean(interpolated(fraction), 0.3)
+    assert "young must be a number" in same_error(lambda: problem(material=rubber, kinematics="large"))
     assert "must be > 0 everywhere" in same_error(lambda: problem(material=Material(lambda x: 0.0 * x[0], 0.3)))
     single = SimpleNamespace(topology=1, geometry=SimpleNamespace(x=np.zeros((1, 3), dtype=np.float32)))
     assert "float32" in same_error(lambda: NamedMesh(single, {}))

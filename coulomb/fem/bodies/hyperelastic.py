@@ -245,10 +245,10 @@ Hyperelastic = NeoHookean | MooneyRivlin | Ogden
 
 def hyperelastic(material: object) -> Hyperelastic:
     """A material of large motions; of small strains, isotropic, with Green's strain; ValueError if it is none."""
+    if isinstance(material, Material) and of_place(material.young):
+        raise ValueError("material of large motions: young must be a number, one for each group of cells")
     if isinstance(material, Hyperelastic):
         return material
-    if type(material) is Material and of_place(material.young):
-        raise ValueError("material of large motions: young must be a number, one for each group of cells")
     if type(material) is Material:
         return StVenantKirchhoff(material.young, material.poisson, material.density, material.expansion)
     raise ValueError(
