@@ -186,7 +186,7 @@ def fault_of_face(face: str, bodies: Sequence[BodyTable], box: bool) -> str:
     if not colon:
         begins = [name for name in names if face.startswith(name) and not face[len(name) :].isidentifier()]
         body = max(begins, key=len, default="")
-        example = f"{body}:{face[len(body) + 1 :]}" if body else f"{names[0]}:{face}"
+        example = f"{body}:{face[len(body) + 1 :] or 'top'}" if body else f"{names[0]}:{face}"
         return f'should name body and face, as in "{example}"; the bodies are {", ".join(names)}'
     if of not in names:
         return fault_of_body(of, bodies)

@@ -24,7 +24,7 @@ _MOST: Final = 10
 
 _FIRST_KEY = {
     **{"mesh": "file", "output": "directory", "contact": "face", "material": "young", "history": "times"},
-    "temperature": "file",
+    **{"temperature": "file", "units": "length"},
 }
 """The probable key if a value is given in place of a table."""
 
@@ -91,6 +91,7 @@ def _given_otherwise(entry: Any, said: list[tuple[Any, str]]) -> bool:
     if entry["type"] != "missing":
         return False
     *table, key = entry["loc"]
+    key = "degrees" if key == "angle" else key
     return any(list(other["loc"][:-1]) == table and re.search(rf"(: write|,) {key} = ", text) for other, text in said)
 
 

@@ -64,6 +64,7 @@ _KEYS: Final = {
     "temperature": {"value": "t temp temperature change delta_t"},
     "history": {"times": "steps_at time_points", "steps": "n number", "end": "period total_time"},
     "solver": {"tolerance": "tol residual eps"},
+    "body": {"translate": "position origin offset move location shift place"},
     "output": {"directory": "folder path dir name", "format": "vtk vtu vtkhdf paraview formats file_type"},
 }
 """Of every table, its keys and other words for them."""
@@ -92,6 +93,7 @@ _ADVICE: Final = {
     "solver": {
         "threads n_threads cpus cores nprocs": "leave it out: mpirun -n 4 coulomb run CASE.toml computes on 4 ranks",
     },
+    "units": {"force forces mass time temperature energy": "leave it out: it follows from length and stress"},
     "output": {"fields variables nodeout elout": "leave it out: all fields are written"},
     "": {
         "plane plane_strain plane_stress axisymmetric dimension": "bodies are three-dimensional: for plane strain "
@@ -112,6 +114,13 @@ _UNITS: Final = {
     **{"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "s": 1.0, "ms": 1e-3, "kg/m3": 1.0, "kg/m^3": 1.0, "k": 1.0},
 }
 """Units that are written behind numbers, in SI."""
+
+_NAMES_OF_UNITS: Final = {
+    **{"m": "meter metre meters metres", "mm": "millimeter millimetre millimeters millimetres", "in": "inch inches"},
+    **{"ft": "foot feet", "um": "micron microns micrometer micrometre", "MPa": "mpa n/mm2 n/mm^2 megapascal"},
+    **{"Pa": "pascal pascals pa n/m2 n/m^2", "GPa": "gpa gigapascal", "kPa": "kpa kilopascal"},
+}
+"""Units of a case, and other words for them."""
 
 _BOX_FACES: Final = {
     **{"left": "xmin x0 x- minx west", "right": "xmax x1 x+ maxx east", "front": "ymin y0 y- miny south"},
@@ -195,6 +204,8 @@ def right(table: str, word: str, value: Any, known: Collection[str]) -> str:
     if last == "material" and word == "name" and str(value).lower() in _STEEL_AND_OTHERS:
         young, poisson = _STEEL_AND_OTHERS[str(value).lower()]
         return f"write {line('young', young)}, {line('poisson', poisson)}, or those of its data sheet"
+    if last == "rotate" and word in ("angle_deg", "angle_degrees", "degree", "deg"):
+        return f"write {line('degrees', value)}"
     if last == "solver" and word == "nlgeom":
         return f"write {line('kinematics', 'large' if value in (True, 'YES', 'yes') else 'small')}"
     if last == "prescribed_displacement" and (axis := word.removeprefix("u").removeprefix("_")) in _AXES:
@@ -225,6 +236,8 @@ def in_its_place(table: str, key: str, value: Any) -> str:
             return line(key, {"shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]})
     if key == "format" and isinstance(value, str):
         return line(key, ["xdmf", "vtkhdf"])
+    if key == "material" and str(value).lower() in _STEEL_AND_OTHERS:
+        return line(key, dict(zip(("young", "poisson"), _STEEL_AND_OTHERS[str(value).lower()], strict=True)))
     found = meant(table, key, value)
     return "" if found is None else line(key, found)
 
@@ -237,6 +250,10 @@ def meant(table: str, key: str, value: Any) -> Any:
             digits = list(range(digits[0], digits[1] + 1))
         found = "".join(axis for number, axis in enumerate(_AXES, 1) if number in digits or axis in digits)
         return found or None
+    if table == "units" and isinstance(value, str):
+        return next((unit for unit, words in _NAMES_OF_UNITS.items() if value.lower() in words.split()), None)
+    if key == "times" and isinstance(value, int | float):
+        return [float(value)]
     if isinstance(value, str):
         number = re.fullmatch(r"\s*([-+]?[.\d]+(?:[eE][-+]?\d+)?)\s*([A-Za-z/^2-3]*)\s*", value)
         factor = 1.0 if number and not number[2] else _UNITS.get(number[2].lower()) if number else None

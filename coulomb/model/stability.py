@@ -91,7 +91,7 @@ def _negative(body: Deformable, K: PETSc.Mat) -> tuple[int, FloatArray]:
     if count:
         over, rng = Reductions(body.comm), np.random.default_rng(body.comm.rank)
         rhs, u = K.createVecs()
-        block = rng.standard_normal((count + 2, rhs.getLocalSize()))
+        block: FloatArray = rng.standard_normal((count + 2, rhs.getLocalSize()))
         for _ in range(_ROUNDS):
             images = np.empty_like(block)
             for row, image in zip(block, images, strict=True):

@@ -105,6 +105,8 @@ def test_solver_and_problem_are_what_the_case_says():
         ("material.name='Steel'", r"write young = 2.1e\+11, poisson = 0.3, or"),
         ("material.young='210 GPa'", r"not text: write young = 2.1e\+11$"),
         ("material.fix='left'", r'write \[\[clamp\]\], and below it face = "left"$'),
+        ("units={length='millimetre'}", r"write length = .mm.$"),
+        ("units.force='kN'", r"no such key: leave it out: it follows from length and stress$"),
         ("output.format='vtk'", r"write format = \[\"xdmf\", \"vtkhdf\"\]$"),
         ("material.young='2e11'", r"not text: write young = 2e\+11$"),
         ("material.poisson=0.7", r"should be less than 0.5, for example poisson = 0.3$"),
