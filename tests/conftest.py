@@ -29,11 +29,20 @@ from petsc4py import PETSc
 from skips import pytest_addoption, pytest_sessionfinish, pytest_terminal_summary  # noqa: F401  # hooks of pytest
 
 import coulomb
+from coulomb import units
 from coulomb.linalg.compliance.compliance import MatrixCompliance
 
 DATA = Path(__file__).with_name("data")
 ROOT = Path(__file__).parents[1]
 STEEL = coulomb.Material(young=2.119e11, poisson=0.277)
+
+
+@pytest.fixture(autouse=True)
+def _metres_and_pascals():
+    """Cases and decks state the units of the process; the next test has those of the start."""
+    yield
+    units.use()
+
 
 SMALL_CASE = """\
 [mesh]

@@ -23,12 +23,6 @@ MM = [
 """demos/block.toml."""
 
 
-@pytest.fixture(autouse=True)
-def _metres_and_pascals():
-    yield
-    units.use()
-
-
 def run(directory, changes):
     words = [word for change in changes for word in ("--set", change)]
     done = run_coulomb("run", ROOT / "demos" / "block.toml", *words, "--output", directory)
