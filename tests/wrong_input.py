@@ -93,17 +93,6 @@ def part(spoil=lambda file: None, after=lambda text: text, **options):
     return prepare
 
 
-def twenty_nodes():
-    """A mesh file of a 20-node hexahedron, and a case that reads it."""
-    numbers = range(1, 21)
-    points = "".join(f"{i} {i} {i * i} {i**3}\n" for i in numbers)
-    Path("part.msh").write_text(
-        f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n20\n{points}$EndNodes\n"
-        f"$Elements\n1\n1 17 2 1 1 {' '.join(map(str, numbers))}\n$EndElements\n"
-    )
-    case(FROM_FILE)()
-
-
 def turn_cell(file):
     file.cells[0, [0, 1]] = file.cells[0, [1, 0]]
 

@@ -40,7 +40,6 @@ from wrong_input import (
     rewrite,
     run,
     turn_cell,
-    twenty_nodes,
     two,
     without_field,
 )
@@ -117,7 +116,6 @@ MESHES = (
     Wrong("cells inside out", run(), part(turn_cell)),
     Wrong("cells without volume", run(), part(flatten)),
     Wrong("a mesh in 2D", run(), part(only_faces)),
-    Wrong("20-node hexahedra", run(), twenty_nodes),
     Wrong("first order of a second-order mesh", run("mesh.degree=1"), part(lambda file: file.second_order())),
     Wrong("parts that share an edge alone", run(), part(hinge)),
     Wrong("a face inside the body", run("contact.face='seam'"), part(lambda f: f.faces.update(seam=f.interface))),
