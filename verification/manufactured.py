@@ -132,6 +132,8 @@ class Manufactured:
         pieces: For x <= cut and beyond.
         cut: There is contact for x < cut.
         held: Faces with prescribed displacements.
+        guided: Those of them that are free along z, with the traction along it.  Where a held face meets the contact,
+            supports carry a strip of that, half a cell wide, and totals of the contact lack it.
         friction: Coefficient of friction.
         gap: Given gap, metres.
         probed: Places relative to the lengths.
@@ -147,6 +149,7 @@ class Manufactured:
     gap: Coefficient = 0.0
     probed: tuple[tuple[float, float, float], ...] = ((0.3, 0.4, 0.0), (0.55, 0.7, 0.5), (0.81, 0.23, 1.0))
     ring: bool = False
+    guided: tuple[str, ...] = ()
 
     def _at(self, of: Callable[[Piece], tuple[Poly, ...]], x: FloatArray) -> FloatArray:
         near, far = (np.stack([value(x) for value in of(piece)]) for piece in self.pieces)
@@ -220,9 +223,15 @@ class Manufactured:
         return ContactProblem(
             mesh,
             MATERIAL,
-            [PrescribedDisplacement(face, self.u) for face in self.held],
+            [PrescribedDisplacement(face, self.u, "xy" if face in self.guided else "xyz") for face in self.held],
             Contact(self.contact, self.friction, gap=self.gap, foundation=foundation),
-            [Traction(face, partial(self.traction, face)) for face in others],
+            [
+                *(Traction(face, partial(self.traction, face)) for face in others),
+                *(
+                    Traction(face, lambda x, face=face: self.traction(face, x) * [[0], [0], [1]])
+                    for face in self.guided
+                ),
+            ],
             body_force=self.body_force,
             probes=[Probe(f"p{k}", point) for k, point in enumerate(self.points)],
         )
@@ -281,7 +290,8 @@ class Manufactured:
         found["maximum.displacement"] = self._largest(lambda x: np.linalg.norm(self.u(x), axis=0))
         for face in self.held:
             y, v = self._gauss(face)
-            force, moment = _resultants(y, self.traction(face, y), v)
+            carried = [[1], [1], [0]] if face in self.guided else 1.0
+            force, moment = _resultants(y, self.traction(face, y) * carried, v)
             found[f"reactions.prescribed_displacement_{face}.force"] = force
             found[f"reactions.prescribed_displacement_{face}.moment"] = moment
         for k, point in enumerate(self.points):
@@ -351,9 +361,9 @@ def partly_open(held: tuple[str, ...], cut: float = 0.77) -> Manufactured:
         found: FloatArray = -W(x) + 0.5 * STRAIN * np.maximum(x[0] - cut, 0.0) ** 2
         return found
 
-    return Manufactured(
-        f"partly open, held {' and '.join(held)}", (1.2, 1.0, 0.8), (pieces[0], pieces[1]), cut, held, F, gap
-    )
+    guided = tuple(face for face in held if face != "top")
+    name = f"partly open, held {' and '.join(held)}"
+    return Manufactured(name, (1.2, 1.0, 0.8), (pieces[0], pieces[1]), cut, held, F, gap, guided=guided)
 
 
 def ring(held: tuple[str, ...]) -> Manufactured:

@@ -284,6 +284,8 @@ class _Steps:
 
     def step(self) -> InteriorPointStep | None:
         path, scaled = self._path, self._path.scaled
+        if not math.isfinite(self._theta):  # a start with no room to its bounds, which rounding errors have taken
+            return None
         sigma = path.settings.centring(
             self._length, self._gradient / (self._beta * self._theta) if self._waits else 0.0
         )

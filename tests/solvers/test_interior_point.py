@@ -215,3 +215,11 @@ def test_start_from_a_coarser_mesh():
     for solver in (InteriorPoint(1e-8), SuccessiveTresca(1e-8)):
         result = solver.solve(problem, start=nonsense)
         assert np.linalg.norm(result.x - cold.x) <= 1e-6 * np.linalg.norm(cold.x)
+
+
+def test_a_path_without_room_to_its_bounds_ends(monkeypatch):
+    """As from a start that rounding errors have put onto them: PETSc refused a tolerance that was nan."""
+    monkeypatch.setattr(ScaledProblem, "theta", lambda self, nu, z: np.nan)
+    with pytest.raises(NotConverged) as failure:
+        make_block(4).solve(solver=InteriorPoint())
+    assert failure.value.result.status is Status.STAGNATED
