@@ -191,6 +191,10 @@ class Manufactured:
         found: FloatArray = np.einsum("ijk,jk->ik", self.stress(x), self.normal(face, x))
         return found
 
+    def _traction_along_z(self, face: str, x: FloatArray) -> FloatArray:
+        found: FloatArray = self.traction(face, x) * np.array([[0.0], [0.0], [1.0]])
+        return found
+
     def pressure(self, x: FloatArray) -> FloatArray:
         """On the contact face, shape (k,)."""
         found: FloatArray = -np.einsum("ik,ik->k", self.traction(self.contact, x), self.normal(self.contact, x))
@@ -227,10 +231,7 @@ class Manufactured:
             Contact(self.contact, self.friction, gap=self.gap, foundation=foundation),
             [
                 *(Traction(face, partial(self.traction, face)) for face in others),
-                *(
-                    Traction(face, lambda x, face=face: self.traction(face, x) * [[0], [0], [1]])
-                    for face in self.guided
-                ),
+                *(Traction(face, partial(self._traction_along_z, face)) for face in self.guided),
             ],
             body_force=self.body_force,
             probes=[Probe(f"p{k}", point) for k, point in enumerate(self.points)],

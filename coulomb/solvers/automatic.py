@@ -28,6 +28,9 @@ _SETTLED: Final = 1e-6
 _OF_ROUNDING: Final = 100.0
 """Changes of forces up to this multiple of what rounding errors of displacements are in them do not settle."""
 
+_BY_SOLVES: Final = 100.0
+"""By how much more products by multigrid are off, as of bodies on soft springs."""
+
 _SETTLING: Final = replace(FINISH, sharpest=1e-5, settled=_SETTLED)
 
 DECISIVE = (Status.INTERRUPTED, Status.NO_EQUILIBRIUM)
@@ -145,8 +148,8 @@ def settled(
         return after
     closed = np.abs(result.gradient + problem.b).reshape(-1, 3)
     rounding = problem.scales.moved(2.0**-52 * stiffness[:, None] * closed, result.x.reshape(-1, 3))
-    moved = steps[0].moved if steps else 0.0
-    if moved <= max(_SETTLED, _OF_ROUNDING * rounding):
+    moved, least = steps[0].moved if steps else 0.0, 1.0 if problem.A.exact else _BY_SOLVES
+    if moved <= least * max(_SETTLED, _OF_ROUNDING * rounding):
         return result
     message = (
         f"forces are unresolved: with a residual of {result.residual:.1e} one is wrong by about {moved:.1e} of the "
