@@ -49,7 +49,7 @@ class Near(NamedTuple):
 
 
 class UflValues:
-    """A fem.Constant, fem.Function, fem.Expression, or expression of UFL, evaluated on this rank.
+    """A fem.Constant, fem.Function, fem.Expression, or expression of UFL, evaluated on this rank; made collectively.
 
     Attributes:
         size: Number of its components.
@@ -88,6 +88,8 @@ class UflValues:
                     )
             degree = int(compat.coordinate_element(self._mesh).degree)
             self._simplex, self._curved, self._element = kind in _SIMPLICES, degree > 1, _lagrange(kind, degree)
+            if not self._is_function:  # compiled by all ranks together, also by those without a point
+                self._expression = fem.Expression(self._given, _lagrange(kind, 2).points)
 
     @property
     def _is_function(self) -> bool:
@@ -126,10 +128,6 @@ class UflValues:
     def _in_cells(self, cells: npt.NDArray[np.int32]) -> FloatArray:
         given = (self._mesh, cells) if _NEWER else (cells,)
         return np.asarray(self._expression.eval(*given), dtype=np.float64)
-
-    @cached_property
-    def _expression(self) -> Any:
-        return fem.Expression(self._given, _lagrange(self._mesh.topology.cell_type.name, 2).points)
 
     @cached_property
     def _tree(self) -> Any:
