@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import ufl
 from mpi4py import MPI
-from ranks import same_error
+from ranks import everywhere, same_error
 from test_parallel_heat import two_bars
 from user_forms import Script
 
@@ -150,10 +150,11 @@ def test_conductance():
     """Of a contact between bars, with the temperatures of its formula in test_parallel_heat."""
     place = ufl.SpatialCoordinate(coulomb.box((0.02, 0.02, 0.05), (2, 1, 2)).domain)
     one, other = (
-        two_bars(ThermalContact(conductance=value)).solve().heat.change
+        np.sort(everywhere(two_bars(ThermalContact(conductance=value)).solve().heat.change))
         for value in (2000.0 + 1e4 * place[0], lambda x: 2000.0 + 1e4 * x[0])
     )
-    same(one, other)
+    # on ranks the meshes of the two are divided differently, and the answers agree to the solver's tolerance
+    assert np.abs(one - other).max() <= (1e-12 if comm.size == 1 else 1e-7) * np.abs(other).max()
 
 
 def test_a_foundation_that_is_a_function():
