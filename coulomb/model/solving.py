@@ -3,6 +3,7 @@ solved by multigrid."""
 
 from __future__ import annotations
 
+import logging
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
@@ -26,6 +27,8 @@ from .heat import UNBALANCED
 from .provenance import timed
 from .solution import Solution
 from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
+
+_log = logging.getLogger(__name__)
 
 
 def solved(
@@ -72,7 +75,9 @@ def _by_present_method(
                 result = chosen.solve(problem, start, progress=counted)
                 if chosen.tolerance <= CERTIFIED_FROM:
                     stiffness = posed.linear.node_stiffness
-                    result = settled(problem, result, stiffness, chosen.tolerance, counted)
+                    found, result = result, settled(problem, result, stiffness, chosen.tolerance, counted)
+                    if result.message != found.message and posed.comm.rank == 0:
+                        _log.warning("%s", result.message)
             except NotConverged as failure:
                 raise criterion.explained(failure, chosen.tolerance) from None
             except CGNotConverged as failure:

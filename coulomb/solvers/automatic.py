@@ -111,7 +111,7 @@ def settled(
 ) -> SolverResult:
     """A result after Newton steps, until one leaves all forces as they are, where its residual does not say so; the
     result itself where rounding errors do not let them settle, as of thin sheets: how much these are is said by the
-    certificate.
+    certificate; what products of multigrid leave is the result's message.
 
     Of a steel block on rubber diag(A) is that of the rubber.  Forces of neighbours that cancel in a facet of the rubber
     move the steel alone: of their errors the residual feels a part of 1/(a k), with the stiffness k of their nodes.
@@ -149,8 +149,12 @@ def settled(
     closed = np.abs(result.gradient + problem.b).reshape(-1, 3)
     rounding = problem.scales.moved(2.0**-52 * stiffness[:, None] * closed, result.x.reshape(-1, 3))
     moved, least = steps[0].moved if steps else 0.0, 1.0 if problem.A.exact else _BY_SOLVES
-    if moved <= least * max(_SETTLED, _OF_ROUNDING * rounding):
+    explained = max(_SETTLED, _OF_ROUNDING * rounding)
+    if moved <= explained:
         return result
+    if moved <= least * explained:
+        said = f"by products of multigrid forces are right to {moved:.1e} of the largest on a body; by factors to 1e-6"
+        return replace(result, message=said)
     message = (
         f"forces are unresolved: with a residual of {result.residual:.1e} one is wrong by about {moved:.1e} of the "
         "largest on its body, as where a body is far stiffer than the one it lies on"
