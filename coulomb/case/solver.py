@@ -104,12 +104,13 @@ class HistoryTable(Table):
 
 class OutputTable(Table):
     """Directory of the results, and whether to write a picture and the report, and to estimate the error of the mesh:
-    error bars of all totals.  `format` are the files of the fields."""
+    error bars of all totals.  `format` are the files of the fields, `sensitivity` derivatives of totals."""
 
     directory: FileName = "results"
     picture: bool = True
     report: bool = False
     error: bool = False
+    sensitivity: bool = False
     format: tuple[Literal["xdmf", "vtkhdf", "csv", "frd"], ...] = ("xdmf",)
 
     @model_validator(mode="after")

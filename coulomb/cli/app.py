@@ -86,6 +86,10 @@ def run(
     error: Annotated[
         bool, typer.Option("--error", help="Error bars: solve on other meshes as well, as output.error = true.")
     ] = False,
+    sensitivity: Annotated[
+        bool,
+        typer.Option("--sensitivity", help="What inputs do to forces, as output.sensitivity = true."),
+    ] = False,
     refine_to: Annotated[
         str | None,
         typer.Option("--refine-to", help="Refine the mesh until the error bars are this part of the totals, as 2%."),
@@ -110,7 +114,7 @@ def run(
 
     with opened(quiet, log_file) as session:
         with bad_input():
-            asked = {"output.report=true": page, "output.error=true": error}
+            asked = {"output.report=true": page, "output.error=true": error, "output.sensitivity=true": sensitivity}
             file, there = recorded(case)
             more = [change for change, given in asked.items() if given]
             settings = case_of(file, [*(changes or ()), *more], ignored, session.console)

@@ -213,6 +213,9 @@ def _write_and_report(
     stopped = session.interruption
     try:
         extra = {"message": trouble, **({"mesh_files": files} if files else {}), **bars}
+        if settings.output.sensitivity and not trouble:
+            with timed(problem.seconds, "sensitivity"):
+                extra["sensitivity"] = [one.entry() for one in solution.sensitivities()]
         contents = _write(session, solution, target, extra, settings, mesh)
         if asked and (bars := _error_bars(session, settings, solution)):  # the answer is safe
             problem.seconds["total"] = time.perf_counter() - session.began

@@ -230,6 +230,7 @@ def report(
         for number, line in enumerate(lines):
             if number == 3:
                 show_error_bars(console, contents, tolerance)
+                show_sensitivity(console, contents)
             console.out(line)
         strain = solution.small_strain
         warn(*contents["remarks"], *(strain.mere_warnings if solution.outside else strain.warnings))
@@ -260,6 +261,35 @@ def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float
         part = f"{100.0 * share:.2g} % of the error bar of {total}"
         console.out(f"  the solver's tolerance {tolerance:g} leaves up to {part}: give a smaller one")
     warn(*(contents.get("error") or {}).get("warnings", ()))
+
+
+_BORDER: Final = 1e-7
+"""Step of an input below which a contact point is on a border."""
+
+_NOTHING: Final = 1e-10
+"""Change of a force over the largest that is a rounding error."""
+
+
+def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
+    """Print what 1 % more of the inputs does to the forces of each contact, if the summary has it: the five that do
+    most, and how far that is linear."""
+    entries = contents.get("sensitivity") or []
+    for face in entries[0]["totals"] if entries else ():
+        totals = [(one, one["totals"][face]) for one in entries]
+        totals.sort(key=lambda row: -np.hypot(row[1]["normal_force"], row[1]["friction_force"]))
+        least = {"N": _NOTHING * max(np.hypot(row["normal_force"], row["friction_force"]) for _, row in totals)}
+        console.out(f"1 % more of an input does to the forces of {face!r} (to first order, and up to where):")
+        for one, total in totals[:_LINES]:
+            both = (0.01 * total[name] for name in ("normal_force", "friction_force"))
+            normal, friction = (
+                f"{'+' if value > 0.0 else ''}{plain(quantity(value, 'N', accuracy=least))}" for value in both
+            )
+            step = "any change" if one["step"] is None else f"up to {100.0 * one['step']:.2g} %"
+            if one["step"] is not None and one["step"] < _BORDER:
+                step = "one-sided: a contact point is on the border of two states"
+            console.out(f"  {one['input']:<30} normal {normal:<12} friction {friction:<12} {step}")
+        if len(totals) > _LINES:
+            console.out(f"  and {len(totals) - _LINES} more, in summary.json")
 
 
 def forces_in_a_step(row: dict[str, Any], least: float) -> str:

@@ -29,6 +29,7 @@ from .nodal_answer import NodalAnswer
 from .overlap import deformations
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion, force_balance, resultant_of_ground
+from .sensitivity import Sensitivity, sensitivities
 from .small_strain import SmallStrain, small_strain
 from .stability import Stability
 
@@ -323,6 +324,15 @@ class Solution:
     def valid(self) -> bool:
         """Whether the certificate passed and the small-strain theory holds, or was not enforced; collective."""
         return self.certificate.passed and not self.outside
+
+    def sensitivities(self) -> list[Sensitivity]:
+        """What the contact forces owe to each input: friction, gaps, loads, prescribed displacements, Young's moduli;
+        exact derivatives, with how far they hold; collective.
+
+        Raises:
+            ValueError: In large motions, or with heat.
+        """
+        return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes.given_gap)
 
     def write(self, directory: str | Path, fields: Mapping[str, Any] | None = None, *, overwrite: bool = True) -> None:
         """Fields, history, summary and picture into a directory; results that are there are kept as DIRECTORY.previous.

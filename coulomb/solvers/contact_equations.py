@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
 from .laws import FrictionLaw
 
 
@@ -75,6 +76,23 @@ class ContactEquations:
         after[open_nodes, 0] = self.lower[open_nodes]
         after[open_nodes & (self.law.radius(after[:, 0]) == 0.0), 1:] = 0.0
         return after
+
+    def nearest_change(
+        self, x: FloatArray, w: FloatArray, dx: FloatArray, dw: FloatArray, bound: FloatArray, over: Reductions
+    ) -> float:
+        """The least factor t for which a node of x + t dx, w + t dw, with bounds r + t `bound` (m,), is on the border
+        of two states to first order, shapes (m, 3); inf if none ever is; collective."""
+        p_n, dp_n = x[:, 0] - w[:, 0] / self.d_n - self.lower, dx[:, 0] - dw[:, 0] / self.d_n
+        rho = np.where(self.frictional, 1.0 / np.where(self.frictional, self.d_t, 1.0), 0.0)[:, None]
+        p, dp = x[:, 1:] - rho * w[:, 1:], dx[:, 1:] - rho * dw[:, 1:]
+        length = np.hypot(p[:, 0], p[:, 1])
+        rubbing = self.frictional & (p_n > 0.0) & (length > 0.0)
+        way = np.einsum("ka,ka->k", p, dp) / np.where(length > 0.0, length, 1.0)
+        way -= self.law.slope(x[:, 0]) * dx[:, 0] + bound
+        margins = np.concatenate([p_n, (length - self.law.radius(x[:, 0]))[rubbing]])
+        rates = np.abs(np.concatenate([dp_n, way[rubbing]]))
+        steps = np.abs(margins[rates > 0.0]) / rates[rates > 0.0]
+        return over.min(np.append(steps, np.inf))
 
     def at(self, x: FloatArray, w: FloatArray) -> ContactDerivative:
         """The equations at forces x with w = A x - b, newtons and metres, shapes (m, 3)."""

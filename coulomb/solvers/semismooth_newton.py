@@ -30,6 +30,7 @@ small beside what the approximation of A does.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -46,7 +47,7 @@ from ..linalg.reductions import Reductions, summed
 from .contact_equations import ContactDerivative, ContactEquations
 from .driver import Answer, drive, result_of
 from .friction_problem import FrictionProblem, SolverSettings, Task
-from .results import SemismoothStep, SolverResult, Status
+from .results import Goal, SemismoothStep, SolverResult, Status
 from .rigid_motions import NO_MOTION
 from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import within
@@ -56,6 +57,9 @@ _CHANGED: Final = 0.03
 
 _ROUNDING: Final = 1e-13
 """Entries of R D - 1 below this are rounding errors."""
+
+_SHARPEST: Final = 1e-10
+"""Relative residual of the systems of derivatives."""
 
 _LARGE: Final = 1e3
 """Entries of R D above this leave rounding errors in the sums, which are then made anew."""
@@ -230,14 +234,7 @@ class _Iteration:
             self._x, self._alpha = starts[0].reshape(-1, 3), np.zeros(len(self._e))
             self._A_x = self._scaled.mult(self._x)
             return self._result(Status.STAGNATED)
-        self._krylov = CarryingKrylov(
-            self._constraints,
-            3,
-            self._product,
-            lambda p, A_p: self._rows * self._at.apply(p, A_p),
-            lambda r, r3: self._bordered(r / self._rows, r3),
-            PETSc.KSP.Type.FGMRES,
-        )
+        self._krylov = self._new_krylov()
         try:
             self._x, self._A_x, self._alpha = (
                 self._best(starts) if gradient is None else self._from(starts[0], gradient)
@@ -251,6 +248,59 @@ class _Iteration:
             self._A.forget_new()
             self._scaled.keep(self._A.learnt, self._inverse)
             self._krylov.free()
+
+    def _new_krylov(self) -> CarryingKrylov:
+        return CarryingKrylov(
+            self._constraints,
+            3,
+            self._product,
+            lambda p, A_p: self._rows * self._at.apply(p, A_p),
+            lambda r, r3: self._bordered(r / self._rows, r3),
+            PETSc.KSP.Type.FGMRES,
+        )
+
+    def derivatives(self, x: FloatArray, changes: Sequence[Change]) -> list[Derivative]:
+        """As of the function `derivatives`; collective."""
+        self._krylov, a = self._new_krylov(), self._a
+        try:
+            self._x, known = x.reshape(-1, 3).copy(), self._problem.known_slip
+            self._x[~self._problem.frictional, 1:] = 0.0
+            self._A_x = self._images.exact(self._x)
+            self._alpha = self._closing(self._x, self._A_x)
+            w = self._w(self._A_x, self._alpha)
+            self._at = at = self._equations.at(self._x, w)
+            tangential = x.reshape(-1, 3)[:, 1:]
+            size = np.linalg.norm(tangential, axis=1)
+            e, slope = tangential / np.where(size > 0.0, size, 1.0)[:, None], self._problem.law.slope(x[0::3])
+            found = []
+            for change in changes:
+                closing = change.b.reshape(-1, 3) / a
+                rhs = np.einsum("iab,ib->ia", at.Q, closing)
+                rhs[:, 1:] += np.where(at.status == 2, change.bound, 0.0)[:, None] * e
+                loads = self._T @ change.e if len(self._e) else NO_MOTION
+                dx, A_dx, dalpha = self._solved_for(rhs, loads)
+                dw = self._constraints.without(A_dx - closing, dalpha)
+                dx[known, 1:] = ((slope * dx[:, 0] + change.bound)[:, None] * e)[known]
+                step = self._equations.nearest_change(self._x, w, dx, dw, change.bound, self._over)
+                found.append(Derivative(dx.ravel(), self._motion(dalpha), step))
+            return found
+        finally:
+            self._A.forget_new()
+            self._krylov.free()
+
+    def _solved_for(self, rhs: FloatArray, loads: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """dx, A dx and dalpha of the derivative of the equations at the present point, for a right-hand side (m, 3) and
+        loads along motions; collective."""
+        scale = self._problem.force_scale(self._x.ravel(), self._a * self._w(self._A_x, self._alpha).ravel())
+        self._rows = (1.0 / np.where(scale > 1e-290, scale, 1.0))[:, None]
+        self._inverse.move(self._at)
+        self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, self._at.Q @ self._scaled.G)
+        over_largest = self._over.min(self._rows.ravel()) * float(np.linalg.norm(loads))
+        size, self._accuracy = math.hypot(self._over.norm(self._rows * rhs), over_largest), self._settings.sharpest
+        if size == 0.0:
+            return np.zeros_like(rhs), np.zeros_like(rhs), np.zeros(len(loads))
+        dx, A_dx, dalpha, _ = self._krylov.solve(self._rows * rhs, np.zeros_like(rhs), self._accuracy * size, loads)
+        return dx, A_dx, dalpha
 
     def _best(self, starts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The start with the smallest residual: x, A x, alpha; collective."""
@@ -368,6 +418,46 @@ class _Iteration:
 
     def _result(self, status: Status | None) -> SolverResult:
         return result_of(self._problem, self._goal, self.answer(), None, status, self._history)
+
+
+@dataclass(frozen=True)
+class Change:
+    """The derivative of a problem along a parameter.
+
+    Attributes:
+        b: Of b, metres, shape (3 m,).
+        bound: Of the bound r of friction at the present pressure, newtons, shape (m,).
+        e: Of the loads along rigid motions, shape (q,).
+    """
+
+    b: FloatArray
+    bound: FloatArray
+    e: FloatArray
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """The derivative of an answer along a parameter.
+
+    Attributes:
+        x: Of the forces, newtons, shape (3 m,).
+        alpha: Of the rigid motions, shape (q,).
+        step: Change of the parameter up to which, to first order, no node opens, closes, sticks or slips anew; the
+            derivative is that of a smooth function in between.  0 where a node is on the border of two states.
+    """
+
+    x: FloatArray
+    alpha: FloatArray
+    step: float
+
+
+def derivatives(problem: FrictionProblem, x: FloatArray, changes: Sequence[Change]) -> list[Derivative]:
+    """Derivatives of an answer x (3 m,) in newtons along parameters, by its sets: P dx + Q dw = -(change of the
+    equations), one linear system for each (contact_equations.py; A. Beremlijski et al.: Shape optimization in contact
+    problems with Coulomb friction, SIAM J. Optim. 13, 2002); collective."""
+    settings = SemismoothNewton(sharpest=_SHARPEST, product=_SHARPEST)
+    task = Task(Goal(settings.tolerance, None), None, None, None)
+    return _Iteration(settings, problem, task).derivatives(x, changes)
 
 
 def _without_zeros(diagonal: FloatArray) -> FloatArray:

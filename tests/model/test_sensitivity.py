@@ -1,0 +1,139 @@
+"""Derivatives of answers along their inputs: against differences of answers, formulas, and on the command line."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import run_coulomb
+
+import coulomb
+
+STEEL = (2.119e11, 0.277)
+
+
+def block(friction=0.3, gap=2e-6, top=1.0, right=1.0, young=1.0):
+    """Clamped on the left, pressed and drawn: nodes that are open, stick and slip."""
+    return coulomb.ContactProblem(
+        coulomb.box((3.0, 1.0, 1.0), (6, 2, 2)),
+        coulomb.Material(young * STEEL[0], STEEL[1]),
+        [coulomb.Clamp("left")],
+        coulomb.Contact("bottom", friction=friction, gap=gap),
+        [coulomb.Traction("top", (0.0, 1e7 * top, -4e7 * top)), coulomb.Traction("right", (2e7 * right, 0.0, 0.0))],
+    )
+
+
+def pair(friction=0.2, pushed=1.0, rubber=1.0, steel=1.0):
+    """Two bodies on each other, the upper one pushed down and along."""
+    upper = coulomb.moved(coulomb.box((0.8, 0.8, 0.4), (3, 3, 2)), translate=(0.1, 0.1, 0.5))
+    return coulomb.ContactProblem(
+        coulomb.join(lower=coulomb.box((1.0, 1.0, 0.5), (2, 2, 2)), upper=upper),
+        {"lower": coulomb.Material(3e6 * steel, 0.3), "upper": coulomb.Material(1e6 * rubber, 0.3)},
+        [
+            coulomb.Clamp("lower:bottom"),
+            coulomb.PrescribedDisplacement("upper:top", (0.008 * pushed, 0.0, -0.01 * pushed)),
+        ],
+        coulomb.Contact("upper:bottom", friction=friction, against="lower:top"),
+        small_strain="warn",
+    )
+
+
+def free(friction=0.3, load=1.0, young=1.0):
+    """A block that contact alone holds, pressed out of the middle and pushed below the bound of friction."""
+    return coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)),
+        coulomb.Material(young * STEEL[0], STEEL[1]),
+        [],
+        coulomb.Contact("bottom", friction=friction),
+        [coulomb.PointLoad("top", (1e5 * load, 0.0, -1e6 * load), point=(0.55, 0.48, 0.5))],
+    )
+
+
+def heated(friction=0.2, pushed=1.0, lower=1.0, upper=1.0):
+    """Two bodies tied to each other, of different expansion: thermal forces are in proportion to Young's modulus."""
+    upper_body = coulomb.moved(coulomb.box((1.0, 1.0, 0.3), (2, 2, 1)), translate=(0.0, 0.0, 0.3))
+    return coulomb.ContactProblem(
+        coulomb.join(a=coulomb.box((1.0, 1.0, 0.3), (3, 3, 1)), b=upper_body),
+        {
+            "a": coulomb.Material(lower * 1e9, 0.3, expansion=1e-5),
+            "b": coulomb.Material(upper * 3e9, 0.2, expansion=3e-5),
+        },
+        [coulomb.Clamp("b:top")],
+        coulomb.Contact("a:bottom", friction=friction),
+        [coulomb.TotalForce("a:left", (2e5 * pushed, 0.0, 0.0))],
+        temperature=40.0,
+        ties=[coulomb.Tied("a:top", "b:bottom")],
+    )
+
+
+@pytest.mark.parametrize(
+    "make, inputs",
+    [
+        (block, {"friction": 0.3, "gap": 2e-6, "top": 1.0, "right": 1.0, "young": 1.0}),
+        (pair, {"friction": 0.2, "pushed": 1.0, "steel": 1.0, "rubber": 1.0}),
+        (free, {"friction": 0.3, "load": 1.0, "young": 1.0}),
+        (heated, {"friction": 0.2, "pushed": 1.0, "lower": 1.0, "upper": 1.0}),
+    ],
+)
+def test_derivatives_are_those_of_central_differences(make, inputs):
+    """And to a tenth of the step within which no node changes its state, the remainder is of second order."""
+    answer = make().solve(tolerance=1e-12)
+    found = [one for one in answer.sensitivities() if not one.name.startswith("thermal")]
+    size = np.linalg.norm(answer.contact_force)
+    assert len(found) == len(inputs)
+    for one, (name, value) in zip(found, inputs.items(), strict=True):
+        step = min(1e-4, 0.1 * one.step)
+        more, less = (make(**{name: value * (1.0 + h)}).solve(tolerance=1e-12) for h in (step, -step))
+        differences = (more.contact_force - less.contact_force) / (2.0 * step)
+        assert one.contact_force == pytest.approx(differences, abs=1e-6 * size), one.name
+        face = next(iter(one.totals))
+        change = (more.forces["normal_force"] - less.forces["normal_force"]) / (2.0 * step)
+        assert one.totals[face]["normal_force"] == pytest.approx(change, abs=1e-6 * size)
+        change = (more.forces["friction_force"] - less.forces["friction_force"]) / (2.0 * step)
+        assert one.totals[face]["friction_force"] == pytest.approx(change, abs=1e-6 * size)
+
+
+def test_forces_are_homogeneous():
+    """Of degree 1 in loads and gaps together (Euler), and in Young's moduli and gaps where loads are given."""
+    answer = block().solve(tolerance=1e-12)
+    by = {one.name: one.contact_force for one in answer.sensitivities()}
+    size = np.abs(answer.contact_force).max()
+    loads = by["traction on 'top'"] + by["traction on 'right'"]
+    assert loads + by["gap of 'bottom'"] == pytest.approx(answer.contact_force, abs=1e-8 * size)
+    assert by["young"] == pytest.approx(by["gap of 'bottom'"], abs=1e-8 * size)
+
+
+def test_a_sliding_block_has_friction_in_proportion_to_its_coefficient():
+    """T = F N, with N by the weight on top: dT/dlog F = T, and neither stiffness nor way changes it, but for the
+    directions of slip, 1e-4 apart."""
+    problem = coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)),
+        coulomb.Material(1e9, 0.0),
+        [coulomb.PrescribedDisplacement("top", (0.01, 0.0, 0.0), components="xy")],
+        coulomb.Contact("bottom", friction=0.3),
+        [coulomb.TotalForce("top", (0.0, 0.0, -1e6))],
+    )
+    answer = problem.solve(tolerance=1e-11)
+    by = {one.name: one.totals["bottom"] for one in answer.sensitivities()}
+    assert by["friction of 'bottom'"]["friction_force"] == pytest.approx(3e5, rel=1e-7)
+    assert by["friction of 'bottom'"]["normal_force"] == pytest.approx(0.0, abs=1e-2)
+    assert by["total force on 'top'"]["friction_force"] == pytest.approx(3e5, rel=1e-7)
+    for name in ("young", "prescribed displacements"):
+        assert by[name]["friction_force"] == pytest.approx(0.0, abs=0.1)
+
+
+def test_on_the_command_line_and_where_it_is_refused(tmp_path):
+    case = tmp_path / "case.toml"
+    case.write_text(
+        "[mesh]\nbox = [1.0, 1.0, 0.5]\ncells = [2, 2, 1]\n[material]\nyoung = 1e9\npoisson = 0.3\n"
+        '[[total_force]]\nface = "top"\nforce = [1e5, 0.0, -1e6]\n[contact]\nface = "bottom"\nfriction = 0.3\n'
+        "[output]\npicture = false\n"
+    )
+    done = run_coulomb("run", case, "--sensitivity", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "1 % more of an input does to the forces of 'bottom'" in done.stdout
+    entries = json.loads((tmp_path / "results" / "summary.json").read_text())["sensitivity"]
+    by = {entry["input"]: entry["totals"]["bottom"] for entry in entries}
+    assert by["total force on 'top'"]["normal_force"] == pytest.approx(1e6, rel=1e-9)
+    assert by["total force on 'top'"]["force"] == pytest.approx([-1e5, 0.0, 1e6], rel=1e-9, abs=1e-3)
+    refused = run_coulomb("run", case, "--sensitivity", "--set", "history={end=1, steps=2}", cwd=tmp_path)
+    assert refused.returncode == 2 and "output.sensitivity is for small strains at one time" in refused.stderr
