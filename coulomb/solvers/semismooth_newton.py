@@ -58,8 +58,11 @@ _CHANGED: Final = 0.03
 _ROUNDING: Final = 1e-13
 """Entries of R D - 1 below this are rounding errors."""
 
-_SHARPEST: Final = 1e-10
+_SHARPEST: Final = 1e-9
 """Relative residual of the systems of derivatives."""
+
+_SLIGHT: Final = 1e-3
+"""Derivative of the forces over these below which its accuracy is absolute: some are rounding errors."""
 
 _LARGE: Final = 1e3
 """Entries of R D above this leave rounding errors in the sums, which are then made anew."""
@@ -299,8 +302,8 @@ class _Iteration:
         size, self._accuracy = math.hypot(self._over.norm(self._rows * rhs), over_largest), self._settings.sharpest
         if size == 0.0:
             return np.zeros_like(rhs), np.zeros_like(rhs), np.zeros(len(loads))
-        dx, A_dx, dalpha, _ = self._krylov.solve(self._rows * rhs, np.zeros_like(rhs), self._accuracy * size, loads)
-        return dx, A_dx, dalpha
+        enough = self._accuracy * max(size, _SLIGHT * self._over.norm(self._rows * self._x))
+        return self._krylov.solve(self._rows * rhs, np.zeros_like(rhs), enough, loads)[:3]
 
     def _best(self, starts: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The start with the smallest residual: x, A x, alpha; collective."""
