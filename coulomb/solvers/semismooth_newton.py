@@ -58,7 +58,7 @@ _CHANGED: Final = 0.03
 _ROUNDING: Final = 1e-13
 """Entries of R D - 1 below this are rounding errors."""
 
-_SHARPEST: Final = 1e-9
+_SHARPEST: Final = 1e-10
 """Relative residual of the systems of derivatives."""
 
 _SLIGHT: Final = 1e-3
