@@ -130,7 +130,8 @@ class _Bodies:
 
     def largest(self, values: FloatArray, none: float = 0.0) -> FloatArray:
         found = np.full(self._count, none)
-        np.maximum.at(found, self._number, values)
+        with np.errstate(invalid="ignore"):  # nan is the largest
+            np.maximum.at(found, self._number, values)
         return self._over.largest(found)
 
 

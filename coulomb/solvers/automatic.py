@@ -28,8 +28,9 @@ _SETTLED: Final = 1e-6
 _OF_ROUNDING: Final = 100.0
 """Changes of forces up to this multiple of what rounding errors of displacements are in them do not settle."""
 
-_BY_SOLVES: Final = 100.0
-"""By how much more products by multigrid are off, as of bodies on soft springs."""
+_SAID: Final = 100.0
+"""Changes of forces up to this multiple of these are said, as by products of multigrid of bodies on soft springs; those
+above it are refused."""
 
 _SETTLING: Final = replace(FINISH, sharpest=1e-5, settled=_SETTLED)
 
@@ -111,7 +112,7 @@ def settled(
 ) -> SolverResult:
     """A result after Newton steps, until one leaves all forces as they are, where its residual does not say so; the
     result itself where rounding errors do not let them settle, as of thin sheets: how much these are is said by the
-    certificate; what products of multigrid leave is the result's message.
+    certificate; what else is left, as by products of multigrid, is the result's message.
 
     Of a steel block on rubber diag(A) is that of the rubber.  Forces of neighbours that cancel in a facet of the rubber
     move the steel alone: of their errors the residual feels a part of 1/(a k), with the stiffness k of their nodes.
@@ -125,7 +126,7 @@ def settled(
         progress: Called after every step.
 
     Raises:
-        NotConverged: If steps go on to change forces by more than a hundred times their rounding errors.
+        NotConverged: If steps go on to change forces by more than 1e-4, and than 1e4 times their rounding errors.
     """
     hidden = problem.reductions.max(np.append(problem.scales.compliance[:, 0] * stiffness, 0.0))
     if not hidden * result.residual > _SETTLED:
@@ -148,12 +149,11 @@ def settled(
         return after
     closed = np.abs(result.gradient + problem.b).reshape(-1, 3)
     rounding = problem.scales.moved(2.0**-52 * stiffness[:, None] * closed, result.x.reshape(-1, 3))
-    moved, least = steps[0].moved if steps else 0.0, 1.0 if problem.A.exact else _BY_SOLVES
-    explained = max(_SETTLED, _OF_ROUNDING * rounding)
+    moved, explained = steps[0].moved if steps else 0.0, max(_SETTLED, _OF_ROUNDING * rounding)
     if moved <= explained:
         return result
-    if moved <= least * explained:
-        said = f"by products of multigrid forces are right to {moved:.1e} of the largest on a body; by factors to 1e-6"
+    if moved <= _SAID * explained:
+        said = f"contact forces are right to {moved:.1e} of the largest on a body: further steps do not settle them"
         return replace(result, message=said)
     message = (
         f"forces are unresolved: with a residual of {result.residual:.1e} one is wrong by about {moved:.1e} of the "

@@ -66,10 +66,8 @@ def test_where_cells_are_stable_the_last_remedy_changes_nothing():
     assert tangents[1].norm() < 1e-12 * size
     squeezed = body.reference * (0.0, 0.0, -0.6)
     there = body.linearised(squeezed, 1.0)
-    least = [
-        np.linalg.eigvalsh(one.assembled().convert("dense").getDenseArray())[0]
-        for one in (there, there.made_positive())
-    ]
+    dense = [one.assembled().convert("dense") for one in (there, there.made_positive())]
+    least = [np.linalg.eigvalsh(one.getDenseArray())[0] for one in dense]  # a view of the matrix, which has to live
     assert least[0] < -1.0 and least[1] > -1e-9 * size
 
 
