@@ -59,7 +59,7 @@ WRONG = {
     "mesh is a path": (lambda p: block(mesh="a.msh"), r"mesh must be .*; coulomb.read_mesh\('a.msh'\) reads a file"),
     "mesh without names": (
         lambda p: block(mesh=p.elasticity.mesh.domain),
-        "mesh must be a mesh with named faces.*; coulomb.NamedMesh",
+        "mesh must be .*coulomb.NamedMesh",
     ),
     "time is nan": (lambda p: block(time=np.nan), "time must be a finite number, but is nan"),
     "time is text": (lambda p: p.at("1"), "time must be a finite number, but is '1'"),
