@@ -193,7 +193,7 @@ class SignedDistance:
             if slope.shape != x.shape:
                 raise ValueError(f"the gradient must have shape (3, {len(x)}), but has {slope.T.shape}")
         else:
-            h = _DIFFERENCE * max(float(np.max(np.abs(x))), 1e-300)
+            h = _DIFFERENCE * (float(np.max(np.abs(x), initial=0.0)) or 1.0)  # a rank may have the origin alone
             sides = [(self._values(x + h * e) - self._values(x - h * e)) / (2.0 * h) for e in np.eye(3)]
             slope = np.stack(sides, axis=1)
         flat = ~(np.linalg.norm(slope, axis=1) > 0.0)

@@ -234,3 +234,9 @@ def test_polygons_of_the_same_and_of_another_division(cells, alike, interference
         assert solution.at_nodes.pressure == pytest.approx(expected, rel=5e-3)
     else:
         assert any("coarse" in text for text in solution.small_strain.violations)
+
+
+def test_a_signed_distance_has_a_normal_at_the_origin_alone():
+    """As on a rank with one node: the step of its differences is no part of the coordinates then."""
+    found = SignedDistance(lambda x: x[2] + 1e-3).normal(np.zeros((1, 3)))
+    assert found == pytest.approx(np.array([[0.0, 0.0, 1.0]]), abs=1e-9)
