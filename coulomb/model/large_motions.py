@@ -342,7 +342,8 @@ class LoadStepLoop:
         the answer is inaccurate, as that of a thin strip that only contact holds; then with the positive part of every
         cell's tangent, or with damping; collective."""
         shared, given, why = self.shared, here.body, ""
-        remedies = [here.problem.turning, here.supported][shared.remedy :]
+        tangent = here.problem.turning  # of this problem: `pose` makes another
+        remedies = [tangent, here.supported][shared.remedy :]
         if self._damped:
             least, ratio, most = _DAMPINGS
             dampings = max(shared.damping / ratio, least) * ratio ** np.arange(_MOST)
@@ -361,7 +362,7 @@ class LoadStepLoop:
                 why = str(failure)
                 _log.debug("%s", why)
                 continue
-            self._definite = remedy == here.problem.turning
+            self._definite = remedy is tangent
             if not self._definite:
                 shared.remedy = 1  # springs do no harm where they are not needed; the other remedies do
             if isinstance(remedy, partial):

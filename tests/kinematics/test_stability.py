@@ -45,6 +45,21 @@ def test_a_column_is_stable_up_to_eulers_loads():
     assert np.abs(mode[:, 2]).max() < 0.2 and sideways[np.isclose(place[:, 2], 1.0)].max() < 1e-3
 
 
+def test_what_is_stable_without_contact_is_not_looked_at_again():
+    """Also on a curved foundation, whose normal forces are part of the tangent."""
+    block = coulomb.ContactProblem(
+        coulomb.box((1.0, 0.5, 0.5), (2, 1, 1)),
+        NeoHookean(1e6, 0.3),
+        [coulomb.PrescribedDisplacement("top", (0.0, 0.0, -0.02))],
+        coulomb.Contact("bottom", friction=0.3, foundation=coulomb.Cylinder((0.5, 0.0, -2.0), (0.0, 1.0, 0.0), 2.0)),
+        kinematics="large",
+    )
+    (answer,) = (step.solution for step in coulomb.LoadHistory([1.0], halvings=0).steps(block))
+    assert np.any(answer.problem.geometric(answer.contact_force))
+    assert answer.methods["definite"] and block.large.remedy == 0
+    assert answer.problem.stability(answer.contact_force).unstable == 0  # by its inertia
+
+
 def test_the_stable_branch_beyond_eulers_load_carries_less():
     """Pressed at once by 1.1 times the strain at which it buckles with its top held: it bends, and carries nearly
     Euler's load 4 pi^2 E I/L^2, of which shear takes a few per cent."""
