@@ -21,7 +21,7 @@ from ..linalg.petsc_arrays import CHOLESKY
 from ..linalg.reductions import Reductions
 
 _STIFF: Final = 1e4
-"""Stiffness of the springs at contact rows over the mean diagonal of K."""
+"""Stiffness of the springs at contact rows over the diagonal of K at their nodes."""
 
 _PRESSING: Final = 1e-9
 """Normal force over the largest from which a contact point is held."""
@@ -67,11 +67,14 @@ def stability(body: Deformable, B: PETSc.Mat, x: FloatArray) -> Stability | None
 
 def _held(K: PETSc.Mat, B: PETSc.Mat, pressing: npt.NDArray[np.bool_], normal: bool) -> PETSc.Mat:
     """K with a spring at each row of B that presses: at those along normals, or at all; collective."""
-    diagonal = K.getDiagonal()
-    stiff = _STIFF * abs(diagonal.sum()) / diagonal.getSize()
-    diagonal.destroy()
-    rows, scale = B.copy(), B.createVecLeft()
-    scale.array[:] = np.sqrt(stiff) * (pressing[:, None] * ([1.0, 0.0, 0.0] if normal else [1.0, 1.0, 1.0])).ravel()
+    starts, columns, values = B.getValuesCSR()
+    squares = PETSc.Mat().createAIJ(B.getSizes(), csr=(starts, columns, values**2), comm=B.comm)
+    diagonal, rows, scale = K.getDiagonal(), B.copy(), B.createVecLeft()
+    squares.mult(diagonal, scale)  # of each row's own nodes: soft and stiff bodies may stand beside each other
+    held_rows = (pressing[:, None] * ([1.0, 0.0, 0.0] if normal else [1.0, 1.0, 1.0])).ravel()
+    scale.array[:] = np.sqrt(_STIFF * np.abs(scale.array_r)) * held_rows
+    for one in (squares, diagonal):
+        one.destroy()
     rows.diagonalScale(scale)
     springs = rows.transposeMatMult(rows)
     held = K.copy() if K.getType().endswith("aij") and "b" not in K.getType() else K.convert("aij", PETSc.Mat())
