@@ -42,7 +42,8 @@ def test_a_column_is_stable_up_to_eulers_loads():
     middle = np.isclose(place[:, 2], 0.5)
     sideways = np.linalg.norm(mode[:, :2], axis=1)
     assert sideways.max() == pytest.approx(1.0, rel=1e-6) and sideways[middle].min() > 0.95
-    assert np.abs(mode[:, 2]).max() < 0.2 and sideways[np.isclose(place[:, 2], 1.0)].max() < 1e-3
+    slope = np.pi * 0.05 * np.sqrt(2.0)  # of (1 - cos 2 pi z) / 2, at an edge of the column where it bends to a corner
+    assert np.abs(mode[:, 2]).max() < slope and sideways[np.isclose(place[:, 2], 1.0)].max() < 1e-3
 
 
 def test_what_is_stable_without_contact_is_not_looked_at_again():
