@@ -16,9 +16,9 @@ from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
+from .compiled_form import compiled
 from .constraints import DirichletConditions, rows_of
 from .deformable import SingleBody
-from .displacement_space import summed
 from .elimination import Made
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
 from .free_motions import FreeMotions, free_motions, names_of_components
@@ -40,22 +40,6 @@ class FormValues:
         return equal and np.array_equal(self.constants, other.constants)
 
 
-def compiled(form: Any, what: str, comm: MPI.Comm) -> Any:
-    """A form, compiled by DOLFINx unless it is already; ValueError on every rank, beginning with `what`, if it cannot
-    be; collective."""
-    if compat.is_compiled(form):
-        return form
-
-    def compile_it() -> Any:
-        try:
-            return fem.form(form)
-        except Exception as error:
-            reason = str(error).strip().splitlines()
-            raise ValueError(reason[-1] if reason else type(error).__name__) from None
-
-    return on_all_ranks(compile_it, f"{what} cannot be compiled", comm)
-
-
 class BilinearForm:
     """A bilinear form, of UFL or compiled, on a space of displacements.
 
@@ -65,17 +49,18 @@ class BilinearForm:
 
     def __init__(self, a: Any, V: Any):
         self.compiled, self._u = compiled(a, "a", V.mesh.comm), fem.Function(V)
-        self._action = None if compat.is_compiled(a) else compiled(ufl.action(a, self._u), "a", V.mesh.comm)
+        of_ufl = isinstance(a, ufl.Form)
+        self._action = compiled(ufl.action(a, self._u), "a", V.mesh.comm) if of_ufl else None
 
     @property
     def values(self) -> FormValues:
-        functions = tuple(np.array(function.x.array) for function in compat.functions_in(self.compiled))
-        return FormValues(functions, compat.packed_constants(self.compiled))
+        functions = tuple(np.array(function.x.array) for function in self.compiled.functions)
+        return FormValues(functions, self.compiled.constants)
 
     def suspects(self, values: FormValues) -> str:
         """Which of these values make a vanish or are not finite, for the end of a message; collective."""
         comm = self._u.function_space.mesh.comm
-        names = [f"the function {function.name!r}" for function in compat.functions_in(self.compiled)]
+        names = [f"the function {function.name!r}" for function in self.compiled.functions]
         sizes = [float(np.max(np.abs(one), initial=0.0)) for one in values.functions]
         sizes = [float(np.max(comm.allgather(size))) for size in sizes]  # nan is the largest
         names += ["a constant"] * len(values.constants)
@@ -87,7 +72,7 @@ class BilinearForm:
     def matrix(self, values: FormValues) -> PETSc.Mat:
         """The matrix with these values of the coefficients; collective."""
         with self.with_coefficients(values):
-            return compat.assemble_matrix(self.compiled, values.constants)
+            return self.compiled.matrix(values.constants)
 
     def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
         """a(u, v) of all hat functions v, for nodal vectors u; shapes (k, 3); collective."""
@@ -97,7 +82,7 @@ class BilinearForm:
         own[:] = u.ravel()
         self._u.x.scatter_forward()
         with self.with_coefficients(values):
-            return summed(fem.petsc.assemble_vector(self._action, values.constants))
+            return self._action.vector(values.constants)
 
     def _product(self, values: FormValues, u: FloatArray) -> FloatArray:
         K = self.matrix(values)
@@ -108,7 +93,7 @@ class BilinearForm:
     @contextmanager
     def with_coefficients(self, values: FormValues) -> Iterator[None]:
         """With the user's functions at other values, which are reset afterwards."""
-        functions = compat.functions_in(self.compiled)
+        functions = self.compiled.functions
         present = [np.array(function.x.array) for function in functions]
         for function, taken in zip(functions, values.functions, strict=True):
             function.x.array[:] = taken
@@ -297,7 +282,7 @@ class Body(SingleBody):
         """L and the boundary values at a time; ValueError on every rank if one is not finite, or the user's callable
         fails; collective."""
         self._set(time)
-        load = np.zeros_like(self.x) if self._L is None else self._assemble(self._L)
+        load = np.zeros_like(self.x) if self._L is None else self._L.vector()
 
         def finite() -> FloatArray:
             if not np.all(np.isfinite(load)):
@@ -345,7 +330,7 @@ class Body(SingleBody):
             "bcs": self._conditions.count,
             "constants": {
                 "a": self._values.constants.tolist(),
-                "L": [] if self._L is None else compat.packed_constants(self._L).tolist(),
+                "L": [] if self._L is None else self._L.constants.tolist(),
             },
         }
 

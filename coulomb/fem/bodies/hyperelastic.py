@@ -358,8 +358,8 @@ class HyperelasticBody(NonlinearBody):
             faces=mesh,
             update=self._at_time,
         )
-        self._energy = fem.form(ufl.replace(energy, {u: self._function}))
-        self._pressure_forms = [fem.form(ufl.replace(-one, {u: self._function})) for one in pressures]
+        self._energy = self._at_function(energy)
+        self._pressure_forms = [self._at_function(-one) for one in pressures]
         self._siblings = dict[tuple[bool, ...], HyperelasticBody]()
         self._hold(loaded)
         self.materials, self.loads = materials, loaded.loads
@@ -448,7 +448,7 @@ class HyperelasticBody(NonlinearBody):
         """The forces of pressures at the present displacement."""
         self._evaluate_at(self._displacement.x.array[: self.reference.size])
         for load, form in zip(self._follow, self._pressure_forms, strict=True):
-            yield NodalForces("pressure", load.face, self._assemble(form))
+            yield NodalForces("pressure", load.face, form.vector())
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
         yield from self._loaded.loads_at(loading.time)
@@ -467,8 +467,7 @@ class HyperelasticBody(NonlinearBody):
         return None
 
     def strain_energy(self, u: FloatArray) -> float:
-        self._evaluate_at(u)
-        return float(self.comm.allreduce(fem.assemble_scalar(self._energy)))
+        return self._value_of(self._energy, u)
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
         """Cauchy stresses at the cells' midpoints, and the constants of the materials."""

@@ -23,10 +23,11 @@ from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
 from ..meshes import boundary_facets
+from .compiled_form import CompiledForm, compiled
 from .deformable import End
 from .displacement_space import free_earlier_bodies
 from .elimination import Made
-from .form_body import BilinearForm, Body, FormValues, compiled
+from .form_body import BilinearForm, Body, FormValues
 from .free_motions import FreeMotions, free_motions, names_of_components
 from .loads import Loading, NodalForces
 from .rigid_modes import component_modes
@@ -108,8 +109,12 @@ class NonlinearBody(Body, large=True):
         self._function = fem.Function(self.V)
         dead = _without(displacement, ufl.algorithms.expand_derivatives(F))
         self._dead = None if dead is None else compiled(-dead, "residual", V.mesh.comm)
-        self._potential = None if energy is None else fem.form(ufl.replace(energy, {displacement: self._function}))
+        self._potential = None if energy is None else self._at_function(energy)
         self._surface_forms: dict[tuple[bytes, bool], tuple[Any, Any]] = {}
+
+    def _at_function(self, form: Any) -> CompiledForm:
+        """A form of the displacement, compiled for `_evaluate_at`; collective."""
+        return compiled(ufl.replace(form, {self._displacement: self._function}), "energy", self.comm)
 
     # --- at a displacement ------------------------------------------------------------------------------------------
 
@@ -143,7 +148,7 @@ class NonlinearBody(Body, large=True):
         springs in it, as of `_Place`; collective."""
         if self._dead is None:
             return super().at(time), None, np.zeros_like(u)
-        return super().at(time), self._assemble(self._dead), None
+        return super().at(time), self._dead.vector(), None
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
         dead = None if self._place is None else self._place.load
@@ -154,12 +159,12 @@ class NonlinearBody(Body, large=True):
         there is a residual alone; collective."""
         if self._potential is None:
             return None
-        work = 0.0 if self._dead is None else self.comm.allreduce(float(np.sum(self._assemble(self._dead) * u)))
-        return self._assembled_energy(u) - self._assembled_energy(np.zeros_like(u)) + work
+        work = 0.0 if self._dead is None else self.comm.allreduce(float(np.sum(self._dead.vector() * u)))
+        return self._value_of(self._potential, u) - self._value_of(self._potential, np.zeros_like(u)) + work
 
-    def _assembled_energy(self, u: FloatArray) -> float:
+    def _value_of(self, energy: CompiledForm, u: FloatArray) -> float:
         self._evaluate_at(u)
-        return float(self.comm.allreduce(fem.assemble_scalar(self._potential)))
+        return energy.number(self.comm)
 
     @property
     def reference(self) -> FloatArray:
@@ -370,7 +375,8 @@ class _PositivePart(BilinearForm):
 
     def _assembled(self, values: FormValues) -> PETSc.Mat:
         with self.with_coefficients(values):  # of the whole tangent
-            K, matrices = self._inside.matrix(self._inside.values), _cell_matrices(self._inside.compiled, self._V)
+            K = self._inside.matrix(self._inside.values)
+            matrices = sum(_cell_matrices(part, self._V) for part in self._inside.compiled.parts)
             surface = None if self._on_facets is None else self._on_facets.matrix(self._on_facets.values)
         sizes, vectors = np.linalg.eigh(matrices)
         matrices = np.einsum("cik,ck,cjk->cij", vectors, np.maximum(sizes, 0.0), vectors)

@@ -1,0 +1,107 @@
+"""Forms of the user as FFCx compiles them rightly: one form, or a sum of several.
+
+FFCx evaluates what is constant on a cell once, before its loops over the points of each quadrature rule.  With a rule
+of one point everything counts as constant, and the loops of other rules of the same form then take the values at that
+point for their own: coefficients, and on hexahedra that are no parallelepipeds the Jacobian, so that matrices are
+wrong, too (`verification/quadrature_rules.py`: actions by 72 %, matrices by 10 %; FFCx 0.5 to 0.11).  Integrals with
+one point are therefore compiled apart from the others.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from ...arrays import FloatArray
+from .. import compat
+from ..compat import fem, ufl
+from ..geometry import on_all_ranks
+from .displacement_space import summed
+
+
+class CompiledForm:
+    """The sum of compiled forms on the same spaces; constants are those of all, one after the other."""
+
+    def __init__(self, parts: list[Any]):
+        self.parts = tuple(parts)
+
+    @property
+    def functions(self) -> list[Any]:
+        """The functions in it, with their values in `x.array`; one of several parts for each of them."""
+        return [function for part in self.parts for function in compat.functions_in(part)]
+
+    @property
+    def constants(self) -> FloatArray:
+        """A copy of the values of its constants, packed."""
+        return np.concatenate([compat.packed_constants(part) for part in self.parts])
+
+    def matrix(self, constants: FloatArray) -> PETSc.Mat:
+        """Of a bilinear form, with these values of the constants; collective."""
+        first, *others = (compat.assemble_matrix(part, of) for part, of in zip(*self._with(constants), strict=True))
+        for other in others:
+            first.axpy(1.0, other, PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
+            other.destroy()
+        return first
+
+    def vector(self, constants: FloatArray | None = None) -> FloatArray:
+        """Of a linear form at this rank's nodes, shape (k, 3), with these values of the constants, or those that they
+        have; collective."""
+        of_parts = zip(*self._with(self.constants if constants is None else constants), strict=True)
+        return np.sum([summed(fem.petsc.assemble_vector(part, of)) for part, of in of_parts], axis=0)
+
+    def number(self, comm: MPI.Comm) -> float:
+        """Of a form without arguments; collective."""
+        return float(comm.allreduce(sum(fem.assemble_scalar(part) for part in self.parts)))
+
+    def _with(self, constants: FloatArray) -> tuple[tuple[Any, ...], list[FloatArray]]:
+        sizes = [len(compat.packed_constants(part)) for part in self.parts]
+        return self.parts, np.split(constants, np.cumsum(sizes)[:-1])
+
+
+def compiled(form: Any, what: str, comm: MPI.Comm) -> CompiledForm:
+    """A form, compiled by DOLFINx unless it is already; ValueError on every rank, beginning with `what`, if it cannot
+    be; collective."""
+    if isinstance(form, CompiledForm):
+        return form
+    if compat.is_compiled(form):
+        return CompiledForm([form])
+
+    def compile_it() -> CompiledForm:
+        try:
+            return CompiledForm([fem.form(part) for part in _by_rule(form)])
+        except Exception as error:
+            reason = str(error).strip().splitlines()
+            raise ValueError(reason[-1] if reason else type(error).__name__) from None
+
+    return on_all_ranks(compile_it, f"{what} cannot be compiled", comm)
+
+
+def _by_rule(form: Any) -> list[Any]:
+    """The integrals of a form of UFL with more points than one, and those with one; the form itself if those of one
+    kind (cells, facets) are not several, or alike in this."""
+    kinds = [integral.integral_type() for integral in form.integrals()]
+    if len(set(kinds)) == len(kinds):
+        return [form]
+    integrals = ufl.algorithms.expand_derivatives(form).integrals()  # of which degrees can be estimated
+    single = [_has_one_point(integral) for integral in integrals]
+    if len(set(single)) < 2:
+        return [form]
+    return [
+        ufl.Form([one for one, alone in zip(integrals, single, strict=True) if alone == which])
+        for which in (False, True)
+    ]
+
+
+def _has_one_point(integral: Any) -> bool:
+    given = integral.metadata()
+    if "quadrature_points" in given:
+        return len(given["quadrature_points"]) == 1
+    if given.get("quadrature_rule") == "vertex":
+        return False
+    degree = given.get("quadrature_degree", -1)
+    if not isinstance(degree, int) or degree < 0:
+        degree = ufl.algorithms.estimate_total_polynomial_degree(integral.integrand())
+    return bool(np.max(degree) <= 1)
