@@ -394,8 +394,8 @@ class Case(Table):
     @model_validator(mode="after")
     def _time_needs_a_history(self) -> Case:
         timed = {key: rows for key, (_, rows) in self.timed.items()}
-        if self.output.sensitivity and (self.history is not None or self.heat):
-            raise ValueError("output.sensitivity is for small strains at one time: without [history] and [[heat]]")
+        if self.output.sensitivity and (self.solver.kinematics == "large" or self.heat):
+            raise ValueError('output.sensitivity is for small strains: without kinematics = "large" and [[heat]]')
         if self.history is None:
             for key in timed:
                 if not key.endswith("friction_amplitude"):

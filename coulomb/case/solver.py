@@ -104,13 +104,14 @@ class HistoryTable(Table):
 
 class OutputTable(Table):
     """Directory of the results, and whether to write a picture and the report, and to estimate the error of the mesh:
-    error bars of all totals.  `format` are the files of the fields, `sensitivity` derivatives of totals."""
+    error bars of all totals.  `format` are the files of the fields, `sensitivity` derivatives of totals; a table of
+    relative tolerances of inputs, by the names that it prints, adds what they make uncertain together."""
 
     directory: FileName = "results"
     picture: bool = True
     report: bool = False
     error: bool = False
-    sensitivity: bool = False
+    sensitivity: bool | dict[str, Annotated[float, Field(gt=0.0, allow_inf_nan=False)]] = False
     format: tuple[Literal["xdmf", "vtkhdf", "csv", "frd"], ...] = ("xdmf",)
 
     @model_validator(mode="after")

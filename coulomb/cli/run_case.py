@@ -29,10 +29,8 @@ from ..fem.meshes import write as write_mesh
 from ..io import output
 from ..io.accuracy import accuracy
 from ..io.atomic_output import PARTIAL, locked, refuse_to_replace
-from ..io.error_bars import ComparisonHistories, error_of
 from ..io.history_files import HistoryFiles, read_summary, steps_left, steps_on_disk, whole_history
 from ..io.other_formats import write_formats
-from ..io.other_meshes import NoErrorBars
 from ..io.refinement import Refined, refine
 from ..io.run_directory import CASE, MESH, PICTURE, RunDirectory
 from ..io.summary import summary
@@ -40,7 +38,6 @@ from ..linalg.factors import NotPositiveDefinite
 from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
-from ..model.provenance import timed
 from ..model.solution import Solution
 from ..model.stopping_criterion import failing_at_tolerance
 from ..model.times import in_times
@@ -48,6 +45,7 @@ from ..pictures import drawing_process, picture_of_run
 from ..pictures.drawing_process import DrawingProcess
 from ..ranks import on_rank_0
 from ..solvers.results import NotConverged, Status
+from .bars import Sensitivities, bars_of_steps, error_bars
 from .console import FAILED, INTERRUPTED, bad_input, errors, fail
 from .picture_commands import write_report
 from .preparation import prepared, refuse_unwritable, warn_of_locking
@@ -62,6 +60,7 @@ from .terminal import (
     report_history,
     show_error_bars,
     show_input,
+    show_sensitivity,
     warn,
 )
 
@@ -213,11 +212,10 @@ def _write_and_report(
     stopped = session.interruption
     try:
         extra = {"message": trouble, **({"mesh_files": files} if files else {}), **bars}
-        if settings.output.sensitivity and not trouble:
-            with timed(problem.seconds, "sensitivity"):
-                extra["sensitivity"] = [one.entry() for one in solution.sensitivities()]
+        if not trouble:
+            extra |= Sensitivities(settings).of(solution)
         contents = _write(session, solution, target, extra, settings, mesh)
-        if asked and (bars := _error_bars(session, settings, solution)):  # the answer is safe
+        if asked and (bars := error_bars(session, settings, solution)):  # the answer is safe
             problem.seconds["total"] = time.perf_counter() - session.began
             contents = _write(session, solution, target, extra | bars, settings)
         if settings.output.picture and not stopped.asked():
@@ -306,57 +304,14 @@ def _solve(session: Session, settings: Case, problem: ContactProblem) -> tuple[S
         return problem.solution(failure.result), str(failure)
 
 
-def _bars_of_steps(session: Session, settings: Case, problem: ContactProblem) -> Callable[[LoadStep], dict[str, Any]]:
-    """Gives the entry `error` of the summary of a load step, if they are asked for; a warning says once why not."""
-    said = set[str]()
-
-    def without(reason: NoErrorBars) -> dict[str, Any]:
-        if str(reason) not in said:
-            errors.out(f"warning: no error bars: {reason}")
-        said.add(str(reason))
-        return {}
-
-    if not settings.output.error:
-        return lambda _: {}
-    try:
-        progress = session.progress(Display(session.console, changing=True))
-        companions = ComparisonHistories(problem, settings.load_history(), settings.solver.tolerance, progress)
-    except NoErrorBars as reason:
-        without(reason)
-        return lambda _: {}
-
-    def bars(step: LoadStep) -> dict[str, Any]:
-        try:
-            with timed(step.solution.problem.seconds, "error bars"):
-                return {"error": companions.error_of(step).entry()}
-        except NoErrorBars as reason:
-            return without(reason)
-
-    return bars
-
-
-def _error_bars(session: Session, settings: Case, solution: Solution) -> dict[str, Any]:
-    """The entry `error` of summary.json; without it, and a warning, if there are none."""
-    display = Display(session.console, changing=True)
-    try:
-        with display, timed(solution.problem.seconds, "error bars"):
-            solver, progress = settings.contact_solver(), session.progress(display)
-            return {
-                "error": error_of(
-                    solution, tolerance=settings.solver.tolerance, solver=solver, progress=progress
-                ).entry()
-            }
-    except NoErrorBars as reason:
-        errors.out(f"warning: no error bars: {reason}")
-        return {}
-
-
 def _take_steps(session: Session, settings: Case, problem: ContactProblem, target: Path, resume: bool) -> None:
     """Run a load history; ends the command with its exit code."""
     console, comm = session.console, problem.comm
     with bad_input():
         record = case_record(settings, comm)
         done = steps_on_disk(target, comm) if resume else 0
+        if done and settings.output.sensitivity:
+            raise ValueError("output.sensitivity: those of a history follow from its first step on: run it anew")
         changed = refuse_another_case(settings, target, done, comm) if done else []
     for change in changed:
         errors.out(f"warning: from step {done + 1} on {change}")
@@ -400,8 +355,11 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
             display.expect(remaining)
         return session.interruption.asked() and left > 0
 
-    bars, write = _bars_of_steps(session, settings, problem), partial(write_case, settings, target, comm)
-    files = HistoryFiles(target, resume=resume, case=record, entries=bars, when_begun=write)
+    bars, write = bars_of_steps(session, settings, problem), partial(write_case, settings, target, comm)
+    owed = Sensitivities(settings)
+    files = HistoryFiles(
+        target, resume=resume, case=record, entries=lambda step: bars(step) | owed.of(step.solution), when_begun=write
+    )
     try:
         with display, bad_input():
             progress = session.progress(display)
@@ -429,7 +387,9 @@ def _take_steps(session: Session, settings: Case, problem: ContactProblem, targe
         if settings.output.report and _outdated(files_of.report, comm):
             _draw(session, lambda stop: write_report(target, stop))
         last = files_of.step(whole["steps"])
-        show_error_bars(console, read_summary(last.path, comm), settings.solver.tolerance)
+        contents = read_summary(last.path, comm)
+        show_error_bars(console, contents, settings.solver.tolerance)
+        show_sensitivity(console, contents)
         report_history(
             console, whole, taken, time.perf_counter() - began, target, session.kept, settings.solver.tolerance
         )

@@ -274,6 +274,9 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
     """Print what 1 % more of the inputs does to the forces of each contact, if the summary has it: the five that do
     most, and how far that is linear."""
     entries = contents.get("sensitivity") or []
+    for name in contents.get("unknown_inputs", ()):
+        known = ", ".join(repr(one["input"]) for one in entries)
+        errors.out(f"warning: output.sensitivity: there is no input {name!r}; there are {known}")
     for face in entries[0]["totals"] if entries else ():
         totals = [(one, one["totals"][face]) for one in entries]
         totals.sort(key=lambda row: -np.hypot(row[1]["normal_force"], row[1]["friction_force"]))
@@ -281,15 +284,18 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
         console.out(f"1 % more of an input does to the forces of {face!r} (to first order, and up to where):")
         for one, total in totals[:_LINES]:
             both = (0.01 * total[name] for name in ("normal_force", "friction_force"))
-            normal, friction = (
-                f"{'+' if value > 0.0 else ''}{plain(quantity(value, 'N', accuracy=least))}" for value in both
-            )
+            words = [plain(quantity(value, "N", accuracy=least)) for value in both]
+            normal, friction = (word if word[0] in "-0" else f"+{word}" for word in words)
             step = "any change" if one["step"] is None else f"up to {100.0 * one['step']:.2g} %"
             if one["step"] is not None and one["step"] < _BORDER:
                 step = "one-sided: a contact point is on the border of two states"
             console.out(f"  {one['input']:<30} normal {normal:<12} friction {friction:<12} {step}")
         if len(totals) > _LINES:
             console.out(f"  and {len(totals) - _LINES} more, in summary.json")
+        if bars := contents.get("input_bars"):
+            both = (plain(quantity(bars[face][name], "N", 2)) for name in ("normal_force", "friction_force"))
+            normal, friction = (f"+- {value}" for value in both)
+            console.out(f"  {'with the tolerances given':<30} normal {normal:<12} friction {friction}")
 
 
 def forces_in_a_step(row: dict[str, Any], least: float) -> str:

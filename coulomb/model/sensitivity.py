@@ -1,23 +1,26 @@
-"""Exact derivatives of an answer of small strains along its inputs, by the sets of its contact points.
+"""Exact derivatives of an answer of small strains, or of a history of them, along its inputs, by the sets of its
+contact points.
 
 At an answer u = K^-1 (f - B^T x), and contact points are open, stick or slip.  While none of them changes its state,
 forces follow from the derivative of the equations of contact (`solvers.semismooth_newton.derivatives`): one linear
 system per input, with the K^-1 and A of the answer.  What an input does to the displacement without new contact forces
-is that of loads: of friction none, of a load itself, of Young's modulus E minus the internal forces K_E u.
+is that of loads: of friction none, of a load itself, of Young's modulus E minus the internal forces K_E u.  In a
+history slip counts from the displacement after the step before, whose derivative is carried along.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import ThermalLoad
+from ..fem.bodies import End, Loading, ThermalLoad
 from ..linalg.reductions import Reductions
 from ..solvers.semismooth_newton import Change, derivatives
+from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
 
 
@@ -26,26 +29,37 @@ class Sensitivity:
     """What an answer owes to one input.
 
     Attributes:
-        name: "friction of 'bottom'", "pressure on 'top'", "young of 'upper'", "gap of 'bore'", "prescribed".
+        name: "friction of 'bottom'", "pressure on 'top'", "young of 'upper'", "gap of 'bore'", "prescribed
+            displacements", "pretension".
         contact_force: Derivative of x along the logarithm of the input, newtons, shape (3 m,): a hundredth of it is
             what 1 % more of the input does.
+        displacement: Likewise of u, metres, this rank's nodes, shape (k, 3).
         totals: Of each contact by its name derivatives of "force" and "moment" on the body, "normal_force" and
             "friction_force", newtons and newton metres.
         step: Relative change of the input up to which no contact point opens, closes, sticks or slips anew, to first
-            order: so far the answer is linear in it.
+            order: so far the answer is linear in it.  In a history, the least of its load steps.
     """
 
     name: str
     contact_force: FloatArray
+    displacement: FloatArray
     totals: dict[str, dict[str, Any]]
     step: float
 
-    def entry(self) -> dict[str, Any]:
-        """Of summary.json; a step without end is null."""
-        return {"input": self.name, "totals": self.totals, "step": self.step if np.isfinite(self.step) else None}
+
+@dataclass(frozen=True)
+class _Input:
+    """The change of a problem along the logarithm of an input: bounds of friction in newtons and gaps in metres (m,),
+    and loads and prescribed displacements, where they change."""
+
+    bound: FloatArray | float = 0.0
+    gap: FloatArray | float = 0.0
+    loading: Loading | None = None
 
 
-def sensitivities(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatArray) -> list[Sensitivity]:
+def sensitivities(
+    problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatArray, earlier: Sequence[Sensitivity] = ()
+) -> list[Sensitivity]:
     """Of an answer of small strains to friction, given gaps, loads, prescribed displacements and Young's moduli;
     collective.
 
@@ -54,61 +68,131 @@ def sensitivities(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: F
         x: with the contact forces of its answer, newtons, shape (3 m,),
         u: and the displacement, metres, shape (k, 3).
         gap: The given gap of every contact point, metres, shape (m,).
+        earlier: Those of the load step before: slip counts from its displacement.
 
     Raises:
-        ValueError: In large motions, or with heat.
+        ValueError: In large motions, or with heat, or friction that depends on the slip rate; in a later load step
+            without those of the step before.
     """
     if problem.body.undeformed is not None or problem.body.heat is not None:
         raise ValueError("sensitivities are known of small strains without heat, where a problem is one linear system")
-    names, changes = zip(*_changes(problem, x, u, gap), strict=True)
-    found = derivatives(problem.friction_problem, x, changes)
+    before = problem.before
+    if before is not None:
+        if not earlier and Reductions(problem.comm).any(bool(np.any(before.displacement))):
+            raise ValueError("the sensitivities of a load step follow from those of the step before: give these")
+        if any(isinstance(one.friction, SlipRateFriction | VariableFriction) for one in problem.contacts):
+            raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")
+    surface = problem.surface
+    still = _unloaded(problem.loading)
+    without = _with_loading(problem, still)
+    inputs, then = _inputs(problem, x, u, gap), {one.name: one.displacement for one in earlier}
+    inputs |= {name: _Input() for name in then if name not in inputs}
+    posed, changes = [], []
+    for name, one in inputs.items():
+        loading = one.loading
+        if name in then:
+            loading = _continued(problem, loading or still, then[name])
+        changed = without if loading is None else _with_loading(problem, loading)
+        closing = (changed.b - without.b).reshape(-1, 3)
+        closing[:, 0] -= one.gap
+        if name in then:
+            closing[:, 1:] -= surface.rows(then[name])[:, 1:]
+        e = [np.zeros(0) if each.state.rigid is None else each.state.rigid.e for each in (changed, without)]
+        changes.append(Change(closing.ravel(), np.zeros(len(closing)) + one.bound, e[0] - e[1]))
+        posed.append(changed)
+    known = {one.name: one.step for one in earlier}
     return [
-        Sensitivity(name, one.x, _totals(problem, x, one.x), one.step) for name, one in zip(names, found, strict=True)
+        Sensitivity(
+            name,
+            one.x,
+            changed.moved(changed.displacement(one.x), one.alpha),
+            _totals(problem, x, one.x),
+            min(one.step, known.get(name, np.inf)),
+        )
+        for name, changed, one in zip(inputs, posed, derivatives(problem.friction_problem, x, changes), strict=True)
     ]
 
 
-def _changes(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatArray) -> Iterator[tuple[str, Change]]:
-    """Every input with the change of the problem along its logarithm."""
-    state, surface, loading, body = problem.state, problem.surface, problem.loading, problem.elasticity
-    none, no_bound = np.zeros_like(x), np.zeros(len(surface.nodes))
-    no_motion = np.zeros(0 if state.rigid is None else len(state.rigid.e))
-    parts = [surface.part == part for part in range(len(surface.faces))]
+def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping[str, float]) -> dict[str, Any]:
+    """Of summary.json: `sensitivity`, where a step without end is null; with relative tolerances of inputs by their
+    names also `input_bars`, the root of the sum of the squares of what each does to the totals, and `unknown_inputs`,
+    names of no input that has not been 0 so far."""
+    entries: dict[str, Any] = {
+        "sensitivity": [
+            {"input": one.name, "totals": one.totals, "step": one.step if np.isfinite(one.step) else None}
+            for one in found
+        ]
+    }
+    if isinstance(tolerances, bool):
+        return entries
+    names = {one.name: one for one in found}
+    entries["unknown_inputs"] = [name for name in tolerances if name not in names]
+    entries["input_bars"] = {
+        face: {
+            total: np.linalg.norm(
+                [tolerances.get(name, 0.0) * np.asarray(one.totals[face][total]) for name, one in names.items()], axis=0
+            ).tolist()
+            for total in totals
+        }
+        for face, totals in found[0].totals.items()
+    }
+    return entries
+
+
+def _unloaded(loading: Loading) -> Loading:
+    none = None if loading.tension is None else np.zeros_like(loading.tension)
+    still = np.zeros_like(loading.load)
+    return replace(loading, load=still, prescribed=still, tension=none, apart=0.0)
+
+
+def _with_loading(problem: DiscreteProblem, loading: Loading) -> DiscreteProblem:
+    return problem.in_state(replace(problem.state, loading=loading), None, problem.before)
+
+
+def _continued(problem: DiscreteProblem, loading: Loading, u: FloatArray) -> Loading:
+    """Loads and prescribed displacements with what supports hold of the displacement (k, 3) after the step before."""
+    before, body = problem.before, problem.elasticity
+    assert before is not None
+    held, none = (body.after(problem.time, End(before.time, end)) for end in (u, np.zeros_like(u)))
+    return replace(
+        loading,
+        prescribed=loading.prescribed + held.prescribed - none.prescribed,
+        apart=loading.apart + held.apart - none.apart,
+    )
+
+
+def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatArray) -> dict[str, _Input]:
+    """Every input with the change of the problem along its logarithm; a name that occurs again has a number."""
+    surface, loading, body, over = problem.surface, problem.loading, problem.elasticity, Reductions(problem.comm)
+    found: dict[str, _Input] = {}
+
+    def put(name: str, one: _Input) -> None:
+        there = sum(known == name or known.startswith(f"{name} (") for known in found)
+        found[f"{name} ({there + 1})" if there else name] = one
+
+    parts, bound = [surface.part == part for part in range(len(surface.faces))], problem.slip_bound(x)
     for face, here in zip(surface.faces, parts, strict=True):
-        bound = problem.slip_bound(x)
-        if Reductions(problem.comm).any(bool(np.any(bound[here] > 0.0))):
-            yield f"friction of {face!r}", Change(none, np.where(here, bound, 0.0), no_motion)
+        if over.any(bool(np.any(bound[here] > 0.0))):
+            put(f"friction of {face!r}", _Input(bound=np.where(here, bound, 0.0)))
     for face, here in zip(surface.faces, parts, strict=True):
-        if Reductions(problem.comm).any(bool(np.any(gap[here] != 0.0))):
-            closing = none.copy().reshape(-1, 3)
-            closing[here, 0] = -gap[here]
-            yield f"gap of {face!r}", Change(closing.ravel(), no_bound, no_motion)
-
-    unmoved, free = np.zeros_like(body.x), None if loading.tension is None else np.zeros_like(loading.tension)
-
-    def posed(load: FloatArray, prescribed: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """b and the loads along rigid motions of nodal forces and prescribed displacements, both (k, 3)."""
-        changed = replace(loading, load=load, prescribed=prescribed, tension=free, apart=0.0)
-        other = problem.in_state(replace(state, loading=changed), None, problem.before)
-        return other.b, np.zeros(0) if other.state.rigid is None else other.state.rigid.e
-
-    without = posed(unmoved, unmoved)
-
-    def along(load: FloatArray, prescribed: FloatArray) -> Change:
-        b, e = posed(load, prescribed)
-        return Change(b - without[0], no_bound, e - without[1])
-
+        if over.any(bool(np.any(gap[here] != 0.0))):
+            put(f"gap of {face!r}", _Input(gap=np.where(here, gap, 0.0)))
+    still = _unloaded(loading)
     for load in body.loads_in(loading):
         where = "" if load.face is None else f" on {load.face!r}"
-        yield f"{load.kind.replace('_', ' ')}{where}", along(load.forces, unmoved)
-    if Reductions(problem.comm).any(bool(np.any(problem.prescribed))):
-        yield "prescribed displacements", along(unmoved, loading.prescribed)
+        put(f"{load.kind.replace('_', ' ')}{where}", _Input(loading=replace(still, load=load.forces)))
+    if over.any(bool(np.any(problem.prescribed) or np.any(loading.apart))):
+        put("prescribed displacements", _Input(loading=replace(loading, load=still.load, tension=still.tension)))
+    if loading.tension is not None and np.any(loading.tension):
+        put("pretension", _Input(loading=replace(still, tension=loading.tension)))
     for member, part in zip(body.members, loading.parts or [loading], strict=True):
         if member.body.materials is None:
             continue
         forces = np.zeros_like(body.x)
         strained = (one.forces for one in member.body.loads_in(part) if one.kind == ThermalLoad.kind)
         forces[member.nodes] = sum(strained) - member.body.internal_force(u[member.nodes])
-        yield "young" + (f" of {member.name!r}" if member.name else ""), along(forces, unmoved)
+        put("young" + (f" of {member.name!r}" if member.name else ""), _Input(loading=replace(still, load=forces)))
+    return found
 
 
 def _totals(problem: DiscreteProblem, x: FloatArray, dx: FloatArray) -> dict[str, dict[str, Any]]:

@@ -325,14 +325,18 @@ class Solution:
         """Whether the certificate passed and the small-strain theory holds, or was not enforced; collective."""
         return self.certificate.passed and not self.outside
 
-    def sensitivities(self) -> list[Sensitivity]:
-        """What the contact forces owe to each input: friction, gaps, loads, prescribed displacements, Young's moduli;
-        exact derivatives, with how far they hold; collective.
+    def sensitivities(self, earlier: Sequence[Sensitivity] = ()) -> list[Sensitivity]:
+        """What the answer owes to each input: friction, gaps, loads, prescribed displacements, Young's moduli; exact
+        derivatives, with how far they hold; collective.
+
+        Args:
+            earlier: In a load history, those of the load step before.
 
         Raises:
-            ValueError: In large motions, or with heat.
+            ValueError: In large motions, with heat, with friction that depends on the slip rate, or in a load step
+                without those of the step before.
         """
-        return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes.given_gap)
+        return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes.given_gap, earlier)
 
     def write(self, directory: str | Path, fields: Mapping[str, Any] | None = None, *, overwrite: bool = True) -> None:
         """Fields, history, summary and picture into a directory; results that are there are kept as DIRECTORY.previous.

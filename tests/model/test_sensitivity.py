@@ -85,6 +85,8 @@ def test_derivatives_are_those_of_central_differences(make, inputs):
         more, less = (make(**{name: value * (1.0 + h)}).solve(tolerance=1e-12) for h in (step, -step))
         differences = (more.contact_force - less.contact_force) / (2.0 * step)
         assert one.contact_force == pytest.approx(differences, abs=1e-6 * size), one.name
+        differences = (more.displacement - less.displacement) / (2.0 * step)
+        assert one.displacement == pytest.approx(differences, abs=1e-6 * np.abs(answer.displacement).max()), one.name
         face = next(iter(one.totals))
         change = (more.forces["normal_force"] - less.forces["normal_force"]) / (2.0 * step)
         assert one.totals[face]["normal_force"] == pytest.approx(change, abs=1e-6 * size)
@@ -135,5 +137,65 @@ def test_on_the_command_line_and_where_it_is_refused(tmp_path):
     by = {entry["input"]: entry["totals"]["bottom"] for entry in entries}
     assert by["total force on 'top'"]["normal_force"] == pytest.approx(1e6, rel=1e-9)
     assert by["total force on 'top'"]["force"] == pytest.approx([-1e5, 0.0, 1e6], rel=1e-9, abs=1e-3)
-    refused = run_coulomb("run", case, "--sensitivity", "--set", "history={end=1, steps=2}", cwd=tmp_path)
-    assert refused.returncode == 2 and "output.sensitivity is for small strains at one time" in refused.stderr
+    refused = run_coulomb("run", case, "--sensitivity", "--set", "solver.kinematics=large", cwd=tmp_path)
+    assert refused.returncode == 2 and "output.sensitivity is for small strains" in refused.stderr
+
+
+def test_of_a_history_with_reversal_along_its_steps():
+    """Pressed, pulled until most of it slips, and pushed back: slip counts from where the step before has ended."""
+
+    def steps(friction=0.4, pressed=1.0, pulled=1.0, young=1.0):
+        problem = coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 0.5), (4, 3, 2)),
+            coulomb.Material(1e9 * young, 0.3),
+            [
+                coulomb.PrescribedDisplacement(
+                    "right", (2.5e-3 * pulled, 0.0, 0.0), "x", amplitude=[(1.0, 0.0), (2.0, 1.0), (3.0, 0.2)]
+                )
+            ],
+            coulomb.Contact("bottom", friction=friction),
+            [coulomb.Pressure("top", 2e6 * pressed, amplitude=[(0.0, 0.0), (1.0, 1.0), (3.0, 0.8)])],
+        )
+        return coulomb.LoadHistory([1.0, 2.0, 3.0], tolerance=1e-12).steps(problem)
+
+    found = []
+    for step in steps():
+        if found:
+            with pytest.raises(ValueError, match="those of the step before"):
+                step.solution.sensitivities()
+        found = step.solution.sensitivities(found)
+    answer = step.solution
+    inputs = {"friction of 'bottom'": "friction", "pressure on 'top'": "pressed", "young": "young"}
+    inputs["prescribed displacements"] = "pulled"
+    assert {one.name for one in found} == set(inputs)
+    status = answer.at_nodes.status
+    assert len(np.unique(status)) > 1
+    for one in found:
+        key, h = inputs[one.name], min(1e-4, 0.1 * one.step)
+        value = {"friction": 0.4}.get(key, 1.0)
+        more, less = ([s.solution for s in steps(**{key: value * (1.0 + d)})][-1] for d in (h, -h))
+        change = (more.contact_force - less.contact_force) / (2.0 * h)
+        assert one.contact_force == pytest.approx(change, abs=1e-6 * np.linalg.norm(answer.contact_force)), one.name
+        change = (more.displacement - less.displacement) / (2.0 * h)
+        assert one.displacement == pytest.approx(change, abs=1e-6 * np.abs(answer.displacement).max()), one.name
+
+
+def test_tolerances_of_inputs_along_a_history_on_the_command_line(tmp_path):
+    """Of a block that slides from the second step on with T = F N: 10 % of F and 3 % of N make 10.4 % of T."""
+    case = tmp_path / "case.toml"
+    case.write_text(
+        "[mesh]\nbox = [1.0, 1.0, 0.5]\ncells = [2, 2, 1]\n[material]\nyoung = 1e9\npoisson = 0.0\n"
+        '[[pressure]]\nface = "top"\nvalue = 1e6\namplitude = [[0, 0], [1, 1], [2, 1]]\n'
+        '[[prescribed_displacement]]\nface = "top"\ncomponents = "xy"\nvalue = [0.1, 0.0, 0.0]\n'
+        'amplitude = [[1, 0], [2, 1]]\n[contact]\nface = "bottom"\nfriction = 0.3\n[history]\nend = 2\nsteps = 2\n'
+        "[output]\npicture = false\n[output.sensitivity]\n\"friction of 'bottom'\" = 0.1\n"
+        '"pressure on \'top\'" = 0.03\n"prescribed displacements" = 0.02\nyoung = 0.05\nyung = 1.0\n'
+    )
+    done = run_coulomb("run", case, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "output.sensitivity: there is no input 'yung'; there are \"friction of 'bottom'\"" in done.stderr
+    assert "with the tolerances given" in done.stdout
+    summary = json.loads((tmp_path / "results" / "steps" / "0002" / "summary.json").read_text())
+    bars = summary["input_bars"]["bottom"]
+    assert bars["friction_force"] == pytest.approx(3e5 * np.hypot(0.1, 0.03), rel=1e-4)
+    assert bars["normal_force"] == pytest.approx(1e6 * 0.03, rel=1e-9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -169,6 +170,12 @@ class CarryingKrylov:
             raise
         z[:, self._block :] = self._constraints.without(product, alpha)
         self._share(y, alpha)
+
+    @property
+    def allowed(self) -> float:
+        """The tolerance of the residual over the residual, of the iteration that goes on."""
+        residual = float(self._ksp.getResidualNorm())
+        return float(self._ksp.atol) / residual if residual > 0.0 else math.inf
 
     def solve(
         self, rhs: FloatArray, guess: FloatArray, atol: float, r3: FloatArray
