@@ -123,8 +123,12 @@ def stiffened(deck: Path, factor: float) -> str:
         parameters = "".join(f",{name}={value}" if value else f",{name}" for name, value in card.parameters.items())
         if card.kind == "SURFACEBEHAVIOR" and card.key("PRESSURE-OVERCLOSURE") in ("LINEAR", "TIED") and data:
             data[0] = _scaled(data[0], 0, factor)
-        if card.kind == "FRICTION" and data and "," in data[0]:
-            data[0] = _scaled(data[0], 1, factor)
+        if card.kind == "SURFACEBEHAVIOR" and card.key("PRESSURE-OVERCLOSURE") == "EXPONENTIAL" and data:
+            data[0] = _scaled(data[0], 0, 1.0 / factor)
+        if card.kind == "FRICTION" and data:
+            coefficient, _, slope = data[0].partition(",")
+            given = slope.partition(",")[0].strip() or repr(0.5 * float(young))
+            data[0] = _scaled(f"{coefficient},{given}", 1, factor)
         if card.kind == "ENDSTEP":
             lines += ["*NODE FILE", "U, RF"]
         lines += [f"*{card.keyword}{parameters}", *data]

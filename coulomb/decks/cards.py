@@ -8,6 +8,7 @@ format"; Abaqus' "Input syntax rules".)
 from __future__ import annotations
 
 import difflib
+import math
 import re
 import warnings
 from collections.abc import Iterable, Iterator
@@ -87,6 +88,14 @@ class Card:
             hint = f"; there are {', '.join(map(repr, listed))}{others}" if names else "; there is none at all"
         return self.fault(f"there is no {what} {name!r}{hint}", row)
 
+    def place_of(self, name: str) -> str | None:
+        """File and line where the card has a name or a number, among its data or its parameters; None if nowhere."""
+        key = key_of(name)
+        for row, line in enumerate(self.lines):
+            if key in map(key_of, line.split(",")):
+                return str(self.fault("", row))[:-2]
+        return str(self.fault(""))[:-2] if key in map(key_of, self.parameters.values()) else None
+
     def get(self, name: str, default: str = "") -> str:
         """Value of a parameter as it is written."""
         return self.parameters.get(name, default)
@@ -101,21 +110,52 @@ class Card:
             raise self.fault(f"{name} is missing")
         return self.parameters[name]
 
+    def _line(self, row: int) -> str:
+        """A data line; ValueError if there is none."""
+        if row >= len(self.lines):
+            raise self.fault(f"has {len(self.lines)} data lines, and needs another")
+        return self.lines[row]
+
     def words(self, row: int) -> list[str]:
         """The fields of a data line."""
-        return [word.strip().strip('"').strip() for word in self.lines[row].split(",")]
+        return [word.strip().strip('"').strip() for word in self._line(row).split(",")]
 
-    def rows(self) -> Iterator[tuple[int, list[str]]]:
-        """The fields of every data line, with its number among them."""
+    def rows(self, needs: str = "", least: int = 1) -> Iterator[tuple[int, list[str]]]:
+        """The fields of every data line, with its number among them; ValueError, with what it needs, where one has
+        fewer than the least."""
         for row in range(len(self.lines)):
-            yield row, self.words(row)
+            words = self.words(row)
+            if len(words) < least or not words[0]:
+                raise self.fault(f"needs {needs or f'{least} fields'}", row)
+            yield row, words
+
+    def setting(self, name: str, default: float = 0.0) -> float:
+        """Value of a parameter that is a number."""
+        text = self.get(name)
+        try:
+            value = number_of(text) if text else default
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            raise self.fault(f"{name}={text} is no number")
+        return value
 
     def number(self, word: str, row: int) -> float:
         """One real number."""
         try:
-            return number_of(word)
+            value = number_of(word)
         except ValueError:
-            raise self.fault(f"damaged: {word.strip()!r} is no number", row) from None
+            value = math.nan
+        if not math.isfinite(value):
+            raise self.fault(f"damaged: {word.strip()!r} is no number", row)
+        return value
+
+    def vector(self, row: int, count: int = 3) -> FloatArray:
+        """The first numbers of a data line; ValueError if there are not as many."""
+        values = self.floats([row])[:count]
+        if len(values) < count:
+            raise self.fault(f"needs {count} numbers, not {len(values)}", row)
+        return values
 
     def whole(self, word: str, row: int) -> int:
         """One whole number."""
@@ -132,7 +172,7 @@ class Card:
                 return quickly
         chosen = range(len(self.lines)) if rows is None else list(rows)
         return np.array(
-            [self.number(word, row) for row in chosen for word in self.lines[row].rstrip(", \t").split(",")],
+            [self.number(word, row) for row in chosen for word in self._line(row).rstrip(", \t").split(",")],
             dtype=np.float64,
         )
 
@@ -149,7 +189,8 @@ class Card:
                     parts.append(np.fromstring(text.replace(",", " "), dtype=np.float64, sep=" "))
                 except (DeprecationWarning, ValueError):
                     return None
-        return np.concatenate(parts) if parts else np.empty(0)
+        values = np.concatenate(parts) if parts else np.empty(0)
+        return values if np.all(np.isfinite(values)) else None
 
     def integers(self, rows: Iterable[int] | None = None) -> IntArray:
         """All numbers of some data lines, which must be whole."""

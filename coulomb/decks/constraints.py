@@ -91,7 +91,7 @@ class Constraints:
         face = self._of.face(name, card)
         bolt: dict[str, Any] = {"face": face}
         if card.lines:  # reversed it presses
-            vector = card.floats([0])[:3]
+            vector = card.vector(0)
             bolt["direction"] = vector.tolist()
             bolt["sign"] = 1.0 if vector @ self._outwards(name, card) > 0.0 else -1.0
         self._bolts.append(bolt)
@@ -115,6 +115,8 @@ class Constraints:
                         raise card.fault(f"an equation is between displacements 1, 2 and 3, not {dof}", row)
                     self._refuse_other_nodes(nodes, card, row)
                     terms.append((nodes, "xyz"[dof - 1], card.number(words[k + 2], row)))
+            if not terms:
+                raise card.fault("needs at least one term", first)
             size = len(terms[0][0])
             if any(len(nodes) not in (1, size) for nodes, _, _ in terms):
                 raise card.fault("sets of an equation must have as many nodes as the first, or one", first)
@@ -217,9 +219,7 @@ class Constraints:
                 if "MULTISTAGE" in card.parameters:
                     raise card.fault("ties of several stages are not read")
                 sector = self._sector(card) if "CYCLICSYMMETRY" in card.parameters else {}
-                for row, words in card.rows():
-                    if len(words) < 2:
-                        raise card.fault("needs a slave and a master surface", row)
+                for row, words in card.rows("a slave and a master surface", 2):
                     slave, master = (self._of.face(word, card, row) for word in words[:2])
                     pair = {"face": slave, "against": master, "slave": True} | sector
                     tables.setdefault("cyclic_symmetry" if sector else "tie", []).append(pair)
@@ -235,8 +235,10 @@ class Constraints:
         found = [card for card in models if card.key("TIE") in ("", tie.key("NAME"))]
         if not found:
             raise tie.fault("there is no *CYCLIC SYMMETRY MODEL with N and the axis")
-        a, b = np.split(found[0].floats([0])[:6], 2)
-        count = found[0].whole(found[0].needs("N"), 0)
+        a, b = np.split(found[0].vector(0, 6), 2)
+        count = int(found[0].setting("N"))
+        if count < 2:
+            raise found[0].fault("needs N, the number of sectors")
         return {"point": a.tolist(), "axis": (b - a).tolist(), "sectors": count}
 
     def _prescribed(self, tables: dict[str, list[dict[str, Any]]]) -> None:

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from .cards import Card, key_of
+from .materials import modulus_of
 from .node_surfaces import facets_with_nodes
 from .reading import Reading
 from .steps import Rows
@@ -45,7 +46,7 @@ def general_contact(of: Reading) -> dict[str, Any]:
         if card.kind == "CONTACTINCLUSIONS" and "ALLEXTERIOR" not in card.parameters:
             raise card.fault("only ALL EXTERIOR is read: give pairs of surfaces as *CONTACT PAIR")
         if card.kind == "CONTACTPROPERTYASSIGNMENT":
-            for row, words in card.rows():
+            for row, words in ((row, card.words(row)) for row in range(len(card.lines))):
                 if any(words[:2]):
                     raise card.fault("only one property for all surfaces is read", row)
                 name = key_of(words[2]) if len(words) > 2 else ""
@@ -70,9 +71,7 @@ def _pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
 def _read_pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
     interactions = _interactions(of)
     clearances = {
-        (card.key("SLAVE"), card.key("MASTER")): card.number(card.needs("VALUE"), 0)
-        for card in of.model
-        if card.kind == "CLEARANCE"
+        (card.key("SLAVE"), card.key("MASTER")): card.setting("VALUE") for card in of.model if card.kind == "CLEARANCE"
     }
     found: list[tuple[dict[str, Any], bool]] = []
     for card in of.model:
@@ -81,9 +80,7 @@ def _read_pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
         interaction = interactions.get(card.key("INTERACTION"), _Interaction())
         if card.key("INTERACTION") not in interactions:
             raise card.lacks("*SURFACE INTERACTION", card.get("INTERACTION"), interactions)
-        for row, words in card.rows():
-            if len(words) < 2:
-                raise card.fault("needs a slave and a master surface", row)
+        for row, words in card.rows("a slave and a master surface", 2):
             slave, master = (_surface(of, word, card, row) for word in words[:2])
             laws = [(None, _law(of, interaction.behavior)), *_other_laws(of, card.key("INTERACTION"))]
             kinds = {kind for _, kind in laws}
@@ -153,14 +150,11 @@ def _law(of: Reading, card: Card | None) -> str:
     if kind == "LINEAR":
         stiffness = float(card.floats([0])[0])
     elif kind == "EXPONENTIAL":
-        c0, p0 = card.floats([0])[:2]
+        c0, p0 = card.vector(0, 2)
         stiffness = p0 * np.log(100.0) / c0
     else:
         raise card.fault(f"PRESSURE-OVERCLOSURE={card.get('PRESSURE-OVERCLOSURE')} is a layer, which is not read")
-    young = min(
-        (float(one.floats([0])[0]) for one in of.model if one.kind == "ELASTIC" and one.lines), default=float("inf")
-    )
-    bound = young / _edge(of)
+    bound = min(_moduli(of), default=float("inf")) / _edge(of)
     if stiffness < _NONE * bound:
         return "none"
     if stiffness < _SOFT * bound:
@@ -169,6 +163,12 @@ def _law(of: Reading, card: Card | None) -> str:
             f"({bound:.3g}): a penalty; here contact is hard"
         )
     return "hard"
+
+
+def _moduli(of: Reading) -> list[float]:
+    """The first constant of every elastic material, Young's modulus at small strains of every hyperelastic one."""
+    found = [modulus_of(one) for one in of.model if one.kind in ("ELASTIC", "HYPERELASTIC") and one.lines]
+    return [one for one in found if one > 0.0]
 
 
 def _edge(of: Reading) -> float:
@@ -184,6 +184,7 @@ def _friction(of: Reading, interaction: _Interaction, name: str) -> dict[str, An
     """Coulomb's coefficient, and how it changes from step to step (*CHANGE FRICTION)."""
     table: dict[str, Any] = {}
     limit = _limit(interaction.friction)
+    _note_stick_slope(of, interaction.friction)
     rows: list[tuple[float, float]] = [(0.0, _coefficient(interaction.friction))]
     for step in of.steps:
         changing = False
@@ -204,6 +205,23 @@ def _friction(of: Reading, interaction: _Interaction, name: str) -> dict[str, An
     return table
 
 
+def _note_stick_slope(of: Reading, card: Card | None) -> None:
+    """Say where CalculiX lets surfaces slip that stick: by shear stress over stick slope, half of the first modulus
+    where the slope is not given."""
+    moduli = _moduli(of)
+    if not _coefficient(card) or card is None or not moduli or "SLIPTOLERANCE" in card.parameters:
+        return
+    words = card.words(0)
+    given = len(words) > 1 and bool(words[1])
+    slope = card.number(words[1], 0) if given else 0.5 * moduli[0]
+    said = (
+        f"line {card.line}: a stick slope of {slope:.3g}{'' if given else ', as where none is given'}: in CalculiX "
+        "surfaces that stick slip by their shear stress over that; here they stick"
+    )
+    if slope < _SOFT * min(moduli) / _edge(of) and said not in of.notes:
+        of.notes.append(said)
+
+
 def _distinct(rows: Rows) -> Rows:
     return tuple(row for k, row in enumerate(rows) if k == 0 or row[0] > rows[k - 1][0])
 
@@ -218,7 +236,7 @@ def _coefficient(card: Card | None) -> float:
 
 def _limit(card: Card | None) -> float | None:
     """Abaqus' TAUMAX."""
-    return None if card is None or not card.get("TAUMAX") else card.number(card.get("TAUMAX"), 0)
+    return None if card is None or not card.get("TAUMAX") else card.setting("TAUMAX")
 
 
 def _adjusted(of: Reading, card: Card, clearance: float | None) -> dict[str, Any]:
@@ -274,9 +292,7 @@ def _goes_out(card: Card, names: tuple[str, str]) -> bool | None:
     """Whether a *MODEL CHANGE takes a pair out, or puts it in; None if it does neither."""
     if card.kind != "MODELCHANGE" or not card.key("TYPE").startswith("CONTACTPAIR"):
         return None
-    for row, words in card.rows():
-        if len(words) < 2:
-            raise card.fault("needs a slave and a master surface", row)
+    for _, words in card.rows("a slave and a master surface", 2):
         if tuple(map(key_of, words[:2])) == names:
             return "REMOVE" in card.parameters
     return None

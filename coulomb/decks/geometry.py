@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, TypeVar
+from typing import Final
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -21,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..arrays import FloatArray, IntArray
 from .cards import Card, key_of, read_cards
+from .sets import NamedSet, Sets, Surface, unqualified
 
 SOLID = re.compile(r"(?:C3D|DC3D|AC3D|SC)(\d+)")
 FLAT = re.compile(r"(?:SFM3D|M3D|R3D|CPS|CPE|CAX|DS|S|STRI)([346])(?!\d)")
@@ -40,75 +42,6 @@ CORNERS: Final = {4: 4, 10: 4, 8: 8, 20: 8, 27: 8, 6: 6, 15: 6, 18: 6, 5: 5, 13:
 _GENERATES = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM"}
 _APART: Final = 100_000_000  # between the numbers of two instances
 _LABEL = re.compile(r"[+-]?\d+")
-
-
-@dataclass
-class NamedSet:
-    """Numbers of nodes or elements, and the names of the sets that it contains.
-
-    Attributes:
-        name: As it is written where it is first given.
-        members: Arrays of numbers and names of sets, in their order.
-        hidden: Whether Abaqus/CAE has made it for itself ("internal").
-    """
-
-    name: str
-    members: list[IntArray | str] = field(default_factory=list)
-    hidden: bool = False
-
-
-class Sets:
-    """Sets by name, whose case does not matter."""
-
-    def __init__(self, path: str, kind: str):
-        self._path, self.kind = path, kind
-        self.all: dict[str, NamedSet] = {}
-
-    def get(self, name: str, hidden: bool = False) -> NamedSet:
-        """The set of this name, which is made if there is none."""
-        return self.all.setdefault(key_of(name), NamedSet(name, hidden=hidden))
-
-    def __contains__(self, name: str) -> bool:
-        return key_of(name) in self.all
-
-    @property
-    def names(self) -> list[str]:
-        """Those that the user has given."""
-        return [one.name for one in self.all.values() if not one.hidden]
-
-    def listed(self, name: str, within: tuple[str, ...] = ()) -> IntArray:
-        """The numbers of a set and of those it contains, in their order, those that are given twice twice."""
-        key = key_of(name)
-        if key not in self.all or key in within:
-            fault = "contains itself" if key in within else "is not defined"
-            raise ValueError(f"{self._path}: the {self.kind} set {name!r} {fault}")
-        parts = [
-            self.listed(one, (*within, key)) if isinstance(one, str) else one
-            for one in self.all[key].members
-            if not isinstance(one, str) or one in self or not within  # an unknown set inside a set is empty in CalculiX
-        ]
-        return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
-
-    def members(self, name: str) -> IntArray:
-        """The numbers of a set, ascending, each once."""
-        return np.unique(self.listed(name))
-
-
-@dataclass
-class Surface:
-    """A surface: of every line an element, or a set of elements, and the side, "" for the free ones; or of nodes.
-
-    Attributes:
-        lines: Elements as their number or the name of a set, and the side in upper case.
-        nodes: Whether it is one of nodes, the node set of the same name.
-    """
-
-    name: str
-    lines: list[tuple[int | str, str]] = field(default_factory=list)
-    nodes: bool = False
-
-
-_Named = TypeVar("_Named", NamedSet, Surface)
 
 
 @dataclass
@@ -142,7 +75,7 @@ class Geometry:
         self.path = path
         self.cards = read_cards(path)
         self.others: list[Card] = []
-        self.node_sets, self.element_sets = Sets(path, "node"), Sets(path, "element")
+        self.node_sets, self.element_sets = Sets("node", self.place_of), Sets("element", self.place_of)
         self.surfaces: dict[str, Surface] = {}
         self.elements: dict[str, list[IntArray]] = {}
         self._tags: list[IntArray] = []
@@ -195,13 +128,14 @@ class Geometry:
             raise card.fault(f"there are two instances {name!r}")
         placed = _Instance(name, _APART * len(self._instances))
         self._instances[key_of(name)] = placed
-        rows = [card.floats([row]) for row in range(len(card.lines))]
-        if rows:
-            placed.shift[: len(rows[0])] = rows[0][:3]
-        if len(rows) > 1:
-            if len(rows[1]) != 7:
+        if card.lines:
+            shift = card.floats([0])[:3]
+            placed.shift[: len(shift)] = shift
+        if len(card.lines) > 1:
+            turn = card.floats([1])
+            if len(turn) != 7 or not np.any(turn[3:6] - turn[:3]):
                 raise card.fault("a rotation needs two points of its axis and an angle in degrees, seven numbers", 1)
-            placed.about, placed.turn = rows[1][:3], _turn(rows[1][3:6] - rows[1][:3], math.radians(rows[1][6]))
+            placed.about, placed.turn = turn[:3], _turn(turn[3:6] - turn[:3], math.radians(turn[6]))
         return placed
 
     def _take(self, card: Card, of: _Instance) -> None:
@@ -222,6 +156,7 @@ class Geometry:
             self._surface(card, of)
         else:
             if of.name:
+                card = copy(card)  # a part may have several instances
                 self.owner[id(card)] = of.name
             self.others.append(card)
 
@@ -241,8 +176,9 @@ class Geometry:
         if card.key("SYSTEM") not in ("", "R"):
             raise card.fault("coordinates are not Cartesian")
         widths = {line.rstrip(", \t").count(",") for line in card.lines}
-        if widths == {3}:
-            rows = card.floats().reshape(-1, 4)
+        rows = card.floats() if widths == {3} else np.empty(0)
+        if len(rows) == 4 * len(card.lines):
+            rows = rows.reshape(-1, 4)
         else:  # coordinates that are left out are 0
             each = [card.floats([row])[:4] for row in range(len(card.lines))]
             rows = np.array([np.pad(row, (0, 4 - len(row))) for row in each]).reshape(-1, 4)
@@ -325,9 +261,20 @@ class Geometry:
 
     def _plain_names(self) -> None:
         """Let sets and surfaces of one instance alone be called without its name."""
-        _unqualified(self.node_sets.all, self._instances)
-        _unqualified(self.element_sets.all, self._instances)
-        _unqualified(self.surfaces, self._instances)
+        unqualified(self.node_sets.all, self._instances)
+        unqualified(self.element_sets.all, self._instances)
+        unqualified(self.surfaces, self._instances)
+
+    def place_of(self, name: str) -> str:
+        """File and line where a card first has a name or a number, as messages begin; of no card the file."""
+        bare = name.rpartition(".")[2]
+        found = (card.place_of(word) for word in (name, bare) for card in self.cards if card.kind != "NODE")
+        return next(filter(None, found), self.path)
+
+    def called(self, number: int) -> str:
+        """The number of a node or an element as the deck has it, with its instance."""
+        name = next((one.name for one in self._instances.values() if 0 <= number - one.first < _APART), "")
+        return f"{name}.{number % _APART}" if name else str(number % _APART if self._instances else number)
 
     # --- what is read -------------------------------------------------------------------------------------------------
 
@@ -335,8 +282,7 @@ class Geometry:
     def tags(self) -> IntArray:
         """Numbers of the nodes, in the order of the file."""
         tags = np.concatenate(self._tags) if self._tags else np.empty(0, dtype=np.int64)
-        if len(np.unique(tags)) != len(tags):
-            raise ValueError(f"{self.path}: has two nodes of the same number")
+        _refuse_two(tags, f"{self.path}: has two nodes of the number", self.called)
         return tags
 
     @cached_property
@@ -368,7 +314,8 @@ class Geometry:
             found = order[np.minimum(np.searchsorted(tags, numbers, sorter=order), len(tags) - 1)]
             missing = tags[found] != numbers
         if np.any(missing):
-            raise ValueError(f"{self.path}: an element or a set has a node that the file does not define; is it whole?")
+            node = self.called(int(numbers[missing].flat[0]))
+            raise ValueError(f"{self.place_of(node)}: node {node} is not defined; is the file whole?")
         return found
 
     def rows_of(self, kind: re.Pattern[str]) -> dict[int, IntArray]:
@@ -385,9 +332,8 @@ class Geometry:
         """The solid elements by their number of nodes, rows of number and nodes, those without a volume of their own
         left out."""
         rows = self.rows_of(SOLID)
-        numbers = np.concatenate([one[:, 0] for one in rows.values()]) if rows else np.empty(0)
-        if len(np.unique(numbers)) != len(numbers):
-            raise ValueError(f"{self.path}: has two elements of the same number")
+        numbers = np.concatenate([one[:, 0] for one in rows.values()]) if rows else np.empty(0, dtype=np.int64)
+        _refuse_two(numbers, f"{self.path}: has two elements of the number", self.called)
         return rows
 
     @cached_property
@@ -449,6 +395,13 @@ class Geometry:
                 yield f"DLOAD line {card.line}" + (f" {number}" if len(by_value) > 1 else ""), value, sides
 
 
+def _refuse_two(numbers: IntArray, said: str, called: Callable[[int], str]) -> None:
+    ordered = np.sort(numbers)
+    twice = ordered[1:][ordered[1:] == ordered[:-1]]
+    if len(twice):
+        raise ValueError(f"{said} {called(int(twice[0]))}" + (f" ({len(twice)} numbers)" if len(twice) > 1 else ""))
+
+
 def _is_qualified(word: str) -> bool:
     return "." in word
 
@@ -461,19 +414,6 @@ def _turn(axis: FloatArray, angle: float) -> FloatArray:
         np.eye(3) + math.sin(angle) * cross + (1.0 - math.cos(angle)) * (np.outer(unit, unit) - np.eye(3))
     )
     return turn
-
-
-def _unqualified(known: dict[str, _Named], instances: Iterable[str]) -> None:
-    owners: dict[str, list[str]] = {}
-    for key in known:
-        for instance in instances:
-            if key.startswith(f"{instance}."):
-                owners.setdefault(key[len(instance) + 1 :], []).append(key)
-    for key, found in owners.items():
-        if len(found) == 1 and key not in known:
-            one = known.pop(found[0])
-            one.name = one.name[len(one.name) - len(key) :]
-            known[key] = known[found[0]] = one
 
 
 _KEPT: dict[tuple[str, int, int], Geometry] = {}

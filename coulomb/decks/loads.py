@@ -33,7 +33,7 @@ class Loads:
             card.number(words[1], row)
             for card in self._of.model
             if card.kind == "INITIALCONDITIONS" and card.key("TYPE") == "TEMPERATURE"
-            for row, words in card.rows()
+            for row, words in card.rows("nodes and a temperature", 2)
         ]
         if len(set(values)) > 1:
             raise ValueError(
@@ -51,7 +51,7 @@ class Loads:
             raise cards[0][1].fault("there is no *INITIAL CONDITIONS, TYPE=TEMPERATURE to begin with")
         tracks = Tracks[str](support=True)
         for step, card in cards:
-            for row, words in card.rows():
+            for row, words in card.rows("nodes and a temperature", 2):
                 nodes = self._of.node_numbers(words[0], card, row)
                 if not np.all(np.isin(self._of.nodes_of_cells, nodes)):
                     raise card.fault(
@@ -60,7 +60,7 @@ class Loads:
                 if not tracks.all:
                     tracks.begin_at("", 0.0, self.initial_temperature)
                 tracks.give("", card.number(words[1], row), step, self._of.amplitude(card))
-        return tracks
+        return tracks if tracks.all else None
 
     def temperature(self) -> dict[str, Any]:
         tracks = self.temperatures
@@ -91,9 +91,9 @@ class Loads:
                 amplitude = self._of.amplitude(card)
                 fresh |= card.key("OP") == "NEW"
                 if card.kind == "DSLOAD":
-                    for row, words in card.rows():
-                        if len(words) < 3 or key_of(words[1]) != "P":
-                            raise card.fault("needs a surface, P and a pressure", row)
+                    for row, words in card.rows("a surface, P and a pressure", 3):
+                        if key_of(words[1]) != "P":
+                            raise card.fault(f"loads of kind {words[1]!r} are not read, pressures P are", row)
                         face = self._of.face(words[0], card, row)
                         names.setdefault(face, face)
                         pressures.give(face, card.number(words[2], row), step, amplitude)
@@ -120,7 +120,9 @@ class Loads:
                 continue
             if kind not in ("GRAV", "CENTRIF"):
                 raise card.fault(f"loads of kind {words[1] if len(words) > 1 else ''!r} are not read", row)
-            numbers = tuple(card.number(word, row) for word in words[3:])
+            numbers = tuple(card.number(word, row) for word in words[3:] if word)
+            if len(words) < 3 or len(numbers) < (3 if kind == "GRAV" else 6) or not any(numbers[-3:]):
+                raise card.fault(f"{kind} needs elements, {kind}, a value and a direction or an axis", row)
             volumes.give((words[0], kind, numbers), card.number(words[2], row), step, amplitude)
 
     def _volumes(self, volumes: Tracks[_Volume], densities: set[float | None]) -> dict[str, Any]:

@@ -10,8 +10,8 @@ from ..arrays import FloatArray, as_list
 from .cards import Card
 
 
-def material_of(name: str, cards: list[Card], temperature: float | None) -> dict[str, Any]:
-    """The table of a material, from the cards below *MATERIAL, with constants at a temperature.
+def material_of(section: Card, cards: list[Card], temperature: float | None) -> dict[str, Any]:
+    """The table of the material of a section, from the cards below *MATERIAL, with constants at a temperature.
 
     Raises:
         ValueError: If it has no elastic constants, or some that coulomb does not have.
@@ -35,20 +35,21 @@ def material_of(name: str, cards: list[Card], temperature: float | None) -> dict
                 raise card.fault("only isotropic conductivity is read")
             table["conductivity"] = float(_at(card, 1, temperature)[0])
     if not {"young", "c1", "mu"} & table.keys():
-        raise ValueError(f"material {name!r} has no *ELASTIC and no *HYPERELASTIC card")
+        raise section.fault(f"its material {section.get('MATERIAL')!r} has no *ELASTIC and no *HYPERELASTIC card")
     return table
 
 
 def _at(card: Card, count: int, temperature: float | None) -> FloatArray:
     """So many constants at a temperature: linear between the lines, constant outside; without a temperature those of
     the first line."""
-    values = card.floats()
-    per_line = count + 1
-    if len(values) % per_line and len(values) >= count:  # no temperature on the last line
-        values = np.append(values, np.zeros(per_line - len(values) % per_line))
-    rows = values.reshape(-1, per_line)
-    if not len(rows):
+    if not card.lines:
         raise card.fault("has no constants")
+    lines = -(-count // 8)  # eight numbers on a line
+    each = [card.floats(range(k, min(k + lines, len(card.lines)))) for k in range(0, len(card.lines), lines)]
+    short = next((k for k, values in enumerate(each) if len(values) < count), None)
+    if short is not None:
+        raise card.fault(f"needs {count} constants, and a temperature", short * lines)
+    rows = np.array([np.append(values, 0.0)[: count + 1] for values in each])
     if temperature is None or len(rows) == 1:
         return np.asarray(rows[0, :count])
     return np.array([np.interp(temperature, rows[:, count], rows[:, k]) for k in range(count)])
@@ -74,7 +75,9 @@ def _elastic(card: Card, temperature: float | None) -> dict[str, Any]:
 def _hyperelastic(card: Card) -> dict[str, Any]:
     given = [float(one) for one in card.floats()]
     flags = {name.replace("-", "").replace("_", "") for name in card.parameters}
-    order = int(card.get("N") or 1)
+    order = int(card.setting("N", 1.0))
+    if len(given) < (2 * order if "OGDEN" in flags else 1 + ("MOONEYRIVLIN" in flags)):
+        raise card.fault(f"has {len(given)} constants, which are too few")
     if flags & {"NEOHOOKE"}:
         c10, d1 = (*given, 0.0)[:2]
         return {"law": "mooney-rivlin", "c1": c10, "c2": 0.0, "bulk": _bulk(d1, 2.0 * c10)}
@@ -93,6 +96,16 @@ def _hyperelastic(card: Card) -> dict[str, Any]:
     raise card.fault("of *HYPERELASTIC, NEO HOOKE, MOONEY-RIVLIN and OGDEN are read")
 
 
+def modulus_of(card: Card) -> float:
+    """The first constant of *ELASTIC; of *HYPERELASTIC three times the shear modulus of small strains."""
+    if card.kind == "ELASTIC":
+        return float(card.floats([0])[0])
+    law = _hyperelastic(card)
+    if law["law"] == "ogden":
+        return float(1.5 * np.dot(law["mu"], law["alpha"]))
+    return float(6.0 * (law["c1"] + law["c2"]))
+
+
 def _bulk(d1: float, shear: float) -> float:
     """2 / D1; where it is 0 that of CalculiX, at which Poisson's ratio is 0.475."""
     return 2.0 / d1 if d1 > 0.0 else shear * 2.0 * 1.475 / (3.0 * (1.0 - 2.0 * 0.475))
@@ -102,7 +115,7 @@ def directions_of(card: Card) -> list[list[float | str]]:
     """The first two axes of an *ORIENTATION, as vectors or as expressions of place."""
     if len(card.lines) > 1 and np.any(card.floats([1])[1:2]):
         raise card.fault("a rotation of the axes on a second line is not read", 1)
-    a, b = np.split(card.floats([0])[:6], 2)
+    a, b = np.split(card.vector(0, 6), 2)
     if (card.key("SYSTEM") or "RECTANGULAR").startswith("R"):
         return [as_list(a), as_list(b)]
     radial = radial_direction(a, b)

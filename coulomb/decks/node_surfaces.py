@@ -10,7 +10,8 @@ import numpy as np
 from ..arrays import FloatArray, IntArray, unit_vectors
 from ..nearest import tree_of
 from .cards import key_of
-from .geometry import CORNERS, SIDES, Geometry, Surface
+from .geometry import CORNERS, SIDES, Geometry
+from .sets import Surface
 
 _OPPOSITE: Final = -0.5
 """Cosine of the angle between the normals of two facets up to which one faces the other."""
@@ -43,7 +44,8 @@ def facets_with_nodes(deck: Geometry, name: str) -> IntArray | None:
     corners[facets[touched]] = True
     if np.all(on_whole[among & corners]):
         return None
-    opposite = np.vstack([_sides(deck, what, side, facets) for one in masters for what, side in one.lines])
+    lines = [line for one in masters for line in one.lines]
+    opposite = np.vstack([facets[:0], *(_sides(deck, what, side, facets) for what, side in lines)])
     near: IntArray = facets[touched]
     if len(opposite) and len(near):
         there = tree_of(deck.points[opposite].mean(axis=1)).query(deck.points[near].mean(axis=1))[1]

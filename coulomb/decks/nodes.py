@@ -106,9 +106,7 @@ class NodalTables:
 
     def _cload(self, card: Card, step: Step) -> None:
         amplitude = self._of.amplitude(card)
-        for row, words in card.rows():
-            if len(words) < 3:
-                raise card.fault("needs nodes, a degree of freedom and a force", row)
+        for row, words in card.rows("nodes, a degree of freedom and a force", 3):
             nodes, dof, value = self._nodes(words[0], card, row), card.whole(words[1], row), card.number(words[2], row)
             mine = np.isin(nodes, self._of.nodes_of_cells)
             for node in as_list(nodes[~mine]):
@@ -259,7 +257,7 @@ def _unit(rows: FloatArray) -> FloatArray:
 
 def axes_at(frame: Card, x: FloatArray) -> FloatArray:
     """The radial, tangential and axial direction of a cylinder's frame at a place."""
-    a, b = np.split(frame.floats([0])[:6], 2)
+    a, b = np.split(frame.vector(0, 6), 2)
     axis = (b - a) / np.linalg.norm(b - a)
     radial = x - a - axis * ((x - a) @ axis)
     return np.array([radial, np.cross(axis, radial), axis])
@@ -267,7 +265,7 @@ def axes_at(frame: Card, x: FloatArray) -> FloatArray:
 
 def _axes(frame: Card) -> list[list[Any]]:
     """The three directions of a *TRANSFORM, vectors or expressions of place."""
-    a, b = np.split(frame.floats([0])[:6], 2)
+    a, b = np.split(frame.vector(0, 6), 2)
     if frame.key("TYPE") != "C":
         third = np.cross(a, b)
         return [as_list(one) for one in (a, np.cross(third, a), third)]

@@ -109,10 +109,10 @@ class Reading:
         found = {}
         for card in self.deck.others:
             if card.kind == "AMPLITUDE":
-                values = card.floats()
+                values = card.floats() if card.lines else np.empty(0)
                 if len(values) % 2 or not len(values):
                     raise card.fault("needs pairs of time and factor")
-                shift_x, shift_y = (float(card.get(name) or 0.0) for name in ("SHIFTX", "SHIFTY"))
+                shift_x, shift_y = (card.setting(name) for name in ("SHIFTX", "SHIFTY"))
                 pairs = values.reshape(-1, 2) + (shift_x, shift_y)
                 rows = tuple((float(t), float(v)) for t, v in pairs)
                 found[card.key("NAME")] = Amplitude(rows, card.key("TIME") == "TOTALTIME")

@@ -87,6 +87,8 @@ class _Translator:
         if large or laws:
             for step in steps:
                 step.divide()
+        if not any(map(len, deck.solids.values())):
+            raise ValueError(f"{deck.path}: has no solid elements")
         self.deck, self.of = deck, Reading(deck, model, steps, large or laws)
         self.notes = self.translation.notes = self.of.notes
         self.translation.tables = self._tables()
@@ -198,7 +200,7 @@ class _Translator:
                 continue
             if card.key("MATERIAL") not in by_name:
                 raise card.lacks("*MATERIAL", card.get("MATERIAL"), by_name)
-            table = material_of(card.get("MATERIAL"), by_name[card.key("MATERIAL")], temperature)
+            table = material_of(card, by_name[card.key("MATERIAL")], temperature)
             if card.key("ORIENTATION"):
                 if card.key("ORIENTATION") not in orientations:
                     raise card.lacks("*ORIENTATION", card.get("ORIENTATION"), orientations)
@@ -214,7 +216,8 @@ class _Translator:
         covered = np.concatenate([of for _, of, _ in materials]) if materials else np.empty(0)
         bare = numbers[~np.isin(numbers, covered)]
         if len(bare):
-            raise ValueError(f"{self.deck.path}: element {bare[0]} has no *SOLID SECTION ({len(bare)} elements)")
+            first = self.deck.called(int(bare[0]))
+            raise ValueError(f"{self.deck.path}: element {first} has no *SOLID SECTION ({len(bare)} elements)")
         if all(table == here[0][1] for _, table in here):
             return here[0][1]
         return [table | {"cells": name} for name, table in here]

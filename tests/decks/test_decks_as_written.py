@@ -115,3 +115,61 @@ def test_supports_of_later_steps(tmp_path, monkeypatch):
     forces = [step.solution.at_nodes.totals()["force"] for step in steps_taken]
     assert all(step.solution.certificate.passed for step in steps_taken)
     assert np.array(forces)[:, 1] == pytest.approx([0.0, -2.0, 2.0], rel=1e-5, abs=1e-6)
+
+
+ENDS = {
+    "*EQUATION\n0\n": r"\*EQUATION: needs at least one term",
+    "*TRANSFORM, NSET=top, TYPE=R\n1., 1.\n": r"\*TRANSFORM: needs 6 numbers, not 2",
+    "*TRANSFORM, NSET=top, TYPE=R\n": r"\*TRANSFORM: has 0 data lines, and needs another",
+    "*AMPLITUDE, NAME=a, SHIFTX=x\n0., 0., 1., 1.\n": r"\*AMPLITUDE: SHIFTX=x is no number",
+    "*AMPLITUDE, NAME=a\n0., 0., 1., 1e400\n": r"\*AMPLITUDE: damaged: '1e400' is no number",
+    "*AMPLITUDE, NAME=a\n": r"\*AMPLITUDE: needs pairs of time and factor",
+    "*CLEARANCE, SLAVE=slave, MASTER=master, VALUE=none\n": r"\*CLEARANCE: VALUE=none is no number",
+    "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nall\n": r"\*INITIAL CONDITIONS: needs nodes and a temperature",
+    "*CYCLIC SYMMETRY MODEL, N=x\n0, 0, 0, 0, 0, 1\n*TIE, CYCLIC SYMMETRY, NAME=t\nslave, master\n": "N=x is no number",
+    "*SURFACE, NAME=other\nnone, S1\n": r"\*SURFACE: the element set 'none' is not defined",
+    "*NSET, NSET=more\n77\n": r"\*NSET: node 77 is not defined",
+}
+
+
+@pytest.mark.parametrize("cards", ENDS)
+def test_a_card_with_too_little_is_said_with_its_line(cards, tmp_path):
+    text = CUBES + cards + STEP.format("*CLOAD, AMPLITUDE=a\ntop, 3, -1." if "=a" in cards else "*TEMPERATURE\nall, 1.")
+    if "INITIAL" not in cards:
+        text = text.replace("*TEMPERATURE\nall, 1.", "*CLOAD\nmore, 3, -1." if "more" in cards else "*DLOAD\n2, P2, 1.")
+    with pytest.raises(ValueError, match=rf"deck.inp: line \d+: .*{ENDS[cards]}"):
+        tables_of(tmp_path, text)
+        read_case(tmp_path / "deck.inp").problem()
+
+
+def test_a_part_with_two_instances(tmp_path):
+    """The second one turned, with a point of the assembly; sections of the part are of both; all in lower case."""
+    nodes, cells = (
+        CUBES[CUBES.index("*NODE") : CUBES.index("11, 0")],
+        "*ELEMENT, TYPE=C3D8, ELSET=e\n1,1,2,3,4,5,6,7,8\n",
+    )
+    part = f"*PART, NAME=p\n{nodes}{cells}*SURFACE, NAME=up\ne, S2\n*SURFACE, NAME=down\ne, S1\n"
+    part += "*SOLID SECTION, ELSET=e, MATERIAL=steel\n,\n*END PART\n"
+    put = "*ASSEMBLY, NAME=a\n*INSTANCE, NAME=one, PART=p\n*END INSTANCE\n*INSTANCE, NAME=two, PART=p\n0., 1., 1.\n"
+    put += "0., 1., 0., 0., 1., 1., -90.\n*END INSTANCE\n*NODE\n1, 0., 0., 5.\n"
+    put += "*NSET, NSET=fix, INSTANCE=one, GENERATE\n1, 4\n"
+    put += "*NSET, NSET=lid, INSTANCE=two\n5, 6, 7, 8\n*SURFACE, NAME=top, TYPE=NODE\nlid, 1.\n"
+    put += "*COUPLING, CONSTRAINT NAME=c, REF NODE=1, SURFACE=top\n*KINEMATIC\n*END ASSEMBLY\n"
+    law = "*MATERIAL, NAME=steel\n*ELASTIC\n1000., .3\n*SURFACE INTERACTION, NAME=si\n1.,\n"
+    law += "*FRICTION, SLIP TOLERANCE=.005\n.3\n"
+    law += "*CONTACT PAIR, INTERACTION=si\ntwo.down, one.up\n*BOUNDARY\nfix, ENCASTRE\n1, 1, 2\n1, 4, 6\n"
+    found = tables_of(tmp_path, (part + put + law + STEP.format("*CLOAD\n1, 3, -2.")).lower())
+    assert not found.refused and not any("stick slope" in note for note in found.notes)
+    solution = read_case(tmp_path / "deck.inp").problem().solve()
+    assert solution.certificate.passed and solution.at_nodes.totals()["normal_force"] == pytest.approx(2.0)
+
+
+def test_contact_of_rubber_and_elastic_slip_are_said(tmp_path):
+    """Stiffness is soft or hard beside that of the material, hyperelastic too; where CalculiX slips elastically."""
+    rubber = CUBES.replace("*ELASTIC\n210000., .3", "*HYPERELASTIC, NEO HOOKE\n.5, .02")
+    assert len(tables_of(tmp_path, rubber + STEP.format("")).tables["contact"]) == 1
+    (said,) = [
+        note for note in tables_of(tmp_path, CUBES.replace(".2, 1.E6", ".2") + STEP.format("")).notes if "slope" in note
+    ]
+    assert "a stick slope of 1.05e+05, as where none is given" in said
+    assert not [note for note in tables_of(tmp_path, CUBES + STEP.format("")).notes if "slope" in note]
