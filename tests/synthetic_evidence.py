@@ -79,6 +79,7 @@ def synthetic_evidence(clamped="yz", stiffness=50.0, sway=1.0):
         gap=gap,
         bound=bound,
         rounding=np.zeros((BODY, 3)),
+        stiffness=np.full(CONTACT, F / U),
         compliance=np.full((CONTACT, 3), U / F),
         component=np.zeros(BODY, dtype=np.int64),
         owner=np.zeros(CONTACT, dtype=np.int64),

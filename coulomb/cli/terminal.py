@@ -416,7 +416,9 @@ def _steps_that_count(history: dict[str, Any]) -> str:
     certified, outside = history["certified_steps"], history["outside"]
     many = f"all {certified}" if certified == history["steps"] else f"{certified} of {history['steps']}"
     beyond = f", {outside['steps']} outside the theory" if outside is not None else ""
-    return f"{many} load steps certified{beyond}"
+    known = history["certificate"].get("resolution", {"resolved": True})
+    only = "" if known["resolved"] else f", contact forces of step {known['step']} known to {known['value']:.1e} only"
+    return f"{many} load steps certified{beyond}{only}"
 
 
 def _figure(value: float | None) -> str:

@@ -19,7 +19,7 @@ from ..fem.bodies import (
 )
 from ..fem.geometry import of_place
 from ..linalg.reductions import Reductions
-from ..model.certificate import Certificate
+from ..model.certificate import RESOLUTION, Certificate
 from ..model.equilibrium import undetermined
 from ..model.input_echo import contacts_of, supports_of, ties_of
 from ..model.nodal_answer import NodalAnswer
@@ -74,6 +74,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "mean_compliance": solution.mean_compliance,
         "method": solution.methods,
         "residual": result.residual,
+        "unsettled": result.unsettled,
         "contraction": result.contraction if result.outer_steps else None,
         "iterations": {
             "outer": result.outer_steps,
@@ -134,6 +135,7 @@ def certificate_numbers(certificate: Certificate) -> dict[str, Any]:
     checks = {
         check.name.replace(" ", "_"): {
             **{"value": check.value, "limit": check.limit, "passed": check.passed},
+            **({"resolved": check.mark == "ok"} if check.name == RESOLUTION else {}),
             **{"unit": check.unit, "meaning": check.meaning},
         }
         for check in certificate.checks

@@ -20,22 +20,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.bodies import HeldDirections, null_space, of_part, rigid_modes, varying_signs
+from ..fem.bodies import HeldDirections, null_space, of_part, rigid_modes
 from ..linalg.reductions import Reductions
+from ..solvers.laws import FrictionLaw
 from ..units import amount
 from . import notebook
 from .certificate_scales import (
     OF_ALL,
     ROUNDING,
     Scales,
-    largest_motions,
     lengths,
     natural_residuals,
     place_of_largest,
@@ -44,6 +44,9 @@ from .certificate_scales import (
     worst,
 )
 from .pair_checks import PairFindings, pair_lines
+
+RESOLVED: Final = 1e-2
+"""Limit of what may be undetermined of forces, which is less than what meshes leave."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,7 @@ class Evidence:
         gap: Before deformation, shape (m,).
         bound: Slip bound of the law at these forces, shape (m,).
         rounding: Nodal forces due to rounding of the displacement (`rounding_forces`), shape (k, 3).
+        stiffness: Of the nodes of the contact points with all others at rest, newtons per metre, shape (m,).
         compliance: Diagonal of A at the contact points, of both tangents the mean, metres per newton, shape (m, 3).
         blocked: Scale of the displacements that loads would cause where nothing can move, metres
             (`Deformable.blocked_displacement`), of each body.
@@ -80,6 +84,8 @@ class Evidence:
         owner: Number of the component of every contact point, shape (m,).
         place: Where they are, undeformed, shape (m, 3).
         part: Number of the contact of each, shape (m,), among
+        unsettled: Largest change of a force in a Newton step of the solver from the answer, over the largest on its
+            body: the one number that is the solver's; without such a step RESOLVED, which nothing fails.
         faces: the names of the contact faces, and
         opposite: for every contact the components of the face opposite; empty without pairs.
         jump: How far tied nodes are from where they should be, shape (k, 3); None without ties.
@@ -105,6 +111,7 @@ class Evidence:
     gap: FloatArray
     bound: FloatArray
     rounding: FloatArray
+    stiffness: FloatArray
     compliance: FloatArray
     component: npt.NDArray[np.int64]
     owner: npt.NDArray[np.int64]
@@ -122,6 +129,7 @@ class Evidence:
     held_part: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     faces: tuple[str, ...] = ()
     opposite: tuple[tuple[int, ...], ...] = ()
+    unsettled: float = RESOLVED
 
 
 def pair_actions(
@@ -136,31 +144,6 @@ def pair_actions(
     return np.array(
         [[*one.sum(axis=0), *moment.sum(axis=0), np.sum(np.linalg.norm(one, axis=1))] for one, moment in rows]
     )
-
-
-class Strained(Protocol):
-    """A body with nodes x (k, 3) in components (k,), internal nodal forces of displacements u (k, 3), and their largest
-    gradient."""
-
-    x: FloatArray
-    component: npt.NDArray[np.int64]
-
-    @property
-    def comm(self) -> MPI.Comm: ...
-
-    def internal_force(self, u: FloatArray) -> FloatArray: ...
-
-    def largest_gradient(self, u: FloatArray) -> float: ...
-
-
-def rounding_forces(body: Strained, u: FloatArray) -> FloatArray:
-    """Nodal forces in newtons of a rounding error of the displacement u, shapes (k, 3); collective.
-
-    The error is 2^-52 of the largest component of u in the same component of the meshes, with signs that vary from node
-    to node.
-    """
-    motion = largest_motions(body.component, u, Reductions(body.comm))
-    return body.internal_force(2.0**-52 * motion[:, None] * varying_signs(body.x, body.comm))
 
 
 def rigid_balance(e: Evidence, outer: FloatArray, lengths_: FloatArray, turnover: float) -> tuple[float, float, int]:
@@ -253,8 +236,9 @@ _ROUNDINGS: Final = 16.0
 """Rounding errors of a nodal force in the sum that it is.  Forces of sheets of 0.1 to 0.5 mm differ by up to 28 of them
 from mesh to mesh, turned in their plane, and by 0.4 to 11 from K u = f solved in 220 bits (of 50 um by 1 and more)."""
 
-RESOLVED: Final = 1e-2
-"""Limit of what rounding may leave undetermined of forces, which is less than what meshes leave."""
+RESOLUTION: Final = "resolution"
+"""Name of the condition that says to what part contact forces are known: above LIMIT they are unresolved."""
+
 
 ANGLE_LIMIT: Final = 0.1
 """Limit in degrees of the angle between slip and friction, where the slip is at least 1e-3 of the scale of
@@ -279,6 +263,13 @@ class Check:
         """Whether the answer is within the limit; nan is not."""
         return bool(self.value <= self.limit)  # False for nan
 
+    @property
+    def mark(self) -> str:
+        """ok, FAILED, or unresolved: within the limit, but contact forces are not known to LIMIT."""
+        if self.name == RESOLUTION and self.passed and self.value > LIMIT:
+            return "unresolved"
+        return "ok" if self.passed else "FAILED"
+
 
 @dataclass(frozen=True)
 class Certificate:
@@ -297,30 +288,42 @@ class Certificate:
         """Whether every condition holds."""
         return all(check.passed for check in self.checks)
 
+    @property
+    def verdict(self) -> str:
+        """Whether it has passed, and how well contact forces are known if that is less than LIMIT."""
+        known = (f", contact forces known to {c.value:.1e} only" for c in self.checks if c.mark == "unresolved")
+        return f"certificate passed{''.join(known)}" if self.passed else "certificate FAILED"
+
     def __getitem__(self, name: str) -> Check:
         return next(check for check in self.checks if check.name == name)
 
     def __repr__(self) -> str:
         failing = ", ".join(f"{c.name} {c.value:.1e} (limit {c.limit:.0e})" for c in self.checks if not c.passed)
-        return f"Certificate({f'FAILED: {failing}' if failing else f'passed, {len(self.checks)} conditions'})"
+        passed = self.verdict.removeprefix("certificate ").replace("passed", f"passed, {len(self.checks)} conditions")
+        return f"Certificate({f'FAILED: {failing}' if failing else passed})"
 
     def _repr_html_(self) -> str:
-        rows = [
-            (c.name, f"{c.value:.2e} {c.unit}", f"{c.limit:.0e}", "ok" if c.passed else "FAILED", c.meaning)
-            for c in self.checks
-        ]
-        words = f"certificate {'passed' if self.passed else 'FAILED'}"
-        return notebook.verdict(self.passed, words) + notebook.table(
+        rows = [(c.name, f"{c.value:.2e} {c.unit}", f"{c.limit:.0e}", c.mark, c.meaning) for c in self.checks]
+        good = all(check.mark == "ok" for check in self.checks)
+        return notebook.verdict(good, self.verdict) + notebook.table(
             ("condition", "value", "limit", "", "meaning"), rows
         )
 
     def __str__(self) -> str:
         lines = [
             f"{check.name:<22} {check.value:9.2e} {check.unit:<4} limit {check.limit:.0e}  "
-            f"{'ok    ' if check.passed else 'FAILED'}  {check.meaning}"
+            f"{check.mark:<6}  {check.meaning}"
             for check in self.checks
         ]
-        return "\n".join([*lines, f"certificate {'passed' if self.passed else 'FAILED'}"])
+        return "\n".join([*lines, self.verdict])
+
+
+def settled_to(e: Evidence, certificate: Certificate, unsettled: float | None) -> tuple[Evidence, Certificate]:
+    """Evidence and certificate with `Evidence.unsettled` of the solver, if a Newton step was taken; collective."""
+    if unsettled is None:
+        return e, certificate
+    e = replace(e, unsettled=unsettled)
+    return e, certificate if certificate[RESOLUTION].mark == "ok" else judge(e)
 
 
 def judge(e: Evidence) -> Certificate:
@@ -375,7 +378,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
         relative("equilibrium", worst(*left), f"forces in balance at free nodes{each}"),
         relative("clamps", over.max(np.abs(held)), "prescribed displacements held"),
         *_ties(e, scales, over),
-        *_unresolved(e, scales, over),
+        _resolution(e, remaining, scales, over),
         relative("force balance", balance, sums),
         relative("rigid motion", drift, "springs and contact carry what the clamps do not"),
         *_actions(e, over),
@@ -421,6 +424,8 @@ def _faults(e: Evidence, scales: Scales, over: Reductions) -> list[str]:
         "gaps of held nodes": e.held_gap,
         "slip bounds": e.bound,
         "compliances": e.compliance,
+        "stiffness of nodes": e.stiffness,
+        "unsettled forces": np.array(e.unsettled),
         "rounding": e.rounding,
         "forces of rigid motions": np.zeros(0) if e.ground is None else e.ground,
         "blocked displacement": np.array(e.blocked),
@@ -453,18 +458,27 @@ def _ties(e: Evidence, scales: Scales, over: Reductions) -> tuple[Check, ...]:
     return (Check("ties", worst(apart, 0.0), LIMIT, "", "tied faces neither open nor slip"),)
 
 
-def _unresolved(e: Evidence, scales: Scales, over: Reductions) -> tuple[Check, ...]:
-    """What rounding errors of the displacement may be in contact forces, where that is more than LIMIT; collective."""
+def _resolution(e: Evidence, remaining: FloatArray, scales: Scales, over: Reductions) -> Check:
+    """To what part of the largest on its body every contact force is known; collective.
+
+    Rounding errors of the displacement leave some of it.  The rest is what the contact conditions leave, gap and slip
+    that remain (m, 3): forces of steel on rubber that cancel within a facet move the steel alone, by far less than
+    diag(A) says.  The stiffness of the nodes bounds these forces, of thin sheets by far too much, which bend with a
+    force of many nodes: no more is left than a further Newton step changes, if one was taken.
+    """
     force = np.max(np.abs(e.force), axis=1)
     largest, noise = scales.of_points(force, over), scales.of_nodes(np.max(np.abs(e.rounding), axis=1), over)
     unit = np.where(largest > 0.0, largest, 1.0)
-    own = _ROUNDINGS * (force / unit[e.owner]) * (noise / unit)[e.owner]  # largest at the largest force
-    value = worst(over.max(own), 0.0)
-    if value <= LIMIT:
-        return ()
-    meaning = f"of the largest contact force of its body may be undetermined{_place(e, own, over)}"
-    check = Check("rounding", value, RESOLVED, "", meaning)
-    return (check if check.passed else replace(check, meaning=f"forces are unresolved: so much {meaning}"),)
+    rounding = _ROUNDINGS * (force / unit[e.owner]) * (noise / unit)[e.owner]  # largest at the largest force
+    moved = (remaining * e.stiffness[:, None]).ravel()
+    left = lengths(FrictionLaw.tresca(e.bound).left_over(e.force.ravel(), moved, 0.0).reshape(-1, 3)) / unit[e.owner]
+    own = np.where(largest[e.owner] > 0.0, np.maximum(rounding, np.minimum(left, e.unsettled)), 0.0)
+    check = Check(RESOLUTION, worst(over.max(own), 0.0), RESOLVED, "", "of the largest contact force of its body")
+    if check.mark == "ok":
+        return replace(check, meaning=f"every contact force is known to this part {check.meaning}")
+    why = "rounding" if over.max(rounding) > 0.1 * check.value else "the solver"
+    meaning = f"forces are unresolved: {why} may leave so much {check.meaning} undetermined"
+    return replace(check, meaning=f"{meaning}{_place(e, own, over)}")
 
 
 def _actions(e: Evidence, over: Reductions) -> tuple[Check, ...]:

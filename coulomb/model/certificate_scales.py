@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from ..arrays import FloatArray
+from ..fem.bodies import varying_signs
 from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
 from ..solvers.scales import SHARE
@@ -59,6 +61,31 @@ def largest_motions(component: npt.NDArray[np.int64], u: FloatArray, over: Reduc
     collective."""
     count = 1 + int(over.max(component.astype(np.float64)))
     return _Bodies(component, count, over).largest(np.max(np.abs(u), axis=1))[component]
+
+
+class Strained(Protocol):
+    """A body with nodes x (k, 3) in components (k,), internal nodal forces of displacements u (k, 3), and their largest
+    gradient."""
+
+    x: FloatArray
+    component: npt.NDArray[np.int64]
+
+    @property
+    def comm(self) -> MPI.Comm: ...
+
+    def internal_force(self, u: FloatArray) -> FloatArray: ...
+
+    def largest_gradient(self, u: FloatArray) -> float: ...
+
+
+def rounding_forces(body: Strained, u: FloatArray) -> FloatArray:
+    """Nodal forces in newtons of a rounding error of the displacement u, shapes (k, 3); collective.
+
+    The error is 2^-52 of the largest component of u in the same component of the meshes, with signs that vary from node
+    to node.
+    """
+    motion = largest_motions(body.component, u, Reductions(body.comm))
+    return body.internal_force(2.0**-52 * motion[:, None] * varying_signs(body.x, body.comm))
 
 
 def worst(*values: float) -> float:

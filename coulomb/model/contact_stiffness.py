@@ -52,8 +52,7 @@ from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
 from ..solvers.condensed import CondensedSystem
 from ..solvers.newton_systems import DenseSystem
-from .certificate import rounding_forces
-from .certificate_scales import largest_motions
+from .certificate_scales import EPSILON, largest_motions, lengths, rounding_forces
 from .conditioning import ill_conditioned, measures_of, on_soft_springs, soft_motions
 from .memory import first_room
 from .provenance import timed
@@ -276,11 +275,22 @@ class ContactStiffness:
         return self.linear_solver.name
 
     def rounding_forces(self, elasticity: Deformable, u: FloatArray) -> FloatArray:
-        """`rounding_forces` of the body in a state, those of unit displacements scaled while K is the same;
+        """`rounding_forces` of the body in a state, collective."""
+        motion = largest_motions(elasticity.component, u, Reductions(self.comm))
+        return self._of_unit_motion(elasticity) * motion[:, None]
+
+    def of_nodes(self, elasticity: Deformable) -> FloatArray:
+        """Force per displacement of the nodes of the body in a state, all others at rest, newtons per metre, shape
+        (k,): the mean of three components of the forces of displacements with signs that vary from node to node;
         collective."""
+        found: FloatArray = lengths(self._of_unit_motion(elasticity)) / (EPSILON * 3.0**0.5)
+        return found
+
+    def _of_unit_motion(self, elasticity: Deformable) -> FloatArray:
+        """`rounding_forces` of a displacement by 1 m, kept while K is the same; collective."""
         if self._rounding is None or self._rounding[0] is not elasticity.K:
-            self._rounding = elasticity.K, rounding_forces(elasticity, np.ones_like(u))
-        return self._rounding[1] * largest_motions(elasticity.component, u, Reductions(self.comm))[:, None]
+            self._rounding = elasticity.K, rounding_forces(elasticity, np.ones_like(elasticity.x))
+        return self._rounding[1]
 
     # --- the method -----------------------------------------------------------------------------------------------
 

@@ -18,7 +18,8 @@ from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.reductions import Reductions
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.successive_tresca import Anderson
-from .certificate import Evidence, rounding_forces
+from .certificate import Evidence
+from .certificate_scales import rounding_forces
 from .discrete_problem import DiscreteProblem
 from .linear_problem import Before
 from .load_step import State

@@ -31,7 +31,7 @@ from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from ..units import amount
 from .arguments import linear_solver_of
-from .certificate import LIMIT, Certificate, Evidence, judge
+from .certificate import LIMIT, Certificate, Evidence, judge, settled_to
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem, StatePoints
 from .equilibrium import refuse_without_equilibrium
@@ -75,7 +75,7 @@ class StepCut(NotConverged):
 
 
 def size_of(certificate: Certificate) -> float:
-    """The largest value of the checks, but of the angle and of rounding; inf if one is not finite."""
+    """The largest value of the checks, but of the angle and of the resolution; inf if one is not finite."""
     values = [check.value for check in certificate.checks if check.limit == LIMIT]
     return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
 
@@ -282,6 +282,7 @@ class LoadStepLoop:
         else:
             raise self._cut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
         whole = _together(results, x, certificate, sizes[-1] <= tolerance)
+        evidence, certificate = settled_to(evidence, certificate, whole.unsettled)
         methods = {**linear.methods, "kinematics": "large", "linear_problems": len(results)}
         methods |= {"definite": True} if self._definite else {}
         return self._answer(here, x, whole, evidence, certificate, at_nodes, methods, tuple(sizes))
@@ -296,9 +297,12 @@ class LoadStepLoop:
         diagonal.destroy()
         return self.judged(here, x, replace(result, x=x), np.full_like(here.u, compliance))
 
-    def recomputed(self, displacement: FloatArray, force_on_body: FloatArray, compliance: FloatArray) -> Solution:
+    def recomputed(
+        self, displacement: FloatArray, force_on_body: FloatArray, compliance: FloatArray, unsettled: float | None
+    ) -> Solution:
         """What a displacement (k, 3) and contact forces at the points of states are as an answer of the load step,
-        judged with this diagonal of A, at these points as well, all of shape (m, 3); collective."""
+        judged with this diagonal of A, at these points as well, all of shape (m, 3), and `SolverResult.unsettled`;
+        collective."""
         state = self._state
         start = self._iterate(state, state.displacement, state.time, None).start()
         here = self._iterate(state, displacement, self.time, start)
@@ -306,12 +310,13 @@ class LoadStepLoop:
         x = -surface.force_components(force_on_body[self.shared.number[surface.nodes]]).ravel()
         at_nodes = np.zeros_like(displacement)
         at_nodes[surface.nodes] = compliance[self.shared.number[surface.nodes]]
-        return self.judged(here, x, _without_answer(len(surface.nodes)), at_nodes)
+        return self.judged(here, x, replace(_without_answer(len(surface.nodes)), unsettled=unsettled), at_nodes)
 
     def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: FloatArray) -> Solution:
         """The answer of forces x (3 m,) at an iterate, judged by diag(A) at the nodes (k, 3); collective."""
         evidence = here.problem.evidence_here(x, compliance)
-        return self._answer(here, x, result, evidence, judge(evidence), compliance, {}, ())
+        evidence, certificate = settled_to(evidence, judge(evidence), result.unsettled)
+        return self._answer(here, x, result, evidence, certificate, compliance, {}, ())
 
     def _answer(
         self,

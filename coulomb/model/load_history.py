@@ -30,7 +30,7 @@ from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from ..solvers.semismooth_newton import SemismoothNewton
 from . import notebook
-from .certificate import judge
+from .certificate import judge, settled_to
 from .equilibrium import NoEquilibrium
 from .load_step import LoadStep, State
 from .notebook import NotebookBar, in_notebook
@@ -152,7 +152,8 @@ class LoadHistory:
             # Slip is measured from the state before, independently of the slip origin given to the solver.
             if solution.problem.before is not state:
                 evidence = solution.problem.evidence(solution.contact_force, solution.displacement, state)
-                solution = replace(solution, evidence=evidence, certificate=judge(evidence))
+                evidence, certificate = settled_to(evidence, judge(evidence), solution.result.unsettled)
+                solution = replace(solution, evidence=evidence, certificate=certificate)
             state = problem.after(state, solution)
             if problem.comm.rank == 0:
                 passed = "passed" if solution.certificate.passed else "FAILED"

@@ -120,6 +120,7 @@ def gather_evidence(
         gap=np.concatenate([gap, none]),
         bound=np.concatenate([bound, none]),
         rounding=body.stiffness.rounding_forces(elasticity, u),
+        stiffness=body.stiffness.of_nodes(elasticity)[np.concatenate([nodes, strays])],
         compliance=own,
         blocked=elasticity.blocked_displacements(state.loading),
         averaged=not points.nodal,

@@ -20,7 +20,8 @@ from ..lazy_names import late_bound
 from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
 from . import notebook
-from .certificate import Certificate, Evidence, rounding_forces
+from .certificate import Certificate, Evidence
+from .certificate_scales import rounding_forces
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem
 from .face_answer import FaceAnswer

@@ -3,7 +3,6 @@ solved by multigrid."""
 
 from __future__ import annotations
 
-import logging
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 
@@ -22,13 +21,12 @@ from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
+from .certificate import settled_to
 from .discrete_problem import DiscreteProblem
 from .heat import UNBALANCED
 from .provenance import timed
 from .solution import Solution
 from .stopping_criterion import CERTIFIED_FROM, StoppingCriterion
-
-_log = logging.getLogger(__name__)
 
 
 def solved(
@@ -63,6 +61,8 @@ def _by_present_method(
     newton = posed.body.stiffness.present.newton
     default = Automatic(tolerance) if newton is None else InteriorPoint(tolerance, newton=newton())
     chosen = solver or default
+    if start is not None and newton is not None and solver is None:
+        start = np.atleast_2d(start)[0]  # of several
     criterion, counted = StoppingCriterion(posed), CountedProgress(progress, posed.comm)
     with posed.body.stiffness.limited(posed.stiffness.solver):
         problem = posed.friction_problem  # K^-1, A and b are timed separately
@@ -75,9 +75,7 @@ def _by_present_method(
                 result = chosen.solve(problem, start, progress=counted)
                 if chosen.tolerance <= CERTIFIED_FROM:
                     stiffness = posed.linear.node_stiffness
-                    found, result = result, settled(problem, result, stiffness, chosen.tolerance, counted)
-                    if result.message != found.message and posed.comm.rank == 0:
-                        _log.warning("%s", result.message)
+                    result = settled(problem, result, stiffness, chosen.tolerance, counted)
             except NotConverged as failure:
                 raise criterion.explained(failure, chosen.tolerance) from None
             except CGNotConverged as failure:
@@ -93,12 +91,12 @@ def answer_of(posed: DiscreteProblem, result: SolverResult, criterion: StoppingC
     law = posed.slip_bound(x)
     g = np.where(law > 0.0, result.slip_bound, 0.0)  # exactly zero at open nodes, as the forces
     g = np.where(x[0::3] != result.x[0::3], law, g)  # where `zero_open_forces` has changed the normal force
-    certificate = judged.certificate
+    evidence, certificate = settled_to(judged.evidence, judged.certificate, result.unsettled)
     if posed.body.heat is not None and result.status is not Status.CONVERGED:
         certificate = replace(certificate, checks=(*certificate.checks, UNBALANCED))
     methods = {"solver": result.method, **posed.linear.methods}
     return Solution(
-        *(posed, x, judged.displacement, g, result, certificate, judged.evidence),
+        *(posed, x, judged.displacement, g, result, certificate, evidence),
         *(posed.compliances, posed.mean_compliance, methods),
     )
 

@@ -79,7 +79,8 @@ class Findings:
     def of_step(self) -> str:
         """A line about a load step, and lines about what has failed."""
         line = f"step {self.number:3d}  time {self.contents['step']['time']:<8.4g}"
-        return f"{line} certificate passed, files agree" if self.passed else f"{line} FAILED\n{self.details}"
+        verdict = "certificate passed" if self.certificate is None else self.certificate.verdict
+        return f"{line} {verdict}, files agree" if self.passed else f"{line} FAILED\n{self.details}"
 
     @property
     def ending(self) -> str:

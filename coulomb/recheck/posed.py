@@ -22,7 +22,7 @@ from ..io.history_files import at_points, points_in_files
 from ..io.output import finite, write_fields
 from ..io.run_directory import RunDirectory
 from ..io.summary import summary
-from ..model.certificate import judge
+from ..model.certificate import judge, settled_to
 from ..model.heated import at_contact
 from ..model.large_motions import LoadStepLoop
 from ..model.load_step import LoadStep, State
@@ -33,7 +33,7 @@ from ..solvers.results import SolverResult, Status
 from .comparison import perturbed
 
 OF_SOLVER: Final = (
-    *("status", "method", "iterations", "residual", "contraction", "mean_compliance"),
+    *("status", "method", "iterations", "residual", "unsettled", "contraction", "mean_compliance"),
     *("seconds", "peak_memory_bytes", "versions", "coulomb"),
 )
 """Entries of a summary that do not follow from the answer."""
@@ -90,6 +90,8 @@ class WrittenAnswer:
         bodies, faces = points_in_files(files, problem)
         self.displacement = at_points(files.solution, "displacement", bodies, comm)
         self.force_on_body = at_points(files.contact, "contact_force", faces, comm)
+        unsettled = self.contents.get("unsettled")
+        self._unsettled = float(unsettled) if isinstance(unsettled, float | int) else None
         compliances = [at_points(files.contact, name, faces, comm)[:, 0] for name in COMPLIANCES]
         self._compliances = np.column_stack(compliances)
         self._temperature = None
@@ -104,16 +106,17 @@ class WrittenAnswer:
             u, f = perturbed(u, random), perturbed(f, random)
             change = None if change is None else perturbed(change, random)
         if problem.large is not None:
-            return LoadStepLoop(problem, problem.large).recomputed(u, f, self._compliances)
+            return LoadStepLoop(problem, problem.large).recomputed(u, f, self._compliances, self._unsettled)
         if change is not None:
             loading = problem.elasticity.heated(problem.loading, change)
             problem = problem.in_state(replace(problem.state, loading=loading), problem.seconds, problem.before)
         x = -problem.surface.force_components(f).ravel()
         bound = problem.slip_bound(x)
         evidence = gather_evidence(problem.body, problem.state, x, u, self._compliances, problem.before)
+        evidence, certificate = settled_to(evidence, judge(evidence), self._unsettled)
         result = SolverResult(x, x, bound, np.zeros((len(bound), 2)), Status.STAGNATED, float("nan"))
         recorded = self._compliances, float(said["mean_compliance"]), dict(said["method"])
-        answer = Solution(problem, x, u, bound, result, judge(evidence), evidence, *recorded)
+        answer = Solution(problem, x, u, bound, result, certificate, evidence, *recorded)
         if change is None or problem.body.heat is None:
             return answer
         flows, of_heat = problem.body.heat.flows(*at_contact(answer), change), said.get("heat", {})

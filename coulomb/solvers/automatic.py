@@ -28,9 +28,9 @@ _SETTLED: Final = 1e-6
 _OF_ROUNDING: Final = 100.0
 """Changes of forces up to this multiple of what rounding errors of displacements are in them do not settle."""
 
-_SAID: Final = 100.0
-"""Changes of forces up to this multiple of these are said, as by products of multigrid of bodies on soft springs; those
-above it are refused."""
+_ACCEPTED: Final = 100.0
+"""Changes of forces up to this multiple of these are left to the certificate, which says how much, as by products of
+multigrid of bodies on soft springs; those above it are refused."""
 
 _SETTLING: Final = replace(FINISH, sharpest=1e-5, settled=_SETTLED)
 
@@ -111,8 +111,8 @@ def settled(
     progress: ProgressCallback | None = None,
 ) -> SolverResult:
     """A result after Newton steps, until one leaves all forces as they are, where its residual does not say so; the
-    result itself where rounding errors do not let them settle, as of thin sheets: how much these are is said by the
-    certificate; what else is left, as by products of multigrid, is the result's message.
+    result itself where rounding errors, as of thin sheets, or products of multigrid do not let them settle: how much
+    is left is said by the certificate.
 
     Of a steel block on rubber diag(A) is that of the rubber.  Forces of neighbours that cancel in a facet of the rubber
     move the steel alone: of their errors the residual feels a part of 1/(a k), with the stiffness k of their nodes.
@@ -144,17 +144,15 @@ def settled(
         history=(*before, *numbered) if before or not result.history else result.history,
         contraction=result.contraction,
     )
-    settles = bool(steps) and after.status is Status.CONVERGED and steps[-1].moved <= _SETTLED
-    if settles or after.status is Status.INTERRUPTED:
+    if after.status is Status.INTERRUPTED:
         return after
+    if steps and after.status is Status.CONVERGED and steps[-1].moved <= _SETTLED:
+        return replace(after, unsettled=steps[-1].moved)
     closed = np.abs(result.gradient + problem.b).reshape(-1, 3)
     rounding = problem.scales.moved(2.0**-52 * stiffness[:, None] * closed, result.x.reshape(-1, 3))
     moved, explained = steps[0].moved if steps else 0.0, max(_SETTLED, _OF_ROUNDING * rounding)
-    if moved <= explained:
-        return result
-    if moved <= _SAID * explained:
-        said = f"contact forces are right to {moved:.1e} of the largest on a body: further steps do not settle them"
-        return replace(result, message=said)
+    if moved <= _ACCEPTED * explained:
+        return replace(result, unsettled=moved) if steps else result
     message = (
         f"forces are unresolved: with a residual of {result.residual:.1e} one is wrong by about {moved:.1e} of the "
         "largest on its body, as where a body is far stiffer than the one it lies on"

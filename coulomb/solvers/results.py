@@ -209,6 +209,8 @@ class SolverResult:
         method: The solver's name.
         contraction: For successive Tresca, the measured factor of the map g -> r(x_n(g)); nan if not measured.
         message: What was observed, if it did not converge.
+        unsettled: Largest change of a force in a Newton step from x, over the largest on its body; None if none was
+            taken, since the residual says as much.
         rigid: Rigid motions alpha of the problem's bodies, shape (q,), the same on all ranks; empty without any.
         equilibrium: With the status NO_EQUILIBRIUM, which is proven, the motion that contact cannot resist, load and
             resistance; with another one the motion along which bodies slide away in the last iterate, if they do.
@@ -227,6 +229,7 @@ class SolverResult:
     history: tuple[QPStep, ...] | tuple[OuterStep, ...] = ()
     contraction: float = math.nan
     message: str = ""
+    unsettled: float | None = None
     rigid: FloatArray = field(default_factory=NO_MOTION.copy)
     equilibrium: Equilibrium | None = None
 

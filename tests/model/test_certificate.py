@@ -5,11 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import solved_block
-from synthetic_evidence import CASES, SLIP, F, failed, synthetic_evidence, turned_short_slip, turned_small_friction
+from synthetic_evidence import (
+    CASES,
+    SLIP,
+    STICK,
+    F,
+    U,
+    changed,
+    failed,
+    synthetic_evidence,
+    turned_short_slip,
+    turned_small_friction,
+)
 
 import coulomb
 from coulomb import certify
-from coulomb.model.certificate import ANGLE_LIMIT, LIMIT, judge, rounding_forces
+from coulomb.model.certificate import ANGLE_LIMIT, LIMIT, judge, settled_to
+from coulomb.model.certificate_scales import rounding_forces
 
 
 @pytest.fixture
@@ -135,7 +147,7 @@ def test_just_inside_and_just_outside(name, error, options):
 
 def test_every_condition_has_a_case():
     named = {name for name, _, _ in CASES}
-    assert {check.name for check in judge(synthetic_evidence()[0]).checks} == named | {"finite"}
+    assert {check.name for check in judge(synthetic_evidence()[0]).checks} == named | {"finite", "resolution"}
     assert (LIMIT, ANGLE_LIMIT) == (1e-6, 0.1)
 
 
@@ -220,15 +232,34 @@ def test_a_drift_of_a_rubbing_block_fails():
 
 @pytest.mark.parametrize("left", [0.9e-6, 1.1e-6, 0.9e-2, 1.1e-2])
 def test_what_rounding_errors_leave(left):
-    """Sixteen of the largest, over the largest contact force: above 1e-6 there is a line, above 1e-2 it fails."""
+    """Sixteen of the largest, over the largest contact force: above 1e-6 forces are unresolved, above 1e-2 it fails."""
     evidence, _ = synthetic_evidence()
     rounding = np.zeros_like(evidence.rounding)
     rounding[130, 1] = -left * F / 16.0
-    checks = {check.name: check for check in judge(replace(evidence, rounding=rounding)).checks}
-    assert ("rounding" in checks) is (left > LIMIT)
-    if left > LIMIT:
-        assert checks["rounding"].value == pytest.approx(left) and checks["rounding"].passed is (left < 1e-2)
-        assert checks["rounding"].meaning.startswith("forces are unresolved: ") is (left > 1e-2)
+    certificate = judge(replace(evidence, rounding=rounding))
+    check = certificate["resolution"]
+    assert check.value == pytest.approx(left) and check.passed is (left < 1e-2)
+    assert check.mark == ("ok" if left < LIMIT else "unresolved" if left < 1e-2 else "FAILED")
+    assert check.meaning.startswith("forces are unresolved: rounding may leave so much") is (left > LIMIT)
+    only = f"contact forces known to {left:.1e} only"
+    assert (only in certificate.verdict) is (only in repr(certificate)) is (check.mark == "unresolved")
+
+
+@pytest.mark.parametrize("node", [STICK, SLIP])
+def test_what_contact_conditions_leave_of_stiff_nodes(node):
+    """Half a displacement of 1e-9 of the scale, at nodes a million times stiffer than diag(A) says, is a force of
+    5e-4; no more than a Newton step changes, where one was taken."""
+    evidence, _ = synthetic_evidence()
+    relative = changed(evidence.relative_displacement, (node, 0), 5e-10 * U)
+    wrong = replace(evidence, relative_displacement=relative, stiffness=1e6 * evidence.stiffness)
+    certificate = judge(wrong)
+    assert certificate["resolution"].value == pytest.approx(5e-4) and certificate.passed
+    assert judge(replace(wrong, stiffness=100.0 * wrong.stiffness))["resolution"].value == pytest.approx(1e-2)
+    assert "unresolved: the solver may leave so much" in certificate["resolution"].meaning
+    for unsettled, mark in ((3e-5, "unresolved"), (3e-7, "ok")):
+        certificate = settled_to(wrong, certificate, unsettled)[1]
+        assert certificate["resolution"].value == pytest.approx(unsettled)
+        assert certificate["resolution"].mark == mark
 
 
 def test_rounding_errors_are_of_every_component():

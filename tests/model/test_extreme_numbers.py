@@ -64,7 +64,8 @@ def in_units(e, newtons=1.0, metres=1.0):
     }
     with np.errstate(over="ignore"):
         ground = newtons * (e.ground / metres)
-    return replace(e, **forces, **lengths, ground=ground, compliance=metres * (e.compliance / newtons))
+        inverse = {"compliance": metres * (e.compliance / newtons), "stiffness": newtons * (e.stiffness / metres)}
+    return replace(e, **forces, **lengths, ground=ground, **inverse)
 
 
 @pytest.mark.parametrize(("name", "error", "options"), CASES)

@@ -1,6 +1,5 @@
 """Forces of steel on rubber that cancel in a facet of the rubber, which the residual by diag(A) hardly feels."""
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -41,11 +40,15 @@ def test_every_force_is_right_to_a_millionth_of_the_largest(monkeypatch):
     assert answer.valid and error(answer) < 1e-7
     monkeypatch.setattr(automatic, "_SETTLED", np.inf)
     before = problem.solve()
-    assert before.valid and error(before) > 1e-6  # by the residual alone
+    known = before.certificate["resolution"]  # by the residual alone: not green
+    assert (
+        before.valid and 1e-6 < error(before) < 2.0 * known.value < 20.0 * error(before) and known.mark == "unresolved"
+    )
+    assert answer.certificate["resolution"].mark == "ok"
 
 
 def test_forces_that_steps_do_not_settle_are_unresolved(monkeypatch):
-    """Unless rounding errors explain it: the certificate has these, and the answer stays."""
+    """Unless rounding errors explain it, or it is no more than 1e-4: the certificate says how much."""
     problem, settled = stack(), automatic.settled
     with monkeypatch.context() as patched:
         patched.setattr(automatic, "_SETTLED", np.inf)
@@ -54,11 +57,10 @@ def test_forces_that_steps_do_not_settle_are_unresolved(monkeypatch):
     assert settled(posed, result, stiffness, 1e-8).newton_steps > result.newton_steps
     assert settled(posed, result, np.zeros_like(stiffness), 1e-8) is result
     monkeypatch.setattr(automatic, "_SETTLING", replace(automatic._SETTLING, max_iterations=1))
-    said = settled(posed, result, stiffness, 1e-8).message
-    assert re.match(r"contact forces are right to [1-9]\.\de-0[56] of the largest", said)
+    assert 1e-6 < settled(posed, result, stiffness, 1e-8).unsettled < 1e-4
     with monkeypatch.context() as patched:
-        patched.setattr(automatic, "_SAID", 1.0)
+        patched.setattr(automatic, "_ACCEPTED", 1.0)
         with pytest.raises(NotConverged, match=r"forces are unresolved: .* wrong by about [1-9]\.\de-0[56] of the"):
             settled(posed, result, stiffness, 1e-8)
     monkeypatch.setattr(automatic, "_OF_ROUNDING", np.inf)
-    assert settled(posed, result, stiffness, 1e-8) is result
+    assert settled(posed, result, stiffness, 1e-8).x is result.x

@@ -76,7 +76,7 @@ def render(run: Run) -> str:
     here = Path(__file__).parent
     return environment.get_template("page.html").render(
         title=run.title,
-        passed=not alarm,
+        judged="failed" if alarm else "passed" if results.resolved(run) else "unresolved",
         alarm=alarm,
         verdict=results.in_words(run),
         no_answer=results.without_answer(run),
