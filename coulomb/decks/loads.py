@@ -10,7 +10,7 @@ import numpy as np
 from .cards import Card, key_of
 from .materials import radial_direction
 from .reading import Reading
-from .steps import Amplitude, Step, Tracks, reference
+from .steps import Amplitude, Rows, Step, Tracks, reference
 
 _Volume = tuple[str, str, tuple[float, ...]]
 """A load in the volume: elements, GRAV or CENTRIF, and its direction or axis."""
@@ -128,17 +128,17 @@ class Loads:
     def _volumes(self, volumes: Tracks[_Volume], densities: set[float | None]) -> dict[str, Any]:
         every = np.concatenate([rows[:, 0] for rows in self._of.deck.solids.values()])
         tables: dict[str, Any] = {}
-        for key, track in volumes.all:
-            name, kind, numbers = key
-            label = self._of.deck.label(name)
-            of = self._of.elements_of(label if isinstance(label, str) else int(label[0]))
-            if not np.all(np.isin(every, of)):
-                raise ValueError(
-                    f"{self._of.deck.path}: *DLOAD: {kind} on {name!r}, some of the elements: only on all is read"
-                )
+        together: dict[tuple[str, tuple[float, ...], Rows], list[str]] = {}
+        for (name, kind, numbers), track in volumes.all:
+            together.setdefault((kind, numbers, track.fixed()[0]), []).append(name)
+        for (kind, numbers, rows), names in together.items():
+            labels = [self._of.deck.label(name) for name in names]
+            of = [self._of.elements_of(one if isinstance(one, str) else int(one[0])) for one in labels]
+            if not np.all(np.isin(every, np.concatenate(of))):
+                of_some = f"{kind} on {', '.join(map(repr, names))}, some of the elements"
+                raise ValueError(f"{self._of.deck.place_of(kind)}: {of_some}: only on all is read")
             if kind in tables:
                 raise ValueError(f"{self._of.deck.path}: *DLOAD: several {kind} loads are not read")
-            rows = track.fixed()[0]
             value, amplitude = reference(rows)
             timed = amplitude is not None and not self._of.single(amplitude)
             tables[kind] = True

@@ -408,7 +408,8 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     outside = _outside(before.get("outside"), step)
     # of faces with what they touch before deformation, metres; and the energy in joules of rounding errors: of a fixed
     # node moved by the rounding error of its coordinates
-    overlaps = [one["given_gap"]["min"] - one["gap"]["min"] for one in step["understood"]["contacts"]]
+    contacts = step["understood"]["contacts"]
+    overlaps = [min(one["given_gap"]["min"], max(one["gap"]["min"], 0.0)) - one["gap"]["min"] for one in contacts]
     overlap, compliance = float(max(before.get("overlap", 0.0), *overlaps, 0.0)), step["mean_compliance"]
     way = _number(largest["displacement"]["value"])
     rounding = 1e-12 * way**2 / compliance if compliance else 0.0

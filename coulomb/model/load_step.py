@@ -15,7 +15,7 @@ from ..contact_fields import named_faces
 from ..fem.bodies import Deformable
 from ..linalg.reductions import Reductions
 from ..units import amount
-from .nodal_answer import Accumulated
+from .nodal_answer import Accumulated, NodalAnswer
 from .solution import Solution
 
 
@@ -275,6 +275,8 @@ class State(Moment):
             return whole
 
         moved = problem.body.foundation_displacement(problem.surface, self.time, problem.time)
+        widened = answer.given_gap - problem.body.given_gap(problem.surface, self.time)
+        moved = _while_touching(moved, widened, answer)
         foundation = 0.5 * over.dot(self.force_on_body[at] + on_body, moved)
         dissipated = answer.dissipated_energy
         energy = self.energy.after(then, now, foundation, dissipated, over, stiffened)
@@ -293,6 +295,26 @@ class State(Moment):
             before=Earlier(self.time, self.force_on_body),
             temperature_change=None if heat is None else heat.change,
         )
+
+
+def _while_touching(moved: FloatArray, widened: FloatArray, answer: NodalAnswer) -> FloatArray:
+    """Of the displacement of what the body touches (m, 3) the part along which contact forces do work.
+
+    Where a given gap becomes wider than the body follows, as of a pair that is taken out, it works along the way of the
+    body alone, while the force falls to 0; where one from afar is closed, after it touches.
+
+    Args:
+        moved: The displacement, metres, shape (m, 3).
+        widened: The part of it along n that changes of given gaps are, shape (m,).
+        answer: At the end.
+    """
+    normal = answer.frames[:, 0]
+    after = answer.gap - answer.displacement[:, 0]
+    before = after + answer.displacement[:, 0] - answer.slip_origin[:, 0] - widened
+    away = (after > 0.0) & (widened >= after)
+    towards = (before > 0.0) & (widened <= -before)
+    way = np.where((away | towards)[:, None], moved + (before - after)[:, None] * normal, moved)
+    return np.where(away[:, None], way + answer.slip, way)
 
 
 @dataclass(frozen=True)

@@ -324,3 +324,12 @@ def test_springs_to_the_ground(tmp_path):
     ):
         with pytest.raises(ValueError, match=said):
             tables_of(tmp_path, ground + wrong + STEP.format("*DLOAD\n2, P2, 10."))
+
+
+def test_weight_set_by_set(tmp_path):
+    """One gravity for all elements may be given in several lines; of some alone it is refused with the line."""
+    sets = CUBES + "*ELSET, ELSET=low\n1\n*ELSET, ELSET=up\n2\n"
+    weight = "*DLOAD\nlow, GRAV, 9810., 0., 0., -1.\nup, GRAV, 9810., 0., 0., -1."
+    assert tables_of(tmp_path, sets + STEP.format(weight)).tables["gravity"] == [0.0, 0.0, -9810.0]
+    with pytest.raises(ValueError, match=r"line \d+: \*DLOAD: GRAV on 'up', some of the elements"):
+        tables_of(tmp_path, sets + STEP.format("*DLOAD\nup, GRAV, 9810., 0., 0., -1."))

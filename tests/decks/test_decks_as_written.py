@@ -7,6 +7,7 @@ import pytest
 from conftest import run_coulomb
 from test_deck_tables import CUBES, STEP, steps, tables_of
 
+from coulomb import LoadHistory
 from coulomb.case.case import read_case
 from coulomb.decks.geometry import Geometry
 from coulomb.decks.node_surfaces import facets_with_nodes
@@ -96,6 +97,21 @@ def test_a_pair_that_is_put_in_has_a_step_of_its_own(tmp_path):
     change = "*MODEL CHANGE, TYPE=CONTACT PAIR, {}\nslave, master"
     found = tables_of(tmp_path, text + STEP.format(change.format("REMOVE")) + STEP.format(change.format("ADD")))
     assert found.tables["history"]["times"] == pytest.approx([1.0, 1.000001, 2.0], rel=1e-9)
+
+
+def test_a_pair_that_is_taken_out_under_load_gives_its_energy_back(tmp_path):
+    """Pressed and pushed to the side, taken out and put in: forces of contact work along the way of the bodies, not
+    over the gap that stands for a pair that is out."""
+    change = "*MODEL CHANGE, TYPE=CONTACT PAIR, {}\nslave, master"
+    press = steps("*BOUNDARY\ntop, 3, 3, -.001\ntop, 1, 1, .0001", change.format("REMOVE"), change.format("ADD"))
+    (tmp_path / "deck.inp").write_text(press)
+    case = read_case(tmp_path / "deck.inp")
+    ends = [(step.state.time, step.state.energy) for step in LoadHistory(case.history.ends).steps(case.problem())]
+    elastic = [energy.elastic for _, energy in ends]
+    assert elastic[0] > 0.0 and elastic[1] < 1e-9 * elastic[0]
+    for _, energy in ends:  # all but what friction takes as the pair is put in
+        assert abs(energy.imbalance) <= 1e-6 * elastic[0]
+    assert ends[1][1].foundation == pytest.approx(-elastic[0], rel=1e-4)
 
 
 def test_supports_of_later_steps(tmp_path, monkeypatch):
