@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import End, Loading, ThermalLoad
+from ..fem.bodies import Elasticity, End, Loading, ThermalLoad
 from ..linalg.reductions import Reductions
 from ..solvers.semismooth_newton import Change, derivatives
+from ..solvers.semismooth_newton import gradient as adjoint
 from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
 
@@ -45,6 +46,85 @@ class Sensitivity:
     displacement: FloatArray
     totals: dict[str, dict[str, Any]]
     step: float
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """What a function J of an answer owes to fields of the problem; this rank's part.
+
+    Attributes:
+        friction: Along the coefficient of friction of every contact point, where the bound is F x_n; shape (m,).
+        bound: Along the bound of friction of every point, per newton, shape (m,).
+        gap: Along the given gap of every point, per metre, shape (m,).
+        load: Along nodal forces, per newton, shape (k, 3).
+        prescribed: Along prescribed displacements, 0 where none is, per metre, shape (k, 3); a held node of a tie moves
+            its followers in `Sensitivity`, and here does not.
+        young: Of each body of built-in materials by its name, along the logarithm of Young's modulus of every cell of
+            this rank, shape (c,).
+    """
+
+    friction: FloatArray
+    bound: FloatArray
+    gap: FloatArray
+    load: FloatArray
+    prescribed: FloatArray
+    young: dict[str, FloatArray]
+
+
+def gradient(
+    problem: DiscreteProblem, x: FloatArray, u: FloatArray, of_force: FloatArray | None, of_u: FloatArray | None
+) -> Gradient:
+    """Of a function J of an answer, by the adjoint equations: one linear system of the contact and two solves with K,
+    however many inputs there are (`solvers.semismooth_newton.gradient`); collective.
+
+    Args:
+        problem: The problem,
+        x: with the contact forces of its answer, newtons, shape (3 m,),
+        u: and the displacement, metres, shape (k, 3).
+        of_force: dJ/dx, per newton, shape (3 m,),
+        of_u: and dJ/du, per metre, shape (k, 3); None is 0.
+
+    Raises:
+        ValueError: In large motions, with heat, or after a load step.
+    """
+    _refuse(problem)
+    if problem.before is not None and Reductions(problem.comm).any(bool(np.any(problem.before.displacement))):
+        raise ValueError("gradients of a load history are not known: sensitivities(earlier) follow it step by step")
+    surface, still = problem.surface, _unloaded(problem.loading)
+    of_u = np.zeros_like(u) if of_u is None else of_u
+    of_x = np.zeros_like(x) if of_force is None else of_force
+
+    def response(load: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """K^-1 of nodal forces (k, 3), and the forces along rigid motions."""
+        loaded = _with_loading(problem, replace(still, load=load))
+        along = np.zeros(0) if loaded.state.rigid is None else loaded.state.rigid.e
+        return loaded.linear.free_displacement, along
+
+    free, along = response(of_u)
+    owed = adjoint(problem.friction_problem, x, of_x - surface.rows(free).ravel(), along)
+    whole = of_u + surface.at_nodes(owed.b)
+    v, body = response(whole)[0], problem.elasticity
+    reaction = whole - body.internal_force(v) + body.spring_force(v)
+    v = problem.moved(v, owed.e)
+    return Gradient(
+        friction=owed.bound * np.maximum(x[0::3], 0.0),
+        bound=owed.bound,
+        gap=-owed.b[0::3],
+        load=v,
+        prescribed=body.held_part(reaction),
+        young={
+            member.name: -member.body.work_in_cells(
+                u[member.nodes], v[member.nodes], None if part.temperature is None else part.temperature.change
+            )
+            for member, part in zip(body.members, problem.loading.parts or [problem.loading], strict=True)
+            if isinstance(member.body, Elasticity)
+        },
+    )
+
+
+def _refuse(problem: DiscreteProblem) -> None:
+    if problem.body.undeformed is not None or problem.body.heat is not None:
+        raise ValueError("sensitivities are known of small strains without heat, where a problem is one linear system")
 
 
 @dataclass(frozen=True)
@@ -74,8 +154,7 @@ def sensitivities(
         ValueError: In large motions, or with heat, or friction that depends on the slip rate; in a later load step
             without those of the step before.
     """
-    if problem.body.undeformed is not None or problem.body.heat is not None:
-        raise ValueError("sensitivities are known of small strains without heat, where a problem is one linear system")
+    _refuse(problem)
     before = problem.before
     if before is not None:
         if not earlier and Reductions(problem.comm).any(bool(np.any(before.displacement))):

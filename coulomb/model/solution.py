@@ -30,7 +30,7 @@ from .nodal_answer import NodalAnswer
 from .overlap import deformations
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion, force_balance, resultant_of_ground
-from .sensitivity import Sensitivity, sensitivities
+from .sensitivity import Gradient, Sensitivity, gradient, sensitivities
 from .small_strain import SmallStrain, small_strain
 from .stability import Stability
 
@@ -338,6 +338,18 @@ class Solution:
                 without those of the step before.
         """
         return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes.given_gap, earlier)
+
+    def gradient(self, contact_force: FloatArray | None = None, displacement: FloatArray | None = None) -> Gradient:
+        """What a function J of the answer owes to friction, gaps, loads and Young's modulus of every point, node and
+        cell, at the cost of one linear system; collective.
+
+        Args:
+            contact_force, displacement: dJ/dx (3 m,) and dJ/du (k, 3), as the answer has x and u; 0 by default.
+
+        Raises:
+            ValueError: In large motions, with heat, or in a load history.
+        """
+        return gradient(self.problem, self.contact_force, self.displacement, contact_force, displacement)
 
     def write(self, directory: str | Path, fields: Mapping[str, Any] | None = None, *, overwrite: bool = True) -> None:
         """Fields, history, summary and picture into a directory; results that are there are kept as DIRECTORY.previous.

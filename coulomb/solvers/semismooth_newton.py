@@ -13,18 +13,6 @@ G^T alpha, and G x = e are further equations.
 
 Which of several solutions of a Coulomb problem it finds is not known, as for the interior-point method; it stays near
 the start.
-
-Preconditioner of the semismooth Newton systems P dx + Q dw = r, dw = A dx: A replaced by D - V V^T + U U^T.
-
-With C = (U, V) and S the signs of their products, M = P + Q (D + C S C^T) has by Woodbury's formula the inverse
-
-    M^-1 = N^-1 - R C (S + C^T R C)^-1 C^T N^-1, N = P + Q D, R = N^-1 Q,
-
-N and R nodal.  R = D^-1 where a node sticks, and in the row of the normal force of every closed node: there P = 0.
-So C^T R C is C^T D^-1 C, which stays from step to step, and a product with the other rows of C; or it is that of the
-point before, and a product with the rows that have changed since.  Where products are exact, and so cheap that these
-sums count, nodes where P and Q have changed by less than `_CHANGED` keep theirs: what they do to the iterations is
-small beside what the approximation of A does.
 """
 
 from __future__ import annotations
@@ -32,31 +20,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
-from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.linalg.lapack import dgetrf, dgetrs
 
 from ..arrays import FloatArray
-from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, LowRankApproximation, NodalMap
-from ..linalg.reductions import Reductions, summed
+from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, Constraints, LowRankApproximation, NodalMap
 from .contact_equations import ContactDerivative, ContactEquations
+from .contact_preconditioner import ContactPreconditioner
 from .driver import Answer, drive, result_of
 from .friction_problem import FrictionProblem, SolverSettings, Task
 from .results import Goal, SemismoothStep, SolverResult, Status
 from .rigid_motions import NO_MOTION
 from .scaled_problem import IterateProducts, ScaledCompliance
 from .settings import within
-
-_CHANGED: Final = 0.03
-"""Change of P, and of Q D, of a node from which on its part is replaced."""
-
-_ROUNDING: Final = 1e-13
-"""Entries of R D - 1 below this are rounding errors."""
 
 _SHARPEST: Final = 1e-10
 """Relative residual of the systems of derivatives."""
@@ -69,75 +47,6 @@ _SPARE: Final = 0.1
 
 _SLIGHT: Final = 1e-3
 """Derivative of the forces over these below which its accuracy is absolute: some are rounding errors."""
-
-_LARGE: Final = 1e3
-"""Entries of R D above this leave rounding errors in the sums, which are then made anew."""
-
-
-class ContactPreconditioner:
-    """M^-1 at one point after the other; collective, as every application.
-
-    Attributes:
-        A: The approximation of A, not to be changed as long as this is used.
-    """
-
-    def __init__(self, comm: MPI.Comm, A: LowRankApproximation):
-        self._comm, self.A, m = comm, A, len(A.rest)
-        self._changed = _CHANGED if A.exact else 0.0
-        self._D: FloatArray = A.rest
-        self._P: FloatArray = np.full((m, 3, 3), np.inf)
-        self._QD: FloatArray = np.zeros((m, 3, 3))
-        self._N_inverse: FloatArray = np.zeros((m, 3, 3))
-        self._R: FloatArray = np.zeros((m, 3, 3))
-        self._RD: FloatArray = np.zeros((m, 3, 3))
-        self._core: FloatArray | None = None
-
-    @cached_property
-    def _weighted(self) -> FloatArray:
-        """D^-1 C, node by node, shape (m, 3, s)."""
-        return self.A.weighted_columns.reshape(*self._D.shape, self.A.columns.shape[1])
-
-    def move(self, at: ContactDerivative) -> None:
-        """To a point: the equations and their derivative there; collective."""
-        QD = at.Q * self._D[:, None, :]
-        with np.errstate(invalid="ignore"):
-            size = np.maximum(np.abs(at.P - self._P), np.abs(QD - self._QD)).max(axis=(1, 2))
-        new = np.flatnonzero(~(size <= self._changed))  # nan is a change
-        self._P[new], self._QD[new] = at.P[new], QD[new]
-        self._N_inverse[new] = np.linalg.inv(at.P[new] + QD[new])
-        R = self._N_inverse[new] @ at.Q[new]
-        RD = R * self._D[new][:, None, :]
-        if self.A.columns.shape[1]:
-            self._replace(new, RD)
-        self._R[new], self._RD[new] = R, RD
-
-    def _replace(self, new: npt.NDArray[np.intp], RD: FloatArray) -> None:
-        """C^T R C with R D of the nodes `new`, and its factors."""
-        over, one, before = Reductions(self._comm), np.eye(3), self._core
-        if before is not None and not over.any(len(new) > 0):
-            return
-        change, after = RD - self._RD[new], self._RD.copy()
-        large = bool(np.any(np.abs(after[new]) > _LARGE))
-        after[new] = RD
-        others = np.flatnonzero(np.any(np.abs(after - one) > _ROUNDING, axis=(1, 2)))
-        if before is None or over.any(large or len(others) <= len(new)):
-            new, change, before = others, after[others] - one, np.diag(self.A.signs) + self.A.weighted_gram
-        s = self.A.columns.shape[1]
-        rows = np.flatnonzero(np.any(np.abs(change) > _ROUNDING, axis=2).ravel())
-        changed = (change @ self._weighted[new]).reshape(-1, s)[rows]
-        seen = self.A.columns.reshape(-1, 3, s)[new].reshape(-1, s)[rows]
-        self._core = before + summed(self._comm, seen.T @ changed)
-        self._factors, self._pivots, _ = dgetrf(self._core)  # a singular one gives no numbers: the method ends
-
-    def __call__(self, r: FloatArray) -> FloatArray:
-        """M^-1 applied to r (m, 3) or (m, 3, columns); collective."""
-        C, count = self.A.columns, math.prod(r.shape[2:])
-        z = self._N_inverse @ r.reshape(len(r), 3, count)
-        if C.shape[1] > 0:
-            seen = summed(self._comm, C.T @ z.reshape(len(C), count))
-            known = dgetrs(self._factors, self._pivots, seen)[0]
-            z -= self._R @ (C @ known).reshape(z.shape)
-        return z.reshape(r.shape)
 
 
 @dataclass(frozen=True)
@@ -270,37 +179,87 @@ class _Iteration:
 
     def derivatives(self, x: FloatArray, changes: Sequence[Change]) -> list[Derivative]:
         """As of the function `derivatives`; collective."""
-        self._krylov, a = self._new_krylov(self._looser_product), self._a
+        a, slips = self._a, self._settle(x)
+        w, known, slope = self._w(self._A_x, self._alpha), self._problem.known_slip, self._problem.law.slope(x[0::3])
+        krylov = self._krylov = self._new_krylov(self._looser_product)
         try:
-            self._x, known = x.reshape(-1, 3).copy(), self._problem.known_slip
-            self._x[~self._problem.frictional, 1:] = 0.0
-            self._A_x = self._images.exact(self._x)
-            self._alpha = self._closing(self._x, self._A_x)
-            w = self._w(self._A_x, self._alpha)
-            self._at = at = self._equations.at(self._x, w)
-            tangential = x.reshape(-1, 3)[:, 1:]
-            size = np.linalg.norm(tangential, axis=1)
-            e, slope = tangential / np.where(size > 0.0, size, 1.0)[:, None], self._problem.law.slope(x[0::3])
             found = []
             for change in changes:
                 closing = change.b.reshape(-1, 3) / a
-                rhs = np.einsum("iab,ib->ia", at.Q, closing)
-                rhs[:, 1:] += np.where(at.status == 2, change.bound, 0.0)[:, None] * e
+                rhs = np.einsum("iab,ib->ia", self._at.Q, closing)
+                rhs[:, 1:] += np.where(self._at.status == 2, change.bound, 0.0)[:, None] * slips
                 loads = self._T @ change.e if len(self._e) else NO_MOTION
                 dx, A_dx, dalpha = self._solved_for(rhs, loads)
                 dw = self._constraints.without(A_dx - closing, dalpha)
-                dx[known, 1:] = ((slope * dx[:, 0] + change.bound)[:, None] * e)[known]
+                dx[known, 1:] = ((slope * dx[:, 0] + change.bound)[:, None] * slips)[known]
                 step = self._equations.nearest_change(self._x, w, dx, dw, change.bound, self._over)
                 found.append(Derivative(dx.ravel(), self._motion(dalpha), step))
             return found
         finally:
-            self._krylov.free()
+            krylov.free()
+
+    def gradient(self, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray) -> Change:
+        """As of the function `gradient`; collective.
+
+        By the transposed system [P^T + A Q^T, G^T; -G Q^T, 0] of multipliers (z, mu): Q^T z and mu are the derivatives
+        along b and e.  In place of A dx its Krylov method carries A Q^T z.
+        """
+        slips, known, slope = self._settle(x), self._problem.known_slip, self._problem.law.slope(x[0::3])
+        g = of_x.reshape(-1, 3).copy()
+        bound = np.where(known, np.einsum("ka,ka->k", slips, g[:, 1:]), 0.0)
+        g[:, 0] += slope * bound
+        g[known, 1:] = 0.0
+        P, Q = (of.transpose(0, 2, 1) for of in (self._at.P, self._at.Q))
+        QG, r3 = self._at.Q @ self._scaled.G, NO_MOTION
+        if len(self._e):
+            r3 = -self._a * (self._T @ of_alpha)
+        rows, inverse = self._scale()[:, None], self._inverse
+        inverse.move(self._at)
+        constraints = Constraints(self._scaled.comm, self._scaled.G, QG)
+        bordered = ConstraintPreconditioner(inverse.transposed, constraints, 3, self._scaled.G)
+        krylov = self._krylov = CarryingKrylov(
+            constraints,
+            3,
+            lambda z: self._looser_product(np.einsum("iab,ib->ia", Q, z)),
+            lambda z, w: rows * (np.einsum("iab,ib->ia", P, z) + w),
+            lambda r, s: bordered(r / rows, s),
+            PETSc.KSP.Type.FGMRES,
+        )
+        try:
+            self._accuracy = self._settings.sharpest
+            size = math.hypot(self._over.norm(rows * g), float(np.linalg.norm(r3)))
+            z: FloatArray = np.zeros_like(g)
+            mu: FloatArray = np.zeros(len(self._e))
+            if size > 0.0:
+                z, _, mu, _ = krylov.solve(rows * g, z, self._accuracy * size, r3)
+        finally:
+            krylov.free()
+        bound += np.where(self._at.status == 2, np.einsum("ka,ka->k", slips, z[:, 1:]), 0.0)
+        return Change(
+            np.einsum("iab,ib->ia", Q, z).ravel() / self._a, bound, -self._T.T @ mu if len(self._e) else NO_MOTION
+        )
+
+    def _settle(self, x: FloatArray) -> FloatArray:
+        """To an answer x (3 m,) and the equations there; the directions of friction, shape (m, 2); collective."""
+        self._x = x.reshape(-1, 3).copy()
+        self._x[~self._problem.frictional, 1:] = 0.0
+        self._A_x = self._images.exact(self._x)
+        self._alpha = self._closing(self._x, self._A_x)
+        self._at = self._equations.at(self._x, self._w(self._A_x, self._alpha))
+        tangential = x.reshape(-1, 3)[:, 1:]
+        size = np.linalg.norm(tangential, axis=1)
+        directions: FloatArray = tangential / np.where(size > 0.0, size, 1.0)[:, None]
+        return directions
+
+    def _scale(self) -> FloatArray:
+        """The force of every node by which its equations are judged, newtons, shape (m,)."""
+        scale = self._problem.force_scale(self._x.ravel(), self._a * self._w(self._A_x, self._alpha).ravel())
+        return np.where(scale > 1e-290, scale, 1.0)
 
     def _solved_for(self, rhs: FloatArray, loads: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """dx, A dx and dalpha of the derivative of the equations at the present point, for a right-hand side (m, 3) and
         loads along motions; collective."""
-        scale = self._problem.force_scale(self._x.ravel(), self._a * self._w(self._A_x, self._alpha).ravel())
-        self._rows = (1.0 / np.where(scale > 1e-290, scale, 1.0))[:, None]
+        self._rows = 1.0 / self._scale()[:, None]
         self._inverse.move(self._at)
         self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, self._at.Q @ self._scaled.G)
         over_largest = self._over.min(self._rows.ravel()) * float(np.linalg.norm(loads))
@@ -471,6 +430,14 @@ def derivatives(problem: FrictionProblem, x: FloatArray, changes: Sequence[Chang
     settings = SemismoothNewton(sharpest=_SHARPEST)
     task = Task(Goal(settings.tolerance, None), None, None, None)
     return _Iteration(settings, problem, task).derivatives(x, changes)
+
+
+def gradient(problem: FrictionProblem, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray) -> Change:
+    """What a function of an answer owes to b, the bounds and e, from its derivatives along x (3 m,), per newton, and
+    along the rigid motions (q,): one linear system, the transpose of that of `derivatives`; collective."""
+    settings = SemismoothNewton(sharpest=_SHARPEST)
+    task = Task(Goal(settings.tolerance, None), None, None, None)
+    return _Iteration(settings, problem, task).gradient(x, of_x, of_alpha)
 
 
 def _without_zeros(diagonal: FloatArray) -> FloatArray:

@@ -186,6 +186,16 @@ def test_demo_sliding_block():
 
 
 @pytest.mark.slow
+def test_demo_identify_friction():
+    """The truth is inside the bars of a fit that starts from half of one and a third of the other; they are narrow."""
+    text = said("identify_friction.py")
+    friction, modulus = (line(text, rf"{name} # \+- # \(95 %\), true #") for name in ("friction", "modulus"))
+    for value, bar, true in (friction, modulus):
+        assert abs(value - true) < bar < 0.05 * true
+    assert line(text, r"# load histories of 13 steps")[0] <= 15
+
+
+@pytest.mark.slow
 def test_demo_paper():
     """Sizes of Table 1's first line, a path that falls to the tolerance, few products, and Theorem 1's bound."""
     text = said("paper.py")

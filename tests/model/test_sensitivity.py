@@ -94,6 +94,29 @@ def test_derivatives_are_those_of_central_differences(make, inputs):
         assert one.totals[face]["friction_force"] == pytest.approx(change, abs=1e-6 * size)
 
 
+@pytest.mark.parametrize("make", [block, pair, free, heated])
+def test_the_adjoint_agrees_with_the_derivatives(make):
+    """For a random function of forces and displacements, along every input that is a sum of points, nodes or cells."""
+    answer, random = make().solve(tolerance=1e-12), np.random.default_rng(1)
+    of_x = random.normal(size=answer.contact_force.shape)
+    of_u = random.normal(size=answer.displacement.shape) * np.abs(answer.contact_force).max()
+    found, body = answer.gradient(of_x, of_u), answer.problem.elasticity
+    loads = iter([one.forces for one in body.loads_in(answer.problem.loading)])
+    for one in answer.sensitivities():
+        kind, _, of = one.name.partition(" of ")
+        known = {
+            "friction": lambda: found.friction @ answer.problem.law.friction,
+            "gap": lambda: found.gap @ answer.at_nodes.given_gap,
+            "young": lambda of=of: found.young[of.strip("'")].sum(),
+            "prescribed displacements": lambda: np.sum(found.prescribed * answer.problem.prescribed),
+        }
+        value = known[kind]() if kind in known else np.sum(found.load * next(loads))
+        expected = of_x @ one.contact_force + np.sum(of_u * one.displacement)
+        size = np.linalg.norm(of_x) * np.linalg.norm(one.contact_force)
+        size += np.linalg.norm(of_u) * np.linalg.norm(one.displacement)
+        assert value == pytest.approx(expected, abs=1e-8 * size), one.name
+
+
 def test_forces_are_homogeneous():
     """Of degree 1 in loads and gaps together (Euler), and in Young's moduli and gaps where loads are given."""
     answer = block().solve(tolerance=1e-12)
@@ -199,3 +222,25 @@ def test_tolerances_of_inputs_along_a_history_on_the_command_line(tmp_path):
     bars = summary["input_bars"]["bottom"]
     assert bars["friction_force"] == pytest.approx(3e5 * np.hypot(0.1, 0.03), rel=1e-4)
     assert bars["normal_force"] == pytest.approx(1e6 * 0.03, rel=1e-9)
+
+
+def test_the_gradient_along_a_field_of_friction():
+    """The normal force on the middle of the face, along friction that grows with x."""
+
+    def answer(slope=0.0):
+        made = coulomb.ContactProblem(
+            coulomb.box((3.0, 1.0, 1.0), (6, 2, 2)),
+            coulomb.Material(*STEEL),
+            [coulomb.Clamp("left")],
+            coulomb.Contact("bottom", friction=lambda x: 0.3 + slope * x[0]),
+            [coulomb.Traction("top", (0.0, 1e7, -4e7)), coulomb.Traction("right", (2e7, 0.0, 0.0))],
+        )
+        return made.solve(tolerance=1e-12)
+
+    there = answer()
+    place = there.at_nodes.x
+    of_x = np.zeros_like(there.contact_force)
+    of_x[0::3] = np.abs(place[:, 0] - 1.5) < 0.6
+    more, less = (of_x @ answer(h).contact_force for h in (1e-5, -1e-5))
+    found = there.gradient(of_x).friction
+    assert found @ place[:, 0] == pytest.approx((more - less) / 2e-5, rel=1e-5)

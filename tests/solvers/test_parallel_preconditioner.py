@@ -11,7 +11,7 @@ from shared_problems import NODES, equations
 
 from coulomb.linalg.compliance.low_rank import LowRankApproximation
 from coulomb.linalg.reductions import concatenated
-from coulomb.solvers.semismooth_newton import ContactPreconditioner
+from coulomb.solvers.contact_preconditioner import ContactPreconditioner
 
 COMM = MPI.COMM_WORLD
 

@@ -107,6 +107,18 @@ class ElasticBody(DisplacementSpace):
             return self._assemble(self._internal_form)
         return self._added(self._forces(self._u.x.array), self._internal_form)
 
+    def work_in_cells(self, u: FloatArray, v: FloatArray, change: FloatArray | None = None) -> FloatArray:
+        """Work of the stress of u along v in every cell of this rank, joules; u and v (k, 3) in metres, at a change of
+        temperature (k,) in kelvin; collective."""
+        of, along = (self.function(one, "displacement") for one in (u, v))
+        space = self._per_cell(())
+        stress = self._stress(of) if change is None else self._stress(of) - self._thermal_stress(change)
+        form = fem.form(ufl.inner(stress, strain(along)) * ufl.TestFunction(space) * self._dx)
+        vector = fem.petsc.assemble_vector(form)
+        work: FloatArray = vector.array_r[compat.cell_dofs(space)[: self.domain.topology.index_map(3).size_local, 0]]
+        vector.destroy()
+        return work
+
     def _same(self, u: FloatArray, last: FloatArray) -> bool:
         return bool(self.domain.comm.allreduce(np.array_equal(u, last), op=MPI.LAND))
 

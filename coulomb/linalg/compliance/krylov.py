@@ -21,16 +21,20 @@ _RANK_DEFICIENT: Final = 1e-14  # singular values of the constraints' matrix bel
 
 
 class Constraints:
-    """A few dense rows G over all nodes, G^T (m, 3, count) on this rank, and multipliers, the same on all ranks."""
+    """A few dense rows G over all nodes, G^T (m, 3, count) on this rank, and multipliers, the same on all ranks.
 
-    def __init__(self, comm: MPI.Comm, G: FloatArray):
+    `rows`, likewise, are in place of G in G x: of a system that is not symmetric.
+    """
+
+    def __init__(self, comm: MPI.Comm, G: FloatArray, rows: FloatArray | None = None):
         self.comm, self.G, self.count = comm, G, G.shape[2]
+        self._rows = G if rows is None else rows
 
     def resultant(self, x: FloatArray) -> FloatArray:
         """G x of x (m, 3, ...), shape (r, ...); collective if there are any."""
         if not self.count:
             return np.empty((0, *x.shape[2:]))
-        return summed(self.comm, np.einsum("iaq,ia...->q...", self.G, x))
+        return summed(self.comm, np.einsum("iaq,ia...->q...", self._rows, x))
 
     def without(self, w: FloatArray, multipliers: FloatArray) -> FloatArray:
         """w - G^T multipliers, shape (m, 3)."""

@@ -1,0 +1,112 @@
+"""Preconditioner of the semismooth Newton systems P dx + Q dw = r, dw = A dx: A replaced by D - V V^T + U U^T.
+
+With C = (U, V) and S the signs of their products, M = P + Q (D + C S C^T) has by Woodbury's formula the inverse
+
+    M^-1 = N^-1 - R C (S + C^T R C)^-1 C^T N^-1, N = P + Q D, R = N^-1 Q,
+
+N and R nodal.  R = D^-1 where a node sticks, and in the row of the normal force of every closed node: there P = 0.
+So C^T R C is C^T D^-1 C, which stays from step to step, and a product with the other rows of C; or it is that of the
+point before, and a product with the rows that have changed since.  Where products are exact, and so cheap that these
+sums count, nodes where P and Q have changed by less than `_CHANGED` keep theirs: what they do to the iterations is
+small beside what the approximation of A does.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from scipy.linalg.lapack import dgetrf, dgetrs
+
+from ..arrays import FloatArray
+from ..linalg.compliance import LowRankApproximation
+from ..linalg.reductions import Reductions, summed
+from .contact_equations import ContactDerivative
+
+_CHANGED: Final = 0.03
+"""Change of P, and of Q D, of a node from which on its part is replaced."""
+
+_ROUNDING: Final = 1e-13
+"""Entries of R D - 1 below this are rounding errors."""
+
+_LARGE: Final = 1e3
+"""Entries of R D above this leave rounding errors in the sums, which are then made anew."""
+
+
+class ContactPreconditioner:
+    """M^-1 at one point after the other; collective, as every application.
+
+    Attributes:
+        A: The approximation of A, not to be changed as long as this is used.
+    """
+
+    def __init__(self, comm: MPI.Comm, A: LowRankApproximation):
+        self._comm, self.A, m = comm, A, len(A.rest)
+        self._changed = _CHANGED if A.exact else 0.0
+        self._D: FloatArray = A.rest
+        self._P: FloatArray = np.full((m, 3, 3), np.inf)
+        self._QD: FloatArray = np.zeros((m, 3, 3))
+        self._N_inverse: FloatArray = np.zeros((m, 3, 3))
+        self._R: FloatArray = np.zeros((m, 3, 3))
+        self._RD: FloatArray = np.zeros((m, 3, 3))
+        self._core: FloatArray | None = None
+
+    @cached_property
+    def _weighted(self) -> FloatArray:
+        """D^-1 C, node by node, shape (m, 3, s)."""
+        return self.A.weighted_columns.reshape(*self._D.shape, self.A.columns.shape[1])
+
+    def move(self, at: ContactDerivative) -> None:
+        """To a point: the equations and their derivative there; collective."""
+        QD = at.Q * self._D[:, None, :]
+        with np.errstate(invalid="ignore"):
+            size = np.maximum(np.abs(at.P - self._P), np.abs(QD - self._QD)).max(axis=(1, 2))
+        new = np.flatnonzero(~(size <= self._changed))  # nan is a change
+        self._P[new], self._QD[new] = at.P[new], QD[new]
+        self._N_inverse[new] = np.linalg.inv(at.P[new] + QD[new])
+        R = self._N_inverse[new] @ at.Q[new]
+        RD = R * self._D[new][:, None, :]
+        if self.A.columns.shape[1]:
+            self._replace(new, RD)
+        self._R[new], self._RD[new] = R, RD
+
+    def _replace(self, new: npt.NDArray[np.intp], RD: FloatArray) -> None:
+        """C^T R C with R D of the nodes `new`, and its factors."""
+        over, one, before = Reductions(self._comm), np.eye(3), self._core
+        if before is not None and not over.any(len(new) > 0):
+            return
+        change, after = RD - self._RD[new], self._RD.copy()
+        large = bool(np.any(np.abs(after[new]) > _LARGE))
+        after[new] = RD
+        others = np.flatnonzero(np.any(np.abs(after - one) > _ROUNDING, axis=(1, 2)))
+        if before is None or over.any(large or len(others) <= len(new)):
+            new, change, before = others, after[others] - one, np.diag(self.A.signs) + self.A.weighted_gram
+        s = self.A.columns.shape[1]
+        rows = np.flatnonzero(np.any(np.abs(change) > _ROUNDING, axis=2).ravel())
+        changed = (change @ self._weighted[new]).reshape(-1, s)[rows]
+        seen = self.A.columns.reshape(-1, 3, s)[new].reshape(-1, s)[rows]
+        self._core = before + summed(self._comm, seen.T @ changed)
+        self._factors, self._pivots, _ = dgetrf(self._core)  # a singular one gives no numbers: the method ends
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        """M^-1 applied to r (m, 3) or (m, 3, columns); collective."""
+        C, count = self.A.columns, math.prod(r.shape[2:])
+        z = self._N_inverse @ r.reshape(len(r), 3, count)
+        if C.shape[1] > 0:
+            seen = summed(self._comm, C.T @ z.reshape(len(C), count))
+            known = dgetrs(self._factors, self._pivots, seen)[0]
+            z -= self._R @ (C @ known).reshape(z.shape)
+        return z.reshape(r.shape)
+
+    def transposed(self, r: FloatArray) -> FloatArray:
+        """M^-T applied to r (m, 3) or (m, 3, columns), N^-T (r - C core^-T C^T R^T r); collective."""
+        C, count = self.A.columns, math.prod(r.shape[2:])
+        z = r.reshape(len(r), 3, count)
+        if C.shape[1] > 0:
+            seen = summed(self._comm, C.T @ (self._R.transpose(0, 2, 1) @ z).reshape(len(C), count))
+            z = z - (C @ dgetrs(self._factors, self._pivots, seen, trans=1)[0]).reshape(z.shape)
+        return (self._N_inverse.transpose(0, 2, 1) @ z).reshape(r.shape)
