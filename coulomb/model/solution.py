@@ -328,10 +328,7 @@ class Solution:
 
     def sensitivities(self, earlier: Sequence[Sensitivity] = ()) -> list[Sensitivity]:
         """What the answer owes to each input: friction, gaps, loads, prescribed displacements, Young's moduli; exact
-        derivatives, with how far they hold; collective.
-
-        Args:
-            earlier: In a load history, those of the load step before.
+        derivatives, with how far they hold; in a load step with those of the step before (`earlier`); collective.
 
         Raises:
             ValueError: In large motions, with heat, with friction that depends on the slip rate, or in a load step
