@@ -30,6 +30,7 @@ class _Interaction:
     def __init__(self) -> None:
         self.friction: Card | None = None
         self.behavior: Card | None = None
+        self.conductance: Card | None = None
 
 
 def contact_tables(of: Reading) -> list[dict[str, Any]]:
@@ -87,6 +88,9 @@ def _read_pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
             if "tied" in kinds and len(kinds) > 1:
                 changed = next(one for one, kind in laws if one is not None and kind != laws[0][1])
                 raise changed.fault("a pair that is tied in some steps and not in others is not read")
+            thermal = _conductance(interaction.conductance) if of.heated else {}
+            if kinds == {"none"} and thermal:
+                raise card.fault("heat through a pair without contact stiffness is not read", row)
             if kinds == {"none"}:
                 of.notes.append(f"{words[0]} and {words[1]}: the contact stiffness is next to nothing: no contact")
                 continue
@@ -94,7 +98,7 @@ def _read_pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
                 "face": of.face(slave, card, row),
                 "against": of.face(master, card, row),
             }
-            table |= _friction(of, interaction, card.key("INTERACTION"))
+            table |= _friction(of, interaction, card.key("INTERACTION")) | thermal
             names = key_of(words[0]), key_of(words[1])
             table |= _adjusted(of, card, clearances.get(names))
             table |= _taken_out(of, names, table.get("gap", 0.0), laws)
@@ -124,6 +128,8 @@ def _interactions(of: Reading) -> dict[str, _Interaction]:
             now.behavior = card
         elif card.kind == "FRICTION" and now is not None:
             now.friction = card
+        elif card.kind == "GAPCONDUCTANCE" and now is not None:
+            now.conductance = card
     return found
 
 
@@ -220,6 +226,21 @@ def _note_stick_slope(of: Reading, card: Card | None) -> None:
     )
     if slope < _SOFT * min(moduli) / _edge(of) and said not in of.notes:
         of.notes.append(said)
+
+
+def _conductance(card: Card | None) -> dict[str, Any]:
+    """Of a constant, or of two lines at no pressure and at another: linear in pressure."""
+    if card is None:
+        return {}
+    if "USER" in card.parameters:
+        raise card.fault("a conductance by a subroutine is not read")
+    lines = [[*card.floats([row]), 0.0][:2] for row in range(len(card.lines))]
+    if len(lines) == 1:
+        return {"thermal": {"conductance": float(lines[0][0])}}
+    if len(lines) != 2 or lines[0][1] != 0.0 or lines[1][1] <= 0.0 or lines[1][0] < lines[0][0]:
+        raise card.fault("of conductances a constant, or one at no pressure and one at another, are read")
+    rise = {"factor": float(lines[1][0] - lines[0][0]), "hardness": float(lines[1][1]), "exponent": 1.0}
+    return {"thermal": {"conductance": float(lines[0][0])} | rise}
 
 
 def _distinct(rows: Rows) -> Rows:

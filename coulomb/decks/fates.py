@@ -9,11 +9,13 @@ from typing import Final
 
 from .cards import Card
 from .springs import KINDS
-from .steps import PROCEDURES
+from .steps import PROCEDURES, STEADY
 
 USED, NOT_NEEDED, REFUSED = "used", "not needed here", "refused"
 
 _GEOMETRY: Final = ("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "PART", "ENDPART", "INSTANCE", "ENDINSTANCE")
+
+_OF_HEAT: Final = ("CONDUCTIVITY", "GAPCONDUCTANCE", "FILM", "DFLUX")
 
 _HANDLED: Final = frozenset(
     (
@@ -24,7 +26,7 @@ _HANDLED: Final = frozenset(
         "CHANGESURFACEBEHAVIOR",
         *("TIE", "TRANSFORM", "EQUATION", "RIGIDBODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "PRE-TENSIONSECTION"),
         *("SPRING", "CONTACT", "CONTACTINCLUSIONS", "CONTACTPROPERTYASSIGNMENT"),
-        *("TEMPERATURE", "INITIALCONDITIONS", "CONDUCTIVITY", "CYCLICSYMMETRYMODEL"),
+        *("TEMPERATURE", "INITIALCONDITIONS", "CYCLICSYMMETRYMODEL", *_OF_HEAT),
     )
 )
 
@@ -68,8 +70,10 @@ def fates(cards: Iterable[Card], ignore: Collection[str], surface_elements: Coll
     """The table of cards, in the order of the deck; those to ignore by `Card.kind`; types of elements that lie on
     solids by name."""
     rows: dict[str, Row] = {}
+    cards = list(cards)
+    heated = any(card.kind in STEADY for card in cards)
     for card in cards:
-        fate, why = _fate(card, ignore, surface_elements)
+        fate, why = _fate(card, ignore, surface_elements, heated)
         row = rows.get(card.kind)
         if row is None:
             rows[card.kind] = Row(card.keyword, 1, fate, why)
@@ -80,7 +84,7 @@ def fates(cards: Iterable[Card], ignore: Collection[str], surface_elements: Coll
     return list(rows.values())
 
 
-def _fate(card: Card, ignore: Collection[str], surface_elements: Collection[str]) -> tuple[str, str]:
+def _fate(card: Card, ignore: Collection[str], surface_elements: Collection[str], heated: bool) -> tuple[str, str]:
     kind = card.kind
     where = f"{Path(card.file).name}, line {card.line}"
     if kind in ignore:
@@ -96,8 +100,13 @@ def _fate(card: Card, ignore: Collection[str], surface_elements: Collection[str]
         if title in surface_elements:
             return USED, "surface elements name faces"
         return REFUSED, f"{where}: elements of type {title} are no solids"
+    if kind in STEADY and "STEADYSTATE" in card.parameters:
+        return USED, ""
     if kind in PROCEDURES and kind != "STATIC":
-        return REFUSED, f"{where}: only *STATIC steps are solved"
+        solved = "*STATIC steps, and those of temperature and displacement with STEADY STATE, are solved"
+        return REFUSED, f"{where}: {solved}"
+    if kind in _OF_HEAT and not heated:
+        return NOT_NEEDED, "no step conducts heat"
     if kind == "INITIALCONDITIONS" and card.key("TYPE") != "TEMPERATURE":
         return REFUSED, f"{where}: of initial conditions only temperatures are read"
     if kind == "STEP" and "PERTURBATION" in card.parameters:

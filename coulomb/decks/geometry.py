@@ -375,24 +375,25 @@ class Geometry:
         number: IntArray = np.unique(label, return_inverse=True)[1].astype(np.int64)
         return number
 
-    def pressures(self, card: Card) -> Iterator[tuple[str, float, list[tuple[int | str, str]]]]:
-        """The pressures of a *DLOAD card: the name of the face of each, the pressure, and elements or sets with their
-        side S1, S2, ...; sides of one pressure are one face."""
-        by_value: dict[float, list[tuple[int | str, str]]] = {}
+    def on_sides(self, card: Card) -> Iterator[tuple[str, tuple[float, ...], list[tuple[int | str, str]]]]:
+        """What a *DLOAD, *FILM or *DFLUX card puts on sides of elements: the name of the face of each, the values, and
+        elements or sets with their side S1, S2, ...; sides with the same values are one face."""
+        letter, count = {"DLOAD": ("P", 1), "FILM": ("F", 2), "DFLUX": ("S", 1)}[card.kind]
+        by_values: dict[tuple[float, ...], list[tuple[int | str, str]]] = {}
         for row, words in card.rows():
             side = key_of(words[1]) if len(words) > 1 else ""
-            if re.fullmatch(r"P[1-6]", side):
+            if re.fullmatch(f"{letter}[1-6]", side):
                 label = self.label(words[0])
-                value = card.number(words[2], row) if len(words) > 2 else 0.0
-                by_value.setdefault(value, []).append(
-                    (label if isinstance(label, str) else int(label[0]), side.replace("P", "S"))
+                values = tuple(card.number(word, row) for word in [*words[2:], "", ""][:count])
+                by_values.setdefault(values, []).append(
+                    (label if isinstance(label, str) else int(label[0]), f"S{side[1]}")
                 )
-        for number, (value, sides) in enumerate(by_value.items(), 1):
+        for number, (values, sides) in enumerate(by_values.items(), 1):
             if len(sides) == 1:
                 what, side = sides[0]
-                yield f"{what} {side.replace('S', 'P')}", value, sides
+                yield f"{what} {side.replace('S', letter)}", values, sides
             else:
-                yield f"DLOAD line {card.line}" + (f" {number}" if len(by_value) > 1 else ""), value, sides
+                yield f"{card.keyword} line {card.line}" + (f" {number}" if len(by_values) > 1 else ""), values, sides
 
 
 def _refuse_two(numbers: IntArray, said: str, called: Callable[[int], str]) -> None:

@@ -98,7 +98,7 @@ class Loads:
                         names.setdefault(face, face)
                         pressures.give(face, card.number(words[2], row), step, amplitude)
                     continue
-                for name, value, sides in self._of.deck.pressures(card):
+                for name, (value,), sides in self._of.deck.on_sides(card):
                     of_sides = frozenset(sides)
                     elements = np.concatenate([self._of.elements_of(what) for what, _ in sides])
                     names.setdefault(of_sides, f"{self._of.body_of(elements, '*DLOAD')}{name}")

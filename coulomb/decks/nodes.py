@@ -11,6 +11,7 @@ import numpy as np
 from ..arrays import FloatArray, IntArray, as_list
 from .cards import Card, key_of
 from .constraints import Constraints
+from .heat import is_temperature
 from .materials import radial_direction
 from .reading import Reading
 from .steps import Rows, Step, Track, Tracks, reference
@@ -82,10 +83,10 @@ class NodalTables:
                 first = card.whole(words[1], row)
                 last = card.whole(words[2], row) if len(words) > 2 and words[2] else first
                 value = card.number(words[3], row) if len(words) > 3 else 0.0
-                if first in (0, 11):
-                    raise card.fault(
-                        "temperatures are prescribed by *TEMPERATURE; *BOUNDARY of temperature is not read", row
-                    )
+                if is_temperature(card, words):
+                    if self._of.heated:
+                        continue  # `Heat` has it
+                    raise card.fault("temperatures of *BOUNDARY are read where a step conducts heat", row)
                 dofs = range(first, last + 1)
             for node in as_list(self._of_solids(nodes, kind, value, card, row, step)):
                 for dof in dofs:

@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import IntArray
 from .cards import Card, key_of
 from .geometry import Geometry
-from .steps import Amplitude, Rows, Step, reference
+from .steps import STEADY, Amplitude, Rows, Step, reference
 
 
 class Reading:
@@ -31,6 +31,11 @@ class Reading:
     def __init__(self, deck: Geometry, model: list[Card], steps: list[Step], large: bool = False):
         self.deck, self.model, self.steps, self.large = deck, model, steps, large
         self.notes: list[str] = []
+
+    @property
+    def heated(self) -> bool:
+        """Whether a step conducts heat."""
+        return any(card.kind in STEADY for step in self.steps for card in step.cards)
 
     @cached_property
     def bodies(self) -> Mapping[str, IntArray]:

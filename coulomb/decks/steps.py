@@ -207,6 +207,9 @@ PROCEDURES: Final = {
 }
 """Cards that say what a step computes, and whether it is something that coulomb does."""
 
+STEADY: Final = ("COUPLEDTEMPERATURE-DISPLACEMENT", "UNCOUPLEDTEMPERATURE-DISPLACEMENT")
+"""Those that conduct heat beside, with the parameter STEADY STATE."""
+
 
 class Tracks(Generic[Key]):
     """Tracks of what is given by cards, by any key.

@@ -19,6 +19,7 @@ from .constraints import Constraints
 from .contacts import contact_tables, general_contact
 from .fates import REFUSED, Row, fates
 from .geometry import Geometry, read_geometry
+from .heat import Heat
 from .loads import Loads
 from .materials import directions_of, material_of
 from .nodes import NodalTables
@@ -120,6 +121,7 @@ class _Translator:
         nodal = NodalTables(self.of, constraints)
         nodal.take()
         tables |= self.loads.temperature()
+        tables |= Heat(self.of, self.loads.initial_temperature).tables()
         tables |= nodal.tables()
         tables |= self.loads.tables({table.get("density") for _, _, table in materials})
         for name, more in constraints.tables().items():
@@ -201,6 +203,10 @@ class _Translator:
             if card.key("MATERIAL") not in by_name:
                 raise card.lacks("*MATERIAL", card.get("MATERIAL"), by_name)
             table = material_of(card, by_name[card.key("MATERIAL")], temperature)
+            if self.of.heated:
+                table.setdefault("expansion", 0.0)
+            else:
+                table.pop("conductivity", None)
             if card.key("ORIENTATION"):
                 if card.key("ORIENTATION") not in orientations:
                     raise card.lacks("*ORIENTATION", card.get("ORIENTATION"), orientations)

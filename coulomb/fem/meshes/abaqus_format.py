@@ -107,7 +107,7 @@ class _Mesh:
                     [rows for what, side in surface.lines for rows in self._sides(surface.name, what, side)]
                 )
         for card in deck.others:
-            for name, _, sides in deck.pressures(card) if card.kind == "DLOAD" else ():
+            for name, _, sides in deck.on_sides(card) if card.kind in ("DLOAD", "FILM", "DFLUX") else ():
                 groups[name] = self._joined([rows for what, side in sides for rows in self._sides(name, what, side)])
         return groups
 

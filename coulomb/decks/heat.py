@@ -1,0 +1,109 @@
+"""Steady heat of a deck: temperatures, films and fluxes on faces, as the tables [[heat]] of a case."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from .cards import Card
+from .reading import Reading
+from .steps import PROCEDURES, STEADY, Step, Track, Tracks, reference
+
+_TEMPERATURE = (0, 11)
+"""The degrees of freedom of *BOUNDARY that are the temperature."""
+
+
+def is_temperature(card: Card, words: list[str]) -> bool:
+    """Whether a *BOUNDARY line prescribes a temperature."""
+    return len(words) > 1 and words[1].isdigit() and int(words[1]) in _TEMPERATURE
+
+
+class Heat:
+    """What heats and cools the bodies of a deck whose steps conduct heat.
+
+    Args:
+        reading: The deck.
+        initial: The temperature of all nodes at the start, which is that of the unstrained bodies.
+    """
+
+    def __init__(self, reading: Reading, initial: float | None):
+        self._of, self._initial = reading, initial
+        self._names: dict[Any, str] = {}
+
+    def tables(self) -> dict[str, Any]:
+        """The tables [[heat]] and the reference temperature; nothing of a deck without heat.
+
+        Raises:
+            ValueError: If some steps conduct heat and others do not, or something is not read, with the line.
+        """
+        if not self._of.heated:
+            return {}
+        procedures = [card for step in self._of.steps for card in step.cards if card.kind in PROCEDURES]
+        if not all(card.kind in STEADY for card in procedures):
+            static = next(card for card in procedures if card.kind not in STEADY)
+            raise static.fault("beside steps that conduct heat, steps without it are not read")
+        if self._initial is None:
+            raise procedures[0].fault("there is no *INITIAL CONDITIONS, TYPE=TEMPERATURE to begin with")
+        kept, films, fluxes = (Tracks[Any](support=support) for support in (True, True, False))
+        before = [card for card in self._of.model if card.kind == "BOUNDARY"]
+        for step in self._of.steps:
+            fluxes.begin(step)
+            for card in (*before, *step.cards):
+                if card.kind == "BOUNDARY":
+                    for face, value in self._prescribed(card):
+                        self._give(kept, face, value, step, card)
+                elif card.kind in ("FILM", "DFLUX"):
+                    self._on_sides(films if card.kind == "FILM" else fluxes, card, step)
+            before = []
+        tables = [{"face": face} | self._changed("temperature", track) for face, track in kept.all]
+        tables += [
+            {"face": self._names[sides], "film": film} | self._changed("ambient", track)
+            for (sides, film), track in films.all
+        ]
+        tables += [
+            {"face": self._names[sides]} | self._of.timed({}, "flux", track.fixed()[0]) for sides, track in fluxes.all
+        ]
+        return {"reference_temperature": self._initial, "heat": tables}
+
+    def _prescribed(self, card: Card) -> Iterator[tuple[str, float]]:
+        """The set of nodes of every temperature, which must make a face, and the temperature."""
+        for row, words in card.rows("nodes and degrees of freedom", 2):
+            if not is_temperature(card, words):
+                continue
+            if card.key("OP") == "NEW" or not isinstance(self._of.deck.label(words[0]), str):
+                raise card.fault("temperatures of single nodes, and those of OP=NEW, are not read", row)
+            nodes = np.unique(self._of.node_numbers(words[0], card, row))
+            body = self._of.body_of(self._of.elements_at(nodes), "*BOUNDARY of temperature")
+            yield f"{body}{words[0]}", card.number(words[3], row) if len(words) > 3 else 0.0
+
+    def _on_sides(self, into: Tracks[Any], card: Card, step: Step) -> None:
+        if card.key("OP") == "NEW":
+            raise card.fault("OP=NEW is not read")
+        for name, values, sides in self._of.deck.on_sides(card):
+            key = frozenset(sides)
+            elements = np.concatenate([self._of.elements_of(what) for what, _ in sides])
+            self._names[key] = f"{self._of.body_of(elements, f'*{card.keyword}')}{name}"
+            if card.kind == "FILM":
+                self._give(into, (key, values[1]), values[0], step, card)
+            else:
+                into.give(key, values[0], step, self._of.amplitude(card))
+        if len(card.lines) > sum(len(sides) for _, _, sides in self._of.deck.on_sides(card)):
+            raise card.fault("only what is on sides of elements is read, as F1 and S1")
+
+    def _give(self, into: Tracks[Any], key: Any, value: float, step: Step, card: Card) -> None:
+        assert self._initial is not None
+        if key not in dict(into.all):
+            into.begin_at(key, 0.0, self._initial)
+        into.give(key, value, step, self._of.amplitude(card))
+
+    def _changed(self, key: str, track: Track) -> dict[str, Any]:
+        """A temperature in time: that of the largest change from the start, with the factor of the change."""
+        assert self._initial is not None
+        start = self._initial
+        change, amplitude = reference(tuple((time, value - start) for time, value in track.fixed()[0]))
+        table: dict[str, Any] = {key: start + change}
+        if amplitude is not None and not self._of.single(amplitude):
+            table["amplitude"] = amplitude
+        return table
