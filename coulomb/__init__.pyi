@@ -18,10 +18,10 @@ from .fem.bodies import ThermalLoad as ThermalLoad
 from .fem.bodies import TotalForce as TotalForce
 from .fem.bodies import Traction as Traction
 from .fem.bodies import join as join
-from .fem.bodies.hyperelastic import MooneyRivlin as MooneyRivlin
-from .fem.bodies.hyperelastic import NeoHookean as NeoHookean
-from .fem.bodies.hyperelastic import Ogden as Ogden
-from .fem.bodies.hyperelastic import StVenantKirchhoff as StVenantKirchhoff
+from .fem.bodies.hyperelastic_laws import MooneyRivlin as MooneyRivlin
+from .fem.bodies.hyperelastic_laws import NeoHookean as NeoHookean
+from .fem.bodies.hyperelastic_laws import Ogden as Ogden
+from .fem.bodies.hyperelastic_laws import StVenantKirchhoff as StVenantKirchhoff
 from .fem.contact import CyclicSymmetry as CyclicSymmetry
 from .fem.contact import Pretension as Pretension
 from .fem.contact import Tied as Tied

@@ -123,6 +123,9 @@ def verify() -> Verified:
         rows.append(relative(what, fine, force, 0.02, "2 %: coarse mesh, against the fine one"))
     force, unknowns, *linear = pad("tetrahedron", 1, PAD[1])
     rows.append(_too_stiff(f"rubber strip, linear tetrahedra, {unknowns} unknowns", fine, force, 0.1))
+    force, unknowns, *bricks = pad("hexahedron", 1, PAD[1])
+    what = f"rubber strip, linear hexahedra with mean dilatations, {unknowns} unknowns: force, N/m"
+    rows.append(relative(what, fine, force, 0.02, "2 %: coarse mesh, against the fine one"))
     panel = Panel(
         "rubber strip, nu = 0.499",
         "x, mm",
@@ -130,6 +133,7 @@ def verify() -> Verified:
         (
             Curve("second order, 9000 unknowns", 1e3 * x, pressure, formula=True, line=False),
             Curve("linear tetrahedra", 1e3 * linear[0], linear[1]),
+            Curve("linear hexahedra", 1e3 * bricks[0], bricks[1]),
             *(Curve(f"second-order {cell}", 1e3 * at, p) for cell, (at, p) in found.items()),
         ),
     )

@@ -140,7 +140,7 @@ def check_case(
         settings = case_of(case, changes or (), ignored)
 
     from ..fem.compilation import announce
-    from .preparation import expected, prepared, refuse_unwritable, warn_of_locking
+    from .preparation import expected, prepared, refuse_unwritable
     from .terminal import introduce, show_input
 
     announce()
@@ -152,7 +152,6 @@ def check_case(
             problem.at(end)
     introduce(console, case, problem)
     show_input(console, settings, problem)
-    warn_of_locking(settings, problem)
     for line in expected(settings, problem):
         console.out(line)
 

@@ -9,7 +9,6 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..case.case import Case
-from ..fem.bodies import LOCKING_ABOVE
 from ..io.history_files import steps_left
 from ..io.output import refuse_full_disk, size_on_disk
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -17,7 +16,6 @@ from ..model.memory import least_memory, least_room, most_unknowns
 from ..model.problem import ContactProblem
 from ..ranks import on_rank_0
 from ..regular_file import unwritable
-from .console import errors
 
 
 def prepared(settings: Case, target: Path, force: bool, resume: bool = False) -> tuple[Case, ContactProblem]:
@@ -113,20 +111,6 @@ def gigabytes(size: float) -> str:
 
 
 # --- for the user -------------------------------------------------------------------------------------------------
-
-
-def warn_of_locking(settings: Case, problem: ContactProblem) -> None:
-    """Warn about first-order elements of a material near incompressibility, which are allowed but far too stiff."""
-    given = settings.material_tables
-    for member in problem.elasticity.members:
-        highest = max((one.poisson for one in given[member.name] if isinstance(one.poisson, float)), default=0.0)
-        if highest > LOCKING_ABOVE and member.body.mesh.degree == 1:
-            of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")
-            errors.out(
-                f"warning: material{of}: poisson = {highest} is near 0.5: above {LOCKING_ABOVE:g} first-order elements "
-                "lock and give an answer that is far too stiff, although the discrete problem is certified; "
-                f"second-order ones do not (degree = 2 in {table})"
-            )
 
 
 def expected(settings: Case, problem: ContactProblem) -> list[str]:

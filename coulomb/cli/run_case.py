@@ -48,7 +48,7 @@ from ..solvers.results import NotConverged, Status
 from .bars import Sensitivities, bars_of_steps, error_bars
 from .console import FAILED, INTERRUPTED, bad_input, errors, fail
 from .picture_commands import write_report
-from .preparation import prepared, refuse_unwritable, warn_of_locking
+from .preparation import prepared, refuse_unwritable
 from .session import Session
 from .terminal import (
     Display,
@@ -108,7 +108,6 @@ def compute(
                 go_on = f"coulomb resume {target}"
                 session.console.out(f"{target} has an unfinished load history, which `{go_on}` would continue")
         show_input(session.console, settings, problem)
-        warn_of_locking(settings, problem)
         with bad_input(NotPositiveDefinite):  # seen when K is factorised
             if settings.history is not None:
                 _take_steps(session, settings, problem, target, resume)

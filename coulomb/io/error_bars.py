@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray
+from ..fem.bodies import locking_by_volume
 from ..fem.meshes import same_cells
 from ..model.discrete_problem import DiscreteProblem
 from ..model.load_history import LoadHistory
@@ -28,7 +29,7 @@ from ..solvers.results import NotConverged, ProgressCallback
 from .accuracy import TOLERANCE
 from .answer import FREE, LARGEST, Answer, answer_of, least_bar
 from .energy_error import relative_stress_error
-from .locking import ROUGH, WIDE, nearly_incompressible, single_layer, too_stiff
+from .locking import ROUGH, WIDE, single_layer, too_stiff
 from .other_meshes import NoErrorBars, answer_on, other_problems, refuse_too_large, without_remarks
 from .same_problem import refuse_another_problem
 
@@ -241,7 +242,7 @@ def _may_lock(problem: DiscreteProblem, bars: ErrorBars) -> bool:
     energy, body = bars["strain_energy"], problem.elasticity
     rough = first.stress is not None and first.stress.of_first > ROUGH
     wide = first.order < 2.0 and bool(energy.discretisation[0] > WIDE * energy.value[0])
-    return rough or wide or single_layer(body) or nearly_incompressible(body)
+    return rough or wide or single_layer(body) or bool(locking_by_volume(body))
 
 
 def _beside(first: Answer, other: Answer) -> bool:

@@ -4,7 +4,7 @@ Answers on coarser meshes are then as wrong or more, and their differences tell 
 extrapolation finds of answers that converge alone.  Second order on the same cells tells it.  It costs about ten times
 the solve, and is asked for where there are signs: an error of the stress of about its size, which bending across a
 single cell has, or of the strain energy that is a large part of it; a direction in which a box has a single cell, on
-coarser meshes too; and a Poisson's ratio near 0.5.
+coarser meshes too; and a Poisson's ratio near 0.5 (`mean_dilatation`: not of hexahedra).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Final, cast
 
 import numpy as np
 
-from ..fem.bodies import Deformable, Elasticity, Member, by_group, stress_error
+from ..fem.bodies import Deformable, Elasticity, Member, locking_by_volume, stress_error
 from ..fem.meshes import boundary_facets, corners_of
 from ..linalg.reductions import Reductions
 from ..model.small_strain import CHORD
@@ -33,9 +33,6 @@ WIDE: Final = 1.0 / 3.0
 """Error bar of the strain energy over it from which on second order is compared; and the difference of the strain
 energies of both orders, over the larger one, from which on first-order cells are said to be too stiff."""
 
-NEAR: Final = 0.45
-"""Poisson's ratio from which on second order is compared."""
-
 SHARE: Final = 0.01
 """Share of the strain energy of all bodies that a body needs to count."""
 
@@ -47,17 +44,6 @@ def single_layer(body: Deformable) -> bool:
     """Whether a box of first order has a single cell along an edge, which coarser ones have too."""
     grids = [member.body.mesh.grid for member in _of_first_order(body)]
     return any(grid is not None and min(map(len, grid.planes)) == 2 for grid in grids)
-
-
-def nearly_incompressible(body: Deformable) -> bool:
-    """Whether a material of first-order cells has a Poisson's ratio above NEAR."""
-    given = [one.body.materials for one in _of_first_order(body)]
-    return any(
-        isinstance(material.poisson, float) and material.poisson > NEAR
-        for materials in given
-        if materials is not None
-        for _, material in by_group(materials)
-    )
 
 
 def too_stiff(first: Mapping[str, float], second: Mapping[str, float], chord: float = 0.0) -> tuple[str, ...]:
@@ -83,14 +69,15 @@ def too_stiff(first: Mapping[str, float], second: Mapping[str, float], chord: fl
     return tuple(said)
 
 
-def thin_and_bent(solution: Solution) -> list[str]:
-    """Remarks on bodies of first order, one or two cells thick, whose stress has an error of about its size, of those
-    alone since the error costs up to a tenth of a small problem; none where chords of the facets in contact may be the
-    cause, which `SmallStrain` says; collective.
+def remarks_on_locking(solution: Solution) -> list[str]:
+    """Remarks on bodies near incompressibility whose cells keep their volume at every point, and on those of first
+    order, one or two cells thick, whose stress has an error of about its size, of those alone since the error costs up
+    to a tenth of a small problem; none of the latter where chords of the facets in contact may be the cause, which
+    `SmallStrain` says; collective.
     """
-    if solution.small_strain.chord > CHORD.warn:
-        return []
-    found, over = [], Reductions(solution.problem.comm)
+    found, over = locking_by_volume(solution.problem.elasticity), Reductions(solution.problem.comm)
+    if found or solution.small_strain.chord > CHORD.warn:
+        return found
     temperature = solution.problem.loading.temperature
     for member in _of_first_order(solution.problem.elasticity):
         domain = member.body.domain

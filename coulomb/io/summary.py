@@ -30,7 +30,7 @@ from ..solvers.results import Status
 from ..units import amount, used
 from ..version import __version__
 from .environment import versions
-from .locking import thin_and_bent
+from .locking import remarks_on_locking
 
 LOOK_AT_GAP = "check the foundation's position and normal, and the unit of the mesh (scale)"
 """Advice if no node is in contact."""
@@ -149,7 +149,7 @@ def remarks(solution: Solution) -> list[str]:
     if over.max(solution.contact_force[0::3]) > 0.0:
         motions = ", nor that ".join(undetermined(problem, solution.contact_force))
         unique = f"the equilibrium is not unique: nothing resists that {motions}; the shortest is given"
-        return [*[unique] * bool(motions), *thin_and_bent(solution)]
+        return [*[unique] * bool(motions), *remarks_on_locking(solution)]
     if solution.result.status is Status.NO_EQUILIBRIUM:  # nothing was solved
         return []
     least = over.min(problem.surface.gap - problem.relative_displacement(solution.change)[:, 0])
@@ -159,7 +159,7 @@ def remarks(solution: Solution) -> list[str]:
         ]
     least = max(least, 0.0)  # beyond rounding
     open_ = f"nothing touches: all contact nodes are open, the smallest gap is {amount(least)}; {LOOK_AT_GAP}"
-    return [open_, *thin_and_bent(solution)]
+    return [open_, *remarks_on_locking(solution)]
 
 
 def material_entries(materials: Materials) -> list[dict[str, Any]]:

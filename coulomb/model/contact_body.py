@@ -17,7 +17,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, End, Loading, unjoined_parts
+from ..fem.bodies import Deformable, End, Loading, locking_by_volume, unjoined_parts
 from ..fem.contact import (
     ContactSurface,
     FullyHeld,
@@ -233,7 +233,7 @@ class ContactBody:
         kept_matrix: The contact matrix of the evidence.
         judged_pairs: By the number of the contact, by what the evidence judges its pair.
         held_in_pairs: The nodes of pairs that supports hold on both sides.
-        remarks: What a user should know of supports and contact faces.
+        remarks: What a user should know of supports, contact faces and elements.
         unknowns: Free displacement unknowns and contact unknowns, over all ranks.
         stiffness: K^-1 and A, and the method by which they are computed.
         heat: Conduction of heat; None without.
@@ -283,7 +283,7 @@ class ContactBody:
         refuse_untouched(elasticity, reference)
         self._references = {elasticity.constraints.locked: reference}  # with the unknowns of which bolts are locked
         of_ties = (text for tie in elasticity.constraints.ties for text in tie.remarks)
-        self.remarks = (*elasticity.contradictions, *reference.remarks, *of_ties)
+        self.remarks = (*elasticity.contradictions, *reference.remarks, *of_ties, *locking_by_volume(elasticity))
         self.kept_matrix, self.judged_pairs = KeptMatrix(), dict[int, JudgedPair]()
         free, points = 3 * len(elasticity.x) - elasticity.held.number, 3 * len(reference.nodes)
         self.unknowns = {

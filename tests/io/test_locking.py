@@ -24,7 +24,7 @@ from coulomb import (
 )
 from coulomb.io.answer import answer_of
 from coulomb.io.error_bars import ComparisonHistories
-from coulomb.io.locking import thin_and_bent
+from coulomb.io.locking import remarks_on_locking
 from coulomb.io.other_meshes import NoErrorBars
 
 STEEL = Material(2.1e11, 0.3)
@@ -76,7 +76,7 @@ def test_a_refinement_does_not_end_with_bars_that_do_not_see_the_layer():
 @pytest.mark.parametrize("cell", ["tetrahedron", "hexahedron"])
 @pytest.mark.parametrize("pushed", [False, True])
 def test_a_pad_near_incompressibility(cell, pushed):
-    """Under a pressure it gives way too little, and where it is pushed it resists too much."""
+    """Under a pressure it gives way too little, and where it is pushed it resists too much; hexahedra do not."""
 
     def solution(cells, kind, degree):
         mesh, rubber = box((0.1, 0.1, 0.03), cells, kind, degree=degree), Material(5e6, 0.499)
@@ -89,7 +89,9 @@ def test_a_pad_near_incompressibility(cell, pushed):
     exact = answer_of(solution((6, 6, 3), "hexahedron", 2), 1e-8).totals
     for name in ("strain_energy", "maximum.displacement", *(["totals.normal_force"] if pushed else [])):
         assert np.all(np.abs(bars[name].value - exact[name][0]) <= bars[name].bar), name
-    assert 2 in [one.order for one in bars.answers] and any("near incompressibility" in one for one in bars.warnings)
+    locks = cell == "tetrahedron"
+    assert 2 in [one.order for one in bars.answers] or not locks
+    assert any("near incompressibility" in one for one in bars.warnings) == locks
 
 
 def test_where_nothing_locks_nothing_is_said_and_no_second_order_is_solved():
@@ -101,7 +103,7 @@ def test_where_nothing_locks_nothing_is_said_and_no_second_order_is_solved():
     for block in blocks:
         answer = block.solve()
         bars = answer.error()
-        assert [one.order for one in bars.answers] == [1, 1, 1] and not bars.warnings and not thin_and_bent(answer)
+        assert [one.order for one in bars.answers] == [1, 1, 1] and not bars.warnings and not remarks_on_locking(answer)
 
 
 def test_what_is_bent_is_told_from_what_is_pulled_without_a_comparison():
@@ -109,11 +111,11 @@ def test_what_is_bent_is_told_from_what_is_pulled_without_a_comparison():
     mesh = box((LENGTH, WIDTH, 0.004), (16, 4, 1), "tetrahedron")
     held = [Clamp("left", "x"), SymmetryPlane("front"), SymmetryPlane("bottom")]
     pulled = ContactProblem(mesh, STEEL, held, Contact("top", 0.0), [Traction("right", (1e6, 0.0, 0.0))]).solve()
-    assert not thin_and_bent(pulled)
+    assert not remarks_on_locking(pulled)
     for layers in (1, 2):
-        (said,) = thin_and_bent(cantilever(0.004, (16, 4, layers)).solve())
+        (said,) = remarks_on_locking(cantilever(0.004, (16, 4, layers)).solve())
         assert "seem far too stiff, as they lock in bending" in said and "(degree = 2 in [mesh])" in said
-    assert not thin_and_bent(cantilever(0.004, (8, 2, 1), degree=2).solve())
+    assert not remarks_on_locking(cantilever(0.004, (8, 2, 1), degree=2).solve())
 
 
 @pytest.mark.parametrize(("cell", "cells"), [("hexahedron", (1, 6)), ("tetrahedron", (1, 8))])
@@ -126,7 +128,7 @@ def test_chords_of_a_pin_in_a_lug_are_no_lock(cell, cells):
     contact, load = Contact("pin:right", 0.1, against="lug:left"), Traction("pin:left", (0.0, 8e7, 0.0))
     bodies = join(lug=lug, pin=pin)
     answer = ContactProblem(bodies, STEEL, [Clamp("lug:right"), *held], contact, [load], small_strain="warn").solve()
-    assert answer.small_strain.chord > 5.0 and not thin_and_bent(answer)
+    assert answer.small_strain.chord > 5.0 and not remarks_on_locking(answer)
     if cell == "hexahedron":
         said = answer.error().warnings
         assert len(said) == 2 and all("their chords leave gaps of 736% of the approach" in one for one in said)

@@ -43,7 +43,7 @@ def test_where_single_precision_does_not_suffice():
     """A body on soft springs and nearly incompressible: refinement would be slow, or a pivot fails."""
     for stiffness, poisson in ((1e3, 0.3), (1e10, 0.49999999)):
         problem = ContactProblem(
-            box((1.0, 1.0, 1.0), (3, 3, 3)),
+            box((1.0, 1.0, 1.0), (3, 3, 3), "tetrahedron"),
             Material(2e11, poisson),
             [],
             make_block(1).contacts[0],

@@ -2,7 +2,7 @@
 matrix K, the load f, and the nodal forces of a displacement.  Several bodies are joined into one.
 """
 
-from .body import LOCKING_ABOVE, STRESSES, ElasticBody, cell_measure, varying_signs
+from .body import STRESSES, ElasticBody, cell_measure, varying_signs
 from .conduction import Conduction, HeatLoad
 from .constraints import (
     HELD_OBLIQUE,
@@ -19,7 +19,7 @@ from .constraints import (
 )
 from .deformable import Deformable, End, Member, SingleBody
 from .displacement_space import DisplacementSpace, free_earlier_bodies
-from .elasticity import Elasticity, LoadedBody
+from .elasticity import Elasticity, LoadedBody, locking_by_volume
 from .equations import Equation, Equations
 from .form_body import BilinearForm, Body, FormValues
 from .free_motions import (

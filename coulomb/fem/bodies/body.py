@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -15,6 +15,7 @@ from .. import compat
 from ..compat import fem, ufl
 from .displacement_space import DisplacementSpace
 from .materials import PAIRS, UPPER, CellMaterials
+from .mean_dilatation import MEAN_ABOVE, linear_hexahedra, mean_dilatation
 
 # Internal nodal forces of linear hexahedra with an isotropic material, by a kernel in C for several cells at once.
 #
@@ -53,9 +54,6 @@ def hexahedral_forces(V: Any, mu: Any, lame: Any) -> HexahedralForces | None:
     return HexahedralForces(V, mu, lame) if linear else None
 
 
-LOCKING_ABOVE: Final = 0.49
-"""Poisson's ratio above which first-order elements lock: nearly constant volume prevents their bending."""
-
 STRESSES = (
     "von_mises_stress",
     *(f"stress_{'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS),
@@ -70,17 +68,23 @@ class ElasticBody(DisplacementSpace):
     Isotropic bodies have the stress 2 mu strain + lambda tr(strain) I; if a cell is orthotropic, all cells have the 21
     constants of a stiffness (`orthotropic`).  `constants` are those of the materials as functions that are constant on
     every cell, by their names in solution.xdmf.
+
+    On isotropic hexahedra of first order near incompressibility the dilatation is its mean over the cell
+    (`mean_dilatation`): the stress has bulk D I in place of bulk tr(strain) I.
     """
 
     def __init__(self, domain: Any, materials: CellMaterials):
         super().__init__(compat.functionspace(domain, compat.geometry_degree(domain), (3,)))
         self._dx = cell_measure(domain)
         self.constants = {name: self._on_cells(values, name) for name, values in materials.fields.items()}
-        stiffness = materials.stiffness
+        stiffness, self._mean = materials.stiffness, None
         if stiffness is None:
             young, poisson = materials.young, materials.poisson
-            self._mu = self._on_cells(young / (2.0 * (1.0 + poisson)), "mu")
-            self._lame = self._on_cells(young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)), "lambda")
+            mu, lame = young / (2.0 * (1.0 + poisson)), young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+            mean = (poisson > MEAN_ABOVE) & linear_hexahedra(domain)
+            self._mean = mean_dilatation(self.V, self._dx, mean, lame + 2.0 / 3.0 * mu)
+            lame = np.where(mean, -2.0 / 3.0 * mu, lame)
+            self._mu, self._lame = self._on_cells(mu, "mu"), self._on_cells(lame, "lambda")
         self._stiffness = None if stiffness is None else self._on_cells(stiffness, "stiffness")
         thermal = materials.thermal_stress(stiffness)
         self._per_kelvin = None if thermal is None else self._on_cells(thermal[0], "thermal_stress")
@@ -105,7 +109,10 @@ class ElasticBody(DisplacementSpace):
         self._u.x.scatter_forward()
         if self._forces is None:
             return self._assemble(self._internal_form)
-        return self._added(self._forces(self._u.x.array), self._internal_form)
+        forces = self._forces(self._u.x.array)
+        if self._mean is not None:
+            forces += self._mean.times(self._u.x.array)
+        return self._added(forces, self._internal_form)
 
     def work_in_cells(self, u: FloatArray, v: FloatArray, change: FloatArray | None = None) -> FloatArray:
         """Work of the stress of u along v in every cell of this rank, joules; u and v (k, 3) in metres, at a change of
@@ -156,14 +163,41 @@ class ElasticBody(DisplacementSpace):
     def stresses(self, u: Any, change: FloatArray | None = None) -> list[Any]:
         """The `STRESSES` in pascals at the cells' midpoints, DG0 Functions, of a Function u of V and a change of
         temperature (k,) in kelvin."""
-        if change is not None:
-            return self.stress_fields(self.at_midpoints(self._stress(u) - self._thermal_stress(change)))
         self._u.x.array[:] = u.x.array
+        if self._mean is not None:
+            cells = compat.cell_dofs(self._tension.function_space)[self._mean.cells, 0]
+            self._tension.x.array[cells] = self._mean.k * self._mean.of(u.x.array)
+            self._tension.x.scatter_forward()
+        if change is not None:
+            thermal = self._thermal_stress(change)
+            return self.stress_fields(self.at_midpoints(self._whole_stress(self._u) - thermal))
         return self.stress_fields(self._stress_at_midpoints)
 
     @cached_property
     def _stress_at_midpoints(self) -> Any:
-        return self.at_midpoints(self._stress(self._u))
+        return self.at_midpoints(self._whole_stress(self._u))
+
+    def dilatation(self, u: FloatArray) -> FloatArray | None:
+        """Of displacements u at this rank's nodes and ghosts (n,), the mean dilatation of this rank's own cells whose
+        stress has it, nan of others, shape (c,); None if there are none on any rank."""
+        if self._mean is None:
+            return None
+        found = np.full(len(compat.cell_dofs(self.V)), np.nan)
+        found[self._mean.cells] = self._mean.of(u) / self._mean.volume
+        return found[: self.domain.topology.index_map(3).size_local]
+
+    @property
+    def has_mean_dilatation(self) -> bool:
+        """Whether the stress of nearly incompressible cells has their mean dilatation."""
+        return self._mean is not None
+
+    @cached_property
+    def _tension(self) -> Any:
+        """bulk D of the last displacement for stresses, 0 in cells without."""
+        return self._on_cells(np.zeros(self.domain.topology.index_map(3).size_local), "tension")
+
+    def _whole_stress(self, u: Any) -> Any:
+        return self._stress(u) if self._mean is None else self._stress(u) + self._tension * ufl.Identity(3)
 
     def at_midpoints(self, s: Any) -> Any:
         """DOLFINx Expression of the components of a stress s of UFL, in the order of `PAIRS`, at the cells'
@@ -179,6 +213,7 @@ class ElasticBody(DisplacementSpace):
         return [self._on_cells(values, name) for name, values in zip(STRESSES, _stresses(of_cell), strict=True)]
 
     def _stress(self, u: Any) -> Any:
+        """Without that of mean dilatations."""
         e = strain(u)
         if self._stiffness is None:
             return 2.0 * self._mu * e + self._lame * ufl.tr(e) * ufl.Identity(3)
@@ -189,9 +224,24 @@ class ElasticBody(DisplacementSpace):
     def _thermal_stress(self, change: FloatArray) -> Any:
         assert self._per_kelvin is not None
         kelvin = self._kelvin(change)
+        if self._mean is not None:
+            kelvin = self._mean_in_cells(kelvin)
         if self._stiffness is None:
             return self._per_kelvin * kelvin * ufl.Identity(3)
         return _tensor([self._per_kelvin[k] * kelvin for k in range(6)])
+
+    def _mean_in_cells(self, kelvin: Any) -> Any:
+        """The mean over each cell with the mean dilatation, so that these fit together; itself in others."""
+        assert self._mean is not None
+        test = ufl.TestFunction(self._per_cell(()))
+        integrals = fem.petsc.assemble_vector(fem.form(kelvin * test * self._dx))
+        mean, chosen = self._on_cells(integrals.array.copy(), "mean"), np.zeros(len(integrals.array))
+        integrals.destroy()
+        cells = compat.cell_dofs(mean.function_space)[self._mean.cells, 0]
+        mean.x.array[cells] /= self._mean.volume
+        chosen[self._mean.cells] = 1.0
+        share = self._on_cells(chosen, "mean")
+        return share * mean + (1.0 - share) * kelvin
 
     def _kelvin(self, change: FloatArray) -> Any:
         return self.function(np.repeat(change[:, None], 3, axis=1), "temperature_change")[0]

@@ -332,6 +332,11 @@ class SingleBody(DisplacementSpace, Deformable):
     sprung: bool | None = None
 
     @property
+    def has_mean_dilatation(self) -> bool:
+        """Whether volumes of nearly incompressible cells change by their mean (`mean_dilatation`)."""
+        return False
+
+    @property
     def component_names(self) -> tuple[str, ...]:
         _, parts = component_modes(self.x, self.component, self.comm)
         return names_of_components(parts)

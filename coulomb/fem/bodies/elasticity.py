@@ -20,7 +20,7 @@ from ..geometry import Amplitude, Coefficient, Field, evaluate_amplitude, evalua
 from ..meshes import NamedMesh
 from .body import STRESSES, ElasticBody, strain
 from .constraints import HeldDirections, HeldNodes, SupportedNodes, contradictions, prescribed_rows
-from .deformable import End, SingleBody
+from .deformable import Deformable, End, SingleBody
 from .elimination import Made
 from .lasting_supports import acts, share_left
 from .loads import (
@@ -37,6 +37,7 @@ from .loads import (
     vanishes,
 )
 from .materials import VECTORS, Materials, by_group, material_of_cells
+from .mean_dilatation import LOCKING_ABOVE
 from .mesh_components import mesh_components
 from .rigid_modes import rigid_modes
 from .supports import Spring, Support, SupportedFace
@@ -296,6 +297,22 @@ def refuse_others(**arguments: object) -> None:
                 raise ValueError(f"{name} must be a list of {types}, but an entry is {entry!r}")
 
 
+def locking_by_volume(bodies: Deformable) -> list[str]:
+    """Warnings of first-order bodies of a material near incompressibility without mean dilatations."""
+    found = []
+    for member in bodies.members:
+        given = [] if member.body.materials is None else [one for _, one in by_group(member.body.materials)]
+        highest = max((one.poisson for one in given if isinstance(one.poisson, float)), default=0.0)
+        if highest > LOCKING_ABOVE and member.body.degree == 1 and not member.body.has_mean_dilatation:
+            of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")
+            found.append(
+                f"material{of}: poisson = {highest:.7g} is near 0.5: above {LOCKING_ABOVE:g} the first-order elements "
+                "lock and give an answer that is far too stiff, although the discrete problem is certified; "
+                f"second-order ones do not (degree = 2 in {table}), nor do isotropic hexahedra"
+            )
+    return found
+
+
 # The stiffness matrix on one rank, from the cells' matrices of FFCx's kernel, without PETSc's insertion of entries.
 #
 # PETSc searches the place of each entry of each cell: two thirds of the time of DOLFINx's assembly.  Here the places of
@@ -372,6 +389,8 @@ class Elasticity(LoadedBody, SingleBody):
     def assembled(self) -> PETSc.Mat:
         trial = ufl.TrialFunction(self.V)
         K = assembled_matrix(fem.form(ufl.inner(self._stress(trial), strain(self._test)) * self._dx), self.V)
+        if self._mean is not None:
+            self._mean.add_to(K)
         at_nodes = [self._at_sprung_nodes(spring) for spring in self.springs if spring.at_nodes]
         if at_nodes:
             diagonal = K.getDiagonal()

@@ -1,261 +1,34 @@
-"""Hyperelastic materials: strain energies per undeformed volume, as expressions of UFL, and as materials of a mesh; and
-a body of these with supports and loads, as of small strains."""
+"""A body of hyperelastic materials with supports and loads, as of small strains."""
 
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from operator import add
-from typing import Any, ClassVar, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 from scipy.spatial.transform import Rotation
-from scipy.special import roots_jacobi
 
-from ...arrays import FloatArray, is_number
+from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
-from ..geometry import Amplitude, Field, evaluate_amplitude, of_place
+from ..geometry import Amplitude, Field, evaluate_amplitude
 from ..meshes import NamedMesh
 from .body import cell_measure
 from .constraints import HeldDirections
 from .deformable import End
 from .elasticity import LoadedBody
 from .elimination import Made
+from .hyperelastic_laws import elastic, hyperelastic, invariants
 from .loads import AppliedLoad, Load, Loading, NodalForces, Pressure, Temperature, ThermalLoad, range_of, shown_range
-from .materials import Material, Materials, by_group, material_of_cells
+from .materials import Materials, by_group, material_of_cells
+from .mean_dilatation import MEAN_ABOVE, CellProducts, MeanVolume, linear_hexahedra
 from .nonlinear_body import NonlinearBody
 from .supports import PrescribedRotation, Spring, Support
-
-Invariants = tuple[Any, Any, Any]
-"""I1 and I2 of C = F^T F, and J = det F."""
-
-
-def invariants(F: Any) -> Invariants:
-    """Of a deformation gradient, 3 x 3."""
-    C = F.T * F
-    first = ufl.tr(C)
-    return first, 0.5 * (first**2 - ufl.tr(C * C)), ufl.det(F)
-
-
-def elastic(of: Invariants, stretch: Any) -> Invariants:
-    """The invariants of F/j from those of F, with a stretch j that is the same in all directions."""
-    I1, I2, J = of
-    return (I1, I2, J) if stretch is None else (I1 / stretch**2, I2 / stretch**4, J / stretch**3)
-
-
-def neo_hookean(displacement: Any, mu: Any, lame: Any) -> Any:
-    """Compressible neo-Hookean energy, mu/2 (I1 - 3 - 2 ln J) + lame/2 (ln J)^2 (Bonet and Wood 2008, eq. 6.27).
-
-    Args:
-        displacement: A function.
-        mu: The shear modulus in pascals, a number, constant or function.
-        lame: Lame's first constant, likewise.
-    """
-    return NeoHookean.energy(_of(displacement), mu, lame)
-
-
-def mooney_rivlin(displacement: Any, c1: Any, c2: Any, bulk: Any) -> Any:
-    """Mooney-Rivlin energy c1 (J^(-2/3) I1 - 3) + c2 (J^(-4/3) I2 - 3) + bulk/2 (J - 1)^2; constants in pascals."""
-    return MooneyRivlin.energy(_of(displacement), c1, c2, bulk)
-
-
-def st_venant_kirchhoff(displacement: Any, mu: Any, lame: Any) -> Any:
-    """Energy mu E : E + lame/2 (tr E)^2 of Green's strain E = (F^T F - I)/2: for large rotations and small strains."""
-    return StVenantKirchhoff.energy(_of(displacement), mu, lame)
-
-
-def _of(displacement: Any) -> Invariants:
-    return invariants(ufl.Identity(3) + ufl.grad(displacement))
-
-
-_POINTS: Final = 12
-"""Points of the quadrature of `_power_sum`."""
-
-
-def _power_sum(I1: Any, I2: Any, s: float) -> Any:
-    """The sum x^s of the eigenvalues x of a tensor of determinant 1 by its invariants, |s| <= 3.
-
-    For s = m + f, x^s is sin(pi f)/pi times the integral of t^(f-1) x^(m+1)/(x + t) over t > 0, with t = (1 - z)/(1 +
-    z) by Gauss and Jacobi's rule; and the sum of x^(m+1)/(x + t) is a quotient of polynomials in t and the invariants.
-    """
-    if s < 0.0:
-        return _power_sum(I2, I1, -s)  # of the inverse
-    whole, f = divmod(s, 1.0)
-    m, squares = int(whole), I1**2 - 2.0 * I2
-    sums = (3.0, I1, squares, I1**3 - 3.0 * I1 * I2 + 3.0)
-    if f == 0.0:
-        return sums[m]
-    mixed = (2.0 * I2, I1 * I2 - 3.0, squares * I2 - I1)[m]
-    with np.errstate(invalid="ignore"):
-        nodes, weights = roots_jacobi(_POINTS, f - 1.0, -f)
-    total: Any = 0.0
-    for z, w in zip(nodes.tolist(), weights.tolist(), strict=True):
-        t, factor = (1.0 - z) / (1.0 + z), 2.0 * math.sin(math.pi * f) / math.pi * w / (1.0 + z)
-        total += factor * (sums[m + 1] * t**2 + mixed * t + sums[m]) / (t**3 + I1 * t**2 + I2 * t + 1.0)
-    return total
-
-
-class NeoHookean(Material):
-    """A neo-Hookean material (`neo_hookean`) by Young's modulus in pascals and Poisson's ratio of small strains;
-    density in kg/m^3, expansion in 1/K.  Arguments and errors as of `Material`."""
-
-    law: ClassVar[str] = "neo-hookean"
-
-    @property
-    def constants(self) -> Mapping[str, float]:
-        """The constants of `energy` in pascals."""
-        mu = self.young / (2.0 * (1.0 + self.poisson))
-        return {"mu": mu, "lame": 2.0 * mu * self.poisson / (1.0 - 2.0 * self.poisson)}
-
-    @staticmethod
-    def energy(of: Invariants, mu: Any, lame: Any) -> Any:
-        I1, _, J = of
-        return 0.5 * mu * (I1 - 3.0 - 2.0 * ufl.ln(J)) + 0.5 * lame * ufl.ln(J) ** 2
-
-
-class StVenantKirchhoff(NeoHookean):
-    """Hooke's law between Green's strain and the second Piola-Kirchhoff stress (`st_venant_kirchhoff`): for large
-    rotations and small strains.  It is what a `Material` becomes in large motions."""
-
-    law = "st-venant-kirchhoff"
-
-    @staticmethod
-    def energy(of: Invariants, mu: Any, lame: Any) -> Any:
-        I1, I2, _ = of  # tr E = (I1 - 3)/2, and E : E = (I1^2 - 2 I2 - 2 I1 + 3)/4
-        return 0.25 * mu * (I1**2 - 2.0 * I2 - 2.0 * I1 + 3.0) + 0.125 * lame * (I1 - 3.0) ** 2
-
-
-@dataclass(frozen=True, init=False)
-class MooneyRivlin(Material):
-    """A Mooney-Rivlin material (`mooney_rivlin`).
-
-    Attributes:
-        c1, c2: In pascals, >= 0, not both 0; the shear modulus of small strains is 2 (c1 + c2).
-        bulk: Bulk modulus in pascals, > 0.
-        density: In kg/m^3, > 0; only gravity needs it.
-        expansion: In 1/K; only a temperature needs it.
-
-    Raises:
-        ValueError: If a constant is outside its bounds.
-    """
-
-    c1: float = 0.0
-    c2: float = 0.0
-    bulk: float = 0.0
-
-    law: ClassVar[str] = "mooney-rivlin"
-
-    def __init__(self, c1: float, c2: float, bulk: float, density: float | None = None, expansion: float | None = None):
-        for name, value in (("c1", c1), ("c2", c2), ("bulk", bulk)):
-            if not is_number(value, 0.0):
-                raise ValueError(f"material: {name} must be a number of pascals, not negative, but is {value!r}")
-        young, poisson = _of_moduli(2.0 * (c1 + c2), bulk)
-        super().__init__(young, poisson, density, expansion)
-        for name, value in (("c1", c1), ("c2", c2), ("bulk", bulk)):
-            object.__setattr__(self, name, value)
-
-    @property
-    def constants(self) -> Mapping[str, float]:
-        """The constants of `energy` in pascals."""
-        return {"c1": self.c1, "c2": self.c2, "bulk": self.bulk}
-
-    @staticmethod
-    def energy(of: Invariants, c1: Any, c2: Any, bulk: Any) -> Any:
-        I1, I2, J = of
-        first, second = J ** (-2.0 / 3.0) * I1, J ** (-4.0 / 3.0) * I2
-        return c1 * (first - 3.0) + c2 * (second - 3.0) + 0.5 * bulk * (J - 1.0) ** 2
-
-
-@dataclass(frozen=True, init=False)
-class Ogden(Material):
-    """An Ogden material: the energy is the sum of mu_p/alpha_p (l1^alpha_p + l2^alpha_p + l3^alpha_p - 3) of the
-    stretches l divided by J^(1/3), and bulk/2 (J - 1)^2 (Ogden 1972).
-
-    Attributes:
-        mu: In pascals, one for each exponent; mu alpha > 0, half of their sum is the shear modulus of small strains.
-        alpha: Exponents in [-6, 6].
-        bulk: Bulk modulus in pascals, > 0.
-        density: In kg/m^3, > 0; only gravity needs it.
-        expansion: In 1/K; only a temperature needs it.
-
-    Raises:
-        ValueError: If a constant is outside its bounds.
-    """
-
-    mu: tuple[float, ...] = ()
-    alpha: tuple[float, ...] = ()
-    bulk: float = 0.0
-
-    law: ClassVar[str] = "ogden"
-
-    def __init__(
-        self,
-        mu: Sequence[float],
-        alpha: Sequence[float],
-        bulk: float,
-        density: float | None = None,
-        expansion: float | None = None,
-    ):
-        pairs = list(zip(mu, alpha, strict=False))
-        if not 0 < len(mu) == len(alpha) or not all(is_number(one, -math.inf) for one in (*mu, *alpha)):
-            raise ValueError("material: mu and alpha must be lists of numbers, as many of one as of the other")
-        if not all(m * a > 0.0 and abs(a) <= 6.0 for m, a in pairs):
-            raise ValueError(
-                f"material: every mu * alpha must be positive, and alpha between -6 and 6, but mu = {list(mu)} and "
-                f"alpha = {list(alpha)}"
-            )
-        young, poisson = _of_moduli(0.5 * sum(m * a for m, a in pairs), bulk)
-        super().__init__(young, poisson, density, expansion)
-        for name, value in (("mu", tuple(map(float, mu))), ("alpha", tuple(map(float, alpha))), ("bulk", bulk)):
-            object.__setattr__(self, name, value)
-
-    @property
-    def constants(self) -> Mapping[str, float]:
-        """The constants of `energy` in pascals."""
-        return {**{f"mu_{k}": value for k, value in enumerate(self.mu, start=1)}, "bulk": self.bulk}
-
-    def energy(self, of: Invariants, *constants: Any) -> Any:
-        """Sums of powers of stretches are rational functions of the invariants (`_power_sum`), so that derivatives
-        exist where stretches are equal, as before deformation; relative errors are 1e-11 at a stretch of 2, 1e-7 at 3.
-        """
-        (I1, I2, J), (*mu, bulk) = of, constants
-        first, second = J ** (-2.0 / 3.0) * I1, J ** (-4.0 / 3.0) * I2
-        terms = [m / a * (_power_sum(first, second, 0.5 * a) - 3.0) for m, a in zip(mu, self.alpha, strict=True)]
-        return sum(terms) + 0.5 * bulk * (J - 1.0) ** 2
-
-
-def _of_moduli(mu: float, bulk: float) -> tuple[float, float]:
-    """Young's modulus and Poisson's ratio of shear and bulk modulus; ValueError if they are out of proportion."""
-    if not is_number(bulk, 0.0) or not 0.0 < mu < 1.5e3 * bulk:
-        raise ValueError(
-            "material: bulk and the shear modulus of small strains must be positive numbers of pascals, the latter "
-            f"small beside bulk, but are {bulk!r} and {mu:g}"
-        )
-    return 9.0 * bulk * mu / (3.0 * bulk + mu), (3.0 * bulk - 2.0 * mu) / (6.0 * bulk + 2.0 * mu)
-
-
-Hyperelastic = NeoHookean | MooneyRivlin | Ogden
-"""A material with a `law`, its constants and the energy of these."""
-
-
-def hyperelastic(material: object) -> Hyperelastic:
-    """A material of large motions; of small strains, isotropic, with Green's strain; ValueError if it is none."""
-    if isinstance(material, Material) and of_place(material.young):
-        raise ValueError("material of large motions: young must be a number, one for each group of cells")
-    if isinstance(material, Hyperelastic):
-        return material
-    if type(material) is Material:
-        return StVenantKirchhoff(material.young, material.poisson, material.density, material.expansion)
-    raise ValueError(
-        "material of large motions must be NeoHookean, MooneyRivlin, Ogden, StVenantKirchhoff or an isotropic "
-        f"Material, but is {material!r}; for others give a NonlinearBody with your own energy"
-    )
-
 
 _NOTHING = (0.0, 0.0, 0.0)
 
@@ -321,6 +94,9 @@ class HyperelasticBody(NonlinearBody):
         q = elastic(invariants(F), stretch)
         known = [ufl.variable(one) for one in q]
         density = self._density(laws, known) * (1.0 if stretch is None else stretch**3)
+        energy = density * dx
+        for volume in self._volumes:
+            density += volume.tension * known[volume.invariant]
         by_q = [ufl.diff(density, one) for one in known]
         rates = [ufl.derivative(one, u, v) for one in q]
         inside = sum(a * rate for a, rate in zip(by_q, rates, strict=True)) * dx
@@ -344,7 +120,6 @@ class HyperelasticBody(NonlinearBody):
             on(k, factor * self._value(load, faces[k]) * ufl.inner(normal, v))
             for k, (load, factor) in enumerate(zip(self._follow, self._factors, strict=True))
         ]
-        energy = density * dx
         on_faces = list(pressures)
         for number, spring in enumerate(springs, len(self._follow)):
             stiffness = loaded.spring_stiffness(spring)
@@ -402,16 +177,23 @@ class HyperelasticBody(NonlinearBody):
 
     def _density(self, laws: Sequence[tuple[str | None, Any]], of: Sequence[Any]) -> Any:
         """Strain energy per undeformed volume: the sum of those of all laws, each 0 in the cells of others."""
-        loaded, found = self._loaded, 0.0
+        loaded, found, self._volumes = self._loaded, 0.0, list[MeanVolume]()
         count = loaded.domain.topology.index_map(3).size_local
+        linear = self.thermal is None and linear_hexahedra(loaded.domain)
         kinds = [(type(material), getattr(material, "alpha", ())) for _, material in laws]
         for kind in dict.fromkeys(kinds):
             mine = [law for law, of in zip(laws, kinds, strict=True) if of == kind]
-            values = {name: np.zeros(count) for name in mine[0][1].constants}
+            values, mean = {name: np.zeros(count) for name in mine[0][1].constants}, np.zeros(count, dtype=bool)
             for group, material in mine:
                 cells: Any = slice(None) if group is None else loaded.mesh.group(group, "material")
                 for name, value in material.constants.items():
                     values[name][cells] = value
+                mean[cells] = linear and material.poisson > MEAN_ABOVE
+            part = mine[0][1].volumetric
+            if loaded.comm.allreduce(bool(np.any(mean)), op=MPI.LOR):
+                moduli = np.where(mean, values[part.modulus], 0.0)
+                self._volumes.append(MeanVolume(loaded.V, part.invariant, part.function, moduli))
+                values[part.modulus][mean] = 0.0
             found += mine[0][1].energy(of, *(loaded._on_cells(one, name) for name, one in values.items()))
         return found
 
@@ -436,6 +218,8 @@ class HyperelasticBody(NonlinearBody):
             self._amplitude.value = evaluate_amplitude(self.thermal.amplitude, time, "temperature")
 
     def _outer_forces(self, u: FloatArray, time: float, before: End | None) -> tuple[Loading, FloatArray, FloatArray]:
+        for volume in self._volumes:
+            volume.move(self._displacement.x.array)
         inside, *_ = super()._outer_forces(u, time, before)
         dead, load = self._loaded.after(time, before), sum((one.forces for one in self._following()), np.zeros_like(u))
         spring = self._loaded.spring_force(u)
@@ -443,6 +227,14 @@ class HyperelasticBody(NonlinearBody):
         if self.thermal is not None:
             heat = Temperature(float(self._amplitude.value) * self._change, self.thermal.reference, 0.0)
         return Loading(time, inside.load + dead.load, dead.prescribed, heat), dead.load + load, spring
+
+    @property
+    def has_mean_dilatation(self) -> bool:
+        return bool(self._volumes)
+
+    @property
+    def _products(self) -> list[CellProducts]:
+        return [volume.products for volume in self._volumes]
 
     def _following(self) -> Iterator[NodalForces]:
         """The forces of pressures at the present displacement."""
@@ -467,10 +259,13 @@ class HyperelasticBody(NonlinearBody):
         return None
 
     def strain_energy(self, u: FloatArray) -> float:
-        return self._value_of(self._energy, u)
+        energy = self._value_of(self._energy, u)
+        return energy + sum(volume.energy(self._function.x.array) for volume in self._volumes)
 
     def cell_fields(self, u: Any, loading: Loading) -> list[Any]:
         """Cauchy stresses at the cells' midpoints, and the constants of the materials."""
+        for volume in self._volumes:
+            volume.move(u.x.array)
         stress = ufl.replace(self._cauchy, {self._displacement: u})
         return [*self._loaded.stress_fields(self._loaded.at_midpoints(stress)), *self._loaded.constants.values()]
 

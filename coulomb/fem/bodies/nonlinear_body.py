@@ -8,7 +8,6 @@ the deformed place.  So everything that poses and solves a linear contact proble
 from __future__ import annotations
 
 import copy
-import ctypes
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -30,6 +29,7 @@ from .elimination import Made
 from .form_body import BilinearForm, Body, FormValues
 from .free_motions import FreeMotions, free_motions, names_of_components
 from .loads import Loading, NodalForces
+from .mean_dilatation import CellProducts, tabulated
 from .rigid_modes import component_modes
 
 
@@ -133,6 +133,8 @@ class NonlinearBody(Body, large=True):
         self._displacement.x.array[: u.size] = u.ravel()
         self._displacement.x.scatter_forward()
         loading, load, spring = there._outer_forces(u, time, before)
+        if self._products:
+            there._a = _WithProducts(self._a, self._products, self.V)
         rest = loading.prescribed - self.held_part(u)
         values = self._a.values
         there._made = Made(values)
@@ -169,6 +171,11 @@ class NonlinearBody(Body, large=True):
     @property
     def reference(self) -> FloatArray:
         return self._undeformed
+
+    @property
+    def _products(self) -> list[CellProducts]:
+        """What the tangent has besides its form, at the displacement of the last forces."""
+        return []
 
     @property
     def place(self) -> _Place:
@@ -244,7 +251,8 @@ class NonlinearBody(Body, large=True):
     def made_positive(self) -> NonlinearBody:
         """The same linearised body with the nearest tangent that is positive semidefinite in every cell; collective."""
         there = copy.copy(self)
-        there._a = _PositivePart(self._inside, self._on_facets, self.V)
+        products = self._a.products if isinstance(self._a, _WithProducts) else []
+        there._a = _PositivePart(self._inside, self._on_facets, products, self.V)
         there._made, there._assembled = Made(self._values), None
         return there
 
@@ -334,6 +342,28 @@ def _of_kind(form: Any, cells: bool) -> Any:
     return ufl.Form(chosen) if chosen else None
 
 
+class _WithProducts(BilinearForm):
+    """A tangent on V with products of vectors of cells."""
+
+    def __init__(self, tangent: BilinearForm, products: list[CellProducts], V: Any):
+        super().__init__(tangent.compiled, V)
+        self._tangent, self.products = tangent, products
+
+    def matrix(self, values: FormValues) -> PETSc.Mat:
+        K = self._tangent.matrix(values)
+        for part in self.products:
+            part.add_to(K)
+        return K
+
+    def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
+        forces = self._tangent.residual(values, u)
+        self._u.x.array[: u.size] = u.ravel()
+        self._u.x.scatter_forward()
+        for part in self.products:
+            forces += part.forces(self._u)
+        return forces
+
+
 class _OnSprings(BilinearForm):
     """A tangent on V with springs at the nodes, N/m, shape (k, 3, 3)."""
 
@@ -359,8 +389,9 @@ class _PositivePart(BilinearForm):
     """In place of a tangent the sum of the nearest positive semidefinite matrices of the cells (Higham 1988), and the
     integrals over facets as they are."""
 
-    def __init__(self, inside: Any, on_facets: Any, V: Any):
+    def __init__(self, inside: Any, on_facets: Any, products: Sequence[CellProducts], V: Any):
         super().__init__(inside if on_facets is None else inside + on_facets, V)
+        self._products = products
         self._V, self._inside = V, BilinearForm(inside, V)
         self._on_facets = None if on_facets is None else BilinearForm(on_facets, V)
         self._kept: PETSc.Mat | None = None
@@ -376,8 +407,10 @@ class _PositivePart(BilinearForm):
     def _assembled(self, values: FormValues) -> PETSc.Mat:
         with self.with_coefficients(values):  # of the whole tangent
             K = self._inside.matrix(self._inside.values)
-            matrices = sum(_cell_matrices(part, self._V) for part in self._inside.compiled.parts)
+            matrices = np.sum([tabulated(part, self._V) for part in self._inside.compiled.parts], axis=0)
             surface = None if self._on_facets is None else self._on_facets.matrix(self._on_facets.values)
+        for part in self._products:
+            matrices[part.cells] += np.einsum("c,ci,cj->cij", part.k, part.b, part.b)
         sizes, vectors = np.linalg.eigh(matrices)
         matrices = np.einsum("cik,ck,cjk->cij", vectors, np.maximum(sizes, 0.0), vectors)
         K.zeroEntries()
@@ -388,26 +421,6 @@ class _PositivePart(BilinearForm):
             K.axpy(1.0, surface)
             surface.destroy()
         return K
-
-
-def _cell_matrices(form: Any, V: Any) -> FloatArray:
-    """The matrices of this rank's own cells of a compiled bilinear form over all cells, shape (cells, n, n).
-
-    Raises:
-        ValueError: If the form has integrals over parts, or none of double precision.
-    """
-    kernel = compat.cell_kernel(form)
-    if kernel is None:
-        raise ValueError("the matrices of cells are only known of one integral over all cells")
-    width = 3 * compat.cell_dofs(V).shape[1]
-    tabulate = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 7)(kernel.address)
-    cells = int(V.mesh.topology.index_map(3).size_local)
-    matrices = np.zeros((cells, width, width))
-    points = np.ascontiguousarray(V.mesh.geometry.x[compat.cell_geometry(V.mesh)[:cells]])
-    constants, coefficients = kernel.constants, np.ascontiguousarray(kernel.coefficients, dtype=np.float64)
-    for matrix, coefficient, corners in zip(matrices, coefficients, points, strict=False):
-        tabulate(matrix.ctypes.data, coefficient.ctypes.data, constants.ctypes.data, corners.ctypes.data, 0, 0, 0)
-    return matrices
 
 
 def nonlinear(body: object) -> NonlinearBody:

@@ -259,7 +259,8 @@ class StressedCells:
         self._points, self._nodes = (
             of[: self.count] for of in (compat.cell_geometry(domain), compat.cell_dofs(body.V))
         )
-        self._x, self._u = domain.geometry.x, body.function(u).x.array.reshape(-1, 3)
+        values = body.function(u).x.array
+        self._x, self._u, self._dilatation = domain.geometry.x, values.reshape(-1, 3), body.dilatation(values)
         corners = corner_geometry(domain)[: self.count]
         self.vertices = topology.connectivity(3, 0).array.reshape(-1, corners.shape[1])[: self.count]
         self.of_vertices = topology.index_map(0)
@@ -299,9 +300,15 @@ class StressedCells:
         volume = sum(edges[0, i] * normals[0][i] for i in range(3))
         slope = [[sum(normals[a][i] * stretches[a, j] for a in range(3)) for j in range(3)] for i in range(3)]
         strain = np.stack([slope[i][i] if i == j else slope[i][j] + slope[j][i] for i, j in PAIRS]) / volume
+        if self._dilatation is not None:
+            change = self._dilatation[cells] - strain[:3].sum(axis=0)
+            strain[:3] += np.where(np.isnan(change), 0.0, change) / 3.0
         stress = self.hooke(cells, strain.transpose(2, 1, 0))
         if self.heated:
             kelvin = self._kelvin[self._nodes[cells]] @ N.T
+            if self._dilatation is not None:
+                mean = self._kelvin[self._nodes[cells]].mean(axis=1, keepdims=True)
+                kelvin = np.where(np.isnan(self._dilatation[cells])[:, None], kelvin, mean)
             stress -= kelvin[:, :, None] * self._per_kelvin[cells][:, None]
         return _monomials(N @ x, self.degree), stress, np.abs(volume.T)
 

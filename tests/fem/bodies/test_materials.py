@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from case_texts import one_body
 from check_runs import change, copied, edit
-from conftest import SMALL_CASE
 
 import coulomb
 from coulomb import Clamp, Elasticity, Material, OrthotropicMaterial
-from coulomb.case.case import read_case
-from coulomb.cli import preparation
+from coulomb.fem.bodies import locking_by_volume
 from coulomb.fem.bodies.materials import (
     PAIRS,
     UPPER,
@@ -170,14 +168,18 @@ def test_check_of_a_run(run):
     assert found.passed and all(step.passed for step in found.steps), str(found)
 
 
-@pytest.mark.parametrize(("degree", "warnings"), [(1, 1), (2, 0)])
-def test_locking_is_of_first_order(tmp_path, monkeypatch, degree, warnings):
-    (tmp_path / "rubber.toml").write_text(SMALL_CASE.replace("poisson = 0.3", "poisson = 0.499"))
-    heard = []
-    monkeypatch.setattr(preparation.errors, "print", lambda text, **options: heard.append(text))
-    case = read_case(tmp_path / "rubber.toml", [f"mesh.degree={degree}"])
-    preparation.warn_of_locking(case, case.problem())
-    assert len(heard) == warnings and all("first-order elements lock" in text for text in heard)
+@pytest.mark.parametrize(
+    ("degree", "cell", "warnings"), [(1, "tetrahedron", 1), (1, "hexahedron", 0), (2, "tetrahedron", 0)]
+)
+@pytest.mark.parametrize("kinematics", ["small", "large"])
+def test_locking_is_of_first_order_tetrahedra(caplog, kinematics, degree, cell, warnings):
+    """Also in large motions, whatever the law is given by; the message is logged and in the summary."""
+    rubber = Material(1e6, 0.46) if kinematics == "small" else coulomb.MooneyRivlin(1.6e5, 0.0, 1.6e7)
+    mesh, held = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1), cell, degree=degree), [coulomb.Clamp("top")]
+    problem = coulomb.ContactProblem(mesh, rubber, held, coulomb.Contact("bottom", 0.3), kinematics=kinematics)
+    texts = locking_by_volume(problem.elasticity)
+    assert len(texts) == warnings and all("the first-order elements lock" in text for text in texts)
+    assert [record.getMessage() for record in caplog.records if "lock" in record.getMessage()] == texts
 
 
 FIELDS = [

@@ -120,7 +120,11 @@ def true_squares(given, u, material, stress):
     slopes, N = lagrange_slopes(cell, given.degree, X), lagrange_values(cell, given.degree, X)
     jacobian = np.einsum("dqa,cai->cqdi", slopes, x)
     gradient = np.linalg.solve(jacobian, np.einsum("dqa,caj->cqdj", slopes, values))
-    strain = [gradient[..., i, j] + (i != j) * gradient[..., j, i] for i, j in PAIRS]
+    strain = np.array([gradient[..., i, j] + (i != j) * gradient[..., j, i] for i, j in PAIRS])
+    if given.has_mean_dilatation:
+        volume = np.abs(np.linalg.det(jacobian)) * weights
+        change = strain[:3].sum(axis=0)
+        strain[:3] += ((change * volume).sum(axis=1) / volume.sum(axis=1) - change.T).T / 3.0
     exact = stress((N @ x).reshape(-1, 3).T).reshape(6, *np.shape(strain)[1:])
     error = exact - np.einsum("ij,jcq->icq", np.linalg.inv(S), strain)
     density = np.einsum("icq,ij,jcq->cq", error, S, error)
