@@ -214,8 +214,9 @@ def test_tolerances_of_inputs_along_a_history_on_the_command_line(tmp_path):
         "[output]\npicture = false\n[output.sensitivity]\n\"friction of 'bottom'\" = 0.1\n"
         '"pressure on \'top\'" = 0.03\n"prescribed displacements" = 0.02\nyoung = 0.05\nyung = 1.0\n'
     )
-    done = run_coulomb("run", case, cwd=tmp_path)
+    done = run_coulomb("run", case, "--report", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    assert "Which input matters" in (tmp_path / "results" / "report.html").read_text()
     assert "output.sensitivity: there is no input 'yung'; there are \"friction of 'bottom'\"" in done.stderr
     assert "with the tolerances given" in done.stdout
     summary = json.loads((tmp_path / "results" / "steps" / "0002" / "summary.json").read_text())

@@ -295,6 +295,32 @@ def meshes(run: Run) -> str:
     return _svg(figure, "Totals on several meshes, with error bars")
 
 
+def sensitivities(run: Run) -> str:
+    """What 1 % more of each input does to the forces of the first two contacts, largest on top; empty without them."""
+    entries = run.summary.get("sensitivity") or ()
+    faces = list(entries[0]["totals"])[:2] if entries else []
+    if not faces:
+        return ""
+    figure, axes = _figure(len(faces))
+    totals = ("normal_force", "friction_force")
+    for axis, face in zip(axes, faces, strict=True):
+        changes = {one["input"]: [0.01 * one["totals"][face][total] for total in totals] for one in entries}
+        shown = sorted(changes, key=lambda name: np.hypot(*changes[name]))[-_INPUTS:]
+        factor, unit = scale_of(max(np.abs(changes[name]).max() for name in shown), "N")
+        for total, shift, colour in zip(totals, (0.2, -0.2), (_FIRST, _SECOND), strict=True):
+            values = [changes[name][totals.index(total)] / factor for name in shown]
+            places = np.arange(len(shown)) + shift
+            axis.barh(places, values, 0.36, color=colour, label=total.replace("_", " "))
+        axis.set_yticks(range(len(shown)), shown)
+        axis.set(xlabel=f"{face}, {unit}")
+        axis.legend(loc="lower right", frameon=False, fontsize=8)  # where bars are short
+    return _svg(figure, "What 1 % more of each input does")
+
+
+_INPUTS: Final = 8
+"""Inputs in a chart."""
+
+
 def effort(run: Run) -> str:
     """For a load history: steps of the solver and residual per load step."""
     figure, (left, right) = _figure(2)

@@ -214,6 +214,7 @@ def _axes(shot: Shot) -> list[dict[str, Any]]:
 
 def _charts(run: Run) -> dict[str, str]:
     found = {"convergence": charts.convergence(run), "meshes": charts.meshes(run)}
+    found["sensitivities"] = charts.sensitivities(run)
     if run.is_history:
         found |= {"forces": charts.forces(run), "driven": charts.force_displacement(run), "torque": charts.torque(run)}
         found |= {"surface": charts.surface(run), "effort": charts.effort(run)}
