@@ -37,6 +37,7 @@ from .fem.meshes import box as box
 from .fem.meshes import moved as moved
 from .fem.meshes import read_mesh as read_mesh
 from .fem.meshes import second_order as second_order
+from .fem.meshes import slice as slice
 from .io.history_files import HistoryFiles as HistoryFiles
 from .load_curve import LoadCurve as LoadCurve
 from .model.certificate import Certificate as Certificate

@@ -39,7 +39,7 @@ class MeshTable(Table):
 
     `degree` 2 gives second-order cells, of a first-order file too; by default they are as in the file, in a box 1.
     `cut` names groups of facets inside the body along which it is cut; `cells` of an .inp file the set of elements that
-    are read.
+    are read.  `slice` makes one layer of the section that a mesh in 2D is, of a plane problem with a `thickness`.
     """
 
     box: tuple[Length, Length, Length] | None = None
@@ -53,6 +53,8 @@ class MeshTable(Table):
     names: dict[Name, GroupNumber] = Field(default_factory=dict)
     cell_names: dict[Name, GroupNumber] = Field(default_factory=dict)
     cut: Annotated[tuple[Name, ...], Field(max_length=TABLES)] = ()
+    slice: Literal["plane strain", "generalised plane strain", "plane stress", "axisymmetric"] | None = None
+    thickness: Length | None = None
 
     _of: ClassVar[str] = "mesh."
     """Before the name of a key in messages."""
@@ -67,13 +69,16 @@ class MeshTable(Table):
         fitting = {"degree", "box", "cells", "cell"} if kind == "box" else {"degree", "file", "scale", "cut"}
         if isinstance(self.cells, str):
             fitting |= {"cells"}
+        if kind in mesh_formats.SECTIONS:
+            fitting |= {"slice"} | ({"thickness"} if self.slice not in (None, "axisymmetric") else set())
         if kind in mesh_formats.NUMBERED:
             fitting |= {"names", "cell_names"}
         if kind == ".xdmf":
             fitting = fitting - {"cut"} | {"facets", "cell_groups"}
         misplaced = (self.model_fields_set & MeshTable.model_fields.keys()) - fitting
         if misplaced:
-            raise ValueError(f"{', '.join(sorted(misplaced))} does not go with a {kind} mesh")
+            of = f"{self.slice} slice" if misplaced == {"thickness"} and self.slice else f"{kind} mesh"
+            raise ValueError(f"{', '.join(sorted(misplaced))} does not go with a {of}")
         if isinstance(self.cells, str) and kind != ".inp":
             raise ValueError(
                 "cells is the name of a set of elements, which goes with a file of CalculiX or Abaqus (.inp)"
@@ -94,15 +99,19 @@ class MeshTable(Table):
 
     def mesh(self, comm: MPI.Comm) -> NamedMesh:
         """What the table describes; ValueError on every rank, if the file cannot be read or used."""
+        from ..fem import meshes
         from ..fem.meshes import box, read_mesh, read_xdmf, second_order
 
         if self.file is None:
             assert self.box is not None and isinstance(self.cells, tuple)
             return box(self.box, self.cells, self.cell, comm, degree=self.degree or 1)
+        chosen = self.cells if isinstance(self.cells, str) else None
+        if self.slice is not None:
+            of = self.slice, self.thickness, self.degree
+            return meshes.slice(self.file, *of, scale=self.scale, comm=comm, cuts=self.cut, only=chosen)
         if self.facets is not None or self.cell_groups is not None:
             read = read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
         else:
-            chosen = self.cells if isinstance(self.cells, str) else None
             read = read_mesh(self.file, self.names, self.cell_names, self.scale, comm, self.cut, chosen)
         if self.degree == 1 and read.degree == 2:
             raise ValueError(

@@ -96,8 +96,8 @@ _ADVICE: Final = {
     "units": {"force forces mass time temperature energy": "leave it out: it follows from length and stress"},
     "output": {"fields variables nodeout elout": "leave it out: all fields are written"},
     "": {
-        "plane plane_strain plane_stress axisymmetric dimension": "bodies are three-dimensional: for plane strain "
-        'make them one cell thick, and write [[symmetry]], and below it face = "front", and the same of "back"',
+        "plane plane_strain plane_stress axisymmetric dimension": 'write slice = "plane strain" (or "generalised plane '
+        'strain", "plane stress", "axisymmetric") in [mesh], whose file is a mesh in 2D',
         "nlgeom": 'write [solver], and below it kinematics = "large"',
     },
 }

@@ -66,7 +66,9 @@ def body_in_words(problem: ContactProblem) -> str:
             kind = f"{body.V.dofmap.dof_layout.num_dofs}-node {kind}"
         name = f" {member.name!r}" if member.name else ""
         size = " x ".join(plain(quantity(length, "m")) for length in lengths)
-        return f"{'body':<8}{name} {size}; {cells} {kind}, {nodes} nodes"
+        of = body.mesh.slice
+        what = "" if of is None else f"; {of.kind}, forces are for {plain(of.said)}"
+        return f"{'body':<8}{name} {size}; {cells} {kind}, {nodes} nodes{what}"
 
     return "\n".join(map(line, problem.elasticity.members))
 

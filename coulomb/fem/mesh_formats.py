@@ -1,5 +1,7 @@
 """What meshes a case file may name, without loading a library: the formats that can be read, the faces of a box."""
 
+from collections.abc import Container
+
 BOX_FACES = {"left": (0, 0), "right": (0, 1), "front": (1, 0), "back": (1, 1), "bottom": (2, 0), "top": (2, 1)}
 """By name: axis, and whether at its lower (0) or upper (1) end."""
 
@@ -20,14 +22,20 @@ NUMBERED = {".xdmf", ".vtu", ".vtk", ".bdf", ".nas", ".mesh"}
 """Formats whose groups are numbers on facets and cells, to which a user gives names."""
 
 
+SECTIONS = {".msh", ".med", ".inp"}
+"""Formats of which meshes in 2D are read."""
+
+
 def other_side(cut: str) -> str:
     """Name of the second face of a cut."""
     return f"{cut}_opposite"
 
 
-def listed() -> str:
-    """The formats and the ends of their names, for messages."""
+def listed(some: Container[str] = FORMATS) -> str:
+    """The formats, or some, and the ends of their names, for messages."""
     ends: dict[str, list[str]] = {}
     for end, (title, _) in FORMATS.items():
+        if end not in some:
+            continue
         ends.setdefault(title, []).append(end)
     return ", ".join(f"{', '.join(group)} ({title})" for title, group in ends.items())

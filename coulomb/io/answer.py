@@ -103,7 +103,8 @@ def answer_of(solution: Solution, tolerance: float) -> Answer:
     problem, u, over = solution.problem, solution.displacement, Reductions(solution.problem.comm)
     contents, totals, work = _totals(solution)
     members = problem.elasticity.members
-    energies = {member.name: 0.5 * over.sum(work[member.nodes]) for member in members}
+    copies = problem.elasticity.copies
+    energies = {member.name: 0.5 * copies * over.sum(work[member.nodes]) for member in members}
     meshes = [NamedMesh(member.body.domain, {}) for member in members]
     cells = sum(member.body.domain.topology.index_map(3).size_global for member in members)
     closed, area = contents["nodes"]["contact"] - contents["nodes"]["open"], contents["totals"]["contact_area"]
@@ -139,7 +140,7 @@ def _totals(solution: Solution) -> tuple[dict[str, Any], Totals, FloatArray]:
     nodes, joules, shape (k,); collective."""
     contents, elasticity, u = summary(solution), solution.problem.elasticity, solution.displacement
     work = np.sum(elasticity.internal_force(u) * u, axis=1)
-    contents["strain_energy"] = 0.5 * Reductions(elasticity.comm).sum(work)
+    contents["strain_energy"] = 0.5 * Reductions(elasticity.comm, elasticity.copies).sum(work)
     totals = {name: (value, unit) for name, value, unit in totals_in(contents)}
     return contents, {**totals, FREE: (largest_free(elasticity, u), "m")}, work
 
@@ -237,7 +238,7 @@ def _of_nodes(solution: Solution, error: float) -> tuple[float, float, float]:
         slip = max(slip, most - max(least, 0.0))
         most, least = (over.max(at.pressure[here] + add / at.area[here]) for add in (small, 0.0))
         pressure = max(pressure, most - least)
-    return over.sum(at.area[either]), slip, pressure
+    return at.copies * over.sum(at.area[either]), slip, pressure
 
 
 def totals_in(contents: Mapping[str, Any]) -> Iterator[tuple[str, FloatArray, str]]:

@@ -53,6 +53,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "coulomb": __version__,
         "status": result.status.value,
         "valid": solution.valid,
+        **({} if elasticity.slice is None else {"slice": elasticity.slice.entry()}),
         **derived(
             solution.at_nodes,
             solution.certificate,
@@ -120,7 +121,7 @@ def derived(
             for face in numbers["faces"]
             if "against" not in face
         ],
-        "spring_force_on_body": [over.sum(spring_force[:, k]) for k in range(3)],
+        "spring_force_on_body": [at_nodes.copies * over.sum(spring_force[:, k]) for k in range(3)],
         "maximum": {
             "contact_pressure": numbers["totals"]["greatest_pressure"],
             "displacement": over.max(np.linalg.norm(displacement, axis=1)),

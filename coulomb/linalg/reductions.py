@@ -58,27 +58,33 @@ def exchanged(
 
 @dataclass(frozen=True)
 class Reductions:
-    """Reductions of rank-local numpy arrays; every call is collective, and the array of a rank may be empty."""
+    """Reductions of rank-local numpy arrays; every call is collective, and the array of a rank may be empty.
+
+    Attributes:
+        comm: The ranks.
+        copies: Factor of all sums, for totals of a body of which the mesh is one of so many layers.
+    """
 
     comm: MPI.Comm
+    copies: float = 1.0
 
     def sum(self, v: FloatArray | float) -> float:
         if self.comm.size == 1:
-            return float(np.add.reduce(v, axis=None))
-        return float(summed(self.comm, np.array([np.add.reduce(v, axis=None)]))[0])
+            return self.copies * float(np.add.reduce(v, axis=None))
+        return self.copies * float(summed(self.comm, np.array([np.add.reduce(v, axis=None)]))[0])
 
     def dot(self, v: FloatArray, w: FloatArray) -> float:
         if self.comm.size == 1:
-            return float(np.vdot(v, w))
-        return float(summed(self.comm, np.array([np.vdot(v, w)]))[0])
+            return self.copies * float(np.vdot(v, w))
+        return self.copies * float(summed(self.comm, np.array([np.vdot(v, w)]))[0])
 
     def total(self, v: FloatArray) -> FloatArray:
-        """See `summed`."""
-        return summed(self.comm, v)
+        """See `summed`; times `copies`."""
+        return self.copies * summed(self.comm, v)
 
     def totals(self, *arrays: FloatArray) -> list[FloatArray]:
         """`total` of several arrays, in one call."""
-        sums = summed(self.comm, np.concatenate([v.ravel() for v in arrays]))
+        sums = self.total(np.concatenate([v.ravel() for v in arrays]))
         ends = np.cumsum([v.size for v in arrays])[:-1]
         return [part.reshape(v.shape) for part, v in zip(np.split(sums, ends), arrays, strict=True)]
 

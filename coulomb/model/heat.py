@@ -218,7 +218,8 @@ class HeatProblem:
         self, surface: ContactSurface, time: float, pressure: FloatArray, friction: FloatArray, change: FloatArray
     ) -> Heat:
         """The heat flows at changes of temperature (k,); other arguments as of `solve`; collective."""
-        conduction, over, through = self.conduction, self._over, self._through(surface, pressure)
+        conduction, through = self.conduction, self._through(surface, pressure)
+        over = Reductions(self.bodies.comm, self.bodies.copies)
         factors = conduction.factors(time)
         given, films = conduction.heat(factors), conduction.through_films(change)
         passing = through.conductance * (matrix_product(through.difference, change) - through.beyond)

@@ -51,7 +51,7 @@ class LoadResultant:
 
 def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResultant]:
     """Every load with its resultant at that of the times at which its amplitude is largest; collective."""
-    body, over = problem.elasticity, Reductions(problem.comm)
+    body, over = problem.elasticity, Reductions(problem.comm, problem.elasticity.copies)
     ends = np.array([[over.min(axis), over.max(axis)] for axis in body.x.T])
     arm = float(np.max(np.linalg.norm(np.abs(ends).max(axis=1))))
 
@@ -88,7 +88,7 @@ def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
             "against": tie.against,
             "why": tie.why,
             "nodes": int(over.sum(float(len(tie.nodes)))),
-            "area": over.sum(tie.area),
+            "area": problem.elasticity.copies * over.sum(tie.area),
         }
         for tie in problem.elasticity.constraints.ties
     ]

@@ -409,8 +409,9 @@ class LoadStepLoop:
             linearised(self.elasticity, solution.displacement, solution.time)  # the user's functions are of the answer
         own = [nonlinear(one.body).strain_energy(now.displacement[one.nodes]) for one in self.elasticity.members]
         known = [one for one in own if one is not None]
-        change = Reductions(self.comm).dot(then.kept + now.kept, now.displacement - then.displacement)
-        elastic = sum(known) if len(known) == len(own) else before.energy.elastic + 0.5 * change
+        copies = self.elasticity.copies
+        change = Reductions(self.comm, copies).dot(then.kept + now.kept, now.displacement - then.displacement)
+        elastic = copies * sum(known) if len(known) == len(own) else before.energy.elastic + 0.5 * change
         at = self.shared.number[solution.problem.surface.nodes]
         return before.ended(solution, then, now, at, elastic=elastic)
 

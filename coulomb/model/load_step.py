@@ -246,7 +246,7 @@ class State(Moment):
             body.at_time(problem.time)  # the user's coefficients are those of the present again
         now = forces(body, solution.displacement, e.internal - e.spring, e.load, solution.force_on_body, problem.time)
         # 0 where K stays: then u0 . K u1 = u1 . K u0
-        stiffened = coefficients_work(then, now, Reductions(problem.comm)) if body.forms() is not None else 0.0
+        stiffened = coefficients_work(then, now, Reductions(problem.comm, body.copies)) if body.forms() is not None else 0.0
         return self.ended(solution, then, now, slice(None), stiffened)
 
     def ended(
@@ -267,7 +267,7 @@ class State(Moment):
             elastic: Elastic energy at the end, where it is not half the work of the forces.
         """
         problem, answer, on_body = solution.problem, solution.at_nodes, solution.force_on_body
-        over, heat = Reductions(problem.comm), problem.state.heat
+        over, heat = Reductions(problem.comm, problem.elasticity.copies), problem.state.heat
 
         def put(values: FloatArray, into: FloatArray) -> FloatArray:
             whole = into.copy()

@@ -112,6 +112,8 @@ class NodalAnswer:
         opposite_x: Where the forces act on the faces opposite, shape (m, 3); 0 on faces against a foundation.  None
             without pairs.
         several: Whether there are several bodies.
+        copies: How many layers as the mesh make the body, of which forces, areas and energies in all are
+            (`Deformable.copies`).
     """
 
     comm: MPI.Comm
@@ -134,6 +136,12 @@ class NodalAnswer:
     against: tuple[str | None, ...] = ()
     opposite_x: FloatArray | None = None
     several: bool = False
+    copies: float = 1.0
+
+    @property
+    def _over(self) -> Reductions:
+        """For totals of the body."""
+        return Reductions(self.comm, self.copies)
 
     @cached_property
     def scale(self) -> FloatArray:
@@ -245,7 +253,7 @@ class NodalAnswer:
         return self._dissipated(np.ones(len(self.part), dtype=bool))
 
     def _dissipated(self, here: npt.NDArray[np.bool_]) -> float:
-        return Reductions(self.comm).sum(self._friction_work[here])
+        return self._over.sum(self._friction_work[here])
 
     @property
     def coefficient(self) -> FloatArray:
@@ -270,7 +278,7 @@ class NodalAnswer:
         """
         alone = part is not None or len(self.faces) == 1
         here = self.part == part if part is not None else np.ones(len(self.part), dtype=bool)
-        over, force, x = Reductions(self.comm), self.force[here], self.x[here]
+        over, force, x = self._over, self.force[here], self.x[here]
         on_body, slip = self.on_body[here], (self.relative_displacement[:, 1:] / self.scale)[here]
         closed = ~self._open[here]
         pressing = over.sum(force[:, 0])
@@ -316,7 +324,7 @@ class NodalAnswer:
 
     def _force_on_body(self) -> dict[str, Any]:
         """The entry of the force on the body, as far as it has a meaning (`totals`); collective."""
-        over, x, found = Reductions(self.comm), self.force, dict[str, Any]()
+        over, x, found = self._over, self.force, dict[str, Any]()
         if len(self.faces) == 1:
             found["normal"] = over.sum(x[:, 0])
             found["tangential"] = [-over.sum(x[:, 1 + k] * self.scale[:, k]) for k in range(2)]
@@ -328,7 +336,7 @@ class NodalAnswer:
         """Of a pair: the face opposite, and force and moment about the origin on it; collective."""
         if self.opposite_x is None or self.against[part] is None:
             return {}
-        here, over = self.part == part, Reductions(self.comm)
+        here, over = self.part == part, self._over
         force, x = -self.on_body[here], self.opposite_x[here]
         return {
             "against": self.against[part],
@@ -346,7 +354,7 @@ class NodalAnswer:
         if spin is None:
             return {}
         here = self.part == part
-        torque = 0.0 - Reductions(self.comm).sum(spin.torques(self.x[here], self.on_body[here]))
+        torque = 0.0 - self._over.sum(spin.torques(self.x[here], self.on_body[here]))
         return {
             "axis": {"point": spin.centre.tolist(), "direction": spin.axis.tolist()},
             "angle": spin.angle,
@@ -356,7 +364,7 @@ class NodalAnswer:
         }
 
     def _accumulated_numbers(self) -> dict[str, float]:
-        over, now = Reductions(self.comm), self.accumulated
+        over, now = self._over, self.accumulated
         return {
             "largest_slip": max(over.max(now.slip), 0.0),
             "largest_friction_work": over.max(now.friction_work),

@@ -29,8 +29,10 @@ from ..fem.bodies import (
     ThermalLoad,
     build_bodies,
     distributed_bodies,
+    rigid_faces_of_slices,
+    supports_of_slices,
 )
-from ..fem.contact import Tied, with_slaves
+from ..fem.contact import Pretension, Tied, with_slaves
 from ..fem.geometry import Amplitude, Coefficient, Field, RigidFoundation, same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..lazy_names import late_bound
@@ -71,6 +73,16 @@ def _on_curved_faces(pair: Contact, mesh: NamedMesh | JoinedMesh) -> Contact:
     return replace(pair, surface=surface, against_surface=against)
 
 
+def _of_layer(one: Any, copies: float) -> Any:
+    """What follows others, with the part of forces and stiffnesses that one of so many layers has."""
+    if isinstance(one, Pretension) and one.force is not None:
+        return replace(one, force=one.force / copies)
+    if isinstance(one, RigidFace):
+        along, about = (np.asarray(of) / copies for of in (one.translation_stiffness, one.rotation_stiffness))
+        return replace(one, translation_stiffness=tuple(along), rotation_stiffness=tuple(about))
+    return one
+
+
 def _bodies_of(given: Mapping[str, Any]) -> Deformable:
     """The bodies of the arguments of a problem, with what follows others; collective."""
     mesh = given["mesh"]
@@ -82,6 +94,7 @@ def _bodies_of(given: Mapping[str, Any]) -> Deformable:
         temperature = given["reference_temperature"] if len(given["heat"]) else given["temperature"]
         names = ("material", "clamps", "tractions", "body_force", "springs", "body_force_amplitude", "gravity")
         own: list[Any] = [given[name] for name in (*names, "gravity_amplitude")]
+        own[1] = [*own[1], *supports_of_slices(mesh)]
         if isinstance(mesh, JoinedMesh):
             body = JoinedBodies(build_bodies(kind, distributed_bodies(*(mesh, *own, temperature, *heat))))
         else:
@@ -90,7 +103,8 @@ def _bodies_of(given: Mapping[str, Any]) -> Deformable:
             body = kind(mesh, *own, None if temperature is None else ThermalLoad(temperature, *heat))
     body = body.at_time(given["time"])
     equations = [one for one in given["ties"] if isinstance(one, Equation)]
-    followers = [*given["rigid_faces"], *(one for one in given["ties"] if not isinstance(one, Equation))]
+    ties = [one for one in given["ties"] if not isinstance(one, Equation)]
+    followers = [_of_layer(one, body.copies) for one in (*rigid_faces_of_slices(mesh), *given["rigid_faces"], *ties)]
     followers += [Equations(equations)] if equations else []
     if followers:
         body = JoinedBodies({one.name: one.body for one in body.members}, followers, given["time"])

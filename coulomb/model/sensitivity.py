@@ -276,7 +276,8 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
 
 def _totals(problem: DiscreteProblem, x: FloatArray, dx: FloatArray) -> dict[str, dict[str, Any]]:
     """Derivatives of the totals of every contact for a derivative of the forces, both (3 m,); collective."""
-    surface, over, found = problem.surface, Reductions(problem.comm), {}
+    surface, found = problem.surface, dict[str, dict[str, Any]]()
+    over = Reductions(problem.comm, problem.elasticity.copies)
     on_body = -surface.vectors(dx.reshape(-1, 3))
     both = x.reshape(-1, 3), dx.reshape(-1, 3)
     tangential = [-surface.vectors(of * [0.0, 1.0, 1.0]) for of in both]

@@ -164,6 +164,7 @@ class Solution:
             against=tuple(contact.against for contact in problem.contacts),
             opposite_x=surface.points.opposite_average(problem.elasticity.x),
             several=len(problem.elasticity.members) > 1,
+            copies=problem.elasticity.copies,
         )
 
     @property
@@ -209,7 +210,7 @@ class Solution:
         constraints = body.constraints
         of_ties = constraints.forces(imbalance, problem.time)
         supports = chain(body.shares(self._reaction), body.spring_forces(u))
-        over, members = Reductions(problem.comm), body.members
+        over, members = Reductions(problem.comm, body.copies), body.members
         grounds = [(member, member.body.ground) for member in members if member.body.forms() is not None]
         terms = [
             resultant_of_ground(ground, u[member.nodes], member.body.x, over, member.name)
@@ -260,7 +261,7 @@ class Solution:
             totals = self.at_nodes.totals(part)
             force, moment = (-np.array(totals[name]) for name in ("force", "moment"))
             nodal = np.linalg.norm(self.at_nodes.on_body[self.at_nodes.part == part], axis=1)
-            total = Reductions(self.problem.comm).sum(nodal)
+            total = Reductions(self.problem.comm, self.at_nodes.copies).sum(nodal)
             found.append(Resultant("foundation", face, f"foundation_{face}", force, moment, total))
         return tuple(found)
 

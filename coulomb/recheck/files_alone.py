@@ -88,7 +88,8 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     bodies = {name: slice(*ends[k : k + 2]) for k, name in enumerate(grids)}
     u, load = (np.concatenate([one.fields[name] for one in grids.values()]) for name in ("displacement", "load"))
     contact = _contact(files, contents, bodies, np.concatenate([one.points for one in grids.values()]))
-    answer = _answer(contact, contents["faces"], len(bodies) > 1)
+    copies = float(contents.get("slice", {}).get("layers", 1.0))
+    answer = _answer(contact, contents["faces"], len(bodies) > 1, copies)
     _compare_fields(contact, answer, contents["certificate"].get("natural_residual", {}), found)
     numbers, moved = answer.numbers(), float(np.max(np.linalg.norm(u, axis=1)))
     totals = {name: value for name, value in numbers["totals"].items() if name in _TOTALS}
@@ -101,7 +102,7 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     expected = {"totals": totals, "nodes": numbers["nodes"], "maximum": largest, "certificate": certificate}
     expected["valid"] = certificate["passed"] and not violations
     found.tree(contents, expected, [{**expected, "totals": {**totals, **near}}], (SUMMARY,), ANSWER)
-    _compare_sums(contents, contact, bodies, load, found)
+    _compare_sums(contents, contact, bodies, load, copies, found)
     for name in FIELDS:
         time = tree[name][WHOLE]["time"]
         found.tree(time, contents.get("step", {}).get("time", time), (), (name, WHOLE, "time"))
@@ -153,7 +154,7 @@ def _certificate(certificate: Mapping[str, Any], found: Comparison) -> dict[str,
     return {**{name: {"passed": passed} for name, passed in within.items()}, "passed": all(within.values())}
 
 
-def _answer(contact: _Contact, faces: list[dict[str, Any]], several: bool) -> NodalAnswer:
+def _answer(contact: _Contact, faces: list[dict[str, Any]], several: bool, copies: float) -> NodalAnswer:
     """The answer at the contact points, by their fields; ValueError if they have no axes or area."""
     at = {name: values[contact.touching] for name, values in contact.fields.items()}
     frames = np.stack([at["normal"], at["tangent_1"], at["tangent_2"]], axis=1)
@@ -184,6 +185,7 @@ def _answer(contact: _Contact, faces: list[dict[str, Any]], several: bool) -> No
         earlier=Accumulated(*(at[name] for name in ACCUMULATED)),
         against=tuple(one.get("against") for one in faces),
         several=several,
+        copies=copies,
     )
 
 
@@ -230,14 +232,19 @@ def _compare_fields(contact: _Contact, answer: NodalAnswer, row: Mapping[str, An
 
 
 def _compare_sums(
-    contents: Mapping[str, Any], contact: _Contact, bodies: Mapping[str, slice], load: FloatArray, found: Comparison
+    contents: Mapping[str, Any],
+    contact: _Contact,
+    bodies: Mapping[str, slice],
+    load: FloatArray,
+    copies: float,
+    found: Comparison,
 ) -> None:
     """Compare sums of nodal forces with the loads and the forces of faces and bodies, and all together with none."""
     loads = [np.array(one["force"]) for one in contents.get("loads", ())]
     parts = [*loads, *(np.array(one["force"]) for one in contents.get("reactions", ()))]
     parts += [np.array(one["force"]) for one in contents["faces"] if "against" not in one]
     size = sum(float(np.linalg.norm(part)) for part in parts)
-    size += sum(float(np.sum(np.abs(of))) for of in (load, contact.fields["contact_force"]))
+    size += copies * sum(float(np.sum(np.abs(of))) for of in (load, contact.fields["contact_force"]))
     over = float(np.linalg.norm(np.sum(parts, axis=0))) if parts else 0.0
     if not over <= _BALANCED * size and contents["certificate"].get("force_balance", {}).get("passed"):
         found.faults.append(
@@ -245,8 +252,8 @@ def _compare_sums(
         )
 
     def compare(said: list[float], forces: FloatArray, *place: str | int) -> None:
-        """Compare a force with the sum of nodal ones (k, 3), to the rounding errors of their sizes."""
-        sums, rounding = forces.sum(axis=0), 1e-12 * float(np.sum(np.abs(forces)))
+        """Compare a force with the sum of nodal ones (k, 3) of all layers, to the rounding errors of their sizes."""
+        sums, rounding = copies * forces.sum(axis=0), 1e-12 * copies * float(np.sum(np.abs(forces)))
         found.tree(said, sums.tolist(), [(sums + rounding).tolist()], place, "the nodal forces")
 
     on_body = np.zeros_like(load)

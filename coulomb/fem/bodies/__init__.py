@@ -85,6 +85,7 @@ from .rigid_modes import (
     of_part,
     rigid_modes,
 )
+from .slice_supports import rigid_faces_of_slices, supports_of_slices
 from .stress_difference import StressDifference, stress_difference
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane
 from .ties import Section, Tie

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..meshes import SEPARATOR, NamedMesh, boundary_facets
+from ..meshes import SEPARATOR, NamedMesh, Slice, boundary_facets
 from .constraints import HeldDirections, HeldNodes, Numbering
 from .displacement_space import DisplacementSpace
 from .elimination import Made, Reduced, attach_rigid_modes, eliminated
@@ -91,6 +91,16 @@ class Deformable(HeldNodes, ABC):
     @abstractmethod
     def members(self) -> tuple[Member, ...]:
         """The bodies; this rank's nodes are those of one after the other."""
+
+    @property
+    def slice(self) -> Slice | None:
+        """Of what plane or axisymmetric body the meshes are one layer; None of others."""
+        return self.members[0].body.mesh.slice
+
+    @property
+    def copies(self) -> float:
+        """How many such layers make the body that totals are of; 1 where the mesh is the body."""
+        return self.members[0].body.mesh.copies
 
     @property
     def alone(self) -> SingleBody:
@@ -358,6 +368,13 @@ class SingleBody(DisplacementSpace, Deformable):
     @property
     def members(self) -> tuple[Member, ...]:
         return (Member("", self, slice(0, self._owned)),)
+
+    @property
+    def without_area(self) -> npt.NDArray[np.int32]:
+        """The integral of r N over r is 0 on the axis."""
+        of = self.mesh.slice
+        axis = self.mesh.faces["axis"] if of is not None and of.axis and self.degree == 2 else []
+        return self.nodes_of(np.asarray(axis, dtype=np.int32))
 
     def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
         return self.members[0], self.mesh.facets(name, what)

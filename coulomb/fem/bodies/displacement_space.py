@@ -193,6 +193,11 @@ class DisplacementSpace:
         return area, normal
 
     @property
+    def without_area(self) -> npt.NDArray[np.int32]:
+        """The nodes around which facets have no area: those of second-order wedges on their axis (`SingleBody`)."""
+        return np.empty(0, dtype=np.int32)
+
+    @property
     def positive(self) -> bool:
         """Whether the integral of every hat function over facets is positive: not on 10-node tetrahedra."""
         return int(self.V.dofmap.dof_layout.num_dofs) != 10

@@ -195,7 +195,8 @@ class LoadedBody(ElasticBody, HeldNodes):
             known = ", ".join(self.mesh.node_sets) or "none"
             raise ValueError(f"spring: there is no set of nodes {spring.face!r} (there are {known})")
         found = np.zeros((self._owned, 3))
-        found[self.nodes_at(self.mesh.node_sets[spring.face])] = spring.along_axes
+        nodes = self.nodes_at(self.mesh.node_sets[spring.face])
+        found[nodes] = self.mesh.shares_at(self.x[nodes])[:, None] * spring.along_axes
         return found
 
     def _temperature_at(self, time: float) -> Temperature | None:

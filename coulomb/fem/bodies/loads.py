@@ -151,7 +151,7 @@ class TotalForce:
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         area = body.area_of(mesh.facets(self.face, self.kind))
         whole = mesh.comm.allreduce(float(area.sum()), op=MPI.SUM)
-        return area[:, None] / whole * np.asarray(self.force, dtype=np.float64)
+        return area[:, None] / (mesh.copies * whole) * np.asarray(self.force, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ class PointLoad:
         force = np.asarray(self.force, dtype=np.float64)
         moment = np.asarray(self.moment, dtype=np.float64) + np.cross(point - middle, force)
         amounts = np.linalg.solve(resultants.T, np.append(force, moment))
-        return np.einsum("p,pki->ki", amounts, parts)
+        return np.einsum("p,pki->ki", amounts / mesh.copies, parts)
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ class NodalForce:
             body.nodes_at(sets[self.face]) if self.face in sets else body.nodes_of(mesh.facets(self.face, self.kind))
         )
         forces = np.zeros_like(body.x)
-        forces[nodes] = np.asarray(self.force, dtype=np.float64)
+        forces[nodes] = mesh.shares_at(body.x[nodes])[:, None] * np.asarray(self.force, dtype=np.float64)
         return forces
 
 

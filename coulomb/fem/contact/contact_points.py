@@ -286,7 +286,8 @@ def contact_points(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> C
     collective."""
     key = space.key_of(facets)
     if key not in space.points_of_faces:
-        space.points_of_faces[key] = (nodal_points if space.positive else _weighted)(space, facets)
+        points = (nodal_points if space.positive else _weighted)(space, facets)
+        space.points_of_faces[key] = points.only(~np.isin(points.nodes, space.without_area))
     return space.points_of_faces[key]
 
 

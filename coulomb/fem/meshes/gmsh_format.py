@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from ...arrays import FloatArray, IntArray
 from ...regular_file import read_bytes
 from .lagrange import CORNERS, in_vtk_order
-from .mesh_file import MeshFile, refuse_cells
+from .mesh_file import A_SLICE, MeshFile, SectionFile, refuse_cells
 from .one_kind import of_one_kind
 
 NODES = {
@@ -44,6 +45,9 @@ _NAMES = {
 }
 _FLAT = {2: "triangles", 3: "quadrilaterals", 9: "6-node triangles", 10: "9-node quadrilaterals"}
 
+_SECTIONS, _LINES = (2, 3, 9, 16, 10), (1, 8)
+"""Types of the cells and of the edges of a section in 2D."""
+
 _Elements = dict[int, list[tuple[tuple[int, ...], IntArray]]]
 """By type: blocks of elements with their physical groups and the tags of their nodes."""
 
@@ -55,20 +59,9 @@ def read(path: str) -> MeshFile:
         OSError: If it cannot be read.
         ValueError: If it is no such file, cut short, or has no cells that can be used.
     """
-    stream = _Stream(path, read_bytes(path).removeprefix(codecs.BOM_UTF8))
-    if stream.version not in ("2.2", "4.1"):
-        raise ValueError(f"{path}: is of MSH version {stream.version}; save it as 4.1 or 2.2 (gmsh -format msh41)")
-    names = stream.physical_names()
-    tags, points, elements = _read_22(stream) if stream.version == "2.2" else _read_41(stream)
+    names, tags, points, elements = _parsed(path)
     types = _cell_types(path, elements)
-
-    order = np.argsort(tags)
-
-    def numbers(nodes: IntArray) -> IntArray:
-        place = np.minimum(np.searchsorted(tags, nodes, sorter=order), len(tags) - 1)
-        if len(tags) == 0 or np.any(tags[order[place]] != nodes):
-            raise ValueError(f"{path}: an element has a node that the file does not define; is it whole?")
-        return order[place]
+    numbers = partial(_places, path, tags)
 
     blocks, of_cells, count = dict[int, IntArray](), dict[str, list[IntArray]](), 0
     for kind in types:
@@ -97,6 +90,48 @@ def read(path: str) -> MeshFile:
     return MeshFile(path, found.points, found.cells, *groups, numbers=tags)
 
 
+def read_section(path: str) -> SectionFile:
+    """Read the triangles and quadrilaterals of a file, with the groups of its lines, on this rank; errors as of `read`."""
+    names, tags, points, elements = _parsed(path)
+    if solid := sorted(kind for kind in elements if kind in _NAMES):
+        raise ValueError(f"{path}: has {_NAMES[solid[0]]}, but a slice is made of a mesh in 2D")
+    blocks, of_cells, count = dict[int, IntArray](), dict[str, list[IntArray]](), 0
+    for kind in (one for one in _SECTIONS if one in elements):
+        cells, members = _join(elements[kind], NODES[kind], names, 2)
+        blocks[NODES[kind]] = _places(path, tags, cells)
+        for name, mine in members.items():
+            of_cells.setdefault(name, []).append(count + mine)
+        count += len(cells)
+    ends = [(groups, rows[:, :2]) for kind in _LINES for groups, rows in elements.get(kind, [])]
+    lines, on_lines = _join(ends, 2, names, 1)
+    return SectionFile(
+        path,
+        points,
+        blocks,
+        {name: np.concatenate(parts) for name, parts in of_cells.items()},
+        {name: _places(path, tags, lines[mine]) for name, mine in on_lines.items()},
+        numbers=tags,
+    )
+
+
+def _parsed(path: str) -> tuple[dict[tuple[int, int], str], IntArray, FloatArray, _Elements]:
+    """Names of physical groups, tags and places of nodes, and elements."""
+    stream = _Stream(path, read_bytes(path).removeprefix(codecs.BOM_UTF8))
+    if stream.version not in ("2.2", "4.1"):
+        raise ValueError(f"{path}: is of MSH version {stream.version}; save it as 4.1 or 2.2 (gmsh -format msh41)")
+    names = stream.physical_names()
+    return names, *(_read_22(stream) if stream.version == "2.2" else _read_41(stream))
+
+
+def _places(path: str, tags: IntArray, nodes: IntArray) -> IntArray:
+    """Where nodes of these tags are among all."""
+    order = np.argsort(tags)
+    place = np.minimum(np.searchsorted(tags, nodes, sorter=order), len(tags) - 1)
+    if len(tags) == 0 or np.any(tags[order[place]] != nodes):
+        raise ValueError(f"{path}: an element has a node that the file does not define; is it whole?")
+    return order[place]
+
+
 def _in_vtk_order(cells: IntArray) -> IntArray:
     return in_vtk_order(cells, "gmsh") if cells.shape[1] in CORNERS else cells
 
@@ -106,8 +141,8 @@ def _cell_types(path: str, elements: _Elements) -> list[int]:
     if not present:
         flat = ", ".join(f"{sum(len(n) for _, n in elements[k])} {_FLAT[k]}" for k in elements if k in _FLAT)
         raise ValueError(
-            f"{path}: has no cells in 3D{f' (it has {flat})' if flat else ''}; mesh the volume (gmsh -3), and where "
-            "there are physical groups, put the volume in one too: gmsh saves nothing else"
+            f"{path}: has no cells in 3D{f' (it has {flat}: {A_SLICE})' if flat else ''}; mesh the volume (gmsh -3), "
+            "and where there are physical groups, put the volume in one too: gmsh saves nothing else"
         )
     if set(present) - set(_READ):
         refuse_cells(path, {_NAMES[kind]: NODES[kind] for kind in present})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
@@ -46,6 +47,9 @@ FACETS = {
 }
 """Corners of every facet, in order round it, of cells with 4 and 8 corners, as gmsh and VTK number."""
 
+A_SLICE: Final = 'for a plane or axisymmetric problem slice = "plane strain", "axisymmetric", ... in [mesh], or coulomb.slice'
+"""What to do with a mesh in 2D."""
+
 SUPPORTED = (
     "coulomb computes with first-order tetrahedra or hexahedra, 10-node tetrahedra or 27-node hexahedra, not mixed"
 )
@@ -81,6 +85,29 @@ class MeshFile:
     numbers: IntArray | None = None
 
 
+@dataclass(frozen=True)
+class SectionFile:
+    """What a file of a mesh in 2D holds.
+
+    Attributes:
+        path: The file, for messages.
+        points: Coordinates, shape (p, 2 or 3).
+        cells: Points of the cells by their number of nodes (3, 4, 6, 8, 9), corners first, then the middles of the
+            edges from the first corner on.
+        cell_groups: Cells of every group, among all of `cells` in their order.
+        line_groups: Ends of every edge of every group of lines, by name, shape (k, 2).
+        node_groups, numbers: As of `MeshFile`.
+    """
+
+    path: str
+    points: FloatArray
+    cells: dict[int, IntArray]
+    cell_groups: dict[str, IntArray]
+    line_groups: dict[str, IntArray]
+    node_groups: dict[str, IntArray] = field(default_factory=dict)
+    numbers: IntArray | None = None
+
+
 _TITLES = {
     **{4: "tetrahedra", 5: "pyramids", 6: "prisms", 8: "hexahedra", 10: "10-node tetrahedra", 13: "13-node pyramids"},
     **{14: "14-node pyramids", 15: "15-node prisms", 18: "18-node prisms", 20: "20-node hexahedra"},
@@ -96,7 +123,7 @@ def solid_nodes(path: str, solids: Mapping[int, int], surface_elements: int = 0)
     """
     present = [nodes for nodes, count in solids.items() if count]
     if not present:
-        flat = f"; it has {surface_elements} surface elements, but no solid ones" if surface_elements else ""
+        flat = f"; it has {surface_elements} surface elements, but no solid ones: {A_SLICE}" if surface_elements else ""
         raise ValueError(f"{path}: has no tetrahedra or hexahedra{flat}: export the mesh of the volume")
     refuse_cells(path, {_TITLES.get(nodes, f"{nodes}-node cells"): nodes for nodes in sorted(present)})
     return present[0]

@@ -18,6 +18,7 @@ from .. import compat
 from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point, on_all_ranks
 from .lagrange import corner_geometry
 from .mesh_parts import SAME_PLACE
+from .slices import Slice
 from .user_groups import cells_of, faces_of, is_mesh, is_mesh_data
 
 Planes = tuple[FloatArray, FloatArray, FloatArray]
@@ -67,6 +68,7 @@ class NamedMesh:
         node_numbers: Of the points `domain.geometry.x` of this rank the numbers in the mesh file, 0 where it has no
             such node, shape (p,); None if the mesh is not from a file.
         file: Its name; empty if the mesh is not from a file.
+        slice: Of what plane or axisymmetric body it is a layer; None of others.
     """
 
     domain: Any
@@ -82,6 +84,7 @@ class NamedMesh:
     node_sets: Mapping[str, npt.NDArray[np.int32]] = field(default_factory=dict)
     node_numbers: npt.NDArray[np.int64] | None = field(default=None, repr=False, compare=False)
     file: str = field(default="", repr=False, compare=False)
+    slice: Slice | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         given: dict[str, Any] = {}
@@ -111,6 +114,15 @@ class NamedMesh:
     def comm(self) -> MPI.Comm:
         """The ranks that share it."""
         return self.domain.comm
+
+    @property
+    def copies(self) -> float:
+        """How many layers as this one make the body that forces are for (`Slice`); 1 of a mesh that is the body."""
+        return 1.0 if self.slice is None else self.slice.copies
+
+    def shares_at(self, x: FloatArray) -> FloatArray:
+        """What nodes x (k, 3) have of the forces that are given at them, shape (k,): all, but in a slice."""
+        return np.ones(len(x)) if self.slice is None else self.slice.shares(x, self.degree)
 
     @property
     def degree(self) -> int:

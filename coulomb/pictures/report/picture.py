@@ -24,7 +24,7 @@ from ...io.run_directory import PICTURE, RunDirectory
 from ...units import in_seconds, number, scale_of
 from .fields import AXES, INK, ZONES, Bar, Field, Limits, limits_of, named, ramp, zone_counts
 from .files import Run, Step, read_run
-from .scene import VIEWS, Look, Shot, automatic_scale, camera_of, cropped, paint, plotter_for, shoot, shots_of
+from .scene import SECTION, VIEWS, Look, Shot, automatic_scale, camera_of, cropped, paint, plotter_for, shoot, shots_of
 from .words import friction_in_words, in_nodes
 
 PICTURES, ANIMATIONS = (".png", ".jpg", ".pdf", ".svg"), (".gif", ".mp4")
@@ -80,7 +80,7 @@ def plot(
     steps = run.steps if film else run.steps[(step or 0) - 1 :][:1]
     shown = replace(run, steps=tuple(steps))  # whose colours and scale those of the picture are
     used = automatic_scale(shown) if scale is None else scale
-    view = view or ("iso" if chosen.file == "solution" else "contact")
+    view = view or (SECTION if "slice" in run.summary else "iso" if chosen.file == "solution" else "contact")
     limits = limits_of(shown, chosen)
     if save is None:
         plotter = plotter_for((1280, 880), window=True)
@@ -267,7 +267,8 @@ def pixels_of(figure: Any) -> Pixels:
 
 def caption(run: Run, step: Step, scale: float) -> str:
     """Name of the case, friction, time and the scale of the displacement in one line."""
-    parts = [f"{run.title}: {friction_in_words(run.summary) if run.summary else 'friction unknown'}"]
+    kind = f"{run.summary['slice']['kind']}, " if "slice" in (run.summary or {}) else ""
+    parts = [f"{run.title}: {kind}{friction_in_words(run.summary) if run.summary else 'friction unknown'}"]
     if step.time is not None:
         parts.append(f"time {in_seconds(step.time)}")
     return ", ".join([*parts, f"displacement × {number(scale)}"])
@@ -296,22 +297,25 @@ def draw(directory: Path, run: Run | None = None) -> Path:
     run = run or read_run(directory)
     run = replace(run, steps=run.steps[-1:])  # the last step of a load history, which may be long
     step, scale = run.steps[-1], automatic_scale(run)
-    pressure, status = named("pressure"), named("status")
-    looks = [Look(field, limits_of(run, field), scale, "contact") for field in (pressure, status)]
+    first, view = named("pressure"), "contact"
+    if "slice" in run.summary:
+        stressed = "von_mises_stress" in step.grid("solution").fields
+        first, view = named("von_mises_stress" if stressed else "displacement"), SECTION
+    looks = [Look(field, limits_of(run, field), scale, view) for field in (first, named("status"))]
     most = (round(DPI * _ABOVE[0]), round(DPI * _ABOVE[1]))
     camera = camera_of([step], looks[0], most)
     if camera.size[0] < WIDE * camera.size[1]:
         camera = camera_of([step], looks[0], (round(DPI * _BESIDE[0]), round(DPI * _BESIDE[1])))
     shots = [shoot(step, look, camera=camera) for look in looks]
-    contact = step.grid("contact")
-    bars = looks[0].limits.bars(pressure.values(contact), contact)
-    figure = _composed(shots, bars, caption(run, step, scale), run.alarm, zone_counts(contact))
+    contact, of_first = step.grid("contact"), step.grid(first.file)
+    bars = looks[0].limits.bars(first.values(of_first), of_first)
+    figure = _composed(shots, first, bars, caption(run, step, scale), run.alarm, zone_counts(contact))
     partial = directory / f".{PICTURE}"
     figure.savefig(partial, dpi=DPI, format="png", pil_kwargs={"compress_level": 1})
     return partial.replace(RunDirectory(directory).picture)
 
 
-def _composed(shots: list[Shot], bars: Sequence[Bar], words: str, alarm: str, zones: dict[str, int]) -> Any:
+def _composed(shots: list[Shot], field: Field, bars: Sequence[Bar], words: str, alarm: str, zones: dict[str, int]) -> Any:
     """Both views with their legends, as a matplotlib figure."""
     from matplotlib.figure import Figure
 
@@ -336,7 +340,7 @@ def _composed(shots: list[Shot], bars: Sequence[Bar], words: str, alarm: str, zo
         figure.figimage(shot.pixels, round(DPI * (left + 0.5 * (column - width))), round(DPI * bottom), origin="upper")
     for k, bar in enumerate(bars):
         place = box(_BORDER + 0.2 * column, bottoms[0] - 0.22 - BAR * k, 0.62 * column, 0.16)
-        colour_bar(figure, named("pressure"), bar, place)
+        colour_bar(figure, field, bar, place)
     named_below = (bottoms[1] - (0.36 if across else 0.26)) / tall
     legend(figure, zones, ((lefts[1] + 0.5 * column) / total, named_below), columns=2 if across else 4)
     directions(figure.add_axes(box(_BORDER, bottoms[0] - 0.8, 0.9, 0.8)), shots[0])
@@ -363,7 +367,7 @@ def _warm_up() -> None:
     shots = [shoot(cube, look, (60, 60)) for look in looks]
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    FigureCanvasAgg(_composed(shots, [Bar(0.0, 3.0, 0.0, 3.0)], "0123", "", zone_counts(cube.grid("contact")))).draw()
+    FigureCanvasAgg(_composed(shots, named("pressure"), [Bar(0.0, 3.0, 0.0, 3.0)], "0123", "", zone_counts(cube.grid("contact")))).draw()
 
 
 def overview(arguments: list[str]) -> str:

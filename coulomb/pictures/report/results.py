@@ -54,6 +54,8 @@ def totals(run: Run) -> Facts:
     springs = summary["spring_force_on_body"]
     if any(springs):
         rows.append(("force of springs on the body", vectorial(springs, "N", 5)))
+    if "slice" in summary:
+        rows.insert(0, (summary["slice"]["kind"], f"forces are for {summary['slice']['forces_for']}"))
     rows.append(("nodes", f"open {nodes['open']}, stick {nodes['stick']}, slip {nodes['slip']}"))
     return rows
 

@@ -153,6 +153,9 @@ VIEWS = {
 }
 """Direction of view and upward direction; "contact": at the contact face from outside the body."""
 
+SECTION: Final = "section"
+"""View of a slice from its front, on which contact faces are lines."""
+
 _EDGES = {
     "Tetrahedron": ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)),
     "Hexahedron": (
@@ -166,6 +169,7 @@ _OBLIQUE = ("contact", "iso", "below")  # the others are along an axis: without 
 _BODY, _EDGE, _FACE_EDGE = "#f2f0eb", "#c8c5be", "#8a8a8a"
 _LINED: Final = 15_000  # facets up to which their edges are drawn: on finer ones lines would cover the colours
 _THROUGH: Final = 0.6  # strength of colours that are seen through a body
+_THICK: Final = 7  # pixels of contact faces that are seen as lines
 _TIP: Final = 0.07  # radius of an arrow's tip over its length
 _ARROWS: Final = 22  # along the largest extent of the contact face
 
@@ -178,7 +182,7 @@ class Look:
         field: The field shown by colours.
         limits: Range of the colours.
         scale: Factor of the displacement.
-        view: One of `VIEWS`.
+        view: One of `VIEWS`, or `SECTION`.
         caption: Text at the top of a window, with colour bar and axes; empty if `sheet` or the page adds these.
     """
 
@@ -355,11 +359,12 @@ def paint(plotter: Any, step: Step, look: Look) -> Any:
             plain = {"ambient": 0.75, "diffuse": 0.3, "opacity": 1.0 - _THROUGH if window else 1.0}
             bodies = plotter.add_mesh(bare, color=_BODY, show_edges=lined, edge_color=_EDGE, **plain)
         if field.zones:
-            _zones(plotter, contact, points, bool(look.caption))
+            _zones(plotter, contact, points, look)
         else:
             face.point_data["shown"] = limits.stretched(field.values(contact), contact) / factor
-            plotter.add_mesh(face, show_edges=lined, edge_color=_FACE_EDGE, line_width=0.5, **colours)
-        if field.zones and lined:
+            line = {"style": "wireframe", "line_width": _THICK} if look.view == SECTION else {"line_width": 0.5}
+            plotter.add_mesh(face, show_edges=lined, edge_color=_FACE_EDGE, **line, **colours)
+        if field.zones and lined and look.view != SECTION:
             lines = pyvista.PolyData(points + 1e-3 * size * contact.fields["normal"], polygons(contact.cells))
             plotter.add_mesh(lines.extract_all_edges(), color=_FACE_EDGE, line_width=0.5)
         if field.vector:
@@ -380,7 +385,7 @@ def _bar(field: Field, unit: str) -> dict[str, Any]:
     return shape | {"title": title, "position_x": 0.25, "position_y": 0.03, "width": 0.5, "height": 0.09}
 
 
-def _zones(plotter: Any, contact: Grid, points: FloatArray, legend: bool) -> None:
+def _zones(plotter: Any, contact: Grid, points: FloatArray, look: Look) -> None:
     """The part of the face nearest to each node in the colour of its status, and the number of nodes per status."""
     status, count = np.rint(named("status").values(contact)), zone_counts(contact)
     pieces = patches(contact.cells, points)
@@ -388,7 +393,9 @@ def _zones(plotter: Any, contact: Grid, points: FloatArray, legend: bool) -> Non
     names = {float(code): f"{name} {count[name]}" for code, (name, _) in ZONES.items()}
     bar = {**_bar(named("status"), "nodes"), "n_labels": 0, "position_y": 0.07, "title": "zones, number of nodes\n\n"}
     colours: dict[str, Any] = {"cmap": [colour for _, colour in ZONES.values()], "clim": (-0.5, 3.5)}
-    colours |= {"annotations": names, "scalar_bar_args": bar, "show_scalar_bar": legend}
+    colours |= {"annotations": names, "scalar_bar_args": bar, "show_scalar_bar": bool(look.caption)}
+    if look.view == SECTION:
+        colours |= {"style": "wireframe", "line_width": _THICK}
     plotter.add_mesh(pieces, scalars="zone", lighting=False, **colours)
 
 
@@ -429,7 +436,7 @@ def _arrows_of(contact: Grid, body: Grid, look: Look) -> tuple[FloatArray, Float
 
 def _directions(view: str, contact: Grid) -> list[tuple[FloatArray, FloatArray]]:
     """Directions of a view to choose from, each with the upward direction: of the contact face along either side."""
-    given = VIEWS[view]
+    given = VIEWS["top" if view == SECTION else view]
     if given is not None:
         return [(np.array(given[0]), np.array(given[1]))]
     if np.any(opposite(contact)):
