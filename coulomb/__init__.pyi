@@ -14,7 +14,6 @@ from .fem.bodies import Pressure as Pressure
 from .fem.bodies import RigidFace as RigidFace
 from .fem.bodies import Spring as Spring
 from .fem.bodies import SymmetryPlane as SymmetryPlane
-from .fem.bodies import ThermalLoad as ThermalLoad
 from .fem.bodies import TotalForce as TotalForce
 from .fem.bodies import Traction as Traction
 from .fem.bodies import join as join

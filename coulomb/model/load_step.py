@@ -246,7 +246,9 @@ class State(Moment):
             body.at_time(problem.time)  # the user's coefficients are those of the present again
         now = forces(body, solution.displacement, e.internal - e.spring, e.load, solution.force_on_body, problem.time)
         # 0 where K stays: then u0 . K u1 = u1 . K u0
-        stiffened = coefficients_work(then, now, Reductions(problem.comm, body.copies)) if body.forms() is not None else 0.0
+        stiffened = (
+            coefficients_work(then, now, Reductions(problem.comm, body.copies)) if body.forms() is not None else 0.0
+        )
         return self.ended(solution, then, now, slice(None), stiffened)
 
     def ended(

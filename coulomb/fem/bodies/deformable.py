@@ -373,8 +373,9 @@ class SingleBody(DisplacementSpace, Deformable):
     def without_area(self) -> npt.NDArray[np.int32]:
         """The integral of r N over r is 0 on the axis."""
         of = self.mesh.slice
-        axis = self.mesh.faces["axis"] if of is not None and of.axis and self.degree == 2 else []
-        return self.nodes_of(np.asarray(axis, dtype=np.int32))
+        if of is None or not of.axis or self.degree == 1:
+            return np.empty(0, dtype=np.int32)
+        return self.nodes_of(self.mesh.faces["axis"])
 
     def face(self, name: str, what: str) -> tuple[Member, npt.NDArray[np.int32]]:
         return self.members[0], self.mesh.facets(name, what)

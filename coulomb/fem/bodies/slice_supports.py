@@ -14,7 +14,9 @@ def _slices(mesh: object) -> dict[str, Slice]:
     found = {name: one.slice for name, one in bodies.items()}
     kinds = {"in 3D" if one is None else f"{one.kind}, for {one.said}" for one in found.values()}
     if len(kinds) > 1:
-        raise ValueError(f"bodies are of several kinds ({'; '.join(sorted(kinds))}): make all of them slices of one kind")
+        raise ValueError(
+            f"bodies are of several kinds ({'; '.join(sorted(kinds))}): make all of them slices of one kind"
+        )
     return {name: one for name, one in found.items() if one is not None}
 
 

@@ -91,7 +91,11 @@ def read(path: str) -> MeshFile:
 
 
 def read_section(path: str) -> SectionFile:
-    """Read the triangles and quadrilaterals of a file, with the groups of its lines, on this rank; errors as of `read`."""
+    """Read the triangles and quadrilaterals of a file, with the groups of its lines, on this rank.
+
+    Raises:
+        OSError, ValueError: As `read`.
+    """
     names, tags, points, elements = _parsed(path)
     if solid := sorted(kind for kind in elements if kind in _NAMES):
         raise ValueError(f"{path}: has {_NAMES[solid[0]]}, but a slice is made of a mesh in 2D")

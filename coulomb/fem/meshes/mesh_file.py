@@ -47,7 +47,7 @@ FACETS = {
 }
 """Corners of every facet, in order round it, of cells with 4 and 8 corners, as gmsh and VTK number."""
 
-A_SLICE: Final = 'for a plane or axisymmetric problem slice = "plane strain", "axisymmetric", ... in [mesh], or coulomb.slice'
+A_SLICE: Final = 'for a plane or axisymmetric problem give slice = "axisymmetric" in [mesh], or use coulomb.slice'
 """What to do with a mesh in 2D."""
 
 SUPPORTED = (

@@ -1,21 +1,22 @@
 """Plane and axisymmetric problems: a mesh of the section becomes one layer of hexahedra, as in CalculiX.
 
-Of a plane problem the section is in a plane z = const, and the layer is as thick as the body that forces are for.  Of an
-axisymmetric one x is the radius and y is along the axis, and the layer is a wedge of an angle theta about y, which is
-seen from the front (+z).  Quadrilaterals give hexahedra; triangles are cut into three quadrilaterals each by their middle
-and the middles of their edges, and quadrilaterals beside them into four.  Sections of second order give 27-node cells.
+Of a plane problem the section is in a plane z = const, and the layer is as thick as the body that forces are for.  Of
+an axisymmetric one x is the radius and y is along the axis, and the layer is a wedge of an angle theta about y; +z is
+in front.  Quadrilaterals give hexahedra; triangles are cut into three quadrilaterals each, by their middle and the
+middles of their edges, and quadrilaterals beside them into four.  Sections of second order give 27-node cells.
 
 Nodes of the wedge are on circles, so that gaps on surfaces of revolution are exact.  Of first-order cells the chords
 between its planes make all volumes, and all areas across the axis, sin(theta)/theta of what they are: 2 pi/sin(theta)
 wedges have those of the body.  Cylinders then have 1/cos(theta/2) of their area, 4e-5 too much at a degree.  Of
-27-node cells the nodes in the middle are on the circle, too, and 2 pi/theta wedges make the body.  Nodes on the axis are moved off it by 1e-6 of the
-smallest cell, held there by a plane of symmetry: no cell is flat, and nothing else can notice.
+27-node cells the nodes in the middle are on the circle, too, and 2 pi/theta wedges make the body.
+
+Nodes on the axis are moved off it by 1e-6 of the smallest cell, so that no cell is flat, and a plane of symmetry holds
+them there: it is no hole, but a rigid pin without friction, whose volume is 1e-12 of a cell's.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -118,7 +119,9 @@ def sliced(section: SectionFile, given: Slice, scale: float, degree: int | None 
     path = section.path
     taken = {FRONT, BACK, AXIS} & {*section.line_groups, *section.node_groups}
     if taken:
-        raise ValueError(f"{path}: a slice has faces {FRONT!r}, {BACK!r} and {AXIS!r} of its own: rename {min(taken)!r}")
+        raise ValueError(
+            f"{path}: a slice has faces {FRONT!r}, {BACK!r} and {AXIS!r} of its own: rename {min(taken)!r}"
+        )
     quads = _Quadrilaterals(section, degree)
     x, count, order = quads.points, len(quads.points), quads.order
     on_axis = np.zeros(count, dtype=bool)
@@ -248,7 +251,7 @@ class _Quadrilaterals:
         x = _in_plane(path, section.points, np.concatenate([rows.ravel() for rows in blocks.values()]))
         self._split = bool(blocks.keys() & {3, 6})
         first, found = 0, []
-        for width, rows in blocks.items():
+        for rows in blocks.values():
             found.append(self._nodes(x, rows, first))
             first += len(rows)
         keys, at, given, self.source = (np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -331,7 +334,7 @@ def _in_plane(path: str, points: FloatArray, used: IntArray) -> FloatArray:
         extent = np.ptp(points[used], axis=0)
         if extent[2] > _FLAT * np.max(extent):
             raise ValueError(
-                f"{path}: the section of a slice lies in a plane z = const, x and y (radius and axis of an axisymmetric "
-                f"one) being along it, but z is from {points[used, 2].min():.6g} to {points[used, 2].max():.6g}"
+                f"{path}: the section of a slice lies in a plane z = const, with x and y (radius and axis of an "
+                f"axisymmetric one) along it, but z is from {points[used, 2].min():.6g} to {points[used, 2].max():.6g}"
             )
     return np.ascontiguousarray(points[:, :2])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -42,7 +41,10 @@ def slice(
         thickness: Of the body of a plane problem, metres; by default 1.  Forces are for it.  Those of an axisymmetric
             one are for 360 degrees.
         degree: Order of the cells; by default that of the section.
-        scale, comm, cuts, only: As of `read_mesh`.
+        scale: Metres per unit of length of the file.
+        comm: The ranks that share the mesh.
+        cuts: Groups of lines inside the section along which it is cut, as of `read_mesh`.
+        only: Of an `.inp` file the set of elements that are read.
 
     Returns:
         The mesh, with the faces "front" and "back" beside those of the lines, and of a body on its axis "axis".  They
@@ -64,7 +66,9 @@ def slice(
         )
 
     def read() -> tuple[InspectedMesh, Slice]:
-        module = import_module(f".{mesh_formats.FORMATS[end][1]}_format", __package__)  # a run needs at most one of them
+        module = import_module(
+            f".{mesh_formats.FORMATS[end][1]}_format", __package__
+        )  # a run needs at most one of them
         file = module.read_section(str(section), only) if end == ".inp" else module.read_section(str(section))
         return _layer(file, made, scale, degree, cuts)
 

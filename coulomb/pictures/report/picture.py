@@ -315,7 +315,9 @@ def draw(directory: Path, run: Run | None = None) -> Path:
     return partial.replace(RunDirectory(directory).picture)
 
 
-def _composed(shots: list[Shot], field: Field, bars: Sequence[Bar], words: str, alarm: str, zones: dict[str, int]) -> Any:
+def _composed(
+    shots: list[Shot], field: Field, bars: Sequence[Bar], words: str, alarm: str, zones: dict[str, int]
+) -> Any:
     """Both views with their legends, as a matplotlib figure."""
     from matplotlib.figure import Figure
 
@@ -367,7 +369,9 @@ def _warm_up() -> None:
     shots = [shoot(cube, look, (60, 60)) for look in looks]
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    FigureCanvasAgg(_composed(shots, named("pressure"), [Bar(0.0, 3.0, 0.0, 3.0)], "0123", "", zone_counts(cube.grid("contact")))).draw()
+    FigureCanvasAgg(
+        _composed(shots, named("pressure"), [Bar(0.0, 3.0, 0.0, 3.0)], "0123", "", zone_counts(cube.grid("contact")))
+    ).draw()
 
 
 def overview(arguments: list[str]) -> str:
