@@ -206,8 +206,7 @@ class Solution:
         """Resultants of all loads and supports, and the balance of all forces; collective."""
         problem, u = self.problem, self.displacement
         body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
-        imbalance = self._imbalance
-        constraints = body.constraints
+        imbalance, constraints = self._imbalance, body.constraints
         of_ties = constraints.forces(imbalance, problem.time)
         supports = chain(body.shares(self._reaction), body.spring_forces(u))
         over, members = Reductions(problem.comm, body.copies), body.members
