@@ -21,6 +21,7 @@ from coulomb import (
     join,
     moved,
 )
+from coulomb.fem.contact.body_boundary import BodyBoundary, Part
 from coulomb.fem.meshes import NamedMesh, boundary_facets, corners_of, distributed, second_order
 from coulomb.kinematics import NeoHookean
 from coulomb.units import amount
@@ -281,3 +282,14 @@ def test_a_knife_whose_sides_are_steep(wide):
     inside = answer.small_strain.inside
     assert not answer.valid and inside.depth == pytest.approx(0.02, rel=1e-6) and inside.faces[1] == "'block:top'"
     assert cut(0.01).small_strain.inside is None and cut(0.0099).valid
+
+
+def test_cells_under_a_face_alone():
+    """Of 5 x 4 x 3 cells: not those at the edges of the face, which something can enter from the side."""
+    mesh = box((1.0, 1.0, 1.0), (5, 4, 3))
+    problem = ContactProblem(mesh, STEEL, [Clamp("top")], Contact("bottom", 0.2))
+    (member,) = problem.elasticity.members
+    under = BodyBoundary.of(Part("", member.body, mesh.faces)).under
+    every = np.unique(np.concatenate(list(mesh.faces.values())))
+    assert comm.allreduce(int(np.count_nonzero(under(mesh.faces["bottom"])))) == 3 * 2
+    assert comm.allreduce(int(np.count_nonzero(under(every)))) == 5 * 4 * 3 - 3 * 2 * 1

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import chain, permutations, product
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
 
 from ...arrays import FloatArray, IntArray
 from ...nearest import tree_of
 from .. import compat
 from ..bodies import DisplacementSpace
-from ..meshes import SEPARATOR, boundary_facets, lagrange_points, starts_of
+from ..meshes import SEPARATOR, boundary_facets, facet_columns, lagrange_points, starts_of
 from .facet_patch import FacetPatch, facet_patch
 
 Flags = npt.NDArray[np.bool_]
@@ -116,7 +115,7 @@ class BodyBoundary:
         at = row[first, None], end[first]
         kinds = [("part", "i8"), ("nodes", "i8", (2,)), ("x", "f8", (2, 3)), ("u", "f8", (2, 3)), ("near", "?", (2,))]
         kinds += [("deformation", "f8"), ("slave", "?", (pairs,)), ("master", "?", (pairs,))]
-        kinds += [("inside", "i8"), ("component", "i8"), ("was", "f8", (3,)), ("at", "f8")]  # of the material there
+        kinds += [("inside", "i8"), ("component", "i8"), ("was", "f8", (3,)), ("at", "f8"), ("kept", "?")]  # there
         points: Rows = np.zeros(len(first), dtype=kinds)
         points["part"], points["nodes"], points["x"], points["u"] = number, nodes[first], patch.x[at], rows[at][..., :3]
         np.logical_or.at(points["near"], which.ravel(), near[row])
@@ -126,12 +125,32 @@ class BodyBoundary:
 
     def facets_with(self, nodes: IntArray) -> tuple[IntArray, IntArray]:
         """Pairs (point, row) of facets that have both nodes of points (p, 2)."""
-        row = np.repeat(np.arange(len(self.patch)), self.patch.kind.width)
-        on = scipy.sparse.csr_matrix(
-            (np.ones(len(row)), (self.patch.nodes.ravel(), row)), (self.starts[-1], len(self.patch))
-        )
-        both = on[nodes[:, 0]].multiply(on[nodes[:, 1]]).tocoo()
-        return both.row.astype(np.int64), both.col.astype(np.int64)
+        sorted_nodes, rows = self._facets_at
+        begin, end = (np.searchsorted(sorted_nodes, nodes[:, 0], side) for side in ("left", "right"))
+        count = end - begin
+        point = np.repeat(np.arange(len(nodes)), count)
+        row = rows[np.arange(len(point)) + np.repeat(begin - np.cumsum(count) + count, count)]
+        both = np.any(self.patch.nodes[row] == nodes[point, 1:], axis=1)
+        return point[both], row[both]
+
+    @cached_property
+    def _facets_at(self) -> tuple[IntArray, IntArray]:
+        """The nodes of the facets, ascending, and the rows of these."""
+        nodes, row = self.patch.nodes.ravel(), np.repeat(np.arange(len(self.patch)), self.patch.kind.width)
+        order = np.argsort(nodes, kind="stable")
+        return nodes[order], row[order]
+
+    def under(self, facets: npt.NDArray[np.int32]) -> Flags:
+        """Which of this rank's cells have facets on the boundary, and all of them among these, shape (c,)."""
+        topology = self.part.space.domain.topology
+        topology.create_connectivity(3, 2)
+        of_cells = topology.connectivity(3, 2).array.reshape(-1, len(facet_columns(topology.cell_type, 1)))
+        outer = np.diff(topology.connectivity(2, 3).offsets) == 1  # between ranks as well, if a cell there is not known
+        other = outer.copy()
+        other[facets] = False
+        of_cells = of_cells[: len(self.numbers)]
+        found: Flags = outer[of_cells].any(axis=1) & ~other[of_cells].any(axis=1)
+        return found
 
     def name_of(self, row: int) -> str:
         """The smallest named face that has the facet in this row, in words."""

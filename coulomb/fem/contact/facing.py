@@ -75,18 +75,21 @@ def near(bodies: Sequence[Facets], reach: FloatArray, comm: MPI.Comm) -> list[Fl
         reach: How near, metres, shape (3,); of one component those alone that have met.
         comm: The ranks.
     """
-    every, found = [of.of_all_ranks(comm) for of in bodies], list[Flags]()
+    every = [of.of_all_ranks(comm) for of in bodies]
     ends = [(of.low.min(axis=0, initial=np.inf), of.high.max(axis=0, initial=-np.inf)) for of in every]
-    for part, of in enumerate(bodies):
-        flags: Flags = np.zeros((len(of.n), 2), dtype=bool)
+    found = [np.zeros((len(of.n), 2), dtype=bool) for of in bodies]
+    for part, (of, flags) in enumerate(zip(bodies, found, strict=True)):
+        facet, against = of.facing(every[part], reach)
+        use = ~np.any(of.nodes[facet, :, None] == every[part].nodes[against, None], axis=(1, 2))
+        facet, against = facet[use], against[use]
+        use = of.component[facet] != every[part].component[against]
+        flags[facet[use | ~of.never_met(facet, every[part], against)], 0] = True
         for other, (low, high) in enumerate(ends):
-            if other == part:
-                facet, against = of.facing(every[part], reach)
-                use = ~np.any(of.nodes[facet, :, None] == every[part].nodes[against, None], axis=(1, 2))
-                facet, against = facet[use], against[use]
-                use = of.component[facet] != every[part].component[against]
-                flags[facet[use | ~of.never_met(facet, every[part], against)], 0] = True
-            elif np.all((low <= ends[part][1] + reach) & (high >= ends[part][0] - reach)):
+            if other == part or not np.all((low <= ends[part][1] + reach) & (high >= ends[part][0] - reach)):
+                continue
+            if comm.size > 1:
                 flags[of.facing(every[other], reach)[0], 1] = True
-        found.append(flags)
+            elif other > part:  # both sides at once
+                facet, against = of.facing(every[other], reach)
+                flags[facet, 1] = found[other][against, 1] = True
     return found

@@ -130,6 +130,7 @@ class Surface:
         none = np.zeros((self._ends[-1], 0), dtype=bool)
         self._slaves, self._masters = (np.column_stack([none, *map(self._on, faces)]) for faces in (slaves, masters))
         self._normals = np.column_stack([none, *map(self._normals_on, masters)])
+        self._under = [[self._under_of(number, faces) for number in range(len(parts))] for faces in (slaves, masters)]
 
     def _on(self, face: Face) -> Flags:
         """Which of this rank's nodes are on a face, shape (k,); collective."""
@@ -137,6 +138,13 @@ class Surface:
         on: Flags = np.zeros(self._ends[-1], dtype=bool)
         on[self._ends[part] + self._parts[part].space.nodes_of(facets)] = True
         return on
+
+    def _under_of(self, number: int, faces: Sequence[Face]) -> Flags:
+        """Which of this rank's cells of a body are `BodyBoundary.under` each of these faces, shape (c, pairs)."""
+        body = self._bodies[number]
+        none = np.zeros(len(body.numbers), dtype=bool)
+        found = [body.under(facets) if part == number else none for part, facets in faces]
+        return np.stack(found, axis=1) if found else none[:, None][:, :0]
 
     def _normals_on(self, face: Face) -> FloatArray:
         """Mean normals of a face at this rank's nodes, 0 off it, shape (k, 3); collective."""
@@ -222,7 +230,7 @@ class Surface:
             use = points["near"][np.arange(len(points)), other.astype(np.int64)] | (~_edges(points) & (other | several))
             near.append(points[use])
         hits = _once(np.concatenate(comm.allgather(self._inside(near, cells, deformed=True))))
-        hits = hits[~_with_an_end_in(hits)]
+        hits = hits[~(_with_an_end_in(hits) | hits["kept"])]
         if not len(hits):
             return None
         vectors = self._vectors_of(hits, now)
@@ -311,8 +319,9 @@ class Surface:
 
     def _inside(self, points: Sequence[Rows], cells: Sequence[FloatArray], deformed: bool) -> Rows:
         """The points that are in this rank's cells of each body with which they share no node, with the body, the
-        component and the place of the material there, if it has moved relative to them; before deformation those in
-        the component that they have."""
+        component and the place of the material there, if it has moved relative to them, and whether it can have come
+        through a face alone out of which their contact keeps them; before deformation those in the component that they
+        have."""
         found = [points[0][:0]]
         for part, (body, of, these) in enumerate(zip(self._bodies, cells, points, strict=True)):
             if not len(these):
@@ -321,7 +330,11 @@ class Surface:
             nodes = body.x + of[:, :, :3] if deformed else body.x
             point, cell = in_boxes(boxes_of(places), boxes_of(nodes))
             use = _apart(these[point], body.numbers[cell], part)
-            if not deformed:
+            if deformed:
+                slaves, masters = (of_cells[part][cell] for of_cells in self._under)
+                kept = np.any((these["slave"][point] & masters) | (these["master"][point] & slaves), axis=1)
+                use &= ~(kept & _edges(these)[point])
+            else:
                 use &= of[cell, 0, 4] == these["component"][point]
             for some in np.array_split(np.flatnonzero(use), np.count_nonzero(use) // _AT_ONCE + 1):
                 pair, at, weights, columns = in_tetrahedra(places[point[some]], nodes[cell[some]], body.tetrahedra)
@@ -329,6 +342,7 @@ class Surface:
                 if deformed:
                     hits["inside"], hits["component"], hits["at"] = part, of[there[:, 0], 0, 4], np.round(at, 6)
                     hits["was"] = np.einsum("pc,pci->pi", weights, body.x[there, columns])
+                    hits["kept"] = kept[some[pair]]
                     hits["deformation"] = np.maximum(hits["deformation"], of[there[:, 0], 0, 3])
                     for name in ("x", "u"):  # of an edge the point that is inside
                         hits[name] += at[:, None, None] * (hits[name][:, 1:] - hits[name][:, :1])
