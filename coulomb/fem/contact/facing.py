@@ -77,7 +77,7 @@ def near(bodies: Sequence[Facets], reach: FloatArray, comm: MPI.Comm) -> list[Fl
     """
     every = [of.of_all_ranks(comm) for of in bodies]
     ends = [(of.low.min(axis=0, initial=np.inf), of.high.max(axis=0, initial=-np.inf)) for of in every]
-    found = [np.zeros((len(of.n), 2), dtype=bool) for of in bodies]
+    found: list[Flags] = [np.zeros((len(of.n), 2), dtype=bool) for of in bodies]
     for part, (of, flags) in enumerate(zip(bodies, found, strict=True)):
         facet, against = of.facing(every[part], reach)
         use = ~np.any(of.nodes[facet, :, None] == every[part].nodes[against, None], axis=(1, 2))
