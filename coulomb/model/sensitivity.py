@@ -18,6 +18,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Elasticity, End, Loading, ThermalLoad
+from ..fem.geometry import Plane
 from ..linalg.reductions import Reductions
 from ..solvers.semismooth_newton import Change, derivatives
 from ..solvers.semismooth_newton import gradient as adjoint
@@ -31,7 +32,7 @@ class Sensitivity:
 
     Attributes:
         name: "friction of 'bottom'", "pressure on 'top'", "young of 'upper'", "gap of 'bore'", "prescribed
-            displacements", "pretension".
+            displacements", "pretension", "motion of the foundation of 'bottom'".
         contact_force: Derivative of x along the logarithm of the input, newtons, shape (3 m,): a hundredth of it is
             what 1 % more of the input does.
         displacement: Likewise of u, metres, this rank's nodes, shape (k, 3).
@@ -129,11 +130,11 @@ def _refuse(problem: DiscreteProblem) -> None:
 
 @dataclass(frozen=True)
 class _Input:
-    """The change of a problem along the logarithm of an input: bounds of friction in newtons and gaps in metres (m,),
-    and loads and prescribed displacements, where they change."""
+    """The change of a problem along the logarithm of an input: bounds of friction in newtons (m,), gaps and the
+    displacements from which slip counts in metres (m, 3), and loads and prescribed displacements, where they change."""
 
     bound: FloatArray | float = 0.0
-    gap: FloatArray | float = 0.0
+    c: FloatArray | float = 0.0
     loading: Loading | None = None
 
 
@@ -172,8 +173,7 @@ def sensitivities(
         if name in then:
             loading = _continued(problem, loading or still, then[name])
         changed = without if loading is None else _with_loading(problem, loading)
-        closing = (changed.b - without.b).reshape(-1, 3)
-        closing[:, 0] -= one.gap
+        closing = (changed.b - without.b).reshape(-1, 3) - one.c
         if name in then:
             closing[:, 1:] -= surface.rows(then[name])[:, 1:]
         e = [np.zeros(0) if each.state.rigid is None else each.state.rigid.e for each in (changed, without)]
@@ -255,7 +255,11 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
             put(f"friction of {face!r}", _Input(bound=np.where(here, bound, 0.0)))
     for face, here in zip(surface.faces, parts, strict=True):
         if over.any(bool(np.any(gap[here] != 0.0))):
-            put(f"gap of {face!r}", _Input(gap=np.where(here, gap, 0.0)))
+            put(f"gap of {face!r}", _Input(c=np.where(here, gap, 0.0)[:, None] * [1.0, 0.0, 0.0]))
+    for part, (face, here) in enumerate(zip(surface.faces, parts, strict=True)):
+        moved = _moved(problem, part)
+        if over.any(bool(np.any(moved != 0.0))):
+            put(f"motion of the foundation of {face!r}", _Input(c=np.where(here[:, None], moved, 0.0)))
     still = _unloaded(loading)
     for load in body.loads_in(loading):
         where = "" if load.face is None else f" on {load.face!r}"
@@ -272,6 +276,20 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
         forces[member.nodes] = sum(strained) - member.body.internal_force(u[member.nodes])
         put("young" + (f" of {member.name!r}" if member.name else ""), _Input(loading=replace(still, load=forces)))
     return found
+
+
+def _moved(problem: DiscreteProblem, part: int) -> FloatArray:
+    """What a plane has moved that is the foundation of a face, along n altogether, along the tangents since the step
+    before, metres, shape (m, 3); 0 of curved and turning foundations, whose normals change as well."""
+    surface, body, before = problem.surface, problem.body, problem.before
+    way, motion = np.zeros((len(surface.nodes), 3)), problem.state.foundation_motions[part]
+    if not isinstance(body.foundations[part], Plane) or motion.turn is not None:
+        return way
+    way[:, 0] = surface.components(np.broadcast_to(motion.translation, way.shape))[:, 0]
+    if before is not None:
+        then = body.foundation_motions(before.time)[part].translation
+        way[:, 1:] = surface.components(np.broadcast_to(motion.translation - then, way.shape))[:, 1:]
+    return way
 
 
 def _totals(problem: DiscreteProblem, x: FloatArray, dx: FloatArray) -> dict[str, dict[str, Any]]:

@@ -245,3 +245,29 @@ def test_the_gradient_along_a_field_of_friction():
     more, less = (of_x @ answer(h).contact_force for h in (1e-5, -1e-5))
     found = there.gradient(of_x).friction
     assert found @ place[:, 0] == pytest.approx((more - less) / 2e-5, rel=1e-5)
+
+
+def test_along_the_motion_of_a_plane():
+    """Of a tilted one that comes, and rubs to and fro: normal along all of its way, slip along that of the step."""
+
+    def steps(far=1.0):
+        problem = coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 0.5), (4, 3, 2)),
+            coulomb.Material(1e9, 0.3),
+            [coulomb.Clamp("top")],
+            coulomb.Contact(
+                "bottom",
+                friction=0.4,
+                foundation=coulomb.Plane((0.0, 0.0, 0.0), (0.1, 0.0, 1.0)),
+                motion=lambda t: far * np.array([2e-3 * (t - 1.0 if t < 2.0 else 3.0 - t), 0.0, 2e-3 + 1e-4 * t]),
+            ),
+            small_strain="warn",
+        )
+        return coulomb.LoadHistory([1.0, 2.0, 3.0], tolerance=1e-12).steps(problem)
+
+    found = []
+    for step in steps():
+        found = step.solution.sensitivities(found)
+    (along,) = (one.contact_force for one in found if one.name == "motion of the foundation of 'bottom'")
+    more, less = ([step.solution.contact_force for step in steps(1.0 + h)][-1] for h in (1e-4, -1e-4))
+    assert along == pytest.approx((more - less) / 2e-4, abs=1e-7 * np.linalg.norm(along))
