@@ -21,8 +21,9 @@ def test_the_code_of_the_page_runs(tmp_path):
     done = run_script(tmp_path / "page.py", comm.bcast(tmp_path))
     assert done.returncode == 0, done.stderr
     ratios = re.findall(r"(\w+): ([\d.]+) of the formula(?:, (\d+))?", done.stdout)
-    assert [name for name, *_ in ratios] == ["plasticity"] * 3 + ["viscoelasticity"] * 4 + ["heat"]
+    assert [name for name, *_ in ratios] == ["plasticity"] * 3 + ["viscoelasticity"] * 4 + ["heat", "tool"]
     assert all(abs(float(ratio) - 1.0) < 1e-6 for _, ratio, _ in ratios)
+    assert all(float(one) < 1e-7 for one in re.findall(r"([\d.e-]+) of the (?:force|lever)", done.stdout))
     assert [int(count) for name, _, count in ratios if name == "plasticity"] <= [3, 15, 3]
 
 
