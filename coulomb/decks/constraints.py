@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,6 +12,9 @@ from .contacts import tied_pairs
 from .geometry import CORNERS, SIDES
 from .reading import Reading
 from .steps import Amplitude, Rows, Step, Tracks, reference
+
+_FIXED_BY: Final = {"PLANE": 3, "STRAIGHT": 2}
+"""Kinds of *MPC, by the number of nodes that the others follow."""
 
 _AtReference = tuple[str, int, int]
 """What a reference node belongs to, its number among these, and the degree of freedom."""
@@ -46,6 +49,8 @@ class Constraints:
                 self._bolt(card)
             elif card.kind == "EQUATION":
                 self._equation(card)
+            elif card.kind == "MPC":
+                self._mpc(card)
 
     def _reference(self, card: Card, name: str) -> int:
         nodes = np.unique(self._of.node_numbers(card.needs(name), card, None))
@@ -123,6 +128,54 @@ class Constraints:
             kind = tuple((component, coefficient) for _, component, coefficient in terms)
             each = [np.broadcast_to(nodes, size) for nodes, _, _ in terms]
             self._equations.setdefault(kind, []).extend(as_list(np.column_stack(each)))
+
+    def _mpc(self, card: Card) -> None:
+        """*MPC of kind PLANE and STRAIGHT, of small motions: nodes stay in the plane of the first three, which may move
+        and turn, or on the line of the first two."""
+        none: IntArray = np.empty(0, dtype=np.int64)
+        kind, nodes, first = "", none, 0
+        for row, words in card.rows("PLANE or STRAIGHT and nodes"):
+            if key_of(words[0]) in _FIXED_BY:
+                self._stay(kind, nodes, card, first)
+                kind, nodes, first, words = key_of(words[0]), none, row, words[1:]
+            if not kind:
+                raise card.fault(f"of kind {words[0]} is not read: PLANE and STRAIGHT are", row)
+            found = [self._of.node_numbers(word, card, row) for word in words if word]
+            nodes = np.concatenate([nodes, *found])
+            self._refuse_other_nodes(nodes, card, row)
+        self._stay(kind, nodes, card, first)
+
+    def _stay(self, kind: str, nodes: IntArray, card: Card, row: int) -> None:
+        """Equations of nodes that stay in a plane or on a line; none without nodes."""
+        nodes = nodes[np.sort(np.unique(nodes, return_index=True)[1])]
+        count = _FIXED_BY.get(kind, 0)
+        if not len(nodes):
+            return
+        x = self._of.deck.points[self._of.deck.places(nodes)]
+        sides = (x[1:count] - x[0]).T
+        shares = np.linalg.lstsq(sides, (x[count:] - x[0]).T, rcond=None)[0]
+        far = np.linalg.norm(sides @ shares - (x[count:] - x[0]).T, axis=0)
+        if len(nodes) < count or np.linalg.matrix_rank(sides, tol=1e-9 * np.ptp(x)) < count - 1:
+            raise card.fault(f"the first {count} nodes of {kind} make none", row)
+        if np.any(far > 1e-5 * np.ptp(x)):
+            raise card.fault(f"{kind}: node {nodes[count + int(np.argmax(far))]} is {far.max():.3g} off", row)
+        # directions across: the normal of the plane, or the two axes that are not the main one of the line, less that
+        across = [np.cross(*sides.T)] if count == 3 else []
+        if count == 2:
+            main, way = int(np.argmax(np.abs(sides[:, 0]))), sides[:, 0]
+            across = [np.eye(3)[k] - way[k] / way[main] * np.eye(3)[main] for k in range(3) if k != main]
+        for direction in across:
+            pivot = int(np.argmax(np.abs(direction)))
+            order = sorted((k for k in range(3) if direction[k]), key=lambda k: k != pivot)
+            for node, share in zip(nodes[count:], shares.T, strict=True):
+                weights = [1.0, float(share.sum()) - 1.0, *(-share).tolist()]
+                terms = [
+                    (int(n), "xyz"[k], float(weight * direction[k] / direction[pivot]))
+                    for n, weight in zip([node, *nodes[:count]], weights, strict=True)
+                    for k in order
+                    if weight
+                ]
+                self._equations.setdefault(tuple(term[1:] for term in terms), []).append([term[0] for term in terms])
 
     def _refuse_other_nodes(self, nodes: IntArray, card: Card, row: int) -> None:
         """Equations with reference nodes, nodes of no solid, or in frames of their own are not read."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from .cards import Card
+from .cards import Card, key_of
 from .springs import KINDS
 from .steps import PROCEDURES, STEADY
 
@@ -24,7 +24,17 @@ _HANDLED: Final = frozenset(
         *("DENSITY", "EXPANSION", "SOLIDSECTION", "ORIENTATION", "BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "AMPLITUDE"),
         *("CONTACTPAIR", "SURFACEINTERACTION", "SURFACEBEHAVIOR", "FRICTION", "CLEARANCE", "CHANGEFRICTION"),
         "CHANGESURFACEBEHAVIOR",
-        *("TIE", "TRANSFORM", "EQUATION", "RIGIDBODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "PRE-TENSIONSECTION"),
+        *(
+            "TIE",
+            "TRANSFORM",
+            "EQUATION",
+            "MPC",
+            "RIGIDBODY",
+            "COUPLING",
+            "KINEMATIC",
+            "DISTRIBUTING",
+            "PRE-TENSIONSECTION",
+        ),
         *("SPRING", "CONTACT", "CONTACTINCLUSIONS", "CONTACTPROPERTYASSIGNMENT"),
         *("TEMPERATURE", "INITIALCONDITIONS", "CYCLICSYMMETRYMODEL", *_OF_HEAT),
     )
@@ -111,6 +121,8 @@ def _fate(card: Card, ignore: Collection[str], surface_elements: Collection[str]
         return REFUSED, f"{where}: of initial conditions only temperatures are read"
     if kind == "STEP" and "PERTURBATION" in card.parameters:
         return REFUSED, f"{where}: perturbations of a step before are not computed"
+    if kind == "MPC" and not any(word in ("PLANE", "STRAIGHT") for word in map(key_of, card.words(0))):
+        return REFUSED, f"{where}: of kind {card.words(0)[0]}; PLANE and STRAIGHT are read"
     if kind == "MODELCHANGE" and not card.key("TYPE").startswith("CONTACTPAIR"):
         return REFUSED, f"{where}: elements are neither taken out nor put in"
     if kind in _HANDLED or kind == "MODELCHANGE":

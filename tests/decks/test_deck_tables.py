@@ -333,3 +333,30 @@ def test_weight_set_by_set(tmp_path):
     assert tables_of(tmp_path, sets + STEP.format(weight)).tables["gravity"] == [0.0, 0.0, -9810.0]
     with pytest.raises(ValueError, match=r"line \d+: \*DLOAD: GRAV on 'up', some of the elements"):
         tables_of(tmp_path, sets + STEP.format("*DLOAD\nup, GRAV, 9810., 0., 0., -1."))
+
+
+def test_nodes_that_stay_in_a_plane_or_on_a_line(tmp_path):
+    """The lid of a sheared cube stays plane, its edge straight, while one node is pulled; what is not plane is said."""
+    moved = CUBES.replace("17, 1, 1, 2", "17, 1, 1, 2.5").replace("18, 0, 1, 2", "18, 0, 1, 2.25")
+    moved = moved.replace("16, 1, 0, 2", "16, 1, 0, 2.25").replace("top, 1, 2", "15, 1, 3\n18, 1, 1")
+    load = STEP.format("*CLOAD\n17, 3, 1.\n16, 2, .1\n*DLOAD\n2, P2, 10.")
+    found = tables_of(tmp_path, moved + "*MPC\nPLANE, 15, 16, 18,\n17\nSTRAIGHT, 11, 12, 12\n" + load)
+    assert found.tables["equation"] and not found.refused
+    solution = read_case(tmp_path / "deck.inp").problem().solve()
+    x, u = solution.problem.elasticity.x, solution.displacement
+    lid = [
+        int(np.argmin(np.linalg.norm(x - place, axis=1)))
+        for place in ((0, 0, 2), (1, 0, 2.25), (0, 1, 2.25), (1, 1, 2.5))
+    ]
+    one, two, three, four = u[lid]
+    normal = np.cross(x[lid[1]] - x[lid[0]], x[lid[2]] - x[lid[0]])
+    assert normal @ (four - two - three + one) == pytest.approx(0.0, abs=1e-9 * np.abs(u).max())
+    assert abs((four - two - three + one)[0]) > 1e-3 * np.abs(u).max()  # it moves within the plane
+    with pytest.raises(ValueError, match=r"line \d+: \*MPC: PLANE: node 17 is 0\.\d+ off"):
+        tables_of(tmp_path, moved.replace("1, 2.5", "1, 3.") + "*MPC\nPLANE, 15, 16, 18, 17\n" + load)
+    with pytest.raises(ValueError, match=r"\*MPC: the first 2 nodes of STRAIGHT make none"):
+        tables_of(tmp_path, moved + "*MPC\nSTRAIGHT, 5, 11, 12\n" + load)
+    beam = tables_of(tmp_path, moved + "*MPC\nBEAM, 15, 16\n" + load)
+    assert [(row.keyword, row.why[-41:]) for row in beam.refused] == [
+        ("MPC", "of kind BEAM; PLANE and STRAIGHT are read")
+    ]
