@@ -307,25 +307,26 @@ class ContactStiffness:
     def _methods(self) -> list[Method]:
         """The methods in the order in which they are tried, as far as the user leaves them open; collective.
 
-        Factors of K in place of multigrid; then condensed Newton systems in place of products by A, and a formed A.
+        Factors of K in place of multigrid; then condensed Newton systems in place of products by A, and a formed A,
+        unless the user wants none: products by factors of thin sheets have rounding errors of 1e-5 of a force.
         """
         solver, explicit = self._given
         found, small = [self._first], self.interface <= EXPLICIT_UP_TO
         if found[0].linear_solver is IterativeSolver and solver is None:
             found.append(Method(DirectSolver, small if explicit is None else explicit, words="K is factorised"))
-        if found[-1].linear_solver is not DirectSolver or explicit is not None:
+        if found[-1].linear_solver is not DirectSolver or explicit:
             return found
         last = found[-1]
         if self._condensable:
             words = "Newton systems are made of K with springs in place of A"
             condensed = Method(DirectSolver, False, CondensedSystem, words)
-            if not last.explicit and ill_conditioned(self.elasticity):  # from the beginning
+            if explicit is None and not last.explicit and ill_conditioned(self.elasticity):  # from the beginning
                 found[-1] = replace(condensed, words=last.words)
             else:
                 found.append(condensed)
-            if self.comm.size == 1 and self._unknowns["contact"] <= _DENSE_UP_TO:
+            if self.comm.size == 1 and explicit is None and self._unknowns["contact"] <= _DENSE_UP_TO:
                 found.append(Method(DirectSolver, True, DenseSystem, "A is formed"))
-        return [*found, Method(DirectSolver, True, words="A is formed")]
+        return [*found, Method(DirectSolver, True, words="A is formed")] if explicit is None else found
 
     @property
     def _first(self) -> Method:

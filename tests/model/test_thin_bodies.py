@@ -334,6 +334,16 @@ def test_rounding_errors_are_not_corrected():
     assert solution.valid and solution.result.newton_steps < 20
 
 
+@pytest.mark.parametrize("explicit", [False, True])
+def test_sheets_without_a_formed_matrix(monkeypatch, explicit):
+    """Products by factors have too large rounding errors for a residual of 1e-8; condensed systems form no A either."""
+    monkeypatch.setattr(contact_stiffness, "_PRODUCTS", 3)
+    problem = sheet(CELLS, explicit=explicit, linear_solver=DirectSolver)
+    assert problem.solve().valid
+    assert (problem.body.stiffness.present.newton is CondensedSystem) is not explicit
+    assert problem.body.stiffness.explicit is explicit
+
+
 def thin(thickness, angle=0.0):
     """A strip that is pressed onto the plane at its free end, turned in that plane."""
     strip = coulomb.box((0.16, 0.05, thickness), (6, 2, 1), degree=2)
