@@ -256,8 +256,8 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
     for face, here in zip(surface.faces, parts, strict=True):
         if over.any(bool(np.any(gap[here] != 0.0))):
             put(f"gap of {face!r}", _Input(c=np.where(here, gap, 0.0)[:, None] * [1.0, 0.0, 0.0]))
-    for part, (face, here) in enumerate(zip(surface.faces, parts, strict=True)):
-        moved = _moved(problem, part)
+    for number, (face, here) in enumerate(zip(surface.faces, parts, strict=True)):
+        moved = _moved(problem, number)
         if over.any(bool(np.any(moved != 0.0))):
             put(f"motion of the foundation of {face!r}", _Input(c=np.where(here[:, None], moved, 0.0)))
     still = _unloaded(loading)
