@@ -166,7 +166,7 @@ def _held(body: ContactProblem, member: Member) -> tuple[Elasticity, PETSc.Mat, 
     clamps = [Clamp(face) for face in elastic.mesh.faces if member.called(face) in touching]
     held = Elasticity(elastic.mesh, elastic.materials, [*elastic.supports, *clamps])
     f, u = held.K.createVecs()
-    f.array[:] = held.free_part(body.loading.load[member.nodes]).ravel()
+    f.array[:] = held.held.free_part(body.loading.load[member.nodes]).ravel()
     alone = held.K.copy()
     alone.setNearNullSpace(held.K.getNearNullSpace())
     return held, alone, f, u

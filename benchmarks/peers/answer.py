@@ -71,7 +71,7 @@ def free_system(problem: ContactProblem) -> tuple[Any, Any, FloatArray, FloatArr
     """K, B and f without the clamped displacements (which are 0), and c: gap and zeros, shape (3 m,)."""
     if np.any(problem.elasticity.held.oblique):
         raise ValueError("the other packages take supports along the axes only: others are not rows of K to leave out")
-    fixed = problem.elasticity.fixed.ravel()
+    fixed = problem.elasticity.held.components.ravel()
     free = np.flatnonzero(~fixed)
     c = np.zeros((len(problem.surface.gap), 3))
     c[:, 0] = problem.surface.gap

@@ -101,8 +101,8 @@ def _solved(problem: ContactProblem) -> tuple[FloatArray, FloatArray, int]:
     iterations, residual = int(options.iparam[sn.SICONOS_IPARAM_ITER_DONE]), options.dparam[sn.SICONOS_DPARAM_RESIDU]
     if status != 0:
         raise Unsolved(f"not converged in {iterations} iterations, residual {residual:.1e}")
-    u = np.zeros(problem.elasticity.fixed.shape)
-    u[~problem.elasticity.fixed] = v * (size / k)
+    u = np.zeros(problem.elasticity.held.components.shape)
+    u[~problem.elasticity.held.components] = v * (size / k)
     return u, r * size, iterations
 
 

@@ -139,10 +139,6 @@ class RunDirectory:
                 raise ValueError(f"{self.summary}: has no {key!r}: {OLD}")
         return contents
 
-    def read_history(self) -> list[dict[str, Any]]:
-        """The rows of history.csv (`read_table`)."""
-        return read_table(self.history)
-
 
 def read_table(path: Path) -> list[dict[str, Any]]:
     """The rows of history.csv or iterations.csv, by column names: numbers, booleans, and texts; None for nan, inf and

@@ -101,7 +101,7 @@ class DiscreteProblem:
     @property
     def prescribed(self) -> FloatArray:
         """The displacements that supports prescribe, 0 elsewhere, metres, shape (k, 3)."""
-        return self.elasticity.held_part(self.loading.prescribed)
+        return self.elasticity.held.held_part(self.loading.prescribed)
 
     @property
     def linear(self) -> LinearProblem:
@@ -163,10 +163,6 @@ class DiscreteProblem:
     def moved(self, u: FloatArray, alpha: FloatArray) -> FloatArray:
         """u + R alpha, amounts alpha (q,) of the free motions; metres, shapes (k, 3)."""
         return u + self.elasticity.reduction.displacement(self.elasticity.free_unknowns @ alpha) if len(alpha) else u
-
-    def nodal_contact_force(self, x: FloatArray) -> FloatArray:
-        """B^T x in newtons, this rank's nodes, shape (k, 3): minus the force on the body; collective."""
-        return self.surface.at_nodes(x)
 
     def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
         """The evidence for a certificate, from body, contact faces and foundations as given; collective.

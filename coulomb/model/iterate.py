@@ -183,7 +183,7 @@ class Linearised(DiscreteProblem):
             displacement=here + du - rigid,
             internal=residual + load,
             load=load,
-            prescribed=body.held_part(here - rigid) + e.prescribed,
+            prescribed=body.held.held_part(here - rigid) + e.prescribed,
             jump=self._jump(here + du, over) if body.constraints.ties else None,
             ground=None,
             rounding=rounding_forces(body, np.maximum(np.abs(here + du), extent)),

@@ -65,7 +65,7 @@ def iteratively_refined(
         )
         forces = loading.load + spring + on_body - elasticity.internal_force(u)
         residual = elasticity.reduction.along(forces, loading.tension) - anchored
-        reaction = elasticity.held_part(elasticity.reduction.transferred(forces))
+        reaction = elasticity.held.held_part(elasticity.reduction.transferred(forces))
         outer = (loading.load, spring - anchored[: len(u)], on_body, reaction)
         sums = over.total(np.einsum("kcj,kc->j", rigid, residual))
         scale = np.max([over.sum(lengths(part)) for part in outer])

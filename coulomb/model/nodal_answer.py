@@ -206,11 +206,6 @@ class NodalAnswer:
         return traction
 
     @property
-    def _friction_on_body(self) -> FloatArray:
-        """Newtons, space vectors, shape (m, 3)."""
-        return self.friction_traction * self.area[:, None]
-
-    @property
     def friction_use(self) -> FloatArray:
         """Friction over its bound; 0 where the node is open; shape (m,); collective."""
         use = self._friction / np.where(self.bound > 0.0, self.bound, np.inf)
@@ -250,10 +245,7 @@ class NodalAnswer:
     @property
     def dissipated_energy(self) -> float:
         """Work of friction against slip from `slip_origin`, joules; collective."""
-        return self._dissipated(np.ones(len(self.part), dtype=bool))
-
-    def _dissipated(self, here: npt.NDArray[np.bool_]) -> float:
-        return self._over.sum(self._friction_work[here])
+        return self._over.sum(self._friction_work)
 
     @property
     def coefficient(self) -> FloatArray:
@@ -286,7 +278,7 @@ class NodalAnswer:
         centre = over.total(force[:, 0] @ x) / pressing if pressing > 0.0 else None
         force_on_body = over.total(on_body.sum(axis=0)).tolist()
         moment = over.total(np.cross(x, on_body).sum(axis=0)).tolist()
-        friction = float(np.linalg.norm(over.total(self._friction_on_body[here].sum(axis=0))))
+        friction = float(np.linalg.norm(over.total((self.friction_traction * self.area[:, None])[here].sum(axis=0))))
         rounding = _ROUNDING * over.sum(np.linalg.norm(on_body, axis=1))
         return {
             "faces": list(self.faces) if part is None else [self.faces[part]],
@@ -296,7 +288,7 @@ class NodalAnswer:
             **({"centre_of_pressure": None if centre is None else centre.tolist()} if alone else {}),
             "greatest_slip": max(over.max(moving[closed]), 0.0),
             "greatest_pressure": over.max(force[:, 0] / self.area[here]),
-            "dissipated_energy": self._dissipated(here),
+            "dissipated_energy": over.sum(self._friction_work[here]),
         }
 
     def numbers(self) -> dict[str, Any]:

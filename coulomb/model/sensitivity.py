@@ -112,7 +112,7 @@ def gradient(
         bound=owed.bound,
         gap=-owed.b[0::3],
         load=v,
-        prescribed=body.held_part(reaction),
+        prescribed=body.held.held_part(reaction),
         young={
             member.name: -member.body.work_in_cells(
                 u[member.nodes], v[member.nodes], None if part.temperature is None else part.temperature.change

@@ -184,13 +184,13 @@ class Solution:
     def _imbalance(self) -> FloatArray:
         """What supports and ties hold, newtons, shape (k, 3); collective."""
         e = self.evidence
-        return e.internal - e.spring - e.load + self.problem.nodal_contact_force(self.contact_force)
+        return e.internal - e.spring - e.load + self.problem.surface.at_nodes(self.contact_force)
 
     @cached_property
     def _reaction(self) -> FloatArray:
         """What supports hold, newtons, shape (k, 3); collective."""
         body = self.problem.elasticity
-        return body.held_part(self._imbalance - body.constraints.forces(self._imbalance, self.problem.time))
+        return body.held.held_part(self._imbalance - body.constraints.forces(self._imbalance, self.problem.time))
 
     @property
     def tie_fields(self) -> dict[str, FloatArray]:
@@ -205,7 +205,7 @@ class Solution:
     def force_balance(self) -> ForceBalance:
         """Resultants of all loads and supports, and the balance of all forces; collective."""
         problem, u = self.problem, self.displacement
-        body, on_body = problem.elasticity, -problem.nodal_contact_force(self.contact_force)
+        body, on_body = problem.elasticity, -problem.surface.at_nodes(self.contact_force)
         imbalance, constraints = self._imbalance, body.constraints
         of_ties = constraints.forces(imbalance, problem.time)
         supports = chain(body.shares(self._reaction), body.spring_forces(u))

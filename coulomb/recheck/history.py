@@ -14,7 +14,7 @@ from typing import Any
 from ..case.case import Case
 from ..io.history_files import summary_of, whole
 from ..io.output import Series
-from ..io.run_directory import CASE, FIELDS, HISTORY, SUMMARY, RunDirectory, step_place
+from ..io.run_directory import CASE, FIELDS, HISTORY, SUMMARY, RunDirectory, read_table, step_place
 from .comparison import Comparison, named
 from .files_alone import check_alone
 from .findings import Findings, unread
@@ -87,7 +87,7 @@ def check_times(settings: Case | None, summaries: Sequence[dict[str, Any]], foun
 
 def check_series(files: RunDirectory, summaries: Sequence[dict[str, Any]], found: Comparison) -> None:
     """Compare history.csv, summary.json and the time series with the steps."""
-    rows, lines = [summary["step"]["row"] for summary in summaries], files.read_history()
+    rows, lines = [summary["step"]["row"] for summary in summaries], read_table(files.history)
     if len(lines) != len(rows):
         found.faults.append(f"{HISTORY}: has {len(lines)} lines, but there are {len(rows)} load steps")
     if extra := {str(name) for line in lines for name in line} - {name for row_ in rows for name in row_}:

@@ -174,7 +174,7 @@ class _Steps:
         size, self._misfit = over.norm(image), image - g
         self._sizes.append(size)
         if self.history:
-            self._turns.append(_cosine(before, self._misfit, over))
+            self._turns.append(_ratio(over.dot(before, self._misfit), over.norm(before) * over.norm(self._misfit)))
         contraction, slope = _measure(g, image, self._before, over)
         return _ratio(over.norm(self._misfit), max(size, over.norm(g))), contraction, slope
 
@@ -264,10 +264,6 @@ def _diagnosis(history: list[OuterStep], sizes: list[float], turns: list[float])
     if _not_decreasing(changes, _PATIENCE):
         return Status.STAGNATED
     return None
-
-
-def _cosine(v: FloatArray, w: FloatArray, over: Reductions) -> float:
-    return _ratio(over.dot(v, w), over.norm(v) * over.norm(w))
 
 
 def _ratio(part: float, whole: float) -> float:

@@ -69,9 +69,9 @@ def test_wrong_forces(answer, wrong, condition):
 
 def test_wrong_displacements(answer):
     problem, x, u = answer
-    u[problem.elasticity.fixed] += 1e-8
+    u[problem.elasticity.held.components] += 1e-8
     assert "clamps" in failed(certify(problem, x, u))
-    u[np.argmax(~problem.elasticity.fixed.any(axis=1))] += 1e-6
+    u[np.argmax(~problem.elasticity.held.components.any(axis=1))] += 1e-6
     assert "equilibrium" in failed(certify(problem, x, u))
 
 
@@ -86,8 +86,8 @@ def test_force_balance_by_hand(block6):
     """Loads, contact and reactions: the reaction at the clamp balances the two others."""
     problem, x = block6.problem, block6.contact_force
     internal = problem.elasticity.internal_force(block6.displacement)
-    reaction = internal[problem.elasticity.fixed].reshape(-1, 3).sum(axis=0)
-    reaction -= problem.loading.load[problem.elasticity.fixed].reshape(-1, 3).sum(axis=0)
+    reaction = internal[problem.elasticity.held.components].reshape(-1, 3).sum(axis=0)
+    reaction -= problem.loading.load[problem.elasticity.held.components].reshape(-1, 3).sum(axis=0)
     on_body = -problem.surface.vectors(x.reshape(-1, 3)).sum(axis=0)
     loads = np.array([2e7 * 1.0, 1e7 * 3.0, -4e7 * 3.0])
     assert np.abs(reaction + on_body + loads).max() <= 1e-9 * np.abs(loads).max()

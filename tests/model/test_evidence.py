@@ -46,7 +46,7 @@ def test_forces_off_the_contact_faces_fail(monkeypatch, clamped):
     """A contact force at a wrong node: inside the body, or at a clamp, whose reaction would balance it."""
     problem = make_block(3)
     solution = problem.solve()
-    fixed = problem.elasticity.fixed.all(axis=1)
+    fixed = problem.elasticity.held.components.all(axis=1)
     other = np.setdiff1d(np.flatnonzero(fixed if clamped else ~fixed), problem.elasticity.nodes("bottom", "test"))[0]
     nodes = problem.surface.nodes.copy()
     nodes[np.argmax(solution.contact_force[0::3])] = other

@@ -38,16 +38,16 @@ def test_internal_forces_are_those_of_the_bodies():
     """K u of all bodies at free nodes is the internal force of each; nodes are numbered rank after rank."""
     bodies = two()
     joined = JoinedBodies(bodies)
-    u = joined.free_part(np.sin(1.0 + joined.x @ np.array([[3.0, 1.0, 2.0], [2.0, 4.0, 1.0], [5.0, 1.0, 3.0]])))
+    u = joined.held.free_part(np.sin(1.0 + joined.x @ np.array([[3.0, 1.0, 2.0], [2.0, 4.0, 1.0], [5.0, 1.0, 3.0]])))
     given, image = joined.K.createVecs()
     given.array[:] = u.ravel()
     joined.K.mult(given, image)
-    forces = joined.free_part(image.array_r.reshape(-1, 3).copy())
+    forces = joined.held.free_part(image.array_r.reshape(-1, 3).copy())
     start = 0
     for member, body in zip(joined.members, bodies.values(), strict=True):
         assert member.nodes == slice(start, start + len(body.x))
         start = member.nodes.stop
-        own = body.free_part(body.internal_force(u[member.nodes]))
+        own = body.held.free_part(body.internal_force(u[member.nodes]))
         assert np.abs(forces[member.nodes] - own).max(initial=0.0) <= 1e-13 * np.abs(own).max(initial=1.0)
         numbers = body.numbering.first + np.arange(len(body.x))
         found = joined.numbers_of(member, numbers)
@@ -76,7 +76,7 @@ def test_a_pair_is_in_equilibrium(lower, upper):
         answers.append(problem.solve())
         assert answers[-1].certificate.passed
     solution = answers[0]
-    comm, on_bodies = solution.problem.comm, -solution.problem.nodal_contact_force(solution.contact_force)
+    comm, on_bodies = solution.problem.comm, -solution.problem.surface.at_nodes(solution.contact_force)
     sizes = comm.allreduce(np.linalg.norm(on_bodies, axis=1).sum())
     x = solution.problem.elasticity.x
     assert np.abs(comm.allreduce(on_bodies.sum(axis=0))).max() <= 1e-12 * sizes

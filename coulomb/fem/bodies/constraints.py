@@ -75,19 +75,6 @@ class HeldNodes(Nodes, Protocol):
     held: HeldDirections
     still: HeldDirections
 
-    @property
-    def fixed(self) -> npt.NDArray[np.bool_]:
-        """Which components are prescribed whatever the others are, shape (k, 3)."""
-        return self.held.components
-
-    def held_part(self, v: FloatArray) -> FloatArray:
-        """The part of nodal vectors along prescribed directions; shapes (k, 3), or (k, 3, j)."""
-        return self.held.held_part(v)
-
-    def free_part(self, v: FloatArray) -> FloatArray:
-        """The part of nodal vectors along free directions; shapes (k, 3), or (k, 3, j)."""
-        return self.held.free_part(v)
-
 
 def block_diagonal(blocks: FloatArray, numbering: Numbering) -> scipy.sparse.csr_matrix:
     """This rank's rows of the matrix with these blocks (k, 3, 3) on its diagonal, by the numbers of their nodes."""

@@ -6,27 +6,24 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ..meshes import SEPARATOR, NamedMesh, Slice, boundary_facets
-from .constraints import HeldDirections, HeldNodes, Numbering
+from .constraints import HeldDirections
 from .displacement_space import DisplacementSpace
-from .elimination import Made, Reduced, attach_rigid_modes, eliminated
-from .free_motions import FreeMotions, free_motions, names_of_components
-from .linear_constraints import Constraints
+from .elimination import ReducedBodies
+from .free_motions import names_of_components
 from .loads import AppliedLoad, Loading, NodalForces
 from .materials import Materials
-from .reduction import Reduction
 from .rigid_modes import component_modes
 
 
@@ -57,35 +54,19 @@ class Member:
         return self.name if face is None else f"{self.name}{SEPARATOR}{face}"
 
 
-class Deformable(HeldNodes, ABC):
+class Deformable(ReducedBodies):
     """Linear elastic bodies with their supports and loads.
 
     Attributes:
         materials: None if they are in the user's forms.
         contradictions: Messages about supports that prescribe different displacements where they meet.
         acting: Which supports act; () if all act at all times.
-        component: The component of the meshes of each of this rank's nodes, whether or not it is tied to others, shape
-            (k,).
     """
 
     acting: tuple[bool, ...] = ()
     contradictions: tuple[str, ...]
     materials: Materials | None
     loads: tuple[AppliedLoad, ...]
-    component: npt.NDArray[np.int64]
-    _made: Made
-
-    @property
-    def constraints(self) -> Constraints:
-        """What follows what in them."""
-        if self._made.constraints is None:
-            self._made.constraints = Constraints(self)
-        return self._made.constraints
-
-    @property
-    def reduction(self) -> Reduction:
-        """The map from unknowns to displacements."""
-        return self.constraints.reduction
 
     @property
     @abstractmethod
@@ -146,95 +127,10 @@ class Deformable(HeldNodes, ABC):
         """Largest norm of the displacement gradient of u (k, 3), over all ranks; collective."""
         return float(np.max([member.body.largest_gradient(u[member.nodes]) for member in self.members]))
 
-    # --- stiffness ----------------------------------------------------------------------------------------------------
-
-    @abstractmethod
-    def assembled(self) -> PETSc.Mat:
-        """The stiffness of the bodies as they are, N/m, with springs on their faces, without supports and ties; block
-        size 3; that of the caller, who may change it; collective."""
-
-    @abstractmethod
-    def resisted(self, modes: FloatArray) -> FloatArray:
-        """Nodal forces of springs of stiffness 1 in place of those on faces, and of what else is in the stiffness, in
-        rigid motions of components (k, 3, j); collective."""
-
-    @abstractmethod
-    def interpolated(self) -> tuple[scipy.sparse.csr_matrix, FloatArray, Numbering]:
-        """Displacements by those of the vertices in second order, by themselves in first: this rank's rows, where these
-        nodes are, metres, and their numbers; collective."""
-
-    @property
-    @abstractmethod
-    def component_names(self) -> tuple[str, ...]:
-        """What each component is called in messages; collective."""
-
-    @property
-    def moving_together(self) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]:
-        """The component of each of this rank's nodes, where those that are tied are one, shape (k,), and what each is
-        called in messages; collective."""
-        return self.constraints.joined(self.component, self.component_names)
-
-    @property
-    def free(self) -> FreeMotions:
-        """The rigid motions along which contact alone holds it."""
-        if self._made.free is None:
-            component, names = self.moving_together
-            modes, _ = component_modes(self.x, component, self.comm)
-            forces = self.reduction.prevented(modes) + self.resisted(modes)
-            found = free_motions(self.x, component, names, forces, self.comm)
-            of_bodies = self.component, self.component_names, self.resisted
-            self._made.free = self.constraints.opened(found, *of_bodies)
-        return self._made.free
-
-    @property
-    def K(self) -> PETSc.Mat:
-        """Stiffness of the unknowns, N/m, with held directions eliminated; block size 3, symmetric positive definite,
-        with the rigid body modes as its near-nullspace.
-
-        Raises:
-            ValueError: On every rank, if every direction of every node of a body is held, or if rigid motions are
-                resisted by no more than rounding errors.
-        """
-        return self._reduced.K
-
-    @property
-    def anchoring(self) -> FloatArray:
-        """Stiffness of the springs that K has at the `anchors` of `free`, N/m, shape (k + p, 3); they are no internal
-        forces, and carry nothing where loads and contact forces are in equilibrium."""
-        return self._reduced.anchoring
-
-    @property
-    def _reduced(self) -> Reduced:
-        if self._made.reduced is None:
-            self._made.reduced = eliminated(self)
-        return self._made.reduced
-
-    def interpolation(self) -> PETSc.Mat:
-        """From linear displacements to unknowns of second order, with their rigid body modes as near-nullspace; for
-        multigrid; collective."""
-        linear, x, numbering = self.interpolated()
-        second = np.zeros(len(self.x), dtype=bool)
-        for member in self.members:
-            second[member.nodes] = member.body.degree == 2
-        P = self.reduction.interpolation(linear, 3 * numbering.local, second)
-        attach_rigid_modes(P, x, self.reduction)
-        return P
-
-    @property
-    def free_unknowns(self) -> FloatArray:
-        """The unknowns of K in each of the free motions, shape (k + p, 3, q); collective."""
-        return self.reduction.reduced(self.held.free_part(self.free.modes(self.x)))
-
     @property
     def limits(self) -> tuple[float, ...]:
         """The times at which load steps must end: supports begin or end, tightening ends."""
         return ()
-
-    @property
-    def ground(self) -> FloatArray | None:
-        """Nodal forces in newtons of the `rigid_modes`, of one metre, shape (k, 3, 6): those of springs, and of elastic
-        foundations in the user's forms; None if there are none; collective."""
-        return None
 
     @abstractmethod
     def internal_force(self, u: FloatArray) -> FloatArray:
@@ -325,7 +221,7 @@ class Deformable(HeldNodes, ABC):
         if self.comm.allreduce(bool(np.any(g)), op=MPI.LOR):
             forces = forces - self.internal_force(g) + self.spring_force(g)
         along = self.reduction.along(forces, loading.tension)
-        along[: len(self.x)] += self._reduced.held_diagonal * self.held_part(g)
+        along[: len(self.x)] += self._reduced.held_diagonal * self.held.held_part(g)
         f.array[:] = along.ravel()
         return f
 

@@ -154,7 +154,7 @@ class LoadedBody(ElasticBody, HeldNodes):
                 )
 
     def blocked_displacement(self, loading: Loading) -> float:
-        alone = self.nodal_displacement(self.free_part(loading.load))
+        alone = self.nodal_displacement(self.held.free_part(loading.load))
         return alone if loading.temperature is None else max(alone, loading.temperature.displacement)
 
     def loads_at(self, time: float) -> Iterator[NodalForces]:

@@ -3,51 +3,24 @@
 from __future__ import annotations
 
 import weakref
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...units import amount
-from .constraints import HeldNodes, distributed_rows, local_rows
+from .constraints import HeldNodes, Numbering, distributed_rows, local_rows
 from .free_motions import FreeMotions, anchors, free_motions
 from .linear_constraints import Constraints
 from .reduction import Reduction
 from .rigid_modes import component_modes, of_components
-
-
-class _Bodies(HeldNodes, Protocol):
-    """What is needed of `Deformable`."""
-
-    @property
-    def members(self) -> tuple[Any, ...]: ...
-
-    @property
-    def free(self) -> FreeMotions: ...
-
-    @property
-    def free_unknowns(self) -> FloatArray: ...
-
-    @property
-    def constraints(self) -> Constraints: ...
-
-    @property
-    def reduction(self) -> Reduction: ...
-
-    @property
-    def ground(self) -> FloatArray | None: ...
-
-    @property
-    def moving_together(self) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]: ...
-
-    def assembled(self) -> PETSc.Mat: ...
-
-    def interpolation(self) -> PETSc.Mat: ...
 
 
 @dataclass(frozen=True)
@@ -84,7 +57,119 @@ class Made:
     ground: tuple[FloatArray | None, FreeMotions] | None = None
 
 
-def eliminated(bodies: _Bodies) -> Reduced:
+class ReducedBodies(HeldNodes, ABC):
+    """Bodies with their stiffness in the unknowns.
+
+    Attributes:
+        component: The component of the meshes of each of this rank's nodes, whether or not it is tied to others, shape
+            (k,).
+    """
+
+    component: npt.NDArray[np.int64]
+    _made: Made
+
+    @property
+    @abstractmethod
+    def members(self) -> tuple[Any, ...]:
+        """The bodies by themselves, `Member`."""
+
+    @property
+    def constraints(self) -> Constraints:
+        """What follows what in them."""
+        if self._made.constraints is None:
+            self._made.constraints = Constraints(self)
+        return self._made.constraints
+
+    @property
+    def reduction(self) -> Reduction:
+        """The map from unknowns to displacements."""
+        return self.constraints.reduction
+
+    @abstractmethod
+    def assembled(self) -> PETSc.Mat:
+        """The stiffness of the bodies as they are, N/m, with springs on their faces, without supports and ties; block
+        size 3; that of the caller, who may change it; collective."""
+
+    @abstractmethod
+    def resisted(self, modes: FloatArray) -> FloatArray:
+        """Nodal forces of springs of stiffness 1 in place of those on faces, and of what else is in the stiffness, in
+        rigid motions of components (k, 3, j); collective."""
+
+    @abstractmethod
+    def interpolated(self) -> tuple[scipy.sparse.csr_matrix, FloatArray, Numbering]:
+        """Displacements by those of the vertices in second order, by themselves in first: this rank's rows, where these
+        nodes are, metres, and their numbers; collective."""
+
+    @property
+    @abstractmethod
+    def component_names(self) -> tuple[str, ...]:
+        """What each component is called in messages; collective."""
+
+    @property
+    def moving_together(self) -> tuple[npt.NDArray[np.int64], tuple[str, ...]]:
+        """The component of each of this rank's nodes, where those that are tied are one, shape (k,), and what each is
+        called in messages; collective."""
+        return self.constraints.joined(self.component, self.component_names)
+
+    @property
+    def free(self) -> FreeMotions:
+        """The rigid motions along which contact alone holds it."""
+        if self._made.free is None:
+            component, names = self.moving_together
+            modes, _ = component_modes(self.x, component, self.comm)
+            forces = self.reduction.prevented(modes) + self.resisted(modes)
+            found = free_motions(self.x, component, names, forces, self.comm)
+            of_bodies = self.component, self.component_names, self.resisted
+            self._made.free = self.constraints.opened(found, *of_bodies)
+        return self._made.free
+
+    @property
+    def K(self) -> PETSc.Mat:
+        """Stiffness of the unknowns, N/m, with held directions eliminated; block size 3, symmetric positive definite,
+        with the rigid body modes as its near-nullspace.
+
+        Raises:
+            ValueError: On every rank, if every direction of every node of a body is held, or if rigid motions are
+                resisted by no more than rounding errors.
+        """
+        return self._reduced.K
+
+    @property
+    def anchoring(self) -> FloatArray:
+        """Stiffness of the springs that K has at the `anchors` of `free`, N/m, shape (k + p, 3); they are no internal
+        forces, and carry nothing where loads and contact forces are in equilibrium."""
+        return self._reduced.anchoring
+
+    @property
+    def _reduced(self) -> Reduced:
+        if self._made.reduced is None:
+            self._made.reduced = eliminated(self)
+        return self._made.reduced
+
+    def interpolation(self) -> PETSc.Mat:
+        """From linear displacements to unknowns of second order, with their rigid body modes as near-nullspace; for
+        multigrid; collective."""
+        linear, x, numbering = self.interpolated()
+        second = np.zeros(len(self.x), dtype=bool)
+        for member in self.members:
+            second[member.nodes] = member.body.degree == 2
+        P = self.reduction.interpolation(linear, 3 * numbering.local, second)
+        attach_rigid_modes(P, x, self.reduction)
+        return P
+
+    @property
+    def free_unknowns(self) -> FloatArray:
+        """The unknowns of K in each of the free motions, shape (k + p, 3, q); collective."""
+        return self.reduction.reduced(self.held.free_part(self.free.modes(self.x)))
+
+    @property
+    def ground(self) -> FloatArray | None:
+        """Nodal forces in newtons of the `rigid_modes`, of one metre, shape (k, 3, 6): those of springs, and of elastic
+        foundations in the user's forms; None if there are none; collective."""
+        return None
+
+
+def eliminated(bodies: ReducedBodies) -> Reduced:
     """The stiffness of the bodies in their unknowns; collective.
 
     With P, from unknowns to displacements without held directions, K becomes P^T K P + m (I - P): where a component is
@@ -146,7 +231,7 @@ def _fully_held(member: Any) -> bool:
     return bool(body.comm.allreduce(3 * len(body.x) - body.held.number, op=MPI.SUM) == 0)
 
 
-def _anchors(bodies: _Bodies) -> npt.NDArray[np.bool_]:
+def _anchors(bodies: ReducedBodies) -> npt.NDArray[np.bool_]:
     """Which unknowns are anchors of free motions: those of nodes that follow no other, if these determine all motions,
     shape (k + p, 3); collective."""
     places = np.zeros((4, len(bodies.reduction.points)), dtype=bool)
@@ -163,7 +248,7 @@ _SOFT: Final = 1e-12
 resisted by no more than rounding errors."""
 
 
-def _refuse_soft(bodies: _Bodies, anchored: npt.NDArray[np.bool_], diagonal: FloatArray) -> None:
+def _refuse_soft(bodies: ReducedBodies, anchored: npt.NDArray[np.bool_], diagonal: FloatArray) -> None:
     """ValueError on every rank, if anchors, supports, ties and springs on bodies of materials resist rigid motions by
     no more than rounding errors of the diagonal (k, 3), N/m; collective."""
     comm, count = bodies.comm, len(bodies.x)

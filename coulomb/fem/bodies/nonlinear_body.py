@@ -135,7 +135,7 @@ class NonlinearBody(Body, large=True):
         loading, load, spring = there._outer_forces(u, time, before)
         if self._products:
             there._a = _WithProducts(self._a, self._products, self.V)
-        rest = loading.prescribed - self.held_part(u)
+        rest = loading.prescribed - self.held.held_part(u)
         values = self._a.values
         there._made = Made(values)
         there._place = _Place(
@@ -200,7 +200,7 @@ class NonlinearBody(Body, large=True):
         """The rigid motions that conditions allow, at the undeformed place; collective."""
         modes, parts = component_modes(self.x, self.component, self.comm)
         names = names_of_components(parts)
-        return free_motions(self.x, self.component, names, self.held_part(modes), self.comm)
+        return free_motions(self.x, self.component, names, self.held.held_part(modes), self.comm)
 
     @property
     def free(self) -> FreeMotions:

@@ -26,7 +26,7 @@ def solved(elasticity, solver=DirectSolver):
     solver(elasticity.K).solve(f, u)
     values = u.array.reshape(-1, 3).copy()
     residual = elasticity.internal_force(values) - loading.load
-    shares = elasticity.shares(elasticity.held_part(residual))
+    shares = elasticity.shares(elasticity.held.held_part(residual))
     return values, [comm.allreduce(share.forces.sum(axis=0)) for share in shares]
 
 
