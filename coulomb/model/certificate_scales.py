@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
 from ..arrays import FloatArray
-from ..fem.bodies import varying_signs
+from ..fem.bodies import Deformable, varying_signs
 from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
 from ..solvers.scales import SHARE
@@ -63,22 +62,7 @@ def largest_motions(component: npt.NDArray[np.int64], u: FloatArray, over: Reduc
     return _Bodies(component, count, over).largest(np.max(np.abs(u), axis=1))[component]
 
 
-class Strained(Protocol):
-    """A body with nodes x (k, 3) in components (k,), internal nodal forces of displacements u (k, 3), and their largest
-    gradient."""
-
-    x: FloatArray
-    component: npt.NDArray[np.int64]
-
-    @property
-    def comm(self) -> MPI.Comm: ...
-
-    def internal_force(self, u: FloatArray) -> FloatArray: ...
-
-    def largest_gradient(self, u: FloatArray) -> float: ...
-
-
-def rounding_forces(body: Strained, u: FloatArray) -> FloatArray:
+def rounding_forces(body: Deformable, u: FloatArray) -> FloatArray:
     """Nodal forces in newtons of a rounding error of the displacement u, shapes (k, 3); collective.
 
     The error is 2^-52 of the largest component of u in the same component of the meshes, with signs that vary from node

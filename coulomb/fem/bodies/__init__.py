@@ -88,4 +88,4 @@ from .rigid_modes import (
 from .slice_supports import rigid_faces_of_slices, supports_of_slices
 from .stress_difference import StressDifference, stress_difference
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane
-from .ties import Section, Tie
+from .ties import GivenBolt, Section, Tie

@@ -25,7 +25,7 @@ from ...units import amount
 from ..geometry import Amplitude, Point, check_angle, check_point
 from .deformable import Deformable
 from .rigid_modes import null_space
-from .ties import FaceMotion, Tie, moved_at
+from .ties import FaceMotion, GivenFace, Tie, moved_at
 
 _FREE: Final = 1e-10
 """Part of the energy of a motion that supports take below which they do not prevent it."""
@@ -38,7 +38,7 @@ _PLANE: Final = 1e-5
 
 
 @dataclass(frozen=True)
-class RigidFace:
+class RigidFace(GivenFace):
     """A face that moves as a rigid body, with a reference point.
 
     Loads on the face act on its motion by their resultants; supports on some of its nodes, as planes of symmetry
@@ -90,24 +90,6 @@ class RigidFace:
                 raise ValueError(f"{self.what}: {name} must be three numbers >= 0, but is {given!r}")
         if self.along not in ("rigid", "free"):
             raise ValueError(f"{self.what}: along must be 'rigid' or 'free', but is {self.along!r}")
-
-    @property
-    def what(self) -> str:
-        return f"{self.kind} {self.face!r}"
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """The diagonal of S, shape (6,)."""
-        return np.array([*self.translation_stiffness, *self.rotation_stiffness], dtype=np.float64)
-
-    @property
-    def holds(self) -> str:
-        """What its spring holds, in words."""
-        along, about = (
-            "(" + ", ".join(f"{float(one):g}" for one in given) + ")"
-            for given in (self.translation_stiffness, self.rotation_stiffness)
-        )
-        return f"stiffness {along} N/m and {about} N m/rad at its reference point"
 
     @property
     def prescribed(self) -> npt.NDArray[np.bool_]:

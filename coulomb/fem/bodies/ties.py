@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,42 +19,68 @@ _ROUNDING: Final = 1e-9
 """Part of the prescribed displacements up to which they are the same."""
 
 
-class GivenFace(Protocol):
-    """What is needed of a rigid face as given."""
+class GivenFace:
+    """What a rigid face prescribes, and the springs at its reference point; fields as of `RigidFace`."""
+
+    face: str
+    kind: str
+    amplitude: Amplitude
+    translation_stiffness: Sequence[float]
+    rotation_stiffness: Sequence[float]
 
     @property
-    def face(self) -> str: ...
+    def what(self) -> str:
+        return f"{self.kind} {self.face!r}"
 
     @property
-    def what(self) -> str: ...
+    def stiffness(self) -> FloatArray:
+        """The diagonal of S, shape (6,)."""
+        return np.array([*self.translation_stiffness, *self.rotation_stiffness], dtype=np.float64)
 
     @property
-    def holds(self) -> str: ...
+    def holds(self) -> str:
+        """What its spring holds, in words."""
+        along, about = (
+            "(" + ", ".join(f"{float(one):g}" for one in given) + ")"
+            for given in (self.translation_stiffness, self.rotation_stiffness)
+        )
+        return f"stiffness {along} N/m and {about} N m/rad at its reference point"
+
+
+_SAME_TIME: Final = 1e-9
+"""Relative difference up to which times are the same."""
+
+
+class GivenBolt:
+    """The tightening of a bolt; fields as of `Pretension`."""
+
+    force: float | None
+    shortening: float | None
+    amplitude: Amplitude
+    lock: float | None
 
     @property
-    def amplitude(self) -> Amplitude: ...
+    def what(self) -> str:
+        """Kind and faces, for messages."""
+        raise NotImplementedError
 
-    @property
-    def stiffness(self) -> FloatArray: ...
+    def locked(self, time: float) -> bool:
+        """Whether a time is after tightening."""
+        return self.lock is not None and time > self.lock + _SAME_TIME * abs(self.lock)
 
+    def fixed(self, time: float) -> bool:
+        """Whether the shortening is given at a time: prescribed, or locked."""
+        return self.force is None or self.locked(time)
 
-class GivenBolt(Protocol):
-    """What is needed of a bolt as given."""
+    def value(self, time: float, comm: MPI.Comm) -> float:
+        """Force in newtons, or prescribed shortening in metres, at a time; collective.
 
-    @property
-    def what(self) -> str: ...
-
-    @property
-    def force(self) -> float | None: ...
-
-    @property
-    def lock(self) -> float | None: ...
-
-    def locked(self, time: float) -> bool: ...
-
-    def fixed(self, time: float) -> bool: ...
-
-    def value(self, time: float, comm: MPI.Comm) -> float: ...
+        Raises:
+            ValueError: On every rank, if the amplitude has no value then.
+        """
+        time = time if self.lock is None else min(time, self.lock)
+        factor = on_all_ranks(lambda: evaluate_amplitude(self.amplitude, time, self.what), "", comm)
+        return factor * float((self.shortening if self.force is None else self.force) or 0.0)
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,9 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import is_number
-from ..bodies import Deformable, Section, Tie
-from ..geometry import Amplitude, Point, check_direction, evaluate_amplitude, on_all_ranks
+from ..bodies import Deformable, GivenBolt, Section, Tie
+from ..geometry import Amplitude, Point, check_direction
 from .ties import Tied, tie_of
-
-_SAME_TIME: Final = 1e-9
-"""Relative difference up to which times are the same."""
 
 _PLANE: Final = 0.95
 """Length of the mean normal of a section below which it has no direction of its own."""
@@ -28,7 +25,7 @@ _ALONG: Final = 1e-6
 
 
 @dataclass(frozen=True)
-class Pretension(Tied):
+class Pretension(Tied, GivenBolt):
     """The section of a bolt, two faces that move alike but for one amount along the bolt: by how much it is shortened.
 
     The amount is prescribed, or found so that the bolt carries a force.  After the time `lock`, the end of tightening,
@@ -68,24 +65,6 @@ class Pretension(Tied):
             check_direction(f"{self.what}: direction", self.direction)
         if self.lock is not None and not is_number(self.lock, -np.inf):
             raise ValueError(f"{self.what}: lock must be a time, but is {self.lock!r}")
-
-    def locked(self, time: float) -> bool:
-        """Whether a time is after tightening."""
-        return self.lock is not None and time > self.lock + _SAME_TIME * abs(self.lock)
-
-    def fixed(self, time: float) -> bool:
-        """Whether the shortening is given at a time: prescribed, or locked."""
-        return self.force is None or self.locked(time)
-
-    def value(self, time: float, comm: MPI.Comm) -> float:
-        """Force in newtons, or prescribed shortening in metres, at a time; collective.
-
-        Raises:
-            ValueError: On every rank, if the amplitude has no value then.
-        """
-        time = time if self.lock is None else min(time, self.lock)
-        factor = on_all_ranks(lambda: evaluate_amplitude(self.amplitude, time, self.what), "", comm)
-        return factor * float((self.shortening if self.force is None else self.force) or 0.0)
 
     def joined(self, body: Deformable, taken: npt.NDArray[np.bool_]) -> Tie:
         """The tie, with the section; collective; errors as of `section_of`."""
