@@ -412,11 +412,6 @@ class ContactStiffness:
         return fit
 
     @property
-    def changed(self) -> str:
-        """Why another method than the one that was chosen first is used; empty if none is."""
-        return self.present.why
-
-    @property
     def advice(self) -> str:
         """What the user may choose otherwise where no method has an answer, after a semicolon."""
         if self._given[0] is IterativeSolver:

@@ -41,7 +41,6 @@ from .notebook import residuals_shown
 from .provenance import now, timed
 from .solution import Solution
 from .solving import solved
-from .stopping_criterion import StoppingCriterion
 
 _log = logging.getLogger(__name__)
 
@@ -287,7 +286,7 @@ class LoadStepLoop:
         methods |= {"definite": True} if self._definite else {}
         return self._answer(here, x, whole, evidence, certificate, at_nodes, methods, tuple(sizes))
 
-    def solution(self, result: SolverResult, criterion: StoppingCriterion | None = None) -> Solution:
+    def solution(self, result: SolverResult) -> Solution:
         """The state before a step that has failed, judged with the loads of its end; collective."""
         state = self._state
         begin = self._iterate(state, state.displacement, state.time, None)

@@ -35,8 +35,8 @@ def test_all_ranks_change(monkeypatch, slow):
     assert problem.body.stiffness.linear_solver is IterativeSolver
     solution = problem.solve()
     assert problem.body.stiffness.linear_solver is DirectSolver and solution.certificate.passed
-    assert len(set(MPI.COMM_WORLD.allgather(problem.body.stiffness.changed))) == 1
-    assert ("and after 20 factors" in problem.body.stiffness.changed) is slow
+    assert len(set(MPI.COMM_WORLD.allgather(problem.body.stiffness.present.why))) == 1
+    assert ("and after 20 factors" in problem.body.stiffness.present.why) is slow
     exact, over = sheet(CELLS, linear_solver=DirectSolver).solve(), Reductions(MPI.COMM_WORLD)
     assert over.max(np.abs(solution.displacement - exact.displacement)) < 1e-6 * over.max(np.abs(exact.displacement))
 
@@ -52,7 +52,7 @@ def test_a_sheet_is_condensed(monkeypatch, formed):
     solution = problem.solve()
     assert (
         problem.body.stiffness.present.newton is CondensedSystem
-        and ("too many Krylov iterations" in problem.body.stiffness.changed) is formed
+        and ("too many Krylov iterations" in problem.body.stiffness.present.why) is formed
     )
     assert solution.certificate.passed and solution.result.method == "interior point"
     assert over.max(np.abs(solution.displacement - exact.displacement)) < 1e-6 * over.max(np.abs(exact.displacement))
@@ -65,7 +65,7 @@ def test_no_rank_changes(monkeypatch):
     problem = sheet(CELLS)
     with pytest.raises(NotConverged, match="failed: after 30 iterations"):
         problem.solve()
-    assert problem.body.stiffness.linear_solver is IterativeSolver and not problem.body.stiffness.changed
+    assert problem.body.stiffness.linear_solver is IterativeSolver and not problem.body.stiffness.present.why
 
 
 def test_a_body_on_soft_springs():

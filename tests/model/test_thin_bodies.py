@@ -65,7 +65,7 @@ def test_a_thin_sheet_wants_factors(monkeypatch):
     monkeypatch.setattr(contact_stiffness, "undecided", lambda *_: True)
     body = sheet((16, 5, 1)).body
     assert body.stiffness.measures.second_order and body.stiffness.measures.aspect == pytest.approx(20.0)
-    assert body.stiffness.linear_solver is DirectSolver and not body.stiffness.changed
+    assert body.stiffness.linear_solver is DirectSolver and not body.stiffness.present.why
     monkeypatch.setattr(contact_stiffness, "measures_of", lambda *_: Measures(3168, 1056, 1.7))
     assert sheet((16, 5, 1)).body.stiffness.linear_solver is IterativeSolver
 
@@ -91,8 +91,8 @@ def changed(problem, caplog):
     """The reason of the change, which is logged once."""
     said = [record.message for record in caplog.records if "K is factorised instead" in record.message]
     assert problem.body.stiffness.linear_solver is DirectSolver and problem.body.stiffness.explicit
-    assert said == [problem.body.stiffness.changed]
-    return problem.body.stiffness.changed
+    assert said == [problem.body.stiffness.present.why]
+    return problem.body.stiffness.present.why
 
 
 @pytest.fixture
@@ -108,7 +108,7 @@ def test_wide_sheets_want_factors(wide):
     """Sheets of any number of contact unknowns were left to multigrid, which did not solve them; blocks still are."""
     problem = sheet()
     stiffness = problem.body.stiffness
-    assert stiffness.linear_solver is DirectSolver and not stiffness.changed
+    assert stiffness.linear_solver is DirectSolver and not stiffness.present.why
     assert stiffness.present.newton is CondensedSystem
     assert problem.solve().valid
     assert block().body.stiffness.linear_solver is IterativeSolver
@@ -122,9 +122,9 @@ def test_wide_sheets_change_to_factors(monkeypatch, caplog, wide):
     assert problem.body.stiffness.linear_solver is IterativeSolver
     with caplog.at_level(logging.WARNING, "coulomb"):
         solution = problem.solve()
-    assert solution.valid and [record.message for record in caplog.records] == [problem.body.stiffness.changed]
+    assert solution.valid and [record.message for record in caplog.records] == [problem.body.stiffness.present.why]
     stiffness = problem.body.stiffness
-    assert "after 20 factors" in stiffness.changed and not stiffness.explicit
+    assert "after 20 factors" in stiffness.present.why and not stiffness.explicit
     assert stiffness.present.newton is CondensedSystem
 
 
@@ -173,7 +173,7 @@ def test_factors_that_do_not_fit(monkeypatch, caplog, by_multigrid):
     with caplog.at_level(logging.WARNING, "coulomb"), pytest.raises(NotConverged, match="failed: after 100 iterations"):
         problem.solve()
     assert "factors of K do not fit into the memory" in caplog.text
-    assert problem.body.stiffness.linear_solver is IterativeSolver and not problem.body.stiffness.changed
+    assert problem.body.stiffness.linear_solver is IterativeSolver and not problem.body.stiffness.present.why
 
 
 def block(**given):
@@ -241,7 +241,7 @@ def test_a_formed_in_place_of_solves(monkeypatch, caplog, explicit):
         if explicit is None:
             solution = problem.solve(solver=Demanding())
             assert solution.valid and summary(solution)["method"]["compliance"] == "explicit"
-            assert problem.body.stiffness.changed == "stagnated; A is formed instead" == caplog.records[0].message
+            assert problem.body.stiffness.present.why == "stagnated; A is formed instead" == caplog.records[0].message
         else:
             with pytest.raises(NotConverged, match="stagnated"):
                 problem.solve(solver=Demanding())
@@ -271,7 +271,7 @@ def test_a_thin_body_of_forms(monkeypatch, linear_solver):
     problem = ContactProblem(body, Contact("bottom", 0.3, gap=1e-3), linear_solver=linear_solver)
     assert problem.body.stiffness.linear_solver is IterativeSolver
     if linear_solver is None:
-        assert problem.solve().valid and problem.body.stiffness.changed
+        assert problem.solve().valid and problem.body.stiffness.present.why
     else:
         with pytest.raises(NotConverged, match="K u = f"):
             problem.solve()
@@ -287,7 +287,7 @@ def test_an_interrupted_run_does_not_change(monkeypatch, by_multigrid, stop):
         assert failure.value.result.status is Status.INTERRUPTED
     else:
         assert problem.solve().valid
-    assert problem.body.stiffness.linear_solver is IterativeSolver and not problem.body.stiffness.changed
+    assert problem.body.stiffness.linear_solver is IterativeSolver and not problem.body.stiffness.present.why
 
 
 def test_patience_is_of_a_solution(monkeypatch, by_multigrid):
@@ -298,10 +298,10 @@ def test_patience_is_of_a_solution(monkeypatch, by_multigrid):
     monkeypatch.setattr(contact_stiffness, "patience", lambda *_: 1.5 * taken)
     for time in (1.0, 2.0, 3.0):
         assert problem.at(time).solve().valid
-    assert problem.stiffness.solver.iterations > 2.0 * taken and not problem.body.stiffness.changed
+    assert problem.stiffness.solver.iterations > 2.0 * taken and not problem.body.stiffness.present.why
     monkeypatch.setattr(contact_stiffness, "patience", lambda *_: 1.0)
     problem.at(4.0).solve()
-    assert problem.body.stiffness.changed
+    assert problem.body.stiffness.present.why
     x, y = solution.contact_force, np.empty_like(solution.contact_force)
     problem.A.mult(x, y)  # of the problem that was solved by multigrid
     gap = (y - problem.b)[0::3]

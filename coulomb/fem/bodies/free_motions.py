@@ -293,11 +293,11 @@ def least_energy(energy: FloatArray) -> float:
     return _HARDLY * max(float(np.linalg.norm(energy, 2)), 1.0)
 
 
-def names_of_components(parts: Sequence[RigidPart], body: str = "the body") -> tuple[str, ...]:
+def names_of_components(parts: Sequence[RigidPart]) -> tuple[str, ...]:
     """What the components of a body are called in messages."""
     centres = (", ".join(f"{value:.3g}" for value in tidy(part.centre, part.radius)) for part in parts)
-    names = tuple(f"component {k} of {body}, around ({centre})" for k, centre in enumerate(centres, 1))
-    return names if len(parts) > 1 else (body,)
+    names = tuple(f"component {k} of the body, around ({centre})" for k, centre in enumerate(centres, 1))
+    return names if len(parts) > 1 else ("the body",)
 
 
 def _basis_along_axes(free: FloatArray) -> FloatArray:

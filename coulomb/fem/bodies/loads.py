@@ -201,7 +201,7 @@ class PointLoad:
 
 
 @dataclass(frozen=True)
-class NodalForce:
+class NodalForce(TotalForce):
     """A force at every one of some nodes.
 
     Attributes:
@@ -213,14 +213,7 @@ class NodalForce:
         ValueError: If the force has not three finite components.
     """
 
-    face: str
-    force: Sequence[float]
-    amplitude: Amplitude = 1.0
-
     kind = "nodal force"
-
-    def __post_init__(self) -> None:
-        three(self.force, f"{load_title(self)}: the force", "numbers, newtons")
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         sets = mesh.node_sets

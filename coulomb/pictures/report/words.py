@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from ...units import NARROW, in_prefixed, number, with_bar
@@ -80,13 +80,13 @@ def _total_in_words(quantity: str) -> str:
     return f"{name.replace('_', ' ')}{f' of {of}' if of else ''}"
 
 
-def friction_in_words(law: Mapping[str, Any], shown: Callable[[Sequence[float], str], str] = in_prefixed) -> str:
+def friction_in_words(law: Mapping[str, Any]) -> str:
     """The law of friction with its coefficients, from its numbers in summary.json: Mohr-Coulomb friction 0.3, cohesion
-    2 MPa; `shown` gives the words for a number, or the smallest and the largest, and their unit."""
+    2 MPa."""
 
     def of(name: str, unit: str = "") -> str:
         given = law[name]
-        return shown([given["min"], given["max"]] if isinstance(given, Mapping) else [given], unit)
+        return in_prefixed([given["min"], given["max"]] if isinstance(given, Mapping) else [given], unit)
 
     if law["law"] == "tresca":
         return f"Tresca friction {of('slip_stress', 'Pa')}"
