@@ -375,6 +375,8 @@ class _Iteration:
         size = math.hypot(over.norm(self._rows * at.value), float(np.linalg.norm(r3)))
         share = min(settings.forcing, max(residual, settings.sharpest))
         enough = max(share * size, 0.1 * min(self._goal.residual, residual))
+        if settings.settled < math.inf:  # forces that the residual hardly feels are a small part of it
+            enough = settings.sharpest * size
         self._accuracy = min(max(enough / size, settings.product), settings.forcing) if size > 0.0 else settings.forcing
         dx, moved, dalpha, iterations = self._krylov.solve(-self._rows * at.value, np.zeros_like(x), enough, r3)
         if iterations >= self._updated_from or self._A.U.shape[1] == 0:

@@ -47,6 +47,23 @@ def test_every_force_is_right_to_a_millionth_of_the_largest(monkeypatch):
     assert answer.certificate["resolution"].mark == "ok"
 
 
+def test_steps_that_settle_solve_for_what_the_residual_hardly_feels():
+    """A step that the residual ends, 1e-10 here, changes forces by 1.5e-9 and leaves 5e-6 of them."""
+    felt = moved(box((0.1, 0.1, 0.03), (3, 3, 2), "tetrahedron"), translate=(0.0, 0.0, 0.05))
+    carbide = moved(box((0.06, 0.06, 0.04), (5, 5, 2)), translate=(0.02, 0.02, 0.08))
+    problem = ContactProblem(
+        join(steel=box((0.1, 0.1, 0.05), (2, 2, 2)), felt=felt, carbide=carbide),
+        {"steel": STEEL, "felt": Material(5e5, 0.1), "carbide": Material(6e11, 0.22)},
+        [Clamp("steel:bottom")],
+        [Contact("felt:bottom", 0.4, against="steel:top"), Contact("carbide:bottom", 0.25, against="felt:top")],
+        [TotalForce("carbide:top", (4.0, 2.0, -30.0))],
+        small_strain="warn",
+    )
+    answer, exact = (problem.solve(tolerance=tolerance) for tolerance in (1e-8, 1e-12))
+    error = np.abs(answer.contact_force - exact.contact_force)[3 * np.flatnonzero(problem.surface.part == 1)].max()
+    assert answer.valid and answer.result.unsettled < 1e-6 and error < 1e-7 * np.abs(exact.contact_force).max()
+
+
 def test_forces_that_steps_do_not_settle_are_unresolved(monkeypatch):
     """Unless rounding errors explain it, or it is no more than 1e-4: the certificate says how much."""
     problem, settled = stack(), automatic.settled
