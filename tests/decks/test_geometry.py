@@ -176,6 +176,39 @@ def test_mixed_meshes_of_vtk(tmp_path):
     assert len(read.cells["prisms"]) == 6
 
 
+@pytest.mark.parametrize("second", [False, True], ids=["first order", "second order"])
+def test_mixed_meshes_of_med(second, tmp_path, monkeypatch):
+    """As those of decks: the same volume, nodes and groups; the corners of Salome's cells go round the other way."""
+    meshio = pytest.importorskip("meshio")
+    deck = Geometry(written(tmp_path, mixed_deck(second)))
+    kinds = {4: "tetra", 8: "hexahedron", 6: "wedge", 5: "pyramid", 10: "tetra10", 20: "hexahedron20"}
+    kinds |= {15: "wedge15", 13: "pyramid13"}
+    for name in kinds.values():  # meshio knows its kinds of MED, but not all of these as cells
+        monkeypatch.setitem(meshio._mesh.topological_dimension, name, 3)
+    cells, tags = [], []
+    for width, rows in deck.solids.items():
+        corners = {20: 8, 15: 6, 13: 5, 10: 4}.get(width, width)
+        round_ = {8: [0, 3, 2, 1, 4, 7, 6, 5], 6: [0, 2, 1, 3, 5, 4], 5: [0, 3, 2, 1, 4], 4: [0, 2, 1, 3]}[corners]
+        between = {frozenset(edge): corners + k for k, edge in enumerate(_EDGES[corners])}
+        middles = [between[frozenset(round_[k] for k in edge)] for edge in _EDGES[corners]] if width > corners else []
+        cells.append((kinds[width], deck.places(rows[:, 1:])[:, round_ + middles]))
+        tags.append(np.full(len(rows), -1 - (corners == 8)))
+    cells.append(("quad", deck.places(np.array([[1, 2, 4, 3], [1, 5, 7, 3]]))))
+    mesh = meshio.Mesh(deck.points, cells, cell_data={"cell_tags": [*tags, np.array([-3, -4])]})
+    mesh.cell_tags = {-1: ["all"], -2: ["all", "hexahedron"], -3: ["left"], -4: ["bottom"]}
+    mesh.point_tags = {}
+    meshio.med.write(tmp_path / "part.med", mesh)
+    read, same = (coulomb.read_mesh(str(tmp_path / name)) for name in ("part.med", "part.inp"))
+    assert read.degree == 1 + second
+    assert len(read.cells["hexahedron"]) == len(same.cells["C3D20" if second else "C3D8"]) > 1
+    assert np.allclose(np.sort(read.domain.geometry.x, axis=0), np.sort(same.domain.geometry.x, axis=0))
+    body = Elasticity(read, STEEL, [Clamp("left")])
+    one = body.volume_load(np.tile([1.0, 0.0, 0.0], (len(body.x), 1)))
+    assert one[:, 0].sum() == pytest.approx(3.0, rel=1e-12)
+    for face in ("left", "bottom"):
+        assert body.area_of(read.facets(face, "test")).sum() == pytest.approx(1.0, rel=1e-12)
+
+
 def _left_nodes(text):
     """A set of all nodes at x = 0."""
     rows = [line.split(",") for line in text.split("*Element")[0].splitlines()[1:]]

@@ -15,15 +15,16 @@ import numpy as np
 
 from ...arrays import IntArray
 from ...regular_file import refuse_irregular
-from .lagrange import in_vtk_order
+from .lagrange import CORNERS, in_vtk_order
 from .mesh_file import MeshFile, solid_nodes
+from .one_kind import READ, of_one_kind
 
 _SOLIDS = {
     **{"TE4": 4, "HE8": 8, "PE6": 6, "PY5": 5, "T10": 10, "H20": 20, "H27": 27, "P13": 13, "P15": 15, "P18": 18},
     "POE": 99,  # polyhedra, of any number
 }
-_FACES = {4: ("TR3", 3), 8: ("QU4", 4), 10: ("TR6", 3), 27: ("QU9", 4)}
-"""The kind of the facets of cells, by the number of these cells' nodes, and how many corners a facet has."""
+_FACES = {3: ("TR3", "TR6", "TR7"), 4: ("QU4", "QU8", "QU9")}
+"""The kinds of facets by their corners."""
 
 _SURFACES = ("TR3", "QU4", "TR6", "TR7", "QU8", "QU9", "POG")
 
@@ -55,23 +56,36 @@ def _mesh(path: str, file: Any) -> MeshFile:
         raise ValueError(f"{path}: has points in {points.shape[1]}D, but a body in 3D is needed")
 
     elements = mesh["MAI"] if "MAI" in mesh else {}
-    counts = {_SOLIDS[kind]: _count(elements[kind]) for kind in elements if kind in _SOLIDS}
-    flat = sum(_count(elements[kind]) for kind in elements if kind in _SURFACES)
-    width = solid_nodes(path, counts, flat)
-    kind, (face, corners) = next(kind for kind, nodes in _SOLIDS.items() if nodes == width), _FACES[width]
-    cells = in_vtk_order(_table(elements[kind]["NOD"]) - 1, "med")
-    empty = np.empty((0, corners), dtype=np.int64)
-    facets = _table(elements[face]["NOD"])[:, :corners] - 1 if face in elements else empty
+    counts = {_SOLIDS[kind]: count for kind in elements if kind in _SOLIDS and (count := _count(elements[kind]))}
+    if not counts or set(counts) - READ - {27}:
+        solid_nodes(path, counts, sum(_count(elements[kind]) for kind in elements if kind in _SURFACES))
+    kinds = [kind for kind, width in _SOLIDS.items() if width in counts]
+    blocks = {_SOLIDS[kind]: _table(elements[kind]["NOD"]) - 1 for kind in kinds}
+    found = of_one_kind(path, points, blocks | {27: in_vtk_order(blocks[27], "med")} if 27 in blocks else blocks)
 
     families = file["FAS"][name] if name in file.get("FAS", {}) else {}
     of_elements = _groups(families["ELEME"]) if "ELEME" in families else {}
     of_nodes = _groups(families["NOEUD"]) if "NOEUD" in families else {}
-    cell_groups = _members(elements[kind], len(cells), of_elements)
-    face_rows = _members(elements[face], len(facets), of_elements) if face in elements else {}
-    face_groups = {group: facets[rows] for group, rows in face_rows.items()}
-    node_groups = _members(mesh["NOE"], len(points), of_nodes)
+    of_cells, first = dict[str, list[IntArray]](), 0
+    for kind, rows in zip(kinds, blocks.values(), strict=True):
+        for group, members in _members(elements[kind], len(rows), of_elements).items():
+            of_cells.setdefault(group, []).append(first + members)
+        first += len(rows)
+    cell_groups = {group: np.flatnonzero(np.isin(found.source, np.concatenate(of_cells[group]))) for group in of_cells}
+    of_faces: dict[str, list[IntArray]] = {}
+    for corners in _FACES if found.split else (3 if CORNERS[found.cells.shape[1]] == 4 else 4,):
+        for face in set(_FACES[corners]) & set(elements):
+            facets = _table(elements[face]["NOD"])[:, :corners] - 1
+            for group, members in _members(elements[face], len(facets), of_elements).items():
+                of_faces.setdefault(group, []).append(found.facets(facets[members]))
+    face_groups = {group: np.vstack(parts) for group, parts in of_faces.items()}
+    node_groups = {
+        group: found.completed(nodes) for group, nodes in _members(mesh["NOE"], len(points), of_nodes).items()
+    }
     numbers = np.asarray(mesh["NOE"]["NUM"], dtype=np.int64) if "NUM" in mesh["NOE"] else None
-    return MeshFile(path, points, cells, cell_groups, face_groups, node_groups, numbers)
+    if numbers is not None:
+        numbers = np.concatenate([numbers, np.zeros(len(found.points) - len(points), dtype=np.int64)])
+    return MeshFile(path, found.points, found.cells, cell_groups, face_groups, node_groups, numbers)
 
 
 def _only(path: str, group: Any, what: str) -> str:
