@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from ..arrays import FloatArray
-from ..fem.geometry import Cylinder, Plane, RigidFoundation, Sphere
 from .curves import AmplitudeTable, MotionTable, amplitude_of, in_radians, motion_of, rows_of
 from .files import as_toml
+from .foundations import FoundationTable, surface_of
 from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
@@ -41,45 +41,6 @@ if TYPE_CHECKING:
     from ..fem.contact import FoundPair
     from ..fem.geometry import Coefficient, Rotation
     from ..model.contact import Contact, PressureFriction, SlipRateFriction, ThermalContact
-
-
-class FoundationTable(Table):
-    """A rigid plane (point, normal towards the body), sphere (centre, radius) or cylinder (point, axis, radius).
-
-    Lengths in metres; `hollow` for a body inside a spherical cup or a bore.
-    """
-
-    shape: Literal["plane", "sphere", "cylinder"] = "plane"
-    point: Vector | None = None
-    normal: Vector | None = None
-    centre: Vector | None = None
-    axis: Vector | None = None
-    radius: Length | None = None
-    hollow: bool = False
-
-    @model_validator(mode="after")
-    def _complete(self) -> FoundationTable:
-        needed = {"plane": {"point", "normal"}, "sphere": {"centre", "radius"}, "cylinder": {"point", "axis", "radius"}}
-        wanted = needed[self.shape]
-        given = {name for name in ("point", "normal", "centre", "axis", "radius") if getattr(self, name) is not None}
-        given |= {"hollow"} if self.hollow else set()
-        missing, odd = wanted - given, given - wanted - ({"hollow"} if self.shape != "plane" else set())
-        for names, fault in ((missing, "needs"), (odd, "has no")):
-            if names:
-                raise ValueError(f'a foundation of shape "{self.shape}" {fault} {", ".join(sorted(names))}')
-        self.foundation()  # for its own errors
-        return self
-
-    def foundation(self) -> RigidFoundation:
-        if self.shape == "sphere":
-            assert self.centre is not None and self.radius is not None
-            return Sphere(self.centre, self.radius, self.hollow)
-        assert self.point is not None
-        if self.shape == "cylinder":
-            assert self.axis is not None and self.radius is not None
-            return Cylinder(self.point, self.axis, self.radius, self.hollow)
-        assert self.normal is not None
-        return Plane(self.point, self.normal)
 
 
 LAW_KEYS = ("friction", "slip_stress", "cohesion", "friction_limit")
@@ -380,10 +341,6 @@ class ContactTable(Table):
             return values
 
         return by_region
-
-
-def surface_of(table: FoundationTable | None) -> RigidFoundation | None:
-    return None if table is None else table.foundation()
 
 
 def _coefficients(friction: FrictionValue) -> tuple[float | str, ...]:

@@ -158,10 +158,10 @@ def apply(tables: dict[str, Any], change: str) -> None:
 def named_files(tables: Mapping[str, Any]) -> dict[KeyPath, str]:
     """The names of the files of a case, by their place."""
     found: dict[KeyPath, str] = {}
-    for name, keys in FILES.items():
-        table = tables.get(name)
+    for top, keys in FILES.items():
+        table = tables.get(top)
         given = {key: table.get(key) for key in keys} if isinstance(table, Mapping) else {}
-        found |= {(name, key): value for key, value in given.items() if isinstance(value, str)}
+        found |= {(top, key): value for key, value in given.items() if isinstance(value, str)}
     bodies = tables.get("body")
     for number, table in enumerate(bodies if isinstance(bodies, list | tuple) else ()):
         of_body = {key: table.get(key) for key in FILES["mesh"]} if isinstance(table, Mapping) else {}
@@ -169,9 +169,11 @@ def named_files(tables: Mapping[str, Any]) -> dict[KeyPath, str]:
     contact = tables.get("contact")
     several = isinstance(contact, list | tuple)
     for number, table in enumerate(contact if isinstance(contact, list | tuple) else [contact]):
-        gap = table.get("gap") if isinstance(table, Mapping) else None
-        if isinstance(gap, Mapping) and isinstance(gap.get("file"), str):
-            found["contact", *((number,) if several else ()), "gap", "file"] = gap["file"]
+        for key in ("gap", "foundation", "surface", "against_surface"):
+            part = table.get(key) if isinstance(table, Mapping) else None
+            name = part.get("file") if isinstance(part, Mapping) else None
+            if isinstance(name, str):
+                found["contact", *((number,) if several else ()), key, "file"] = name
     return found
 
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, model_validator
 
-from .contact import FoundationTable, surface_of
 from .curves import AmplitudeTable, amplitude_of, in_radians
+from .foundations import FoundationTable, surface_of
 from .values import (
     Direction,
     Name,

@@ -148,6 +148,10 @@ class ErrorBars:
     relative_stress_error: float | None = None
     warnings: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        unknowns = ", ".join(f"{one.unknowns}" for one in self.answers)
+        return f"<error bars of {len(self.bars)} totals, from answers with {unknowns} unknowns; [name].value and .bar>"
+
     def __getitem__(self, quantity: str) -> ErrorBar:
         """That of a total, by its place in summary.json; KeyError with all places if there is none."""
         for bar in self.bars:

@@ -37,8 +37,8 @@ def other_problems(
     """
     if not isinstance(problem, ContactProblem) or isinstance(mesh := problem.made_of, Deformable):
         raise NoErrorBars(
-            "a Body of your own forms cannot be posed on another mesh from here: solve it on another one too, and give "
-            "the answers: solution.error(coarser)"
+            "a Body of your own forms cannot be posed on another mesh from here: solve it on another one too, or in a "
+            "space of another degree on the same one, and give the answers: solution.error(other)"
         )
     refusal, posed = "", False
     for others in ways:

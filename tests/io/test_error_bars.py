@@ -416,9 +416,9 @@ def test_tied_nodes_are_on_the_same_face_of_all_meshes():
 
 
 def test_a_body_of_own_forms_needs_another_answer():
-    def answer(cells):
+    def answer(cells, degree=1):
         mesh = box((1.0, 1.0, 1.0), (cells, cells, cells))
-        script = Script(mesh, 1)
+        script = Script(mesh, degree)
         load = ufl.inner(script.constant(np.array([0.0, 0.0, -1e6])), script.v) * script.ds("top")
         body = coulomb.Body(script.elasticity(2e11, 0.3), load, [script.bc(np.zeros(3), "left")], faces=mesh)
         return ContactProblem(body, Contact("bottom", friction=0.2)).solve()
@@ -427,3 +427,8 @@ def test_a_body_of_own_forms_needs_another_answer():
     with pytest.raises(NoErrorBars, match="own forms cannot be posed on another mesh"):
         fine.error()
     assert fine.error(coarse)["totals.normal_force"].bar[0] > 0.0
+    second = answer(4, 2)  # a second space on the same cells, of which the difference of both is the bar
+    energies = [one.error(other)["strain_energy"] for one, other in ((fine, second), (second, fine))]
+    difference = abs(energies[0].value[0] - energies[1].value[0])
+    assert energies[0].bar[0] >= difference > 0.0 and energies[1].bar[0] >= difference
+    assert len(repr(second.error(fine))) < 120

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Protocol, cast, runtime_checkable
 
 import numpy as np
@@ -25,6 +26,7 @@ import numpy.typing as npt
 
 from ...arrays import FloatArray, is_number
 from ...load_curve import LoadCurve
+from .triangles import read_stl
 from .user_values import Amplitude, Motion, evaluate_amplitude, evaluate_motion
 
 Point = tuple[float, float, float]
@@ -173,6 +175,25 @@ class SignedDistance:
 
     function: Callable[[FloatArray], FloatArray]
     gradient: Callable[[FloatArray], FloatArray] | None = None
+
+    @classmethod
+    def of_stl(cls, file: str | Path, scale: float = 1.0) -> SignedDistance:
+        """A tool from an STL file, binary or of text: the surface of a solid, with normals outwards.
+
+        Normals are those of the triangles, and along the distance beside edges and corners: where they are seen in the
+        answer, take a finer triangulation than the mesh of the face.
+
+        Args:
+            file: The file.
+            scale: Its unit in metres, such as 1e-3 for millimetres.
+
+        Raises:
+            ValueError: If the file cannot be read, or its surface is not closed, or not oriented outwards.
+        """
+        if not is_number(scale) or scale == 0.0:
+            raise ValueError(f"of_stl: scale must be a number > 0, but is {scale!r}")
+        surface = read_stl(file, scale)
+        return cls(lambda x: surface.distance(x.T), lambda x: surface.normal(x.T).T)
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
         return self._values(x) / np.linalg.norm(self._slope(x), axis=1)
