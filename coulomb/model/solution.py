@@ -341,7 +341,8 @@ class Solution:
         cell, at the cost of one linear system; collective.
 
         Args:
-            contact_force, displacement: dJ/dx (3 m,) and dJ/du (k, 3), as the answer has x and u; 0 by default.
+            contact_force: dJ/dx, shape (3 m,), as the answer has x; 0 by default.
+            displacement: dJ/du, shape (k, 3), as the answer has u; 0 by default.
 
         Raises:
             ValueError: In large motions, with heat, or in a load history.

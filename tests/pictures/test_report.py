@@ -18,6 +18,7 @@ from conftest import ROOT, run_coulomb, solved_block
 from matplotlib.axes import Axes
 from report_pages import data_of, numbers, page_of, page_without_pictures, words_of
 
+from coulomb.cli.terminal import _steps_that_count
 from coulomb.io import output
 from coulomb.io.history_files import whole
 from coulomb.pictures.report import charts, results
@@ -193,6 +194,24 @@ def test_a_step_before_the_last_that_failed_is_named(history, tmp_path):
     )
     shown = {row["name"]: row for row in results.checks(run)}
     assert shown["penetration"]["step"] == "3" and not shown["penetration"]["passed"]
+
+
+def test_forces_that_are_unresolved_are_not_green(history, tmp_path):
+    """In the page, the history's table of conditions, and the last line of the run."""
+    shutil.copytree(history, tmp_path / "h")
+    contents = json.loads((tmp_path / "h" / "summary.json").read_text())
+    steps = [json.loads(file.read_text()) for file in sorted((history / "steps").glob("*/summary.json"))]
+    assert all(step["certificate"]["resolution"]["resolved"] for step in steps)
+    steps[2]["certificate"]["resolution"] |= {"value": 5.3e-5, "resolved": False}
+    contents["history"] = whole(steps)
+    (tmp_path / "h" / "summary.json").write_text(json.dumps(contents))
+    run = read_run(tmp_path / "h")
+    assert results.in_words(run).endswith("Contact forces are known to 5.3×10⁻⁵ of the largest only.")
+    assert not results.resolved(run) and results.resolved(read_run(history))
+    text = page_without_pictures(tmp_path / "h")
+    assert '<header class="unresolved">' in text and "Certified, forces unresolved" in text
+    assert text.count('<tr class="doubtful">') == 1
+    assert _steps_that_count(contents["history"]).endswith("contact forces of step 3 known to 5.3e-05 only")
 
 
 def test_zones_of_the_first_step_are_drawn(history, monkeypatch):
