@@ -88,11 +88,12 @@ class PairReference:
 
     def left_out(self, known: npt.NDArray[np.bool_]) -> FloatArray:
         """Places of slave nodes before the master that must be contact points and are none, metres, shape (q, 3): all
-        but `known` ones of this rank's nodes of the body, (k,), those on both faces, and those held along the normal;
-        not collective."""
+        but `known` ones of this rank's nodes of the body, (k,), those on both faces, those held along the
+        normal, and those without area; not collective."""
         (slave, master), space = self._facets, self._slave.space
         local = space.nodes_of(self._slave.facets)
-        node = space.numbering.first + local[~known[local]].astype(np.int64)
+        local = local[~known[local] & ~np.isin(local, space.without_area)]
+        node = space.numbering.first + local.astype(np.int64)
         if space is self._spaces[1]:
             node = node[~np.isin(node, master.nodes)]
         row, x, n = opposite_nodes(slave, master, node)

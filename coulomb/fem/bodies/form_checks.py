@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray, in_words, short
 from .. import compat
 from ..compat import mesh, ufl
-from ..meshes import NamedMesh, faces_of
+from ..meshes import FORMS_IN_2D, NamedMesh, faces_of
 
 SYMMETRIC: Final = 1e-10
 """Largest difference of a(u, v) and a(v, u), relative to their size."""
@@ -95,7 +95,7 @@ def _refuse_space(space: Any) -> None:
     topology, geometry = space.mesh.topology, space.mesh.geometry
     if topology.dim != 3 or geometry.dim != 3:
         where = f"of dimension {topology.dim} in {geometry.dim}D space"
-        raise ValueError(f"Body: the mesh is {where}; a 3D mesh is needed")
+        raise ValueError(f"Body: the mesh is {where}; a 3D mesh is needed{FORMS_IN_2D if topology.dim == 2 else ''}")
     if space.mesh.geometry.x.dtype != np.float64:
         of = space.mesh.geometry.x.dtype
         raise ValueError(f"Body: the coordinates of the mesh are {of}; make mesh and forms with dtype=np.float64")
@@ -153,10 +153,8 @@ def named_mesh(domain: Any, faces: Any) -> NamedMesh:
     if isinstance(faces, NamedMesh):
         if compat.cpp_of(faces.domain) is not compat.cpp_of(domain):
             raise ValueError("Body: faces is a NamedMesh of another mesh than that of a")
-        sets, numbers = faces.node_sets, faces.node_numbers
-        return NamedMesh(
-            domain, faces.faces, faces.cells, faces.refused, node_sets=sets, node_numbers=numbers, file=faces.file
-        )
+        kept = {name: getattr(faces, name) for name in ("node_sets", "node_numbers", "file", "slice")}
+        return NamedMesh(domain, faces.faces, faces.cells, faces.refused, **kept)
     found, refused = faces_of(domain, faces, "Body")
     return NamedMesh(domain, found, {}, refused)
 

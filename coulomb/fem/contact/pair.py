@@ -97,10 +97,10 @@ def slave_side(elasticity: Deformable, face: str, against: str) -> tuple[str, st
 
 
 def clamped_nodes(body: SingleBody, facets: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-    """This rank's nodes on facets whose displacement along the normal is prescribed; collective."""
+    """This rank's nodes on facets that are held along the normal, or have no area; collective."""
     nodes, outward = body.nodes_of(facets), body.positive_weights(facets)[1]
     held = held_length(unit_vectors(outward[nodes]), body.held.projector_at(nodes))
-    return nodes[held > HELD_BEYOND].astype(np.int64)
+    return nodes[(held > HELD_BEYOND) | np.isin(nodes, body.without_area)].astype(np.int64)
 
 
 def _side(elasticity: Deformable, face: str) -> _Side:

@@ -8,7 +8,8 @@ with either.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from ...arrays import IntArray
 from ...regular_file import refuse_irregular
 from .lagrange import CORNERS, in_vtk_order
-from .mesh_file import MeshFile, solid_nodes
+from .mesh_file import MeshFile, SectionFile, solid_nodes
 from .one_kind import READ, of_one_kind
 
 _SOLIDS = {
@@ -26,7 +27,12 @@ _SOLIDS = {
 _FACES = {3: ("TR3", "TR6", "TR7"), 4: ("QU4", "QU8", "QU9")}
 """The kinds of facets by their corners."""
 
+_SECTIONS, _LINES = {"TR3": 3, "QU4": 4, "TR6": 6, "QU8": 8, "QU9": 9}, ("SE2", "SE3")
+"""Cells of a section in 2D with their nodes, and its edges."""
+
 _SURFACES = ("TR3", "QU4", "TR6", "TR7", "QU8", "QU9", "POG")
+
+Found = TypeVar("Found", MeshFile, SectionFile)
 
 
 def read(path: str) -> MeshFile:
@@ -36,26 +42,60 @@ def read(path: str) -> MeshFile:
         OSError: If it cannot be read.
         ValueError: If it is no MED file, or has several meshes or steps, or no cells that can be used.
     """
+    return _read(path, _mesh)
+
+
+def read_section(path: str) -> SectionFile:
+    """Read the triangles and quadrilaterals of a file, with the groups of its lines, on this rank.
+
+    Raises:
+        OSError, ValueError: As `read`.
+    """
+    return _read(path, _section)
+
+
+def _read(path: str, of: Callable[[str, Any, Any, Any], Found]) -> Found:
     refuse_irregular(path)
     if not h5py.is_hdf5(path):
         raise ValueError(f"{path}: is not a MED file: it is not HDF5, or cut short")
     try:
         with h5py.File(path, "r") as file:
-            return _mesh(path, file)
+            name = _only(path, file["ENS_MAA"], "meshes")
+            mesh = file["ENS_MAA"][name]
+            if "NOE" not in mesh:  # since MED 3 by time steps
+                mesh = mesh[_only(path, mesh, "time steps of the mesh")]
+            return of(path, mesh, file["FAS"][name] if name in file.get("FAS", {}) else {}, mesh.get("MAI", {}))
     except (KeyError, OSError) as error:
         raise ValueError(f"{path}: is not a MED file, or damaged: {error}") from None
 
 
-def _mesh(path: str, file: Any) -> MeshFile:
-    name = _only(path, file["ENS_MAA"], "meshes")
-    mesh = file["ENS_MAA"][name]
-    if "NOE" not in mesh:  # since MED 3 by time steps
-        mesh = mesh[_only(path, mesh, "time steps of the mesh")]
+def _section(path: str, mesh: Any, families: Any, elements: Any) -> SectionFile:
+    if solid := [kind for kind in elements if kind in _SOLIDS]:
+        raise ValueError(f"{path}: has elements in 3D ({', '.join(solid)}), but a slice is made of a mesh in 2D")
+    of_elements = _groups(families["ELEME"]) if "ELEME" in families else {}
+    of_nodes = _groups(families["NOEUD"]) if "NOEUD" in families else {}
+    points, cells, count = _table(mesh["NOE"]["COO"]).astype(np.float64), dict[int, IntArray](), 0
+    groups: tuple[dict[str, list[IntArray]], dict[str, list[IntArray]]] = {}, {}
+    for kind, width in _SECTIONS.items():
+        if kind in elements:
+            cells[width] = _table(elements[kind]["NOD"]) - 1
+            for name, rows in _members(elements[kind], len(cells[width]), of_elements).items():
+                groups[0].setdefault(name, []).append(count + rows)
+            count += len(cells[width])
+    for kind in (one for one in _LINES if one in elements):
+        ends = _table(elements[kind]["NOD"])[:, :2] - 1
+        for name, rows in _members(elements[kind], len(ends), of_elements).items():
+            groups[1].setdefault(name, []).append(ends[rows])
+    of_cells, of_lines = ({name: np.concatenate(parts) for name, parts in of.items()} for of in groups)
+    numbers = np.asarray(mesh["NOE"]["NUM"], dtype=np.int64) if "NUM" in mesh["NOE"] else None
+    return SectionFile(path, points, cells, of_cells, of_lines, _members(mesh["NOE"], len(points), of_nodes), numbers)
+
+
+def _mesh(path: str, mesh: Any, families: Any, elements: Any) -> MeshFile:
     points = _table(mesh["NOE"]["COO"]).astype(np.float64)
     if points.shape[1] != 3:
         raise ValueError(f"{path}: has points in {points.shape[1]}D, but a body in 3D is needed")
 
-    elements = mesh["MAI"] if "MAI" in mesh else {}
     counts = {_SOLIDS[kind]: count for kind in elements if kind in _SOLIDS and (count := _count(elements[kind]))}
     if not counts or set(counts) - READ - {27}:
         solid_nodes(path, counts, sum(_count(elements[kind]) for kind in elements if kind in _SURFACES))
@@ -63,7 +103,6 @@ def _mesh(path: str, file: Any) -> MeshFile:
     blocks = {_SOLIDS[kind]: _table(elements[kind]["NOD"]) - 1 for kind in kinds}
     found = of_one_kind(path, points, blocks | {27: in_vtk_order(blocks[27], "med")} if 27 in blocks else blocks)
 
-    families = file["FAS"][name] if name in file.get("FAS", {}) else {}
     of_elements = _groups(families["ELEME"]) if "ELEME" in families else {}
     of_nodes = _groups(families["NOEUD"]) if "NOEUD" in families else {}
     of_cells, first = dict[str, list[IntArray]](), 0

@@ -76,7 +76,8 @@ def _members(
 
 def boundary_facets(domain: Any) -> npt.NDArray[np.int32]:
     """This rank's facets on the boundary of a mesh, ascending."""
-    domain.topology.create_connectivity(2, 3)
+    dim = domain.topology.dim
+    domain.topology.create_connectivity(dim - 1, dim)
     return np.sort(mesh.exterior_facet_indices(domain.topology)).astype(np.int32)
 
 

@@ -17,6 +17,7 @@ from ...nearest import tree_of
 from .. import compat
 from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point, on_all_ranks
 from .lagrange import corner_geometry
+from .mesh_file import A_SLICE
 from .mesh_parts import SAME_PLACE
 from .slices import Slice
 from .user_groups import cells_of, faces_of, is_mesh, is_mesh_data
@@ -93,6 +94,8 @@ class NamedMesh:
         domain, faces, cells = ({**vars(self), **given}[name] for name in ("domain", "faces", "cells"))
         if not is_mesh(domain):
             raise ValueError(f"NamedMesh: domain must be a mesh of DOLFINx, but is a {type(domain).__name__}")
+        if domain.topology.dim != 3:
+            raise ValueError(f"NamedMesh: the mesh is of dimension {domain.topology.dim}, not 3: {A_SLICE}")
         if domain.geometry.x.dtype != np.float64:
             raise ValueError(
                 f"NamedMesh: the coordinates of the mesh are {domain.geometry.x.dtype}; make it with dtype=np.float64"

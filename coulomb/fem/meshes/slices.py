@@ -35,6 +35,12 @@ KINDS: Final = (*PLANE, AXISYMMETRIC)
 FRONT, BACK, AXIS = "front", "back", "axis"
 """Faces that a slice has beside those of its section's lines."""
 
+FORMS_IN_2D: Final = """.  Forms in 2D become those of a slice, one layer of cells in 3D:
+    sliced = coulomb.slice(domain, "plane strain", faces={"top": ...})
+    V = fem.functionspace(sliced.domain, ("Lagrange", sliced.degree, (3,)))  # the forms in 3D, with Identity(3)
+    body = coulomb.Body(a, L, bcs, faces=sliced)  # bcs hold u_z on sliced.faces["front"] and ["back"]"""
+"""What to do with own forms in 2D."""
+
 ANGLE: Final = math.radians(1.0)
 """Of a wedge."""
 

@@ -58,7 +58,7 @@ def faces_of(domain: Any, given: Any, what: str) -> tuple[Groups, dict[str, str]
     if is_mesh_data(given):
         if compat.cpp_of(given[0]) is not compat.cpp_of(domain):
             raise ValueError(f"{what}: faces is the MeshData of another mesh")
-        given, names = _tags_and_names(given, 2)
+        given, names = _tags_and_names(given, _sides(domain))
         if given is None:
             return {}, {}
     if is_tags(given):
@@ -93,23 +93,29 @@ def cells_of(domain: Any, given: Any, what: str) -> Groups:
     """
     names = dict[int, str]()
     if is_mesh_data(given):
-        given, names = _tags_and_names(given, 3)
+        given, names = _tags_and_names(given, domain.topology.dim)
     if given is None:
         return {}
     if not is_tags(given):
         raise ValueError(
             f"{what}: cells must be names with cells, MeshTags or MeshData, but is a {type(given).__name__}"
         )
-    on_all_ranks(lambda: _refuse_tags(domain, given, 3), f"{what}: cells", domain.comm)
-    own = domain.topology.index_map(3).size_local
+    on_all_ranks(lambda: _refuse_tags(domain, given, domain.topology.dim), f"{what}: cells", domain.comm)
+    own = domain.topology.index_map(domain.topology.dim).size_local
     found = {_name(value, names): given.find(value) for value in _values(given, domain.comm)}
     return {name: np.sort(cells[cells < own]).astype(np.int32) for name, cells in found.items()}
 
 
+def _sides(domain: Any) -> int:
+    """Dimension of the facets of a mesh: 2, or 1 of a section in 2D."""
+    return int(domain.topology.dim) - 1
+
+
 def _tags_and_names(data: Any, dim: int) -> tuple[Any, dict[int, str]]:
-    """Of MeshData the MeshTags of facets (2) or cells (3), and the names of their values."""
+    """Of MeshData the MeshTags of cells or facets by their dimension, and the names of their values."""
     groups = getattr(data, "physical_groups", {})
-    return data[1] if dim == 3 else data[2], {int(tag): str(name) for name, (of, tag) in groups.items() if of == dim}
+    tags = data[1] if dim == data[0].topology.dim else data[2]
+    return tags, {int(tag): str(name) for name, (of, tag) in groups.items() if of == dim}
 
 
 def _name(value: int, names: Mapping[int, str]) -> str:
@@ -132,17 +138,17 @@ def _facets(domain: Any, given: Any) -> npt.NDArray[np.int32]:
         if len(given) != 2 or not is_tags(given[0]):
             raise ValueError(f"{_HOW}, but this is a tuple of {', '.join(type(one).__name__ for one in given)}")
         tags, value = given
-        _refuse_tags(domain, tags, 2)
+        _refuse_tags(domain, tags, _sides(domain))
         given = tags.find(int(value))
     elif callable(given):
-        given = mesh.locate_entities_boundary(domain, 2, given)
+        given = mesh.locate_entities_boundary(domain, _sides(domain), given)
     try:
         facets = np.asarray(given)
     except ValueError:  # lists of different lengths
         facets = np.empty((0, 0))
     if facets.ndim != 1 or (facets.size and not np.issubdtype(facets.dtype, np.integer)):
         raise ValueError(f"{_HOW}, but this is a {type(given).__name__}")
-    count = domain.topology.index_map(2)
+    count = domain.topology.index_map(_sides(domain))
     outside = (facets < 0) | (facets >= count.size_local + count.num_ghosts)
     if np.any(outside):
         raise ValueError(
@@ -154,7 +160,7 @@ def _facets(domain: Any, given: Any) -> npt.NDArray[np.int32]:
 
 def _refuse_tags(domain: Any, tags: Any, dim: int) -> None:
     if tags.dim != dim:
-        kind = "facets" if dim == 2 else "cells"
+        kind = "cells" if dim == domain.topology.dim else "facets"
         raise ValueError(f"the MeshTags are of dimension {tags.dim}, but {kind} have dimension {dim}")
     if compat.mesh_of_tags(tags) is not compat.cpp_of(domain.topology):
         raise ValueError("the MeshTags are of another mesh")
@@ -165,7 +171,7 @@ def _of_tags(
 ) -> tuple[Groups, dict[str, str]]:
     """Each value of MeshTags as a face; one with facets inside the body is refused where it is used."""
     comm: MPI.Comm = domain.comm
-    on_all_ranks(lambda: _refuse_tags(domain, tags, 2), f"{what}: faces", comm)
+    on_all_ranks(lambda: _refuse_tags(domain, tags, _sides(domain)), f"{what}: faces", comm)
     found: Groups = {}
     refused: dict[str, str] = {}
     for value in _values(tags, comm):

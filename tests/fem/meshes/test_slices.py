@@ -2,13 +2,29 @@
 
 from dataclasses import replace
 
+import meshio
 import numpy as np
 import pytest
+import ufl
 from mesh_files import integral
+from mpi4py import MPI
 from sections import rectangle, write
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, Cylinder, Material, Plane, Pressure, SymmetryPlane, TotalForce
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    Cylinder,
+    Material,
+    Plane,
+    PrescribedDisplacement,
+    Pressure,
+    SymmetryPlane,
+    TotalForce,
+)
+from coulomb.fem import compat
+from coulomb.fem.compat import mesh as dolfinx_mesh
 from coulomb.io import output
 
 E, NU = 2.0e11, 0.3
@@ -134,3 +150,48 @@ def test_bodies_are_slices_of_one_kind(tmp_path):
     both = coulomb.join(flat=mesh, solid=coulomb.moved(coulomb.box((1.0, 1.0, 1.0), (1, 1, 1)), (0.0, 2.0, 0.0)))
     with pytest.raises(ValueError, match=r"several kinds .*in 3D; plane strain"):
         ContactProblem(both, STEEL, [Clamp("solid:top")], Contact("flat:top", 0.0, against="solid:front"))
+
+
+def test_med_files(tmp_path):
+    section = rectangle((1.0, 0.0), (2.0, 0.5), (2, 1), 3)
+    names = list(section.line_groups)
+    lines = np.vstack(list(section.line_groups.values()))
+    tags = np.repeat([-2, -3, -4, -5], [len(one) for one in section.line_groups.values()])
+    blocks, cell_tags = [("triangle", section.cells[3]), ("line", lines)], [np.full(len(section.cells[3]), -1), tags]
+    made = meshio.Mesh(section.points, blocks, cell_data={"cell_tags": cell_tags})
+    made.cell_tags = {-1: ["body"], **{-2 - k: [name] for k, name in enumerate(names)}}
+    made.point_tags = {}
+    meshio.med.write(tmp_path / "section.med", made)
+    mesh = coulomb.slice(tmp_path / "section.med", "axisymmetric")
+    assert integral(mesh) * mesh.slice.copies == pytest.approx(1.5 * np.pi, rel=1e-9)
+    assert integral(mesh, "top") * mesh.slice.copies == pytest.approx(3.0 * np.pi, rel=1e-9)
+    assert list(mesh.cells) == ["body"]
+
+
+@pytest.mark.parametrize("nodes", [4, 9])
+def test_two_bodies_meet_on_the_axis(tmp_path, nodes):
+    """Second-order nodes on the axis have no area: they are no contact points, and bear nothing."""
+    lower = sliced(tmp_path, rectangle((0.0, 0.0), (1.0, 1.0), (4, 2), nodes), "axisymmetric")
+    upper = sliced(tmp_path, rectangle((0.0, 1.0), (1.0, 2.0), (3, 2), nodes), "axisymmetric")
+    answer = ContactProblem(
+        coulomb.join(lower=lower, upper=upper),
+        STEEL,
+        [PrescribedDisplacement("lower:bottom", (0.0, 0.0, 0.0), components="y")],
+        Contact("upper:bottom", 0.0, against="lower:top"),
+        [TotalForce("upper:top", (0.0, -1e6, 0.0))],
+    ).solve()
+    assert answer.valid
+    assert answer.at_nodes.pressure == pytest.approx(1e6 / np.pi, rel=2e-4)
+    assert answer.forces["normal_force"] == pytest.approx(1e6, rel=1e-7)
+
+
+def test_own_meshes_and_forms_in_2d_are_refused_with_what_to_do():
+    section = dolfinx_mesh.create_rectangle(
+        MPI.COMM_WORLD, [[0.0, 0.0], [1.0, 1.0]], [1, 1], dolfinx_mesh.CellType.quadrilateral
+    )
+    with pytest.raises(ValueError, match=r"of dimension 2, not 3: .*coulomb\.slice"):
+        coulomb.NamedMesh(section)
+    V = compat.functionspace(section, 1, (2,))
+    form = ufl.inner(ufl.TrialFunction(V), ufl.TestFunction(V)) * ufl.dx
+    with pytest.raises(ValueError, match=r'sliced = coulomb\.slice\(domain, "plane strain"'):
+        coulomb.Body(form)
