@@ -9,7 +9,6 @@ import numpy as np
 from ..arrays import FloatArray, IntArray, as_list
 from .cards import Card, key_of
 from .contacts import tied_pairs
-from .geometry import CORNERS, SIDES
 from .reading import Reading
 from .steps import Amplitude, Rows, Step, Tracks, reference
 
@@ -214,7 +213,7 @@ class Constraints:
         for what, side in deck.surfaces[key_of(name)].lines:
             for width, rows in deck.solids.items():
                 x = deck.points[deck.places(rows[np.isin(rows[:, 0], self._of.elements_of(what)), 1:])]
-                table = SIDES[CORNERS[width]]
+                table = deck.sides(width)
                 if len(x) and side not in [f"S{k + 1}" for k in range(len(table))]:
                     raise card.fault(f"the surface {name!r} has no sides of elements")
                 if len(x):

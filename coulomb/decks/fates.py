@@ -76,14 +76,16 @@ class Row:
     why: str = ""
 
 
-def fates(cards: Iterable[Card], ignore: Collection[str], surface_elements: Collection[str]) -> list[Row]:
+def fates(
+    cards: Iterable[Card], ignore: Collection[str], surface_elements: Collection[str], sections: Collection[str] = ()
+) -> list[Row]:
     """The table of cards, in the order of the deck; those to ignore by `Card.kind`; types of elements that lie on
-    solids by name."""
+    solids, and of those of a section in 2D, by name."""
     rows: dict[str, Row] = {}
     cards = list(cards)
     heated = any(card.kind in STEADY for card in cards)
     for card in cards:
-        fate, why = _fate(card, ignore, surface_elements, heated)
+        fate, why = _fate(card, ignore, surface_elements, sections, heated)
         row = rows.get(card.kind)
         if row is None:
             rows[card.kind] = Row(card.keyword, 1, fate, why)
@@ -94,7 +96,9 @@ def fates(cards: Iterable[Card], ignore: Collection[str], surface_elements: Coll
     return list(rows.values())
 
 
-def _fate(card: Card, ignore: Collection[str], surface_elements: Collection[str], heated: bool) -> tuple[str, str]:
+def _fate(
+    card: Card, ignore: Collection[str], surface_elements: Collection[str], sections: Collection[str], heated: bool
+) -> tuple[str, str]:
     kind = card.kind
     where = f"{Path(card.file).name}, line {card.line}"
     if kind in ignore:
@@ -103,7 +107,7 @@ def _fate(card: Card, ignore: Collection[str], surface_elements: Collection[str]
         return NOT_NEEDED, _WITHOUT_MEANING[kind]
     if kind == "ELEMENT":
         title = card.get("TYPE").upper()
-        if title.startswith(("C3D", "DC3D")):
+        if title.startswith(("C3D", "DC3D")) or title in sections:
             return USED, ""
         if title in KINDS:
             return USED, "springs to the ground"

@@ -28,6 +28,15 @@ SOLID = re.compile(r"(?:C3D|DC3D|AC3D|SC)(\d+)")
 FLAT = re.compile(r"(?:SFM3D|M3D|R3D|CPS|CPE|CAX|DS|S|STRI)([346])(?!\d)")
 """Those of 4 nodes are on hexahedra, of 3 or 6 on tetrahedra; STRI65 has 6 nodes and 5 degrees of freedom at each."""
 
+SECTION: Final = re.compile(r"(?:CPS|CPE|CAX)(\d+)")
+"""Elements of a section in 2D, of a deck without solid ones."""
+
+SLICES: Final = {"CPS": "plane stress", "CPE": "plane strain", "CAX": "axisymmetric"}
+"""What they are sections of."""
+
+_EDGES: Final = {3: ((0, 1), (1, 2), (2, 0)), 4: ((0, 1), (1, 2), (2, 3), (3, 0))}
+"""Ends of their sides S1, S2, ..., by their number of corners."""
+
 SIDES: Final = {
     4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
     8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
@@ -194,7 +203,8 @@ class Geometry:
     def _elements(self, card: Card, of: _Instance) -> None:
         kind = card.needs("TYPE").upper()
         solid, flat = SOLID.match(kind), FLAT.match(kind)
-        width = int((solid or flat)[1]) if solid or flat else 0  # type: ignore[index]
+        match = solid or flat or SECTION.match(kind)
+        width = int(match[1]) if match else 0
         if not width:  # springs, beams, masses: one line each
             lengths = {len(line.rstrip(", \t").split(",")) for line in card.lines}
             width = max(lengths, default=2) - 1
@@ -330,8 +340,8 @@ class Geometry:
     @cached_property
     def solids(self) -> dict[int, IntArray]:
         """The solid elements by their number of nodes, rows of number and nodes, those without a volume of their own
-        left out."""
-        rows = self.rows_of(SOLID)
+        left out; of a `section` its elements."""
+        rows = self.rows_of(SECTION if self.section else SOLID)
         numbers = np.concatenate([one[:, 0] for one in rows.values()]) if rows else np.empty(0, dtype=np.int64)
         _refuse_two(numbers, f"{self.path}: has two elements of the number", self.called)
         return rows
@@ -339,7 +349,24 @@ class Geometry:
     @cached_property
     def flats(self) -> dict[int, IntArray]:
         """The surface elements by their number of nodes."""
-        return self.rows_of(FLAT)
+        return {} if self.section else self.rows_of(FLAT)
+
+    @cached_property
+    def section(self) -> str:
+        """The kind of slice of which a deck without solid elements has the section, "" of others; ValueError if there
+        are elements of several kinds."""
+        kinds = {SLICES[name[:3]]: name for name in self.elements if SECTION.match(name)}
+        if not kinds or any(SOLID.match(name) for name in self.elements):
+            return ""
+        if len(kinds) > 1:
+            raise ValueError(f"{self.path}: has elements of several kinds: {', '.join(kinds.values())}")
+        return next(iter(kinds))
+
+    def sides(self, width: int) -> tuple[tuple[int, ...], ...]:
+        """Corners of the sides S1, S2, ... of solid elements by their number of nodes; of a `section` ends of edges."""
+        if self.section:
+            return _EDGES[3 if width in (3, 6) else 4]
+        return SIDES[CORNERS[width]]
 
     @cached_property
     def kinds(self) -> dict[str, IntArray]:
@@ -349,6 +376,8 @@ class Geometry:
         numbers = np.concatenate([rows[:, 0] for rows in self.solids.values()])
         component = self._components()
         found: dict[str, list[IntArray]] = {}
+        if self.section:
+            return {self.section: numbers}
         hexahedra = np.isin(widths, (8, 20, 27))
         second = ~np.isin(widths, (4, 5, 6, 8))
         count = int(component.max(initial=-1)) + 1

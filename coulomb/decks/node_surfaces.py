@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import FloatArray, IntArray, unit_vectors
 from ..nearest import tree_of
 from .cards import key_of
-from .geometry import CORNERS, SIDES, Geometry
+from .geometry import Geometry
 from .sets import Surface
 
 _OPPOSITE: Final = -0.5
@@ -68,7 +68,7 @@ def _all_sides(deck: Geometry, elements: IntArray | None = None, side: str = "")
     for width, rows in deck.solids.items():
         mine = rows if elements is None else rows[np.isin(rows[:, 0], elements)]
         points = deck.places(mine[:, 1:])
-        for number, corners in enumerate(SIDES[CORNERS[width]], 1):
+        for number, corners in enumerate(deck.sides(width), 1):
             if side in ("", f"S{number}"):
                 found.append(points[:, [*corners, corners[-1]][:4]])
     return np.vstack(found)

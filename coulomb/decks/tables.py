@@ -18,7 +18,7 @@ from .cards import Card, key_of
 from .constraints import Constraints
 from .contacts import contact_tables, general_contact
 from .fates import REFUSED, Row, fates
-from .geometry import Geometry, read_geometry
+from .geometry import SECTION, Geometry, read_geometry
 from .heat import Heat
 from .loads import Loads
 from .materials import directions_of, material_of
@@ -77,7 +77,8 @@ class _Translator:
     def __init__(self, deck: Geometry, ignore: set[str], large: bool):
         self.translation = Translation()
         surface_elements = [name for name in deck.elements if _names_faces(deck, name)]
-        self.translation.cards = fates(deck.cards, ignore, surface_elements)
+        sections = [name for name in deck.elements if SECTION.match(name)] if deck.section else []
+        self.translation.cards = fates(deck.cards, ignore, surface_elements, sections)
         if self.translation.refused:
             return
         model, steps = steps_of([card for card in deck.others if card.kind not in ignore])
@@ -110,7 +111,7 @@ class _Translator:
                 tables["body"].append(of_body | {"material": self._of_cells(materials, numbers)})
             self.notes.append(f"cells are of several kinds, each a [[body]]: {', '.join(bodies)}")
         else:
-            tables["mesh"] = {"file": Path(self.deck.path).name}
+            tables["mesh"] = {"file": Path(self.deck.path).name, **self._slice()}
             tables["material"] = self._of_cells(materials, np.concatenate(list(kinds.values())))
         self._note_elements()
         constraints = Constraints(self.of)
@@ -228,7 +229,24 @@ class _Translator:
             return here[0][1]
         return [table | {"cells": name} for name, table in here]
 
+    def _slice(self) -> dict[str, Any]:
+        """Of a deck in 2D the kind of slice, and the thickness of its sections."""
+        kind = self.deck.section
+        if not kind:
+            return {}
+        if kind == "axisymmetric":
+            self.notes.append("axisymmetric: concentrated loads and totals are for 360 degrees")
+            return {"slice": kind}
+        cards = [card for card in self.of.model if card.kind == "SOLIDSECTION"]
+        given = {float(card.floats([0])[0]) if card.lines and card.lines[0].strip(", ") else 1.0 for card in cards}
+        if len(given) > 1:
+            raise cards[1].fault("sections of several thicknesses are not read")
+        self.notes.append(f"{kind}: one layer of cells; forces are for the thickness")
+        return {"slice": kind, "thickness": given.pop()}
+
     def _note_elements(self) -> None:
+        if self.deck.section:
+            return
         widths = set(self.deck.solids)
         if 20 in widths:
             self.notes.append("20-node hexahedra have a node in the middle of each face and of the cell as well")
@@ -248,7 +266,11 @@ def _procedure(step: Step) -> str:
 
 def _names_faces(deck: Geometry, kind: str) -> bool:
     """Whether elements of a type are on the surface of solids."""
-    if not kind.startswith(("CPS", "CPE", "CAX", "S3", "S4", "S6", "STRI", "M3D", "SFM3D", "R3D")) or not deck.solids:
+    if (
+        deck.section
+        or not kind.startswith(("CPS", "CPE", "CAX", "S3", "S4", "S6", "STRI", "M3D", "SFM3D", "R3D"))
+        or not deck.solids
+    ):
         return False
     of_solids = np.unique(np.concatenate([rows[:, 1:].ravel() for rows in deck.solids.values()]))
     return bool(np.all(np.isin(np.vstack(deck.elements[kind])[:, 1:], of_solids)))

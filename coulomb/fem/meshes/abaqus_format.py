@@ -11,14 +11,16 @@ that end in a comma, and those of one part of two alone.  Formats with plain num
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from ...arrays import IntArray
-from ...decks.geometry import CORNERS, SIDES, Geometry, read_geometry
+from ...decks.geometry import CORNERS, Geometry, read_geometry
 from ...decks.node_surfaces import facets_with_nodes
-from .mesh_file import MeshFile, solid_nodes
+from ...decks.sets import NamedSet, Sets
+from .mesh_file import MeshFile, SectionFile, solid_nodes
 from .mesh_parts import distinct
 from .one_kind import READ, of_one_kind
 
@@ -43,11 +45,72 @@ def read(path: str, cells: str | None = None) -> MeshFile:
     return _Mesh(read_geometry(path, again=cells is not None), cells).file
 
 
+def read_section(path: str, cells: str | None = None) -> SectionFile:
+    """Read the elements CPS, CPE or CAX of a file without solid ones, with surfaces and pressed sides as groups of
+    lines; arguments and errors as of `read`."""
+    deck = read_geometry(path, again=cells is not None)
+    if not deck.section:
+        raise ValueError(f"{path}: has no section in 2D alone, of elements CPS, CPE or CAX")
+    chosen = deck.element_sets.members(cells) if cells not in (None, deck.section) else None
+    rows = {
+        width: block if chosen is None else block[np.isin(block[:, 0], chosen)] for width, block in deck.solids.items()
+    }
+    numbers = np.concatenate([block[:, 0] for block in rows.values()])
+    blocks = {width: deck.places(block[:, 1:]) for width, block in rows.items()}
+
+    def edges(what: int | str | None, side: str = "") -> IntArray:
+        """Ends of the edges that a line of a surface names: one side of elements, or those that one alone has."""
+        named = (
+            numbers if what is None else deck.element_sets.members(what) if isinstance(what, str) else np.array([what])
+        )
+        found: list[IntArray] = [np.empty((0, 2), dtype=np.int64)]
+        for width, points in blocks.items():
+            mine = points[np.isin(rows[width][:, 0], named)]
+            sides = {f"S{number}": list(ends) for number, ends in enumerate(deck.sides(width), 1)}
+            if side and side not in sides and len(mine):
+                raise ValueError(f"{path}: elements of {width} nodes in 2D have no side {side!r}")
+            found += [mine[:, ends] for name, ends in sides.items() if side in ("", name)]
+        return np.sort(np.vstack(found), axis=1)
+
+    every = edges(None)
+    of_every = distinct(every)[1]
+    outside = every[np.bincount(of_every)[of_every] == 1]
+
+    def lines(given: Sequence[tuple[int | str, str]]) -> IntArray:
+        parts = [edges(what, side) for what, side in given]
+        parts = [one if side else one[_among(outside, one)] for one, (_, side) in zip(parts, given, strict=True)]
+        return np.vstack([np.empty((0, 2), dtype=np.int64), *parts])
+
+    surfaces = {one.name: lines(one.lines) for one in deck.surfaces.values() if not one.nodes}
+    loads = ("DLOAD", "FILM", "DFLUX")
+    pressed = (of for card in deck.others if card.kind in loads for of in deck.on_sides(card))
+    surfaces |= {name: lines(sides) for name, _, sides in pressed}
+    used = np.zeros(len(deck.points), dtype=bool)
+    for points in blocks.values():
+        used[points] = True
+    nodes = {one.name: deck.places(deck.node_sets.members(one.name)) for one in _given(deck.node_sets)}
+    nodes = {name: some[used[some]] for name, some in nodes.items()}
+    groups = {one.name: np.isin(numbers, deck.element_sets.members(one.name)) for one in _given(deck.element_sets)}
+    of_cells = {name: np.flatnonzero(inside) for name, inside in groups.items() if np.any(inside)}
+    return SectionFile(path, deck.points, blocks, of_cells, surfaces, nodes, deck.tags)
+
+
+def _given(sets: Sets) -> list[NamedSet]:
+    return [one for one in sets.all.values() if not one.hidden]
+
+
+def _among(rows: IntArray, some: IntArray) -> npt.NDArray[np.bool_]:
+    number = distinct(np.vstack([rows, some]))[1]
+    return np.isin(number[len(rows) :], number[: len(rows)])
+
+
 class _Mesh:
     """The solid elements of a deck, or of one of its sets, as cells of one kind."""
 
     def __init__(self, deck: Geometry, cells: str | None):
         self._deck = deck
+        if deck.section:  # its elements of 4 nodes are no tetrahedra
+            solid_nodes(deck.path, {}, sum(map(len, deck.solids.values())))
         chosen = None if cells is None else deck.kinds.get(cells)
         if chosen is None and cells is not None:
             chosen = deck.element_sets.members(cells)
@@ -148,7 +211,7 @@ class _Mesh:
             return on_flats or self._free(chosen)
         found = []
         for width, points in chosen.items():
-            table = SIDES[CORNERS[width]]
+            table = self._deck.sides(width)
             if not len(points):
                 continue
             if side not in [f"S{k + 1}" for k in range(len(table))]:
@@ -166,7 +229,7 @@ class _Mesh:
                     + [
                         points[:, list(face)]
                         for width, points in cells.items()
-                        for face in SIDES[CORNERS[width]]
+                        for face in self._deck.sides(width)
                         if len(face) == corners
                     ]
                 )

@@ -148,7 +148,9 @@ def sliced(section: SectionFile, given: Slice, scale: float, degree: int | None 
     top = order * count
 
     def between(lines: IntArray) -> IntArray:
-        """The facets (k, 4) on lines (k, 2)."""
+        """The facets (k, 4) on lines (k, 2), without those on the axis, which have no area, beside others."""
+        beside = ~np.all(on_axis[lines], axis=1)
+        lines = lines[beside] if np.any(beside) else lines
         return np.column_stack([lines, top + lines[:, ::-1]])
 
     corners = quads.cells[:, :4]
