@@ -134,6 +134,11 @@ class _Translator:
             del tables["contact"]
         if general := general_contact(self.of):
             tables["auto_contact"] = general
+        if not {"contact", "auto_contact"} & tables.keys():
+            self.notes.append(
+                "no contact pair is left that may open or slide (those that are TIED are ties): coulomb solves contact "
+                "problems, and linear ones are for other programs"
+            )
         ends = [end for step in self.of.steps for end in step.ends]
         times = sorted({*ends, *self._kinks(tables)})
         timed = any("amplitude" in key for table in _all_tables(tables) for key in table)

@@ -81,6 +81,9 @@ def test_slave_nodes_with_facets_are_these(tmp_path):
 
 def test_a_law_that_changes(tmp_path):
     """From hard to hard with another penalty nothing changes; a tie that opens is refused with the line."""
+    tied = tables_of(tmp_path, CUBES.replace("OVERCLOSURE=LINEAR", "OVERCLOSURE=TIED") + STEP.format(""))
+    assert len(tied.tables["tie"]) == 1 and "contact" not in tied.tables
+    assert any("no contact pair is left" in note for note in tied.notes)
     change = "*CHANGE SURFACE BEHAVIOR, INTERACTION=si\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE={}\n{}\n"
     hard = tables_of(tmp_path, steps("*DLOAD\n2, P2, 10.", change.format("LINEAR", "1.E9")))
     assert hard.tables["contact"] == [{"face": "slave", "against": "master", "friction": 0.2}]
