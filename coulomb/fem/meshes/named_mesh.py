@@ -277,9 +277,12 @@ def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None =
         rotate: A rotation by a constant angle in radians; `point` and `axis` are those before the translation.
 
     Raises:
-        ValueError: If the translation is not three finite numbers, or the angle not one.
+        ValueError: If the translation is not three finite numbers, or the angle not one; or of a slice, if it leaves
+            the plane of its section, or its axis.
     """
     motion = motion_of(translate, rotate)
+    if mesh.slice is not None:
+        mesh.slice.refuse(motion.translation, None if motion.turn is None else motion.turn.axis)
     domain = compat.copied_mesh(mesh.domain)
     domain.geometry.x[:] = placed(motion, domain.geometry.x)
     coarser, grid = mesh.coarser, mesh.grid

@@ -70,6 +70,15 @@ class Slice:
     copies: float = 1.0
     axis: bool = False
 
+    def refuse(self, translation: FloatArray, axis: FloatArray | None) -> None:
+        """ValueError if a translation (3,) in metres, with a rotation about an axis (3,) or none, leads out of the plane of
+        the section, or a wedge off its axis, y."""
+        along = np.flatnonzero(translation)
+        if self.kind == AXISYMMETRIC and (axis is not None or np.any(along != 1)):
+            raise ValueError("moved: an axisymmetric slice can be moved along its axis, y, alone")
+        if self.kind != AXISYMMETRIC and (2 in along or (axis is not None and np.any(axis[:2] != 0.0))):
+            raise ValueError("moved: a plane slice can be moved along x and y, and rotated about axes along z, alone")
+
     @property
     def held(self) -> tuple[str, ...]:
         """The faces that are planes of symmetry."""

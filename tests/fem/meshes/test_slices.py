@@ -20,6 +20,7 @@ from coulomb import (
     Plane,
     PrescribedDisplacement,
     Pressure,
+    Rotation,
     SymmetryPlane,
     TotalForce,
 )
@@ -195,3 +196,14 @@ def test_own_meshes_and_forms_in_2d_are_refused_with_what_to_do():
     form = ufl.inner(ufl.TrialFunction(V), ufl.TestFunction(V)) * ufl.dx
     with pytest.raises(ValueError, match=r'sliced = coulomb\.slice\(domain, "plane strain"'):
         coulomb.Body(form)
+
+
+def test_slices_stay_in_their_plane_and_on_their_axis(tmp_path):
+    flat, ring = (sliced(tmp_path, SQUARE, kind) for kind in ("plane strain", "axisymmetric"))
+    turned = coulomb.moved(flat, (1.0, 2.0, 0.0), Rotation((0, 0, 0), (0, 0, 1), 0.5))
+    assert turned.slice == flat.slice and coulomb.moved(ring, (0.0, 1.0, 0.0)).slice == ring.slice
+    for mesh, way in ((flat, (0.0, 0.0, 1.0)), (ring, (1.0, 0.0, 0.0))):
+        with pytest.raises(ValueError, match="slice can be moved along"):
+            coulomb.moved(mesh, way)
+    with pytest.raises(ValueError, match="rotated about axes along z"):
+        coulomb.moved(flat, rotate=Rotation((0, 0, 0), (1, 0, 0), 0.5))
