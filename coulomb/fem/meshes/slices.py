@@ -71,8 +71,8 @@ class Slice:
     axis: bool = False
 
     def refuse(self, translation: FloatArray, axis: FloatArray | None) -> None:
-        """ValueError if a translation (3,) in metres, with a rotation about an axis (3,) or none, leads out of the plane of
-        the section, or a wedge off its axis, y."""
+        """ValueError if a translation (3,) in metres, with a rotation about an axis (3,) or none, leads out of the
+        plane of the section, or a wedge off its axis, y."""
         along = np.flatnonzero(translation)
         if self.kind == AXISYMMETRIC and (axis is not None or np.any(along != 1)):
             raise ValueError("moved: an axisymmetric slice can be moved along its axis, y, alone")
