@@ -40,6 +40,18 @@ _HANDLED: Final = frozenset(
     )
 )
 
+_IN_STEPS: Final = frozenset(
+    ("CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE", "FILM", "DFLUX", "MODELCHANGE", "CHANGEFRICTION")
+    + ("CHANGESURFACEBEHAVIOR", "STATIC")
+)
+
+_OUTSIDE: Final = frozenset(
+    ("MATERIAL", "ELASTIC", "HYPERELASTIC", "DENSITY", "EXPANSION", "SOLIDSECTION", "ORIENTATION", "TRANSFORM", "TIE")
+    + ("EQUATION", "MPC", "RIGIDBODY", "COUPLING", "KINEMATIC", "DISTRIBUTING", "PRE-TENSIONSECTION", "SPRING")
+    + ("CONTACTPAIR", "SURFACEINTERACTION", "CLEARANCE", "CYCLICSYMMETRYMODEL", "INITIALCONDITIONS", "GAPCONDUCTANCE")
+    + ("CONTACT", "CONTACTINCLUSIONS", "CONTACTPROPERTYASSIGNMENT")
+)
+
 _WITHOUT_MEANING: Final = {
     **dict.fromkeys(("CONTROLS", "TIMEPOINTS", "NOANALYSIS", "SOLUTIONTECHNIQUE"), "increments and iterations"),
     **dict.fromkeys(("CONTACTDAMPING", "CONTACTCONTROLS", "CONTACTSTABILIZATION"), "contact is exact"),
@@ -94,6 +106,17 @@ def fates(
         if (fate == REFUSED and row.fate != REFUSED) or (fate == USED and row.fate == NOT_NEEDED):
             row.fate, row.why = fate, why
     return list(rows.values())
+
+
+def refuse_misplaced(outside: Iterable[Card], inside: Iterable[Card]) -> None:
+    """ValueError, with the line, if a card stands outside of the steps but says something of one, or the other way
+    round: it would have no effect."""
+    for card in outside:
+        if card.kind in _IN_STEPS:
+            raise card.fault("stands outside of the steps, and is read inside of them")
+    for card in inside:
+        if card.kind in _OUTSIDE:
+            raise card.fault("stands inside of a step, and is read outside of them")
 
 
 def _fate(

@@ -17,7 +17,7 @@ from ..arrays import IntArray
 from .cards import Card, key_of
 from .constraints import Constraints
 from .contacts import contact_tables, general_contact
-from .fates import REFUSED, Row, fates
+from .fates import REFUSED, Row, fates, refuse_misplaced
 from .geometry import SECTION, Geometry, read_geometry
 from .heat import Heat
 from .loads import Loads
@@ -83,6 +83,7 @@ class _Translator:
             return
         model, steps = steps_of([card for card in deck.others if card.kind not in ignore])
         steps = [step for step in steps if _procedure(step) != "SENSITIVITY"]
+        refuse_misplaced(model, [card for step in steps for card in step.cards])
         if not steps:
             raise ValueError(f"{deck.path}: has no *STEP with *STATIC")
         laws = any(card.kind == "HYPERELASTIC" for card in model)

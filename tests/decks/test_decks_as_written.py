@@ -147,6 +147,8 @@ ENDS = {
     "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nall\n": r"\*INITIAL CONDITIONS: needs nodes and a temperature",
     "*CYCLIC SYMMETRY MODEL, N=x\n0, 0, 0, 0, 0, 1\n*TIE, CYCLIC SYMMETRY, NAME=t\nslave, master\n": "N=x is no number",
     "*SURFACE, NAME=other\nnone, S1\n": r"\*SURFACE: the element set 'none' is not defined",
+    "*CLOAD\ntop, 3, -1.\n": r"\*CLOAD: stands outside of the steps",
+    "*STEP\n*STATIC\n*TIE, NAME=t\nslave, master\n*END STEP\n": r"\*TIE: stands inside of a step",
     "*NSET, NSET=more\n77\n": r"\*NSET: node 77 is not defined",
 }
 
