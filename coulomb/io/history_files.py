@@ -146,9 +146,8 @@ class HistoryFiles:
             ValueError: On every rank, if the files cannot be read or belong to another mesh.
         """
         step, comm = self.directory.step(number), problem.comm
-        refuse_other_forms(problem, read_summary(step.path, problem.comm).get("forms"), step.path)
-        record = read_step(step.path, comm)
-        bodies, faces = points_in_files(step, problem)
+        refuse_other_forms(problem, read_summary(step.path, comm).get("forms"), step.path)
+        record, (bodies, faces) = read_step(step.path, comm), points_in_files(step, problem)
         force = at_points(step.contact, "contact_force", faces, comm)
         u = at_points(step.solution, "displacement", bodies, comm)
         began, earlier, start = self._start, np.zeros_like(force), np.zeros_like(u)
