@@ -138,7 +138,7 @@ NODES = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 0 
         (NODES + "$Elements\n1\n1 4 2 1 1 1 2 3\n$EndElements\n", r"damaged or cut short, in section \$Elements"),
         (NODES + "$Elements\n1\n1 4 2 1 1 1 2 3 5\n$EndElements\n", "a node that the file does not define"),
         (NODES + "$Elements\n1\n1 99 2 1 1 1 2 3 5\n$EndElements\n", "an element of type 99, which is not known"),
-        (NODES + "$Elements\n1\n1 2 2 1 1 1 2 3\n$EndElements\n", r"no cells in 3D \(it has 1 triangles: for a plane or axisymmetric .*slice.*; mesh"),
+        (NODES + "$Elements\n1\n1 2 2 1 1 1 2 3\n$EndElements\n", r"no cells in 3D .*coulomb.slice.*; mesh"),
         (NODES + "$Elements\n0\n$EndElements\n", "no cells in 3D; mesh the volume"),
         (
             NODES + "$Elements\n1\n1 11 2 1 1 1 2 3 4 1 2 3 4 1 2\n$EndElements\n",
