@@ -34,8 +34,8 @@ ACCURACY: Final = 1.1 * CERTIFIED_FROM
 """Residual of the problem without friction at points that land, which is not certified."""
 
 
-_SMOOTH: Final = 0.2
-"""Largest |c| over |w| of a motion that goes on as before; from twice as much ways are straight."""
+_SMOOTH: Final = 0.28
+"""Largest |c| over |w| of a motion that goes on as before; from 1.5 times as much ways are straight."""
 
 
 def has_landed(problem: DiscreteProblem, x: FloatArray) -> bool:
@@ -93,7 +93,7 @@ def _bent(problem: DiscreteProblem, way: FloatArray) -> FloatArray:
     bent = (ratio * way - last) / (ratio * (1.0 + ratio))
     size, whole = (np.linalg.norm(one, axis=1, keepdims=True) for one in (bent, way))
     smooth = np.divide(_SMOOTH * whole, size, out=np.ones_like(size), where=size > 0.0)
-    return np.where(smooth >= 1.0, bent, bent * np.maximum(2.0 * smooth - 1.0, 0.0))
+    return np.where(smooth >= 1.0, bent, bent * np.maximum(3.0 * smooth - 2.0, 0.0))
 
 
 def from_touch(
