@@ -25,8 +25,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray, IntArray
 from ..fem.bodies import TEMPERATURE, SingleBody
 from ..fem.geometry import on_all_ranks
-from ..model.linear_problem import Earlier
-from ..model.load_step import Energy, LoadStep, State
+from ..model.load_step import Earlier, Energy, LoadStep, State
 from ..model.nodal_answer import ACCUMULATED, Accumulated
 from ..model.problem import ContactProblem
 from ..model.small_strain import MEASURES, SmallStrain
@@ -145,16 +144,16 @@ class HistoryFiles:
         Raises:
             ValueError: On every rank, if the files cannot be read or belong to another mesh.
         """
-        step, comm = self.directory.step(number), problem.comm
-        refuse_other_forms(problem, read_summary(step.path, comm).get("forms"), step.path)
-        record, (bodies, faces) = read_step(step.path, comm), points_in_files(step, problem)
+        step = self.directory.step(number)
+        refuse_other_forms(problem, read_summary(step.path, problem.comm).get("forms"), step.path)
+        record = read_step(step.path, problem.comm)
+        comm = problem.comm
+        bodies, faces = points_in_files(step, problem)
         force = at_points(step.contact, "contact_force", faces, comm)
-        u = at_points(step.solution, "displacement", bodies, comm)
-        began, earlier, start = self._start, np.zeros_like(force), np.zeros_like(u)
+        began, earlier = self._start, np.zeros_like(force)
         if number > 1:
             one_before = self.directory.step(number - 1)
             began = read_step(one_before.path, comm)["time"]
-            start = at_points(one_before.solution, "displacement", bodies, comm)
             earlier = at_points(one_before.contact, "contact_force", points_in_files(one_before, problem)[1], comm)
         slip = at_points(step.contact, "slip", faces, comm)
         worn = [at_points(step.contact, name, faces, comm)[:, 0] for name in ACCUMULATED]
@@ -162,12 +161,12 @@ class HistoryFiles:
             number=number,
             time=record["time"],
             energy=Energy(**record["energy"]),
-            displacement=u,
+            displacement=at_points(step.solution, "displacement", bodies, comm),
             force_on_body=force,
             slip_rate=np.linalg.norm(slip, axis=1) / (record["time"] - began),
             accumulated=Accumulated(*worn),
             pending=tuple(record["pending"]),
-            before=Earlier(began, earlier, start),
+            before=Earlier(began, earlier),
             temperature_change=None
             if problem.body.heat is None
             else at_points(step.solution, TEMPERATURE, bodies, comm)[:, 0],

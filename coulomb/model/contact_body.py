@@ -453,14 +453,13 @@ class ContactBody:
         motions, elasticity = self.foundation_motions(time), self.elasticity.at_time(time)
         surface = self.surface(motions, time, elasticity)
         spins = tuple(spin(motion, None, 1.0) for motion in motions)
-        origin, still = np.zeros((2, *surface.x.shape))
+        origin: FloatArray = np.zeros_like(surface.x)
         slip_rate: FloatArray = np.zeros(len(surface.x))
-        accumulated, force = Accumulated.none(len(surface.x)), None
+        accumulated = Accumulated.none(len(surface.x))
         if before is not None:
             then = self.foundation_motions(before.time)
             carried = since_at(motions, then, surface.part, surface.x)
             slip_rate, accumulated = before.slip_rate, before.accumulated
-            force = -surface.force_components(before.force_on_body)
             origin = surface.rows(before.displacement) + surface.components(carried)
             spins = tuple(map(spin, motions, then, repeat(time - before.time)))
         law = self._faces.law(surface, time, slip_rate)
@@ -468,5 +467,4 @@ class ContactBody:
             elasticity.refuse_beginning(time)
             elasticity.constraints.refuse_beginning(time)
         loading = elasticity.after(time, None if before is None else End(before.time, before.displacement))
-        slips = slip_rate, origin, still, accumulated, force
-        return ContactState(elasticity, loading, motions, spins, surface, law, *slips)
+        return ContactState(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated)

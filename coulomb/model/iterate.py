@@ -21,7 +21,7 @@ from ..solvers.successive_tresca import Anderson
 from .certificate import Evidence
 from .certificate_scales import rounding_forces
 from .discrete_problem import DiscreteProblem
-from .linear_problem import Before, ContactState
+from .linear_problem import Before
 from .load_step import State
 from .problem_evidence import gather_evidence
 from .stability import Stability, stability
@@ -214,7 +214,6 @@ class Iterate:
         before: The state at the start of the step.
         number: Of every node among the contact points of states, shape (k,).
         start: The faces at the start of the step; None where this is the start.
-        touch: As of `ContactState`, space vectors in metres, shape (k, 3).
     """
 
     problem: Linearised
@@ -228,7 +227,6 @@ class Iterate:
         before: State,
         number: npt.NDArray[np.int64],
         start: FaceMotion | None,
-        touch: FloatArray,
     ):
         self.u, self.time = u, time
         self._before, self._number, self.body = (
@@ -243,24 +241,8 @@ class Iterate:
         if start is not None:
             slip = start.slip(self.body, there.surface, there.foundation_motions, self.foundations)
             spins = map(spin, there.foundation_motions, start.motions, repeat(time - before.time))
-            origin, over = -there.surface.components(slip), Reductions(body.comm)
-            gaps = start.gaps(there.surface)
-            far = np.isnan(gaps)
-            origin[:, 0] = there.surface.gap - np.where(far, over.max(np.abs(body.x).ravel()), gaps)
-            then = replace(then, slip_origin=origin, spins=tuple(spins), touch=_touch(there.surface, touch))
-            then = replace(then, force_before=-there.surface.force_components(before.force_on_body[at]))
+            then = replace(then, slip_origin=-there.surface.components(slip), spins=tuple(spins))
         self.problem = posed.in_state(then, posed.body.seconds, before)
-
-    def slipping_from(self, touch: FloatArray) -> None:
-        """The linear problem with another `ContactState.touch`, space vectors in metres, shape (k, 3)."""
-        self._in(replace(self.problem.state, touch=_touch(self.problem.surface, touch)))
-
-    def slipping_from_displacements(self, place: FloatArray) -> None:
-        """As `ContactState.slipping_from`, displacements (m, 3) in space."""
-        self._in(self.problem.state.slipping_from(self.problem.surface.components(place)))
-
-    def _in(self, state: ContactState) -> None:
-        self.problem = self.problem.in_state(state, self.problem.seconds, self._before)
 
     def pose(self, body: Deformable) -> None:
         """The linear problem of these bodies, which are those before with another tangent and load; collective."""
@@ -296,7 +278,7 @@ class Iterate:
             which = np.column_stack([pressing, sticks, sticks]).astype(np.float64)
             lengths = np.linalg.norm(surface.frames, axis=2)
             G = surface.frames / lengths[:, :, None]
-            target = np.column_stack([surface.gap, state.slip_from[:, 1:] / lengths[:, 1:]])
+            target = np.column_stack([surface.gap, state.slip_origin[:, 1:] / lengths[:, 1:]])
             stiff = _STIFFER * size[surface.nodes]
             stiffness[surface.nodes] += np.einsum("k,kr,kri,krj->kij", stiff, which, G, G)
             force[surface.nodes] = np.einsum("k,kr,kri->ki", stiff, which * target, G)
@@ -310,12 +292,6 @@ class Iterate:
         """The start of a load step from here; collective."""
         surface, motions = self.problem.state.surface, self.problem.state.foundation_motions
         return FaceMotion(*foot_points(self.body, surface.faces, motions, self.foundations), surface, motions)
-
-
-def _touch(surface: ContactSurface, vectors: FloatArray) -> FloatArray:
-    touch = surface.components(vectors[surface.nodes])
-    touch[:, 0] = 0.0
-    return touch
 
 
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:

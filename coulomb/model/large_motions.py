@@ -41,7 +41,6 @@ from .notebook import residuals_shown
 from .provenance import now, timed
 from .solution import Solution
 from .solving import solved
-from .touch import ACCURACY, has_landed, place_of_touch
 
 _log = logging.getLogger(__name__)
 
@@ -66,8 +65,8 @@ _ARM: Final = 1e-3
 """Largest distance of tied faces over the root of a node's area; chords of a ring of facets of 4 degrees leave 2e-4."""
 
 
-_Solve = Callable[..., Solution]
-"""Solves a linear problem, starting from forces (3 m,), at least to a residual `within`, by default the tolerance."""
+_Solve = Callable[[Linearised, FloatArray], Solution]
+"""Solves a linear problem, starting from forces (3 m,)."""
 
 
 class StepCut(NotConverged):
@@ -177,8 +176,8 @@ class LoadStepLoop:
         """
         state, count = self._state, len(self.shared.points.nodes)
 
-        def solve(problem: Linearised, x: FloatArray, within: float = 0.0) -> Solution:
-            within = max(min(tolerance, 1e-8), within)
+        def solve(problem: Linearised, x: FloatArray) -> Solution:
+            within = min(tolerance, 1e-8)
             refuse_without_equilibrium(problem)
             with residuals_shown(progress, within, self.comm.rank) as shown:
                 return solved(problem, within, solver, shown, x)
@@ -243,8 +242,7 @@ class LoadStepLoop:
         """The answer of a step from a state, by iterates that begin at a displacement u (k, 3)."""
         begin = self._iterate(state, state.displacement, state.time, None)
         start = begin.start()
-        touch, in_air = np.zeros_like(u), self.posed.before is None
-        here = self._iterate(state, u, self.time, start, touch)
+        here = self._iterate(state, u, self.time, start)
         x, sizes, found = self._carried(state, begin).at(here.problem.surface), [np.inf], False
         results, path = list[SolverResult](), Path(Reductions(self.comm))
         for _ in range(_MOST):
@@ -258,7 +256,7 @@ class LoadStepLoop:
             if accelerate and sizes[-1] < NEAR and (mixed := path.next(here.u, du, before, after, compliance)):
                 ways.insert(0, (*mixed, 1.0))
             for way, forces, part in ways:
-                there, accelerated = self._moved(here, part * way, state, start, touch), way is not du
+                there, accelerated = self._moved(here, part * way, state, start), way is not du
                 if there is not None:
                     between = (1.0 - part) * before.vectors + part * forces.vectors
                     x = replace(forces, vectors=between).at(there.problem.surface)
@@ -277,16 +275,6 @@ class LoadStepLoop:
             self._count(here)
             here = there
             sizes.append(size)
-            if not in_air and certificate.passed and has_landed(here.problem, x):
-                in_air, at_touch = True, place_of_touch(here.problem, partial(self._landing, here, solve), x)
-                if at_touch is not None:
-                    touch[here.problem.surface.nodes] = here.problem.surface.displacements(at_touch)
-                    here.slipping_from(touch)
-                    evidence = here.problem.evidence_here(x, at_nodes)
-                    certificate = judge(evidence)
-                    sizes[-1], found = size_of(certificate), False
-                    path.restart()
-                    continue
             if certificate.passed and (size <= tolerance or (found and size > 0.5 * max(sizes[-3:-1]))):
                 break
             found = certificate.passed
@@ -309,22 +297,15 @@ class LoadStepLoop:
         return self.judged(here, x, replace(result, x=x), np.full_like(here.u, compliance))
 
     def recomputed(
-        self,
-        displacement: FloatArray,
-        force_on_body: FloatArray,
-        compliance: FloatArray,
-        slip_origin: FloatArray,
-        unsettled: float | None,
+        self, displacement: FloatArray, force_on_body: FloatArray, compliance: FloatArray, unsettled: float | None
     ) -> Solution:
         """What a displacement (k, 3) and contact forces at the points of states are as an answer of the load step,
-        judged with this diagonal of A and slip from these displacements, at these points as well, all of shape (m, 3),
-        and `SolverResult.unsettled`; collective."""
+        judged with this diagonal of A, at these points as well, all of shape (m, 3), and `SolverResult.unsettled`;
+        collective."""
         state = self._state
         start = self._iterate(state, state.displacement, state.time, None).start()
         here = self._iterate(state, displacement, self.time, start)
         surface = here.problem.surface
-        if self.posed.before is not None:
-            here.slipping_from_displacements(slip_origin[self.shared.number[surface.nodes]])
         x = -surface.force_components(force_on_body[self.shared.number[surface.nodes]]).ravel()
         at_nodes = np.zeros_like(displacement)
         at_nodes[surface.nodes] = compliance[self.shared.number[surface.nodes]]
@@ -395,34 +376,19 @@ class LoadStepLoop:
             f"no answer, even with {'damping' if self._damped else 'a tangent that is positive in every cell'}: {why}"
         )
 
-    def _landing(self, here: Iterate, solve: _Solve, problem: Linearised, x: FloatArray) -> Solution:
-        """Of `place_of_touch`, at an iterate, whose problem stays as it is; collective."""
-        given, own = here.body, here.problem
-        here.problem = problem
-        try:
-            return self._linear(here, x, partial(solve, within=ACCURACY))
-        finally:
-            here.problem = own
-            here.pose(given)
-
     def _cut(self, why: str) -> StepCut:
         return StepCut(why, _without_answer(len(self.shared.points.nodes)))
 
-    def _moved(
-        self, here: Iterate, du: FloatArray, state: State, start: FaceMotion, touch: FloatArray
-    ) -> Iterate | None:
+    def _moved(self, here: Iterate, du: FloatArray, state: State, start: FaceMotion) -> Iterate | None:
         """The iterate after a change of the displacement; None if it turns an element inside out."""
         u = here.u + du
         ratios = [nonlinear(one.body).least_volume_ratio(u[one.nodes]) for one in self.elasticity.members]
         if not np.min(ratios) > 0.0:
             return None
-        return self._iterate(state, u, here.time, start, touch)
+        return self._iterate(state, u, here.time, start)
 
-    def _iterate(
-        self, state: State, u: FloatArray, time: float, start: FaceMotion | None, touch: FloatArray | None = None
-    ) -> Iterate:
-        touch = np.zeros_like(u) if touch is None else touch
-        return Iterate(self.elasticity, self.shared.posed, u, time, state, self.shared.number, start, touch)
+    def _iterate(self, state: State, u: FloatArray, time: float, start: FaceMotion | None) -> Iterate:
+        return Iterate(self.elasticity, self.shared.posed, u, time, state, self.shared.number, start)
 
     def _carried(self, state: State, begin: Iterate) -> CarriedForces:
         """The contact forces of a state, with the normals of its place."""

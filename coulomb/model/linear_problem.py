@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -118,10 +117,6 @@ _ROUNDING: Final = 2.0**-48
 resultant of loads of the sum of their magnitudes."""
 
 
-CLOSED: Final = 1e-10
-"""Gap at the start of a load step over the largest coordinate below which a contact point was closed."""
-
-
 _UNMOVED: Final = 1e-10
 """Motion of a contact point, in a free motion of a metre, that is a rounding error."""
 
@@ -138,13 +133,9 @@ class ContactState:
         surface: Contact points with their frames, gaps and B, for the foundations at this time.
         law: Of friction at the contact points.
         slip_rate: Slip rate in the load step before, metres per second, shape (m,); 0 without one.
-        slip_origin: Displacement of the contact points at the start of the load step, along n, t1, t2, metres, shape
-            (m, 3): 0 at first, in a later load step that after the step before, moved with the foundation.
-        touch: From there to where slip begins, along t1 and t2, metres, shape (m, 3) (`model.touch`): 0 at points that
-            were closed at the start.
+        slip_origin: Displacement of the contact points from which slip is measured, along n, t1, t2, metres, shape (m,
+            3): 0 at first, in a later load step that after the step before, moved with the foundation.
         accumulated: Slip, friction work and largest pressure of the load steps before.
-        force_before: Contact forces at the start of the load step, along n, t1, t2, newtons, shape (m, 3); None without
-            one.
         heat: The temperature by which the bodies are strained, and its heat flows; None in a problem without heat.
     """
 
@@ -156,48 +147,13 @@ class ContactState:
     law: FrictionLaw
     slip_rate: FloatArray
     slip_origin: FloatArray
-    touch: FloatArray
     accumulated: Accumulated
-    force_before: FloatArray | None = None
     heat: Heat | None = None
 
     @property
     def time(self) -> float:
         """The time of loads and foundations in seconds."""
         return self.loading.time
-
-    @property
-    def gap_at_start(self) -> FloatArray:
-        """The remaining gap at the start of the load step, metres, shape (m,)."""
-        return self.surface.gap - self.slip_origin[:, 0]
-
-    @cached_property
-    def in_the_air(self) -> npt.NDArray[np.bool_]:
-        """Whether each contact point had a gap at the start of the load step, shape (m,); collective.
-
-        None that has a cohesion, which acts across gaps; nor those of a free motion that no closed point opposed: it
-        needs no time, and they touch at once.
-        """
-        over = Reductions(self.elasticity.comm)
-        air: npt.NDArray[np.bool_] = self.gap_at_start > CLOSED * over.max(np.abs(self.elasticity.x).ravel())
-        if self.rigid is not None:
-            moves = np.any(self.rigid.G.reshape(self.rigid.count, len(air), 3) != 0.0, axis=2)
-            opposed = over.total((moves & ~air).sum(axis=1).astype(np.float64)) > 0.0
-            air &= ~np.any(moves[~opposed], axis=0)
-        air &= self.law.cohesion == 0.0
-        return air
-
-    @property
-    def slip_from(self) -> FloatArray:
-        """Displacement from which slip is measured, along n, t1, t2, metres, shape (m, 3)."""
-        return self.slip_origin + self.touch
-
-    def slipping_from(self, place: FloatArray) -> ContactState:
-        """The state with slip from displacements (m, 3) along n, t1, t2 in metres, which count at points that had a gap
-        at the start."""
-        touch = np.where(self.gap_at_start[:, None] > 0.0, place - self.slip_origin, 0.0)
-        touch[:, 0] = 0.0
-        return replace(self, touch=touch)
 
     def relative_displacement(self, u: FloatArray) -> FloatArray:
         """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3); collective.
@@ -206,7 +162,7 @@ class ContactState:
         them.
         """
         rows = self.surface.rows(u)
-        closed = relative_displacement(rows, self.slip_from)
+        closed = relative_displacement(rows, self.slip_origin)
         if not self.surface.slip_prescribed:
             return closed
         size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.slip_origin).max(axis=1, initial=0.0)
@@ -233,19 +189,9 @@ class ContactState:
         return RigidMotions(G, np.where(np.abs(e) <= _ROUNDING * size, 0.0, e), tuple(map(str, free.motions)))
 
 
-@dataclass(frozen=True)
-class Earlier:
-    """Time, `State.force_on_body` and `State.displacement` of the step before the last one, from which forces are
-    extrapolated, and ways in the air interpolated."""
-
-    time: float
-    force_on_body: FloatArray
-    displacement: FloatArray
-
-
 class Before(Protocol):
-    """Start of a load step: time, displacement (k, 3) in metres, slip rates (m,) in m/s, forces (m, 3) in newtons
-    and what has accumulated, after the step before, and where that started."""
+    """Start of a load step: time, displacement (k, 3) in metres, slip rates (m,) in m/s and what has accumulated, after
+    the step before."""
 
     @property
     def time(self) -> float: ...
@@ -255,12 +201,6 @@ class Before(Protocol):
 
     @property
     def slip_rate(self) -> FloatArray: ...
-
-    @property
-    def force_on_body(self) -> FloatArray: ...
-
-    @property
-    def before(self) -> Earlier | None: ...
 
     @property
     def accumulated(self) -> Accumulated: ...

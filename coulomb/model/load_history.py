@@ -1,13 +1,12 @@
 """Quasi-static load steps with path-dependent friction.
 
 Coulomb's law is a condition on the slip rate.  A step from t0 to t1 takes the slip increment (backward Euler): the
-change of the tangential displacement less the foundation's displacement, from the touch (`model.touch`); friction is
-opposite to it.  So a step is a contact problem with `ContactState.slip_origin` at the displacement after the step
-before.
+change of the tangential displacement less the foundation's displacement; friction is opposite to it.  So a step is a
+contact problem with `ContactState.slip_origin` at the displacement after the step before.
 
 Energies are summed over the steps.  Loads, reactions and the foundation do work, which becomes elastic energy or is
 dissipated by friction.  Elastic energy is exact, and so is the sum of all work by the trapezoidal rule, since the
-stress is linear in u.  Dissipation is the slip times the mean of the bounds of friction at both ends of the step; the
+stress is linear in u.  Dissipation is taken by the law, x_t . slip >= 0, with the friction at the end of the step; the
 difference, the `imbalance`, is the error of the time discretisation and falls with the step size.
 
 A step that fails is halved.  A `Recorder` receives the steps: `coulomb.HistoryFiles` writes each before the next

@@ -15,7 +15,6 @@ from ..contact_fields import named_faces
 from ..fem.bodies import Deformable
 from ..linalg.reductions import Reductions
 from ..units import amount
-from .linear_problem import Earlier
 from .nodal_answer import Accumulated, NodalAnswer
 from .solution import Solution
 
@@ -185,6 +184,14 @@ class Moment:
 
 
 @dataclass(frozen=True)
+class Earlier:
+    """Time and `State.force_on_body` of the step before the last one, from which forces are extrapolated."""
+
+    time: float
+    force_on_body: FloatArray
+
+
+@dataclass(frozen=True)
 class State(Moment):
     """The state after a step, from which the next begins; this rank's part.  Number, time and energy as in `Moment`.
 
@@ -287,7 +294,7 @@ class State(Moment):
             accumulated=Accumulated(*worn),
             pending=self.pending[:-1],
             forces=now,
-            before=Earlier(self.time, self.force_on_body, self.displacement),
+            before=Earlier(self.time, self.force_on_body),
             temperature_change=None if heat is None else heat.change,
         )
 

@@ -114,7 +114,6 @@ class NodalAnswer:
         several: Whether there are several bodies.
         copies: How many layers as the mesh make the body, of which forces, areas and energies in all are
             (`Deformable.copies`).
-        force_before: At the start of the load step, along n, t1, t2, shape (m, 3); None without one.
     """
 
     comm: MPI.Comm
@@ -138,7 +137,6 @@ class NodalAnswer:
     opposite_x: FloatArray | None = None
     several: bool = False
     copies: float = 1.0
-    force_before: FloatArray | None = None
 
     @property
     def _over(self) -> Reductions:
@@ -236,23 +234,8 @@ class NodalAnswer:
 
     @cached_property
     def _friction_work(self) -> FloatArray:
-        """Joules, shape (m,).  In a load step friction is the mean of its bounds at both ends where there is slip: of a
-        point that has landed, half of that in the end.  A point that leaves slips back as its pressure vanishes: the
-        elastic energy of its friction is lost, |x_t|^2 A_tt / 2, whatever way it goes in the air."""
         work: FloatArray = np.sum(self.force[:, 1:] * self.relative_displacement[:, 1:], axis=1)
-        if self.force_before is None:
-            return work
-        pressing = self.force_before[:, 0] > OPEN_BELOW * Reductions(self.comm).max(self.force_before[:, 0])
-        before = self.law.radius(np.maximum(self.force_before[:, 0], 0.0))
-        ratio = np.divide(before, self.bound, out=np.ones_like(before), where=~self._open & (self.bound > 0.0))
-        released: FloatArray = 0.5 * np.sum(self.force_before[:, 1:] ** 2, axis=1) * self.compliance[:, 1]
-        whole: FloatArray = 0.5 * (1.0 + ratio) * work + np.where(pressing & self._open, released, 0.0)
-        return whole
-
-    @property
-    def on_body_before(self) -> FloatArray:
-        """The forces on the body at the start of the load step as space vectors, 0 without one, shape (m, 3)."""
-        return np.zeros_like(self.x) if self.force_before is None else -self._vectors(self.force_before)
+        return work
 
     @cached_property
     def accumulated(self) -> Accumulated:

@@ -58,7 +58,6 @@ from .small_strain import known_mode
 from .solution import Solution, warn
 from .solving import answer_of, solved
 from .stopping_criterion import CERTIFIED_FROM
-from .touch import from_touch
 
 _log = logging.getLogger(__name__)
 
@@ -350,11 +349,8 @@ class ContactProblem(DiscreteProblem):
             tolerance, solver = min(tolerance, CERTIFIED_FROM), certifying(solver)
         with residuals_shown(progress, tolerance, self.comm.rank) as shown:
 
-            def solve(posed: DiscreteProblem, start: FloatArray | None, within: float) -> Solution:
-                return solved(posed, max(tolerance, within), solver, shown, start)
-
             def by_any_method(posed: DiscreteProblem, start: FloatArray | None) -> Solution:
-                return from_touch(posed, solve, start)
+                return solved(posed, tolerance, solver, shown, start)
 
             answer = by_any_method(self, start) if heat is None else heated(self, heat, by_any_method, start)
         warn(answer)

@@ -2,8 +2,7 @@
 
 The solver's contact surface and slip origin are not used: nodes come from the facets of the contact faces, normals and
 gaps from the foundations at their current place, and slip is measured from the displacement after the step before.  So
-a node missing in the surface, a foundation that was not moved or a wrong slip origin is detected.  Where a point that
-had a gap then has touched is taken from the solver's state.
+a node missing in the surface, a foundation that was not moved or a wrong slip origin is detected.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from .certificate import Evidence, pair_actions
 from .certificate_scales import at_all_points
 from .contact_body import ContactBody
 from .held_nodes import FoundationFace, OtherNodes
-from .linear_problem import CLOSED, Before, ContactState
+from .linear_problem import Before, ContactState
 from .nodal_answer import relative_displacement
 from .pair_checks import PairFindings
 
@@ -51,7 +50,7 @@ def gather_evidence(
         x: Contact forces in newtons, shape (3 m,), node by node (n, t1, t2) of its surface.
         u: Displacement in metres, this rank's nodes, shape (k, 3).
         compliance: Diagonal of A (m, 3) at the surface's points, of both tangents the mean, metres per newton.
-        before: End of the load step before; None if slip is measured from the state's `slip_from`.
+        before: End of the load step before; None if slip is measured from the state's `slip_origin`.
     """
     elasticity, surface = state.elasticity, state.surface
     slip_rate = np.zeros(len(u))
@@ -89,11 +88,9 @@ def gather_evidence(
     stray = stray[stray_rows]
     none = np.zeros(len(stray))
     if before is None:
-        origin = taken(surface.displacements(state.slip_from), frames)
+        origin = taken(surface.displacements(state.slip_origin), frames)
     else:
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
-        opened = gap - origin[:, 0] > 0.5 * CLOSED * Reductions(body.comm).max(np.abs(elasticity.x).ravel())
-        origin += np.where(opened[:, None], taken(surface.displacements(state.touch), frames), 0.0)
     rows = rows_of(B, u)
     closed = relative_displacement(rows, origin)
     bound = law.radius(force[:, 0])

@@ -154,7 +154,7 @@ class Solution:
             given_gap=problem.body.given_gap(surface, problem.time),
             chord=surface.chord,
             area=surface.area,
-            slip_origin=problem.state.slip_from,
+            slip_origin=problem.state.slip_origin,
             displacement=surface.rows(self.change),
             force=self.contact_force.reshape(-1, 3),
             slip_bound=self.slip_bound,
@@ -165,7 +165,6 @@ class Solution:
             opposite_x=surface.points.opposite_average(problem.elasticity.x),
             several=len(problem.elasticity.members) > 1,
             copies=problem.elasticity.copies,
-            force_before=problem.state.force_before,
         )
 
     @property

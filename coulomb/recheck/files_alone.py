@@ -89,7 +89,7 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     u, load = (np.concatenate([one.fields[name] for one in grids.values()]) for name in ("displacement", "load"))
     contact = _contact(files, contents, bodies, np.concatenate([one.points for one in grids.values()]))
     copies = float(contents.get("slice", {}).get("layers", 1.0))
-    answer = _answer(contact, contents["faces"], len(bodies) > 1, copies, "step" in contents)
+    answer = _answer(contact, contents["faces"], len(bodies) > 1, copies)
     _compare_fields(contact, answer, contents["certificate"].get("natural_residual", {}), found)
     numbers, moved = answer.numbers(), float(np.max(np.linalg.norm(u, axis=1)))
     totals = {name: value for name, value in numbers["totals"].items() if name in _TOTALS}
@@ -154,7 +154,7 @@ def _certificate(certificate: Mapping[str, Any], found: Comparison) -> dict[str,
     return {**{name: {"passed": passed} for name, passed in within.items()}, "passed": all(within.values())}
 
 
-def _answer(contact: _Contact, faces: list[dict[str, Any]], several: bool, copies: float, in_step: bool) -> NodalAnswer:
+def _answer(contact: _Contact, faces: list[dict[str, Any]], several: bool, copies: float) -> NodalAnswer:
     """The answer at the contact points, by their fields; ValueError if they have no axes or area."""
     at = {name: values[contact.touching] for name, values in contact.fields.items()}
     frames = np.stack([at["normal"], at["tangent_1"], at["tangent_2"]], axis=1)
@@ -186,7 +186,6 @@ def _answer(contact: _Contact, faces: list[dict[str, Any]], several: bool, copie
         against=tuple(one.get("against") for one in faces),
         several=several,
         copies=copies,
-        force_before=-np.einsum("kij,kj->ki", inverse_frames(frames), at["force_before"]) if in_step else None,
     )
 
 

@@ -94,7 +94,6 @@ class WrittenAnswer:
         self._unsettled = float(unsettled) if isinstance(unsettled, float | int) else None
         compliances = [at_points(files.contact, name, faces, comm)[:, 0] for name in COMPLIANCES]
         self._compliances = np.column_stack(compliances)
-        self._slip_origin = at_points(files.contact, "slip_origin", faces, comm)
         self._temperature = None
         if problem.body.heat is not None:
             self._temperature = at_points(files.solution, TEMPERATURE, bodies, comm)[:, 0]
@@ -107,15 +106,10 @@ class WrittenAnswer:
             u, f = perturbed(u, random), perturbed(f, random)
             change = None if change is None else perturbed(change, random)
         if problem.large is not None:
-            return LoadStepLoop(problem, problem.large).recomputed(
-                u, f, self._compliances, self._slip_origin, self._unsettled
-            )
+            return LoadStepLoop(problem, problem.large).recomputed(u, f, self._compliances, self._unsettled)
         if change is not None:
             loading = problem.elasticity.heated(problem.loading, change)
             problem = problem.in_state(replace(problem.state, loading=loading), problem.seconds, problem.before)
-        if problem.before is not None:  # where slip begins is taken from the files
-            state = problem.state.slipping_from(problem.surface.components(self._slip_origin))
-            problem = problem.in_state(state, problem.seconds, problem.before)
         x = -problem.surface.force_components(f).ravel()
         bound = problem.slip_bound(x)
         evidence = gather_evidence(problem.body, problem.state, x, u, self._compliances, problem.before)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -72,11 +72,6 @@ class FrictionLaw:
         return (
             FrictionLaw(cohesion, friction, limit, knots) if most > 1 else FrictionLaw(cohesion, friction[:, 0], limit)
         )
-
-    def without(self, nodes: npt.NDArray[np.bool_]) -> FrictionLaw:
-        """The law with F = 0 at some of the nodes, a mask of shape (m,)."""
-        there = nodes.reshape(-1, *[1] * (self.friction.ndim - 1))
-        return replace(self, friction=np.where(there, 0.0, self.friction))
 
     @property
     def _table(self) -> tuple[FloatArray, FloatArray]:

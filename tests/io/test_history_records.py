@@ -35,13 +35,10 @@ def test_a_step_starts_from_the_forces_before():
     contact = Contact("bottom", 0.4, foundation=ball, motion=[(0, 0, 0, 0), (1, 0, 0, 1e-3), (2, 0.02, 0.01, 1e-3)])
     problem = ContactProblem(coulomb.box((0.1, 0.1, 0.05), (4, 4, 3)), RUBBER, [Clamp("top")], contact)
     solver = Noting()
-    steps = LoadHistory([1.0, 2.0], solver=solver).steps(problem)
-    one = next(steps).solution
-    first = len(solver.starts)
-    two = next(steps).solution
+    one, two = (step.solution for step in LoadHistory([1.0, 2.0], solver=solver).steps(problem))
     assert solver.starts[0] is None
     before = one.problem.surface.vectors(one.contact_force.reshape(-1, 3))
-    started = two.problem.surface.vectors(solver.starts[first].reshape(-1, 3))
+    started = two.problem.surface.vectors(solver.starts[1].reshape(-1, 3))
     assert np.abs(two.problem.surface.frames - one.problem.surface.frames).max() > 0.01
     assert np.allclose(started, before, rtol=0.0, atol=1e-12 * np.abs(before).max())
 

@@ -58,7 +58,6 @@ def test_vtk_reads_the_contact_surface(run):
     names = {"pressure", "friction_traction", "slip", "gap", "status", "friction_use"}
     names |= {
         "contact_force",
-        "force_before",
         "normal",
         "initial_gap",
         "given_gap",

@@ -206,7 +206,7 @@ def test_a_halved_step_agrees(tmp_path):
     case = tmp_path / "case.toml"
     case.write_text(BALL)
     settings = read_case(case)
-    history = replace(settings.load_history(), solver=FailsAt((3, 4)))  # the first step takes three: points land
+    history = replace(settings.load_history(), solver=FailsAt((1, 2)))
     history.run(settings.problem(MPI.COMM_SELF), HistoryFiles(tmp_path / "run"))
     write_case(settings, tmp_path / "run", MPI.COMM_SELF)
     found = check(tmp_path / "run")

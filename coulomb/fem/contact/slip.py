@@ -69,14 +69,6 @@ class FaceMotion:
             slip += self._between_faces(body, surface, foundations)
         return slip
 
-    def gaps(self, surface: ContactSurface) -> FloatArray:
-        """Gaps at the start of the step at the contact points of a surface, metres, shape (m,); nan at points that have
-        been none."""
-        then: FloatArray = np.full(len(self.feet), np.nan)
-        then[self.surface.nodes] = self.surface.gap
-        at: FloatArray = then[surface.nodes]
-        return at
-
     def _between_faces(self, body: Deformable, surface: ContactSurface, foundations: Foundations) -> FloatArray:
         then, now = (_separation(one, body.x) for one in (self.surface, surface))
         before: FloatArray = np.full((len(body.x), 3), np.nan)
