@@ -126,8 +126,7 @@ class UflValues:
         return np.einsum("pn,pnj->pj", element.tabulate(0, X)[0, :, :, 0], at_nodes[row])
 
     def _in_cells(self, cells: npt.NDArray[np.int32]) -> FloatArray:
-        given = (self._mesh, cells) if _NEWER else (cells,)
-        return np.asarray(self._expression.eval(*given), dtype=np.float64)
+        return compat.evaluated(self._expression, self._mesh, cells)
 
     @cached_property
     def _tree(self) -> Any:

@@ -225,18 +225,21 @@ class NonlinearBody(Body, large=True):
         return self.nodes_of(boundary_facets(self.domain))
 
     def least_volume_ratio(self, u: FloatArray) -> float:
-        """Smallest det(I + grad u) of all cells, at the nodes of each: negative where one is inside out; collective."""
+        """Smallest det(I + grad u) of all cells: negative where one is inside out; at the nodes of each, or where all
+        the volume that counts is the mean of a cell, so that corners may be, at the points of integration;
+        collective."""
         self._evaluate_at(u)
-        values, expression = self._volume_ratio
-        values.interpolate(expression)
-        least = self.comm.allgather(float(np.min(values.x.array, initial=np.inf)))
+        own = np.arange(self.domain.topology.index_map(3).size_local, dtype=np.int32)
+        values = compat.evaluated(self._volume_ratio, self.domain, own)
+        least = self.comm.allgather(float(np.min(values, initial=np.inf)))
         return float(np.min(least))  # nan if one is
 
     @cached_property
-    def _volume_ratio(self) -> tuple[Any, Any]:
-        W = compat.functionspace(self.domain, self.degree, family="DG")
-        J = ufl.det(ufl.Identity(3) + ufl.grad(self._function))
-        return fem.Function(W), fem.Expression(J, compat.interpolation_points(W))
+    def _volume_ratio(self) -> Any:
+        points = compat.interpolation_points(compat.functionspace(self.domain, self.degree, family="DG"))
+        if self.has_mean_dilatation:
+            points = 0.5 + (points - 0.5) / 3.0**0.5
+        return fem.Expression(ufl.det(ufl.Identity(3) + ufl.grad(self._function)), points)
 
     # --- deformed surface -------------------------------------------------------------------------------------------
 
