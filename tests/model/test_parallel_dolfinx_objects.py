@@ -228,7 +228,9 @@ def test_words():
     rubber = coulomb.NeoHookean(interpolated(fraction), 0.3)
     assert "young must be a number" in same_error(lambda: problem(material=rubber, kinematics="large"))
     assert "must be > 0 everywhere" in same_error(lambda: problem(material=Material(lambda x: 0.0 * x[0], 0.3)))
-    single = SimpleNamespace(topology=1, geometry=SimpleNamespace(x=np.zeros((1, 3), dtype=np.float32)))
+    single = SimpleNamespace(
+        topology=SimpleNamespace(dim=3), geometry=SimpleNamespace(x=np.zeros((1, 3), dtype=np.float32))
+    )
     assert "float32" in same_error(lambda: NamedMesh(single, {}))
 
 
