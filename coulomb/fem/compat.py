@@ -116,13 +116,6 @@ def interpolation_points(V: Any) -> Any:
     return points() if callable(points) else points
 
 
-def evaluated(expression: Any, domain: Any, cells: npt.NDArray[np.int32]) -> FloatArray:
-    """Values of an `Expression` at its points of some cells, a row for each."""
-    given = (domain, cells) if hasattr(geometry, "bb_tree") else (cells,)  # from 0.7 on
-    found: FloatArray = np.asarray(expression.eval(*given), dtype=np.float64)
-    return found
-
-
 def meshtags(domain: Any, dim: int, entities: npt.NDArray[np.int32], values: npt.NDArray[np.int32]) -> Any:
     """MeshTags of entities in any order; a repeated entity keeps its first value."""
     unique, first = np.unique(entities, return_index=True)

@@ -126,7 +126,7 @@ class UflValues:
         return np.einsum("pn,pnj->pj", element.tabulate(0, X)[0, :, :, 0], at_nodes[row])
 
     def _in_cells(self, cells: npt.NDArray[np.int32]) -> FloatArray:
-        return compat.evaluated(self._expression, self._mesh, cells)
+        return in_cells(self._expression, self._mesh, cells)
 
     @cached_property
     def _tree(self) -> Any:
@@ -171,6 +171,12 @@ class UflValues:
 def _mesh_of(domain: Any) -> Any:
     """The mesh behind a domain of UFL."""
     return mesh.Mesh(compat.cpp_of(domain.ufl_cargo()), ufl.Mesh(domain.ufl_coordinate_element()))
+
+
+def in_cells(expression: Any, domain: Any, cells: npt.NDArray[np.int32]) -> FloatArray:
+    """Values of an `Expression` at its points of some cells, a row for each."""
+    found: FloatArray = np.asarray(expression.eval(*((domain, cells) if _NEWER else (cells,))), dtype=np.float64)
+    return found
 
 
 def _boxes(domain: Any, count: int, padding: float) -> Any:

@@ -22,6 +22,7 @@ from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
 from ..meshes import boundary_facets
+from ..ufl_values import in_cells
 from .compiled_form import CompiledForm, compiled
 from .deformable import End
 from .displacement_space import free_earlier_bodies
@@ -230,7 +231,7 @@ class NonlinearBody(Body, large=True):
         collective."""
         self._evaluate_at(u)
         own = np.arange(self.domain.topology.index_map(3).size_local, dtype=np.int32)
-        values = compat.evaluated(self._volume_ratio, self.domain, own)
+        values = in_cells(self._volume_ratio, self.domain, own)
         least = self.comm.allgather(float(np.min(values, initial=np.inf)))
         return float(np.min(least))  # nan if one is
 
