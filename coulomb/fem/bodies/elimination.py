@@ -208,16 +208,13 @@ def eliminated(bodies: ReducedBodies) -> Reduced:
         for thing in (K, P, product, present):
             thing.destroy()
         K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(reduction.points), rows.shape[1]), bodies)
-    else:
-        anchoring, fixed = anchored * alone, bodies.held.components
-        where = (K.getOwnershipRange()[0] + np.flatnonzero(fixed)).astype(PETSc.IntType)
-        K.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        K.zeroRowsColumns(where, diag=1.0)
-        diagonal = K.getDiagonal()
-        diagonal.array[:] = np.where(fixed, mean, alone + anchoring).ravel()
-        K.setDiagonal(diagonal)
-        diagonal.destroy()
-        K.assemble()
+    else:  # P is diagonal
+        anchoring, free = anchored * alone, K.createVecRight()
+        free.array[:] = reduction.kept(np.ones_like(bodies.x)).ravel()
+        K.diagonalScale(free, free)
+        free.array[:] = np.where(bodies.held.components, mean, alone + anchoring).ravel()
+        K.setDiagonal(free)
+        free.destroy()
     K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     K.setOption(PETSc.Mat.Option.SPD, True)
     attach_rigid_modes(K, bodies.x, reduction)
@@ -301,35 +298,16 @@ def attach_interpolation(K: PETSc.Mat, make: Callable[[], PETSc.Mat]) -> None:
 
 
 def attach_rigid_modes(matrix: PETSc.Mat, x: FloatArray, reduction: Reduction) -> None:
-    """The near-nullspace of a matrix whose columns are displacements of nodes at x (n, 3), and own unknowns."""
-    if reduction.width:
-        _attach_near_kernel(matrix, reduction.rigid_modes(x))
-    else:
-        _attach_rigid_body_modes(matrix, x)
-
-
-def _attach_rigid_body_modes(matrix: PETSc.Mat, x: FloatArray) -> None:
-    """The near-nullspace of a matrix whose columns are displacements of nodes at x (k, 3)."""
-    coordinates = matrix.createVecRight()
-    coordinates.setBlockSize(3)
-    coordinates.array[:] = x.ravel()
-    modes = PETSc.NullSpace().createRigidBody(coordinates)
-    matrix.setNearNullSpace(modes)
-    modes.destroy()
-    coordinates.destroy()
-
-
-def _attach_near_kernel(matrix: PETSc.Mat, modes: FloatArray) -> None:
-    """The near-nullspace of a matrix whose columns are this rank's unknowns, from modes of these (k, 3, 6), linearly
-    independent; collective."""
-    comm = matrix.comm.tompi4py()
+    """The near-nullspace of a matrix whose columns are displacements of nodes at x (n, 3), and own unknowns: the rigid
+    motions, orthonormal; collective."""
+    modes = reduction.rigid_modes(x)
     V: FloatArray = modes.reshape(-1, modes.shape[2])  # a rank may have no nodes
-    V = np.linalg.solve(np.linalg.cholesky(comm.allreduce(V.T @ V, op=MPI.SUM)), V.T)
+    V = np.linalg.solve(np.linalg.cholesky(reduction.comm.allreduce(V.T @ V, op=MPI.SUM)), V.T)
     vectors = []
     for column in V:
         vectors.append(matrix.createVecRight())
         vectors[-1].array[:] = column
-    kernel = PETSc.NullSpace().create(constant=False, vectors=vectors, comm=comm)
+    kernel = PETSc.NullSpace().create(constant=False, vectors=vectors, comm=matrix.comm)
     matrix.setNearNullSpace(kernel)
     for one in (kernel, *vectors):
         one.destroy()
