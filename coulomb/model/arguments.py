@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays import is_number, short
 from ..fem.bodies import Deformable, Equation, nonlinear, vanishes
-from ..fem.contact import Tied
+from ..fem.contact import Pretension, Tied
 from ..fem.geometry import same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh, is_mesh_data
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
@@ -127,13 +127,10 @@ def contacts_of_large_motions(arguments: Mapping[str, Any], contacts: Sequence[C
     if isinstance(arguments["mesh"], Deformable):
         for member in arguments["mesh"].members:
             nonlinear(member.body)
-    if arguments["rigid_faces"] or any(type(one) not in (Tied, Equation) for one in arguments["ties"]):
+    if arguments["rigid_faces"] or any(isinstance(one, Pretension) for one in arguments["ties"]):
         raise ValueError(
-            "rigid faces, bolts and cyclic symmetry are for small strains; large motions have ties (Tied) and equations"
+            "rigid faces and bolts are for small strains; large motions have ties (Tied), cyclic symmetry and equations"
         )
-    for one in arguments["ties"]:
-        if isinstance(one, Equation) and one.constant != 0.0:
-            raise ValueError(f"{one.what}: in large motions its constant must be 0")
     for one in contacts:
         if one.adjust or one.smooth or one.surface or one.against_surface:
             raise ValueError(

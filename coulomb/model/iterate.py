@@ -109,9 +109,6 @@ _TOUCHES: Final = 1e-10
 _STICKS: Final = 1.0 - 1e-6
 """Friction over its bound below which a node sticks."""
 
-_ROUNDING: Final = 2.0**-46
-"""Jump of tied nodes over the largest displacement that is a rounding error."""
-
 _DIFFERENCE: Final = 1e-4
 """Step of the differences of normals over the size of a face."""
 
@@ -184,15 +181,9 @@ class Linearised(DiscreteProblem):
             internal=residual + load,
             load=load,
             prescribed=body.held.held_part(here - rigid) + e.prescribed,
-            jump=self._jump(here + du, over) if body.constraints.ties else None,
             ground=None,
             rounding=rounding_forces(body, np.maximum(np.abs(here + du), extent)),
         )
-
-    def _jump(self, u: FloatArray, over: Reductions) -> FloatArray:
-        """Of tied nodes at a displacement u (k, 3), metres; 0 where it is a rounding error of u; collective."""
-        jump = self.elasticity.reduction.left_apart(u, self.loading.apart)
-        return np.where(np.abs(jump) <= _ROUNDING * over.max(np.abs(u).ravel()), 0.0, jump)
 
 
 def curvature(foundation: RigidFoundation, x: FloatArray) -> FloatArray:
@@ -331,10 +322,12 @@ def components(body: Deformable, over: Reductions) -> Iterator[npt.NDArray[np.bo
 def linearised(body: Deformable, u: FloatArray, time: float, before: End | None = None) -> Deformable:
     """The bodies of small displacements from u (k, 3) at a time, in a load step after another's end; collective."""
     there = body.at_time(time)
-    return each(there, lambda one, nodes: one.linearised(u[nodes], time, before and before.of(nodes)))
+    return each(there, lambda one, nodes: one.linearised(u[nodes], time, before and before.of(nodes)), u)
 
 
-def each(body: Deformable, change: Callable[[NonlinearBody, slice], NonlinearBody]) -> Deformable:
-    """The same bodies, each changed; the change is given its nodes."""
+def each(
+    body: Deformable, change: Callable[[NonlinearBody, slice], NonlinearBody], u: FloatArray | None = None
+) -> Deformable:
+    """The same bodies, each changed, and displaced by u (k, 3) if it is given; the change is given its nodes."""
     changed = [change(nonlinear(one.body), one.nodes) for one in body.members]
-    return body.of(changed) if isinstance(body, JoinedBodies) else changed[0]
+    return body.of(changed, u) if isinstance(body, JoinedBodies) else changed[0]

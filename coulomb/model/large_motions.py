@@ -105,8 +105,7 @@ class LoadSteps:
     def __init__(self, body: ContactBody, time: float, linear_solver: object, explicit: bool | None, branch: str):
         self.body, self.elasticity, self.remedy, self.stable = body, body.elasticity, 0, branch == "stable"
         self.damped, self.damping = False, 0.0
-        if self.elasticity.constraints.ties:
-            self._refuse_ties_across_gaps(time)
+        self._refuse_ties_across_gaps()
         self._methods = linear_solver_of(linear_solver), explicit
         self.contacts = tuple(
             replace(one, slave=True) if foundation is None else replace(one, foundation=foundation)
@@ -123,20 +122,17 @@ class LoadSteps:
         again, self.damped = not self.damped and self.remedy > 0, True
         return again
 
-    def _refuse_ties_across_gaps(self, time: float) -> None:
-        """Nodes of a tie follow across a distance d as the ends of rigid arms, with the linear part of their rotations:
-        turned far, they end up to d from where they belong.  W leaves just d of a displacement u = x, a uniform
-        stretch; collective."""
-        body, over = self.elasticity, Reductions(self.elasticity.comm)
-        undeformed = linearised(body, np.zeros_like(body.x), time)
-        arms = np.linalg.norm(undeformed.reduction.left_apart(body.x, undeformed.at(time).apart), axis=1)
-        for tie in (one for one in body.constraints.ties if one.of_faces):
-            d, facet = over.max(arms[tie.nodes]), over.max(np.sqrt(tie.area))
-            if d > _ARM * facet:
+    def _refuse_ties_across_gaps(self) -> None:
+        """Nodes of a tie follow across a distance as the ends of rigid arms, with the linear part of their rotations:
+        turned far, they end up to that distance from where they belong; collective."""
+        for tie in self.elasticity.constraints.ties:
+            facet = Reductions(self.elasticity.comm).max(np.sqrt(tie.area))
+            if tie.arm > _ARM * facet:
                 raise ValueError(
-                    f"tie of {tie.face!r} to {tie.against!r}: the faces are up to {amount(d)} apart, {d / facet:.1%} "
-                    "of a facet's length; in large motions tied faces must touch: move one of the bodies "
-                    "(coulomb.moved), or mesh the gap; where both are curved, use finer or second-order cells"
+                    f"{tie.kind} of {tie.face!r} to {tie.against!r}: the faces are up to {amount(tie.arm)} apart, "
+                    f"{tie.arm / facet:.1%} of a facet's length; in large motions tied faces must touch: move one of "
+                    "the bodies (coulomb.moved), or mesh the gap; where both are curved, use finer or second-order "
+                    "cells"
                 )
 
     def loading(self, time: float) -> Loading:
@@ -400,24 +396,26 @@ class LoadStepLoop:
     def after(self, before: State, solution: Solution) -> State:
         """The state after the step: elastic energy is that of the bodies, or if one has a residual alone, the work of
         the internal forces by the trapezoidal rule; collective."""
-        then, now = before.forces, self._forces(solution.displacement, solution.evidence)
+        problem, on_body = solution.problem, solution.force_on_body
+        then, now = before.forces, self._forces(problem, solution.displacement, solution.evidence, on_body)
         if then is None:
             begin = self._iterate(before, before.displacement, before.time, None)
             x = self._carried(before, begin).at(begin.problem.surface)
-            then = self._forces(begin.u, begin.problem.evidence_here(x, np.ones_like(begin.u)))
+            on_body = before.force_on_body[self.shared.number[begin.problem.surface.nodes]]
+            then = self._forces(begin.problem, begin.u, begin.problem.evidence_here(x, np.ones_like(begin.u)), on_body)
             linearised(self.elasticity, solution.displacement, solution.time)  # the user's functions are of the answer
         own = [nonlinear(one.body).strain_energy(now.displacement[one.nodes]) for one in self.elasticity.members]
         known = [one for one in own if one is not None]
         copies = self.elasticity.copies
         change = Reductions(self.comm, copies).dot(then.kept + now.kept, now.displacement - then.displacement)
         elastic = copies * sum(known) if len(known) == len(own) else before.energy.elastic + 0.5 * change
-        at = self.shared.number[solution.problem.surface.nodes]
+        at = self.shared.number[problem.surface.nodes]
         return before.ended(solution, then, now, at, elastic=elastic)
 
     @staticmethod
-    def _forces(u: FloatArray, e: Evidence) -> Forces:
-        kept = e.internal - e.spring
-        return Forces(u, e.load, kept, e.on_body, e.held.held_part(kept - e.load - e.on_body))
+    def _forces(problem: DiscreteProblem, u: FloatArray, e: Evidence, on_body: FloatArray) -> Forces:
+        kept, surface = e.internal - e.spring, problem.surface
+        return Forces.at(problem.elasticity, surface, u, kept, e.load, on_body, problem.time)
 
 
 def _together(results: Sequence[SolverResult], x: FloatArray, certificate: Certificate, reached: bool) -> SolverResult:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from ..arrays import FloatArray
 from ..contact_fields import named_faces
 from ..fem.bodies import Deformable
+from ..fem.contact import ContactSurface
 from ..linalg.reductions import Reductions
 from ..units import amount
 from .nodal_answer import Accumulated, NodalAnswer
@@ -161,6 +162,23 @@ class Forces:
     on_body: FloatArray
     reaction: FloatArray
 
+    @classmethod
+    def at(
+        cls,
+        body: Deformable,
+        surface: ContactSurface,
+        u: FloatArray,
+        kept: FloatArray,
+        load: FloatArray,
+        on_body: FloatArray,
+        time: float,
+    ) -> Forces:
+        """Those at a time, with the forces of contact `on_body` at the points of a surface (m, 3); collective."""
+        of_contact = surface.at_nodes(surface.force_components(on_body))
+        of_ties = body.constraints.forces(kept - load - of_contact, time)
+        outer = of_contact + of_ties
+        return cls(u, load, kept, outer, body.held_at(time).held_part(kept - load - outer) + of_ties)
+
 
 def coefficients_work(then: Forces, now: Forces, over: Reductions) -> float:
     """Work in joules of a change of the stiffness from K0 to K1 in a step: (u0 . K1 u1 - u1 . K0 u0) / 2;
@@ -226,25 +244,18 @@ class State(Moment):
         problem, surface, e = solution.problem, solution.problem.surface, solution.evidence
         body, u = problem.elasticity, self.displacement
 
-        def forces(
-            body: Deformable, u: FloatArray, kept: FloatArray, load: FloatArray, on_body: FloatArray, time: float
-        ) -> Forces:
-            of_contact = surface.at_nodes(surface.force_components(on_body))
-            of_ties = body.constraints.forces(kept - load - of_contact, time)
-            outer = of_contact + of_ties
-            return Forces(u, load, kept, outer, body.held_at(time).held_part(kept - load - outer) + of_ties)
-
         if self.forces is not None:
-            then = forces(body, u, self.forces.kept, self.forces.load, self.force_on_body, self.time)
+            then = Forces.at(body, surface, u, self.forces.kept, self.forces.load, self.force_on_body, self.time)
         else:
             before = body.at_time(self.time)
             loading = before.at(self.time)
             if self.temperature_change is not None:
                 loading = before.heated(loading, self.temperature_change)
             kept = before.internal_force(u) - before.spring_force(u)
-            then = forces(before, u, kept, loading.load, self.force_on_body, self.time)
+            then = Forces.at(before, surface, u, kept, loading.load, self.force_on_body, self.time)
             body.at_time(problem.time)  # the user's coefficients are those of the present again
-        now = forces(body, solution.displacement, e.internal - e.spring, e.load, solution.force_on_body, problem.time)
+        kept = e.internal - e.spring
+        now = Forces.at(body, surface, solution.displacement, kept, e.load, solution.force_on_body, problem.time)
         # 0 where K stays: then u0 . K u1 = u1 . K u0
         stiffened = (
             coefficients_work(then, now, Reductions(problem.comm, body.copies)) if body.forms() is not None else 0.0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from rubber_blocks import DRAWN, RubberBlock, stress
+from scipy.optimize import brentq
 
 import coulomb
 from coulomb.case.case import Case
@@ -102,3 +103,26 @@ def test_tied_halves_turn_without_stress():
     x = problem.elasticity.reference
     turned = np.column_stack([x[:, 2], x[:, 1], -x[:, 0]])
     assert step.solution.valid and x + step.solution.displacement == pytest.approx(turned, abs=1e-7)
+
+
+def test_a_constant_of_an_equation_compresses_as_the_formula_says():
+    """Two blocks on a smooth floor, the second twice as stiff, whose tops sink by 0.6 m together, then come up by 0.3
+    m: both bear the same force, and the constant does the work."""
+    block = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)).with_nodes("ends", at=lambda x: x[2] > 1.0 - 1e-9)
+    other = coulomb.moved(block, (2.0, 0.0, 0.0))
+    both, law = coulomb.join(a=block, b=other), {"a": NeoHookean(1e6, 0.3), "b": NeoHookean(2e6, 0.3)}
+    held = [coulomb.SymmetryPlane(f"{name}:{face}") for name in "ab" for face in ("left", "front")]
+    floor = coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    contacts = [coulomb.Contact(f"{name}:bottom", friction=0.0, foundation=floor) for name in "ab"]
+    path = [(0.0, 0.0), (1.0, 1.0), (2.0, 0.5)]
+    sunk = coulomb.Equation([("a:ends", "z", 1.0), ("b:ends", "z", 1.0)], -0.6, path)
+    problem = coulomb.ContactProblem(both, law, held, contacts, ties=[sunk], kinematics="large")
+    force, work = 0.0, 0.0
+    for step, share in zip(coulomb.LoadHistory([0.5, 1.0, 2.0]).steps(problem), (0.5, 1.0, 0.5), strict=True):
+        stretch = brentq(lambda a, b: stress(a) - 2.0 * stress(b - a), 0.3, 1.0, (2.0 - 0.6 * share,))
+        before, force = force, -stress(stretch)
+        work += 0.5 * (before + force) * (-0.3 if step.state.number == 3 else 0.3)
+        assert step.solution.valid and step.solution.certificate["ties"].value <= 1e-12
+        for number in range(2):
+            assert step.solution.at_nodes.totals(number)["normal_force"] == pytest.approx(force, rel=1e-7)
+        assert step.row["energy_prescribed"] == pytest.approx(work, rel=1e-7)

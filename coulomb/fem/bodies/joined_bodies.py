@@ -332,9 +332,10 @@ class JoinedBodies(Deformable):
     def _has(self, bodies: Sequence[Deformable]) -> bool:
         return all(one.body is body for one, body in zip(self._members, bodies, strict=True))
 
-    def of(self, bodies: Sequence[SingleBody]) -> JoinedBodies:
-        """The same with others in place of the bodies: these with another stiffness, or at another place."""
-        other = self._with(bodies, self.constraints.at_place(np.concatenate([body.x for body in bodies])))
+    def of(self, bodies: Sequence[SingleBody], u: FloatArray | None = None) -> JoinedBodies:
+        """The same with other bodies: these with another stiffness, or displaced by u (k, 3) metres."""
+        x, constraints = np.concatenate([body.x for body in bodies]), self.constraints
+        other = self._with(bodies, constraints if u is None else constraints.at_place(x, u))
         other._at_times = []
         return other
 

@@ -59,6 +59,10 @@ class Bolt:
     locked: bool
 
 
+_ROUNDING: Final = 2.0**-46
+"""Displacement of slave nodes that is left, over the largest displacement, that is a rounding error."""
+
+
 class Constraints:
     """The constraints of some bodies, with the shortening of some bolts given; none by default; collective.
 
@@ -75,6 +79,8 @@ class Constraints:
         reduction: The map from unknowns to displacements.
         as_made: Those given, with the slaves that they have.
     """
+
+    _displaced: FloatArray | None = None
 
     def __init__(self, nodes: HeldNodes, given: Sequence[Follower] = (), time: float = 0.0):
         self.comm, ties, taken = nodes.comm, list[Tie](), np.zeros(len(nodes.x), dtype=bool)
@@ -111,9 +117,10 @@ class Constraints:
         other.reduction = other._prescribed()
         return other
 
-    def at_place(self, x: FloatArray) -> Constraints:
-        """The same of nodes at another place x (k, 3), metres."""
+    def at_place(self, x: FloatArray, u: FloatArray) -> Constraints:
+        """The same of nodes at another place x (k, 3), metres, displaced by u (k, 3): loadings are of changes of it."""
         other = copy.copy(self)
+        other._displaced = u
         other._unlocked = self._unlocked.at_place(x)
         other.reduction = other._prescribed()
         return other
@@ -234,7 +241,12 @@ class Constraints:
         for (bolt, own), locked in zip(self._of_bolts, self.locked, strict=True):
             if locked:
                 y[own] = bolt.given.value(time, self.comm) if bolt.given.force is None else kept[own]
-        apart = offset = found.followed(offset) + found.moved(y)
+        apart = found.followed(offset) + found.moved(y)
+        if self._displaced is not None:  # what is left
+            apart -= found.left_apart(self._displaced)
+            size = self.comm.allreduce(float(np.max(np.abs(self._displaced), initial=0.0)), op=MPI.MAX)
+            apart[np.abs(apart) <= _ROUNDING * size] = 0.0
+        offset = apart
         prescribed = found.lifted(found.with_own(of_bodies.prescribed, np.zeros(found.width)))
         for _ in range(LONGEST_CHAIN):  # u = W u + apart at slave nodes
             prescribed = prescribed + offset

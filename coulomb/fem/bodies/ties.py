@@ -209,6 +209,7 @@ class Tie:
         beside: The part of W of nodes of the slave face that are not tied, as clamped ones, of the same shape.
         traction: Tractions at them by forces on nodes, 1/m^2, shape (m, nodes of all ranks).
         remarks: What a user should know of it.
+        arm: Largest distance of a slave node from the point that it follows, over all ranks, metres.
         directions: Projectors on the directions along which the nodes follow others, shape (m, 3, 3): all of them, but
             for nodes on an axis of cyclic symmetry, which may move along it, and those of a rigid face that is free
             along itself.
@@ -232,6 +233,7 @@ class Tie:
     remarks: tuple[str, ...]
     directions: FloatArray
     own: FloatArray
+    arm: float = 0.0
     motion: FaceMotion | None = None
     bolt: Section | None = None
     prescribed: Prescribed | None = None

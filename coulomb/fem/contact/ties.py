@@ -297,7 +297,8 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     numbers = np.concatenate([body.numbers_of(member, numbers.astype(np.int64)) for _, numbers, _, member in parts])
     at = one.places[node]
     size = float(comm.allreduce(float(np.max(np.abs(body.x), initial=0.0)), op=MPI.MAX))
-    columns, blocks = _carrying(columns, beside, x, at, _TOGETHER * size)
+    offset = at - columns @ x
+    columns, blocks = _carrying(columns, beside, x, offset, _TOGETHER * size)
     own_side = columns.indices < one.size
     if turn is not None:
         blocks[~own_side] = blocks[~own_side] @ turn.matrix
@@ -357,6 +358,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
         remarks=named,
         directions=directions,
         own=np.zeros((len(nodes), 3, 0)),
+        arm=comm.allreduce(float(np.max(np.linalg.norm(offset, axis=1), initial=0.0)), op=MPI.MAX),
     )
 
 
@@ -385,11 +387,11 @@ def _neighbours(patch: FacetPatch) -> scipy.sparse.csr_matrix:
 
 
 def _carrying(
-    rows: scipy.sparse.csr_matrix, beside: scipy.sparse.csr_matrix, x: FloatArray, at: FloatArray, rounding: float
+    rows: scipy.sparse.csr_matrix, beside: scipy.sparse.csr_matrix, x: FloatArray, offset: FloatArray, rounding: float
 ) -> tuple[scipy.sparse.csr_matrix, FloatArray]:
     """Rows (m, nodes) at nodes x (nodes, 3) with the blocks of their entries, shape (entries, 3, 3), by which slave
-    nodes at (m, 3) follow the rotation of the nodes in their rows and of those `beside` these (nodes, nodes)."""
-    offset = at - rows @ x
+    nodes at an offset (m, 3) from there follow the rotation of the nodes in their rows and of those `beside` these
+    (nodes, nodes)."""
     apart = np.linalg.norm(offset, axis=1) > rounding
     if np.any(apart):
         wider = (scipy.sparse.diags(apart.astype(np.float64)) @ abs(rows) @ beside).tocoo()
@@ -398,14 +400,14 @@ def _carrying(
         places = np.concatenate([given.row, wider.row]), np.concatenate([given.col, wider.col])
         rows = scipy.sparse.csr_matrix((entries, places), rows.shape)
     count = np.diff(rows.indptr)
-    of = np.repeat(np.arange(len(at)), count)
+    of = np.repeat(np.arange(len(offset)), count)
     blocks = rows.data[:, None, None] * np.eye(3)
     if not np.any(apart):
         return rows, blocks
-    middle = np.zeros_like(at)
+    middle = np.zeros_like(offset)
     np.add.at(middle, of, x[rows.indices])
     y = x[rows.indices] - (middle / np.maximum(count, 1)[:, None])[of]
-    gram = np.zeros((len(at), 3, 3))
+    gram = np.zeros((len(offset), 3, 3))
     np.add.at(gram, of, np.einsum("ei,ei->e", y, y)[:, None, None] * np.eye(3) - y[:, :, None] * y[:, None, :])
     crossing, offsets = (np.cross(np.eye(3), vectors[:, None]) for vectors in (y, offset))  # matrices of y x, offset x
     turn = np.linalg.pinv(gram, rcond=1e-8, hermitian=True)[of] @ crossing  # omega = turn u

@@ -11,7 +11,9 @@ from coulomb import (
     Cylinder,
     LoadHistory,
     Material,
+    NeoHookean,
     Plane,
+    PrescribedRotation,
     SymmetryPlane,
     Traction,
     box,
@@ -91,6 +93,32 @@ def test_a_history_of_a_sector():
         expected = getattr(whole[-1].state.energy, name)
         assert 4.0 * getattr(quarter[-1].state.energy, name) == pytest.approx(expected, rel=1e-5)
     assert "cyclic_symmetry_left_force_x" in quarter[-1].row
+
+
+def test_a_quarter_is_the_whole_in_large_motions():
+    """A rubber block whose top is pressed down by a tenth and turned by 40 degrees: the base slips."""
+
+    def last(whole):
+        n, corner = (4, 0.5) if whole else (2, 0.0)
+        size = (1.0, 1.0, 0.5) if whole else (0.5, 0.5, 0.5)
+        mesh = box(size, (n, n, 1), place=lambda x: np.stack([x[0] - corner, x[1] - corner, x[2]]))
+        turn = PrescribedRotation("top", (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.7, amplitude=[(1.0, 0.0), (2.0, 1.0)])
+        gap = {"gap": -0.05, "gap_amplitude": [(0.0, 0.0), (1.0, 1.0)]}
+        contact = Contact("bottom", 0.5, foundation=Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0)), **gap)
+        ties = [] if whole else [CyclicSymmetry("left", "front", sectors=4)]
+        problem = ContactProblem(mesh, NeoHookean(1e6, 0.3), [turn], contact, ties=ties, kinematics="large")
+        *_, step = LoadHistory([1.0, 1.5, 2.0]).steps(problem)
+        return step
+
+    one, part = last(True), last(False)
+    assert one.solution.valid and part.solution.valid
+    x, y = (step.solution.problem.elasticity.reference for step in (one, part))
+    there = np.linalg.norm(y[:, None] - x, axis=2).argmin(axis=1)
+    u, v = one.solution.displacement[there], part.solution.displacement
+    assert np.abs(v - u).max() <= 1e-7 * np.abs(u).max()
+    for name in ("moment_z", "normal_force", "energy_elastic", "energy_dissipated", "energy_prescribed"):
+        assert 4.0 * part.row[name] == pytest.approx(one.row[name], rel=1e-6), name
+    assert one.solution.at_nodes.numbers()["nodes"]["slip"] > 0
 
 
 @pytest.mark.parametrize(
