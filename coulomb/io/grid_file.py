@@ -65,19 +65,6 @@ class GridFields:
     name: str = ""
 
 
-@dataclass(frozen=True)
-class Described:
-    """What an XDMF file describes.
-
-    Attributes:
-        time: Of the results.
-        fields: Their names.
-    """
-
-    time: float
-    fields: tuple[str, ...]
-
-
 def write_grids(comm: MPI.Comm, path: Path, grids: Sequence[GridFields], time: float, collection: str = "") -> None:
     """Write meshes and fields on them, the same on every rank except for their parts, as an XDMF file and a .h5 file of
     the same name with the data; collective.
@@ -151,9 +138,9 @@ def groups_of(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(groups)
 
 
-def described(path: Path, kinds: Mapping[int, str], collection: str) -> Described:
-    """What an XDMF file describes, if `write_grids` writes the same for the data in its HDF5 file; `kinds` are XDMF's
-    names of the cells by the number of their nodes.
+def described(path: Path, kinds: Mapping[int, str], collection: str) -> float:
+    """The time that an XDMF file describes, if `write_grids` writes the same for the data in its HDF5 file; `kinds` are
+    XDMF's names of the cells by the number of their nodes.
 
     Raises:
         ValueError: If it cannot be read, or is another one.
@@ -163,7 +150,7 @@ def described(path: Path, kinds: Mapping[int, str], collection: str) -> Describe
     shapes: dict[str, tuple[int, int]] = {}
     with h5py.File(data_of(path), "r") as file:
         file.visititems(lambda name, one: shapes.update({name: one.shape} if isinstance(one, h5py.Dataset) else {}))
-    grids, shown, fields, none = [], set(), [], np.empty(0)
+    grids, shown, none = [], set(), np.empty(0)
     for (name, group), grid in zip(groups.items(), uniform(root.find("Domain/Grid")), strict=False):
         centres = {str(one.get("Name")): one.get("Center") for one in grid.findall("Attribute")}
         mesh, of = mesh_at(group), {one: function_at(one, group) for one in centres}
@@ -179,7 +166,6 @@ def described(path: Path, kinds: Mapping[int, str], collection: str) -> Describe
         on_points = {one: none for one in centres if one not in on_cells}
         cells = GridPart(kinds[width], none.astype(np.int64), none)
         grids.append(GridFields(cells, on_points, on_cells, name))
-        fields += list(centres)
     if lost := sorted(shown ^ shapes.keys()):
         raise ValueError(f"{path}: shows other data than {data_of(path).name} has: {', '.join(lost[:3])}: {OLD}")
     time = float(next(root.iter("Time")).get("Value", "nan"))
@@ -187,7 +173,7 @@ def described(path: Path, kinds: Mapping[int, str], collection: str) -> Describe
     for one, other in zip_longest(_elements(root), _elements(expected)):
         if one != other:
             raise ValueError(f"{path}: has {one}, but {other} describes the data in {data_of(path).name}")
-    return Described(time, tuple(dict.fromkeys(fields)))
+    return time
 
 
 def _elements(root: ElementTree.Element) -> list[str]:

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, in_words
 from ..fem.meshes import FACETS, SEPARATOR, SOLIDS
-from ..io.field_files import NODE, WHOLE, data_of, read_grids
+from ..io.field_files import NODE, Grid, data_of, read_grids
 from ..io.grid_file import described
 from ..io.result_grids import BODIES, FACES
-from ..io.run_directory import CONTACT, OLD, SOLUTION, RunDirectory
+from ..io.run_directory import CONTACT, FIELDS, OLD, SOLUTION, RunDirectory
 from ..nearest import in_a_cell, same_nodes
 from .comparison import Field
 
@@ -26,29 +26,39 @@ _NEAR: Final = 1e-9
 
 Order = npt.NDArray[np.int64]
 
+Grids = dict[str, dict[str, Grid]]
+"""The grids of the files of a run, by the names of file and grid."""
+
 Tree = dict[str, dict[str, dict[str, Any]]]
 
 
-def fields_of(folder: Path, like: Path | None = None) -> Tree:
-    """The fields of a run by file, grid and name, in the order of the meshes of another one, `like`, if it is given; as
-    those of the grid of a single one the times of the files.
+def grids_in(folder: Path) -> Grids:
+    """Read the files of a run.
 
     Raises:
-        ValueError: If a file is missing, cannot be read, is not that of its data, has entries that are not finite, or
-            has other meshes.
+        ValueError: If a mesh is damaged, or a field does not match it or has entries that are not finite.
+    """
+    found = {name: read_grids(folder / name) for name in FIELDS}
+    for name, grids in found.items():
+        for grid in grids.values():
+            for one, values in grid.fields.items():
+                if len(values) != len(grid.cells if one in grid.on_cells else grid.points):
+                    raise ValueError(f"{data_of(folder / name)}: {one} does not match the mesh")
+                if not np.all(np.isfinite(values)):
+                    raise ValueError(f"{data_of(folder / name)}: {one} has entries that are not finite")
+    return found
+
+
+def fields_of(folder: Path, grids: Grids, like: Grids) -> Tree:
+    """The fields in the files of a run, which are `grids_in` its folder, by file, grid and name, in the order of the
+    meshes of another one.
+
+    Raises:
+        ValueError: If its meshes are not those.
     """
     numbers, found = dict[str, Order](), Tree()
-    for name, (kinds, collection) in _KINDS.items():
-        file = folder / name
-        for path in (file, data_of(file)):
-            if not path.is_file():
-                raise ValueError(f"{folder}: is incomplete: there is no {path.name}")
-        try:
-            found[name] = {WHOLE: {"time": described(file, kinds, collection).time}}
-            there = read_grids(file)
-        except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
-            raise ValueError(f"{folder}: is incomplete: {error}") from None
-        wanted = there if like is None else read_grids(like / name)
+    for name, there in grids.items():
+        file, wanted, found[name] = folder / name, like[name], {}
         if list(there) != list(wanted):
             what = [", ".join(map(repr, names)) for names in (there, wanted)]
             raise ValueError(f"{file}: shows {what[0]}, but of the case are {what[1]}")
@@ -60,24 +70,25 @@ def fields_of(folder: Path, like: Path | None = None) -> Tree:
                 numbers[grid][node] = np.arange(len(node))
             elif NODE in fields:
                 body = grid.partition(SEPARATOR)[0] if len(numbers) > 1 else next(iter(numbers))
-                fields[NODE] = numbers[body][fields[NODE].astype(np.int64)].astype(np.float64)
-            middle, into = x[rows].mean(axis=1), found[name].setdefault(grid, {})
-            into["points"] = Field(points[node], x)
+                fields = {**fields, NODE: numbers[body][fields[NODE].astype(np.int64)].astype(np.float64)}
+            middle = x[rows].mean(axis=1)
+            into = found[name][grid] = {"points": Field(points[node], x)}
             for one, values in fields.items():
                 order, place = (cell, middle) if one in on_cells else (node, x)
-                if len(values) != len(order):
-                    raise ValueError(f"{data_of(file)}: {one} does not match the mesh")
-                if not np.all(np.isfinite(values)):
-                    raise ValueError(f"{data_of(file)}: {one} has entries that are not finite")
                 into[one] = Field(values[order], place)
     return found
 
 
-def sound(files: RunDirectory) -> tuple[dict[str, Any], Tree]:
-    """The summary and the fields of a run whose files are all there.
+def times_in(folder: Path) -> dict[str, float]:
+    """The times of the files of a run, each of which must be that of its data (`described`)."""
+    return {name: described(folder / name, *kind) for name, kind in _KINDS.items()}
+
+
+def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids]:
+    """The summary of a run whose files are all there, and `grids_in` these.
 
     Raises:
-        ValueError: If a file is missing, cannot be read, or has entries that are not finite.
+        ValueError: If a file is missing, cannot be read, is not that of its data, or has entries that are not finite.
     """
     contents = files.read_summary(
         ("law", "mean_compliance", "totals", "certificate", "method", "iterations", "residual", "faces")
@@ -86,7 +97,14 @@ def sound(files: RunDirectory) -> tuple[dict[str, Any], Tree]:
         raise ValueError(f"{files.summary}: mean_compliance should be a positive number, but is {compliance!r}")
     if not isinstance(contents["certificate"]["passed"], bool):
         raise ValueError(f"{files.summary}: certificate does not say whether it had passed: {OLD}")
-    return contents, fields_of(files.path)
+    for path in (path for name in FIELDS for path in (files.path / name, data_of(files.path / name))):
+        if not path.is_file():
+            raise ValueError(f"{files.path}: is incomplete: there is no {path.name}")
+    try:
+        times_in(files.path)
+        return contents, grids_in(files.path)
+    except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
+        raise ValueError(f"{files.path}: is incomplete: {error}") from None
 
 
 def _same_mesh(file: Path, points: FloatArray, cells: Order, x: FloatArray, rows: Order) -> tuple[Order, Order]:

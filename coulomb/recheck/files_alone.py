@@ -20,14 +20,14 @@ from ..arrays import FloatArray
 from ..contact_fields import ANSWER, COMPLIANCES, sides_of
 from ..fem.geometry import inverse_frames
 from ..fem.meshes import SEPARATOR
-from ..io.field_files import NODE, OPPOSITE, WHOLE, data_of, read_grids
+from ..io.field_files import NODE, OPPOSITE, WHOLE, data_of
 from ..io.result_grids import OURS
-from ..io.run_directory import CONTACT, FIELDS, OLD, SOLUTION, SUMMARY, RunDirectory
+from ..io.run_directory import CONTACT, OLD, SOLUTION, SUMMARY, RunDirectory
 from ..model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
 from ..solvers.laws import FrictionLaw
 from ..units import amount, use
 from .comparison import Comparison, Field, named
-from .fields import sound
+from .fields import Grids, sound, times_in
 from .findings import Findings, unread
 
 Numbers = npt.NDArray[np.int64]
@@ -64,12 +64,14 @@ class _Contact:
     """The contact faces in the files of a run.
 
     Attributes:
+        bodies: Of every body its nodes among those of all, in their order.
         fields: By name, at the q nodes of all faces, and their coordinates "points".
         touching: Which of these are contact nodes, shape (q,).
         forces: Of every face its number, whether it is that opposite in a pair, the numbers of its nodes among those of
             all bodies, and the contact forces there.
     """
 
+    bodies: Mapping[str, slice]
     fields: Mapping[str, FloatArray]
     touching: npt.NDArray[np.bool_]
     forces: list[tuple[int, bool, Numbers, FloatArray]]
@@ -81,15 +83,13 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
-    (contents, tree), found = sound(files), Comparison()
+    (contents, grids), found = sound(files), Comparison()
     use(**{name: str(unit) for name, unit in contents.get("units", {}).items() if name in ("length", "stress")})
-    grids = read_grids(files.solution)
-    ends = np.cumsum([0, *(len(grid.points) for grid in grids.values())])
-    bodies = {name: slice(*ends[k : k + 2]) for k, name in enumerate(grids)}
-    u, load = (np.concatenate([one.fields[name] for one in grids.values()]) for name in ("displacement", "load"))
-    contact = _contact(files, contents, bodies, np.concatenate([one.points for one in grids.values()]))
+    solids = grids[SOLUTION].values()
+    u, load = (np.concatenate([one.fields[name] for one in solids]) for name in ("displacement", "load"))
+    contact = _contact(files, contents, grids)
     copies = float(contents.get("slice", {}).get("layers", 1.0))
-    answer = _answer(contact, contents["faces"], len(bodies) > 1, copies)
+    answer = _answer(contact, contents["faces"], copies)
     _compare_fields(contact, answer, contents["certificate"].get("natural_residual", {}), found)
     numbers, moved = answer.numbers(), float(np.max(np.linalg.norm(u, axis=1)))
     totals = {name: value for name, value in numbers["totals"].items() if name in _TOTALS}
@@ -102,21 +102,22 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     expected = {"totals": totals, "nodes": numbers["nodes"], "maximum": largest, "certificate": certificate}
     expected["valid"] = certificate["passed"] and not violations
     found.tree(contents, expected, [{**expected, "totals": {**totals, **near}}], (SUMMARY,), ANSWER)
-    _compare_sums(contents, contact, bodies, load, copies, found)
-    for name in FIELDS:
-        time = tree[name][WHOLE]["time"]
+    _compare_sums(contents, contact, load, copies, found)
+    for name, time in times_in(files.path).items():
         found.tree(time, contents.get("step", {}).get("time", time), (), (name, WHOLE, "time"))
     taken = (f"judged from the files alone, since {why}: {_JUDGED}", f"not judged without the problem: {_LEFT}")
-    names = dict.fromkeys(one for grid in grids.values() for one in grid.fields if one not in OURS)
+    names = dict.fromkeys(one for grid in solids for one in grid.fields if one not in OURS)
     left = named(found.left) + [f"{one} of {SOLUTION}" for one in names]
     return Findings(contents, None, violations, tuple(found.faults), taken, (*left, *unread(files)))
 
 
-def _contact(files: RunDirectory, contents: Mapping[str, Any], bodies: Mapping[str, slice], x: FloatArray) -> _Contact:
+def _contact(files: RunDirectory, contents: Mapping[str, Any], grids: Grids) -> _Contact:
     """The contact faces; ValueError if they do not match the other files."""
-    sides = sides_of(contents["faces"])
+    sides, points_of = sides_of(contents["faces"]), {name: grid.points for name, grid in grids[SOLUTION].items()}
+    x, ends = np.concatenate([*points_of.values()]), np.cumsum([0, *map(len, points_of.values())])
+    bodies = {name: slice(*ends[k : k + 2]) for k, name in enumerate(points_of)}
     forces, faces, slaves = [], list[dict[str, FloatArray]](), list[str]()
-    for name, (_, cells, points, own, *_) in read_grids(files.contact).items():
+    for name, (_, cells, points, own, *_) in grids[CONTACT].items():
         fields = {"points": points, **own}
         body = bodies.get(name.partition(SEPARATOR)[0]) or next(iter(bodies.values()))
         node = body.start + fields[NODE].astype(np.int64)
@@ -135,7 +136,7 @@ def _contact(files: RunDirectory, contents: Mapping[str, Any], bodies: Mapping[s
     if slaves not in ([slave for slave, _ in sides], [WHOLE]):
         raise ValueError(f"{files.contact}: has other contact faces, {slaves}, than summary.json: {OLD}")
     joined = {name: np.concatenate([fields[name] for fields in faces]) for name in faces[0]}
-    return _Contact(joined, np.round(joined["status"]) != HELD, forces)
+    return _Contact(bodies, joined, np.round(joined["status"]) != HELD, forces)
 
 
 def _certificate(certificate: Mapping[str, Any], found: Comparison) -> dict[str, Any]:
@@ -154,7 +155,7 @@ def _certificate(certificate: Mapping[str, Any], found: Comparison) -> dict[str,
     return {**{name: {"passed": passed} for name, passed in within.items()}, "passed": all(within.values())}
 
 
-def _answer(contact: _Contact, faces: list[dict[str, Any]], several: bool, copies: float) -> NodalAnswer:
+def _answer(contact: _Contact, faces: list[dict[str, Any]], copies: float) -> NodalAnswer:
     """The answer at the contact points, by their fields; ValueError if they have no axes or area."""
     at = {name: values[contact.touching] for name, values in contact.fields.items()}
     frames = np.stack([at["normal"], at["tangent_1"], at["tangent_2"]], axis=1)
@@ -184,7 +185,7 @@ def _answer(contact: _Contact, faces: list[dict[str, Any]], several: bool, copie
         spins=(None,) * len(faces),
         earlier=Accumulated(*(at[name] for name in ACCUMULATED)),
         against=tuple(one.get("against") for one in faces),
-        several=several,
+        several=len(contact.bodies) > 1,
         copies=copies,
     )
 
@@ -234,7 +235,6 @@ def _compare_fields(contact: _Contact, answer: NodalAnswer, row: Mapping[str, An
 def _compare_sums(
     contents: Mapping[str, Any],
     contact: _Contact,
-    bodies: Mapping[str, slice],
     load: FloatArray,
     copies: float,
     found: Comparison,
@@ -262,7 +262,7 @@ def _compare_sums(
         if opposite:
             said = contents["faces"][number]["opposite_force"]
             compare(said, forces, SUMMARY, "faces", number, "opposite_force")
-    for number, (name, nodes) in enumerate(bodies.items() if len(bodies) > 1 else ()):
+    for number, (name, nodes) in enumerate(contact.bodies.items() if len(contact.bodies) > 1 else ()):
         one = contents["bodies"][number]
         found.tree(one["name"], name, (), (SUMMARY, "bodies", number, "name"), SOLUTION)
         compare(one["contact_force"], on_body[nodes], SUMMARY, "bodies", number, "contact_force")

@@ -24,7 +24,6 @@ from ..io.field_files import NODE, OPPOSITE, WHOLE
 from ..io.history_files import HistoryFiles
 from ..io.result_grids import OURS
 from ..io.run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
-from ..model.certificate import Certificate
 from ..model.load_history import LoadHistory
 from ..model.load_step import State
 from ..model.solution import Solution
@@ -32,7 +31,7 @@ from ..ranks import on_rank_0
 from ..solvers.successive_tresca import SuccessiveTresca
 from ..version import __version__
 from .comparison import Comparison, Field, Place, complete, in_files, named
-from .fields import fields_of, sound
+from .fields import fields_of, grids_in, sound, times_in
 from .files_alone import check_alone
 from .findings import Findings, unread
 from .posed import SEEDS, Posed, WrittenAnswer, written
@@ -109,7 +108,7 @@ def judged(files: RunDirectory, posed: Posed, before: Sequence[State] | None) ->
             if comm.rank == 0:
                 folder.mkdir()
             numbers.append(written(one, folder, contents, states[number] if states else None))
-        compare = partial(_compare, files, contents, posed, first.certificate, numbers, folders, found)
+        compare = partial(_compare, files, contents, posed, first, numbers, folders, found)
         faults, unjudged = on_rank_0(comm, lambda: complete(files.path, compare))
     taken = [] if contents.get("coulomb") == __version__ else [f"written by coulomb {contents.get('coulomb')}"]
     said = tuple(faults), tuple(taken), tuple(unjudged), tuple(numbers)
@@ -128,23 +127,26 @@ def _compare(
     files: RunDirectory,
     contents: dict[str, Any],
     posed: Posed,
-    certificate: Certificate,
+    answer: Solution,
     numbers: list[dict[str, Any]],
     folders: list[Path],
     found: Comparison,
 ) -> tuple[list[str], list[str]]:
     """Compare the files with those written anew into other `folders`; gives the faults, and the names of what was not
     compared."""
-    written, expected, *others = (fields_of(of, folders[0]) for of in (files.path, *folders))
+    read = {folder: grids_in(folder) for folder in (files.path, *folders)}
+    written, expected, *others = (fields_of(folder, grids, read[folders[0]]) for folder, grids in read.items())
     for tree, names in ((expected, COMPLIANCES), *((other, _EXACT) for other in others)):
         for grid in tree[CONTACT].values():
             for name in names:
                 grid.pop(name, None)
     bounds = expected[CONTACT].values() if SuccessiveTresca.name in str(contents.get("method")) else ()
     for grid in (grid for grid in bounds if "slip_bound" in grid):
-        limit = _SLIP_BOUND + 10.0 * certificate["natural residual"].value
+        limit = _SLIP_BOUND + 10.0 * answer.certificate["natural residual"].value
         grid["slip_bound"] = grid["slip_bound"]._replace(floor=limit * float(np.linalg.norm(grid["slip_bound"].values)))
+    times = times_in(files.path)
     for name in (CONTACT, SOLUTION):  # in a list that is cut
+        found.tree(times[name], answer.problem.time, (), (name, WHOLE, "time"))
         found.tree(written[name], expected[name], [other[name] for other in others], (name,))
     said, (first, *more) = dict(contents), [dict(one) for one in numbers]
     if "step" in said:  # `_compare_record` judges the case, `check_times` the rest

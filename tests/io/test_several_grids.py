@@ -74,8 +74,7 @@ def test_groups_differ_whatever_the_names_are():
 
 
 def test_what_a_file_describes(tmp_path):
-    found = described(written(tmp_path / "solution.xdmf", 2.0), SOLIDS, "bodies")
-    assert found.time == 2.0 and found.fields == ("displacement", "status", "young")
+    assert described(written(tmp_path / "solution.xdmf", 2.0), SOLIDS, "bodies") == 2.0
 
 
 @pytest.mark.parametrize(
