@@ -59,9 +59,8 @@ if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validat
     from mpi4py import MPI
 
     from ..decks.tables import Translation
-    from ..fem.bodies import AnyMaterial, Load, Spring, Support, ThermalLoad
+    from ..fem.bodies import AnyMaterial, Load, Spring, Support, Temperatures, ThermalLoad
     from ..fem.contact import FoundPair, FoundPairs
-    from ..fem.geometry import Coefficient
     from ..fem.meshes import JoinedMesh, NamedMesh
     from ..model.load_history import LoadHistory
     from ..model.problem import ContactProblem
@@ -255,11 +254,11 @@ class Case(Table):
             return ThermalLoad(reference, reference)  # no change, before conduction gives one
         return None if self.temperature is None else self.temperature.thermal()
 
-    def _of_body(self, thermal: ThermalLoad | None) -> Coefficient | dict[str, Coefficient] | None:
-        """Its temperature, of all bodies or of one."""
-        if thermal is None or self.temperature is None or self.temperature.body is None:
+    def _of_body(self, thermal: ThermalLoad | None) -> Temperatures | dict[str, Temperatures] | None:
+        """Its temperature, of all bodies or of each."""
+        if thermal is None or self.temperature is None:
             return None if thermal is None else thermal.temperature
-        return {self.temperature.body: thermal.temperature}
+        return self.temperature.of_bodies(thermal.temperature, [one.name for one in self.body])
 
     @property
     def _supports_and_loads(self) -> tuple[list[Support], list[Load], list[Spring]]:

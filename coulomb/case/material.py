@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from .curves import AmplitudeTable, amplitude_of
 from .values import (
+    ROWS,
     TABLES,
     Conductivity,
     Density,
@@ -15,6 +17,7 @@ from .values import (
     FileName,
     Length,
     Name,
+    NodeNumber,
     Number,
     SpatialNumber,
     SpatialVector,
@@ -25,7 +28,7 @@ from .values import (
 )
 
 if TYPE_CHECKING:
-    from ..fem.bodies import AnyMaterial, ThermalLoad
+    from ..fem.bodies import AnyMaterial, Temperatures, ThermalLoad
 
 ONE_NUMBER, THREE_NUMBERS = "one number", "three numbers"
 
@@ -182,8 +185,17 @@ def refuse_groups(given: MaterialTable | tuple[GroupMaterialTable, ...], box: bo
         raise ValueError(f"material: a box has no groups of cells; give one {table}")
 
 
+class TemperatureAtTable(Table):
+    """The temperature of the nodes of a set or of a group of cells of the mesh file, or of some by their numbers there
+    (in several bodies "body:12")."""
+
+    nodes: Name | Annotated[tuple[NodeNumber | Name, ...], Field(min_length=1, max_length=ROWS)]
+    value: Number
+
+
 class TemperatureTable(Table):
-    """Temperature in kelvin or degrees Celsius: a value, or a field of a file; and that of the unstrained body.
+    """Temperature in kelvin or degrees Celsius: a value, with others at some nodes, or a field of a file; and that of
+    the unstrained body.
 
     With `body` it is that of one of several bodies; the others have no thermal strain.
     """
@@ -195,6 +207,13 @@ class TemperatureTable(Table):
     reference: Number = 0.0
     amplitude: AmplitudeTable | None = None
     body: Name | None = None
+    at: Annotated[tuple[TemperatureAtTable, ...], Field(max_length=ROWS)] = ()
+
+    @model_validator(mode="after")
+    def _at_nodes(self) -> TemperatureTable:
+        if self.at and (self.body is not None or not isinstance(self.value, float)):
+            raise ValueError("at goes with a value that is a number, that of all other nodes, and without body")
+        return self
 
     @model_validator(mode="after")
     def _one_source(self) -> TemperatureTable:
@@ -216,3 +235,31 @@ class TemperatureTable(Table):
             return ThermalLoad(found, self.reference, amplitude)
         assert self.value is not None
         return ThermalLoad(coefficient(self.value), self.reference, amplitude)
+
+    def of_bodies(self, temperature: Temperatures, bodies: Sequence[str]) -> Temperatures | dict[str, Temperatures]:
+        """The temperature of one body without a name, or of those of several that have one, with that at nodes.
+
+        Raises:
+            ValueError: If nodes are of no body.
+        """
+        if self.body is not None:
+            return {self.body: temperature}
+        if not self.at or not isinstance(self.value, float):
+            return temperature
+        from ..fem.bodies import NodeTemperatures
+
+        of_body: dict[str, list[tuple[str | tuple[int, ...], float]]] = {name: [] for name in bodies or [""]}
+        for one in self.at:
+            several = not isinstance(one.nodes, str)
+            names: dict[str, list[str]] = {}
+            for node in map(str, one.nodes if several else [one.nodes]):
+                body, _, name = node.partition(":") if bodies else ("", "", node)
+                if body not in of_body or (several and not name.isdigit()):
+                    known = " or ".join(f'"{one}:{name or node}"' for one in bodies[:3]) if bodies else "numbers"
+                    raise ValueError(f"temperature.at: nodes = {node!r}: of no body: give {known}")
+                names.setdefault(body, []).append(name)
+            for body, named in names.items():
+                of_body[body].append((tuple(map(int, named)) if several else named[0], one.value))
+        value = self.value
+        found: dict[str, Temperatures] = {name: NodeTemperatures(value, tuple(rows)) for name, rows in of_body.items()}
+        return found if bodies else found[""]

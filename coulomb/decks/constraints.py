@@ -64,6 +64,10 @@ class Constraints:
     def _coupled(self, coupling: Card, kind: Card) -> None:
         node = self._reference(coupling, "REFNODE")
         face = self._of.face(coupling.needs("SURFACE"), coupling)
+        if coupling.get("ORIENTATION"):
+            raise coupling.fault("degrees of freedom in axes of their own (ORIENTATION) are not read")
+        if coupling.key("INFLUENCERADIUS") not in ("", "WHOLESURFACE"):
+            raise coupling.fault("a coupling of a part of its surface (INFLUENCE RADIUS) is not read")
         if kind.kind == "DISTRIBUTING":
             self._of_node[node] = ("distributing", len(self._rigid))
             self._rigid.append({"face": face, "point": self._point(node), "spread": True})
@@ -78,15 +82,18 @@ class Constraints:
         self._rigid.append({"face": face, "point": self._point(node)})
 
     def _rigid_body(self, card: Card) -> None:
-        if not card.get("NSET"):
+        name = next(filter(None, map(card.get, ("NSET", "TIENSET", "PINNSET"))), "")  # solids have no rotations
+        if not name or card.get("ELSET"):
             raise card.fault("a rigid body of elements is not read: give the NSET of its face")
-        node = self._reference(card, "REFNODE")
-        nodes = self._of.deck.node_sets.members(card.get("NSET"))
-        face = f"{self._of.body_of(self._of.elements_at(nodes), '*RIGID BODY')}{card.get('NSET')}"
-        self._of_node[node] = ("rigid", len(self._rigid))
+        nodes = self._of.node_numbers(name, card, None)
+        face = f"{self._of.body_of(self._of.elements_at(nodes), '*RIGID BODY')}{name}"
+        point = [0.0, 0.0, 0.0]
+        if card.get("REFNODE"):
+            node = self._reference(card, "REFNODE")
+            self._of_node[node], point = ("rigid", len(self._rigid)), self._point(node)
         if card.get("ROTNODE"):
             self._of_node[self._reference(card, "ROTNODE")] = ("rotation", len(self._rigid))
-        self._rigid.append({"face": face, "point": self._point(node)})
+        self._rigid.append({"face": face, "point": point})
 
     def _bolt(self, card: Card) -> None:
         node = self._reference(card, "NODE")

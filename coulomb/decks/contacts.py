@@ -71,9 +71,7 @@ def _pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
 
 def _read_pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
     interactions = _interactions(of)
-    clearances = {
-        (card.key("SLAVE"), card.key("MASTER")): card.setting("VALUE") for card in of.model if card.kind == "CLEARANCE"
-    }
+    clearances = dict(_clearance(card) for card in of.model if card.kind == "CLEARANCE")
     found: list[tuple[dict[str, Any], bool]] = []
     for card in of.model:
         if card.kind != "CONTACTPAIR":
@@ -100,10 +98,20 @@ def _read_pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
             }
             table |= _friction(of, interaction, card.key("INTERACTION")) | thermal
             names = key_of(words[0]), key_of(words[1])
-            table |= _adjusted(of, card, clearances.get(names))
+            clearance = clearances.pop(names, None)
+            table |= _adjusted(of, card, None if clearance is None else clearance[1])
             table |= _taken_out(of, names, table.get("gap", 0.0), laws)
             found.append((table, kinds == {"tied"}))
+    for card, _ in clearances.values():
+        raise card.fault("there is no *CONTACT PAIR of these surfaces")
     return found
+
+
+def _clearance(card: Card) -> tuple[tuple[str, str], tuple[Card, float]]:
+    """The surfaces, the card and the gap of a *CLEARANCE."""
+    if set(card.parameters) - {"SLAVE", "MASTER", "VALUE"}:
+        raise card.fault("is read with SLAVE, MASTER and VALUE alone")
+    return (key_of(card.needs("SLAVE")), key_of(card.needs("MASTER"))), (card, card.setting("VALUE"))
 
 
 def _surface(of: Reading, name: str, card: Card, row: int) -> str:
@@ -147,6 +155,8 @@ def _other_laws(of: Reading, interaction: str) -> Iterator[tuple[Card, str]]:
 def _law(of: Reading, card: Card | None) -> str:
     """What a *SURFACE BEHAVIOR is here: "hard", "tied" or "none"."""
     kind = "HARD" if card is None else card.key("PRESSURE-OVERCLOSURE") or "HARD"
+    if card is not None and "NOSEPARATION" in card.parameters:
+        raise card.fault("faces that do not part once they touch (NO SEPARATION) are not read")
     if kind == "HARD" or card is None:
         return "hard"
     if kind == "TIED":
@@ -248,10 +258,13 @@ def _distinct(rows: Rows) -> Rows:
 
 
 def _coefficient(card: Card | None) -> float:
+    for name in ("ROUGH", "EXPONENTIALDECAY", "ANISOTROPIC", "USER", "DEPENDENCIES"):
+        if card is not None and name in card.parameters:
+            raise card.fault(f"friction of kind {name} is not read: give a coefficient")
     if card is None or not card.lines:
         return 0.0
-    if "ROUGH" in card.parameters:
-        raise card.fault("ROUGH is not read: give a large coefficient")
+    if len(card.lines) > 1:
+        raise card.fault("a coefficient that depends on slip rate, pressure or temperature is not read", 1)
     return float(card.floats([0])[0])
 
 

@@ -56,6 +56,7 @@ _WITHOUT_MEANING: Final = {
     **dict.fromkeys(("CONTROLS", "TIMEPOINTS", "NOANALYSIS", "SOLUTIONTECHNIQUE"), "increments and iterations"),
     **dict.fromkeys(("CONTACTDAMPING", "CONTACTCONTROLS", "CONTACTSTABILIZATION"), "contact is exact"),
     **dict.fromkeys(("DAMPING", "SPECIFICHEAT"), "of statics"),
+    "SURFACESECTION": "surface elements have no stiffness",
     **dict.fromkeys(
         ("NODEPRINT", "NODEFILE", "NODEOUTPUT", "ELPRINT", "ELFILE", "ELEMENTOUTPUT", "CONTACTPRINT", "CONTACTFILE"),
         "all results are written",
@@ -137,6 +138,8 @@ def _fate(
         if title in surface_elements:
             return USED, "surface elements name faces"
         return REFUSED, f"{where}: elements of type {title} are no solids"
+    if kind == "STATIC" and "RIKS" in card.parameters:
+        return REFUSED, f"{where}: loads are given, not found along an arc (RIKS)"
     if kind in STEADY and "STEADYSTATE" in card.parameters:
         return USED, ""
     if kind in PROCEDURES and kind != "STATIC":

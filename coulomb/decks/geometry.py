@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..arrays import FloatArray, IntArray
+from ..arrays import FloatArray, IntArray, as_list
 from .cards import Card, key_of, read_cards
 from .sets import NamedSet, Sets, Surface, unqualified
 
@@ -252,6 +252,9 @@ class Geometry:
 
     def _surface(self, card: Card, of: _Instance) -> None:
         name, kind = self._own(card.needs("NAME"), of), card.key("TYPE") or "ELEMENT"
+        if "COMBINE" in card.parameters or kind not in ("NODE", "ELEMENT"):
+            what = "COMBINE" if "COMBINE" in card.parameters else f"TYPE={card.get('TYPE')}"
+            raise card.fault(f"surfaces of {what} are not read, those of elements and of nodes are")
         if kind == "NODE":
             into = self.node_sets.get(name)
             for word in (words[0] for _, words in card.rows()):
@@ -408,21 +411,27 @@ class Geometry:
         """What a *DLOAD, *FILM or *DFLUX card puts on sides of elements: the name of the face of each, the values, and
         elements or sets with their side S1, S2, ...; sides with the same values are one face."""
         letter, count = {"DLOAD": ("P", 1), "FILM": ("F", 2), "DFLUX": ("S", 1)}[card.kind]
-        by_values: dict[tuple[float, ...], list[tuple[int | str, str]]] = {}
-        for row, words in card.rows():
+        faces: dict[tuple[float, ...], list[tuple[list[tuple[int | str, str]], set[tuple[int, str]]]]] = {}
+        for row in range(len(card.lines)):
+            words = card.words(row)
             side = key_of(words[1]) if len(words) > 1 else ""
-            if re.fullmatch(f"{letter}[1-6]", side):
+            if words[0] and re.fullmatch(f"{letter}[1-6]", side):
                 label = self.label(words[0])
                 values = tuple(card.number(word, row) for word in [*words[2:], "", ""][:count])
-                by_values.setdefault(values, []).append(
-                    (label if isinstance(label, str) else int(label[0]), f"S{side[1]}")
-                )
-        for number, (values, sides) in enumerate(by_values.items(), 1):
+                numbers = self.element_sets.members(label) if isinstance(label, str) else label
+                here = {(int(number), side) for number in as_list(numbers)}
+                of_values = faces.setdefault(values, [([], set())])
+                if not of_values[-1][1].isdisjoint(here):  # what is given twice adds up
+                    of_values.append(([], set()))
+                of_values[-1][0].append((label if isinstance(label, str) else int(label[0]), f"S{side[1]}"))
+                of_values[-1][1].update(here)
+        given = [(values, sides) for values, of_values in faces.items() for sides, _ in of_values]
+        for number, (values, sides) in enumerate(given, 1):
             if len(sides) == 1:
                 what, side = sides[0]
                 yield f"{what} {side.replace('S', letter)}", values, sides
             else:
-                yield f"{card.keyword} line {card.line}" + (f" {number}" if len(by_values) > 1 else ""), values, sides
+                yield f"{card.keyword} line {card.line}" + (f" {number}" if len(given) > 1 else ""), values, sides
 
 
 def _refuse_two(numbers: IntArray, said: str, called: Callable[[int], str]) -> None:

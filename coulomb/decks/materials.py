@@ -10,13 +10,15 @@ from ..arrays import FloatArray, as_list
 from .cards import Card
 
 
-def material_of(section: Card, cards: list[Card], temperature: float | None) -> dict[str, Any]:
-    """The table of the material of a section, from the cards below *MATERIAL, with constants at a temperature.
+def material_of(section: Card, cards: list[Card], ends: tuple[float, float] | None) -> dict[str, Any]:
+    """The table of the material of a section, from the cards below *MATERIAL, with constants at the temperature of the
+    end; `ends` are those of the start and the end.
 
     Raises:
         ValueError: If it has no elastic constants, or some that coulomb does not have.
     """
     table: dict[str, Any] = {}
+    temperature = None if ends is None else ends[1]
     for card in cards:
         if card.kind == "ELASTIC":
             table |= _elastic(card, temperature)
@@ -26,7 +28,7 @@ def material_of(section: Card, cards: list[Card], temperature: float | None) -> 
             table["density"] = float(card.floats([0])[0])
         elif card.kind == "EXPANSION":
             kind = card.key("TYPE") or "ISO"
-            row = _at(card, 1 if kind.startswith("ISO") else 3, temperature)
+            row = _expansion(card, 1 if kind.startswith("ISO") else 3, ends)
             if kind.startswith("ANISO"):
                 raise card.fault("anisotropic expansion is not read")
             table["expansion"] = float(row[0]) if kind.startswith("ISO") else [float(one) for one in row[:3]]
@@ -34,6 +36,9 @@ def material_of(section: Card, cards: list[Card], temperature: float | None) -> 
             if card.key("TYPE") not in ("", "ISO"):
                 raise card.fault("only isotropic conductivity is read")
             table["conductivity"] = float(_at(card, 1, temperature)[0])
+    if isinstance(table.get("expansion"), list) and isinstance(table.get("young"), float):  # the same, by directions
+        young, nu = table["young"], table["poisson"]
+        table |= {"young": [young] * 3, "poisson": [nu] * 3, "shear": [young / (2.0 * (1.0 + nu))] * 3}
     if not {"young", "c1", "mu"} & table.keys():
         raise section.fault(f"its material {section.get('MATERIAL')!r} has no *ELASTIC and no *HYPERELASTIC card")
     return table
@@ -53,6 +58,15 @@ def _at(card: Card, count: int, temperature: float | None) -> FloatArray:
     if temperature is None or len(rows) == 1:
         return np.asarray(rows[0, :count])
     return np.array([np.interp(temperature, rows[:, count], rows[:, k]) for k in range(count)])
+
+
+def _expansion(card: Card, count: int, ends: tuple[float, float] | None) -> FloatArray:
+    """The strain from the start to the end over the change of temperature: coefficients alpha are secants from that of
+    ZERO, alpha(T) (T - zero) - alpha(T0) (T0 - zero)."""
+    if ends is None or ends[0] == ends[1]:
+        return _at(card, count, None if ends is None else ends[1])
+    start, end = (_at(card, count, at) * (at - card.setting("ZERO")) for at in ends)
+    return (end - start) / (ends[1] - ends[0])
 
 
 def _elastic(card: Card, temperature: float | None) -> dict[str, Any]:
@@ -112,19 +126,35 @@ def _bulk(d1: float, shear: float) -> float:
 
 
 def directions_of(card: Card) -> list[list[float | str]]:
-    """The first two axes of an *ORIENTATION, as vectors or as expressions of place."""
-    if len(card.lines) > 1 and np.any(card.floats([1])[1:2]):
-        raise card.fault("a rotation of the axes on a second line is not read", 1)
+    """The first two axes of an *ORIENTATION, as vectors or as expressions of place; turned by an angle in degrees about
+    one of them, where a second line says so."""
     a, b = np.split(card.vector(0, 6), 2)
-    if (card.key("SYSTEM") or "RECTANGULAR").startswith("R"):
-        return [as_list(a), as_list(b)]
-    radial = radial_direction(a, b)
-    axis = (b - a) / np.linalg.norm(b - a)
-    # the second axis is along the circle: axis x radial
-    x = radial
-    circle = [f"({axis[1]!r})*({x[2]})-({axis[2]!r})*({x[1]})", f"({axis[2]!r})*({x[0]})-({axis[0]!r})*({x[2]})"]
-    circle.append(f"({axis[0]!r})*({x[1]})-({axis[1]!r})*({x[0]})")
-    return [list(radial), list(circle)]
+    turn = card.floats([1])[:2] if len(card.lines) > 1 else np.empty(0)
+    about, angle = (int(turn[0]) - 1, float(np.radians(turn[1]))) if len(turn) == 2 else (2, 0.0)
+    if about not in (0, 1, 2):
+        raise card.fault("axes are turned about the axis 1, 2 or 3", 1)
+    system = card.key("SYSTEM") or "RECTANGULAR"
+    if system.startswith("R"):
+        third = np.cross(a, b)
+        own = np.array([a, np.cross(third, a), third])
+        own /= np.linalg.norm(own, axis=1, keepdims=True)
+        first, second = (about + 1) % 3, (about + 2) % 3
+        turned = own.copy()
+        turned[first] = np.cos(angle) * own[first] + np.sin(angle) * own[second]
+        turned[second] = np.cos(angle) * own[second] - np.sin(angle) * own[first]
+        return [as_list(a), as_list(b)] if not angle else [as_list(turned[0]), as_list(turned[1])]
+    if not system.startswith("C"):
+        raise card.fault(f"SYSTEM={card.get('SYSTEM')} is not read, RECTANGULAR and CYLINDRICAL are")
+    if angle and about != 2:
+        raise card.fault("axes of a cylinder are turned about the third alone", 1)
+    x, axis = radial_direction(a, b), (b - a) / np.linalg.norm(b - a)
+    # the second axis is along the circle: axis x radial, and as long as this
+    y = [f"({axis[(k + 1) % 3]!r})*({x[(k + 2) % 3]})-({axis[(k + 2) % 3]!r})*({x[(k + 1) % 3]})" for k in range(3)]
+    if not angle:
+        return [list(x), list(y)]
+    c, s = float(np.cos(angle)), float(np.sin(angle))
+    along = [[f"({p!r})*({x[k]})+({q!r})*({y[k]})" for k in range(3)] for p, q in ((c, s), (-s, c))]
+    return [list(along[0]), list(along[1])]
 
 
 def radial_direction(a: FloatArray, b: FloatArray) -> list[str]:

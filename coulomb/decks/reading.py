@@ -11,7 +11,7 @@ import numpy as np
 from ..arrays import IntArray
 from .cards import Card, key_of
 from .geometry import Geometry
-from .steps import STEADY, Amplitude, Rows, Step, reference
+from .steps import STEADY, Amplitude, Rows, Step, reference, smooth
 
 
 class Reading:
@@ -114,12 +114,18 @@ class Reading:
         found = {}
         for card in self.deck.others:
             if card.kind == "AMPLITUDE":
+                kind, meant = card.key("DEFINITION") or "TABULAR", card.key("VALUE") or "RELATIVE"
+                if kind not in ("TABULAR", "SMOOTHSTEP") or "USER" in card.parameters:
+                    raise card.fault("of definitions TABULAR and SMOOTH STEP are read")
+                if meant != "RELATIVE":
+                    raise card.fault(f"VALUE={card.get('VALUE')} is not read: give factors of the loads")
                 values = card.floats() if card.lines else np.empty(0)
                 if len(values) % 2 or not len(values):
                     raise card.fault("needs pairs of time and factor")
                 shift_x, shift_y = (card.setting(name) for name in ("SHIFTX", "SHIFTY"))
                 pairs = values.reshape(-1, 2) + (shift_x, shift_y)
                 rows = tuple((float(t), float(v)) for t, v in pairs)
+                rows = smooth(rows) if kind == "SMOOTHSTEP" else rows
                 found[card.key("NAME")] = Amplitude(rows, card.key("TIME") == "TOTALTIME")
         return found
 

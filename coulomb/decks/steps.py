@@ -7,10 +7,13 @@ loads linearly to 0 in the course of the step, supports at once.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, field
 from typing import Final, Generic, TypeVar
+
+import numpy as np
 
 from .cards import Card
 
@@ -75,6 +78,16 @@ def value_at(rows: Rows, time: float) -> float:
         return (before[-1:] or after[:1])[0][1]
     (t0, v0), (t1, v1) = before[-1], after[0]
     return v0 + (v1 - v0) * (time - t0) / (t1 - t0)
+
+
+def smooth(rows: Rows) -> Rows:
+    """Abaqus' SMOOTH STEP through rows, x^3 (10 - 15 x + 6 x^2) between two of them, in twenty parts."""
+    found = list(rows[:1])
+    for (t0, v0), (t1, v1) in itertools.pairwise(rows):
+        x = np.arange(1, 21) / 20.0
+        risen = x**3 * (10.0 - 15.0 * x + 6.0 * x**2)
+        found += [(float(t), float(v)) for t, v in zip(t0 + x * (t1 - t0), v0 + risen * (v1 - v0), strict=True)]
+    return tuple(found)
 
 
 @dataclass

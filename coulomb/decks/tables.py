@@ -26,6 +26,7 @@ from .nodes import NodalTables
 from .reading import Reading
 from .springs import spring_tables
 from .steps import PROCEDURES, Step, steps_of
+from .temperatures import Temperatures
 
 
 @dataclass
@@ -103,7 +104,7 @@ class _Translator:
             "output": {"directory": f"results/{stem}", "format": ["xdmf", "frd"]},
         }
         kinds = self.deck.kinds
-        bodies, self.loads = self.of.bodies, Loads(self.of)
+        bodies, self.temperatures = self.of.bodies, Temperatures(self.of)
         materials = self._materials()
         if bodies:
             tables["body"] = []
@@ -122,10 +123,13 @@ class _Translator:
             mesh.setdefault("cut", []).append(name)  # type: ignore[union-attr]
         nodal = NodalTables(self.of, constraints)
         nodal.take()
-        tables |= self.loads.temperature()
-        tables |= Heat(self.of, self.loads.initial_temperature).tables()
+        tables |= self.temperatures.tables()
+        tables |= Heat(self.of, self.temperatures.start if self.of.heated else None).tables()
         tables |= nodal.tables()
-        tables |= self.loads.tables({table.get("density") for _, _, table in materials})
+        tables |= Loads(self.of).tables({table.get("density") for _, _, table in materials})
+        if "temperature" in tables:
+            for _, _, table in materials:
+                table.setdefault("expansion", 0.0)
         for name, more in constraints.tables().items():
             tables.setdefault(name, []).extend(more)
         if springs := spring_tables(self.of):
@@ -199,17 +203,14 @@ class _Translator:
                 orientations[card.key("NAME")] = card
             elif card.kind in ("ELASTIC", "HYPERELASTIC", "DENSITY", "EXPANSION", "CONDUCTIVITY") and now is not None:
                 now.append(card)
-        temperature = self.loads.initial_temperature
-        tracks = self.loads.temperatures
-        if tracks is not None:
-            temperature = tracks.all[0][1].value()
         found = []
         for card in self.of.model:
             if card.kind != "SOLIDSECTION":
                 continue
             if card.key("MATERIAL") not in by_name:
                 raise card.lacks("*MATERIAL", card.get("MATERIAL"), by_name)
-            table = material_of(card, by_name[card.key("MATERIAL")], temperature)
+            cards, elements = by_name[card.key("MATERIAL")], self.deck.element_sets.members(self.of.set_name(card))
+            table = material_of(card, cards, self._temperatures_of(elements, cards))
             if self.of.heated:
                 table.setdefault("expansion", 0.0)
             else:
@@ -222,6 +223,21 @@ class _Translator:
             name = self.of.set_name(card)
             found.append((name, self.deck.element_sets.members(name), table))
         return found
+
+    def _temperatures_of(self, elements: IntArray, material: list[Card]) -> tuple[float, float] | None:
+        """Those of the start and the end at the nodes of some elements, the mean where they differ; None if none is
+        given."""
+        found = self.temperatures.ends(elements)
+        if found is None:
+            return None
+        start, end = found
+        by_temperature = [card for card in material if card.kind in ("ELASTIC", "EXPANSION") and len(card.lines) > 1]
+        if np.ptp(end) and by_temperature:
+            self.notes.append(
+                f"line {by_temperature[0].line}: constants by temperature are those of the mean, {end.mean():g}, of "
+                f"{end.min():g} to {end.max():g}"
+            )
+        return float(start.mean() if np.ptp(start) else start[0]), float(end.mean() if np.ptp(end) else end[0])
 
     def _of_cells(self, materials: list[tuple[str, IntArray, dict[str, Any]]], numbers: IntArray) -> Any:
         """The table of the material of these cells, or several by set."""

@@ -26,6 +26,7 @@ from ..fem.bodies import (
     SingleBody,
     Spring,
     Support,
+    Temperatures,
     ThermalLoad,
     build_bodies,
     distributed_bodies,
@@ -33,7 +34,7 @@ from ..fem.bodies import (
     supports_of_slices,
 )
 from ..fem.contact import Pretension, Tied, with_slaves
-from ..fem.geometry import Amplitude, Coefficient, Field, RigidFoundation, same_on_all_ranks
+from ..fem.geometry import Amplitude, Field, RigidFoundation, same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh
 from ..lazy_names import late_bound
 from ..linalg.compliance import LinearSolver
@@ -134,8 +135,8 @@ class ContactProblem(DiscreteProblem):
         body_force_amplitude: Factor of the body force as a function of time.
         gravity: Acceleration of gravity in m/s^2, for example (0, 0, -9.81); every material then needs a density.
         gravity_amplitude: Factor of gravity as a function of time.
-        temperature: Temperature of the body in kelvin or degrees Celsius: a number, a function of x, or a
-            `NodalField`; every material then needs a thermal expansion.
+        temperature: Temperature of the body in kelvin or degrees Celsius: a number, a function of x, a
+            `NodalField`, or `NodeTemperatures` at nodes of a mesh file; every material then needs a thermal expansion.
         reference_temperature: Temperature of the unstrained body, in the same unit.
         temperature_amplitude: Factor of the difference of the two as a function of time.
         heat: In place of a temperature, what heats and cools the bodies (`HeatLoad`): the temperature follows from
@@ -197,7 +198,7 @@ class ContactProblem(DiscreteProblem):
         body_force_amplitude: Amplitude = 1.0,
         gravity: Sequence[float] | Mapping[str, Sequence[float]] = (0.0, 0.0, 0.0),
         gravity_amplitude: Amplitude = 1.0,
-        temperature: Coefficient | Mapping[str, Coefficient] | None = None,
+        temperature: Temperatures | Mapping[str, Temperatures] | None = None,
         reference_temperature: float = 0.0,
         temperature_amplitude: Amplitude = 1.0,
         heat: Sequence[HeatLoad] = (),

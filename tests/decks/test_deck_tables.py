@@ -360,3 +360,99 @@ def test_nodes_that_stay_in_a_plane_or_on_a_line(tmp_path):
     assert [(row.keyword, row.why[-41:]) for row in beam.refused] == [
         ("MPC", "of kind BEAM; PLANE and STRAIGHT are read")
     ]
+
+
+def test_temperatures_of_some_nodes(tmp_path):
+    """Of one cube of two alone: it expands freely by alpha dT, while the other stays; in steps back again."""
+    own = "*EXPANSION\n1.e-5\n*INITIAL CONDITIONS, TYPE=TEMPERATURE\nall, 20.\n"
+    text = CUBES.replace("base, 1, 3\ntop, 1, 2", "1, 1, 3\n2, 2, 3\n4, 3, 3\n18, 1, 2\n17, 2, 2")
+    text = text.replace("*DENSITY\n", own[: own.index("*INITIAL")] + "*DENSITY\n") + own[own.index("*INITIAL") :]
+    high = "*ELSET, ELSET=upper\n2\n*NSET, NSET=high, GENERATE\n11, 18\n"
+    text = text.replace("*NSET, NSET=base", high + "*NSET, NSET=base")
+    heated = tables_of(tmp_path, text + STEP.format("*TEMPERATURE\nhigh, 120.\n*CLOAD\ntop, 3, -1.e-3"))
+    at = [{"nodes": "upper", "value": 120.0}]
+    assert heated.tables["temperature"] == {"value": 20.0, "reference": 20.0, "at": at}
+    problem = read_case(tmp_path / "deck.inp").problem()
+    z, u = problem.body.elasticity.x[:, 2], problem.solve().displacement
+    assert np.allclose(u[z == 2.0, 2], 1e-3, rtol=1e-3) and np.all(np.abs(u[z < 2.0, 2]) < 1e-6)
+    cooled = text + "".join(STEP.format(f"*TEMPERATURE\nhigh, {value}.") for value in (120, 70))
+    assert tables_of(tmp_path, cooled).tables["temperature"]["amplitude"] == [[0.0, 0.0], [1.0, 1.0], [2.0, 0.5]]
+    back = tables_of(tmp_path, cooled.replace("*TEMPERATURE\nhigh, 70.", "*TEMPERATURE, OP=NEW\n1, 20."))
+    assert back.tables["temperature"]["amplitude"] == [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
+    with pytest.raises(ValueError, match=r"\*TEMPERATURE: temperatures of different nodes do not follow one course"):
+        tables_of(tmp_path, cooled.replace("high, 70.", "base, 70."))
+    with pytest.raises(ValueError, match=r"CONDITIONS: 8 nodes of solids, as 11, have no initial"):
+        tables_of(tmp_path, cooled.replace("all, 20.", "base, 20.\n5, 20.\n6, 20.\n7, 20.\n8, 20."))
+
+
+def test_expansion_by_temperature_is_that_from_zero(tmp_path):
+    """alpha(T) (T - zero) - alpha(T0) (T0 - zero) = 3e-4 * 100 - 2e-4 * 50 = 0.02, as in CalculiX."""
+    own = "*EXPANSION, ZERO=0.\n2.e-4, 50.\n3.e-4, 100.\n*DENSITY\n"
+    warm = CUBES.replace("*DENSITY\n", own) + "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nall, 50.\n"
+    found = tables_of(tmp_path, warm + STEP.format("*TEMPERATURE\nall, 100."))
+    assert found.tables["material"]["expansion"] == pytest.approx(0.02 / 50.0)
+
+
+def test_loads_that_are_given_twice(tmp_path):
+    """Lines of one card with the same value add up; sides that a step before presses with others are said."""
+    sets = CUBES + "*ELSET, ELSET=both\n1, 2\n"
+    pressures = tables_of(tmp_path, sets + STEP.format("*DLOAD\nboth, P2, 5.\n2, P2, 5.")).tables["pressure"]
+    assert [table["value"] for table in pressures] == [5.0, 5.0]
+    assert tables_of(tmp_path, steps("*DLOAD\n2, P2, 5.\n2, P2, 5.")).tables["pressure"][0]["value"] == 10.0
+    twice = "*DLOAD\nboth, P2, 5."
+    assert len(tables_of(tmp_path, sets + STEP.format(twice) * 2).tables["pressure"]) == 1
+    with pytest.raises(ValueError, match=r"\*DLOAD: presses some of the sides that a step before presses with others"):
+        tables_of(tmp_path, sets + STEP.format(twice) + STEP.format("*DLOAD\n2, P2, 8."))
+
+
+def test_loads_of_other_kinds(tmp_path):
+    """Weight without a set and along two directions, forces per volume, tractions; what is not read is said."""
+    weight = "*DLOAD\n, GRAV, 9810., 0., 0., -2.\ncubes, GRAV, 3., 1., 0., 0.\ncubes, BZ, -.5"
+    tables = tables_of(tmp_path, steps(weight)).tables
+    assert tables["gravity"] == [3.0, 0.0, -9810.0] and tables["body_force"] == [0.0, 0.0, -0.5]
+    surface = CUBES + "*SURFACE, NAME=lid\n2, S2\n"
+    tables = tables_of(tmp_path, surface + STEP.format("*DSLOAD\nlid, TRVEC, 10., 3., 0., -4.")).tables
+    assert tables["traction"] == [{"face": "lid", "value": [6.0, 0.0, -8.0]}]
+    for load, said in (
+        ("*DLOAD\n2, P, 5.", "loads of kind 'P' are not read: which side"),
+        ("*DLOAD\n2, HP2, 5., 1., 0.", "loads of kind 'HP2' are not read"),
+        ("*DLOAD\ncubes, GRAV, 1., 0., 0., 1.\n2, GRAV, 1., 0., 0., 1.", "some elements have it twice"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            tables_of(tmp_path, steps(load))
+
+
+REFUSED_OPTIONS = {
+    "*FRICTION\n.2, 1.E6": {
+        "*FRICTION, ROUGH": "friction of kind ROUGH",
+        "*FRICTION, EXPONENTIAL DECAY\n.3, .2, 1.": "friction of kind EXPONENTIALDECAY",
+        "*FRICTION\n.2, 0., 0.\n.1, 0., 100.": "line 46: .*depends on slip rate, pressure or temperature",
+    },
+    "*SURFACE BEHAVIOR, PRESS": {"*SURFACE BEHAVIOR, NO SEPARATION, PRESS": "NO SEPARATION"},
+    "*FRICTION\n": {
+        "*CLEARANCE, CPSET=a, VALUE=.1\n*FRICTION\n": "SLAVE, MASTER and VALUE alone",
+        "*CLEARANCE, SLAVE=slave, MASTER=slave, VALUE=.1\n*FRICTION\n": "no \\*CONTACT PAIR of these",
+        "*SURFACE, TYPE=CYLINDER, NAME=roll\nSTART, 0., 0.\n*FRICTION\n": "surfaces of TYPE=CYLINDER",
+        "*AMPLITUDE, NAME=a, DEFINITION=PERIODIC\n1, 6., 0., 0.\n0., 1.\n*FRICTION\n": "TABULAR and SMOOTH STEP",
+        "*AMPLITUDE, NAME=a, VALUE=ABSOLUTE\n0., 0., 1., 1.\n*FRICTION\n": "VALUE=ABSOLUTE",
+    },
+}
+
+
+@pytest.mark.parametrize("right", REFUSED_OPTIONS)
+def test_options_that_change_the_answer_are_not_skipped(right, tmp_path):
+    for option, said in REFUSED_OPTIONS[right].items():
+        load = STEP.format(f"*CLOAD{', AMPLITUDE=a' if 'AMPLITUDE' in option else ''}\ntop, 3, -1.")
+        with pytest.raises(ValueError, match=said):
+            tables_of(tmp_path, CUBES.replace(right, option) + load)
+
+
+def test_axes_of_an_orientation_that_are_turned(tmp_path):
+    """By the angle of the second line: 90 degrees about the third axis makes the second the first."""
+    own = "*ELASTIC, TYPE=ENGINEERING CONSTANTS\n3., 2., 1., .1, .1, .1, 1., 1.,\n1."
+    text = CUBES.replace("*ELASTIC\n210000., .3", own).replace(
+        "MATERIAL=steel\n*B", "MATERIAL=steel, ORIENTATION=o\n*B"
+    )
+    axes = "*ORIENTATION, NAME=o\n1., 0., 0., 1., 1., 0.\n3, 90.\n"
+    material = tables_of(tmp_path, text + axes + STEP.format("*DLOAD\n2, P2, 5.")).tables["material"]
+    assert np.allclose(material["directions"], [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])

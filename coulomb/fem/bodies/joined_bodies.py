@@ -16,14 +16,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..geometry import Amplitude, Coefficient, Field
+from ..geometry import Amplitude, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, is_mesh_data
 from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
 from .deformable import Deformable, End, Member, SingleBody
 from .elasticity import LoadedBody, refuse_others
 from .elimination import Made
 from .linear_constraints import Constraints, Follower
-from .loads import AppliedLoad, Load, Loading, NodalForces, ThermalLoad, joined_temperatures
+from .loads import AppliedLoad, Load, Loading, NodalForces, Temperatures, ThermalLoad, joined_temperatures
 from .materials import AnyMaterial, Materials, by_group
 from .rigid_modes import rigid_modes
 from .supports import Spring, Support
@@ -60,7 +60,7 @@ def distributed_bodies(
     body_force_amplitude: Amplitude = 1.0,
     gravity: Sequence[float] | Mapping[str, Sequence[float]] = NOTHING,
     gravity_amplitude: Amplitude = 1.0,
-    temperature: Coefficient | Mapping[str, Coefficient] | None = None,
+    temperature: Temperatures | Mapping[str, Temperatures] | None = None,
     reference_temperature: float = 0.0,
     temperature_amplitude: Amplitude = 1.0,
 ) -> dict[str, BodyArguments]:
@@ -79,7 +79,7 @@ def distributed_bodies(
     sprung = _by_body(mesh, springs, "spring")
     forces: dict[str, Field] = _each(mesh, body_force, "body_force")
     weights: dict[str, Sequence[float]] = _each(mesh, gravity, "gravity")
-    temperatures: dict[str, Coefficient] = _each(mesh, temperature, "temperature")
+    temperatures: dict[str, Temperatures] = _each(mesh, temperature, "temperature")
     bodies = {}
     for name, one in mesh.bodies.items():
         heat = temperatures.get(name)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from ...arrays import FloatArray
+from .. import compat
 from ..geometry import (
     Amplitude,
     Coefficient,
@@ -25,7 +26,7 @@ from ..geometry import (
     of_place,
     on_all_ranks,
 )
-from ..meshes import NamedMesh, NodalField
+from ..meshes import NamedMesh, NodalField, lagrange_points, lagrange_values
 from .body import ElasticBody
 from .displacement_space import DisplacementSpace
 from .materials import Materials, constant_of_cells, three
@@ -307,11 +308,71 @@ class Temperature:
 
 
 @dataclass(frozen=True)
+class NodeTemperatures:
+    """Temperatures of nodes of the mesh file, in kelvin or degrees Celsius.
+
+    Between the corners of a cell they are linear, as CalculiX has those of 20-node hexahedra; quadratic in 10-node
+    tetrahedra all of whose nodes have a number.
+
+    Attributes:
+        others: That of all other nodes.
+        given: Nodes, as the name of a set or of a group of cells, or some numbers in the file, and their temperature.
+            Of a node that is given twice the last one counts.
+    """
+
+    others: float
+    given: tuple[tuple[str | tuple[int, ...], float], ...]
+
+    def at_nodes(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
+        """Those at this rank's nodes, shape (k,); ValueError on every rank if the mesh has no such set or number;
+        collective."""
+        cell, comm = body.domain.topology.cell_type, mesh.comm
+        degree, on = 1, compat.cell_geometry(body.domain)
+        numbers = (
+            np.zeros(len(body.domain.geometry.x), dtype=np.int64) if mesh.node_numbers is None else mesh.node_numbers
+        )
+        corners = len(lagrange_points(cell, 1))
+        if on.shape[1] == 10 and comm.allreduce(bool(np.all(numbers[on] > 0)), op=MPI.LAND):
+            degree, corners = 2, 10
+        at_points = np.full(len(numbers), self.others)
+        singly: dict[int, float] = {}
+        for nodes, value in self.given:
+            if not isinstance(nodes, str):
+                singly.update((node, value) for node in nodes)
+            elif nodes in mesh.node_sets:
+                at_points[mesh.node_sets[nodes]] = value
+            elif nodes in mesh.cells:
+                at_points[on[mesh.cells[nodes]]] = value
+            else:
+                known = ", ".join(map(repr, (*mesh.node_sets, *mesh.cells))) or "none at all"
+                raise ValueError(f"temperature: there is no set of nodes or group of cells {nodes!r}; there is {known}")
+        if singly:
+            ordered = np.array(sorted(singly), dtype=np.int64)
+            place = np.minimum(np.searchsorted(ordered, numbers), len(ordered) - 1)
+            here = ordered[place] == numbers
+            at_points[here] = np.array([singly[node] for node in ordered])[place[here]]
+            found = np.zeros(len(ordered), dtype=bool)
+            found[place[here]] = True
+            missing = ordered[~comm.allreduce(found, op=MPI.LOR)]
+            if len(missing):
+                raise ValueError(f"temperature: no cell of the mesh file has a node of the number {missing[0]}")
+        order = body.degree
+        between = np.round(8.0 * lagrange_values(cell, degree, lagrange_points(cell, order))) / 8.0
+        dofs, values = compat.cell_dofs(body.V), np.full(len(body.x), self.others)
+        mine = dofs < len(body.x)
+        values[dofs[mine]] = (at_points[on[:, :corners]] @ between.T)[mine]
+        return values
+
+
+Temperatures = Coefficient | NodeTemperatures
+
+
+@dataclass(frozen=True)
 class ThermalLoad:
     """A temperature, from that of the unstrained body; `ContactProblem(temperature=...)` makes it.
 
     Attributes:
-        temperature: In kelvin or degrees Celsius: a number, a function of x, or a `NodalField`.
+        temperature: In kelvin or degrees Celsius: a number, a function of x, a `NodalField`, or `NodeTemperatures`.
         reference: Temperature of the unstrained body, in the same unit.
         amplitude: Factor of the difference as a function of time: a number, a function, a table or a `LoadCurve`.
 
@@ -319,7 +380,7 @@ class ThermalLoad:
         ValueError: If the reference, or a temperature that is no function, is not a finite number.
     """
 
-    temperature: Coefficient
+    temperature: Temperatures
     reference: float = 0.0
     amplitude: Amplitude = 1.0
 
@@ -328,7 +389,9 @@ class ThermalLoad:
 
     def __post_init__(self) -> None:
         given: dict[str, object] = {"reference_temperature": self.reference}
-        if not of_place(self.temperature):
+        if isinstance(self.temperature, NodeTemperatures):
+            given |= {"temperature": self.temperature.others}
+        elif not of_place(self.temperature):
             given["temperature"] = self.temperature
         for name, value in given.items():
             if isinstance(value, bool) or not isinstance(value, float | int) or not math.isfinite(value):
@@ -338,6 +401,8 @@ class ThermalLoad:
         """Temperature minus reference at this rank's nodes at the factor 1, kelvin, shape (k,); ValueError on every
         rank if one is not finite, or a field does not cover the body; collective."""
         field, inside = self.temperature, body.in_a_cell()
+        if isinstance(field, NodeTemperatures):
+            return field.at_nodes(body, mesh) - self.reference
         given = (lambda x: field.at_nodes(x.T, inside)) if isinstance(field, NodalField) else field
         change: FloatArray = evaluate_signed_numbers(given, body.x, "temperature", mesh.comm)
         return change - self.reference
