@@ -154,16 +154,21 @@ AGAINST = " against "
 
 
 def side_names(contacts: Iterable[tuple[str, str | None]]) -> list[tuple[str, str | None]]:
-    """Names in files of the two sides of every contact: the faces, or of one in several contacts "FACE against OTHER".
+    """Names in files of the two sides of every contact: the faces, or of one in several contacts "FACE against OTHER",
+    "FACE against foundation NUMBER".
 
     Args:
         contacts: Of every contact its face, and that opposite; None against a foundation.
     """
     given = list(contacts)
-    count = Counter(face for pair in given for face in pair)
+    count, rigid = Counter(face for pair in given for face in pair), Counter(face for face, other in given if not other)
+    seen = Counter[str]()
 
     def name(face: str, other: str | None) -> str:
-        return face if other is None or count[face] == 1 else f"{face}{AGAINST}{other}"
+        if other is not None:
+            return face if count[face] == 1 else f"{face}{AGAINST}{other}"
+        seen[face] += 1
+        return face if rigid[face] == 1 else f"{face}{AGAINST}foundation {seen[face]}"
 
     return [(name(face, other), None if other is None else name(other, face)) for face, other in given]
 

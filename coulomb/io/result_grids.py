@@ -253,10 +253,10 @@ BODIES, FACES = "bodies", "faces"
 
 
 def collections(problem: DiscreteProblem) -> tuple[str, str]:
-    """Names of the collections in solution.xdmf and contact.xdmf; empty for a file with one grid."""
+    """Names of the collections in solution.xdmf and contact.xdmf; empty for a file with one grid; collective."""
     several = len(problem.elasticity.members) > 1
     pairs = any(contact.against is not None for contact in problem.contacts)
-    return BODIES if several else "", FACES if several or pairs else ""
+    return BODIES if several else "", FACES if several or pairs or problem.body.faces_meet else ""
 
 
 def body_grids(solution: Solution, given: Mapping[str, Any]) -> list[GridFields]:

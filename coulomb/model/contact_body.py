@@ -19,6 +19,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, End, Loading, locking_by_volume, unjoined_parts
 from ..fem.contact import (
+    Candidates,
     ContactSurface,
     FullyHeld,
     KeptMatrix,
@@ -27,7 +28,7 @@ from ..fem.contact import (
     Tied,
     contact_surface,
     joined,
-    nodes_of_other_pairs,
+    nodes_at_seams,
     own_plane,
     pair_of,
     pair_surface,
@@ -74,47 +75,50 @@ def slaves_as_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> tupl
 
 
 class ContactFaces:
-    """The contact faces of a body, their foundations (None of pairs), pairs, and common surface at any time."""
+    """The contact faces of a body, their foundations (None of pairs), pairs, and common surface at any time; nodes at
+    seams are those of one of them."""
 
-    def __init__(self, contacts: Sequence[Contact], elasticity: Deformable):
+    def __init__(self, contacts: Sequence[Contact], elasticity: Deformable, time: float):
         if not contacts:
             raise ValueError("contact: give one face or several")
-        self._contacts, self._comm = contacts, elasticity.comm
+        self._contacts, self._comm, self._time = contacts, elasticity.comm, time
         self.foundations: list[RigidFoundation | None] = [
             c.foundation if c.foundation or c.against else own_plane(elasticity, c.face) for c in contacts
         ]
         self._pairs: dict[int, Pair] = {}
 
     def pair(self, number: int, elasticity: Deformable) -> Pair:
-        """The pair of faces of a contact against a deformable face; all are found at once; collective.
-
-        Nodes of a face against a foundation are contact points there, others at the nearest master
-        (`nodes_of_other_pairs`).
-        """
+        """The pair of faces of a contact against a deformable face; all are found at once; collective."""
         if number not in self._pairs:
-            self._pairs |= self._all_pairs(elasticity)
+            self._pairs = self._all_pairs(elasticity)
         return self._pairs[number]
 
     def _all_pairs(self, elasticity: Deformable) -> dict[int, Pair]:
-        taken: npt.NDArray[np.bool_] = np.zeros(len(elasticity.x), dtype=bool)
-        for contact in self._contacts:
-            if contact.against is None:
-                taken[elasticity.nodes(contact.face, "contact")] = True
-        left_out = {number: taken for number, contact in enumerate(self._contacts) if contact.against is not None}
-        over, found, changed = Reductions(self._comm), {}, list(left_out)
-        size = over.max(np.abs(elasticity.x).ravel())
-        while changed:
-            for each in changed:
-                contact = self._contacts[each]
-                assert contact.against is not None
-                found[each] = pair_of(
-                    elasticity, contact.face, contact.against, contact.adjust, left_out[each], contact.shape
-                )
-            points = {each: (pair.points.nodes, pair.gap) for each, pair in found.items()}
-            lost = nodes_of_other_pairs(points, len(taken), size)
-            changed = [each for each in lost if self._comm.allreduce(bool(np.any(lost[each])), op=MPI.LOR)]
-            left_out |= {each: left_out[each] | lost[each] for each in changed}
-        return found
+        """Those with nodes at seams anew, without these (`nodes_at_seams`); collective."""
+
+        def found(number: int, taken: npt.NDArray[np.bool_] | None = None) -> Pair:
+            one = self._contacts[number]
+            assert one.against is not None
+            return pair_of(elasticity, one.face, one.against, one.adjust, taken, one.shape)
+
+        pairs = {number: found(number) for number, one in enumerate(self._contacts) if one.against is not None}
+        if len(self._contacts) == 1:
+            return pairs
+        contacts, motions = dict[int, Candidates](), self.foundation_motions(self._time)
+        for number, (one, rigid) in enumerate(zip(self._contacts, self.foundations, strict=True)):
+            if rigid is None:
+                pair = pairs[number]
+                contacts[number] = Candidates(pair.points.nodes, pair.n, pair.gap, np.sqrt(pair.points.area))
+                continue
+            there, nodes = moved(rigid, motions[number]), elasticity.nodes(one.face, "contact")
+            place = partial(_place_of, there, elasticity.x[nodes])
+            n, gap = on_all_ranks(place, f"contact face {one.face!r}: foundation", self._comm)
+            contacts[number] = Candidates(nodes, n, gap, np.zeros(len(nodes)))
+        size = Reductions(self._comm).max(np.abs(elasticity.x).ravel())
+        for number, lost in nodes_at_seams(contacts, list(pairs), len(elasticity.x), size).items():
+            if self._comm.allreduce(bool(np.any(lost)), op=MPI.LOR):
+                pairs[number] = found(number, lost)
+        return pairs
 
     def foundation_motions(self, time: float) -> tuple[RigidMotion, ...]:
         return on_all_ranks(
@@ -157,6 +161,11 @@ class ContactFaces:
             laws.append(contact.law(x[here], surface.area[here], time, slip_rate[here], self._comm))
             places.append(here)
         return FrictionLaw.joined(laws).at(np.argsort(np.concatenate(places)))
+
+
+def _place_of(foundation: RigidFoundation, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unit normals (k, 3) into a foundation, and distances from it (k,), at points x (k, 3)."""
+    return (-foundation.normal(x), foundation.signed_distance(x)) if len(x) else (x, x[:, 0])
 
 
 _log = logging.getLogger(__name__)
@@ -270,7 +279,7 @@ class ContactBody:
 
     def _take(self, elasticity: Deformable, time: float) -> None:
         """Find contact faces and unknowns of the bodies, with the supports that act at a time; collective."""
-        self.elasticity, self._faces = elasticity, ContactFaces(self.contacts, elasticity)
+        self.elasticity, self._faces = elasticity, ContactFaces(self.contacts, elasticity, time)
         self.held_in_pairs = HeldInPairs(self.contacts, elasticity, self.pair)
         motions = self._faces.foundation_motions(time)
         try:
@@ -383,6 +392,12 @@ class ContactBody:
 
     def foundation_motions(self, time: float) -> tuple[RigidMotion, ...]:
         return self._faces.foundation_motions(time)
+
+    @cached_property
+    def faces_meet(self) -> bool:
+        """Whether a node is on several contact faces, and so has several contact points; collective."""
+        nodes = np.concatenate([self.elasticity.nodes(one.face, "contact") for one in self.contacts])
+        return bool(self.comm.allreduce(len(np.unique(nodes)) < len(nodes), op=MPI.LOR))
 
     def pair(self, number: int) -> Pair:
         return self._faces.pair(number, self.elasticity)

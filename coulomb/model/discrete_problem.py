@@ -12,6 +12,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
+from ..fem.contact import ContactSurface
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance
 from ..solvers.friction_problem import FrictionProblem
@@ -29,6 +30,10 @@ class StatePoints(NamedTuple):
 
     nodes: npt.NDArray[np.int32]
     part: npt.NDArray[np.int64]
+
+    def places(self, surface: ContactSurface) -> npt.NDArray[np.int64]:
+        """Numbers of the contact points of a surface among these, which have them all."""
+        return surface.places_among(self.nodes, self.part)
 
 
 class DiscreteProblem:

@@ -20,7 +20,7 @@ from ..solvers.friction_problem import FrictionProblem
 from ..solvers.successive_tresca import Anderson
 from .certificate import Evidence
 from .certificate_scales import rounding_forces
-from .discrete_problem import DiscreteProblem
+from .discrete_problem import DiscreteProblem, StatePoints
 from .linear_problem import Before
 from .load_step import State
 from .problem_evidence import gather_evidence
@@ -44,22 +44,23 @@ _OPPOSITE: Final = 1e-6
 
 @dataclass(frozen=True)
 class CarriedForces:
-    """Contact forces, space vectors in newtons, and the normals of their places, at this rank's nodes, shapes (k, 3); 0
-    at nodes without."""
+    """Contact forces, space vectors in newtons, and the normals of their places, at this rank's points of states,
+    shapes (m, 3); 0 at points without."""
 
     vectors: FloatArray
     normals: FloatArray
 
     @classmethod
-    def of(cls, x: FloatArray, surface: ContactSurface, nodes: int) -> CarriedForces:
-        """Of forces x (3 m,) at the contact points of a surface, of so many nodes."""
-        vectors, normals = np.zeros((2, nodes, 3))
-        vectors[surface.nodes], normals[surface.nodes] = surface.vectors(x.reshape(-1, 3)), surface.frames[:, 0]
+    def of(cls, x: FloatArray, surface: ContactSurface, points: StatePoints) -> CarriedForces:
+        """Of forces x (3 m,) at the contact points of a surface."""
+        (vectors, normals), at = np.zeros((2, len(points.nodes), 3)), points.places(surface)
+        vectors[at], normals[at] = surface.vectors(x.reshape(-1, 3)), surface.frames[:, 0]
         return cls(vectors, normals)
 
-    def at(self, surface: ContactSurface) -> FloatArray:
+    def at(self, surface: ContactSurface, points: StatePoints) -> FloatArray:
         """Along the frames of a surface, turned as its normals have (parallel transport), shape (3 m,)."""
-        f, n, m = self.vectors[surface.nodes], self.normals[surface.nodes], surface.frames[:, 0]
+        at = points.places(surface)
+        f, n, m = self.vectors[at], self.normals[at], surface.frames[:, 0]
         axis, cosine = np.cross(n, m), np.einsum("ki,ki->k", n, m)[:, None]
         along = np.einsum("ki,ki->k", axis, f)[:, None] / np.maximum(1.0 + cosine, _OPPOSITE)
         x: FloatArray = surface.force_components(cosine * f + np.cross(axis, f) + along * axis).ravel()
@@ -133,9 +134,9 @@ class Linearised(DiscreteProblem):
 
     def evidence_here(self, x: FloatArray, compliance: FloatArray) -> Evidence:
         """The evidence of the nonlinear problem for forces x (3 m,) at the displacement from which it is linearised;
-        `compliance` is the diagonal of A at the nodes (k, 3), 0 where it is not known; collective."""
+        `compliance` is the diagonal of A there (m, 3), 0 where it is not known; collective."""
         body = self.elasticity
-        e = self._evidence(x, np.zeros_like(body.x), compliance[self.surface.nodes])
+        e = self._evidence(x, np.zeros_like(body.x), compliance)
         places = [(member.nodes, nonlinear(member.body).place) for member in body.members]
         load = np.concatenate([e.load[nodes] if place.load is None else place.load for nodes, place in places])
         kept = e.internal - e.load + load
@@ -155,7 +156,7 @@ class Linearised(DiscreteProblem):
             here = (surface.part == part) & (x[0::3] > 0.0)
             if foundation is not None and np.any(here):
                 bent = curvature(moved(foundation, motion), surface.x[here])
-                stiffness[surface.nodes[here]] = -x[0::3][here, None, None] * bent
+                stiffness[surface.nodes[here]] -= x[0::3][here, None, None] * bent
         return stiffness
 
     def turning(self, body: Deformable, x: FloatArray) -> Deformable:
@@ -203,7 +204,7 @@ class Iterate:
         u: Displacement in metres, shape (k, 3).
         time: Of the end of the step.
         before: The state at the start of the step.
-        number: Of every node among the contact points of states, shape (k,).
+        points: The contact points of states.
         start: The faces at the start of the step; None where this is the start.
     """
 
@@ -216,18 +217,14 @@ class Iterate:
         u: FloatArray,
         time: float,
         before: State,
-        number: npt.NDArray[np.int64],
+        points: StatePoints,
         start: FaceMotion | None,
     ):
         self.u, self.time = u, time
-        self._before, self._number, self.body = (
-            before,
-            number,
-            linearised(body, u, time, End(before.time, before.displacement)),
-        )
+        self._before, self.body = before, linearised(body, u, time, End(before.time, before.displacement))
         posed = pose(self.body, time)
         there, self.foundations = posed.state, posed.body.foundations
-        at = number[there.surface.nodes]
+        at = points.places(there.surface)
         then = replace(there, slip_rate=before.slip_rate[at], accumulated=before.accumulated.at(at))
         if start is not None:
             slip = start.slip(self.body, there.surface, there.foundation_motions, self.foundations)
@@ -271,8 +268,8 @@ class Iterate:
             G = surface.frames / lengths[:, :, None]
             target = np.column_stack([surface.gap, state.slip_origin[:, 1:] / lengths[:, 1:]])
             stiff = _STIFFER * size[surface.nodes]
-            stiffness[surface.nodes] += np.einsum("k,kr,kri,krj->kij", stiff, which, G, G)
-            force[surface.nodes] = np.einsum("k,kr,kri->ki", stiff, which * target, G)
+            np.add.at(stiffness, surface.nodes, np.einsum("k,kr,kri,krj->kij", stiff, which, G, G))
+            np.add.at(force, surface.nodes, np.einsum("k,kr,kri->ki", stiff, which * target, G))
         return each(body, lambda one, nodes: one.on_springs(stiffness[nodes], force[nodes]))
 
     def made_positive(self, body: Deformable, x: FloatArray) -> Deformable:

@@ -53,6 +53,10 @@ _BACKTRACKS: Final = 8
 _DAMPINGS: Final = (1e-6, 3.0, 10.0)
 """Least damping over the mean diagonal of K at the nodes, the ratio of each to the next, and the largest."""
 
+_LITTLE: Final = 1.0
+"""The largest damping with which steps converge as they are: bodies that contact alone holds turn against their stress,
+and where other bodies hold them no springs stand for contact."""
+
 _PERTURBED: Final = (1.0, 3.0, 0.3)
 """Amplitudes of the mode of an unstable answer over its largest displacement, one after the other."""
 
@@ -94,17 +98,17 @@ class LoadSteps:
     Attributes:
         contacts: The contacts, with the foundations before any motion.
         points: All nodes of the contact faces: which of them are contact points depends on the displacement.
-        number: Of every node among these, shape (k,); -1 of others.
         remedy: Number of the first tangent that is tried.
         damped: Whether changes of the displacement are damped where tangents are not positive definite: iterates then
             go through an instability (snap-through) to the next equilibrium.
         damping: The last one that made a tangent positive definite; 0 without one.
+        held_by_contact: Whether contact alone holds a body.
         stable: Whether an equilibrium has to be stable.
     """
 
     def __init__(self, body: ContactBody, time: float, linear_solver: object, explicit: bool | None, branch: str):
         self.body, self.elasticity, self.remedy, self.stable = body, body.elasticity, 0, branch == "stable"
-        self.damped, self.damping = False, 0.0
+        self.damped, self.damping, self.held_by_contact = False, 0.0, len(self.elasticity.free) > 0
         self._refuse_ties_across_gaps()
         self._methods = linear_solver_of(linear_solver), explicit
         self.contacts = tuple(
@@ -113,8 +117,7 @@ class LoadSteps:
         )
         faces = [self.elasticity.nodes(one.face, "contact") for one in self.contacts]
         part = np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces])
-        self.points, self.number = StatePoints(np.concatenate(faces), part), np.full(len(self.elasticity.x), -1)
-        self.number[self.points.nodes] = np.arange(len(part))
+        self.points = StatePoints(np.concatenate(faces), part)
 
     def damps(self) -> bool:
         """Whether a failed step is worth another attempt with damping, which is set: not if it was damped already, or
@@ -239,15 +242,16 @@ class LoadStepLoop:
         begin = self._iterate(state, state.displacement, state.time, None)
         start = begin.start()
         here = self._iterate(state, u, self.time, start)
-        x, sizes, found = self._carried(state, begin).at(here.problem.surface), [np.inf], False
+        points = self.shared.points
+        x, sizes, found = self._carried(state, begin).at(here.problem.surface, points), [np.inf], False
         results, path = list[SolverResult](), Path(Reductions(self.comm))
         for _ in range(_MOST):
             linear = self._linear(here, x, solve)
             results.append(linear.result)
             du, surface, compliance = linear.displacement, here.problem.surface, here.problem.mean_compliance
-            before, after = (CarriedForces.of(of, surface, len(du)) for of in (x, linear.contact_force))
-            at_nodes = np.zeros_like(du)
-            at_nodes[surface.nodes] = here.problem.compliances
+            before, after = (CarriedForces.of(of, surface, points) for of in (x, linear.contact_force))
+            known = np.zeros((len(points.nodes), 3))
+            known[points.places(surface)] = here.problem.compliances
             ways = [(du, after, 0.5**k) for k in range(_BACKTRACKS)]
             if accelerate and sizes[-1] < NEAR and (mixed := path.next(here.u, du, before, after, compliance)):
                 ways.insert(0, (*mixed, 1.0))
@@ -255,10 +259,11 @@ class LoadStepLoop:
                 there, accelerated = self._moved(here, part * way, state, start), way is not du
                 if there is not None:
                     between = (1.0 - part) * before.vectors + part * forces.vectors
-                    x = replace(forces, vectors=between).at(there.problem.surface)
+                    x = replace(forces, vectors=between).at(there.problem.surface, points)
                     if accelerated:  # back into the cone
                         x = there.problem.law.project(x, x[0::3])
-                    evidence = there.problem.evidence_here(x, at_nodes)
+                    at_points = known[points.places(there.problem.surface)]
+                    evidence = there.problem.evidence_here(x, at_points)
                     certificate = judge(evidence)
                     size = size_of(certificate)
                     if np.isfinite(size) and size <= _WORSE * sizes[-1]:
@@ -280,17 +285,18 @@ class LoadStepLoop:
         evidence, certificate = settled_to(evidence, certificate, whole.unsettled)
         methods = {**linear.methods, "kinematics": "large", "linear_problems": len(results)}
         methods |= {"definite": True} if self._definite else {}
-        return self._answer(here, x, whole, evidence, certificate, at_nodes, methods, tuple(sizes))
+        return self._answer(here, x, whole, evidence, certificate, at_points, methods, tuple(sizes))
 
     def solution(self, result: SolverResult) -> Solution:
         """The state before a step that has failed, judged with the loads of its end; collective."""
         state = self._state
         begin = self._iterate(state, state.displacement, state.time, None)
         here = self._iterate(state, state.displacement, self.time, begin.start())
-        x, diagonal = self._carried(state, begin).at(here.problem.surface), here.body.K.getDiagonal()
+        surface, diagonal = here.problem.surface, here.body.K.getDiagonal()
+        x = self._carried(state, begin).at(surface, self.shared.points)
         compliance = diagonal.getSize() / abs(diagonal.sum())  # of the order of that of A, which may not exist
         diagonal.destroy()
-        return self.judged(here, x, replace(result, x=x), np.full_like(here.u, compliance))
+        return self.judged(here, x, replace(result, x=x), np.full((len(surface.nodes), 3), compliance))
 
     def recomputed(
         self, displacement: FloatArray, force_on_body: FloatArray, compliance: FloatArray, unsettled: float | None
@@ -302,13 +308,12 @@ class LoadStepLoop:
         start = self._iterate(state, state.displacement, state.time, None).start()
         here = self._iterate(state, displacement, self.time, start)
         surface = here.problem.surface
-        x = -surface.force_components(force_on_body[self.shared.number[surface.nodes]]).ravel()
-        at_nodes = np.zeros_like(displacement)
-        at_nodes[surface.nodes] = compliance[self.shared.number[surface.nodes]]
-        return self.judged(here, x, replace(_without_answer(len(surface.nodes)), unsettled=unsettled), at_nodes)
+        at = self.shared.points.places(surface)
+        x = -surface.force_components(force_on_body[at]).ravel()
+        return self.judged(here, x, replace(_without_answer(len(at)), unsettled=unsettled), compliance[at])
 
     def judged(self, here: Iterate, x: FloatArray, result: SolverResult, compliance: FloatArray) -> Solution:
-        """The answer of forces x (3 m,) at an iterate, judged by diag(A) at the nodes (k, 3); collective."""
+        """The answer of forces x (3 m,) at an iterate, judged by diag(A) there (m, 3); collective."""
         evidence = here.problem.evidence_here(x, compliance)
         evidence, certificate = settled_to(evidence, judge(evidence), result.unsettled)
         return self._answer(here, x, result, evidence, certificate, compliance, {}, ())
@@ -330,7 +335,7 @@ class LoadStepLoop:
         problem.seconds, problem.started, problem.small_strain = posed.seconds, posed.started, posed.small_strain
         over, own = Reductions(self.comm), evidence.compliance
         mean = over.sum(own) / max(over.sum(float(own.size)), 1.0)
-        judged = evidence, compliance[problem.surface.nodes], mean, methods, sizes
+        judged = evidence, compliance, mean, methods, sizes
         return Solution(problem, x, here.u, bound, result, certificate, *judged)
 
     def _count(self, here: Iterate) -> None:
@@ -344,11 +349,12 @@ class LoadStepLoop:
         shared, given, why = self.shared, here.body, ""
         tangent = here.problem.turning  # of this problem: `pose` makes another
         remedies = [tangent, here.supported][shared.remedy :]
-        if self._damped:
+        if self._damped or shared.held_by_contact:
             least, ratio, most = _DAMPINGS
             dampings = max(shared.damping / ratio, least) * ratio ** np.arange(_MOST)
-            remedies += [partial(here.supported, damping=float(one)) for one in dampings[dampings <= most]]
-        else:  # takes long steps of the boundary, but leaves an unstable equilibrium slowly
+            dampings = dampings[dampings <= (most if self._damped else _LITTLE)]
+            remedies += [partial(here.supported, damping=float(one)) for one in dampings]
+        if not self._damped:  # takes long steps of the boundary, but leaves an unstable equilibrium slowly
             remedies.append(here.made_positive)
         for remedy in remedies:
             body = remedy(given, x)
@@ -384,14 +390,13 @@ class LoadStepLoop:
         return self._iterate(state, u, here.time, start)
 
     def _iterate(self, state: State, u: FloatArray, time: float, start: FaceMotion | None) -> Iterate:
-        return Iterate(self.elasticity, self.shared.posed, u, time, state, self.shared.number, start)
+        return Iterate(self.elasticity, self.shared.posed, u, time, state, self.shared.points, start)
 
     def _carried(self, state: State, begin: Iterate) -> CarriedForces:
         """The contact forces of a state, with the normals of its place."""
-        vectors, normals = np.zeros((2, *state.displacement.shape))
-        surface = begin.problem.surface
-        vectors[self.shared.points.nodes], normals[surface.nodes] = -state.force_on_body, surface.frames[:, 0]
-        return CarriedForces(vectors, normals)
+        surface, normals = begin.problem.surface, np.zeros_like(state.force_on_body)
+        normals[self.shared.points.places(surface)] = surface.frames[:, 0]
+        return CarriedForces(-state.force_on_body, normals)
 
     def after(self, before: State, solution: Solution) -> State:
         """The state after the step: elastic energy is that of the bodies, or if one has a residual alone, the work of
@@ -400,16 +405,17 @@ class LoadStepLoop:
         then, now = before.forces, self._forces(problem, solution.displacement, solution.evidence, on_body)
         if then is None:
             begin = self._iterate(before, before.displacement, before.time, None)
-            x = self._carried(before, begin).at(begin.problem.surface)
-            on_body = before.force_on_body[self.shared.number[begin.problem.surface.nodes]]
-            then = self._forces(begin.problem, begin.u, begin.problem.evidence_here(x, np.ones_like(begin.u)), on_body)
+            surface = begin.problem.surface
+            x, on_body = self._carried(before, begin).at(surface, self.shared.points), before.force_on_body
+            evidence = begin.problem.evidence_here(x, np.ones_like(surface.x))
+            then = self._forces(begin.problem, begin.u, evidence, on_body[self.shared.points.places(surface)])
             linearised(self.elasticity, solution.displacement, solution.time)  # the user's functions are of the answer
         own = [nonlinear(one.body).strain_energy(now.displacement[one.nodes]) for one in self.elasticity.members]
         known = [one for one in own if one is not None]
         copies = self.elasticity.copies
         change = Reductions(self.comm, copies).dot(then.kept + now.kept, now.displacement - then.displacement)
         elastic = copies * sum(known) if len(known) == len(own) else before.energy.elastic + 0.5 * change
-        at = self.shared.number[problem.surface.nodes]
+        at = self.shared.points.places(problem.surface)
         return before.ended(solution, then, now, at, elastic=elastic)
 
     @staticmethod

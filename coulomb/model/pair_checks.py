@@ -193,24 +193,16 @@ class JudgedPair:
         (k, 3), along unit normals n (m, 3), metres, shape (m,); collective."""
         return self._reference.off_linear(nodes - self._nodes[0].start, n, *self._sides(u))
 
-    def findings(
-        self,
-        frames: FloatArray,
-        gap: FloatArray,
-        rows: FloatArray,
-        u: FloatArray,
-        points: npt.NDArray[np.integer[Any]],
-    ) -> PairFindings:
+    def findings(self, frames: FloatArray, gap: FloatArray, rows: FloatArray, u: FloatArray) -> PairFindings:
         """What is off with frames (m, 3, 3), gaps (m,) without given ones, and displacements `rows` (m, 3) in the
-        frames by those of the nodes u (k, 3), metres, and the nodes of the contact `points` of all faces;
-        collective."""
+        frames by those of the nodes u (k, 3), metres; collective."""
         pair, contact = self.pair, self._contact
         moved = self._reference.displacement(self._sides(u), pair.points.mirrored, frames, rows)
         claims = Claims(self._node, frames[:, 0], gap, pair.points.area, self._held, contact.adjust)
         if self._last is None or not self._last[0].same(claims):
             self._last = claims, self._reference.samples.deviations(claims)
             known = np.zeros(len(u), dtype=bool)
-            known[points] = known[self._tied] = True
+            known[pair.points.nodes] = known[pair.elsewhere] = known[self._tied] = True
             self._left = self._reference.left_out(known[self._nodes[0]])
         return findings(pair.face, pair.against, pair.x, self._last[1], self._weights, moved, self._left)
 

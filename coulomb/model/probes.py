@@ -153,13 +153,15 @@ class LocatedProbes:
         collective, the same on every rank.
 
         Slip and pressure are those of contact.xdmf, interpolated: 0 at nodes of the face that are no contact nodes.  In
-        pairs they are at the face with the contact points.
+        pairs they are at the face with the contact points; of a node in several contacts those of the one that presses
+        most.
         """
         if not self.probes:
             return ()
         slip, pressure = np.zeros((2, *u.shape))
-        slip[nodes] = answer.slip
-        pressure[nodes, 0] = answer.force[:, 0] / answer.area
+        order = np.argsort(answer.force[:, 0], kind="stable")  # of a node in several contacts that which presses most
+        slip[nodes[order]] = answer.slip[order]
+        pressure[nodes[order], 0] = (answer.force[:, 0] / answer.area)[order]
         found = {number: value for part in self._in for number, value in part.values(u, slip, pressure, answer)}
         return tuple(found[number] for number in range(len(self.probes)))
 

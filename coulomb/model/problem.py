@@ -127,7 +127,7 @@ class ContactProblem(DiscreteProblem):
             bodies or groups ("lower:steel") to theirs.  After a `Body`: the contact.
         clamps: Prescribed displacements (`Clamp`, `PrescribedDisplacement`); rigid motions that they and the
             springs leave free are found from the equilibrium of loads and contact forces (`NoEquilibrium`).
-        contact: The contact face, its foundation or the face against it, and friction; or several, which share no node;
+        contact: The contact face, its foundation or the face against it, and friction; or several, also of one face;
             their laws may differ.
         tractions: Surface loads: `Traction`, `Pressure`, `TotalForce`, `PointLoad`.
         body_force: Force per volume in N/m^3.

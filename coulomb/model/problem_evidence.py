@@ -53,17 +53,17 @@ def gather_evidence(
         before: End of the load step before; None if slip is measured from the state's `slip_origin`.
     """
     elasticity, surface = state.elasticity, state.surface
-    slip_rate = np.zeros(len(u))
-    slip_rate[surface.nodes] = state.slip_rate if before is None else before.slip_rate
-    faces = [_face(body, number, state.time, before, slip_rate) for number in range(len(body.contacts))]
+    rates, faces = state.slip_rate if before is None else before.slip_rate, []
+    for number in range(len(body.contacts)):
+        slip_rate, here = np.zeros(len(u)), surface.part == number
+        slip_rate[surface.nodes[here]] = rates[here]
+        faces.append(_face(body, number, state.time, before, slip_rate))
     points = joined_points([face[0] for face in faces])
     frames, gap, carried = (np.concatenate([face[k] for face in faces]) for k in (1, 2, 4))
     law = FrictionLaw.joined([face[3] for face in faces])
     B, nodes = body.kept_matrix.of(points, frames), points.nodes
-
-    number = np.full(len(u), -1)
-    number[nodes] = np.arange(len(nodes))
-    judged = number[surface.nodes]  # the solver's contact points among those of the evidence
+    parts = np.repeat(np.arange(len(faces)), [len(face[0].nodes) for face in faces])
+    judged = surface.places_among(nodes, parts)  # the solver's contact points among those of the evidence
     known = judged >= 0
 
     def taken_as_is(rows: FloatArray) -> FloatArray:
@@ -100,7 +100,6 @@ def gather_evidence(
     component = elasticity.component
     own = at_all_points(taken_as_is(compliance), compliance, Reductions(body.comm))
     strays = surface.nodes[~known][stray_rows]
-    parts = np.repeat(np.arange(len(faces)), [len(face[0].nodes) for face in faces])
     others = [one for *_, one in faces if one is not None]
     beside = [np.full(len(one.nodes), number) for number, (*_, one) in enumerate(faces) if one is not None]
     return Evidence(
@@ -184,7 +183,7 @@ def _findings(
     """What is off in the pairs among the faces, whose points have displacements `rows` (m, 3) along their frames by
     those of the nodes u (k, 3); collective."""
     found, comm = [], body.comm
-    ends, points = np.cumsum([0, *(len(face[0].nodes) for face in faces)]), [face[0].nodes for face in faces]
+    ends = np.cumsum([0, *(len(face[0].nodes) for face in faces)])
     for number, (_, frames, gap, *_) in enumerate(faces):
         contact = body.contacts[number]
         if contact.against is None:
@@ -192,9 +191,7 @@ def _findings(
         known = body.judged_pair(number)
         place = known.pair.points.before_deformation(known.pair.x)
         given = contact.gap_factor(time, comm) * contact.gap_at(place, comm)
-        found.append(
-            known.findings(frames, gap - given, rows[ends[number] : ends[number + 1]], u, np.concatenate(points))
-        )
+        found.append(known.findings(frames, gap - given, rows[ends[number] : ends[number + 1]], u))
     return tuple(found)
 
 

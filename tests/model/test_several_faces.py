@@ -63,11 +63,25 @@ def test_energy_with_one_jaw_moving():
     assert abs(energy.imbalance) <= 0.02 * energy.foundation
 
 
+def test_pressed_into_a_corner(tmp_path):
+    """Without friction the stress is uniform: nodes of the edge touch floor and wall, each with its own pressure."""
+    contacts = [Contact("bottom", 0.0), Contact("right", 0.0)]
+    loads = [coulomb.Pressure("top", 1e6), coulomb.Pressure("left", 2e6)]
+    problem = ContactProblem(coulomb.box((1.0, 1.0, 1.0), (3, 3, 3)), STEEL, [Clamp("front", "y")], contacts, loads)
+    solution = problem.solve()
+    at, nodes = solution.at_nodes, problem.surface.nodes
+    assert solution.valid and len(nodes) == 32 and len(np.unique(nodes)) == 28
+    for part, pressure in enumerate((1e6, 2e6)):
+        assert at.pressure[at.part == part] == pytest.approx(pressure, rel=1e-6)
+    write(solution, tmp_path)
+    assert check(tmp_path).passed
+
+
 @pytest.mark.parametrize(
     ("contacts", "message"),
     [
         ([], "contact must be a Contact, or several, but is"),
-        ([Contact("bottom", 0.3), Contact("right", 0.3)], "contact faces 'bottom', 'right': a node is on two of them"),
+        ([Contact("bottom", 0.3)] * 2, "contact faces 'bottom', 'bottom': a node touches the same plane on both"),
     ],
 )
 def test_bad_faces(contacts, message):

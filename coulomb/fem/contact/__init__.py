@@ -15,6 +15,7 @@ from .contact_points import (
     free_lengths,
     joined_points,
     nodal_points,
+    places_among,
     row_products,
 )
 from .facet_patch import facet_patch
@@ -23,13 +24,14 @@ from .near_facets import FaceSamples, NearFace, face_samples, whole_face
 from .overlaps import Obstacle, Overlap, Sides, Surface
 from .pair import (
     NO_SHAPE,
+    Candidates,
     Pair,
     Shape,
     bulges_at_points,
     clamped_nodes,
     curved_patch,
     held_on_both,
-    nodes_of_other_pairs,
+    nodes_at_seams,
     pair_frames,
     pair_of,
     pair_surface,

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -51,6 +51,20 @@ def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
         seen = np.where(near, 0.0, frames - across)
     local = _blocks(points.difference, seen)
     return _distributed(local, points)
+
+
+def places_among(
+    points: tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.int64]],
+    others: tuple[npt.NDArray[np.integer[Any]], npt.NDArray[np.int64]],
+) -> npt.NDArray[np.int64]:
+    """Numbers of contact points among others, -1 of those that are none of them, shape (m,); both by their nodes and
+    the numbers of their contacts: a node has a point in every contact of its faces."""
+    (nodes, part), (their_nodes, their_part) = points, others
+    count = 1 + int(max(np.max(part, initial=0), np.max(their_part, initial=0)))
+    key, keys = (count * node.astype(np.int64) + of for node, of in ((nodes, part), (their_nodes, their_part)))
+    order = np.argsort(keys)
+    place = order[np.minimum(np.searchsorted(keys, key, sorter=order), len(keys) - 1)] if len(keys) else key
+    return np.where(keys[place] == key, place, -1) if len(keys) else np.full(len(key), -1)
 
 
 class KeptMatrix:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -34,24 +34,42 @@ from .surface import ContactSurface, matrices_of
 _AS_NEAR: Final = 1e-9
 """Distances that differ by less than this part of the coordinates are the same."""
 
+_SEAM: Final = 0.9, 0.1
+"""Cosine of the normals of a node in two contacts, and part of its size by which its gaps differ, where they meet as at
+a seam between two plates: two multipliers there, on a coarser master, leave forces undetermined."""
 
-def nodes_of_other_pairs(
-    points: Mapping[int, tuple[npt.NDArray[np.integer[Any]], FloatArray]], count: int, size: float
+
+class Candidates(NamedTuple):
+    """Contact points of a contact: nodes (m,), unit normals (m, 3), gaps and sizes, the roots of areas, metres (m,)."""
+
+    nodes: npt.NDArray[np.integer[Any]]
+    normals: FloatArray
+    gap: FloatArray
+    size: FloatArray
+
+
+def nodes_at_seams(
+    contacts: Mapping[int, Candidates], pairs: Collection[int], count: int, size: float
 ) -> dict[int, npt.NDArray[np.bool_]]:
-    """Which of `count` nodes every pair loses to another, by the number of the pair: a node counts at the nearest
-    master, of equally near ones at that of the first pair.
-
-    Args:
-        points: By the number of the pair the nodes of its contact points and their gaps in metres, each of shape (m,).
-        count: How many nodes there are.
-        size: Largest coordinate, metres.
-    """
-    distance = np.full((len(points), count), np.inf)
-    for row, (nodes, gap) in zip(distance, points.values(), strict=True):
-        row[nodes] = np.abs(gap)
-    near = distance <= np.min(distance, axis=0) + _AS_NEAR * size
-    first = np.argmax(near, axis=0)
-    return {number: np.isfinite(distance[k]) & (first != k) for k, number in enumerate(points)}
+    """Which of `count` nodes every one of the `pairs` loses to another of the contacts, by their numbers: a node that
+    touches several in the same direction, as at a seam, counts on a rigid foundation, else at the nearest master, of
+    equally near ones (to a part of the largest coordinate, `size`) at that of the first pair; a node at an edge has a
+    contact point in each."""
+    lost = dict[int, npt.NDArray[np.bool_]]()
+    for number in pairs:
+        own, gone = contacts[number], np.zeros(count, dtype=bool)
+        for other, there in contacts.items():
+            if other == number:
+                continue
+            _, one, two = np.intersect1d(own.nodes, there.nodes, return_indices=True)
+            along = np.einsum("ki,ki->k", own.normals[one], there.normals[two])
+            apart = np.abs(own.gap[one] - there.gap[two])
+            seam = (along > _SEAM[0]) & (apart <= _SEAM[1] * own.size[one])
+            nearer = np.abs(there.gap[two]) - np.abs(own.gap[one])
+            near = (nearer < -_AS_NEAR * size) | ((nearer <= _AS_NEAR * size) & (other < number))
+            gone[own.nodes[one[seam & (near | (other not in pairs))]]] = True
+        lost[number] = gone
+    return lost
 
 
 _FINER: Final = 1.2
@@ -271,6 +289,7 @@ class Pair:
         gap: Distance along them before deformation in metres, adjusted, shape (m,).
         held: Projectors on the held directions of the slave nodes, shape (m, 3, 3).
         chord: As `ContactSurface.chord`.
+        elsewhere: Nodes of the slave face that are contact points of another contact instead (`nodes_at_seams`).
         remarks: What a user should know of it.
     """
 
@@ -282,6 +301,7 @@ class Pair:
     gap: FloatArray
     held: FloatArray
     chord: FloatArray
+    elsewhere: npt.NDArray[np.int64]
     remarks: tuple[str, ...] = ()
 
 
@@ -297,10 +317,10 @@ def pair_of(
     """The geometry of a pair of a slave and a master face; collective.
 
     Nodes of the slave face whose displacement along the normal is prescribed, those that nothing opposes, those that
-    are contact points of another face already (`taken`), and those that are on the master face as well, are no contact
-    points; their parts of the face belong to the nodes beside them.  So are those that follow nodes whose displacement
-    is prescribed, and are opposite to such nodes alone (`still`, found here).  Gaps and penetrations up to `adjust` in
-    metres are taken to be 0.
+    are contact points of another contact instead (`taken`), and those that are on the master face as well, are no
+    contact points; their parts of the face belong to the nodes beside them.  So are those that follow nodes whose
+    displacement is prescribed, and are opposite to such nodes alone (`still`, found here).  Gaps and penetrations up to
+    `adjust` in metres are taken to be 0.
 
     Raises:
         ValueError: On every rank, if a face is unknown, its nodes are off the surface given for it, or no part of one
@@ -374,7 +394,7 @@ def pair_of(
     deepest, uncertain = (size if size > _SEEN * near.extent else 0.0 for size in largest)
     remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, uncertain, comm)
     chord = np.where(closed & (adjust > 0.0), 0.0, np.max([off, between, rows.chord], axis=0))
-    return Pair(face, against, points, x, n, gap, held, chord, remarks)
+    return Pair(face, against, points, x, n, gap, held, chord, slave.nodes.start + twice, remarks)
 
 
 def bulges_at_points(

@@ -38,15 +38,15 @@ class FaceMotion:
     """Where the nodes of the contact faces were on their foundations at the start of a load step.
 
     Attributes:
-        feet: Foot points of this rank's nodes in the coordinates of the foundation of their face, shape (k, 3); nan
-            elsewhere.
+        feet: By the number of the contact, foot points of this rank's nodes in the coordinates of its foundation,
+            shape (k, 3); nan elsewhere; none of pairs.
         normals: Unit normals of the foundation there, shape (k, 3).
         surface: Contact points at the start of the step.
         motions: Of the foundations at the start of the step.
     """
 
-    feet: FloatArray
-    normals: FloatArray
+    feet: dict[int, FloatArray]
+    normals: dict[int, FloatArray]
     surface: ContactSurface
     motions: Sequence[RigidMotion]
 
@@ -57,13 +57,10 @@ class FaceMotion:
         0 at points that have been none at the start; collective."""
         slip = np.zeros_like(surface.x)
         present, normals = foot_points(body, surface.faces, motions, foundations)
-        way = _along_arc(present - self.feet, normals, self.normals)
-        for part, motion in enumerate(motions):
-            here = surface.part == part
-            if foundations[part] is not None:
-                # of points that are averages of nodes: of the feet of these
-                moved = surface.points.average(np.nan_to_num(way))[here]
-                slip[here] = motion.turned(moved)
+        for part, feet in present.items():
+            here, way = surface.part == part, _along_arc(feet - self.feet[part], normals[part], self.normals[part])
+            # of points that are averages of nodes: of the feet of these
+            slip[here] = motions[part].turned(surface.points.average(np.nan_to_num(way))[here])
         paired = surface.points.opposite is not None
         if body.comm.allreduce(paired):
             slip += self._between_faces(body, surface, foundations)
@@ -71,9 +68,9 @@ class FaceMotion:
 
     def _between_faces(self, body: Deformable, surface: ContactSurface, foundations: Foundations) -> FloatArray:
         then, now = (_separation(one, body.x) for one in (self.surface, surface))
-        before: FloatArray = np.full((len(body.x), 3), np.nan)
-        before[self.surface.nodes] = then
-        slip: FloatArray = np.nan_to_num(before[surface.nodes] - now)
+        place = surface.places_among(self.surface.nodes, self.surface.part)
+        slip, known = np.zeros_like(now), place >= 0
+        slip[known] = then[place[known]] - now[known]
         on_foundation = np.array([foundation is not None for foundation in foundations])[surface.part]
         slip[on_foundation] = 0.0
         return slip
@@ -81,14 +78,16 @@ class FaceMotion:
 
 def foot_points(
     body: Deformable, faces: Sequence[str], motions: Sequence[RigidMotion], foundations: Foundations
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[dict[int, FloatArray], dict[int, FloatArray]]:
     """Foot points and normals of `FaceMotion`, of the present places of the nodes; collective."""
-    feet, normals = np.full((2, *body.x.shape), np.nan)
-    for face, motion, foundation in zip(faces, motions, foundations, strict=True):
+    feet, normals = dict[int, FloatArray](), dict[int, FloatArray]()
+    for part, (face, motion, foundation) in enumerate(zip(faces, motions, foundations, strict=True)):
         if foundation is not None:
             nodes = body.nodes(face, "contact")
             find = partial(_foot, foundation, motion.undone(body.x[nodes]))
-            feet[nodes], normals[nodes] = on_all_ranks(find, f"contact face {face!r}: foundation", body.comm)
+            feet[part], normals[part] = np.full((2, *body.x.shape), np.nan)
+            found = on_all_ranks(find, f"contact face {face!r}: foundation", body.comm)
+            feet[part][nodes], normals[part][nodes] = found
     return feet, normals
 
 

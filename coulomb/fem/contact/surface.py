@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -34,6 +34,7 @@ from .contact_points import (
     free_contact_matrix,
     free_lengths,
     joined_points,
+    places_among,
 )
 
 Normals = Literal["foundation", "body"]
@@ -45,6 +46,9 @@ _NEARLY_HELD: Final = 1e-2
 
 _PERPENDICULAR: Final = 1e-6
 """Cosine of the angle between a face's normal and the foundation's below which they are perpendicular."""
+
+_SAME: Final = 1e-9
+"""One minus the cosine of normals, and difference of gaps over the largest coordinate, of the same foundation."""
 
 _ROUNDING = 8.0 * float(np.finfo(float).eps)  # of gaps, over the largest coordinate
 
@@ -104,6 +108,10 @@ class ContactSurface:
     def area(self) -> FloatArray:
         """Integral of the points' hat functions over the face in m^2, shape (m,)."""
         return self.points.area
+
+    def places_among(self, nodes: npt.NDArray[np.integer[Any]], part: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """`places_among` of its contact points among those of these nodes and contacts."""
+        return places_among((self.nodes, self.part), (nodes, part))
 
     def components(self, vectors: FloatArray) -> FloatArray:
         """The rows of displacements (m, 3), space vectors at the contact points, as in B u: along n, t1, t2."""
@@ -306,19 +314,14 @@ def with_unknowns(elasticity: Deformable, surface: ContactSurface) -> ContactSur
 
 
 def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> ContactSurface:
-    """Several contact faces as one surface; ValueError on every rank if two share a node: its forces would not be
-    unique; collective."""
+    """Several contact faces as one surface: a node on several of them has a contact point in each; ValueError on every
+    rank if two foundations are the same plane there, whose forces would be one; collective."""
     if len(surfaces) == 1:
         return surfaces[0]
     points = joined_points([surface.points for surface in surfaces])
-    nodes = points.nodes
     x = np.concatenate([surface.x for surface in surfaces])
-    order = np.argsort(nodes, kind="stable")
-    twice = np.zeros(len(nodes), dtype=bool)
-    twice[order[1:]] = nodes[order][1:] == nodes[order][:-1]
     faces = tuple(face for surface in surfaces for face in surface.faces)
-    both = f"contact faces {', '.join(map(repr, faces))}: a node is on two of them; end one face before the other"
-    _refuse(twice, elasticity.x[nodes], both, elasticity.comm)
+    _refuse_twice(elasticity, surfaces)
     frames = np.concatenate([surface.frames for surface in surfaces])
     return ContactSurface(
         faces,
@@ -333,6 +336,22 @@ def joined(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> Contac
         np.concatenate([surface.chord for surface in surfaces]),
         tuple(text for surface in surfaces for text in surface.remarks),
     )
+
+
+def _refuse_twice(elasticity: Deformable, surfaces: Sequence[ContactSurface]) -> None:
+    """Refuse nodes that touch the same plane twice before deformation; collective."""
+    comm, rigid = elasticity.comm, [one for one in surfaces if one.foundations[0] is not None]
+    if not comm.allreduce(np.array_equal(elasticity.x, elasticity.reference), op=MPI.LAND):
+        return
+    near = _SAME * float(np.max(np.abs(elasticity.x), initial=0.0))
+    for number, one in enumerate(rigid):
+        for other in rigid[:number]:
+            place, same = one.places_among(other.nodes, other.part), np.zeros(len(one.nodes), dtype=bool)
+            (here,), there = np.nonzero(place >= 0), place[place >= 0]
+            along = np.einsum("ki,ki->k", one.frames[here, 0], other.frames[there, 0])
+            same[here] = (along > 1.0 - _SAME) & (np.abs(one.gap[here] - other.gap[there]) <= near)
+            both = f"contact faces {', '.join(map(repr, (*other.faces, *one.faces)))}: a node touches the same plane"
+            _refuse(same, one.x, f"{both} on both; end one face before the other", comm)
 
 
 def _evaluate(

@@ -21,6 +21,7 @@ from coulomb import (
     HeatLoad,
     LoadHistory,
     Material,
+    Pressure,
     ThermalContact,
     Traction,
     box,
@@ -193,17 +194,36 @@ def test_the_check_passes_with_every_cell_and_whichever_face_is_the_slave(cell, 
 
 
 def test_nodes_in_both_pairs_are_remarked():
-    """The three nodes in the middle of the pad are opposite to both bases."""
+    """The three nodes in the middle of the pad are opposite to both bases; where these are far from each other along
+    the normal, only one can be touched, and the nodes have a contact point at each."""
     bases = {name: moved(box((1.0, 1.0, 0.5), (1, 1, 1)), (x, 0.0, -0.5)) for name, x in (("one", 0.0), ("two", 1.0))}
     pad = box((2.0, 1.0, 0.5), (4, 2, 1))
     contacts = [Contact("pad:bottom", against=f"{name}:top", friction=0.3) for name in bases]
     clamps = [Clamp("one:bottom"), Clamp("two:bottom")]
-    for gap, first in ((0.0, [9, 6]), (-1e-4, [6, 9])):  # the second base nearer than the first, or as near
+    # the second base nearer than the first, or as near, or far
+    for gap, points, lost in ((0.0, [9, 6], 1), (-1e-4, [6, 9], 1), (-0.1, [9, 9], 0)):
         raised = {"one": moved(bases["one"], (0.0, 0.0, gap)), "two": bases["two"]}
         problem = ContactProblem(join(pad=pad, **raised), Material(2e11, 0.0), clamps, contacts)
-        assert np.bincount(problem.surface.part).tolist() == first
+        assert np.bincount(problem.surface.part).tolist() == points
         remarks = [text for number in (0, 1) for text in problem.body.pair(number).remarks]
-        assert sum("3 of its nodes are contact points of another face" in text for text in remarks) == 1
+        assert sum("3 of its nodes are contact points of another face" in text for text in remarks) == lost
+
+
+def test_an_edge_touches_two_bodies():
+    """A block is pressed into a corner of two others, which without Poisson's ratio bear it with uniform pressures."""
+    blocks = {"below": ((1.0, 1.0, 0.5), (0.0, 0.0, -0.5)), "beside": ((0.5, 1.0, 1.0), (1.0, 0.0, 0.0))}
+    mesh = join(
+        block=box((1.0, 1.0, 1.0), (3, 3, 3)),
+        **{name: moved(box(size, (2, 2, 2)), at) for name, (size, at) in blocks.items()},
+    )
+    contacts = [Contact("block:bottom", 0.0, against="below:top"), Contact("block:right", 0.0, against="beside:left")]
+    held = [Clamp("below:bottom"), Clamp("beside:right"), Clamp("block:front", "y")]
+    loads = [Pressure("block:top", 1e6), Pressure("block:left", 2e6)]
+    problem = ContactProblem(mesh, Material(2e11, 0.0), held, contacts, loads)
+    at, nodes = problem.solve().at_nodes, problem.surface.nodes
+    assert len(nodes) == 32 and len(np.unique(nodes)) == 28
+    for part, pressure in enumerate((1e6, 2e6)):
+        assert at.pressure[at.part == part] == pytest.approx(pressure, rel=1e-6)
 
 
 def pad_on_two():
