@@ -369,17 +369,16 @@ class Case(Table):
                     f'law = {laws[0]!r} of a material is for large motions: set solver.kinematics = "large"'
                 )
             return self
-        for key in ("pretension", "cyclic_symmetry", "rigid_face"):
+        for key in ("pretension", "rigid_face"):
             if getattr(self, key):
-                raise ValueError(f'{key}: not with solver.kinematics = "large", which has [[tie]]')
+                raise ValueError(f'{key}: not with solver.kinematics = "large": it has [[tie]], sectors and equations')
         return self
 
     @model_validator(mode="after")
     def _heat_fits(self) -> Case:
         thermal = [key for key, table in self.contacts.items() if table.thermal is not None]
-        others = {"temperature": self.temperature, "tie": self.ties, "rigid_face": self.rigid_face}
+        others = {"temperature": self.temperature, "large motions": self.solver.kinematics == "large"}
         unfit = [name for name, given in others.items() if given]
-        unfit += ["large motions"] if self.solver.kinematics == "large" else []
         refuse_unfit_heat(self.heat, self.reference_temperature, thermal, unfit)
         return self
 

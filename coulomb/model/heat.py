@@ -186,25 +186,26 @@ class HeatProblem:
         conductance.destroy()
         A = through.difference.transposeMatMult(scaled)
         A.axpy(1.0, conduction.K)
-        self._refuse_singular(A)
+        mean = self._mean_diagonal(A)
+        reduced = conduction.reduced(A, mean)
+        self._refuse_singular(reduced)
         heat = conduction.heat(factors).sum(axis=0) + self._friction(surface, through, friction)
         heat += matrix_product(through.difference, through.conductance * through.beyond, transposed=True)
         fixed = conduction.fixed
-        change = np.where(fixed, conduction.prescribed(factors), start)
-        reduced = A.copy()
+        change = conduction.lifted(np.where(fixed, conduction.prescribed(factors), start))
         rows = conduction.bodies.numbering.first + np.flatnonzero(fixed)
-        reduced.zeroRowsColumns(rows.astype(PETSc.IntType), self._mean_diagonal(A))
+        reduced.zeroRowsColumns(rows.astype(PETSc.IntType), mean)
         reduced.setOption(PETSc.Mat.Option.SPD, True)
         try:
             ksp = configured_ksp(reduced, "cg", _CG)
             for _ in range(_SOLVES):
-                residual = np.where(fixed, 0.0, heat - matrix_product(A, change))
+                residual = np.where(fixed, 0.0, conduction.transferred(heat - matrix_product(A, change)))
                 if self._over.max(np.abs(residual)) == 0.0:
                     break
                 rhs, x = reduced.createVecs()
                 rhs.array[:] = residual
                 ksp.solve(rhs, x)
-                change = change + x.array_r
+                change = change + conduction.lifted(x.array_r)
                 rhs.destroy()
                 x.destroy()
             ksp.destroy()
@@ -226,7 +227,7 @@ class HeatProblem:
         brought = given.sum(axis=0) + self._friction(surface, through, friction)
         brought -= matrix_product(through.difference, passing, transposed=True)
         inner = matrix_product(conduction.K, change)
-        missing = inner - brought
+        missing = conduction.transferred(inner - brought)
         flows: list[HeatFlow] = []
         seen: Counter[tuple[str, str | None]] = Counter()
 
@@ -291,12 +292,14 @@ class HeatProblem:
         """Check that a prescribed temperature, a film or a foundation is reached from each component of the meshes."""
         component = self.bodies.component
         count = int(self._over.max(component.astype(np.float64))) + 1
-        indicator = (component[:, None] == np.arange(count)).astype(np.float64)
+        free = ~self.conduction.follows[:, None]
+        indicator = ((component[:, None] == np.arange(count)) & free).astype(np.float64)
         between = self._over.total(indicator.T @ np.column_stack([matrix_product(A, one) for one in indicator.T]))
         diagonal = A.getDiagonal()
         whole = self._over.total(indicator.T @ diagonal.array_r)
         diagonal.destroy()
         held = self._over.total(indicator.T @ self.conduction.fixed.astype(np.float64)) > 0.0
+        held, whole = held | (whole == 0.0), np.where(whole == 0.0, 1.0, whole)  # all of its nodes follow others
         scaled = between / np.sqrt(np.outer(whole, whole)) + np.diag(held.astype(np.float64))
         sizes, vectors = np.linalg.eigh(scaled)
         if sizes[0] > _SINGULAR:

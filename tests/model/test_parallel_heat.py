@@ -11,6 +11,8 @@ from coulomb import (
     Clamp,
     Contact,
     ContactProblem,
+    CyclicSymmetry,
+    Equation,
     HeatLoad,
     LoadHistory,
     Material,
@@ -82,6 +84,51 @@ def test_two_bars_in_series_with_a_contact_resistance(below, above):
     out_of_slave = {"upper:bottom": power, "lower:top": -power}[problem.contacts[0].face]
     assert solution.heat.through[0] == pytest.approx(out_of_slave, rel=1e-10)
     assert solution.heat.balanced and abs(solution.heat.imbalance) <= 1e-10 * power and solution.valid
+
+
+@pytest.mark.parametrize(("below", "above"), [(1, 1), (2, 1), (1, 2)])
+def test_two_bars_that_are_tied_conduct_in_series(below, above):
+    """With meshes that do not match; an equation between displacements conducts nothing."""
+    lower = box((0.02, 0.02, 0.05), (2, 1, 2), degree=below)
+    upper = moved(box((0.02, 0.02, 0.03), (3, 2, 3), "tetrahedron", degree=above), (0.0, 0.0, 0.05))
+    materials = {"lower": steel(), "upper": Material(7e10, 0.3, expansion=0.0, conductivity=200.0)}
+    held = [SymmetryPlane(f"{body}:{side}") for body in ("lower", "upper") for side in ("left", "front")]
+
+    law, loads = Contact("lower:bottom", 0.0), [Pressure("upper:top", 1e6)]
+    heat = [HeatLoad("lower:bottom", temperature=COLD), HeatLoad("upper:top", temperature=HOT)]
+    given, flux = {"heat": heat, "reference_temperature": COLD}, (HOT - COLD) / (0.05 / 50.0 + 0.03 / 200.0)
+    for faces in (("upper:bottom", "lower:top"), ("lower:top", "upper:bottom")):
+        ties = [Tied(*faces, slave=True), Equation([((0.02, 0.02, 0.08), "x", 1.0), ((0.02, 0.0, 0.08), "x", -1.0)])]
+        bodies = join(lower=lower, upper=upper)
+        solution = ContactProblem(bodies, materials, held, law, loads, ties=ties, **given).solve()
+        for member in solution.problem.elasticity.members:
+            z = member.body.x[:, 2]
+            expected = COLD + flux * z / 50.0 if member.name == "lower" else HOT - flux * (0.08 - z) / 200.0
+            assert np.abs(solution.heat.temperature[member.nodes] - expected).max(initial=0.0) <= 1e-10 * (HOT - COLD)
+        assert flows(solution.heat)["heat_temperature_upper:top"] == pytest.approx(flux * 4e-4, rel=1e-10)
+        assert solution.valid and abs(solution.heat.imbalance) <= 1e-10 * flux * 4e-4
+
+
+def test_a_sector_conducts_as_the_whole():
+    """A quarter of a block with the axis at an edge, under a flux with the symmetry of the axis and of no plane."""
+
+    def temperature(whole):
+        n, corner = (4, 0.5) if whole else (2, 0.0)
+        size = (1.0, 1.0, 0.5) if whole else (0.5, 0.5, 0.5)
+        mesh = box(size, (n, n, 2), place=lambda x: np.stack([x[0] - corner, x[1] - corner, x[2]]))
+        flux = HeatLoad("top", flux=lambda x: 1e5 * x[0] * x[1] * (x[0] ** 2 - x[1] ** 2) + 1e3)
+        ties = [] if whole else [CyclicSymmetry("left", "front", sectors=4)]
+        contact, heat = Contact("bottom", 0.0), [flux, HeatLoad("bottom", temperature=COLD)]
+        given = {"heat": heat, "reference_temperature": COLD, "ties": ties}
+        answer = ContactProblem(mesh, steel(1e-6), [Clamp("top")], contact, **given).solve()
+        assert answer.valid
+        x = np.concatenate(comm.allgather(answer.problem.elasticity.x))
+        return x, np.concatenate(comm.allgather(answer.heat.temperature))
+
+    (x, one), (y, part) = temperature(True), temperature(False)
+    there = np.linalg.norm(y[:, None] - x, axis=2).argmin(axis=1)
+    assert np.ptp(one[np.abs(x[:, 2] - 0.5) < 1e-9]) > 1.0
+    assert np.abs(part - one[there]).max() <= 1e-9 * np.abs(one - COLD).max()
 
 
 @pytest.mark.parametrize(("constant", "exponent"), [(0.0, 0.95), (300.0, 1.0)])
@@ -301,5 +348,5 @@ def test_wrong_problems_with_heat():
         Contact("bottom", 0.0, against="top", thermal=ThermalContact(temperature=20.0))
     two = join(a=mesh, b=moved(box((1.0, 1.0, 1.0), (2, 2, 2)), (0.0, 0.0, 1.0)))
     arguments = (two, steel(), [Clamp("b:top")], Contact("a:bottom", 0.0))
-    tied = {"ties": [Tied("a:top", "b:bottom")], "heat": [HeatLoad("a:top", temperature=20.0)]}
-    assert "not yet with ties" in same_error(lambda: ContactProblem(*arguments, **tied))
+    tied = {"ties": [Tied("a:top", "b:bottom", slave=True)], "heat": [HeatLoad("a:top", temperature=20.0)]}
+    assert "'a:top' follows 'b:bottom'" in same_error(lambda: ContactProblem(*arguments, **tied))

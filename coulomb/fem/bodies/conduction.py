@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,10 +23,11 @@ from .. import compat
 from ..compat import fem, ufl
 from ..geometry import Amplitude, Coefficient, evaluate_amplitude, evaluate_signed_numbers, of_place, on_all_ranks
 from .body import cell_measure
-from .constraints import distributed_rows, local_rows
+from .constraints import distributed_rows, local_rows, matrix_product
 from .deformable import Deformable, Member
 from .elasticity import LoadedBody
 from .materials import constant_of_cells
+from .reduction import chained
 
 _KINDS = {"temperature": "temperature", "flux": "heat flux", "film": "film", "source": "heat source"}
 """The attributes of a `HeatLoad` of which it has one, and what it is called then."""
@@ -97,17 +99,20 @@ class Conduction:
         K: Conduction and films, W/K, shape (nodes, nodes), distributed.
         fixed_by: Number of the load that prescribes the temperature of each node, -1 where none does, shape (k,); where
             faces meet, the later one does.
+        follows: Which nodes follow others in ties, sectors and bolts, unless their temperature is prescribed, shape
+            (k,).
+        T: From the temperatures of nodes that do not to those of all, shape (nodes, nodes), distributed; None if no
+            node follows another.
 
     Raises:
-        ValueError: On every rank, if a face or body is unknown, a value not finite, or a material has no conductivity.
+        ValueError: On every rank, if a face or body is unknown, a value not finite, a material has no conductivity, or
+            the temperature of a face that follows another is prescribed.
     """
 
     def __init__(self, bodies: Deformable, loads: Sequence[HeatLoad], reference: float):
         for load in loads:
             if not isinstance(load, HeatLoad):
                 raise ValueError(f"heat must be a list of HeatLoad, but an entry is {load!r}")
-        if bodies.constraints.ties:
-            raise ValueError("heat: not yet with ties, rigid faces, equations: make one mesh of tied parts")
         self.bodies, self.loads, self.reference = bodies, tuple(loads), reference
         self.fixed_by = np.full(len(bodies.x), -1)
         self._nodal = np.zeros((len(self.loads), len(bodies.x)))
@@ -120,11 +125,30 @@ class Conduction:
         for number, load in enumerate(self.loads):
             self._add(number, load, films)
         self.K = self._joined([self._matrix(member, films[member.name]) for member in bodies.members])
+        self.follows: npt.NDArray[np.bool_] = np.zeros(len(bodies.x), dtype=bool)
+        self.T = self._tied()
 
     @property
     def fixed(self) -> npt.NDArray[np.bool_]:
         """Which of this rank's nodes have a prescribed temperature, shape (k,)."""
         return self.fixed_by >= 0
+
+    def lifted(self, change: FloatArray) -> FloatArray:
+        """T times changes of temperature (k,); collective."""
+        return change if self.T is None else matrix_product(self.T, change)
+
+    def transferred(self, heat: FloatArray) -> FloatArray:
+        """T^T times heat at nodes (k,): that at nodes that follow others, at these; collective."""
+        return heat if self.T is None else matrix_product(self.T, heat, transposed=True)
+
+    def reduced(self, A: PETSc.Mat, diagonal: float) -> PETSc.Mat:
+        """T^T A T, with a number on the diagonal at nodes that follow others; collective."""
+        if self.T is None:
+            return A.copy()
+        product, alone = A.PtAP(self.T), self._of_nodes(diagonal * self.follows)
+        product.axpy(1.0, alone)
+        alone.destroy()
+        return product
 
     def factors(self, time: float) -> FloatArray:
         """Amplitudes of the loads at a time, shape (loads,); ValueError on every rank if one has none; collective."""
@@ -176,6 +200,28 @@ class Conduction:
         films[member.name].append(
             load.film * local_rows(compat.assemble_matrix(fem.form(T * v * body.measure(facets))))
         )
+
+    def _tied(self) -> PETSc.Mat | None:
+        ties = [tie for tie in self.bodies.constraints.ties if tie.conducting is not None]
+        if not ties:
+            return None
+        count = len(self.bodies.x)
+        rows = scipy.sparse.csr_matrix((count, self.bodies.numbering.total))
+        for tie in ties:
+            if any(load.temperature is not None and load.face == tie.face for load in self.loads):
+                raise ValueError(f"heat: {tie.face!r} follows {tie.against!r}: prescribe the temperature of that face")
+            assert tie.conducting is not None
+            nodes, weights = tie.conducting(self.fixed | self.follows)
+            self.follows[nodes] = True
+            lift = scipy.sparse.csr_matrix((np.ones(len(nodes)), (nodes, np.arange(len(nodes)))), (count, len(nodes)))
+            rows = rows + lift @ weights
+        return chained(self._of_nodes(~self.follows), self._joined([rows]), ties, self.bodies.lifetime)
+
+    def _of_nodes(self, values: npt.NDArray[Any]) -> PETSc.Mat:
+        """The matrix with these values (k,) on its diagonal, of which zeros are left out."""
+        at, numbering = np.flatnonzero(values), self.bodies.numbering
+        entries = values[at].astype(np.float64), (at, numbering.first + at)
+        return self._joined([scipy.sparse.csr_matrix(entries, (len(values), numbering.total))])
 
     def _numbers(self, load: HeatLoad, value: Coefficient, x: FloatArray) -> FloatArray:
         return evaluate_signed_numbers(value, x, load.title, self.bodies.comm)

@@ -55,6 +55,22 @@ def _scaled(factors: FloatArray, values: FloatArray) -> FloatArray:
     return product
 
 
+def chained(E: PETSc.Mat, W: PETSc.Mat, ties: Sequence[Tie], lifetime: object) -> PETSc.Mat:
+    """T = E + W T, of nodes that follow nodes that follow others, with what it must keep alive; collective.  ValueError
+    on every rank if nodes of these ties follow each other in a circle."""
+    T, change = E.copy(), 1.0
+    for _ in range(LONGEST_CHAIN):
+        then = W.matMult(T)
+        then.axpy(1.0, E)
+        T.axpy(-1.0, then)
+        change, T = T.norm(), then
+        if change == 0.0:
+            T.setAttr("mesh", lifetime)  # keeps it alive: see compat.assemble_matrix
+            return T
+    said = ", ".join(f"{tie.kind} of {tie.face!r}" for tie in ties)
+    raise ValueError(f"{said}: nodes follow each other in a circle")
+
+
 class Reduction:
     """T of some constraints on nodes; this rank's k nodes and p nodes of own unknowns.
 
@@ -153,17 +169,7 @@ class Reduction:
             rows = rows + scipy.sparse.csr_matrix((N.ravel(), where), rows.shape)
         rows.eliminate_zeros()
         E = self._distributed(rows.tocsr(), 3 * len(self.points))
-        T, change = E.copy(), 1.0
-        for _ in range(LONGEST_CHAIN):  # nodes that follow nodes that follow others
-            then = self.W.matMult(T)
-            then.axpy(1.0, E)
-            T.axpy(-1.0, then)
-            change, T = T.norm(), then
-            if change == 0.0:
-                T.setAttr("mesh", self.lifetime)  # keeps it alive: see compat.assemble_matrix
-                return T
-        said = ", ".join(f"{tie.kind} of {tie.face!r}" for tie in self._ties)
-        raise ValueError(f"{said}: nodes follow each other in a circle")
+        return chained(E, self.W, self._ties, self.lifetime)
 
     def _distributed(self, rows: scipy.sparse.csr_matrix, columns: int) -> PETSc.Mat:
         return distributed_rows(rows, (columns, rows.shape[1]), self)

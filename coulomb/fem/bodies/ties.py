@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -11,7 +11,7 @@ import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from ..geometry import Amplitude, evaluate_amplitude, on_all_ranks
 from .rigid_modes import displacements_of
 
@@ -209,6 +209,8 @@ class Tie:
         beside: The part of W of nodes of the slave face that are not tied, as clamped ones, of the same shape.
         traction: Tractions at them by forces on nodes, 1/m^2, shape (m, nodes of all ranks).
         remarks: What a user should know of it.
+        conducting: Which nodes' temperatures follow others, of those that are not left out (k,), and their weights
+            over all nodes, shapes (n,) and (n, nodes of all ranks); collective; None if none do.
         arm: Largest distance of a slave node from the point that it follows, over all ranks, metres.
         directions: Projectors on the directions along which the nodes follow others, shape (m, 3, 3): all of them, but
             for nodes on an axis of cyclic symmetry, which may move along it, and those of a rigid face that is free
@@ -233,6 +235,7 @@ class Tie:
     remarks: tuple[str, ...]
     directions: FloatArray
     own: FloatArray
+    conducting: Callable[[npt.NDArray[np.bool_]], tuple[IntArray, scipy.sparse.csr_matrix]] | None = None
     arm: float = 0.0
     motion: FaceMotion | None = None
     bolt: Section | None = None

@@ -276,10 +276,16 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     if space is master.body:
         on_both = np.intersect1d(space.nodes_of(on_slave), space.nodes_of(on_master)).astype(np.int64)
         gone[on_both] = True
-    left_out = fetched(comm, starts, near.slave.numbers, gone)
     search = near.search or Search(0.0, 0.0)
-    found = on_all_ranks(lambda: tied_rows(one, other, left_out, search), given.what, comm)
-    own = (found.node >= near.owned[0]) & (found.node < near.owned[1])
+
+    def tied(gone: npt.NDArray[np.bool_]) -> tuple[TiedRows, npt.NDArray[np.bool_], IntArray]:
+        """The rows without the nodes that are gone; which of them are of nodes of this rank, and of which."""
+        left_out = fetched(comm, starts, near.slave.numbers, gone)
+        found = on_all_ranks(lambda: tied_rows(one, other, left_out, search), given.what, comm)
+        own = (found.node >= near.owned[0]) & (found.node < near.owned[1])
+        return found, own, (near.slave.numbers[found.node[own]] - space.numbering.first).astype(np.int64)
+
+    found, own, nodes = tied(gone)
     if comm.allreduce(int(own.sum()), op=MPI.SUM) == 0:
         raise ValueError(
             f"{given.what}: no part of one is opposite to the other: they must face each other, with outward normals "
@@ -295,6 +301,15 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     beside = scipy.sparse.block_diag([none, _neighbours(other)], format="csr")
     x = np.concatenate([places for *_, places, _ in parts])
     numbers = np.concatenate([body.numbers_of(member, numbers.astype(np.int64)) for _, numbers, _, member in parts])
+
+    def conducting(gone: npt.NDArray[np.bool_]) -> tuple[IntArray, scipy.sparse.csr_matrix]:
+        gone = gone[slave.nodes].copy()
+        gone[on_both] = True
+        found, own, nodes = tied(gone)
+        columns = scipy.sparse.hstack([found.weights[own], found.opposite[own]], format="csr")
+        entries = columns.data, numbers[columns.indices], columns.indptr
+        return slave.nodes.start + nodes, scipy.sparse.csr_matrix(entries, (len(nodes), body.numbering.total))
+
     at = one.places[node]
     size = float(comm.allreduce(float(np.max(np.abs(body.x), initial=0.0)), op=MPI.MAX))
     offset = at - columns @ x
@@ -302,7 +317,6 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
     own_side = columns.indices < one.size
     if turn is not None:
         blocks[~own_side] = blocks[~own_side] @ turn.matrix
-    nodes = (near.slave.numbers[node] - space.numbering.first).astype(np.int64)
     H = space.held.projector_at(nodes)
     rows = _global(blocks, columns, numbers, body.numbering.total, np.eye(3) - H)
     beside_rows = _global(
@@ -358,6 +372,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
         remarks=named,
         directions=directions,
         own=np.zeros((len(nodes), 3, 0)),
+        conducting=conducting,
         arm=comm.allreduce(float(np.max(np.linalg.norm(offset, axis=1), initial=0.0)), op=MPI.MAX),
     )
 
