@@ -151,7 +151,8 @@ def _too_large(settings: Case, target: Path) -> bool:
     def outside() -> bool:
         with suppress(OSError, ValueError):
             found = RunDirectory(target).read_summary()
-            texts = (found.get("outside") or found.get("small_strain") or {}).get("violations", [])
+            of = found["history"]["outside"] if "history" in found else found.get("small_strain")
+            texts = (of or {}).get("violations", [])
             return any("large" in text or "nodes opposite" in text for text in texts)
         return False
 

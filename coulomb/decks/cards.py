@@ -96,6 +96,12 @@ class Card:
                 return str(self.fault("", row))[:-2]
         return str(self.fault(""))[:-2] if key in map(key_of, self.parameters.values()) else None
 
+    def places_of(self, number: str) -> Iterator[str]:
+        """Files and lines that begin with a number."""
+        for row, line in enumerate(self.lines):
+            if line.split(",", 1)[0].strip() == number:
+                yield str(self.fault("", row)).partition(": *")[0]
+
     def get(self, name: str, default: str = "") -> str:
         """Value of a parameter as it is written."""
         return self.parameters.get(name, default)

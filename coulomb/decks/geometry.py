@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -295,8 +295,19 @@ class Geometry:
     def tags(self) -> IntArray:
         """Numbers of the nodes, in the order of the file."""
         tags = np.concatenate(self._tags) if self._tags else np.empty(0, dtype=np.int64)
-        _refuse_two(tags, f"{self.path}: has two nodes of the number", self.called)
+        self._refuse_two(tags, "NODE", "nodes")
         return tags
+
+    def _refuse_two(self, numbers: IntArray, kind: str, what: str) -> None:
+        """ValueError if a number occurs twice, with the lines where one does, but of parts, which have their own."""
+        ordered = np.sort(numbers)
+        twice = ordered[1:][ordered[1:] == ordered[:-1]]
+        if len(twice):
+            number, cards = self.called(int(twice[0])), [card for card in self.cards if card.kind == kind]
+            places = [] if self._instances else [place for card in cards for place in card.places_of(number)]
+            more = f", and {len(twice) - 1} more such numbers" if len(twice) > 1 else ""
+            where = f": {' and '.join(places[:2])}" if places else ""
+            raise ValueError(f"{self.path}: has two {what} of the number {number}{where}{more}")
 
     @cached_property
     def points(self) -> FloatArray:
@@ -346,7 +357,7 @@ class Geometry:
         left out; of a `section` its elements."""
         rows = self.rows_of(SECTION if self.section else SOLID)
         numbers = np.concatenate([one[:, 0] for one in rows.values()]) if rows else np.empty(0, dtype=np.int64)
-        _refuse_two(numbers, f"{self.path}: has two elements of the number", self.called)
+        self._refuse_two(numbers, "ELEMENT", "elements")
         return rows
 
     @cached_property
@@ -432,13 +443,6 @@ class Geometry:
                 yield f"{what} {side.replace('S', letter)}", values, sides
             else:
                 yield f"{card.keyword} line {card.line}" + (f" {number}" if len(given) > 1 else ""), values, sides
-
-
-def _refuse_two(numbers: IntArray, said: str, called: Callable[[int], str]) -> None:
-    ordered = np.sort(numbers)
-    twice = ordered[1:][ordered[1:] == ordered[:-1]]
-    if len(twice):
-        raise ValueError(f"{said} {called(int(twice[0]))}" + (f" ({len(twice)} numbers)" if len(twice) > 1 else ""))
 
 
 def _is_qualified(word: str) -> bool:

@@ -63,6 +63,26 @@ def test_an_imported_deck_is_the_same_case(tmp_path, monkeypatch):
     assert other.returncode == 2 and "ends in .inp" in other.stderr
 
 
+def test_motions_of_a_deck_in_steps_that_are_too_large_for_small_strains(tmp_path, monkeypatch):
+    """Two cubes that overlap by 0.6 of their edge, put together in the second step, with ADJUST: solved again as large
+    ones, by St. Venant-Kirchhoff's law without lateral strain: N = E A s (1 - s^2) / 2 of the stretch s = 0.7."""
+    monkeypatch.chdir(tmp_path)
+    change = "*MODEL CHANGE, TYPE=CONTACT PAIR, {}\nslave, master"
+    text = CUBES.replace("210000., .3", "210000., 0.").replace("top, 1, 2", "top, 1, 3")
+    text = text.replace("TYPE=SURFACE TO", "ADJUST=.001, TYPE=SURFACE TO")
+    text += "*CLEARANCE, SLAVE=slave, MASTER=master, VALUE=-.6\n"
+    text += (STEP.format(change.format("REMOVE")) + STEP.format(change.format("ADD"))).replace("*STEP", "*STEP, NLGEOM")
+    Path("deck.inp").write_text(text)
+    done = run_coulomb("run", "deck.inp", "--set", "output.picture=false")
+    assert done.returncode == 0, done.stderr
+    assert "motions are too large for the theory of small strains: solved again as large ones" in done.stdout
+    forces = [
+        json.loads(Path(f"results/{of}/steps/0003/summary.json").read_text())["totals"]["normal_force"]
+        for of in ("deck.previous", "deck")
+    ]
+    assert forces == pytest.approx([210000.0 * 0.3, 210000.0 * 0.7 * (1.0 - 0.7**2) / 2.0], rel=1e-6)
+
+
 def test_a_refused_card_stops_the_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("deck.inp").write_text(PUSHED + "*CREEP\n1., 2., 3.\n")
