@@ -329,7 +329,7 @@ def _meet(
                 ]
             )
             place, way = np.clip(place + change[:, :2], -2.0, 3.0), way + change[:, 2]
-            if not np.max(np.abs(change[:, :2]), initial=0.0) > _SETTLED:
+            if not np.any(np.abs(change[:, :2]) > _SETTLED):  # nan on lines along a facet
                 break
         if not np.all(plane):
             _, x, a, b = face.at(facet, place)

@@ -169,16 +169,24 @@ def test_med_files(tmp_path):
     assert list(mesh.cells) == ["body"]
 
 
-@pytest.mark.parametrize("nodes", [4, 9])
-def test_two_bodies_meet_on_the_axis(tmp_path, nodes):
-    """Second-order nodes on the axis have no area: they are no contact points, and bear nothing."""
-    lower = sliced(tmp_path, rectangle((0.0, 0.0), (1.0, 1.0), (4, 2), nodes), "axisymmetric")
-    upper = sliced(tmp_path, rectangle((0.0, 1.0), (1.0, 2.0), (3, 2), nodes), "axisymmetric")
+@pytest.mark.parametrize(("nodes", "face", "against"), [(4, "bottom", "top"), (9, "bottom", "top"), (4, "all", "all")])
+def test_two_bodies_meet_on_the_axis(tmp_path, nodes, face, against):
+    """Second-order nodes on the axis have no area: they are no contact points, and bear nothing.  Of whole boundaries
+    the sides of the upper body are parallel to the lower one's facets: lines along their normals meet none of them."""
+    sections = rectangle((0.0, 0.0), (1.0, 1.0), (4, 2), nodes), rectangle((0.0, 1.0), (1.0, 2.0), (3, 2), nodes)
+    lower, upper = (
+        sliced(
+            tmp_path,
+            replace(one, line_groups=one.line_groups | {"all": np.vstack([*one.line_groups.values()])}),
+            "axisymmetric",
+        )
+        for one in sections
+    )
     answer = ContactProblem(
         coulomb.join(lower=lower, upper=upper),
         STEEL,
         [PrescribedDisplacement("lower:bottom", (0.0, 0.0, 0.0), components="y")],
-        Contact("upper:bottom", 0.0, against="lower:top"),
+        Contact(f"upper:{face}", 0.0, against=f"lower:{against}"),
         [TotalForce("upper:top", (0.0, -1e6, 0.0))],
     ).solve()
     assert answer.valid
