@@ -74,7 +74,7 @@ class MeshTable(Table):
         if kind in mesh_formats.NUMBERED:
             fitting |= {"names", "cell_names"}
         if kind == ".xdmf":
-            fitting = fitting - {"cut"} | {"facets", "cell_groups"}
+            fitting = fitting - {"cut"} | {"facets", "cell_groups"} if self.slice is None else fitting
         misplaced = (self.model_fields_set & MeshTable.model_fields.keys()) - fitting
         if misplaced:
             of = f"{self.slice} slice" if misplaced == {"thickness"} and self.slice else f"{kind} mesh"
@@ -108,7 +108,8 @@ class MeshTable(Table):
         chosen = self.cells if isinstance(self.cells, str) else None
         if self.slice is not None:
             of = self.slice, self.thickness, self.degree
-            return meshes.slice(self.file, *of, scale=self.scale, comm=comm, cuts=self.cut, only=chosen)
+            named = {"names": self.names, "cell_names": self.cell_names}
+            return meshes.slice(self.file, *of, scale=self.scale, comm=comm, cuts=self.cut, only=chosen, **named)
         if self.facets is not None or self.cell_groups is not None:
             read = read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
         else:

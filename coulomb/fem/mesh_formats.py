@@ -21,8 +21,7 @@ it."""
 NUMBERED = {".xdmf", ".vtu", ".vtk", ".bdf", ".nas", ".mesh"}
 """Formats whose groups are numbers on facets and cells, to which a user gives names."""
 
-
-SECTIONS = {".msh", ".med", ".inp"}
+SECTIONS = {".msh", ".med", ".inp", *NUMBERED}
 """Formats of which meshes in 2D are read."""
 
 

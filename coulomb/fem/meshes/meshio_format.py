@@ -23,7 +23,7 @@ import numpy as np
 from ...arrays import IntArray
 from ...regular_file import read_bytes
 from .lagrange import CORNERS
-from .mesh_file import MeshFile, members_by_name, only_set, solid_nodes
+from .mesh_file import MeshFile, SectionFile, members_by_name, only_set, solid_nodes
 from .one_kind import of_one_kind
 
 _MODULES = {".vtu": "vtu", ".vtk": "vtk", ".bdf": "nastran", ".nas": "nastran", ".mesh": "medit"}
@@ -40,6 +40,10 @@ _FACES = {
     8: ({"quad": 4, "quad8": 8, "quad9": 9, "VTK_LAGRANGE_QUADRILATERAL": 9}, 4),
 }
 """Its types of facets by the number of corners of cells, with their numbers of nodes and of their own corners."""
+
+_SECTIONS = _FACES[4][0] | _FACES[8][0]
+_LINES = {"line": 2, "line3": 3, "VTK_LAGRANGE_CURVE": 3}
+"""Cells of a section in 2D with their nodes, and its edges."""
 
 _OWN_NUMBERS = re.compile(
     r"(?i)(vtk|global|pedigree|original).*|.*\bghost.*"
@@ -91,6 +95,31 @@ def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> 
     if numbers is not None:
         numbers = np.concatenate([numbers, np.zeros(len(found.points) - len(numbers), dtype=np.int64)])
     return MeshFile(path, found.points, found.cells, cell_groups, face_groups, numbers=numbers)
+
+
+def read_section(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> SectionFile:
+    """Read the triangles and quadrilaterals of a file, with the numbers on its lines, on this rank.
+
+    Raises:
+        OSError, ValueError: As `read`; if it has cells in 3D.
+    """
+    mesh = by_meshio(path, read_bytes(path), _MODULES[Path(path).suffix.lower()])
+    if solid := sorted({block.type for block in mesh.cells} & set(_SOLIDS)):
+        raise ValueError(f"{path}: has cells in 3D ({', '.join(solid)}), but a slice is made of a mesh in 2D")
+    given = {
+        width: _blocks(mesh, {kind: n for kind, n in _SECTIONS.items() if n == width}, width)
+        for width in sorted({_SECTIONS[block.type] for block in mesh.cells if block.type in _SECTIONS})
+    }
+    shared = set.intersection(*(set(sets) for _, sets in given.values())) if given else set()
+    on_cells = {name: np.concatenate([sets[name] for _, sets in given.values()]) for name in sorted(shared)}
+    lines, on_lines = _blocks(mesh, _LINES, 2)
+    return SectionFile(
+        path,
+        np.asarray(mesh.points, dtype=np.float64),
+        {width: rows for width, (rows, _) in given.items()},
+        _groups(path, on_cells, cell_names, "cell_names"),
+        {name: lines[rows] for name, rows in _groups(path, on_lines, names, "names").items()},
+    )
 
 
 def by_meshio(path: str, data: bytes, form: str) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -36,13 +36,15 @@ def slice(
     comm: MPI.Comm = MPI.COMM_WORLD,
     cuts: Sequence[str] = (),
     only: str | None = None,
+    names: Mapping[str, int] | None = None,
+    cell_names: Mapping[str, int] | None = None,
 ) -> NamedMesh:
     """A plane or axisymmetric body from a mesh of its section in 2D, as one layer of hexahedra; collective.
 
     Args:
-        section: A file with triangles or quadrilaterals in a plane z = const: `.msh` (gmsh), `.med` (Salome) or `.inp`
-            (Abaqus, CalculiX; elements CPS, CPE, CAX).  Its groups of lines become faces, those of surfaces groups of
-            cells.  Or a mesh of DOLFINx of triangles or quadrilaterals, or the MeshData of dolfinx.io.gmsh.
+        section: A file with triangles or quadrilaterals in a plane z = const, of a format of `read_mesh` but Exodus (in
+            `.inp` elements CPS, CPE, CAX).  Its groups of lines become faces, those of surfaces groups of cells.  Or a
+            mesh of DOLFINx of triangles or quadrilaterals, or the MeshData of dolfinx.io.gmsh.
         kind: "plane strain"; "generalised plane strain", of which the front stays plane and moves along z as it will;
             "plane stress"; or "axisymmetric", with x as the radius and the axis along y.
         thickness: Of the body of a plane problem, metres; by default 1.  Forces are for it.  Those of an axisymmetric
@@ -54,6 +56,9 @@ def slice(
         comm: The ranks that share the mesh of a file.
         cuts: Groups of lines inside the section along which it is cut, as of `read_mesh`.
         only: Of an `.inp` file the set of elements that are read.
+        names: Names of groups of lines with their number, in formats with numbers (XDMF and those by meshio); others
+            are called by the number, as in "3".
+        cell_names: Names of groups of cells with their number, in the same formats.
 
     Returns:
         The mesh, with the faces "front" and "back" beside those of the lines, and of a body on its axis "axis".  They
@@ -66,7 +71,8 @@ def slice(
     domain = section if data is None else data[0]
     file = None if is_mesh(domain) else str(section)
     what, comm = ("slice", domain.comm) if file is None else (file, comm)
-    given = {"section": file, "kind": kind, "thickness": thickness, "degree": degree, "scale": scale}
+    numbers = names or {}, cell_names or {}
+    given = {"names": numbers, "section": file, "kind": kind, "thickness": thickness, "degree": degree, "scale": scale}
     same_on_all_ranks({f"slice: {name}": value for name, value in given.items()}, comm)
     made = slice_of(kind, thickness, what)
     if degree not in (None, 1, 2):
@@ -80,7 +86,7 @@ def slice(
         return replace(mesh, refused={**mesh.refused, **refused})
     if faces is not None or cells is not None:
         raise ValueError(f"{what}: faces and cells are for meshes of DOLFINx: a file has its groups")
-    end = known_format(what)
+    end = known_format(what, any(numbers))
     if end not in mesh_formats.SECTIONS:
         raise ValueError(
             f"{what}: a mesh of a section is read from {mesh_formats.listed(mesh_formats.SECTIONS)}, not from {end}"
@@ -88,7 +94,8 @@ def slice(
 
     def read_file() -> tuple[InspectedMesh, Slice]:
         module = import_module(f".{mesh_formats.FORMATS[end][1]}_format", __package__)  # a run needs one of them
-        found = module.read_section(file, only) if end == ".inp" else module.read_section(file)
+        of = (only,) if end == ".inp" else numbers if end in mesh_formats.NUMBERED else ()
+        found = module.read_section(file, *of)
         return _layer(found, made, scale, degree, cuts)
 
     return _distributed(comm, what, on_first_rank(comm, what, read_file))

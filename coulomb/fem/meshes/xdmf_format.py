@@ -23,7 +23,7 @@ from ...nearest import tree_of
 from ...regular_file import read_bytes, refuse_irregular
 from ..geometry import on_all_ranks
 from .exchange import Exchange, Slabs, even_starts, fetched, on_first_rank, owner_of, starts_of
-from .mesh_file import MeshFile, only_set, refuse_cells, titles
+from .mesh_file import MeshFile, SectionFile, only_set, refuse_cells, titles
 from .mesh_parts import distinct
 
 NAMES = "coulomb:names"
@@ -232,7 +232,9 @@ def _opened(path: str, item: ElementTree.Element) -> h5py.File:
 
 
 _WIDTH = {name.lower(): nodes for names in (SOLIDS, FACETS) for nodes, name in names.items()}
-_CORNERS = {"tetrahedron": 4, "hexahedron": 8, "triangle": 3, "quadrilateral": 4}
+_LINES: Final = {"polyline": 2, "edge_3": 3}
+_WIDTH |= _LINES
+_CORNERS = {"tetrahedron": 4, "hexahedron": 8, "triangle": 3, "quadrilateral": 4, "polyline": 2, "edge": 2}
 _FACE_OF = {
     **{"tetrahedron": ("triangle",), "hexahedron": ("quadrilateral",)},
     **{"tetrahedron_10": ("triangle_6", "triangle"), "hexahedron_27": ("quadrilateral_9", "quadrilateral")},
@@ -289,6 +291,18 @@ def read(
     face_groups = _groups([grid for grid in marked if grid.numbers], facets, names, "names", _corners_in_mesh, mesh)
     of_nodes = None if mesh.of_nodes is None else file.beside(mesh.of_nodes, len(mesh.points)).astype(np.int64)
     return MeshFile(path, mesh.points, mesh.rows, cell_groups, face_groups, numbers=of_nodes)
+
+
+def read_section(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> SectionFile:
+    """Read a section in 2D, Grids of triangles or quadrilaterals of one kind, with the numbers on Grids of lines, on
+    this rank; ValueError as of `read`."""
+    file = XdmfFile(path, MPI.COMM_SELF)
+    mesh, *others = _grids(file, tuple(name.lower() for name in FACETS.values()), "cells of a section in 2D", flat=True)
+    numbered = [grid for grid in (mesh, *others) if grid.kind == mesh.kind and grid.numbers]
+    cell_groups = _groups(numbered, None, cell_names, "cell_names", _rows_of_cells, mesh)
+    marked = [grid for grid in _grids(file, tuple(_LINES), "lines", mesh, optional=True, flat=True) if grid.numbers]
+    line_groups = _groups(marked, None, names, "names", _corners_in_mesh, mesh)
+    return SectionFile(path, mesh.points, {mesh.rows.shape[1]: mesh.rows}, cell_groups, line_groups)
 
 
 _RowsOf = Callable[[_Grid, _Grid], IntArray]
@@ -383,9 +397,15 @@ def _rows_of_cells(grid: _Grid, mesh: _Grid) -> IntArray:
 
 
 def _grids(
-    file: XdmfFile, kinds: tuple[str, ...], what: str, mesh: _Grid | None = None, optional: bool = False
+    file: XdmfFile,
+    kinds: tuple[str, ...],
+    what: str,
+    mesh: _Grid | None = None,
+    optional: bool = False,
+    flat: bool = False,
 ) -> list[_Grid]:
-    """The Grids of these kinds in a file; without points of their own, they refer to those of the mesh; collective."""
+    """The Grids of these kinds in a file; without points of their own, they refer to those of the mesh; points may be
+    in 2D if `flat`; collective."""
     path, comm = file.path, file.comm
     found: list[_Grid] = []
     seen: list[str] = []
@@ -397,7 +417,7 @@ def _grids(
             refuse_cells(path, {f"cells of kind {kind}": int(nodes) if nodes.isdigit() else _OTHER_CELLS.get(kind, 0)})
         if kind not in kinds:
             continue
-        geometry, points = _points(file, grid.geometry, mesh, found)
+        geometry, points = _points(file, grid.geometry, mesh, found, flat)
         rows = file.part(grid.topology, _WIDTH[kind]).astype(np.int64)
         count = comm.allreduce(len(points))
         unknown = bool(len(rows) and not (0 <= rows.min() and rows.max() < count))
@@ -410,12 +430,13 @@ def _grids(
 
 
 def _points(
-    file: XdmfFile, geometry: XdmfArray | None, mesh: _Grid | None, found: list[_Grid]
+    file: XdmfFile, geometry: XdmfArray | None, mesh: _Grid | None, found: list[_Grid], flat: bool
 ) -> tuple[tuple[str, XdmfArray], FloatArray]:
     for other in (*found, *([mesh] if mesh is not None else [])):
         if geometry is None or other.geometry == (file.path, geometry):
             return other.geometry, other.points
-    if geometry is None or len(geometry.shape) != 2 or geometry.shape[1] != 3:
-        flat = 0 if geometry is None else geometry.shape[-1]
-        raise ValueError(f"{file.path}: has points in {flat}D, but a body in 3D is needed")
-    return (file.path, geometry), file.part(geometry).astype(np.float64)
+    width = 0 if geometry is None or len(geometry.shape) != 2 else geometry.shape[1]
+    if geometry is None or not (width == 3 or (flat and width == 2)):
+        raise ValueError(f"{file.path}: has points in {width}D, but a body in 3D is needed")
+    points = file.part(geometry).astype(np.float64)
+    return (file.path, geometry), np.column_stack([points, np.zeros((len(points), 3 - width))])

@@ -169,6 +169,40 @@ def test_med_files(tmp_path):
     assert list(mesh.cells) == ["body"]
 
 
+def test_files_with_numbers(tmp_path):
+    """XDMF with points in 2D, as DOLFINx writes it, and formats of meshio: lines and cells are called by numbers, or by
+    names with these."""
+    section = rectangle((1.0, 0.0), (2.0, 0.5), (2, 1), 4)
+    lines, cells = np.vstack([*section.line_groups.values()]), section.cells[4]
+    tags = np.repeat([2, 3, 4, 5], [len(one) for one in section.line_groups.values()])
+    points = np.column_stack([section.points, np.zeros(len(section.points))])
+    of_cells = np.full(len(cells), 1)
+    for end in ("vtu", "mesh"):
+        data = {"medit:ref" if end == "mesh" else "tag": [of_cells, tags]}
+        meshio.Mesh(points, [("quad", cells), ("line", lines)], cell_data=data).write(tmp_path / f"section.{end}")
+
+    def item(tag, values, more=""):
+        values, kind = np.asarray(values), "Float" if np.asarray(values).dtype.kind == "f" else "Int"
+        size, text = " ".join(map(str, values.shape)), " ".join(map(str, values.ravel().tolist()))
+        return f'<{tag} {more}><DataItem Format="XML" NumberType="{kind}" Dimensions="{size}">{text}</DataItem></{tag}>'
+
+    grids = [
+        item("Topology", rows, f'TopologyType="{kind}"')
+        + item("Geometry", section.points)
+        + item("Attribute", numbers, 'Name="n" Center="Cell"')
+        for kind, rows, numbers in (("Quadrilateral", cells, of_cells), ("PolyLine", lines, tags))
+    ]
+    text = "".join(f"<Grid>{grid}</Grid>" for grid in grids)
+    (tmp_path / "section.xdmf").write_text(f"<Xdmf><Domain>{text}</Domain></Xdmf>")
+    for end in ("vtu", "mesh", "xdmf"):
+        named = {"names": {"lid": 5}, "cell_names": {"body": 1}}
+        mesh = coulomb.slice(tmp_path / f"section.{end}", "axisymmetric", **named)
+        assert set(mesh.faces) == {"2", "3", "4", "lid", "front", "back"} and list(mesh.cells) == ["body"]
+        assert integral(mesh, "lid") * mesh.slice.copies == pytest.approx(3.0 * np.pi, rel=1e-9)
+        with pytest.raises(ValueError, match=r"names has 'seat' = 9, but the numbers there are 2, 3, 4, 5"):
+            coulomb.slice(tmp_path / f"section.{end}", "axisymmetric", names={"seat": 9})
+
+
 @pytest.mark.parametrize(("nodes", "face", "against"), [(4, "bottom", "top"), (9, "bottom", "top"), (4, "all", "all")])
 def test_two_bodies_meet_on_the_axis(tmp_path, nodes, face, against):
     """Second-order nodes on the axis have no area: they are no contact points, and bear nothing.  Of whole boundaries
