@@ -71,6 +71,12 @@ _WITHOUT_MEANING: Final = {
     ),
 }
 
+_GENERALISED: Final = (
+    "their front may turn, as that of no slice does; where it does not, write CPE, and a case with "
+    'slice = "generalised plane strain" in [mesh] and this file'
+)
+"""Of elements CPEG."""
+
 
 @dataclass
 class Row:
@@ -137,6 +143,8 @@ def _fate(
             return USED, "springs to the ground"
         if title in surface_elements:
             return USED, "surface elements name faces"
+        if title.startswith("CPEG"):
+            return REFUSED, f"{where}: elements of type {title}: {_GENERALISED}"
         return REFUSED, f"{where}: elements of type {title} are no solids"
     if kind == "STATIC" and "RIKS" in card.parameters:
         return REFUSED, f"{where}: loads are given, not found along an arc (RIKS)"

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice, zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import h5py
 import numpy as np
@@ -31,6 +31,9 @@ from .run_directory import OLD, STEPS
 
 KINDS = {1: "Scalar", 3: "Vector", 6: "Tensor6", 9: "Tensor"}
 """XDMF's names of fields by the number of values per point or cell."""
+
+NOTE: Final = "nodal forces"
+"""Name of the Information of a grid that says for what body its nodal forces are."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +60,14 @@ class GridFields:
         on_points: By name, at the points of this rank, shapes (p,) or (p, 3).
         on_cells: By name, in the cells of this rank, shapes (c,) or (c, 3).
         name: Of a body or a contact face; empty for the only grid of a file.
+        note: For what body its nodal forces are, in words; empty for the body itself.
     """
 
     grid: GridPart
     on_points: Mapping[str, FloatArray]
     on_cells: Mapping[str, FloatArray]
     name: str = ""
+    note: str = ""
 
 
 def write_grids(comm: MPI.Comm, path: Path, grids: Sequence[GridFields], time: float, collection: str = "") -> None:
@@ -165,7 +170,8 @@ def described(path: Path, kinds: Mapping[int, str], collection: str) -> float:
         }
         on_points = {one: none for one in centres if one not in on_cells}
         cells = GridPart(kinds[width], none.astype(np.int64), none)
-        grids.append(GridFields(cells, on_points, on_cells, name))
+        said = [str(one.get("Value")) for one in grid.findall("Information") if one.get("Name") == NOTE]
+        grids.append(GridFields(cells, on_points, on_cells, name, "".join(said[:1])))
     if lost := sorted(shown ^ shapes.keys()):
         raise ValueError(f"{path}: shows other data than {data_of(path).name} has: {', '.join(lost[:3])}: {OLD}")
     time = float(next(root.iter("Time")).get("Value", "nan"))
@@ -222,6 +228,8 @@ def _describe_grid(
     cells = {"TopologyType": contents.grid.kind, "NumberOfElements": str(count), "NodesPerElement": str(width)}
     refer(ElementTree.SubElement(grid, "Topology", cells), f"{mesh}/topology", NumberType="Int", Precision="8")
     double = {"NumberType": "Float", "Precision": "8"}
+    if contents.note:
+        ElementTree.SubElement(grid, "Information", Name=NOTE, Value=contents.note)
     refer(ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ"), f"{mesh}/geometry", **double)
     ElementTree.SubElement(grid, "Time", Value=repr(float(time)))
     for fields, centre in ((contents.on_points, "Node"), (contents.on_cells, "Cell")):

@@ -134,8 +134,10 @@ def write_fields(solution: Solution, folder: Path, given: Mapping[str, Any], bar
             replace(grid, on_cells={**grid.on_cells, STRESS_ERROR: scale * one.stress})
             for grid, one in zip(grids, errors.values(), strict=True)
         ]
-    write_grids(problem.comm, folder / SOLUTION, grids, problem.time, bodies)
-    write_grids(problem.comm, folder / CONTACT, contact_grids(solution), problem.time, faces)
+    of = problem.elasticity.slice
+    for name, found, collection in ((SOLUTION, grids, bodies), (CONTACT, contact_grids(solution), faces)):
+        noted = found if of is None else [replace(grid, note=of.note) for grid in found]
+        write_grids(problem.comm, folder / name, noted, problem.time, collection)
 
 
 def size_on_disk(problem: DiscreteProblem) -> float:

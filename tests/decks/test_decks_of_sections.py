@@ -127,3 +127,8 @@ def test_a_section_is_no_mesh_of_a_volume(tmp_path):
         coulomb.read_mesh(path)
     mesh = coulomb.slice(path, "plane strain", only="LOW")
     assert mesh.domain.topology.index_map(3).size_global == 1 and {"MASTER", "LEFT", "BOTTOM"} <= {*mesh.faces}
+
+
+def test_elements_of_generalised_plane_strain_are_refused_with_the_slice(tmp_path):
+    with pytest.raises(ValueError, match="type CPEG4: their front may turn.*generalised plane strain"):
+        answer_of(tmp_path, "CPEG4")

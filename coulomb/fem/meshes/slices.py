@@ -99,6 +99,11 @@ class Slice:
         return {"kind": self.kind, "forces_for": self.said, "layers": self.copies}
 
     @property
+    def note(self) -> str:
+        """What nodal forces in files are for, in words."""
+        return f"{self.kind}: those of one layer; {self.copies:.15g} of these make the totals, for {self.said}"
+
+    @property
     def said(self) -> str:
         """What forces are for, in words."""
         return "360 degrees" if self.kind == AXISYMMETRIC else f"a thickness of {amount(self.thickness)}"

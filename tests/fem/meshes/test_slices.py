@@ -143,6 +143,11 @@ def test_files_of_a_ring_agree_with_its_totals(tmp_path):
     answer = ContactProblem(mesh, STEEL, [], floor, [TotalForce("top", (0.0, -1e6, 0.0))]).solve()
     output.write(answer, tmp_path / "run")
     assert coulomb.check(tmp_path / "run").passed
+    for name in ("solution.xdmf", "contact.xdmf"):
+        assert (
+            f"{mesh.slice.copies:.15g} of these make the totals, for 360 degrees"
+            in (tmp_path / "run" / name).read_text()
+        )
     assert -answer.force_on_body[:, 1].sum() * mesh.slice.copies == pytest.approx(-1e6, rel=1e-7)
 
 
