@@ -130,5 +130,5 @@ def test_a_section_is_no_mesh_of_a_volume(tmp_path):
 
 
 def test_elements_of_generalised_plane_strain_are_refused_with_the_slice(tmp_path):
-    with pytest.raises(ValueError, match="type CPEG4: their front may turn.*generalised plane strain"):
+    with pytest.raises(ValueError, match=r"type CPEG4: their front may turn.*generalised plane strain"):
         answer_of(tmp_path, "CPEG4")
