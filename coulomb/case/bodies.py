@@ -108,8 +108,16 @@ class MeshTable(Table):
         chosen = self.cells if isinstance(self.cells, str) else None
         if self.slice is not None:
             of = self.slice, self.thickness, self.degree
-            named = {"names": self.names, "cell_names": self.cell_names}
-            return meshes.slice(self.file, *of, scale=self.scale, comm=comm, cuts=self.cut, only=chosen, **named)
+            return meshes.slice(
+                self.file,
+                *of,
+                scale=self.scale,
+                comm=comm,
+                cuts=self.cut,
+                only=chosen,
+                names=self.names,
+                cell_names=self.cell_names,
+            )
         if self.facets is not None or self.cell_groups is not None:
             read = read_xdmf(self.file, self.facets, self.cell_groups, self.names, self.cell_names, self.scale, comm)
         else:
