@@ -77,7 +77,7 @@ def lose(monkeypatch, lost):
         fields = ("part", "x", "frames", "gap", "gap_field", "chord")
         return replace(found, points=points, B=B, free_B=B, **{name: getattr(found, name)[keep] for name in fields})
 
-    monkeypatch.setattr("coulomb.model.contact_body.contact_surface", part)
+    monkeypatch.setattr("coulomb.model.contact_faces.contact_surface", part)
 
 
 def jaws(friction=(0.4, 0.4), motion=CLOSING, **options):

@@ -17,6 +17,7 @@ from .values import (
     ISOTROPIC,
     ORTHOTROPIC,
     TABLES,
+    AlongAxes,
     Clearance,
     Direction,
     Friction,
@@ -57,6 +58,11 @@ def _two_numbers(given: Any) -> Any:
     if isinstance(given, list | tuple) and any(isinstance(value, dict) for value in given):
         raise ValueError("should be two numbers: friction by slip rate is the same in all directions")
     return given
+
+
+def _by_axes(given: Any) -> Any:
+    """Three numbers as components along x, y and z."""
+    return dict(zip("xyz", given, strict=True)) if isinstance(given, list | tuple) and len(given) == 3 else given
 
 
 class SlipRateTable(Table):
@@ -186,6 +192,10 @@ class ContactTable(Table):
     slave: bool = False
     thermal: ThermalContactTable | None = None
     friction_limit: SpatialStress | None = None
+    force: Annotated[AlongAxes, BeforeValidator(_by_axes)] = AlongAxes()
+    moment: Annotated[AlongAxes, BeforeValidator(_by_axes)] = AlongAxes()
+    force_point: Vector | None = None
+    force_amplitude: AmplitudeTable | None = None
 
     @model_validator(mode="after")
     def _one_thing_to_touch(self) -> ContactTable:
@@ -200,12 +210,27 @@ class ContactTable(Table):
             return self
         if self.against == self.face:
             raise ValueError("against must be another face than face")
-        given = {"foundation", "motion", "rotation", "normals"} & self.model_fields_set
+        of_foundation = {"foundation", "motion", "rotation", "normals", "force", "moment"}
+        given = (of_foundation | {"force_point", "force_amplitude"}) & self.model_fields_set
         if given:
             raise ValueError(
                 f"{', '.join(sorted(given))} does not go with against: it is for rigid foundations; a body is moved by "
                 "its supports"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _one_load(self) -> ContactTable:
+        moments = [one for one in self.moment.components if one is not None]
+        if not moments and not any(one is not None for one in self.force.components):
+            given = {"force", "moment", "force_point", "force_amplitude"} & self.model_fields_set
+            if given:
+                raise ValueError(
+                    f"{', '.join(sorted(given))}: give components of the force or moment on the foundation, as force = "
+                    "{ z = -500.0 }"
+                )
+        if moments and self.rotation is not None:
+            raise ValueError("a foundation has a given rotation, or turns under a moment: give one of the two")
         return self
 
     @model_validator(mode="after")
@@ -292,6 +317,10 @@ class ContactTable(Table):
             slave=self.slave,
             thermal=(self.thermal or ThermalContactTable()).thermal(),
             friction_limit=self._coefficient("friction_limit"),
+            force=self.force.components,
+            moment=self.moment.components,
+            force_point=self.force_point,
+            force_amplitude=amplitude_of(self.force_amplitude),
         )
 
     def _friction(self) -> Coefficient | tuple[Coefficient, Coefficient] | SlipRateFriction | PressureFriction | None:

@@ -258,6 +258,8 @@ def meant(table: str, key: str, value: Any) -> Any:
         number = re.fullmatch(r"\s*([-+]?[.\d]+(?:[eE][-+]?\d+)?)\s*([A-Za-z/^2-3]*)\s*", value)
         factor = 1.0 if number and not number[2] else _UNITS.get(number[2].lower()) if number else None
         return None if number is None or factor is None else float(f"{float(number[1]) * factor:.12g}")
+    if isinstance(value, int | float) and not isinstance(value, bool) and (table, key) == ("contact", "force"):
+        return {"z": float(value)}
     if isinstance(value, int | float) and not isinstance(value, bool) and key in _VECTORS:
         return [value] * 3 if key in ("box", "cells") else [0.0, 0.0, float(value)]
     if key == "value" and table == "pressure" and isinstance(value, list) and len(value) == 3:

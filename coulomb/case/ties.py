@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from ..fem.mesh_formats import other_side
 from .curves import AmplitudeTable, amplitude_of
-from .values import ROWS, Direction, Name, NodesValue, Number, Stiffness, Table, Vector
+from .values import ROWS, AlongAxes, Direction, Name, NodesValue, Number, Stiffness, Table, Vector
 
 if TYPE_CHECKING:
     from ..fem.bodies import Equation, RigidFace
@@ -109,25 +109,13 @@ class EquationTable(Table):
         return Equation(terms, self.constant, amplitude_of(self.amplitude))
 
 
-class MotionAlongAxes(Table):
-    """Components of a translation in metres or a rotation in radians; those that are not given are free."""
-
-    x: Number | None = None
-    y: Number | None = None
-    z: Number | None = None
-
-    @property
-    def components(self) -> tuple[float | None, float | None, float | None]:
-        return self.x, self.y, self.z
-
-
 class RigidFaceTable(Table):
-    """A face that moves as a rigid body, with a reference point in metres."""
+    """A face that moves as a rigid body, with a reference point in metres; components that are not given are free."""
 
     face: Name
     point: Vector | None = None
-    translation: MotionAlongAxes = MotionAlongAxes()
-    rotation: MotionAlongAxes = MotionAlongAxes()
+    translation: AlongAxes = AlongAxes()
+    rotation: AlongAxes = AlongAxes()
     amplitude: AmplitudeTable | None = None
     translation_stiffness: tuple[Stiffness, Stiffness, Stiffness] = (0.0, 0.0, 0.0)
     rotation_stiffness: tuple[Stiffness, Stiffness, Stiffness] = (0.0, 0.0, 0.0)

@@ -197,3 +197,15 @@ def field(value: tuple[float | str, float | str, float | str]) -> VectorField:
         return np.array([c(x) if callable(c) else np.full(x.shape[1], float(c)) for c in components])
 
     return at
+
+
+class AlongAxes(Table):
+    """Components along x, y and z, or about them; None where nothing is given."""
+
+    x: Number | None = None
+    y: Number | None = None
+    z: Number | None = None
+
+    @property
+    def components(self) -> tuple[float | None, float | None, float | None]:
+        return self.x, self.y, self.z

@@ -205,7 +205,8 @@ def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, 
     least["N m"] = max(least["N m"], least["N"] * over.max(np.linalg.norm(x, axis=1)))
     least["W"] = part * max(flows, default=0.0) + least["N m"] * max(spins, default=0.0)
     narrowest = min(over.max(along) + over.max(-along) for along in x.T)
-    turned = [float(np.max(np.abs(face["rotation"]))) for face in contents.get("rigid_faces", ())]
+    turning = (*contents.get("rigid_faces", ()), *contents.get("loaded_foundations", ()))
+    turned = [float(np.max(np.abs(face["rotation"]))) for face in turning]
     least["rad"] = part * max(turned, default=0.0) + least["m"] / narrowest
     area, slip, pressure = _of_nodes(solution, part)
     least["Pa"] = max(least["Pa"], pressure)
@@ -246,7 +247,7 @@ def totals_in(contents: Mapping[str, Any]) -> Iterator[tuple[str, FloatArray, st
     faces = named_faces(contents["faces"])
     for name, face in faces:
         yield from _totals_in("totals" if len(faces) == 1 else f"faces.{name}", face)
-    for section in ("reactions", "ties", "rigid_faces", "bolts", "bodies", "probes"):
+    for section in ("reactions", "ties", "rigid_faces", "bolts", "bodies", "probes", "loaded_foundations"):
         yield from _totals_in(section, contents.get(section, ()))
     yield from _totals_in("heat.flows", (contents.get("heat") or {}).get("flows", ()))
     yield from _totals_in("maximum", {"displacement": contents["maximum"]["displacement"]})

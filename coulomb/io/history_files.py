@@ -157,6 +157,7 @@ class HistoryFiles:
             earlier = at_points(one_before.contact, "contact_force", points_in_files(one_before, problem)[1], comm)
         slip = at_points(step.contact, "slip", faces, comm)
         worn = [at_points(step.contact, name, faces, comm)[:, 0] for name in ACCUMULATED]
+        heated = None if problem.body.heat is None else at_points(step.solution, TEMPERATURE, bodies, comm)[:, 0]
         return State(
             number=number,
             time=record["time"],
@@ -167,9 +168,8 @@ class HistoryFiles:
             accumulated=Accumulated(*worn),
             pending=tuple(record["pending"]),
             before=Earlier(began, earlier),
-            temperature_change=None
-            if problem.body.heat is None
-            else at_points(step.solution, TEMPERATURE, bodies, comm)[:, 0],
+            temperature_change=heated,
+            poses=problem.body.recorded_poses(read_summary(step.path, comm)),
         )
 
     def _write_whole(self, last: dict[str, Any]) -> None:
@@ -408,7 +408,8 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     outside = _outside(before.get("outside"), step)
     # of faces with what they touch before deformation, metres; and the energy in joules of rounding errors: of a fixed
     # node moved by the rounding error of its coordinates
-    contacts = step["understood"]["contacts"]
+    contacts = step["understood"]["contacts"]  # but those under load, which are where they have moved to
+    contacts = [one for one in contacts if not {"force", "moment"} & set(one["moves"].split())]
     overlaps = [min(one["given_gap"]["min"], max(one["gap"]["min"], 0.0)) - one["gap"]["min"] for one in contacts]
     overlap, compliance = float(max(before.get("overlap", 0.0), *overlaps, 0.0)), step["mean_compliance"]
     way = _number(largest["displacement"]["value"])

@@ -10,10 +10,10 @@ from typing import Any, cast
 import numpy as np
 
 from ..arrays import is_number, short
-from ..fem.bodies import Deformable, Equation, nonlinear, vanishes
+from ..fem.bodies import Deformable, Equation, PrescribedDisplacement, Support, nonlinear, vanishes
 from ..fem.contact import Pretension, Tied
 from ..fem.geometry import same_on_all_ranks
-from ..fem.meshes import JoinedMesh, NamedMesh, is_mesh_data
+from ..fem.meshes import JoinedMesh, NamedMesh, is_mesh_data, with_surfaces
 from ..linalg.compliance import DirectSolver, IterativeSolver, LinearSolver
 from ..solvers.friction_problem import Solver
 from .contact import Contact
@@ -132,9 +132,26 @@ def contacts_of_large_motions(arguments: Mapping[str, Any], contacts: Sequence[C
             "rigid faces and bolts are for small strains; large motions have ties (Tied), cyclic symmetry and equations"
         )
     for one in contacts:
+        if one.load:
+            raise ValueError(
+                f"contact face {one.face!r}: force and moment on a foundation are for small strains; in large motions "
+                "move it, and adjust its motion to the force in a loop (docs/outer-loops.md)"
+            )
         if one.adjust or one.smooth or one.surface or one.against_surface:
             raise ValueError(
                 f"contact face {one.face!r}: adjust, smooth and surface describe the undeformed place; large motions "
                 "measure gaps between the facets as they are"
             )
     return tuple(replace(one, facing=False) for one in contacts)
+
+
+def on_named_surfaces(
+    mesh: NamedMesh | JoinedMesh | Deformable, contacts: Sequence[Contact], supports: Sequence[Support]
+) -> NamedMesh | JoinedMesh | Deformable:
+    """The mesh with the surfaces that contacts and supports name for its faces; a body of the user's forms as it is."""
+    if isinstance(mesh, Deformable):
+        return mesh
+    pairs = [(one.face, one.surface) for one in supports if isinstance(one, PrescribedDisplacement)]
+    for one in contacts:
+        pairs += [(one.face, one.surface), (one.against or one.face, one.against_surface)]
+    return with_surfaces(mesh, {face: surface for face, surface in pairs if surface is not None})

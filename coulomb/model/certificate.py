@@ -91,6 +91,8 @@ class Evidence:
         jump: How far tied nodes are from where they should be, shape (k, 3); None without ties.
         actions: Of every pair of faces, what acts on both: `pair_actions`, this rank's part, shape (pairs, 3, 7).
         pairs: Of every pair, what is off in its gaps, normals and averages.
+        on_foundations: Of every free motion of a foundation under load the work of the contact forces on it per metre,
+            their size, and its load, newtons, shape (q, 3); the first two are this rank's part.
         held_gap: What is left of the gap at nodes of the contact faces that are no contact points, since their
             displacement along the normal is prescribed, or they face away from the foundation, metres, shape (q,).
         held_owner: Number of the component of each of these nodes, shape (q,).
@@ -124,26 +126,13 @@ class Evidence:
     actions: FloatArray | None = None
     jump: FloatArray | None = None
     pairs: tuple[PairFindings, ...] = ()
+    on_foundations: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     held_gap: FloatArray = field(default_factory=lambda: np.zeros(0))
     held_owner: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     held_part: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     faces: tuple[str, ...] = ()
     opposite: tuple[tuple[int, ...], ...] = ()
     unsettled: float = RESOLVED
-
-
-def pair_actions(
-    x: FloatArray, slave: FloatArray, master: FloatArray, at: FloatArray, opposite: FloatArray, force: FloatArray
-) -> FloatArray:
-    """Resultants on this rank of nodal forces on slave and master (k, 3) of a pair, and of the couples of its forces
-    (m, 3) on the slave `at` and on the master `opposite` across undeformed gaps: shape (3, 7), with three forces, three
-    moments about the origin of x, and the sum of magnitudes."""
-    couples = np.cross(at - opposite, force)
-    none = np.zeros_like(couples)
-    rows = ((slave, np.cross(x, slave)), (master, np.cross(x, master)), (none, couples))
-    return np.array(
-        [[*one.sum(axis=0), *moment.sum(axis=0), np.sum(np.linalg.norm(one, axis=1))] for one, moment in rows]
-    )
 
 
 def rigid_balance(e: Evidence, outer: FloatArray, lengths_: FloatArray, turnover: float) -> tuple[float, float, int]:
@@ -382,6 +371,7 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
         relative("force balance", balance, sums),
         relative("rigid motion", drift, "springs and contact carry what the clamps do not"),
         *_actions(e, over),
+        *_foundations(e, over),
         *(
             Check(name, worst(value, 0.0), ANGLE_LIMIT if unit else LIMIT, unit, meaning)
             for name, value, unit, meaning in pair_lines(e.pairs, _of_pairs(e, scales, over), over)
@@ -491,3 +481,13 @@ def _actions(e: Evidence, over: Reductions) -> tuple[Check, ...]:
     most = worst(*(ratio(worst(*np.abs(one)), scale) for one, scale in zip(left, slave[:, 6], strict=True)))
     meaning = "forces and moments on the two faces of every pair are opposite"
     return (Check("action and reaction", most, LIMIT, "", meaning),)
+
+
+def _foundations(e: Evidence, over: Reductions) -> tuple[Check, ...]:
+    """Whether contact and the loads given balance every foundation under load."""
+    if not len(e.on_foundations):
+        return ()
+    (work, size), load = over.total(e.on_foundations[:, :2]).T, e.on_foundations[:, 2]
+    left = worst(*(ratio(*pair) for pair in zip(np.abs(work + load), np.maximum(size, np.abs(load)), strict=True)))
+    meaning = "contact and the forces and moments given add to zero on every foundation under load"
+    return (Check("foundation balance", left, LIMIT, "", meaning),)

@@ -16,7 +16,6 @@ import numpy as np
 from mpi4py import MPI
 
 from ..arrays import FloatArray, is_number, is_of_ufl, short
-from ..fem.bodies import Deformable, PrescribedDisplacement, Support
 from ..fem.contact import Normals, Shape
 from ..fem.geometry import (
     Amplitude,
@@ -24,6 +23,7 @@ from ..fem.geometry import (
     Field,
     FrictionAxes,
     Motion,
+    Point,
     RigidFoundation,
     RigidMotion,
     Rotation,
@@ -36,8 +36,8 @@ from ..fem.geometry import (
     rigid_motion,
     supported_frames,
 )
-from ..fem.meshes import JoinedMesh, NamedMesh, with_surfaces
 from ..solvers.laws import FrictionLaw
+from .foundation_load import FoundationLoad
 
 
 @runtime_checkable
@@ -250,6 +250,11 @@ class Contact:
         thermal: Conduction of heat, in a problem with heat; by default no heat passes but that of friction, in halves.
         friction_limit: The largest shear stress q > 0 in pascals that friction reaches, as where the softer surface
             yields in shear (0.58 times its yield stress); constant or a function of place.
+        force: Force on the foundation along x, y and z in newtons, in which it comes to rest: its motion along these
+            axes is a part of the answer (`Solution.loaded_foundations`).  None along those where it has its `motion`.
+        moment: The same about axes along x, y and z through the `force_point`, N m; None where it does not turn.
+        force_point: Where the force acts, metres; it moves with the foundation.  By default the middle of the face.
+        force_amplitude: Factor of force and moment as a function of time.
 
     Examples:
         >>> from coulomb import Contact, Plane
@@ -257,6 +262,7 @@ class Contact:
         >>> wall = Contact("right", 0.2, foundation=Plane((0.1, 0.0, 0.0), (-1.0, 0.0, 0.0)))
         >>> press_fit = Contact("ring:bore", 0.15, against="shaft:surface", gap=-20e-6)  # metres
         >>> glued = Contact("bottom", slip_stress=2e6)  # Tresca, pascals
+        >>> tool = Contact("top", 0.1, force=(None, None, -500.0))  # newtons; guided along x and y
 
     Raises:
         ValueError: If no law is given, or two, if a number is negative or not finite, or if two coefficients of
@@ -284,6 +290,10 @@ class Contact:
     slave: bool = False
     thermal: ThermalContact = INSULATED
     friction_limit: Coefficient | None = None
+    force: Sequence[float | None] = (None, None, None)
+    moment: Sequence[float | None] = (None, None, None)
+    force_point: Point | None = None
+    force_amplitude: Amplitude = 1.0
 
     def __post_init__(self) -> None:
         for name in ("foundation", "surface", "against_surface"):
@@ -296,6 +306,8 @@ class Contact:
                     f"(3, k), that returns distances (k,), but is {short(given)}"
                 )
             object.__setattr__(self, name, SignedDistance(given))
+        if bool(self.load) and self.rotation is not None and any(one is not None for one in self.moment):
+            raise ValueError("contact: a foundation has a given rotation, or turns under a moment: give one of the two")
         if not isinstance(self.thermal, ThermalContact):
             raise ValueError(f"contact: thermal must be a ThermalContact, but is {self.thermal!r}")
         if self.against is None and self.thermal.conducts and self.thermal.temperature is None:
@@ -369,6 +381,11 @@ class Contact:
         )
 
     @property
+    def load(self) -> FoundationLoad:
+        """What is given of force and moment on the foundation."""
+        return FoundationLoad(self.face, self.force, self.moment, self.force_point, self.force_amplitude)
+
+    @property
     def shape(self) -> Shape:
         """What the facets of the pair stand for."""
         return Shape(self.smooth, self.surface, self.against_surface)
@@ -379,7 +396,7 @@ class Contact:
         if self.against == self.face:
             raise ValueError(f"contact: face {self.face!r} cannot be in contact with itself: give another as against")
         unfit = {"foundation": self.foundation, "motion": self.motion, "rotation": self.rotation}
-        given = [name for name, value in unfit.items() if value is not None]
+        given = [name for name, value in unfit.items() if value is not None] + ["force"] * bool(self.load)
         if given:
             raise ValueError(
                 f"contact: {given[0]} is for rigid foundations, but face {self.face!r} is against the deformable face "
@@ -472,15 +489,3 @@ class Contact:
             return factor
 
         return on_all_ranks(evaluate, "", comm)
-
-
-def on_named_surfaces(
-    mesh: NamedMesh | JoinedMesh | Deformable, contacts: Sequence[Contact], supports: Sequence[Support]
-) -> NamedMesh | JoinedMesh | Deformable:
-    """The mesh with the surfaces that contacts and supports name for its faces; a body of the user's forms as it is."""
-    if isinstance(mesh, Deformable):
-        return mesh
-    pairs = [(one.face, one.surface) for one in supports if isinstance(one, PrescribedDisplacement)]
-    for one in contacts:
-        pairs += [(one.face, one.surface), (one.against or one.face, one.against_surface)]
-    return with_surfaces(mesh, {face: surface for face, surface in pairs if surface is not None})

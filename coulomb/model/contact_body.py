@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from itertools import repeat
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,30 +19,21 @@ from mpi4py import MPI
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, End, Loading, locking_by_volume, unjoined_parts
 from ..fem.contact import (
-    Candidates,
     ContactSurface,
     FullyHeld,
     KeptMatrix,
     Pair,
     Pretension,
     Tied,
-    contact_surface,
-    joined,
-    nodes_at_seams,
-    own_plane,
-    pair_of,
-    pair_surface,
     rows_of,
-    slave_side,
     with_unknowns,
 )
-from ..fem.geometry import RigidFoundation, RigidMotion, moved, on_all_ranks, same_place, since_at, spin
+from ..fem.geometry import RigidFoundation, RigidMotion, Spin, same_place, since_at, spin
 from ..linalg.compliance import LinearSolver, chosen
-from ..linalg.reductions import Reductions
-from ..solvers.laws import FrictionLaw
-from ..units import amount
 from .contact import Contact
+from .contact_faces import ContactFaces, slaves_as_faces
 from .contact_stiffness import ContactStiffness
+from .foundation_load import FoundationLoads
 from .heat import HeatProblem
 from .held_nodes import HeldInPairs, refuse_held_inside
 from .linear_problem import Before, ContactState
@@ -52,121 +43,6 @@ from .overlap import OutsideContacts
 from .pair_checks import JudgedPair
 from .probes import LocatedProbes, Part, Probe
 from .provenance import timed
-
-
-def slaves_as_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
-    """Contacts with the slave of every pair as their face, and what was chosen in words; collective."""
-    found, words = [], []
-    pairs = [{contact.face, contact.against} for contact in contacts if contact.against is not None]
-    for number, pair in enumerate(pairs):
-        if pair in pairs[:number]:
-            raise ValueError(f"contact: the pair of {' and '.join(map(repr, sorted(map(str, pair))))} is given twice")
-    for contact in contacts:
-        if contact.against is None:
-            found.append(contact)
-            continue
-        if contact.slave:
-            slave, master, why = contact.face, contact.against, "it was given as the slave"
-        else:
-            slave, master, why = slave_side(elasticity, contact.face, contact.against)
-        found.append(contact if slave == contact.face else contact.exchanged())
-        words.append(f"contact of {slave!r} with {master!r}: contact points on the first, since {why}")
-    return tuple(found), tuple(words)
-
-
-class ContactFaces:
-    """The contact faces of a body, their foundations (None of pairs), pairs, and common surface at any time; nodes at
-    seams are those of one of them."""
-
-    def __init__(self, contacts: Sequence[Contact], elasticity: Deformable, time: float):
-        if not contacts:
-            raise ValueError("contact: give one face or several")
-        self._contacts, self._comm, self._time = contacts, elasticity.comm, time
-        self.foundations: list[RigidFoundation | None] = [
-            c.foundation if c.foundation or c.against else own_plane(elasticity, c.face) for c in contacts
-        ]
-        self._pairs: dict[int, Pair] = {}
-
-    def pair(self, number: int, elasticity: Deformable) -> Pair:
-        """The pair of faces of a contact against a deformable face; all are found at once; collective."""
-        if number not in self._pairs:
-            self._pairs = self._all_pairs(elasticity)
-        return self._pairs[number]
-
-    def _all_pairs(self, elasticity: Deformable) -> dict[int, Pair]:
-        """Those with nodes at seams anew, without these (`nodes_at_seams`); collective."""
-
-        def found(number: int, taken: npt.NDArray[np.bool_] | None = None) -> Pair:
-            one = self._contacts[number]
-            assert one.against is not None
-            return pair_of(elasticity, one.face, one.against, one.adjust, taken, one.shape)
-
-        pairs = {number: found(number) for number, one in enumerate(self._contacts) if one.against is not None}
-        if len(self._contacts) == 1:
-            return pairs
-        contacts, motions = dict[int, Candidates](), self.foundation_motions(self._time)
-        for number, (one, rigid) in enumerate(zip(self._contacts, self.foundations, strict=True)):
-            if rigid is None:
-                pair = pairs[number]
-                contacts[number] = Candidates(pair.points.nodes, pair.n, pair.gap, np.sqrt(pair.points.area))
-                continue
-            there, nodes = moved(rigid, motions[number]), elasticity.nodes(one.face, "contact")
-            place = partial(_place_of, there, elasticity.x[nodes])
-            n, gap = on_all_ranks(place, f"contact face {one.face!r}: foundation", self._comm)
-            contacts[number] = Candidates(nodes, n, gap, np.zeros(len(nodes)))
-        size = Reductions(self._comm).max(np.abs(elasticity.x).ravel())
-        for number, lost in nodes_at_seams(contacts, list(pairs), len(elasticity.x), size).items():
-            if self._comm.allreduce(bool(np.any(lost)), op=MPI.LOR):
-                pairs[number] = found(number, lost)
-        return pairs
-
-    def foundation_motions(self, time: float) -> tuple[RigidMotion, ...]:
-        return on_all_ranks(
-            lambda: tuple(c.rigid_motion(time, "contact: foundation") for c in self._contacts), "", self._comm
-        )
-
-    def gap_factors(self, time: float) -> FloatArray:
-        """Amplitudes of the given gaps of all faces at a time, shape (faces,); collective."""
-        return np.array([contact.gap_factor(time, self._comm) for contact in self._contacts])
-
-    def surface(self, elasticity: Deformable, motions: Sequence[RigidMotion], time: float) -> ContactSurface:
-        """The contact surface with moved foundations, and gaps at a time; collective."""
-        surfaces = []
-        over = Reductions(self._comm)
-        size = np.linalg.norm([over.max(axis) + over.max(-axis) for axis in elasticity.x.T])
-        for number, (contact, foundation, motion, factor) in enumerate(
-            zip(self._contacts, self.foundations, motions, self.gap_factors(time), strict=True)
-        ):
-            given = partial(contact.gap_at, comm=self._comm)
-            if contact.against is not None:
-                surface = pair_surface(elasticity, self.pair(number, elasticity), contact.axes, given, factor)
-            else:
-                there = foundation and moved(foundation, motion)
-                axes, facing = contact.axes, contact.facing
-                surface = contact_surface(elasticity, contact.face, there, contact.normals, axes, given, factor, facing)
-            deepest = over.max(-factor * surface.gap_field)
-            if deepest > size:
-                raise ValueError(
-                    f"contact face {contact.face!r}: gap: an interference of {amount(deepest)} is larger than the "
-                    f"body, whose extent is {amount(float(size))}: check the unit of gap"
-                )
-            surfaces.append(surface)
-        return joined(elasticity, surfaces)
-
-    def law(self, surface: ContactSurface, time: float, slip_rate: FloatArray) -> FrictionLaw:
-        """The law of friction at this rank's contact points at a time, slip rates (m,) in m/s; collective."""
-        laws, places, x = [], [], surface.points.before_deformation(surface.x)
-        for part, contact in enumerate(self._contacts):
-            here = np.flatnonzero(surface.part == part)
-            laws.append(contact.law(x[here], surface.area[here], time, slip_rate[here], self._comm))
-            places.append(here)
-        return FrictionLaw.joined(laws).at(np.argsort(np.concatenate(places)))
-
-
-def _place_of(foundation: RigidFoundation, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Unit normals (k, 3) into a foundation, and distances from it (k,), at points x (k, 3)."""
-    return (-foundation.normal(x), foundation.signed_distance(x)) if len(x) else (x, x[:, 0])
-
 
 _log = logging.getLogger(__name__)
 
@@ -302,6 +178,7 @@ class ContactBody:
         self.stiffness = ContactStiffness(
             elasticity, self._references, self.unknowns, *self._methods, seconds=self.seconds
         )
+        self.stiffness.loaded_foundations = any(contact.load for contact in self.contacts)
 
     def at_time(self, time: float) -> ContactBody:
         """The same with the supports that act at a time: itself if they are its own; collective.
@@ -333,6 +210,11 @@ class ContactBody:
         """Foundations of all contact faces before any motion; by default the plane of the face; None against a
         deformable face."""
         return tuple(self._faces.foundations)
+
+    @property
+    def foundation_loads(self) -> FoundationLoads:
+        """Force and moment on the foundations."""
+        return self._faces.loads
 
     @cached_property
     def outside(self) -> OutsideContacts:
@@ -390,8 +272,10 @@ class ContactBody:
         time, given = loading.time, loading.prescribed
         refuse_held_inside(self.contacts, self.foundations, self.held_in_pairs, elasticity, time, given, exact)
 
-    def foundation_motions(self, time: float) -> tuple[RigidMotion, ...]:
-        return self._faces.foundation_motions(time)
+    def foundation_motions(self, time: float, poses: FloatArray | None = None) -> tuple[RigidMotion, ...]:
+        """Of all foundations at a time, of those under load with their `ContactState.poses`, by default 0;
+        collective."""
+        return self._faces.foundation_motions(time, poses)
 
     @cached_property
     def faces_meet(self) -> bool:
@@ -419,16 +303,33 @@ class ContactBody:
                 found[at] = self.judged_pair(number).off_linear(u, surface.nodes[at], surface.frames[at, 0])
         return found
 
+    def recorded_poses(self, contents: Mapping[str, Any]) -> FloatArray | None:
+        """`ContactState.poses` as a summary.json has them; None without foundations under load; ValueError if it does
+        not fit."""
+        names = self.foundation_loads.names
+        if not names:
+            return None
+        poses = np.zeros((len(self.contacts), 6))
+        try:
+            found = {one["face"]: [*one["translation"], *one["rotation"]] for one in contents["loaded_foundations"]}
+            poses[list(names)] = [found[name] for name in names.values()]
+        except (KeyError, TypeError, ValueError):
+            raise ValueError(
+                "summary.json: loaded_foundations: has not the motions of the contacts under load"
+            ) from None
+        return poses
+
     def given_gap(self, surface: ContactSurface, time: float) -> FloatArray:
         """The gaps given with the contacts at the points of a surface at a time, metres, shape (m,); collective."""
         given: FloatArray = self._faces.gap_factors(time)[surface.part] * surface.gap_field
         return given
 
-    def foundation_displacement(self, surface: ContactSurface, then: float, now: float) -> FloatArray:
-        """Displacement of the foundations' surfaces between two times at the contact points, by rigid motion and by
+    def foundation_displacement(self, state: ContactState, before: Before) -> FloatArray:
+        """Displacement of the foundations' surfaces in a load step at the contact points, by rigid motion and by
         changing gaps, metres, shape (m, 3); collective."""
-        moved = since_at(self.foundation_motions(now), self.foundation_motions(then), surface.part, surface.x)
-        closed = self.given_gap(surface, now) - self.given_gap(surface, then)
+        surface, then = state.surface, self.foundation_motions(before.time, before.poses)
+        moved = since_at(state.foundation_motions, then, surface.part, surface.x)
+        closed = self.given_gap(surface, state.time) - self.given_gap(surface, before.time)
         moved += closed[:, None] * surface.frames[:, 0]
         return moved
 
@@ -465,21 +366,44 @@ class ContactBody:
         """The state at a time, in which slip is measured from the end of the load step before, moved with the
         foundation since; by default from zero displacement; arguments and errors as of `ContactProblem.at`;
         collective."""
-        motions, elasticity = self.foundation_motions(time), self.elasticity.at_time(time)
+        elasticity, poses = self.elasticity.at_time(time), None if before is None else before.poses
+        motions = self.foundation_motions(time, poses)
         surface = self.surface(motions, time, elasticity)
-        spins = tuple(spin(motion, None, 1.0) for motion in motions)
-        origin: FloatArray = np.zeros_like(surface.x)
         slip_rate: FloatArray = np.zeros(len(surface.x))
         accumulated = Accumulated.none(len(surface.x))
         if before is not None:
-            then = self.foundation_motions(before.time)
-            carried = since_at(motions, then, surface.part, surface.x)
             slip_rate, accumulated = before.slip_rate, before.accumulated
-            origin = surface.rows(before.displacement) + surface.components(carried)
-            spins = tuple(map(spin, motions, then, repeat(time - before.time)))
         law = self._faces.law(surface, time, slip_rate)
         if before is None:
             elasticity.refuse_beginning(time)
             elasticity.constraints.refuse_beginning(time)
         loading = elasticity.after(time, None if before is None else End(before.time, before.displacement))
-        return ContactState(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated)
+        spins, origin = self._spins_and_origin(motions, surface, time, before)
+        loaded = self._faces.loaded(elasticity, motions, time, poses)
+        return ContactState(
+            *(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated), loaded=loaded
+        )
+
+    def posed(self, state: ContactState, poses: FloatArray, before: Before | None) -> ContactState:
+        """The state with foundations under load in other poses (faces, 6); collective."""
+        motions = self.foundation_motions(state.time, poses)
+        surface = self.surface(motions, state.time, state.elasticity)
+        spins, origin = self._spins_and_origin(motions, surface, state.time, before)
+        loaded = self._faces.loaded(state.elasticity, motions, state.time, poses)
+        return replace(
+            state, foundation_motions=motions, surface=surface, spins=spins, slip_origin=origin, loaded=loaded
+        )
+
+    def _spins_and_origin(
+        self, motions: Sequence[RigidMotion], surface: ContactSurface, time: float, before: Before | None
+    ) -> tuple[tuple[Spin | None, ...], FloatArray]:
+        """Given rotations of the foundations, and the displacement from which slip counts, after a load step;
+        collective."""
+        start = time if before is None else before.time
+        then = self.foundation_motions(start, None if before is None else before.poses)
+        carried = surface.components(since_at(motions, then, surface.part, surface.x))
+        spins = tuple(
+            None if one.rotation is None else spin(now, earlier if before else None, time - start)
+            for one, now, earlier in zip(self.contacts, motions, then, strict=True)
+        )
+        return spins, carried if before is None else surface.rows(before.displacement) + carried

@@ -218,6 +218,7 @@ class ContactStiffness:
 
     Attributes:
         load_steps: How many load steps are expected.
+        loaded_foundations: Whether there are foundations under load.
     """
 
     def __init__(
@@ -231,7 +232,7 @@ class ContactStiffness:
     ):
         self.elasticity, self._references, self._unknowns = elasticity, references, unknowns
         self.comm, self._seconds = elasticity.comm, seconds
-        self._given, self.load_steps = (linear_solver, explicit), 1
+        self._given, self.load_steps, self.loaded_foundations = (linear_solver, explicit), 1, False
         self._rounding: tuple[object, FloatArray] | None = None
         self._latest: FixedStiffness | None = None
         self._factors_of: set[tuple[bool, ...]] = set()
@@ -381,11 +382,13 @@ class ContactStiffness:
 
     @property
     def _condensable(self) -> bool:
-        """Whether supports hold the bodies, and contact points are nodes, none of which is tied; collective."""
+        """Whether supports hold the bodies, and contact points are nodes, none of which is tied, on foundations of
+        given motion; collective."""
         seen, (first, last) = self._reference.nodes_in_rows, self._reference.B.getOwnershipRangeColumn()
         nodal = len(seen) == len(self._reference.nodes) and bool(np.all((3 * seen >= first) & (3 * seen < last)))
         nodal = nodal and (not self.elasticity.constraints.ties or not self._reference.slip_prescribed)
-        return bool(self.comm.allreduce(nodal and len(self.elasticity.free) == 0, op=MPI.LAND))
+        held = not self.loaded_foundations and not len(self.elasticity.free)
+        return bool(self.comm.allreduce(nodal and held, op=MPI.LAND))
 
     def _fit(self, work: Work, formed: bool) -> bool:
         """Whether factors of K fit into the memory, where A is formed or not, the same on all ranks; collective."""

@@ -16,7 +16,7 @@ from ..fem.contact import ContactSurface
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance
 from ..solvers.friction_problem import FrictionProblem
-from ..solvers.rigid_motions import RigidMotions
+from ..solvers.rigid_motions import NO_MOTION, RigidMotions
 from .certificate import Evidence
 from .contact_body import ContactBody
 from .contact_stiffness import FixedStiffness
@@ -157,9 +157,9 @@ class DiscreteProblem:
         """As of `ContactState`."""
         return self.state.rigid
 
-    def relative_displacement(self, u: FloatArray) -> FloatArray:
+    def relative_displacement(self, u: FloatArray, alpha: FloatArray = NO_MOTION) -> FloatArray:
         """As of `ContactState`."""
-        return self.state.relative_displacement(u)
+        return self.state.relative_displacement(u, alpha)
 
     def displacement(self, x: FloatArray) -> FloatArray:
         """As of `LinearProblem`."""
@@ -167,17 +167,21 @@ class DiscreteProblem:
 
     def moved(self, u: FloatArray, alpha: FloatArray) -> FloatArray:
         """u + R alpha, amounts alpha (q,) of the free motions; metres, shapes (k, 3)."""
-        return u + self.elasticity.reduction.displacement(self.elasticity.free_unknowns @ alpha) if len(alpha) else u
+        own = alpha[max(len(alpha) - len(self.elasticity.free), 0) :]  # after those of foundations under load
+        return u + self.elasticity.reduction.displacement(self.elasticity.free_unknowns @ own) if len(own) else u
 
-    def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
+    def evidence(
+        self, x: FloatArray, u: FloatArray, before: Before | None = None, alpha: FloatArray = NO_MOTION
+    ) -> Evidence:
         """The evidence for a certificate, from body, contact faces and foundations as given; collective.
 
         Args:
             x: Contact forces in newtons, shape (3 m,), point by point (n, t1, t2) of the surface.
             u: Displacement in metres, this rank's nodes, shape (k, 3).
             before: State after the load step before; by default slip is measured from `slip_origin`.
+            alpha: Amounts of free motions, shape (q,), of which those of foundations under load count, by default 0.
         """
-        return gather_evidence(self.body, self.state, x, u, self.compliances, before)
+        return gather_evidence(self.body, self.state, x, u, self.compliances, before, alpha)
 
     def stability(self, x: FloatArray) -> Stability | None:
         """Of an answer with contact forces x (3 m,) in newtons: K of small strains is positive definite; None if it is

@@ -85,7 +85,7 @@ def without_equilibrium(problem: DiscreteProblem) -> str:
 def _plain(problem: DiscreteProblem, limit: LimitLoad, motion: FloatArray) -> FloatArray:
     """The translation in a motion (q,), or along one axis, if nothing resists that either: it needs no centre in words;
     collective."""
-    turning = np.array([bool(np.any(one.rotation)) for one in problem.elasticity.free.motions])
+    turning = np.array([bool(np.any(one.rotation)) for one in problem.state.free.motions])
     translation = np.where(turning, 0.0, motion)
     along = np.diag(translation)[np.argsort(-np.abs(translation))]
     plain = (one for one in (translation, *along) if np.any(one) and limit.drives(one))
@@ -103,7 +103,7 @@ def along_foundations(rigid: RigidMotions, over: Reductions) -> FloatArray:
 
 def _sliding(problem: DiscreteProblem, motion: FloatArray, e: FloatArray, pushed: FloatArray, part: float) -> str:
     """Loads along the foundations of which friction holds a part."""
-    free = problem.elasticity.free
+    free = problem.state.free
     acting, moving = free.resultants(pushed), free.of(motion)
     most = max(one.size for one in moving)
     named = [
@@ -120,7 +120,7 @@ def _sliding(problem: DiscreteProblem, motion: FloatArray, e: FloatArray, pushed
 
 def _falling(problem: DiscreteProblem, motion: FloatArray, rigid: RigidMotions) -> str:
     """Loads that do work on a motion that contact does not resist."""
-    free = problem.elasticity.free
+    free = problem.state.free
     acting, moving = free.resultants(rigid.e), free.of(motion)
     most = max(one.size for one in moving)
     said = []
@@ -142,7 +142,7 @@ def running_away(problem: DiscreteProblem, result: SolverResult) -> str:
     Contact forces that balance the loads may exist, while none of them obey the law of friction: a pin in a bore would
     have to be wedged.  Then its motion grows from step to step without limit, or the loads are left unbalanced.
     """
-    rigid, free = problem.rigid, problem.elasticity.free
+    rigid, free = problem.rigid, problem.state.free
     if rigid is None:
         return ""
     over = Reductions(problem.comm)
@@ -183,4 +183,4 @@ def undetermined(problem: DiscreteProblem, x: FloatArray) -> Sequence[str]:
     pressing, rubbing = x[0::3] > 0.0, problem.slip_bound(x) > 0.0
     resisting = np.column_stack([pressing, rubbing, rubbing]).ravel()
     basis = MotionBasis(problem.rigid.G * resisting, Reductions(problem.comm))
-    return motions_in_words(problem.elasticity.free, basis.free)
+    return motions_in_words(problem.state.free, basis.free)

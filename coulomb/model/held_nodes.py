@@ -21,7 +21,7 @@ from mpi4py import MPI
 from ..arrays import FloatArray, unit_vectors
 from ..fem.bodies import Deformable
 from ..fem.contact import Pair, distance_along, faces_away, facets_of, free_lengths, hits, nodal_points
-from ..fem.geometry import HELD_BELOW, RigidFoundation, first_place, on_all_ranks
+from ..fem.geometry import HELD_BELOW, RigidFoundation, RigidMotion, first_place, on_all_ranks
 from ..linalg.reductions import Reductions
 from ..units import amount
 from .contact import Contact
@@ -41,15 +41,22 @@ class FoundationFace:
         member: The body of the face.
         facets: This rank's facets of it.
         nodes: Its nodes among those of the body on this rank, shape (q,).
-        motion: That of the foundation.
+        motion: That of the foundation, by default the one that is given with the contact.
     """
 
-    def __init__(self, contact: Contact, foundation: RigidFoundation, elasticity: Deformable, time: float):
+    def __init__(
+        self,
+        contact: Contact,
+        foundation: RigidFoundation,
+        elasticity: Deformable,
+        time: float,
+        motion: RigidMotion | None = None,
+    ):
         self.contact, self.time, self.comm = contact, time, elasticity.comm
         self.what = f"contact face {contact.face!r}"
         self.member, self.facets = elasticity.face(contact.face, "contact")
         self.nodes = self.member.body.nodes_of(self.facets)
-        self.motion = on_all_ranks(lambda: contact.rigid_motion(time, self.what), "", self.comm)
+        self.motion = motion or on_all_ranks(lambda: contact.rigid_motion(time, self.what), "", self.comm)
         self._foundation = foundation
 
     @cached_property
@@ -240,6 +247,8 @@ def refuse_held_inside(
         ValueError: On every rank, with face, number of nodes and depth.
     """
     for number, (contact, foundation) in enumerate(zip(contacts, foundations, strict=True)):
+        if contact.load:  # it gives way
+            continue
         if foundation is not None:
             face = FoundationFace(contact, foundation, elasticity, time)
             nodes, what = face.beside(elasticity, prescribed if exact else 0.0), "the foundation"

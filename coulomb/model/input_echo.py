@@ -146,10 +146,11 @@ def _plain(value: Any) -> Any:
 
 
 def _moves(contact: Contact) -> str:
-    """Which motions it has."""
+    """Which motions it has, and whether under a force or moment."""
     changing = None if is_number(contact.gap_amplitude, -np.inf) else contact.gap_amplitude
     motions = {"translation": contact.motion, "rotation": contact.rotation, "gap amplitude": changing}
-    return " and ".join(name for name, motion in motions.items() if motion is not None)
+    names = [name for name, motion in motions.items() if motion is not None]
+    return " and ".join([*names, *[str(contact.load)] * bool(contact.load)])
 
 
 def _shown(value: Any) -> str:

@@ -17,6 +17,7 @@ from ..fem.contact import ContactSurface, FaceMotion, foot_points
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.reductions import Reductions
 from ..solvers.friction_problem import FrictionProblem
+from ..solvers.rigid_motions import NO_MOTION
 from ..solvers.successive_tresca import Anderson
 from .certificate import Evidence
 from .certificate_scales import rounding_forces
@@ -122,7 +123,9 @@ class Linearised(DiscreteProblem):
         """Judged body by body: contact by contact by the evidence at the next iterate."""
         return replace(super().friction_problem, together=True)
 
-    def evidence(self, x: FloatArray, u: FloatArray, before: Before | None = None) -> Evidence:
+    def evidence(
+        self, x: FloatArray, u: FloatArray, before: Before | None = None, alpha: FloatArray = NO_MOTION
+    ) -> Evidence:
         """Without nodes that supports hold: they are at their place when the displacement is."""
         none = np.zeros(0, dtype=np.int64)
         e = self._evidence(x, u, self.compliances)

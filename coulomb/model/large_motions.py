@@ -12,10 +12,10 @@ foundations.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from itertools import chain, product
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
@@ -31,7 +31,7 @@ from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from ..units import amount
 from .arguments import linear_solver_of
-from .certificate import LIMIT, Certificate, Evidence, judge, settled_to
+from .certificate import Certificate, Evidence, judge, settled_to
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem, StatePoints
 from .equilibrium import refuse_without_equilibrium
@@ -40,7 +40,7 @@ from .load_step import Forces, State
 from .notebook import residuals_shown
 from .provenance import now, timed
 from .solution import Solution
-from .solving import solved
+from .solving import size_of, solved, together
 
 _log = logging.getLogger(__name__)
 
@@ -75,12 +75,6 @@ _Solve = Callable[[Linearised, FloatArray], Solution]
 
 class StepCut(NotConverged):
     """A load step has no answer: why, in words."""
-
-
-def size_of(certificate: Certificate) -> float:
-    """The largest value of the checks, but of the angle and of the resolution; inf if one is not finite."""
-    values = [check.value for check in certificate.checks if check.limit == LIMIT]
-    return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
 
 
 class LoadSteps:
@@ -281,7 +275,8 @@ class LoadStepLoop:
             found = certificate.passed
         else:
             raise self._cut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
-        whole = _together(results, x, certificate, sizes[-1] <= tolerance)
+        reached = results[-1].status if sizes[-1] <= tolerance else Status.STAGNATED
+        whole = replace(together(results), x=x, status=reached, residual=certificate["natural residual"].value)
         evidence, certificate = settled_to(evidence, certificate, whole.unsettled)
         methods = {**linear.methods, "kinematics": "large", "linear_problems": len(results)}
         methods |= {"definite": True} if self._definite else {}
@@ -422,20 +417,6 @@ class LoadStepLoop:
     def _forces(problem: DiscreteProblem, u: FloatArray, e: Evidence, on_body: FloatArray) -> Forces:
         kept, surface = e.internal - e.spring, problem.surface
         return Forces.at(problem.elasticity, surface, u, kept, e.load, on_body, problem.time)
-
-
-def _together(results: Sequence[SolverResult], x: FloatArray, certificate: Certificate, reached: bool) -> SolverResult:
-    """The result of all linear problems of a step: sums; CONVERGED if the residual reached the tolerance, STAGNATED if
-    the certificate passed above it."""
-    return replace(
-        results[-1],
-        x=x,
-        status=results[-1].status if reached else Status.STAGNATED,
-        newton_steps=sum(one.newton_steps for one in results),
-        products=sum(one.products for one in results),
-        residual=certificate["natural residual"].value,
-        history=tuple(chain.from_iterable(one.history for one in results)),  # type: ignore[arg-type]
-    )
 
 
 def _without_answer(count: int) -> SolverResult:

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, Loading, displacements_of
+from ..fem.bodies import Deformable, FreeMotions, Loading, displacements_of
 from ..fem.contact import ContactSurface, rows_of
 from ..fem.geometry import RigidMotion, Spin
 from ..linalg.compliance import BodyCompliance, StiffnessSolver
@@ -21,9 +21,10 @@ from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.laws import FrictionLaw
-from ..solvers.rigid_motions import RigidMotions
+from ..solvers.rigid_motions import NO_MOTION, RigidMotions
 from .certificate_scales import lengths
 from .contact_stiffness import FixedStiffness, explained
+from .foundation_load import LoadedFoundation, with_foundations
 from .heat import Heat
 from .nodal_answer import Accumulated, relative_displacement
 from .provenance import timed
@@ -137,6 +138,7 @@ class ContactState:
             3): 0 at first, in a later load step that after the step before, moved with the foundation.
         accumulated: Slip, friction work and largest pressure of the load steps before.
         heat: The temperature by which the bodies are strained, and its heat flows; None in a problem without heat.
+        loaded: The foundations under load.
     """
 
     elasticity: Deformable
@@ -149,25 +151,52 @@ class ContactState:
     slip_origin: FloatArray
     accumulated: Accumulated
     heat: Heat | None = None
+    loaded: tuple[LoadedFoundation, ...] = ()
 
     @property
     def time(self) -> float:
         """The time of loads and foundations in seconds."""
         return self.loading.time
 
-    def relative_displacement(self, u: FloatArray) -> FloatArray:
-        """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3); collective.
+    def relative_displacement(self, u: FloatArray, alpha: FloatArray = NO_MOTION) -> FloatArray:
+        """u_n, and slip along t1 and t2, of displacements u (k, 3), metres, shape (m, 3), less those of foundations
+        under load in free motions of amounts alpha (q,); collective.
 
         Where supports prescribe slips, those of the size of rounding errors are exactly 0: friction would be along
         them.
         """
         rows = self.surface.rows(u)
         closed = relative_displacement(rows, self.slip_origin)
+        for one, amounts in zip(self.loaded, self.of_foundations(alpha), strict=True):
+            there = (self.surface.part == one.number)[:, None]
+            closed -= self.surface.components(there * one.displacement(amounts, self.surface.x))
         if not self.surface.slip_prescribed:
             return closed
         size = np.abs(rows).max(axis=1, initial=0.0) + np.abs(self.slip_origin).max(axis=1, initial=0.0)
         closed[:, 1:][np.abs(closed[:, 1:]) <= _ROUNDING * size[:, None]] = 0.0
         return closed
+
+    @cached_property
+    def free(self) -> FreeMotions:
+        """The free motions of foundations under load and, after them, of the bodies: those of `rigid`."""
+        return with_foundations(self.elasticity.free, self.loaded) if self.loaded else self.elasticity.free
+
+    @property
+    def poses(self) -> FloatArray | None:
+        """Of the foundations under load, shape (faces, 6), 0 of others (`LoadedFoundation`); None without any."""
+        if not self.loaded:
+            return None
+        poses = np.zeros((len(self.foundation_motions), 6))
+        for one in self.loaded:
+            poses[one.number] = one.pose
+        return poses
+
+    def of_foundations(self, alpha: FloatArray) -> list[FloatArray]:
+        """The amounts among alpha (q,), or 0 if it is empty, of the motions of each foundation under load."""
+        counts = [len(one.motions) for one in self.loaded]
+        if not counts:
+            return []
+        return np.split((alpha if len(alpha) else np.zeros(sum(counts)))[: sum(counts)], np.cumsum(counts)[:-1])
 
     @cached_property
     def rigid(self) -> RigidMotions | None:
@@ -176,22 +205,27 @@ class ContactState:
         A resultant below its own rounding is 0, as of the thermal forces of a body that expands freely, and so is the
         motion of contact points on the side of a bolt's section that supports hold.
         """
-        elasticity, loading, free = self.elasticity, self.loading, self.elasticity.free
-        if not len(free):
+        elasticity, loading, surface, free = self.elasticity, self.loading, self.surface, self.elasticity.free
+        if not len(self.free):
             return None
         R = elasticity.free_unknowns
-        G = np.stack([rows_of(self.surface.free_B, R[:, :, number]).ravel() for number in range(len(free))])
-        G = np.where(np.abs(G) <= _UNMOVED, 0.0, G)
+        rows = [rows_of(surface.free_B, R[:, :, number]) for number in range(len(free))]
         load = elasticity.reduction.along(loading.load, loading.tension)
         each = [load, *(elasticity.reduction.along(one.forces) for one in elasticity.loads_in(loading))]
         sums = [np.einsum("kcq,kc->q", R, load), np.einsum("kcq,kc->q", np.abs(R), np.sum(np.abs(each), axis=0))]
         e, size = elasticity.comm.allreduce(np.array(sums), op=MPI.SUM)
-        return RigidMotions(G, np.where(np.abs(e) <= _ROUNDING * size, 0.0, e), tuple(map(str, free.motions)))
+        e = np.where(np.abs(e) <= _ROUNDING * size, 0.0, e)
+        moved = [(one.number, motion) for one in self.loaded for motion in one.motions]
+        away = [-surface.components((surface.part == part)[:, None] * motion.at(surface.x)) for part, motion in moved]
+        G = np.reshape([*away, *rows], (len(self.free), -1))
+        G = np.where(np.abs(G) <= _UNMOVED, 0.0, G)
+        e = np.concatenate([*(one.load for one in self.loaded), e])
+        return RigidMotions(G, e, tuple(map(str, self.free.motions)))
 
 
 class Before(Protocol):
-    """Start of a load step: time, displacement (k, 3) in metres, slip rates (m,) in m/s and what has accumulated, after
-    the step before."""
+    """Start of a load step: time, displacement (k, 3) in metres, slip rates (m,) in m/s, what has accumulated, and
+    `ContactState.poses`, after the step before."""
 
     @property
     def time(self) -> float: ...
@@ -204,6 +238,9 @@ class Before(Protocol):
 
     @property
     def accumulated(self) -> Accumulated: ...
+
+    @property
+    def poses(self) -> FloatArray | None: ...
 
 
 class LinearProblem:

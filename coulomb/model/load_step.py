@@ -60,9 +60,12 @@ def _reaction_columns(reaction: Mapping[str, Any]) -> dict[str, Any]:
     return _columns(reaction["name"], reaction, ("force", "moment"))
 
 
+_OF_MOTION: Final = ("translation", "rotation", "force", "moment")
+
 _COLUMNS: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
     "bodies": lambda of: _columns(f"body_{of['name']}", of, ("contact_force", "contact_moment"), ("balance",)),
-    "rigid_faces": lambda of: _columns(f"rigid_face_{of['face']}", of, ("translation", "rotation", "force", "moment")),
+    "rigid_faces": lambda of: _columns(f"rigid_face_{of['face']}", of, _OF_MOTION),
+    "loaded_foundations": lambda of: _columns(f"foundation_{of['face']}", of, _OF_MOTION),
     "bolts": lambda of: _columns(f"bolt_{of['face']}", of, (), ("force", "shear", "bending", "shortening")),
     "ties": _reaction_columns,
     "reactions": _reaction_columns,
@@ -222,6 +225,7 @@ class State(Moment):
         forces: Displacement and forces at its end; None at the start and where a history was continued from files.
         before: The end of the step before; None at the start.
         temperature_change: Of a problem with heat, from the reference, kelvin, shape (k,); None at the start.
+        poses: Of foundations under load (`ContactState.poses`); None at the start, and without any.
     """
 
     displacement: FloatArray
@@ -232,6 +236,7 @@ class State(Moment):
     forces: Forces | None = None
     before: Earlier | None = None
     temperature_change: FloatArray | None = None
+    poses: FloatArray | None = None
 
     @classmethod
     def beginning(cls, time: float, nodes: int, points: int, pending: tuple[float, ...] = ()) -> State:
@@ -287,7 +292,7 @@ class State(Moment):
             whole[at] = values
             return whole
 
-        moved = problem.body.foundation_displacement(problem.surface, self.time, problem.time)
+        moved = problem.body.foundation_displacement(problem.state, self)
         widened = answer.given_gap - problem.body.given_gap(problem.surface, self.time)
         moved = _while_touching(moved, widened, answer)
         foundation = 0.5 * over.dot(self.force_on_body[at] + on_body, moved)
@@ -307,6 +312,7 @@ class State(Moment):
             forces=now,
             before=Earlier(self.time, self.force_on_body),
             temperature_change=None if heat is None else heat.change,
+            poses=problem.state.poses,
         )
 
 

@@ -253,3 +253,17 @@ def pair_lines(
         at = f"; worst: {pairs[number].face!r} against {pairs[number].against!r} at x = {in_words(place)}"
         lines.append((name, value, unit, words + (at if value > 0.0 else "")))
     return lines
+
+
+def pair_actions(
+    x: FloatArray, slave: FloatArray, master: FloatArray, at: FloatArray, opposite: FloatArray, force: FloatArray
+) -> FloatArray:
+    """Resultants on this rank of nodal forces on slave and master (k, 3) of a pair, and of the couples of its forces
+    (m, 3) on the slave `at` and on the master `opposite` across undeformed gaps: shape (3, 7), with three forces, three
+    moments about the origin of x, and the sum of magnitudes."""
+    couples = np.cross(at - opposite, force)
+    none = np.zeros_like(couples)
+    rows = ((slave, np.cross(x, slave)), (master, np.cross(x, master)), (none, couples))
+    return np.array(
+        [[*one.sum(axis=0), *moment.sum(axis=0), np.sum(np.linalg.norm(one, axis=1))] for one, moment in rows]
+    )

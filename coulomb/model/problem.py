@@ -41,8 +41,8 @@ from ..linalg.compliance import LinearSolver
 from ..solvers.friction_problem import Solver, contact_solver
 from ..solvers.results import ProgressCallback, SolverResult
 from . import notebook
-from .arguments import certifying, contacts_given, linear_solver_of, named, refuse_wrong
-from .contact import Contact, on_named_surfaces
+from .arguments import certifying, contacts_given, linear_solver_of, named, on_named_surfaces, refuse_wrong
+from .contact import Contact
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem, StatePoints
 from .equilibrium import refuse_without_equilibrium
@@ -57,7 +57,7 @@ from .probes import Probe
 from .provenance import now, timed
 from .small_strain import known_mode
 from .solution import Solution, warn
-from .solving import answer_of, solved
+from .solving import answer_of, solved_in_place
 from .stopping_criterion import CERTIFIED_FROM
 
 _log = logging.getLogger(__name__)
@@ -351,7 +351,7 @@ class ContactProblem(DiscreteProblem):
         with residuals_shown(progress, tolerance, self.comm.rank) as shown:
 
             def by_any_method(posed: DiscreteProblem, start: FloatArray | None) -> Solution:
-                return solved(posed, tolerance, solver, shown, start)
+                return solved_in_place(posed, tolerance, solver, shown, start)
 
             answer = by_any_method(self, start) if heat is None else heated(self, heat, by_any_method, start)
         warn(answer)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -27,20 +28,28 @@ from ..fem.contact import (
     rows_of,
     without_noise,
 )
-from ..fem.geometry import HELD_BELOW, inverse_frames
+from ..fem.geometry import HELD_BELOW, RigidMotion, inverse_frames, on_all_ranks
 from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
-from .certificate import Evidence, pair_actions
+from ..solvers.rigid_motions import NO_MOTION
+from .certificate import Evidence
 from .certificate_scales import at_all_points
 from .contact_body import ContactBody
+from .foundation_load import LoadedFoundation
 from .held_nodes import FoundationFace, OtherNodes
 from .linear_problem import Before, ContactState
 from .nodal_answer import relative_displacement
-from .pair_checks import PairFindings
+from .pair_checks import PairFindings, pair_actions
 
 
 def gather_evidence(
-    body: ContactBody, state: ContactState, x: FloatArray, u: FloatArray, compliance: FloatArray, before: Before | None
+    body: ContactBody,
+    state: ContactState,
+    x: FloatArray,
+    u: FloatArray,
+    compliance: FloatArray,
+    before: Before | None,
+    alpha: FloatArray = NO_MOTION,
 ) -> Evidence:
     """The evidence for an answer; collective.
 
@@ -51,13 +60,17 @@ def gather_evidence(
         u: Displacement in metres, this rank's nodes, shape (k, 3).
         compliance: Diagonal of A (m, 3) at the surface's points, of both tangents the mean, metres per newton.
         before: End of the load step before; None if slip is measured from the state's `slip_origin`.
+        alpha: Amounts of free motions, shape (q,), of which those of foundations under load count, by default 0.
     """
     elasticity, surface = state.elasticity, state.surface
+    given = partial(_motions, body, state.time)
+    motions = body.foundation_loads.posed(on_all_ranks(given, "", body.comm), state.poses)
+    then = motions if before is None else body.foundation_motions(before.time, before.poses)
     rates, faces = state.slip_rate if before is None else before.slip_rate, []
-    for number in range(len(body.contacts)):
+    for number, moved in enumerate(zip(motions, then, strict=True)):
         slip_rate, here = np.zeros(len(u)), surface.part == number
         slip_rate[surface.nodes[here]] = rates[here]
-        faces.append(_face(body, number, state.time, before, slip_rate))
+        faces.append(_face(body, number, state.time, *moved, slip_rate))
     points = joined_points([face[0] for face in faces])
     frames, gap, carried = (np.concatenate([face[k] for face in faces]) for k in (1, 2, 4))
     law = FrictionLaw.joined([face[3] for face in faces])
@@ -91,8 +104,13 @@ def gather_evidence(
         origin = taken(surface.displacements(state.slip_origin), frames)
     else:
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
-    rows = rows_of(B, u)
+    rows, places = rows_of(B, u), points.average(elasticity.x)
     closed = relative_displacement(rows, origin)
+    parts = np.repeat(np.arange(len(faces)), [len(face[0].nodes) for face in faces])
+    loaded = list(zip(state.loaded, state.of_foundations(alpha), strict=True))
+    for one, amounts in loaded:
+        moved = (parts == one.number)[:, None] * one.displacement(amounts, places)
+        closed -= np.einsum("kij,kj->ki", frames, moved)
     bound = law.radius(force[:, 0])
     internal, spring = elasticity.internal_force(u), elasticity.spring_force(u)
     load = state.loading.load
@@ -101,7 +119,13 @@ def gather_evidence(
     own = at_all_points(taken_as_is(compliance), compliance, Reductions(body.comm))
     strays = surface.nodes[~known][stray_rows]
     others = [one for *_, one in faces if one is not None]
-    beside = [np.full(len(one.nodes), number) for number, (*_, one) in enumerate(faces) if one is not None]
+    beside = [number for number, (*_, one) in enumerate(faces) if one is not None]
+    held_part = [np.full(len(one.nodes), number) for number, one in zip(beside, others, strict=True)]
+    left = [one.remaining(u) for one in others]
+    for one, amounts in loaded:
+        for k, other in enumerate(others):
+            if beside[k] == one.number:
+                left[k] += np.einsum("qi,qi->q", other.n, one.displacement(amounts, other.x[other.nodes]))
     return Evidence(
         comm=body.comm,
         x=elasticity.x,
@@ -126,16 +150,33 @@ def gather_evidence(
         bodies=tuple(member.nodes for member in elasticity.members) if len(elasticity.members) > 1 else (),
         jump=elasticity.reduction.left_apart(u, state.loading.apart) if elasticity.constraints.ties else None,
         owner=np.concatenate([component[nodes], component[strays]]),
-        place=np.concatenate([points.average(elasticity.x), elasticity.x[strays]]),
+        place=np.concatenate([places, elasticity.x[strays]]),
         part=np.concatenate([parts, np.full(len(stray), -1)]),
         faces=tuple(contact.face for contact in body.contacts),
         opposite=tuple(_opposite(body, contact.against, component) for contact in body.contacts),
         actions=_actions(elasticity.x, points, frames, force, [len(face[0].nodes) for face in faces]),
         pairs=_findings(body, state.time, faces, rows, u),
-        held_gap=np.concatenate([none[:0], *(one.remaining(u) for one in others)]),
+        on_foundations=_on_foundations(state.loaded, parts, places, np.einsum("kij,ki->kj", frames, force)),
+        held_gap=np.concatenate([none[:0], *left]),
         held_owner=component[np.concatenate([judged[:0], *(one.nodes for one in others)])],
-        held_part=np.concatenate([parts[:0], *beside]),
+        held_part=np.concatenate([parts[:0], *held_part]),
     )
+
+
+def _motions(body: ContactBody, time: float) -> list[RigidMotion]:
+    return [contact.rigid_motion(time, f"contact face {contact.face!r}") for contact in body.contacts]
+
+
+def _on_foundations(
+    loaded: Sequence[LoadedFoundation], parts: npt.NDArray[np.int64], x: FloatArray, forces: FloatArray
+) -> FloatArray:
+    """`Evidence.on_foundations`, of forces (m, 3) on foundations at points x (m, 3) of these faces (m,)."""
+    rows = []
+    for one in loaded:
+        own = np.where((parts == one.number)[:, None], forces, 0.0)
+        size = np.sum(np.linalg.norm(own, axis=1))
+        rows += [(np.sum(motion.at(x) * own), size, load) for motion, load in zip(one.motions, one.load, strict=True)]
+    return np.reshape(rows, (-1, 3))
 
 
 def _opposite(body: ContactBody, face: str | None, component: npt.NDArray[np.int64]) -> tuple[int, ...]:
@@ -195,16 +236,17 @@ def _findings(
     return tuple(found)
 
 
-def _face(body: ContactBody, number: int, time: float, before: Before | None, slip_rate: FloatArray) -> _Face:
+def _face(
+    body: ContactBody, number: int, time: float, motion: RigidMotion, then: RigidMotion, slip_rate: FloatArray
+) -> _Face:
     """The contact points of a face that face its foundation and are not prescribed along their normal: points, frames
-    (m, 3, 3), gap, law of friction, and the foundation's displacement in this step (m, 3), metres; and the other nodes
-    of the face; collective."""
+    (m, 3, 3), gap, law of friction, and the foundation's displacement in this step (m, 3), metres, from its motion at
+    the start; and the other nodes of the face; collective."""
     contact, comm, foundation = body.contacts[number], body.comm, body.foundations[number]
     if foundation is None:
         return _pair(body, number, time, slip_rate)
-    face = FoundationFace(contact, foundation, body.elasticity, time)
+    face = FoundationFace(contact, foundation, body.elasticity, time, motion)
     member, elasticity = face.member, face.member.body
-    then = face.motion if before is None else body.foundation_motions(before.time)[number]
     points = contact_points(elasticity, face.facets)
     x, at = points.average(elasticity.x), points.nodes
     n = face.outward[at] if contact.normals == "body" else -face.slope(x)

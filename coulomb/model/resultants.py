@@ -70,14 +70,14 @@ class BodyBalance:
 
 @dataclass(frozen=True)
 class RigidFaceMotion:
-    """The motion of a rigid face, and what holds it.
+    """The motion of a rigid face, and what holds it; or of a foundation under load, and what contact does on it.
 
     Attributes:
         face: Its name.
-        point: The reference point in metres, shape (3,).
-        translation: Displacement of the point in metres, shape (3,).
+        point: The reference point in metres, shape (3,); of a foundation where it has moved to.
+        translation: Displacement of the point in metres, shape (3,); of a foundation in addition to the motion given.
         rotation: Rotation about it in radians, shape (3,).
-        force: Force on the face along prescribed components, newtons, shape (3,).
+        force: Force on the face along prescribed components, or of contact on the foundation, newtons, shape (3,).
         moment: The same about the point, newton metres, shape (3,).
     """
 
@@ -139,6 +139,7 @@ class ForceBalance:
         ties: Force and moment of every tie on its slave face.
         rigid_faces: Of every rigid face.
         bolts: Of every bolt.
+        loaded_foundations: Of every foundation under load.
     """
 
     loads: tuple[Resultant, ...]
@@ -148,6 +149,7 @@ class ForceBalance:
     ties: tuple[Resultant, ...] = ()
     rigid_faces: tuple[RigidFaceMotion, ...] = ()
     bolts: tuple[BoltForce, ...] = ()
+    loaded_foundations: tuple[RigidFaceMotion, ...] = ()
 
     def entries(self) -> dict[str, Any]:
         """As in summary.json."""
@@ -158,6 +160,7 @@ class ForceBalance:
             **({"ties": [tie.entry() for tie in self.ties]} if self.ties else {}),
             **({"rigid_faces": [face.entry() for face in self.rigid_faces]} if self.rigid_faces else {}),
             **({"bolts": [bolt.entry() for bolt in self.bolts]} if self.bolts else {}),
+            **({"loaded_foundations": [one.entry() for one in moving]} if (moving := self.loaded_foundations) else {}),
             **({"bodies": [body.entry() for body in self.bodies]} if self.bodies else {}),
         }
 

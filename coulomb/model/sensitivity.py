@@ -126,6 +126,8 @@ def gradient(
 def _refuse(problem: DiscreteProblem) -> None:
     if problem.body.undeformed is not None or problem.body.heat is not None:
         raise ValueError("sensitivities are known of small strains without heat, where a problem is one linear system")
+    if problem.state.loaded:
+        raise ValueError("sensitivities are not known of foundations under load: give their motion")
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from .certificate_scales import rounding_forces
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem
 from .face_answer import FaceAnswer
+from .foundation_load import motions_of, on_foundations
 from .heat import Heat
 from .nodal_answer import NodalAnswer
 from .overlap import deformations
@@ -219,7 +220,8 @@ class Solution:
         each = {member.name: member.nodes for member in members} if len(members) > 1 else {}
         moved = (constraints.motions_of_faces(u, problem.time), constraints.bolts_at(u))
         ties = (constraints.shares(imbalance, problem.time), of_ties, *moved) if constraints.ties else ()
-        return force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each, *ties)
+        found = force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each, *ties)
+        return replace(found, loaded_foundations=motions_of(problem.state.loaded, self.at_nodes))
 
     @property
     def loads(self) -> tuple[Resultant, ...]:
@@ -253,16 +255,13 @@ class Solution:
     @property
     def forces_on_foundations(self) -> tuple[Resultant, ...]:
         """Force and moment on the foundation of every contact face, in their order; collective.  Pairs have none."""
-        found = []
-        for part, face in enumerate(self.problem.surface.faces):
-            if self.problem.contacts[part].against is not None:
-                continue
-            totals = self.at_nodes.totals(part)
-            force, moment = (-np.array(totals[name]) for name in ("force", "moment"))
-            nodal = np.linalg.norm(self.at_nodes.on_body[self.at_nodes.part == part], axis=1)
-            total = Reductions(self.problem.comm, self.at_nodes.copies).sum(nodal)
-            found.append(Resultant("foundation", face, f"foundation_{face}", force, moment, total))
-        return tuple(found)
+        return tuple(on_foundations(self.at_nodes).values())
+
+    @property
+    def loaded_foundations(self) -> tuple[RigidFaceMotion, ...]:
+        """Motion of every foundation under load, in addition to what is given, and force and moment of contact on it;
+        collective."""
+        return self.force_balance.loaded_foundations
 
     @cached_property
     def probes(self) -> tuple[ProbeValue, ...]:

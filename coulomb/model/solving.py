@@ -3,8 +3,12 @@ solved by multigrid."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from itertools import chain
+from typing import Final
 
 import numpy as np
 from mpi4py import MPI
@@ -21,7 +25,7 @@ from ..solvers.friction_problem import FrictionProblem, Solver
 from ..solvers.interior_point import InteriorPoint
 from ..solvers.results import NotConverged, Progress, ProgressCallback, SolverResult, Status
 from ..solvers.rigid_motions import NO_MOTION
-from .certificate import settled_to
+from .certificate import LIMIT, Certificate, settled_to
 from .discrete_problem import DiscreteProblem
 from .heat import UNBALANCED
 from .provenance import timed
@@ -49,6 +53,50 @@ def solved(
             if ended or not stiffness.change_method(failure.result.message, condense):
                 failure.args = (f"{failure}{'' if ended else stiffness.advice}",)
                 raise
+
+
+_MOST: Final = 25
+"""Largest number of places of foundations under load that are tried."""
+
+
+def solved_in_place(
+    posed: DiscreteProblem,
+    tolerance: float,
+    solver: Solver | None,
+    progress: ProgressCallback | None,
+    start: FloatArray | None,
+) -> Solution:
+    """`solved`, with the foundations under load where the answer has moved them, as often as that leaves the
+    certificate above the tolerance; NotConverged if that is more than _MOST times; arguments as of `solved`."""
+    answer, size, found = solved(posed, tolerance, solver, progress, start), math.inf, False
+    results = [answer.result]
+    for _ in range(_MOST if posed.state.loaded else 0):
+        amounts = posed.state.of_foundations(answer.result.rigid)
+        poses = posed.state.poses
+        assert poses is not None
+        for one, moved in zip(posed.state.loaded, amounts, strict=True):
+            poses[one.number] = one.moved(moved)
+        there = posed.in_state(posed.body.posed(posed.state, poses, posed.before), posed.seconds, posed.before)
+        forces = there.surface.force_components(posed.surface.vectors(answer.contact_force.reshape(-1, 3)))
+        rest = answer.result.rigid.copy()
+        rest[: sum(map(len, amounts))] = 0.0
+        result = replace(together(results), x=forces.ravel(), rigid=rest)
+        placed = answer_of(there, result)
+        before, size = size, size_of(placed.certificate)
+        if placed.certificate.passed and (size <= tolerance or (found and size > 0.5 * before)):
+            return placed
+        found = placed.certificate.passed
+        posed, answer = there, solved(there, tolerance, solver, progress, result.x)
+        results.append(answer.result)
+    if not posed.state.loaded:
+        return answer
+    names = " and ".join(repr(one.name) for one in posed.state.loaded)
+    raise NotConverged(
+        f"the foundation of {names} under load does not come to rest in {_MOST} places: let it begin where it touches, "
+        "apply the load in smaller steps ([history], force_amplitude), or guide it (leave components of force and "
+        "moment out)",
+        answer.result,
+    )
 
 
 def _by_present_method(
@@ -98,6 +146,23 @@ def answer_of(posed: DiscreteProblem, result: SolverResult, criterion: StoppingC
     return Solution(
         *(posed, x, judged.displacement, g, result, certificate, evidence),
         *(posed.compliances, posed.mean_compliance, methods),
+    )
+
+
+def size_of(certificate: Certificate) -> float:
+    """The largest value of the checks, but of the angle and of the resolution; inf if one is not finite."""
+    values = [check.value for check in certificate.checks if check.limit == LIMIT]
+    return float(np.max(values)) if np.all(np.isfinite(values)) else np.inf
+
+
+def together(results: Sequence[SolverResult]) -> SolverResult:
+    """The last of several results, with the sums of steps and products, and the history of all."""
+    return replace(
+        results[-1],
+        outer_steps=sum(one.outer_steps for one in results),
+        newton_steps=sum(one.newton_steps for one in results),
+        products=sum(one.products for one in results),
+        history=tuple(chain.from_iterable(one.history for one in results)),  # type: ignore[arg-type]
     )
 
 

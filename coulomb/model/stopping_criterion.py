@@ -146,7 +146,7 @@ class StoppingCriterion:
         if last is None or not over.all(np.array_equal(last[0], x) and np.array_equal(last[1], alpha)):
             force, u = self._zeros_by_product(x, alpha) or self._zeros_by_displacement(x, alpha)
             with timed(problem.seconds, "certificate"):
-                evidence = problem.evidence(force, u, problem.before)
+                evidence = problem.evidence(force, u, problem.before, alpha)
                 last = x.copy(), alpha.copy(), CertifiedAnswer(force, u, evidence, judge(evidence))
             self._last = last
         return last[2]
@@ -160,14 +160,14 @@ class StoppingCriterion:
                 return None
             force = zero_open_forces(problem, x, closed)
             u = problem.moved(problem.displacement(force), alpha)
-            same = np.array_equal(zero_open_forces(problem, x, problem.relative_displacement(u)), force)
+            same = np.array_equal(zero_open_forces(problem, x, problem.relative_displacement(u, alpha)), force)
         return (force, u) if over.all(same) else None
 
     def _zeros_by_displacement(self, x: FloatArray, alpha: FloatArray) -> tuple[FloatArray, FloatArray]:
         problem, over = self._problem, Reductions(self._problem.comm)
         u = problem.moved(self._displacement(x), alpha)
         with timed(problem.seconds, "displacement"):
-            force = zero_open_forces(problem, x, problem.relative_displacement(u))
+            force = zero_open_forces(problem, x, problem.relative_displacement(u, alpha))
             if not over.all(np.array_equal(force, x)):
                 u = problem.moved(problem.displacement(force), alpha)
         return force, u

@@ -110,6 +110,9 @@ class WrittenAnswer:
         if change is not None:
             loading = problem.elasticity.heated(problem.loading, change)
             problem = problem.in_state(replace(problem.state, loading=loading), problem.seconds, problem.before)
+        if (poses := problem.body.recorded_poses(said)) is not None:
+            state = problem.body.posed(problem.state, poses, problem.before)
+            problem = problem.in_state(state, problem.seconds, problem.before)
         x = -problem.surface.force_components(f).ravel()
         bound = problem.slip_bound(x)
         evidence = gather_evidence(problem.body, problem.state, x, u, self._compliances, problem.before)

@@ -127,7 +127,7 @@ def without_origin(monkeypatch):
 
 
 def without_origin_in_b(monkeypatch):
-    def relative_displacement(self, u):
+    def relative_displacement(self, u, alpha=None):
         return self.surface.rows(u)
 
     monkeypatch.setattr(ContactState, "relative_displacement", relative_displacement)
@@ -162,7 +162,7 @@ def test_an_origin_that_does_not_move_with_the_foundation_fails(monkeypatch):
     ("method", "wrong"),
     [
         ("surface", lambda self, *_: self._references[self.elasticity.constraints.locked]),
-        ("foundation_motions", lambda self, time: (RigidMotion(np.zeros(3)),)),
+        ("foundation_motions", lambda self, time, poses=None: (RigidMotion(np.zeros(3)),)),
     ],
 )
 def test_a_foundation_that_does_not_move_fails(monkeypatch, method, wrong):

@@ -2,12 +2,17 @@
 
 import json
 import re
+import shutil
 
 import h5py
 import numpy as np
 import pytest
-from check_runs import copied, made
+from case_texts import one_body
+from check_runs import copied, edit, made, put
+from mpi4py import MPI
 
+from coulomb.case.record import written_case
+from coulomb.io.history_files import HistoryFiles
 from coulomb.recheck import check
 
 CASE = """\
@@ -161,3 +166,38 @@ material = {{ young = 1e5, poisson = 0.3 }}
 def test_points_of_a_pair_that_follow_clamped_nodes_on_both_sides():
     findings = check(made(STACKED))
     assert findings.passed, str(findings)
+
+
+PRESSED = one_body((1.0, 1.0, 0.5), (3, 2, 1), 1e9)
+PRESSED += """\
+clamp = [{ face = "bottom" }]
+history = { times = [0.5, 1.0] }
+[contact]
+face = "top"
+friction = 0.2
+force = { x = 1e5, z = -1e6 }
+moment = { y = 0.0 }
+force_point = [0.55, 0.5, 0.5]
+force_amplitude = [[0, 0], [1, 1]]
+"""
+
+
+def test_the_load_on_a_foundation_is_judged_from_the_files(tmp_path):
+    """Also where its motion, or the force that the case gives, is another one; and a history goes on from the files."""
+    found = check(made(PRESSED))
+    assert found.passed and not found.faults, str(found)
+    assert "foundation balance" in str(check(made(PRESSED) / "steps/0002").certificate)
+    for place, value in (("translation", 2), ("rotation", 1)):
+        folder = copied(PRESSED, tmp_path / place) / "steps/0002"
+        edit(folder / "summary.json", lambda of, at=(place, value): put(of, ("loaded_foundations", 0, *at), -4e-4))
+        assert not check(folder).certificate.passed
+    folder = copied(PRESSED, tmp_path / "force")
+    edit(folder / "case.json", lambda case: case["contact"]["force"].update(z=-1.001e6))
+    assert not check(folder / "steps/0002").certificate["foundation balance"].passed
+    edit(folder / "case.json", lambda case: case["contact"]["force"].update(z=-1e6))
+    expected = json.loads((folder / "steps/0002/summary.json").read_text())["loaded_foundations"][0]
+    shutil.rmtree(folder / "steps/0002")
+    settings = written_case(folder)
+    settings.load_history().run(settings.problem(MPI.COMM_SELF), HistoryFiles(folder, resume=True))
+    again = json.loads((folder / "steps/0002/summary.json").read_text())["loaded_foundations"][0]
+    assert again["translation"] == pytest.approx(expected["translation"], rel=1e-6, abs=1e-12)

@@ -313,6 +313,11 @@ class Turn:
     angle: float
 
     @property
+    def vector(self) -> FloatArray:
+        """The angle times the axis, radians, shape (3,)."""
+        return self.angle * self.axis
+
+    @property
     def matrix(self) -> FloatArray:
         """R, shape (3, 3): x is R (X - point) + point (Rodrigues' formula)."""
         x, y, z = self.axis
@@ -349,12 +354,13 @@ class RigidMotion:
 
     def since(self, before: RigidMotion, x: FloatArray) -> FloatArray:
         """Displacement in metres of the foundation's material at fixed points x (k, 3) since another time, along the
-        arc."""
+        arc; of small angles where the axis is another one."""
         way = np.broadcast_to(self.translation - before.translation, x.shape)
         if self.turn is None or before.turn is None:
             return way
         centre = 0.5 * (self.centre + before.centre)
-        return way + (self.turn.angle - before.turn.angle) * np.cross(self.turn.axis, x - centre)
+        arc: FloatArray = np.cross(self.turn.vector - before.turn.vector, x - centre)
+        return way + arc
 
 
 @dataclass(frozen=True)
@@ -371,8 +377,8 @@ class Moved:
 
 def same_place(one: RigidMotion, other: RigidMotion) -> bool:
     """Whether two motions of the same foundation, at any two times, end in the same place."""
-    angles = [0.0 if motion.turn is None else motion.turn.angle for motion in (one, other)]
-    return bool(np.array_equal(one.translation, other.translation)) and angles[0] == angles[1]
+    here, there = (np.zeros(3) if motion.turn is None else motion.turn.vector for motion in (one, other))
+    return np.array_equal(one.translation, other.translation) and np.array_equal(here, there)
 
 
 def moved(foundation: RigidFoundation, motion: RigidMotion) -> RigidFoundation:

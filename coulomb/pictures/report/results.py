@@ -261,6 +261,10 @@ def forces(run: Run) -> Table:
         _row(f"rigid face {face['face']}, about its point", face, accuracy) for face in summary.get("rigid_faces", ())
     ]
     rows += [
+        _row(f"contact on the foundation of {one['face']}, about its point", one, accuracy)
+        for one in summary.get("loaded_foundations", ())
+    ]
+    rows += [
         (
             f"bolt at {bolt['face']}, {'' if bolt['locked'] else 'not '}locked, shortened by "
             f"{quantity(bolt['shortening'], 'm', 5)}",

@@ -26,7 +26,7 @@ from coulomb import (
 )
 from coulomb.fem.contact import mortar, pair
 from coulomb.fem.contact.closest_points import Facets, hits, off_linear
-from coulomb.model import contact_body, problem_evidence
+from coulomb.model import contact_faces, problem_evidence
 from coulomb.model.certificate import judge
 from verification.ring_pair import rings
 
@@ -76,8 +76,8 @@ def judged(problem):
 
 
 def wrong_gap(patch):
-    real = contact_body.pair_of
-    patch.setattr(contact_body, "pair_of", lambda *a, **k: replace(p := real(*a, **k), gap=p.gap + 2e-6))
+    real = contact_faces.pair_of
+    patch.setattr(contact_faces, "pair_of", lambda *a, **k: replace(p := real(*a, **k), gap=p.gap + 2e-6))
 
 
 def wrong_rows(change):
