@@ -1,5 +1,5 @@
-"""Decks of CalculiX beside CalculiX: displacements of `coulomb run DECK.inp`, of ccx with the deck as it is, and with
-its penalties (contact stiffness, stick slope) 100 times stiffer, and those of NAME.dat.ref where there are some."""
+"""Decks of CalculiX beside CalculiX: displacements and contact forces of `coulomb run DECK.inp`, of ccx with the deck
+as it is, and with its penalties (contact stiffness, stick slope) 100 times stiffer; displacements of NAME.dat.ref."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from coulomb.decks.cards import read_cards
+from coulomb.decks.cards import key_of, read_cards
 from coulomb.decks.geometry import Geometry
 from coulomb.io.run_directory import FRD, RunDirectory
 
@@ -30,8 +30,8 @@ _HARD = 50.0
 
 
 def rows(folder: Path, seconds: float = 300.0) -> Iterator[Mapping[str, object]]:
-    """A row for each deck of a folder: what refuses it, or the differences of displacements at its nodes to those of
-    ccx, over the largest, and cpu seconds of both."""
+    """A row for each deck of a folder: what refuses it, or the contact force on the slaves' bodies, the differences of
+    displacements at its nodes to those of ccx, over the largest, and cpu seconds of both."""
     for deck in sorted(folder.glob("*.inp")):
         with tempfile.TemporaryDirectory() as temporary:
             here = Path(temporary)
@@ -45,6 +45,7 @@ def _row(deck: Path, reference: Path, seconds: float) -> Mapping[str, object]:
         "cells",
         "steps",
         "force N",
+        "stiff ccx N",
         "largest u",
         "reference",
         "ccx",
@@ -65,9 +66,9 @@ def _row(deck: Path, reference: Path, seconds: float) -> Mapping[str, object]:
     row["result"] = "valid" if done.returncode == 0 else "not valid"
     whole, steps = RunDirectory(results), RunDirectory(results).complete_steps
     row["steps"] = len(steps) or 1
-    force = (whole.step(steps[-1]) if steps else whole).read_summary()["totals"].get("force", [])
-    row["force N"] = " ".join(f"{value + 0.0:.4g}" for value in np.round(force, 6) + 0.0)
-    own = last_displacements(results / FRD)
+    faces = (whole.step(steps[-1]) if steps else whole).read_summary()["faces"]
+    row["force N"] = _force([one["force"] for one in faces])
+    own = at_nodes(results / FRD, "DISP")
     row["largest u"] = f"{max(np.linalg.norm(u) for u in own.values()):.6g}"
     if reference.exists() and (listed := listed_displacements(reference)):
         row["reference"] = _difference(own, listed)
@@ -77,7 +78,37 @@ def _row(deck: Path, reference: Path, seconds: float) -> Mapping[str, object]:
         if factor == 1.0:
             row["ccx cpu s"] = round(_children() - before, 2)
         row[column] = found if isinstance(found, str) else _difference(own, found)
+    if not isinstance(found, str):
+        forces, bodies = at_nodes(deck.parent / f"ccx{STIFFER:g}" / "deck.frd", "FORC"), slave_bodies(deck)
+        row["stiff ccx N"] = _force([-force for node, force in forces.items() if node in bodies])
     return row
+
+
+def _force(forces: Sequence[npt.ArrayLike]) -> str:
+    total = np.sum(forces, axis=0)
+    return " ".join(f"{one:.4g}" for one in np.where(np.abs(total) > 1e-5 * np.abs(total).max(), total, 0.0))
+
+
+def slave_bodies(deck: Path) -> set[int]:
+    """The nodes of the bodies of the slave surfaces.  Where no slave's body is a master of another pair, ccx' forces at
+    them, which are of the stresses inside, add up to the contact force, turned."""
+    geometry = Geometry(str(deck))
+    elements = list(geometry.solids.values())
+    found = np.empty(0, dtype=np.int64)
+    for slave in (words[0] for card in geometry.cards if card.kind == "CONTACTPAIR" for _, words in card.rows()):
+        surface = geometry.surfaces.get(key_of(slave))
+        for what, _ in [(slave, "")] if surface is None or surface.nodes else surface.lines:
+            if surface is None or surface.nodes:
+                found = np.union1d(found, geometry.node_sets.members(slave))
+                continue
+            numbers = [what] if isinstance(what, int) else geometry.element_sets.members(what)
+            found = np.union1d(found, np.concatenate([of[np.isin(of[:, 0], numbers), 1:].ravel() for of in elements]))
+    count = -1
+    while len(found) != count:
+        count = len(found)
+        touched = [of[np.any(np.isin(of[:, 1:], found), axis=1), 1:].ravel() for of in elements]
+        found = np.union1d(found, np.concatenate(touched))
+    return set(found.tolist())
 
 
 def _reason(text: str) -> str:
@@ -106,7 +137,7 @@ def _ccx(deck: Path, factor: float, seconds: float) -> Nodes | str:
         return f"> {seconds:g} s"
     file = folder / "deck.frd"
     try:
-        return last_displacements(file)
+        return at_nodes(file, "DISP")
     except (OSError, ValueError):
         return "fails"
 
@@ -142,20 +173,20 @@ def _scaled(line: str, column: int, factor: float) -> str:
     return ",".join(words)
 
 
-def last_displacements(path: Path) -> Nodes:
-    """The displacements of the last block DISP of an .frd file, by node; ValueError if there is none."""
+def at_nodes(path: Path, name: str) -> Nodes:
+    """The vectors of the last block of a name, as DISP, of an .frd file, by node; ValueError if there is none."""
     found: Nodes = {}
     inside = False
     for line in path.read_text(encoding="ascii", errors="replace").splitlines():
         if line.startswith(" -4"):
-            inside = line[5:13].strip() == "DISP"
+            inside = line[5:13].strip() == name
             found = {} if inside else found
         elif line.startswith(" -3"):
             inside = False
         elif inside and line.startswith(" -1"):
             found[int(line[3:13])] = np.array([float(line[13 + 12 * k : 25 + 12 * k]) for k in range(3)])
     if not found:
-        raise ValueError(f"{path}: has no displacements")
+        raise ValueError(f"{path}: has no {name}")
     return found
 
 
