@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from .cards import Card
+from .cards import Card, key_of
 from .reading import Reading
 from .steps import PROCEDURES, STEADY, Step, Track, Tracks, reference
 
@@ -46,17 +47,26 @@ class Heat:
             raise static.fault("beside steps that conduct heat, steps without it are not read")
         if self._initial is None:
             raise procedures[0].fault("there is no *INITIAL CONDITIONS, TYPE=TEMPERATURE to begin with")
-        kept, films, fluxes = (Tracks[Any](support=support) for support in (True, True, False))
+        kept, films, fluxes, sources = (Tracks[Any](support=support) for support in (True, True, False, False))
         before = [card for card in self._of.model if card.kind == "BOUNDARY"]
         for step in self._of.steps:
-            fluxes.begin(step)
-            for card in (*before, *step.cards):
+            fresh = {card.kind: card for card in step.cards if card.key("OP") == "NEW"}
+            for tracks in (kept, films, fluxes, sources):
+                tracks.begin(step)
+            for card in (*(before if "BOUNDARY" not in fresh else ()), *step.cards):
                 if card.kind == "BOUNDARY":
                     for face, value in self._prescribed(card):
                         self._give(kept, face, value, step, card)
                 elif card.kind in ("FILM", "DFLUX"):
                     self._on_sides(films if card.kind == "FILM" else fluxes, card, step)
+                    self._in_volume(sources, card, step)
             before = []
+            for kind, tracks in (("BOUNDARY", kept), ("FILM", films)):
+                if kind in fresh and {key for key, _ in tracks.all} - tracks.given:
+                    raise fresh[kind].fault("OP=NEW: what ends in a step while others stay is not read: give it again")
+            if "DFLUX" in fresh:
+                fluxes.drop(fluxes.given, step)
+                sources.drop(sources.given, step)
         tables = [{"face": face} | self._changed("temperature", track) for face, track in kept.all]
         tables += [
             {"face": self._names[sides], "film": film} | self._changed("ambient", track)
@@ -65,6 +75,9 @@ class Heat:
         tables += [
             {"face": self._names[sides]} | self._of.timed({}, "flux", track.fixed()[0]) for sides, track in fluxes.all
         ]
+        tables += [
+            self._of.timed({"body": key[0]} if key[0] else {}, "source", track.fixed()[0]) for key, track in sources.all
+        ]
         return {"reference_temperature": self._initial, "heat": tables}
 
     def _prescribed(self, card: Card) -> Iterator[tuple[str, float]]:
@@ -72,15 +85,13 @@ class Heat:
         for row, words in card.rows("nodes and degrees of freedom", 2):
             if not is_temperature(card, words):
                 continue
-            if card.key("OP") == "NEW" or not isinstance(self._of.deck.label(words[0]), str):
-                raise card.fault("temperatures of single nodes, and those of OP=NEW, are not read", row)
+            if not isinstance(self._of.deck.label(words[0]), str):
+                raise card.fault("temperatures of single nodes are not read, those of a set that makes a face are", row)
             nodes = np.unique(self._of.node_numbers(words[0], card, row))
             body = self._of.body_of(self._of.elements_at(nodes), "*BOUNDARY of temperature")
             yield f"{body}{words[0]}", card.number(words[3], row) if len(words) > 3 else 0.0
 
     def _on_sides(self, into: Tracks[Any], card: Card, step: Step) -> None:
-        if card.key("OP") == "NEW":
-            raise card.fault("OP=NEW is not read")
         for name, values, sides in self._of.deck.on_sides(card):
             key = frozenset(sides)
             elements = np.concatenate([self._of.elements_of(what) for what, _ in sides])
@@ -89,8 +100,25 @@ class Heat:
                 self._give(into, (key, values[1]), values[0], step, card)
             else:
                 into.give(key, values[0], step, self._of.amplitude(card))
-        if len(card.lines) > sum(len(sides) for _, _, sides in self._of.deck.on_sides(card)):
-            raise card.fault("only what is on sides of elements is read, as F1 and S1")
+
+    def _in_volume(self, sources: Tracks[Any], card: Card, step: Step) -> None:
+        """Heat in the volume of bodies (BF); ValueError where it is on a part of one, or of another kind."""
+        for row in range(len(card.lines)):
+            words = [*card.words(row), ""]
+            kind = key_of(words[1])
+            if words[0] and re.fullmatch("[FS][1-6]", kind):
+                continue
+            if card.kind != "DFLUX" or kind != "BF" or len(words) < 4:
+                raise card.fault("what is on sides of elements is read, as F1 and S1, and BF in the volume", row)
+            label = self._of.deck.label(words[0])
+            elements = self._of.elements_of(label if isinstance(label, str) else int(label[0]))
+            every = dict(self._of.bodies) or {"": self._of.all_elements}
+            for name, of in every.items():
+                inside = np.isin(of, elements)
+                if np.any(inside) and not np.all(inside):
+                    raise card.fault(f"BF on {words[0]!r}, some of the elements of a body: only on all is read", row)
+                if np.any(inside):
+                    sources.give((name, key_of(words[0])), card.number(words[2], row), step, self._of.amplitude(card))
 
     def _give(self, into: Tracks[Any], key: Any, value: float, step: Step, card: Card) -> None:
         assert self._initial is not None

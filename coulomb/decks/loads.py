@@ -120,7 +120,7 @@ class Loads:
         return frozenset((int(n), side) for what, side in lines if side for n in self._of.elements_of(what))
 
     def _volumes(self, volumes: Tracks[_Volume], densities: set[float | None]) -> dict[str, Any]:
-        every = np.concatenate([rows[:, 0] for rows in self._of.deck.solids.values()])
+        every = self._of.all_elements
         together: dict[tuple[str, tuple[float, ...], Rows], list[str]] = {}
         for (name, kind, numbers), track in volumes.all:
             together.setdefault((kind, numbers, track.fixed()[0]), []).append(name)

@@ -24,6 +24,10 @@ _TYPES: Final = {
 
 _LETTERS: Final = " xyz"
 
+_ON_AXIS: Final = 1e-9
+"""Distance of a node from the axis of its frame, over the length of the vector that gives it, up to which it is on
+it."""
+
 _Key = tuple[int, int]  # node, degree of freedom
 
 _Limits = tuple[float | None, float | None, float | None]
@@ -39,10 +43,15 @@ class NodalTables:
         self._labels: dict[str, IntArray] = {}
         self._strays = 0
         self._frame: dict[int, Card] = {}
+        self._on_axis: set[int] = set()
         for card in reading.model:
             if card.kind == "TRANSFORM":
-                for node in as_list(reading.node_numbers(card.needs("NSET"), card, None)):
-                    self._frame[node] = card
+                nodes = reading.node_numbers(card.needs("NSET"), card, None)
+                self._frame.update(dict.fromkeys(as_list(nodes), card))
+                if card.key("TYPE") == "C":
+                    a, b = np.split(card.vector(0, 6), 2)
+                    away = np.cross(reading.deck.points[reading.deck.places(nodes)] - a, b - a)
+                    self._on_axis.update(as_list(nodes[np.linalg.norm(away, axis=1) <= _ON_AXIS * (b - a) @ (b - a)]))
 
     def take(self) -> None:
         """Read the cards of the model and of all steps."""
@@ -89,6 +98,8 @@ class NodalTables:
                     raise card.fault("temperatures of *BOUNDARY are read where a step conducts heat", row)
                 dofs = range(first, last + 1)
             for node in as_list(self._of_solids(nodes, kind, value, card, row, step)):
+                if set(dofs) & {1, 2} and (value or not {1, 2, 3} <= set(dofs)):
+                    self._refuse_on_axis(node, card, row)
                 for dof in dofs:
                     if dof > 3:
                         continue  # solids have no rotations
@@ -118,7 +129,14 @@ class NodalTables:
                     raise card.fault(f"nodes of solids have no degree of freedom {dof}", row)
                 continue
             for node in as_list(nodes[mine]):
+                if dof != 3:
+                    self._refuse_on_axis(node, card, row)
                 self._forces.give((node, dof), value, step, amplitude)
+
+    def _refuse_on_axis(self, node: int, card: Card, row: int) -> None:
+        if node in self._on_axis:
+            named = self._of.deck.called(node)
+            raise card.fault(f"node {named} is on the axis of its *TRANSFORM: it has no radial direction", row)
 
     def _nodes(self, word: str, card: Card, row: int) -> IntArray:
         nodes = self._of.node_numbers(word, card, row)
@@ -252,7 +270,8 @@ def _same(track: Track) -> tuple[Rows, *_Limits]:
 
 
 def _unit(rows: FloatArray) -> FloatArray:
-    unit: FloatArray = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    unit: FloatArray = rows / np.where(sizes > 0.0, sizes, 1.0)
     return unit
 
 

@@ -44,6 +44,12 @@ class Reading:
         return kinds if len(kinds) > 1 else {}
 
     @cached_property
+    def all_elements(self) -> IntArray:
+        """Numbers of the solid elements."""
+        found: IntArray = np.concatenate([rows[:, 0] for rows in self.deck.solids.values()])
+        return found
+
+    @cached_property
     def nodes_of_cells(self) -> IntArray:
         """Numbers of the nodes of solid elements, ascending."""
         found: IntArray = np.unique(np.concatenate([rows[:, 1:].ravel() for rows in self.deck.solids.values()]))

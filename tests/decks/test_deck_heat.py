@@ -62,7 +62,7 @@ def test_temperatures_go_on_from_step_to_step(tmp_path):
     ("cards", "message"),
     [
         ("*BOUNDARY\n3, 11, 11, 20.", r"\*BOUNDARY: temperatures of single nodes"),
-        ("*DFLUX\n2, BF, 10.", r"\*DFLUX: only what is on sides of elements"),
+        ("*DFLUX\n2, BF, 10.", r"\*DFLUX: BF on '2', some of the elements"),
         ("*END STEP\n*STEP\n*STATIC", r"\*STATIC: beside steps that conduct heat"),
     ],
 )
@@ -74,3 +74,15 @@ def test_what_is_not_read_of_heat(cards, message, tmp_path):
     static = text.replace("COUPLED TEMPERATURE-DISPLACEMENT", "STATIC")
     found = {row.keyword: row.why for row in tables_of(tmp_path, static).cards}
     assert found["GAP CONDUCTANCE"] == "no step conducts heat"
+
+
+def test_heat_that_is_given_anew(tmp_path):
+    """OP=NEW: fluxes that are not given again go to 0, temperatures must be given again; heat in the volume."""
+    kept = "*BOUNDARY, OP=NEW\nbase, 1, 3\ntop, 1, 2\nbase, 11, 11, 20.\n*DFLUX, OP=NEW\n2, S4, 1."
+    text = heated(H, "*BOUNDARY\nbase, 11, 11, 20.\n*DFLUX\n2, S2, 3.\ncubes, BF, 2.", kept)
+    found = {table.get("face"): table for table in tables_of(tmp_path, text).tables["heat"]}
+    assert found["2 S2"]["amplitude"] == [[0.0, 0.0], [1.0, 1.0], [2.0, 0.0]]
+    assert found[None]["source"] == 2.0 and found[None]["amplitude"][-1] == [2.0, 0.0]
+    assert found["base"] == {"face": "base", "temperature": 20.0}
+    with pytest.raises(ValueError, match=r"\*BOUNDARY: OP=NEW: what ends in a step while others stay"):
+        tables_of(tmp_path, text.replace("base, 11, 11, 20.\n*DFLUX, OP=NEW", "*DFLUX, OP=NEW"))

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from dolfinx.mesh import CellType
 
 from coulomb.case.case import read_case
 from coulomb.decks.tables import translate
+from coulomb.fem.meshes import functions_of_nodes, lagrange_points
 
 CUBES = """** two cubes, the upper one on the lower one
 *NODE, NSET=all
@@ -457,3 +459,13 @@ def test_axes_of_an_orientation_that_are_turned(tmp_path):
     axes = "*ORIENTATION, NAME=o\n1., 0., 0., 1., 1., 0.\n3, 90.\n"
     material = tables_of(tmp_path, text + axes + STEP.format("*DLOAD\n2, P2, 5.")).tables["material"]
     assert np.allclose(material["directions"], [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+
+
+def test_temperatures_in_20_node_cells_are_of_second_order():
+    """x^2 y z is among the functions of the 20 nodes, so that it is exact in the middles of faces and cell, too."""
+    cell = CellType.hexahedron
+    nodes = lagrange_points(cell, 2)
+    values = nodes[:, 0] ** 2 * nodes[:, 1] * nodes[:, 2]
+    assert np.allclose(functions_of_nodes(cell, 20, nodes) @ values[:20], values)
+    corners = functions_of_nodes(cell, 8, nodes) @ nodes[:8]
+    assert np.allclose(corners, nodes)

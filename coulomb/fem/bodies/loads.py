@@ -26,7 +26,7 @@ from ..geometry import (
     of_place,
     on_all_ranks,
 )
-from ..meshes import NamedMesh, NodalField, lagrange_points, lagrange_values
+from ..meshes import NamedMesh, NodalField, functions_of_nodes, lagrange_points
 from .body import ElasticBody
 from .displacement_space import DisplacementSpace
 from .materials import Materials, constant_of_cells, three
@@ -311,8 +311,8 @@ class Temperature:
 class NodeTemperatures:
     """Temperatures of nodes of the mesh file, in kelvin or degrees Celsius.
 
-    Between the corners of a cell they are linear, as CalculiX has those of 20-node hexahedra; quadratic in 10-node
-    tetrahedra all of whose nodes have a number.
+    In cells of second order that are those of the file, as 10-node tetrahedra and 20-node hexahedra, they are of second
+    order, in others linear between the corners.
 
     Attributes:
         others: That of all other nodes.
@@ -326,14 +326,10 @@ class NodeTemperatures:
     def at_nodes(self, body: ElasticBody, mesh: NamedMesh) -> FloatArray:
         """Those at this rank's nodes, shape (k,); ValueError on every rank if the mesh has no such set or number;
         collective."""
-        cell, comm = body.domain.topology.cell_type, mesh.comm
-        degree, on = 1, compat.cell_geometry(body.domain)
+        cell, comm, on = body.domain.topology.cell_type, mesh.comm, compat.cell_geometry(body.domain)
         numbers = (
             np.zeros(len(body.domain.geometry.x), dtype=np.int64) if mesh.node_numbers is None else mesh.node_numbers
         )
-        corners = len(lagrange_points(cell, 1))
-        if on.shape[1] == 10 and comm.allreduce(bool(np.all(numbers[on] > 0)), op=MPI.LAND):
-            degree, corners = 2, 10
         at_points = np.full(len(numbers), self.others)
         singly: dict[int, float] = {}
         for nodes, value in self.given:
@@ -356,11 +352,13 @@ class NodeTemperatures:
             missing = ordered[~comm.allreduce(found, op=MPI.LOR)]
             if len(missing):
                 raise ValueError(f"temperature: no cell of the mesh file has a node of the number {missing[0]}")
-        order = body.degree
-        between = np.round(8.0 * lagrange_values(cell, degree, lagrange_points(cell, order))) / 8.0
+        widths = (count for count in (27, 20, 10) if count <= on.shape[1])
+        whole = (w for w in widths if comm.allreduce(bool(np.all(numbers[on[:, :w]] > 0)), op=MPI.LAND))
+        count = next(whole, len(lagrange_points(cell, 1)))
+        between = functions_of_nodes(cell, count, lagrange_points(cell, body.degree))
         dofs, values = compat.cell_dofs(body.V), np.full(len(body.x), self.others)
         mine = dofs < len(body.x)
-        values[dofs[mine]] = (at_points[on[:, :corners]] @ between.T)[mine]
+        values[dofs[mine]] = (at_points[on[:, :count]] @ between.T)[mine]
         return values
 
 

@@ -10,6 +10,7 @@ from .inspection import InspectedMesh, inspect
 from .lagrange import (
     corner_geometry,
     facet_columns,
+    functions_of_nodes,
     in_vtk_order,
     lagrange_points,
     lagrange_slopes,

@@ -141,6 +141,20 @@ def lagrange_values(cell: Any, degree: int, X: FloatArray) -> FloatArray:
     return np.asarray(_element(cell.name, degree).tabulate(0, X))[0, :, :, 0]
 
 
+def functions_of_nodes(cell: Any, count: int, X: FloatArray) -> FloatArray:
+    """Values at reference points X (p, dim) of the functions of a cell's first nodes, shape (p, count): Lagrange's,
+    and of 20 nodes of a hexahedron, without those in the middles of faces and cell, the serendipity functions."""
+    if count != 20:
+        return np.round(8.0 * lagrange_values(cell, 1 if count in (4, 8) else 2, X)) / 8.0
+
+    def monomials(x: FloatArray) -> FloatArray:
+        powers = [p for p in np.ndindex(3, 3, 3) if p.count(2) < 2]
+        return np.column_stack([np.prod(x**p, axis=1) for p in powers])
+
+    values: FloatArray = monomials(X) @ np.linalg.inv(monomials(lagrange_points(cell, 2)[:20]))
+    return values
+
+
 def lagrange_slopes(cell: Any, degree: int, X: FloatArray) -> FloatArray:
     """Derivatives of the Lagrange functions at reference points X (p, dim), shape (dim, p, functions)."""
     return np.asarray(_element(cell.name, degree).tabulate(1, X))[1:, :, :, 0]
