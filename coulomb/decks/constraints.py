@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
-from ..arrays import FloatArray, IntArray, as_list
+from ..arrays import FloatArray, IntArray
 from .cards import Card, key_of
 from .contacts import tied_pairs
+from .equations import Equations
 from .reading import Reading
 from .steps import Amplitude, Rows, Step, Tracks, reference
-
-_FIXED_BY: Final = {"PLANE": 3, "STRAIGHT": 2}
-"""Kinds of *MPC, by the number of nodes that the others follow."""
 
 _AtReference = tuple[str, int, int]
 """What a reference node belongs to, its number among these, and the degree of freedom."""
@@ -33,9 +31,8 @@ class Constraints:
         self._bolts: list[dict[str, Any]] = []
         self.cuts: list[str] = []
         self._of_node: dict[int, tuple[str, int]] = {}
-        self._kinematic: dict[int, list[int]] = {}
         self._step: Step | None = None
-        self._equations: dict[tuple[tuple[str, float], ...], list[list[int]]] = {}
+        self._equations = Equations(reading)
         coupling: Card | None = None
         for card in reading.model:
             if card.kind == "COUPLING":
@@ -47,9 +44,16 @@ class Constraints:
             elif card.kind == "PRE-TENSIONSECTION":
                 self._bolt(card)
             elif card.kind == "EQUATION":
-                self._equation(card)
+                self._equations.take(card)
             elif card.kind == "MPC":
-                self._mpc(card)
+                self._equations.stay(card)
+        both = self._equations.references & self._of_node.keys()
+        if both:
+            node = self._of.deck.called(min(both))
+            raise ValueError(
+                f"{reading.deck.place_of(node)}: node {node} is in an equation, and the reference of a face or a bolt"
+            )
+        self._of_node |= {node: ("equation", node) for node in self._equations.references}
 
     def _reference(self, card: Card, name: str) -> int:
         nodes = np.unique(self._of.node_numbers(card.needs(name), card, None))
@@ -77,9 +81,26 @@ class Constraints:
             first = kind.whole(words[0], row)
             held |= set(range(first, (kind.whole(words[1], row) if len(words) > 1 and words[1] else first) + 1))
         if not {1, 2, 3} <= held:
-            raise kind.fault("couplings of one or two directions are not read: 1,3 makes a rigid face")
+            self._equations.couple(node, self._corners_on(coupling), held)
+            return
         self._of_node[node] = ("rigid", len(self._rigid))
         self._rigid.append({"face": face, "point": self._point(node)})
+
+    def _corners_on(self, coupling: Card) -> IntArray:
+        """The nodes of the surface of a coupling; ValueError where cells have more than their corners."""
+        surface = self._of.deck.surfaces[key_of(coupling.needs("SURFACE"))]
+        if surface.nodes:
+            return self._of.deck.node_sets.members(surface.name)
+        found: list[IntArray] = []
+        for what, side in surface.lines:
+            for width, rows in self._of.deck.solids.items():
+                mine = rows[np.isin(rows[:, 0], self._of.elements_of(what)), 1:]
+                table = dict(zip((f"S{k}" for k in range(1, 7)), self._of.deck.sides(width), strict=False))
+                if len(mine) and (side not in table or width > 8):
+                    raise coupling.fault("couplings of some directions are read on sides without midside nodes")
+                if len(mine):
+                    found.append(mine[:, list(table[side])].ravel())
+        return np.unique(np.concatenate(found))
 
     def _rigid_body(self, card: Card) -> None:
         name = next(filter(None, map(card.get, ("NSET", "TIENSET", "PINNSET"))), "")  # solids have no rotations
@@ -107,112 +128,6 @@ class Constraints:
             bolt["sign"] = 1.0 if vector @ self._outwards(name, card) > 0.0 else -1.0
         self._bolts.append(bolt)
         self.cuts.append(face)
-
-    def _equation(self, card: Card) -> None:
-        """Equations by their components and coefficients, each with its nodes; the sum is 0, the first displacement is
-        eliminated."""
-        if "REMOVE" in card.parameters:
-            raise card.fault("equations are not removed: leave them out")
-        rows = iter(card.rows())
-        for first, words in rows:
-            count, terms = card.whole(words[0], first), list[tuple[IntArray, str, float]]()
-            while len(terms) < count:
-                row, words = next(rows, (first, []))
-                if not words:
-                    raise card.fault(f"has {len(terms)} terms of node, direction and coefficient, not {count}", first)
-                for k in range(0, len(words) - 2, 3):
-                    nodes, dof = self._of.node_numbers(words[k], card, row), card.whole(words[k + 1], row)
-                    if dof not in (1, 2, 3):
-                        raise card.fault(f"an equation is between displacements 1, 2 and 3, not {dof}", row)
-                    self._refuse_other_nodes(nodes, card, row)
-                    terms.append((nodes, "xyz"[dof - 1], card.number(words[k + 2], row)))
-            if not terms:
-                raise card.fault("needs at least one term", first)
-            size = len(terms[0][0])
-            if any(len(nodes) not in (1, size) for nodes, _, _ in terms):
-                raise card.fault("sets of an equation must have as many nodes as the first, or one", first)
-            kind = tuple((component, coefficient) for _, component, coefficient in terms)
-            each = [np.broadcast_to(nodes, size) for nodes, _, _ in terms]
-            self._equations.setdefault(kind, []).extend(as_list(np.column_stack(each)))
-
-    def _mpc(self, card: Card) -> None:
-        """*MPC of kind PLANE and STRAIGHT, of small motions: nodes stay in the plane of the first three, which may move
-        and turn, or on the line of the first two."""
-        none: IntArray = np.empty(0, dtype=np.int64)
-        kind, nodes, first = "", none, 0
-        for row, words in card.rows("PLANE or STRAIGHT and nodes"):
-            if key_of(words[0]) in _FIXED_BY:
-                self._stay(kind, nodes, card, first)
-                kind, nodes, first, words = key_of(words[0]), none, row, words[1:]
-            if not kind:
-                raise card.fault(f"of kind {words[0]} is not read: PLANE and STRAIGHT are", row)
-            found = [self._of.node_numbers(word, card, row) for word in words if word]
-            nodes = np.concatenate([nodes, *found])
-            self._refuse_other_nodes(nodes, card, row)
-        self._stay(kind, nodes, card, first)
-
-    def _stay(self, kind: str, nodes: IntArray, card: Card, row: int) -> None:
-        """Equations of nodes that stay in a plane or on a line; none without nodes."""
-        nodes = nodes[np.sort(np.unique(nodes, return_index=True)[1])]
-        count = _FIXED_BY.get(kind, 0)
-        if not len(nodes):
-            return
-        x = self._of.deck.points[self._of.deck.places(nodes)]
-        sides = (x[1:count] - x[0]).T
-        shares = np.linalg.lstsq(sides, (x[count:] - x[0]).T, rcond=None)[0]
-        far = np.linalg.norm(sides @ shares - (x[count:] - x[0]).T, axis=0)
-        if len(nodes) < count or np.linalg.matrix_rank(sides, tol=1e-9 * np.ptp(x)) < count - 1:
-            raise card.fault(f"the first {count} nodes of {kind} make none", row)
-        if np.any(far > 1e-5 * np.ptp(x)):
-            raise card.fault(f"{kind}: node {nodes[count + int(np.argmax(far))]} is {far.max():.3g} off", row)
-        # directions across: the normal of the plane, or the two axes that are not the main one of the line, less that
-        across = [np.cross(*sides.T)] if count == 3 else []
-        if count == 2:
-            main, way = int(np.argmax(np.abs(sides[:, 0]))), sides[:, 0]
-            across = [np.eye(3)[k] - way[k] / way[main] * np.eye(3)[main] for k in range(3) if k != main]
-        for direction in across:
-            pivot = int(np.argmax(np.abs(direction)))
-            order = sorted((k for k in range(3) if direction[k]), key=lambda k: k != pivot)
-            for node, share in zip(nodes[count:], shares.T, strict=True):
-                weights = [1.0, float(share.sum()) - 1.0, *(-share).tolist()]
-                terms = [
-                    (int(n), "xyz"[k], float(weight * direction[k] / direction[pivot]))
-                    for n, weight in zip([node, *nodes[:count]], weights, strict=True)
-                    for k in order
-                    if weight
-                ]
-                self._equations.setdefault(tuple(term[1:] for term in terms), []).append([term[0] for term in terms])
-
-    def _refuse_other_nodes(self, nodes: IntArray, card: Card, row: int) -> None:
-        """Equations with reference nodes, nodes of no solid, or in frames of their own are not read."""
-        turned = [one for one in self._of.model if one.kind == "TRANSFORM"]
-        for one in turned:
-            if np.any(np.isin(nodes, self._of.node_numbers(one.needs("NSET"), one, None))):
-                raise card.fault("equations of nodes with a *TRANSFORM are not read", row)
-        other = nodes[~np.isin(nodes, self._of.nodes_of_cells)]
-        if len(other):
-            raise card.fault(f"node {other[0]} belongs to no solid element: its equation is not read", row)
-
-    def _equation_tables(self) -> list[dict[str, Any]]:
-        homes = {
-            node: name
-            for name, elements in self._of.bodies.items()
-            for rows in self._of.deck.solids.values()
-            for node in as_list(np.unique(rows[np.isin(rows[:, 0], elements), 1:]))
-        }
-
-        def called(node: int) -> int | str:
-            return f"{homes[node]}:{node}" if homes else node
-
-        return [
-            {
-                "terms": [
-                    {"nodes": [called(node) for node in nodes], "component": component, "coefficient": coefficient}
-                    for nodes, (component, coefficient) in zip(zip(*rows, strict=True), kind, strict=True)
-                ]
-            }
-            for kind, rows in self._equations.items()
-        ]
 
     def _outwards(self, name: str, card: Card) -> FloatArray:
         """A vector from the middle of the elements of a surface to the middle of their sides there."""
@@ -245,6 +160,8 @@ class Constraints:
         if kind == "distributing":
             raise card.fault("the reference node of a distributing coupling cannot be held: use *KINEMATIC", row)
         for dof in range(first, last + 1):
+            if "FIXED" in card.parameters and kind != "bolt":
+                raise card.fault("FIXED is read at nodes of solids and of bolts", row)
             if "FIXED" in card.parameters:
                 self._bolts[number].setdefault("lock", step.begin)
             else:
@@ -284,9 +201,12 @@ class Constraints:
                     tables.setdefault("cyclic_symmetry" if sector else "tie", []).append(pair)
         if ties:
             tables.setdefault("tie", []).extend(ties)
-        if self._equations:
-            tables["equation"] = self._equation_tables()
-        return tables
+        held = {(node, dof): track.fixed()[0] for (kind, node, dof), track in self._held.all if kind == "equation"}
+        loads: dict[tuple[int, int], list[Rows]] = {}
+        for (kind, node, dof), track in self._loads.all:
+            if kind == "equation":
+                loads.setdefault((node, dof), []).append(track.fixed()[0])
+        return tables | self._equations.tables(held, loads)
 
     def _sector(self, tie: Card) -> dict[str, Any]:
         """The axis and the number of sectors of a *TIE, CYCLIC SYMMETRY."""
@@ -310,6 +230,8 @@ class Constraints:
                     f"{self._of.deck.path}: *BOUNDARY: degree of freedom {dof} of a reference node is held from time "
                     f"{track.begin:g} on, but not before: hold it from the first step, or put the support on nodes"
                 )
+            if kind == "equation":
+                continue
             if kind == "bolt":
                 self._bolts[number]["shortening"] = track.fixed()[0]
                 continue
@@ -327,6 +249,8 @@ class Constraints:
         for key, track in self._loads.all:
             kind, number, dof = key
             rows = track.fixed()[0]
+            if kind == "equation":
+                continue
             if kind == "bolt":
                 self._bolts[number]["force"] = rows
                 continue

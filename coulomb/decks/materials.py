@@ -162,3 +162,19 @@ def radial_direction(a: FloatArray, b: FloatArray) -> list[str]:
     axis = (b - a) / np.linalg.norm(b - a)
     along = "+".join(f"({axis[k]!r})*({name}-({a[k]!r}))" for k, name in enumerate("xyz"))
     return [f"{name}-({a[k]!r})-({axis[k]!r})*({along})" for k, name in enumerate("xyz")]
+
+
+def axes_at(frame: Card, x: FloatArray) -> FloatArray:
+    """The unit directions of the frame of a *TRANSFORM at a place, rows of (3, 3); of a cylinder's the radial,
+    tangential and axial one, those across it 0 on its axis."""
+    a, b = np.split(frame.vector(0, 6), 2)
+    if frame.key("TYPE") == "C":
+        axis = (b - a) / np.linalg.norm(b - a)
+        radial = x - a - axis * ((x - a) @ axis)
+        rows = np.array([radial, np.cross(axis, radial), axis])
+    else:
+        third = np.cross(a, b)
+        rows = np.array([a, np.cross(third, a), third])
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    unit: FloatArray = rows / np.where(sizes > 0.0, sizes, 1.0)
+    return unit

@@ -12,7 +12,7 @@ from ..arrays import FloatArray, IntArray, as_list
 from .cards import Card, key_of
 from .constraints import Constraints
 from .heat import is_temperature
-from .materials import radial_direction
+from .materials import axes_at, radial_direction
 from .reading import Reading
 from .steps import Rows, Step, Track, Tracks, reference
 
@@ -203,7 +203,7 @@ class NodalTables:
         if frame is None:
             yield nodes, force
         elif frame.key("TYPE") != "C":
-            yield nodes, force @ _unit(np.array(_axes(frame), dtype=np.float64))
+            yield nodes, force @ axes_at(frame, np.zeros(3))
         else:
             deck = self._of.deck
             body, _, name = nodes.rpartition(":") if isinstance(nodes, str) else ("", "", "")
@@ -211,7 +211,7 @@ class NodalTables:
             for node in each:
                 number = int(str(node).rpartition(":")[2])
                 x = deck.points[deck.places(np.array([number]))[0]]
-                yield [node], force @ _unit(axes_at(frame, x))
+                yield [node], force @ axes_at(frame, x)
 
     def _groups(
         self, tracks: Tracks[_Key], whole: bool
@@ -267,20 +267,6 @@ def _same(track: Track) -> tuple[Rows, *_Limits]:
     """What makes two tracks the same; one without a value is held where it is."""
     rows, begin, end, reaches = track.fixed()
     return tuple((time, 0.0 if math.isnan(value) else value) for time, value in rows), begin, end, reaches
-
-
-def _unit(rows: FloatArray) -> FloatArray:
-    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
-    unit: FloatArray = rows / np.where(sizes > 0.0, sizes, 1.0)
-    return unit
-
-
-def axes_at(frame: Card, x: FloatArray) -> FloatArray:
-    """The radial, tangential and axial direction of a cylinder's frame at a place."""
-    a, b = np.split(frame.vector(0, 6), 2)
-    axis = (b - a) / np.linalg.norm(b - a)
-    radial = x - a - axis * ((x - a) @ axis)
-    return np.array([radial, np.cross(axis, radial), axis])
 
 
 def _axes(frame: Card) -> list[list[Any]]:

@@ -160,7 +160,7 @@ def test_equations(tmp_path):
     ]
     for lines, message in (
         ("2\n6, 4, 1., 7, 1, 1.", "between displacements 1, 2 and 3, not 4"),
-        ("2\n6, 1, 1., 99, 1, 1.", "node 99 belongs to no solid element"),
+        ("2\n6, 1, 1., 99, 1, 1.", "node 99 is not defined"),
         ("2\n6, 1, 1., top, 1, 1.", "as many nodes as the first, or one"),
         ("2\n6, 1, 1.", "has 1 terms of node, direction and coefficient, not 2"),
     ):

@@ -1,0 +1,272 @@
+"""Equations between displacements of nodes in a deck: *EQUATION, *MPC of kind PLANE and STRAIGHT, couplings of some
+directions.
+
+Reference nodes, which belong to no solid element, are eliminated: where one is held or moved it is a constant, else it
+follows from an equation, and its forces go with it to the nodes of that.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from ..arrays import IntArray, as_list
+from .cards import Card, key_of
+from .materials import axes_at
+from .reading import Reading
+from .steps import Rows, reference
+
+_FIXED_BY: Final = {"PLANE": 3, "STRAIGHT": 2}
+"""Kinds of *MPC, by the number of nodes that the others follow."""
+
+_NOTHING: Final = 1e-12
+"""Coefficient over the largest of its equation below which it is a rounding error."""
+
+Dof = tuple[int, int]
+"""A node and a degree of freedom: 1 to 3 displacements, of reference nodes 4 to 6 rotations."""
+
+_Terms = dict[Dof, float]
+
+
+class Equations:
+    """The equations of a deck; of each the first displacement is eliminated.
+
+    Args:
+        reading: The deck.
+
+    Attributes:
+        references: Numbers of the reference nodes in them.
+    """
+
+    def __init__(self, reading: Reading):
+        self._of = reading
+        self._equations: list[_Terms] = []
+        self.references: set[int] = set()
+        self._frames: dict[int, Card] = {}
+        for card in reading.model:
+            if card.kind == "TRANSFORM":
+                nodes = reading.node_numbers(card.needs("NSET"), card, None)
+                self._frames.update(dict.fromkeys(as_list(nodes), card))
+
+    def take(self, card: Card) -> None:
+        """An *EQUATION card, of sets one for each of their nodes."""
+        if "REMOVE" in card.parameters:
+            raise card.fault("equations are not removed: leave them out")
+        rows = iter(card.rows())
+        for first, words in rows:
+            count, terms = card.whole(words[0], first), list[tuple[IntArray, int, float]]()
+            while len(terms) < count:
+                row, words = next(rows, (first, []))
+                if not words:
+                    raise card.fault(f"has {len(terms)} terms of node, direction and coefficient, not {count}", first)
+                for k in range(0, len(words) - 2, 3):
+                    nodes, dof = self._of.node_numbers(words[k], card, row), card.whole(words[k + 1], row)
+                    if not np.all(np.isin(nodes, self._of.deck.tags)):
+                        raise card.fault(f"node {words[k]} is not defined", row)
+                    if dof not in (1, 2, 3):
+                        raise card.fault(f"an equation is between displacements 1, 2 and 3, not {dof}", row)
+                    terms.append((nodes, dof, card.number(words[k + 2], row)))
+            if not terms:
+                raise card.fault("needs at least one term", first)
+            size = len(terms[0][0])
+            if any(len(nodes) not in (1, size) for nodes, _, _ in terms):
+                raise card.fault("sets of an equation must have as many nodes as the first, or one", first)
+            each = [np.broadcast_to(nodes, size) for nodes, _, _ in terms]
+            for of_one in zip(*map(as_list, each), strict=True):
+                found: _Terms = {}
+                for node, (_, dof, coefficient) in zip(of_one, terms, strict=True):
+                    for axis, part in self._along(node, dof):
+                        found[node, axis] = found.get((node, axis), 0.0) + coefficient * part
+                self._add(found)
+
+    def _along(self, node: int, dof: int) -> list[tuple[int, float]]:
+        """The axes and parts of a degree of freedom, of a node with a *TRANSFORM several, the largest first."""
+        if node not in self._frames:
+            return [(dof, 1.0)]
+        along = axes_at(self._frames[node], self._of.deck.points[self._of.deck.places(np.array([node]))[0]])[dof - 1]
+        order = sorted(range(3), key=lambda k: -abs(along[k]))
+        return [(k + 1, float(along[k])) for k in order if abs(along[k]) > _NOTHING]
+
+    def _add(self, terms: _Terms) -> None:
+        self._equations.append(terms)
+        nodes = np.array([node for node, _ in terms])
+        self.references.update(as_list(nodes[~np.isin(nodes, self._of.nodes_of_cells)]))
+
+    def couple(self, node: int, nodes: IntArray, dofs: set[int]) -> None:
+        """Nodes that follow the rigid motion of a reference node along some directions."""
+        x = self._of.deck.points
+        arms = x[self._of.deck.places(nodes)] - x[self._of.deck.places(np.array([node]))]
+        for one, arm in zip(as_list(nodes), arms, strict=True):
+            for dof in sorted(dofs & {1, 2, 3}):
+                i, j = dof % 3, (dof + 1) % 3  # u_k + theta_i r_j - theta_j r_i
+                terms = {
+                    (one, dof): 1.0,
+                    (node, dof): -1.0,
+                    (node, i + 4): -float(arm[j]),
+                    (node, j + 4): float(arm[i]),
+                }
+                self._add({key: value for key, value in terms.items() if value})
+
+    def stay(self, card: Card) -> None:
+        """*MPC of kind PLANE and STRAIGHT, of small motions: nodes stay in the plane of the first three, which may move
+        and turn, or on the line of the first two."""
+        none: IntArray = np.empty(0, dtype=np.int64)
+        kind, nodes, first = "", none, 0
+        for row, words in card.rows("PLANE or STRAIGHT and nodes"):
+            if key_of(words[0]) in _FIXED_BY:
+                self._stay(kind, nodes, card, first)
+                kind, nodes, first, words = key_of(words[0]), none, row, words[1:]
+            if not kind:
+                raise card.fault(f"of kind {words[0]} is not read: PLANE and STRAIGHT are", row)
+            found = [self._of.node_numbers(word, card, row) for word in words if word]
+            nodes = np.concatenate([nodes, *found])
+            self._refuse_other_nodes(nodes, card, row)
+        self._stay(kind, nodes, card, first)
+
+    def _stay(self, kind: str, nodes: IntArray, card: Card, row: int) -> None:
+        """Equations of nodes that stay in a plane or on a line; none without nodes."""
+        nodes = nodes[np.sort(np.unique(nodes, return_index=True)[1])]
+        count = _FIXED_BY.get(kind, 0)
+        if not len(nodes):
+            return
+        x = self._of.deck.points[self._of.deck.places(nodes)]
+        sides = (x[1:count] - x[0]).T
+        shares = np.linalg.lstsq(sides, (x[count:] - x[0]).T, rcond=None)[0]
+        far = np.linalg.norm(sides @ shares - (x[count:] - x[0]).T, axis=0)
+        if len(nodes) < count or np.linalg.matrix_rank(sides, tol=1e-9 * np.ptp(x)) < count - 1:
+            raise card.fault(f"the first {count} nodes of {kind} make none", row)
+        if np.any(far > 1e-5 * np.ptp(x)):
+            raise card.fault(f"{kind}: node {nodes[count + int(np.argmax(far))]} is {far.max():.3g} off", row)
+        # directions across: the normal of the plane, or the two axes that are not the main one of the line, less that
+        across = [np.cross(*sides.T)] if count == 3 else []
+        if count == 2:
+            main, way = int(np.argmax(np.abs(sides[:, 0]))), sides[:, 0]
+            across = [np.eye(3)[k] - way[k] / way[main] * np.eye(3)[main] for k in range(3) if k != main]
+        for direction in across:
+            pivot = int(np.argmax(np.abs(direction)))
+            order = sorted((k for k in range(3) if direction[k]), key=lambda k: k != pivot)
+            for node, share in zip(nodes[count:], shares.T, strict=True):
+                weights = [1.0, float(share.sum()) - 1.0, *(-share).tolist()]
+                terms = [
+                    (int(n), "xyz"[k], float(weight * direction[k] / direction[pivot]))
+                    for n, weight in zip([node, *nodes[:count]], weights, strict=True)
+                    for k in order
+                    if weight
+                ]
+                self._equations.append({(n, "xyz".index(k) + 1): weight for n, k, weight in terms})
+
+    def _refuse_other_nodes(self, nodes: IntArray, card: Card, row: int) -> None:
+        """*MPC of nodes of no solid are not read."""
+        other = nodes[~np.isin(nodes, self._of.nodes_of_cells)]
+        if len(other):
+            raise card.fault(f"node {other[0]} belongs to no solid element: its equation is not read", row)
+
+    def tables(self, held: dict[Dof, Rows], loads: dict[Dof, list[Rows]]) -> dict[str, list[dict[str, Any]]]:
+        """The tables of equations, and of the forces that reference nodes give on.
+
+        Args:
+            held: What reference nodes are held at, and how they are moved.
+            loads: Their forces.
+
+        Raises:
+            ValueError: If nothing says where a reference node with a force is, or one equation has constants with
+                different courses in time.
+        """
+        forces = {dof: [(rows, 1.0) for rows in given] for dof, given in loads.items() if dof not in held}
+        left = self._without_references(held, forces)
+        inside = set(as_list(self._of.nodes_of_cells))
+        lost = next((dof for dof in forces if dof[0] not in inside), None)
+        if lost is not None:
+            raise ValueError(
+                f"{self._of.deck.place_of(str(lost[0]))}: no equation says where node {self._of.deck.called(lost[0])} "
+                "is, which has a force"
+            )
+        kinds: dict[Any, list[list[int]]] = {}
+        for terms in left:
+            moved = [(held[dof], -value) for dof, value in terms.items() if dof in held]
+            moved = [(rows, value) for rows, value in moved if any(at for _, at in rows)]
+            if len({rows for rows, _ in moved}) > 1:
+                raise ValueError(f"{self._of.deck.path}: *EQUATION: constants with different courses in time")
+            factor = sum(value for _, value in moved)
+            kind = tuple(("xyz"[dof - 1], value) for (node, dof), value in terms.items() if (node, dof) not in held)
+            key = kind, (moved[0][0], factor) if factor else None
+            kinds.setdefault(key, []).append([node for node, dof in terms if (node, dof) not in held])
+        found: dict[str, list[dict[str, Any]]] = {}
+        for (kind, moved_by), rows_of_nodes in kinds.items():
+            terms_of = [
+                {"nodes": [self._called(node) for node in nodes], "component": component, "coefficient": coefficient}
+                for nodes, (component, coefficient) in zip(zip(*rows_of_nodes, strict=True), kind, strict=True)
+            ]
+            table: dict[str, Any] = {"terms": terms_of}
+            if moved_by is not None:
+                self._of.timed(table, "constant", tuple((time, moved_by[1] * value) for time, value in moved_by[0]))
+            found.setdefault("equation", []).append(table)
+        for (node, dof), given in forces.items():
+            for rows, factor in given:
+                value, amplitude = reference(rows)
+                if value * factor == 0.0:
+                    continue
+                force = [0.0, 0.0, 0.0]
+                force[dof - 1] = value * factor
+                table = {"nodes": [self._called(node)], "force": force}
+                if amplitude is not None and not self._of.single(amplitude):
+                    table["amplitude"] = amplitude
+                found.setdefault("nodal_force", []).append(table)
+        return found
+
+    def _without_references(self, held: dict[Dof, Rows], forces: dict[Dof, list[tuple[Rows, float]]]) -> list[_Terms]:
+        """The equations in which no reference node is free: each follows from the equation with its largest
+        coefficient, which goes; its forces follow.  Terms stay in their order."""
+        left = [dict(terms) for terms in self._equations]
+        free = dict.fromkeys(dof for terms in left for dof in terms if dof[0] in self.references and dof not in held)
+        holders: dict[Dof, set[int]] = {dof: set() for dof in free}
+        for k, terms in enumerate(left):
+            for dof in terms.keys() & free.keys():
+                holders[dof].add(k)
+        for dof in free:
+            mine = [k for k in holders[dof] if dof in left[k]]
+            if not mine:
+                continue
+            pivot = max(mine, key=lambda k: (abs(left[k][dof]) / max(map(abs, left[k].values())), -k))
+            own, rest = left[pivot][dof], {key: value for key, value in left[pivot].items() if key != dof}
+            for k in mine:
+                if k == pivot:
+                    continue
+                share, terms = left[k].pop(dof) / own, left[k]
+                size = max(map(abs, (*terms.values(), share)))
+                for key, value in rest.items():
+                    terms[key] = terms.get(key, 0.0) - share * value
+                    if key in holders:
+                        holders[key].add(k)
+                for key in [key for key, value in terms.items() if abs(value) <= _NOTHING * size]:
+                    del terms[key]
+            left[pivot] = {}
+            for rows, factor in forces.pop(dof, []):
+                for key, value in rest.items():
+                    if key not in held:
+                        forces.setdefault(key, []).append((rows, -factor * value / own))
+        return [_displacement_first(terms, held) for terms in left if terms.keys() - held.keys()]
+
+    def _called(self, node: int) -> int | str:
+        return f"{self._homes[node]}:{node}" if self._homes else node
+
+    @cached_property
+    def _homes(self) -> dict[int, str]:
+        """The bodies of nodes, where there are several."""
+        return {
+            node: name
+            for name, elements in self._of.bodies.items()
+            for rows in self._of.deck.solids.values()
+            for node in as_list(np.unique(rows[np.isin(rows[:, 0], elements), 1:]))
+        }
+
+
+def _displacement_first(terms: _Terms, held: dict[Dof, Rows]) -> _Terms:
+    """An equation whose first term is no reference node that is held."""
+    first = next(iter(terms))
+    if first not in held:
+        return terms
+    largest = max((dof for dof in terms if dof not in held), key=lambda dof: abs(terms[dof]))
+    return {largest: terms[largest]} | {dof: value for dof, value in terms.items() if dof != largest}

@@ -1,0 +1,66 @@
+"""Equations of decks with reference nodes, in frames of their own, and couplings of some directions."""
+
+import numpy as np
+import pytest
+from test_deck_tables import CUBES, STEP, tables_of
+
+from coulomb.case.case import read_case
+
+REFERENCE = CUBES.replace("*ELEMENT", "101, .5, .5, 2\n*ELEMENT", 1)
+TIED = "".join(f"*EQUATION\n2\n{node}, 3, 1., 101, 3, -1.\n" for node in (15, 16, 17, 18))
+"""The lid goes down with the reference node."""
+
+
+def displacement(tmp_path, text):
+    tables = tables_of(tmp_path, text).tables
+    problem = read_case(tmp_path / "deck.inp").problem()
+    solution = problem.solve()
+    return tables, problem.body.elasticity.x, solution.displacement, solution.at_nodes.totals()
+
+
+def test_a_reference_node_with_a_force(tmp_path):
+    """It goes with an equation, and its force goes to the node of that; the mean of four nodes, and a lid."""
+    tables, x, u, totals = displacement(tmp_path, REFERENCE + TIED + STEP.format("*CLOAD\n101, 3, -8."))
+    assert tables["nodal_force"] == [{"nodes": [15], "force": [0.0, 0.0, -8.0]}]
+    assert totals["force"][2] == pytest.approx(8.0) and np.ptp(u[x[:, 2] == 2.0, 2]) < 1e-12
+    mean = "*EQUATION\n5\n15, 3, 1., 16, 3, 1., 17, 3, 1., 18, 3, 1.\n101, 3, -4.\n"
+    tables, _, _, _ = displacement(tmp_path, REFERENCE + mean + STEP.format("*CLOAD\n101, 3, -8."))
+    assert "equation" not in tables
+    assert {tuple(one["force"]) for one in tables["nodal_force"]} == {(0.0, 0.0, -2.0)}
+    with pytest.raises(ValueError, match=r"deck.inp: line \d+: .*no equation says where node 101 is"):
+        tables_of(tmp_path, REFERENCE + TIED + STEP.format("*CLOAD\n101, 1, -8."))
+
+
+def test_a_reference_node_that_is_moved(tmp_path):
+    """A constant of every equation, in the course of time, too."""
+    moved = REFERENCE + TIED + STEP.format("*BOUNDARY\n101, 3, 3, -.001")
+    tables, x, u, _ = displacement(tmp_path, moved)
+    assert tables["equation"][0]["constant"] == -0.001 and np.allclose(u[x[:, 2] == 2.0, 2], -0.001)
+    tables = tables_of(tmp_path, moved + STEP.format("*BOUNDARY\n101, 3, 3, -.003")).tables
+    assert tables["equation"][0]["constant"] == -0.003
+    assert np.allclose(tables["equation"][0]["amplitude"], [[0.0, 0.0], [1.0, 1.0 / 3.0], [2.0, 1.0]])
+
+
+def test_equations_in_frames_of_their_own(tmp_path):
+    """Degrees of freedom along axes that are turned by 45 degrees: x' = (x + y) / sqrt(2)."""
+    frame = "*NSET, NSET=two\n15, 16\n*TRANSFORM, NSET=two, TYPE=R\n1., 1., 0., -1., 1., 0.\n"
+    equation = "*EQUATION\n2\n16, 1, 2., 17, 1, -1.\n"
+    tables = tables_of(
+        tmp_path, CUBES.replace("top, 1, 2\n", "") + frame + equation + STEP.format("*CLOAD\ntop, 3, -1.")
+    )
+    terms = tables.tables["equation"][0]["terms"]
+    assert [(one["nodes"], one["component"]) for one in terms] == [([16], "x"), ([16], "y"), ([17], "x")]
+    assert np.allclose([one["coefficient"] for one in terms], [np.sqrt(2.0), np.sqrt(2.0), -1.0])
+
+
+def test_a_coupling_of_one_direction(tmp_path):
+    """A lid that is held along x and y tilts alike, whether its coupling leaves these free or not."""
+    of = "*SURFACE, NAME=lid\n2, S2\n*COUPLING, REF NODE=101, SURFACE=lid, CONSTRAINT NAME=c\n*KINEMATIC\n{}\n"
+    load = STEP.format("*CLOAD\n101, 3, -10.\n101, 4, .5\n101, 5, .25")
+    one = displacement(tmp_path, REFERENCE + of.format("3, 3") + load)
+    free = REFERENCE.replace("top, 1, 2\n", "")
+    both = displacement(
+        tmp_path, free + of.format("1, 3") + load.replace("*CLOAD", "*BOUNDARY\n101, 1, 2\n101, 6, 6\n*CLOAD")
+    )
+    assert np.allclose(one[2], both[2], rtol=0.0, atol=1e-6 * np.abs(one[2]).max())
+    assert np.ptp(one[2][one[1][:, 2] == 2.0, 2]) > 0.1 * np.abs(one[2]).max()
