@@ -101,3 +101,13 @@ for module in pkgutil.walk_packages(coulomb.__path__, "coulomb."):
 def test_signatures_show_the_arguments(name, some):
     """As in a notebook: they were *arguments and **others."""
     assert some <= inspect.signature(getattr(coulomb, name)).parameters.keys()
+
+
+def test_signatures_name_their_arguments():
+    """Jupyter shows them: no *arguments of any kind."""
+    for name in NAMES:
+        made = getattr(coulomb, name)
+        given = inspect.signature(made).parameters.values() if callable(made) else ()
+        assert not [
+            one for one in given if one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD) and one.annotation == "Any"
+        ]

@@ -253,6 +253,8 @@ def test_wrong_input():
     one = RubberBlock()
     with pytest.raises(ValueError, match="adjust, smooth and surface describe the undeformed place"):
         LargeMotions(one.body, coulomb.Contact("bottom", friction=0.3, against="top", adjust=0.1))
+    with pytest.raises(ValueError, match="a, L and space, or energy or residual with displacement, not both"):
+        coulomb.Body(1.0, energy=1.0)
     with pytest.raises(ValueError, match="large motions need NonlinearBody"):
         mesh = coulomb.box((1.0, 1.0, 1.0), (1, 1, 1))
         LargeMotions(coulomb.Elasticity(mesh, coulomb.Material(1e6, 0.3), []), coulomb.Contact("bottom", friction=0.3))

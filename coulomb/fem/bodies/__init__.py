@@ -21,7 +21,7 @@ from .deformable import Deformable, End, Member, SingleBody
 from .displacement_space import DisplacementSpace, free_earlier_bodies
 from .elasticity import Elasticity, LoadedBody, locking_by_volume
 from .equations import Equation, Equations
-from .form_body import BilinearForm, Body, FormValues
+from .form_body import BilinearForm, FormValues
 from .free_motions import (
     FreeMotion,
     FreeMotions,
@@ -73,7 +73,7 @@ from .materials import (
     midpoints,
 )
 from .mesh_components import mesh_components, unjoined_parts
-from .nonlinear_body import NonlinearBody, nonlinear
+from .nonlinear_body import Body, NonlinearBody, nonlinear
 from .recovery import StressedCells, StressError, relative_error, stress_error, stress_errors
 from .rigid_faces import RigidFace
 from .rigid_modes import (

@@ -97,6 +97,10 @@ class LoadedBody(ElasticBody, HeldNodes):
             [AppliedLoad(load, load.nodal_force(self, mesh)) for load in loads] for loads in (volume, tractions)
         )
         self.loads = (*in_volume, *heat, *on_faces)
+        self._complete()
+
+    def _complete(self) -> None:
+        """Make what follows from the arguments; collective."""
 
     def at(self, time: float) -> Loading:
         return self.after(time, None)
@@ -378,8 +382,7 @@ class Elasticity(LoadedBody, SingleBody):
         ValueError: As `LoadedBody`, or if a material is for large motions.
     """
 
-    def __init__(self, *arguments: Any, **named: Any):
-        super().__init__(*arguments, **named)
+    def _complete(self) -> None:
         for _, material in by_group(self.materials or {}):
             if hasattr(material, "law"):
                 raise ValueError(

@@ -6,7 +6,7 @@ import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Self, cast
+from typing import Any, Final
 
 import numpy as np
 from mpi4py import MPI
@@ -116,59 +116,11 @@ class _SharedState:
     made: Made | None = None
 
 
-class Body(SingleBody):
-    """A body from the user's forms, for contact: find u with a(u, v) = L(v) for all v, where `bcs` hold.
+class FormBody(SingleBody):
+    """A body of small strains from the user's forms: find u with a(u, v) = L(v) for all v, where `bcs` hold.
 
-    Any symmetric positive definite a on Lagrange vectors of first or second order on tetrahedra or hexahedra:
-    anisotropic, layered, with Robin terms that hold the body.  Lengths are in metres and forces in newtons, or in any
-    consistent units.
-
-    Coefficients of the forms and values of the boundary conditions may change.  Each state of a problem keeps the
-    values that it was posed with: a later change does not reach into an earlier answer.  `ContactProblem.solve` and
-    `.at` take the present values, after `update(time)`; K and A are made anew only if coefficients of a have changed.
-
-    Args:
-        a: The bilinear form, of UFL or compiled by `fem.form`.
-        L: The linear form; None for no load.
-        bcs: `dirichletbc` of DOLFINx on the space of a or its components; where they meet, the later one applies.
-        faces: Facets by name: {"sole": facets}, with numbers of this rank, or (MeshTags, value), or a function of x,
-            shape (3, k), that is True on the face; or MeshTags, whose values become names such as "3"; or the MeshData
-            of dolfinx.io.gmsh, with the names of its physical groups; or a NamedMesh of the same mesh.
-        update: Called with the time before anything is evaluated at that time, also for earlier times again; it sets
-            coefficients, constants and boundary values, which must depend on the time alone.
-        space: The function space of compiled forms, for results in the user's own space.
-
-    With `energy` or `residual`, and `displacement`, in place of a and L it is one of large motions:
-    `NonlinearBody`.
-
-    Raises:
-        ValueError: On every rank, if a form, a space, a boundary condition or a face is none that can be used, if a is
-            not symmetric.
+    Arguments and errors are those of `Body`.
     """
-
-    _large: ClassVar[type[Body]]
-
-    def __init_subclass__(cls, large: bool = False) -> None:
-        if large:
-            Body._large = cls
-
-    def __new__(
-        cls,
-        a: Any = None,
-        L: Any = None,
-        bcs: Sequence[Any] = (),
-        faces: Any = None,
-        *of_subclasses: Any,
-        update: Callable[[float], object] | None = None,
-        space: Any = None,
-        energy: Any = None,
-        residual: Any = None,
-        tangent: Any = None,
-        displacement: Any = None,
-        **others_of_subclasses: Any,
-    ) -> Self:
-        large = cls is Body and any(one is not None for one in (energy, residual, displacement))
-        return cast(Self, object.__new__(Body._large if large else cls))
 
     def __init__(
         self,
@@ -263,7 +215,7 @@ class Body(SingleBody):
     def internal_force(self, u: FloatArray) -> FloatArray:
         return self._a.residual(self._values, u)
 
-    def at_time(self, time: float) -> Body:
+    def at_time(self, time: float) -> FormBody:
         self._set(time)
         values = self._a.values
         if self._same(self._values, values):

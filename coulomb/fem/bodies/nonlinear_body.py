@@ -8,7 +8,7 @@ the deformed place.  So everything that poses and solves a linear contact proble
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -27,7 +27,7 @@ from .compiled_form import CompiledForm, compiled
 from .deformable import End
 from .displacement_space import free_earlier_bodies
 from .elimination import Made
-from .form_body import BilinearForm, Body, FormValues
+from .form_body import BilinearForm, FormBody, FormValues
 from .free_motions import FreeMotions, free_motions, names_of_components
 from .loads import Loading, NodalForces
 from .mean_dilatation import CellProducts, tabulated
@@ -55,7 +55,7 @@ class _Place:
     spring: FloatArray | None
 
 
-class NonlinearBody(Body, large=True):
+class NonlinearBody(FormBody):
     """A body from the user's energy, or residual F(u; v), for large motions: find u with F(u; v) = 0 for all v.
 
     Displacements are Lagrange vectors of first or second order, as of `Body`; all coordinates in the forms are those
@@ -425,6 +425,54 @@ class _PositivePart(BilinearForm):
             K.axpy(1.0, surface)
             surface.destroy()
         return K
+
+
+def Body(
+    a: Any = None,
+    L: Any = None,
+    bcs: Sequence[Any] = (),
+    faces: Any = None,
+    *,
+    update: Callable[[float], object] | None = None,
+    space: Any = None,
+    energy: Any = None,
+    residual: Any = None,
+    tangent: Any = None,
+    displacement: Any = None,
+) -> FormBody:
+    """A body from the user's forms, for contact: find u with a(u, v) = L(v) for all v, where `bcs` hold.
+
+    Any symmetric positive definite a on Lagrange vectors of first or second order on tetrahedra or hexahedra:
+    anisotropic, layered, with Robin terms that hold the body.  Lengths are in metres and forces in newtons, or in any
+    consistent units.
+
+    Coefficients of the forms and values of the boundary conditions may change.  Each state of a problem keeps the
+    values that it was posed with: a later change does not reach into an earlier answer.  `ContactProblem.solve` and
+    `.at` take the present values, after `update(time)`; K and A are made anew only if coefficients of a have changed.
+
+    Args:
+        a: The bilinear form, of UFL or compiled by `fem.form`.
+        L: The linear form; None for no load.
+        bcs: `dirichletbc` of DOLFINx on the space of a or its components; where they meet, the later one applies.
+        faces: Facets by name: {"sole": facets}, with numbers of this rank, or (MeshTags, value), or a function of x,
+            shape (3, k), that is True on the face; or MeshTags, whose values become names such as "3"; or the MeshData
+            of dolfinx.io.gmsh, with the names of its physical groups; or a NamedMesh of the same mesh.
+        update: Called with the time before anything is evaluated at that time, also for earlier times again; it sets
+            coefficients, constants and boundary values, which must depend on the time alone.
+        space: The function space of compiled forms, for results in the user's own space.
+        energy, residual, tangent, displacement: Of a body of large motions, in place of a, L and space: see
+            `NonlinearBody`, which it is then.
+
+    Raises:
+        ValueError: On every rank, if a form, a space, a boundary condition or a face is none that can be used, if a is
+            not symmetric, or arguments of both kinds are given.
+    """
+    if all(one is None for one in (energy, residual, displacement)):
+        return FormBody(a, L, bcs, faces, update=update, space=space)
+    if any(one is not None for one in (a, L, space)):
+        raise ValueError("Body: give a, L and space, or energy or residual with displacement, not both")
+    given: dict[str, Any] = {"displacement": displacement, "residual": residual, "tangent": tangent, "update": update}
+    return NonlinearBody(energy, bcs, faces, **given)
 
 
 def nonlinear(body: object) -> NonlinearBody:
