@@ -67,7 +67,7 @@ def _row(deck: Path, reference: Path, seconds: float) -> Mapping[str, object]:
     whole, steps = RunDirectory(results), RunDirectory(results).complete_steps
     row["steps"] = len(steps) or 1
     faces = (whole.step(steps[-1]) if steps else whole).read_summary()["faces"]
-    row["force N"] = _force([one["force"] for one in faces])
+    row["force N"] = _force([np.array(one["force"]) for one in faces])
     own = at_nodes(results / FRD, "DISP")
     row["largest u"] = f"{max(np.linalg.norm(u) for u in own.values()):.6g}"
     if reference.exists() and (listed := listed_displacements(reference)):
@@ -84,7 +84,7 @@ def _row(deck: Path, reference: Path, seconds: float) -> Mapping[str, object]:
     return row
 
 
-def _force(forces: Sequence[npt.ArrayLike]) -> str:
+def _force(forces: Sequence[npt.NDArray[np.float64]]) -> str:
     total = np.sum(forces, axis=0)
     return " ".join(f"{one:.4g}" for one in np.where(np.abs(total) > 1e-5 * np.abs(total).max(), total, 0.0))
 
