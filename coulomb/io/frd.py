@@ -20,6 +20,9 @@ from ..arrays import FloatArray, IntArray, as_list
 _KINDS: Final = {4: 3, 8: 1, 10: 6, 20: 4}
 """Numbers of kinds of elements, by their number of nodes."""
 
+_FLAT: Final = {4: 9, 8: 10}
+"""Those of flat ones."""
+
 _ORDER: Final = {20: (*range(12), *range(16, 20), *range(12, 16))}
 """The edges between bottom and top come before those of the top."""
 
@@ -47,7 +50,12 @@ class NodalResults:
 
 
 def write_frd(
-    path: Path, numbers: IntArray, points: FloatArray, blocks: Sequence[IntArray], steps: Iterable[NodalResults]
+    path: Path,
+    numbers: IntArray,
+    points: FloatArray,
+    blocks: Sequence[IntArray],
+    steps: Iterable[NodalResults],
+    flat: bool = False,
 ) -> None:
     """Write a file.
 
@@ -57,6 +65,7 @@ def write_frd(
         points: Where they are, shape (k, 3).
         blocks: Cells by their nodes in VTK's order, shape (c, 4, 8, 10 or 27); of 27 nodes the first 20 are written.
         steps: The results.
+        flat: Whether cells of 4 and 8 nodes are quadrilaterals.
     """
     used = np.zeros(len(points), dtype=bool)
     for cells in blocks:
@@ -70,10 +79,11 @@ def write_frd(
         number = 0
         for cells in blocks:
             width = min(cells.shape[1], 20)
+            kind = (_FLAT if flat else _KINDS)[width]
             order = _ORDER.get(width, tuple(range(width)))
             for nodes in as_list(numbers[cells[:, order]]):
                 number += 1
-                file.write(f" -1{number:10d}{_KINDS[width]:5d}{0:5d}{1:5d}\n")
+                file.write(f" -1{number:10d}{kind:5d}{0:5d}{1:5d}\n")
                 for first in range(0, width, 10):
                     file.write(" -2" + "".join(f"{node:10d}" for node in nodes[first : first + 10]) + "\n")
         file.write(" -3\n")

@@ -8,14 +8,16 @@ the cells; a mesh that does not change is there once.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import h5py
 import numpy as np
+import scipy.sparse.csgraph
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
+from ..fem.meshes import AXISYMMETRIC
 from .field_files import WHOLE, Grid, read_grids
 from .frd import NodalResults, write_frd
 from .run_directory import CONTACT, FIELDS, FRD, SOLUTION, RunDirectory
@@ -112,6 +114,9 @@ def _together(pieces: list[Grid], field: str) -> FloatArray:
     return np.concatenate([piece.fields.get(field, nan) for piece, nan in zip(pieces, none, strict=True)])
 
 
+_SAME: Final = 1e-8
+"""Points of the section that are nearer to each other, over its largest coordinate, are the same."""
+
 _STRESS: Final = ("xx", "yy", "zz", "xy", "yz", "xz")
 
 
@@ -123,6 +128,13 @@ def _write_frd(directory: Path) -> None:
     first = dict(zip(mesh, starts.tolist(), strict=False))
     given = [body.fields.get("node_number", np.zeros(len(body.points))) for body in mesh.values()]
     numbers = np.concatenate(given).astype(np.int64)
+    blocks = [body.cells + start for body, start in zip(mesh.values(), starts, strict=False)]
+    points = np.concatenate([body.points for body in mesh.values()])
+    files = RunDirectory(directory)
+    layer = (files.step(files.begun_steps[0]) if files.is_history else files).read_summary().get("slice")
+    section = None if layer is None else _Section(layer, points, numbers, blocks)
+    if section is not None:
+        numbers, points, blocks = numbers[section.first], section.points, section.blocks
     known = numbers[numbers > 0]
     if len(np.unique(known)) < len(known):  # of bodies of several files
         numbers[:] = 0
@@ -133,16 +145,61 @@ def _write_frd(directory: Path) -> None:
             fields = {"DISP": np.concatenate([body.fields["displacement"] for body in bodies.values()])}
             fields["STRESS"] = np.concatenate([_at_nodes(body) for body in bodies.values()])
             fields["FORC"] = np.concatenate([body.fields["reaction"] for body in bodies.values()])
-            contact = np.zeros((len(numbers), 6))
+            fields["CONTACT"] = contact = np.zeros((starts[-1], 6))
             for name, face in faces.items():
                 if "tangent_1" in face.fields:  # of a slave
                     start = first[name.rpartition(":")[0]] if len(first) > 1 else 0
                     contact[start + face.fields["node"].astype(np.int64)] = _contact(face.fields)
-            yield NodalResults(time, fields | {"CONTACT": contact})
+            yield NodalResults(time, fields if section is None else section.of(fields))
 
-    blocks = [body.cells + start for body, start in zip(mesh.values(), starts, strict=False)]
-    points = np.concatenate([body.points for body in mesh.values()])
-    write_frd(directory / FRD, numbers, points, blocks, results())
+    write_frd(directory / FRD, numbers, points, blocks, results(), flat=section is not None)
+
+
+class _Section:
+    """The section of a slice, where CalculiX has the results of plane and axisymmetric elements.
+
+    Attributes:
+        first: Of every point of the section the one of the layer that is nearest to it, shape (k,).
+        points: Where they are, in the plane z = 0, shape (k, 3).
+        blocks: Quadrilaterals of 4 or 8 points.
+    """
+
+    def __init__(self, layer: Mapping[str, Any], points: FloatArray, numbers: IntArray, blocks: Sequence[IntArray]):
+        wedge = layer["kind"] == AXISYMMETRIC
+        self._copies = float(layer["layers"])
+        self._angle = np.arctan2(points[:, 2], points[:, 0]) if wedge else np.zeros(len(points))
+        across = np.hypot(points[:, 0], points[:, 2]) if wedge else points[:, 0]
+        size = float(np.abs(points).max())
+        at = np.rint(np.column_stack([across, points[:, 1]]) / (_SAME * size)).astype(np.int64)
+        keys = np.column_stack(
+            [at, numbers, _components(blocks, len(points))]
+        )  # bodies that touch have points of theirs
+        self._of = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+        order = np.lexsort((np.rint(np.abs(points[:, 2]) / (_SAME * size)), self._of))
+        self.first = order[np.searchsorted(self._of[order], np.arange(self._of.max() + 1))]
+        self.points = np.column_stack([across, points[:, 1], np.zeros(len(points))])[self.first]
+        columns = {8: range(4), 27: (*range(4), *range(8, 12))}
+        self.blocks = [self._of[cells[:, list(columns[cells.shape[1]])]] for cells in blocks]
+
+    def of(self, fields: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """The values at its points; forces are for all layers."""
+        found = {name: values[self.first] for name, values in fields.items()}
+        cos, sin = np.cos(self._angle), np.sin(self._angle)
+        for name in ("DISP", "FORC"):
+            x, y, z = fields[name].T
+            turned = np.column_stack([cos * x + sin * z, y, cos * z - sin * x])
+            found[name] = turned[self.first]
+        total = np.zeros_like(found["FORC"])
+        np.add.at(total, self._of, turned)
+        return found | {"FORC": self._copies * total}
+
+
+def _components(blocks: Sequence[IntArray], count: int) -> IntArray:
+    """Of every point the number of the body that it is in, shape (count,)."""
+    pairs = np.vstack([np.column_stack([cells[:, 0].repeat(cells.shape[1]), cells.ravel()]) for cells in blocks])
+    graph = scipy.sparse.coo_matrix((np.ones(len(pairs), dtype=bool), pairs.T), shape=(count, count))
+    found: IntArray = scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
+    return found
 
 
 def _at_nodes(body: Grid) -> FloatArray:

@@ -1,7 +1,11 @@
 """Decks of elements in 2D: CAX, CPE and CPS become slices."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from conftest import run_coulomb
+from test_decks_run import blocks_of
 
 import coulomb
 from coulomb.case.case import read_case
@@ -105,6 +109,38 @@ def test_two_blocks_under_pressure(tmp_path, kind, thickness, area, modulus):
     assert answer.at_nodes.pressure == pytest.approx(10.0, rel=3e-4 if kind == "CAX8" else 2e-5)
     top = problem.elasticity.x[:, 1] > 1.999
     assert answer.displacement[top, 1] == pytest.approx(-2.0 * 10.0 / modulus, rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "thickness", "area", "side", "down"),
+    [
+        ("CAX4", "", np.pi, NU / E, 1.0 / E),
+        ("CAX8", "", np.pi, NU / E, 1.0 / E),
+        ("CAX3", "", np.pi, NU / E, 1.0 / E),
+        ("CPE8", "0.5", 0.5, NU * (1 + NU) / E, (1 - NU**2) / E),
+    ],
+)
+def test_results_are_those_of_the_section(tmp_path, monkeypatch, kind, thickness, area, side, down):
+    """results.frd has the deck's nodes and elements in their plane, in uniform stress; forces of 360 degrees or of the
+    thickness."""
+    answer_of(tmp_path, kind, thickness)
+    monkeypatch.chdir(tmp_path)
+    done = run_coulomb("run", "deck.inp", "--quiet", "--set", "output.picture=false")
+    assert done.returncode == 0, done.stderr
+    text = Path("results/deck/results.frd").read_text()
+    blocks, nodes = blocks_of(Path("results/deck/results.frd")), text.partition("    2C")[2].partition("\n -3")[0]
+    rows = [line for line in nodes.splitlines() if line.startswith(" -1")]
+    x = {int(line[3:13]): [float(line[k : k + 12]) for k in range(13, 49, 12)] for line in rows}
+    given = {int(n) for n in (line.split(",")[0] for line in DECK.splitlines()[1:17])}
+    corners = {n for n in given if n % 10 < 5}
+    assert (given if kind[-1] == "8" else corners) <= x.keys()
+    if kind[-1] != "3":  # triangles are cut into quadrilaterals
+        assert len(x) == (16 if kind[-1] == "8" else 8)
+        assert f" -1{1:10d}{10 if kind[-1] == '8' else 9:5d}" in text
+    expected = np.array([[10.0 * side * r, -10.0 * down * y, 0.0] for r, y, _ in x.values()])
+    assert np.all(np.array(list(x.values()))[:, 2] == 0.0)
+    assert np.allclose(list(blocks["DISP"].values()), expected, rtol=0.0, atol=2e-4 * np.abs(expected).max())
+    assert np.sum(list(blocks["FORC"].values()), axis=0)[1] == pytest.approx(10.0 * area, rel=1e-4)
 
 
 def test_loads_at_nodes_are_those_of_360_degrees(tmp_path):

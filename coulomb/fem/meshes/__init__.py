@@ -23,7 +23,7 @@ from .meshes import box, distributed, first_order, known_format, polygon, read_f
 from .named_mesh import SEPARATOR, JoinedMesh, NamedMesh, aspects, moved, volume, with_surfaces
 from .nodal_field import NodalField
 from .refinement import refined
-from .slices import FORMS_IN_2D, Slice
+from .slices import AXISYMMETRIC, FORMS_IN_2D, Slice
 from .slicing import slice
 from .user_groups import faces_of, is_mesh, is_mesh_data
 from .xdmf_format import FACETS, NODE_NUMBER, SOLIDS
