@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import platform
 import sys
+from functools import cache
 
 import numpy as np
 from mpi4py import MPI
@@ -48,6 +49,7 @@ def details() -> dict[str, str]:
     }
 
 
+@cache  # every load step writes them, and they are read from files
 def version(name: str) -> str:
     """Version of an installed package."""
     try:

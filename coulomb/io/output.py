@@ -28,7 +28,7 @@ from ..regular_file import replacing
 from ..solvers.results import OuterStep, QPStep
 from .atomic_output import PARTIAL, commit, link_tree, locked, refuse_to_replace
 from .energy_error import recovered_errors
-from .grid_file import write_grids
+from .grid_file import GridFields, write_grids
 from .result_grids import body_grids, collections, contact_facets, contact_grids
 from .run_directory import CONTACT, ITERATIONS, MESH, SOLUTION, STEPS, SUMMARY
 from .summary import summary
@@ -122,10 +122,19 @@ def _write_complete(
 
 
 def write_fields(solution: Solution, folder: Path, given: Mapping[str, Any], bars: Mapping[str, Any] | None) -> None:
-    """solution.xdmf and contact.xdmf with their HDF5 files; beside error bars with the error of the stress where it is
-    known: by recovery, scaled to that of all cells together in the bars."""
-    problem, (bodies, faces) = solution.problem, collections(solution.problem)
-    grids = body_grids(solution, given)
+    """solution.xdmf and contact.xdmf with their HDF5 files; collective."""
+    problem, names_of, of = solution.problem, collections(solution.problem), solution.problem.elasticity.slice
+    for (name, grids), collection in zip(grids_of_files(solution, given, bars).items(), names_of, strict=True):
+        noted = grids if of is None else [replace(grid, note=of.note) for grid in grids]
+        write_grids(problem.comm, folder / name, noted, problem.time, collection)
+
+
+def grids_of_files(
+    solution: Solution, given: Mapping[str, Any], bars: Mapping[str, Any] | None
+) -> dict[str, list[GridFields]]:
+    """The grids of solution.xdmf and contact.xdmf; beside error bars with the error of the stress where it is known: by
+    recovery, scaled to that of all cells together in the bars; collective."""
+    problem, grids = solution.problem, body_grids(solution, given)
     if bars is not None and all(isinstance(member.body, Elasticity) for member in problem.elasticity.members):
         errors = recovered_errors(solution)
         recovered, known = relative_error(errors.values()), bars.get("relative_stress_error")
@@ -134,10 +143,7 @@ def write_fields(solution: Solution, folder: Path, given: Mapping[str, Any], bar
             replace(grid, on_cells={**grid.on_cells, STRESS_ERROR: scale * one.stress})
             for grid, one in zip(grids, errors.values(), strict=True)
         ]
-    of = problem.elasticity.slice
-    for name, found, collection in ((SOLUTION, grids, bodies), (CONTACT, contact_grids(solution), faces)):
-        noted = found if of is None else [replace(grid, note=of.note) for grid in found]
-        write_grids(problem.comm, folder / name, noted, problem.time, collection)
+    return {SOLUTION: grids, CONTACT: contact_grids(solution)}
 
 
 def size_on_disk(problem: DiscreteProblem) -> float:

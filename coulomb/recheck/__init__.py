@@ -1,5 +1,5 @@
-"""`coulomb check`: the answer in the files of a run, judged in the problem posed anew, and every file written anew and
-compared with that of the run."""
+"""`coulomb check`: the answer in the files of a run, judged in the problem posed anew, and every file compared with
+what would be written of that."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def check(
 
     The problem is posed anew by case.json, or given.  Displacement and contact forces are read from the files and put
     into it: they are judged (the certificate, by code that the solver does not use), and all that follows from them and
-    from the problem is computed and written again, without solving, beside the files: fields of solution.xdmf and
-    contact.xdmf, summary.json, and of a load history each step from the one before, and the files of the whole.  What
-    is compared must agree; what could not be is listed.  Without a problem the files alone are judged (`files_alone`).
+    from the problem is computed again, without solving: fields of solution.xdmf and contact.xdmf, summary.json, and of
+    a load history each step from the one before, and the files of the whole.  What is compared must agree; what could
+    not be is listed.  Without a problem the files alone are judged (`files_alone`).
 
     Args:
         directory: Its directory.

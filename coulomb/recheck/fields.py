@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, in_words
 from ..fem.meshes import FACETS, SEPARATOR, SOLIDS
-from ..io.field_files import NODE, Grid, data_of, read_grids
+from ..io.field_files import NODE, WHOLE, Grid, data_of, read_grids
 from ..io.grid_file import described
+from ..io.output import grids_of_files
 from ..io.result_grids import BODIES, FACES
 from ..io.run_directory import CONTACT, FIELDS, OLD, SOLUTION, RunDirectory
+from ..model.solution import Solution
 from ..nearest import in_a_cell, same_nodes
 from .comparison import Field
 
@@ -29,32 +32,40 @@ Order = npt.NDArray[np.int64]
 Grids = dict[str, dict[str, Grid]]
 """The grids of the files of a run, by the names of file and grid."""
 
+
+class WrittenFields(NamedTuple):
+    """The files of a run: their grids, and their times by their names."""
+
+    grids: Grids
+    times: dict[str, float]
+
+
 Tree = dict[str, dict[str, dict[str, Any]]]
 
 
-def grids_in(folder: Path) -> Grids:
-    """Read the files of a run.
+def grids_of(answer: Solution, bars: Mapping[str, Any] | None) -> Grids:
+    """The grids that would be written of an answer with these error bars, on rank 0; collective."""
+    comm, found = answer.problem.comm, Grids()
 
-    Raises:
-        ValueError: If a mesh is damaged, or a field does not match it or has entries that are not finite.
-    """
-    found = {name: read_grids(folder / name) for name in FIELDS}
-    for name, grids in found.items():
-        for grid in grids.values():
-            for one, values in grid.fields.items():
-                if len(values) != len(grid.cells if one in grid.on_cells else grid.points):
-                    raise ValueError(f"{data_of(folder / name)}: {one} does not match the mesh")
-                if not np.all(np.isfinite(values)):
-                    raise ValueError(f"{data_of(folder / name)}: {one} has entries that are not finite")
+    def whole(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        parts = comm.gather(values[:, 0] if values.ndim == 2 and values.shape[1] == 1 else values)
+        return values if parts is None else np.concatenate([part for part in parts if len(part)] or parts[:1])
+
+    for name, grids in grids_of_files(answer, {}, bars).items():
+        found[name] = {}
+        for one in grids:
+            fields = {field: whole(values) for field, values in (*one.on_points.items(), *one.on_cells.items())}
+            mesh = one.grid.kind, whole(one.grid.cells), whole(one.grid.points)
+            found[name][one.name or WHOLE] = Grid(*mesh, fields, frozenset(one.on_cells))
     return found
 
 
 def fields_of(folder: Path, grids: Grids, like: Grids) -> Tree:
-    """The fields in the files of a run, which are `grids_in` its folder, by file, grid and name, in the order of the
-    meshes of another one.
+    """Fields by file, grid and name, in the order of the meshes of other grids; `folder` is that of the files that they
+    are in, for messages.
 
     Raises:
-        ValueError: If its meshes are not those.
+        ValueError: If the meshes are not those.
     """
     numbers, found = dict[str, Order](), Tree()
     for name, there in grids.items():
@@ -79,16 +90,12 @@ def fields_of(folder: Path, grids: Grids, like: Grids) -> Tree:
     return found
 
 
-def times_in(folder: Path) -> dict[str, float]:
-    """The times of the files of a run, each of which must be that of its data (`described`)."""
-    return {name: described(folder / name, *kind) for name, kind in _KINDS.items()}
-
-
-def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids]:
-    """The summary of a run whose files are all there, and `grids_in` these.
+def sound(files: RunDirectory) -> tuple[dict[str, Any], WrittenFields]:
+    """The summary of a run whose files are all there, and what is in these.
 
     Raises:
-        ValueError: If a file is missing, cannot be read, is not that of its data, or has entries that are not finite.
+        ValueError: If a file is missing, cannot be read, is not that of its data, or has a damaged mesh, or fields that
+            do not match it or have entries that are not finite.
     """
     contents = files.read_summary(
         ("law", "mean_compliance", "totals", "certificate", "method", "iterations", "residual", "faces")
@@ -101,10 +108,17 @@ def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids]:
         if not path.is_file():
             raise ValueError(f"{files.path}: is incomplete: there is no {path.name}")
     try:
-        times_in(files.path)
-        return contents, grids_in(files.path)
+        times = {name: described(files.path / name, *kind) for name, kind in _KINDS.items()}
+        found = {name: read_grids(files.path / name) for name in FIELDS}
     except (OSError, KeyError, IndexError, RuntimeError, TypeError) as error:
         raise ValueError(f"{files.path}: is incomplete: {error}") from None
+    for name, grid in ((name, grid) for name, grids in found.items() for grid in grids.values()):
+        for one, values in grid.fields.items():
+            if len(values) != len(grid.cells if one in grid.on_cells else grid.points):
+                raise ValueError(f"{data_of(files.path / name)}: {one} does not match the mesh")
+            if not np.all(np.isfinite(values)):
+                raise ValueError(f"{data_of(files.path / name)}: {one} has entries that are not finite")
+    return contents, WrittenFields(found, times)
 
 
 def _same_mesh(file: Path, points: FloatArray, cells: Order, x: FloatArray, rows: Order) -> tuple[Order, Order]:

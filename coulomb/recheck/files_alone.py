@@ -27,7 +27,7 @@ from ..model.nodal_answer import ACCUMULATED, HELD, Accumulated, NodalAnswer
 from ..solvers.laws import FrictionLaw
 from ..units import amount, use
 from .comparison import Comparison, Field, named
-from .fields import Grids, sound, times_in
+from .fields import Grids, sound
 from .findings import Findings, unread
 
 Numbers = npt.NDArray[np.int64]
@@ -83,7 +83,7 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
-    (contents, grids), found = sound(files), Comparison()
+    (contents, (grids, times)), found = sound(files), Comparison()
     use(**{name: str(unit) for name, unit in contents.get("units", {}).items() if name in ("length", "stress")})
     solids = grids[SOLUTION].values()
     u, load = (np.concatenate([one.fields[name] for one in solids]) for name in ("displacement", "load"))
@@ -103,7 +103,7 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     expected["valid"] = certificate["passed"] and not violations
     found.tree(contents, expected, [{**expected, "totals": {**totals, **near}}], (SUMMARY,), ANSWER)
     _compare_sums(contents, contact, load, copies, found)
-    for name, time in times_in(files.path).items():
+    for name, time in times.items():
         found.tree(time, contents.get("step", {}).get("time", time), (), (name, WHOLE, "time"))
     taken = (f"judged from the files alone, since {why}: {_JUDGED}", f"not judged without the problem: {_LEFT}")
     names = dict.fromkeys(one for grid in solids for one in grid.fields if one not in OURS)

@@ -1,5 +1,5 @@
-"""The problem of a run posed anew, and displacement and contact forces of the files put into it: judged, and written by
-the rooms that wrote the run, but without its solver."""
+"""The problem of a run posed anew, and displacement and contact forces of the files put into it: judged, and made into
+fields and numbers by the rooms that wrote the run, but without its solver."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..case.record import written_case
 from ..contact_fields import COMPLIANCES
 from ..fem.bodies import TEMPERATURE
 from ..io.history_files import at_points, points_in_files
-from ..io.output import finite, write_fields
+from ..io.output import finite
 from ..io.run_directory import RunDirectory
 from ..io.summary import summary
 from ..model.certificate import judge, settled_to
@@ -138,12 +138,11 @@ class WrittenAnswer:
         return found
 
 
-def written(answer: Solution, folder: Path, contents: Mapping[str, Any], state: State | None) -> dict[str, Any]:
-    """Write the fields of an answer into a directory, which rank 0 has, and give its summary; collective.
+def numbers_of(answer: Solution, contents: Mapping[str, Any], state: State | None) -> dict[str, Any]:
+    """The summary of an answer, of a load step with the state after it; collective.
 
     The numbers of the run in it are those of `contents`, the summary of the files.
     """
-    write_fields(answer, folder, {}, contents.get("error"))
     numbers = {name: value for name, value in summary(answer).items() if name not in OF_SOLVER}
     if state is not None:
         row = LoadStep(answer, state, 0).row

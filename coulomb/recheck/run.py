@@ -1,13 +1,11 @@
-"""Check of one run or load step: judged in the problem posed anew, and its files compared with those written anew."""
+"""Check of one run or load step: judged in the problem posed anew, and its files compared with what would be written
+anew."""
 
 from __future__ import annotations
 
 import math
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -31,10 +29,10 @@ from ..ranks import on_rank_0
 from ..solvers.successive_tresca import SuccessiveTresca
 from ..version import __version__
 from .comparison import Comparison, Field, Place, complete, in_files, named
-from .fields import fields_of, grids_in, sound, times_in
+from .fields import Grids, WrittenFields, fields_of, grids_of, sound
 from .files_alone import check_alone
 from .findings import Findings, unread
-from .posed import SEEDS, Posed, WrittenAnswer, written
+from .posed import SEEDS, Posed, WrittenAnswer, numbers_of
 
 _HEAT: Final = "conduction, contact forces and slip"
 
@@ -84,7 +82,14 @@ def judged(files: RunDirectory, posed: Posed, before: Sequence[State] | None) ->
         ValueError: If a file is missing, cannot be read, or does not match the others or the problem.
     """
     comm = posed.problem.comm
-    contents = on_rank_0(comm, lambda: complete(files.path, lambda: sound(files)[0]))
+    there = list[WrittenFields]()  # on rank 0
+
+    def look() -> dict[str, Any]:
+        contents, fields = sound(files)
+        there.append(fields)
+        return contents
+
+    contents = on_rank_0(comm, lambda: complete(files.path, look))
     posed.problem.small_strain = "warn" if posed.accepts(contents.get("step") or {}) else "enforce"
     problems, answers, states = [posed.problem] * len(SEEDS), list[Solution](), list[State]()
     if before is not None:
@@ -100,27 +105,15 @@ def judged(files: RunDirectory, posed: Posed, before: Sequence[State] | None) ->
         answers.append(answer.judged(problems[number], seed))
         if before is not None:
             states.append(posed.problem.after(before[number], answers[-1]))
-    found, numbers, first = Comparison(), list[dict[str, Any]](), answers[0]
+    found, first = Comparison(), answers[0]
     _compare_temperature(answer, first, found)
-    with _shared_directory(comm) as beside:
-        folders = [beside / str(number) for number in range(len(answers))]
-        for number, (one, folder) in enumerate(zip(answers, folders, strict=True)):
-            if comm.rank == 0:
-                folder.mkdir()
-            numbers.append(written(one, folder, contents, states[number] if states else None))
-        compare = partial(_compare, files, contents, posed, first, numbers, folders, found)
-        faults, unjudged = on_rank_0(comm, lambda: complete(files.path, compare))
+    numbers = [numbers_of(one, contents, states[number] if states else None) for number, one in enumerate(answers)]
+    grids = [grids_of(one, contents.get("error")) for one in answers]
+    compare = partial(_compare, files, contents, posed, first, numbers, grids, found, *there)
+    faults, unjudged = on_rank_0(comm, lambda: complete(files.path, compare))
     taken = [] if contents.get("coulomb") == __version__ else [f"written by coulomb {contents.get('coulomb')}"]
     said = tuple(faults), tuple(taken), tuple(unjudged), tuple(numbers)
     return Findings(contents, first.certificate, first.outside, *said), states
-
-
-@contextmanager
-def _shared_directory(comm: MPI.Comm) -> Iterator[Path]:
-    """A temporary directory of rank 0, by its name on all ranks; collective."""
-    with tempfile.TemporaryDirectory(prefix="coulomb-check-") as own:
-        yield Path(comm.bcast(own))
-        comm.barrier()
 
 
 def _compare(
@@ -129,13 +122,13 @@ def _compare(
     posed: Posed,
     answer: Solution,
     numbers: list[dict[str, Any]],
-    folders: list[Path],
+    grids: list[Grids],
     found: Comparison,
+    there: WrittenFields,
 ) -> tuple[list[str], list[str]]:
-    """Compare the files with those written anew into other `folders`; gives the faults, and the names of what was not
-    compared."""
-    read = {folder: grids_in(folder) for folder in (files.path, *folders)}
-    written, expected, *others = (fields_of(folder, grids, read[folders[0]]) for folder, grids in read.items())
+    """Compare what is in the files with the numbers and the grids of the answer, and of perturbed ones; gives the
+    faults, and the names of what was not compared."""
+    written, expected, *others = (fields_of(files.path, of, grids[0]) for of in (there.grids, *grids))
     for tree, names in ((expected, COMPLIANCES), *((other, _EXACT) for other in others)):
         for grid in tree[CONTACT].values():
             for name in names:
@@ -144,9 +137,8 @@ def _compare(
     for grid in (grid for grid in bounds if "slip_bound" in grid):
         limit = _SLIP_BOUND + 10.0 * answer.certificate["natural residual"].value
         grid["slip_bound"] = grid["slip_bound"]._replace(floor=limit * float(np.linalg.norm(grid["slip_bound"].values)))
-    times = times_in(files.path)
     for name in (CONTACT, SOLUTION):  # in a list that is cut
-        found.tree(times[name], answer.problem.time, (), (name, WHOLE, "time"))
+        found.tree(there.times[name], answer.problem.time, (), (name, WHOLE, "time"))
         found.tree(written[name], expected[name], [other[name] for other in others], (name,))
     said, (first, *more) = dict(contents), [dict(one) for one in numbers]
     if "step" in said:  # `_compare_record` judges the case, `check_times` the rest
