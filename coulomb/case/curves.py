@@ -225,7 +225,7 @@ def in_one_history(case: dict[str, Any]) -> dict[str, Any]:
         return {**tables, key: ramp} if wanted and tables.get(key) is None else tables
 
     grown = {name: ramped(case[name]) for name in _RAMPED if case.get(name)}
-    gaps = {"contact": ramped(case["contact"], "gap")} if case.get("contact") else {}
+    gaps = {"contact": ramped(ramped(case["contact"], "gap"), "force")} if case.get("contact") else {}
     with_weight = [case, *(case["body"] if isinstance(case.get("body"), list | tuple) else [])]
     forces = {
         f"{name}_amplitude": case.get(f"{name}_amplitude", ramp)

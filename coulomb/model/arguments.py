@@ -132,11 +132,6 @@ def contacts_of_large_motions(arguments: Mapping[str, Any], contacts: Sequence[C
             "rigid faces and bolts are for small strains; large motions have ties (Tied), cyclic symmetry and equations"
         )
     for one in contacts:
-        if one.load:
-            raise ValueError(
-                f"contact face {one.face!r}: force and moment on a foundation are for small strains; in large motions "
-                "move it, and adjust its motion to the force in a loop (docs/outer-loops.md)"
-            )
         if one.adjust or one.smooth or one.surface or one.against_surface:
             raise ValueError(
                 f"contact face {one.face!r}: adjust, smooth and surface describe the undeformed place; large motions "

@@ -362,11 +362,12 @@ class ContactBody:
         self._latest[locked] = _Positioned(after, motions, factors)
         return after
 
-    def state(self, time: float, before: Before | None = None) -> ContactState:
+    def state(self, time: float, before: Before | None = None, poses: FloatArray | None = None) -> ContactState:
         """The state at a time, in which slip is measured from the end of the load step before, moved with the
-        foundation since; by default from zero displacement; arguments and errors as of `ContactProblem.at`;
-        collective."""
-        elasticity, poses = self.elasticity.at_time(time), None if before is None else before.poses
+        foundation since; by default from zero displacement; arguments and errors as of `ContactProblem.at`; foundations
+        under load have these poses, by default those after the step before; collective."""
+        elasticity = self.elasticity.at_time(time)
+        poses = before.poses if poses is None and before is not None else poses
         motions = self.foundation_motions(time, poses)
         surface = self.surface(motions, time, elasticity)
         slip_rate: FloatArray = np.zeros(len(surface.x))
@@ -384,7 +385,7 @@ class ContactBody:
             *(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated), loaded=loaded
         )
 
-    def posed(self, state: ContactState, poses: FloatArray, before: Before | None) -> ContactState:
+    def posed(self, state: ContactState, poses: FloatArray | None, before: Before | None) -> ContactState:
         """The state with foundations under load in other poses (faces, 6); collective."""
         motions = self.foundation_motions(state.time, poses)
         surface = self.surface(motions, state.time, state.elasticity)

@@ -156,6 +156,14 @@ class FoundationLoads:
                 radius = over.max(np.linalg.norm(body.x[body.nodes_of(facets)] - point, axis=1))
                 self._loads[number], self._parts[number] = load, RigidPart(point, radius or 1.0)
 
+    @property
+    def points(self) -> dict[int, Point]:
+        """Where the force on the foundation of each contact acts before any motion, by its number."""
+        return {
+            number: (float(x), float(y), float(z))
+            for number, (x, y, z) in ((k, part.centre) for k, part in self._parts.items())
+        }
+
     def posed(self, given: Sequence[RigidMotion], poses: FloatArray | None) -> tuple[RigidMotion, ...]:
         """The motions of all foundations: those given, and of those under load their poses (faces, 6), by default 0."""
         found = list(given)

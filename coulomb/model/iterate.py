@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import repeat
 from typing import Final
 
 import numpy as np
@@ -128,7 +127,7 @@ class Linearised(DiscreteProblem):
     ) -> Evidence:
         """Without nodes that supports hold: they are at their place when the displacement is."""
         none = np.zeros(0, dtype=np.int64)
-        e = self._evidence(x, u, self.compliances)
+        e = self._evidence(x, u, self.compliances, alpha)
         return replace(e, held_gap=np.zeros(0), held_owner=none, held_part=none)
 
     @property
@@ -172,9 +171,11 @@ class Linearised(DiscreteProblem):
         """By the inertia of the tangent at this place; None if there are too many unknowns."""
         return stability(self.turning(self.elasticity, x), self.surface.free_B, x)
 
-    def _evidence(self, x: FloatArray, du: FloatArray, compliance: FloatArray) -> Evidence:
+    def _evidence(
+        self, x: FloatArray, du: FloatArray, compliance: FloatArray, alpha: FloatArray = NO_MOTION
+    ) -> Evidence:
         """With the residual F(u) + dF(u) du, and loads with the resultants of it (`balanced_load`); collective."""
-        e, body = gather_evidence(self.body, self.state, x, du, compliance, None), self.elasticity
+        e, body = gather_evidence(self.body, self.state, x, du, compliance, None, alpha), self.elasticity
         here, over = np.concatenate([nonlinear(one.body).place.u for one in body.members]), Reductions(self.comm)
         residual = e.internal - e.load
         load, rigid = balanced_load(body, residual, over), rigid_part(body, here, over)
@@ -231,7 +232,11 @@ class Iterate:
         then = replace(there, slip_rate=before.slip_rate[at], accumulated=before.accumulated.at(at))
         if start is not None:
             slip = start.slip(self.body, there.surface, there.foundation_motions, self.foundations)
-            spins = map(spin, there.foundation_motions, start.motions, repeat(time - before.time))
+            each_of = zip(posed.body.contacts, there.foundation_motions, start.motions, strict=True)
+            spins = (
+                None if one.rotation is None else spin(now, at_start, time - before.time)
+                for one, now, at_start in each_of
+            )
             then = replace(then, slip_origin=-there.surface.components(slip), spins=tuple(spins))
         self.problem = posed.in_state(then, posed.body.seconds, before)
 

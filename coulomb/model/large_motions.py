@@ -106,8 +106,10 @@ class LoadSteps:
         self._refuse_ties_across_gaps()
         self._methods = linear_solver_of(linear_solver), explicit
         self.contacts = tuple(
-            replace(one, slave=True) if foundation is None else replace(one, foundation=foundation)
-            for one, foundation in zip(body.contacts, body.foundations, strict=True)
+            replace(one, slave=True)
+            if foundation is None
+            else replace(one, foundation=foundation, force_point=body.foundation_loads.points.get(number))
+            for number, (one, foundation) in enumerate(zip(body.contacts, body.foundations, strict=True))
         )
         faces = [self.elasticity.nodes(one.face, "contact") for one in self.contacts]
         part = np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces])
@@ -136,12 +138,13 @@ class LoadSteps:
         """Loads and prescribed displacements of the undeformed bodies at a time; collective."""
         return linearised(self.elasticity, np.zeros_like(self.elasticity.x), time).at(time)
 
-    def posed(self, body: Deformable, time: float) -> Linearised:
-        """The linear contact problem of bodies at their deformed place; collective."""
+    def posed(self, body: Deformable, time: float, poses: FloatArray | None) -> Linearised:
+        """The linear contact problem of bodies at their deformed place, with foundations under load in these poses;
+        collective."""
         there = ContactBody(lambda: body.at_time(time), body.comm, self.contacts, time, *self._methods)
         there.undeformed = self.body
         with timed(there.seconds, "assembly"):
-            state = there.state(time)
+            state = there.state(time, poses=poses)
         return Linearised(there, state, "enforce", now(), there.seconds)
 
 
@@ -224,7 +227,10 @@ class LoadStepLoop:
     def _whole_step(self, state: State, u: FloatArray, tolerance: float, solve: _Solve) -> Solution:
         """Of bodies that slide on each other by accelerated iterates, and if these fail, by the others: on foundations
         iterates converge fast enough."""
-        if any(one.against is not None for one in self.shared.contacts):
+        pairs, loads = (
+            any(each) for each in zip(*((one.against, one.load) for one in self.shared.contacts), strict=True)
+        )
+        if pairs and not loads:
             try:
                 return self._solved_from(state, u, tolerance, solve, accelerate=True)
             except StepCut as failure:
@@ -233,9 +239,9 @@ class LoadStepLoop:
 
     def _solved_from(self, state: State, u: FloatArray, tolerance: float, solve: _Solve, accelerate: bool) -> Solution:
         """The answer of a step from a state, by iterates that begin at a displacement u (k, 3)."""
-        begin = self._iterate(state, state.displacement, state.time, None)
+        begin = self._iterate(state, state.displacement, state.time, None, state.poses)
         start = begin.start()
-        here = self._iterate(state, u, self.time, start)
+        here = self._iterate(state, u, self.time, start, state.poses)
         points = self.shared.points
         x, sizes, found = self._carried(state, begin).at(here.problem.surface, points), [np.inf], False
         results, path = list[SolverResult](), Path(Reductions(self.comm))
@@ -250,7 +256,8 @@ class LoadStepLoop:
             if accelerate and sizes[-1] < NEAR and (mixed := path.next(here.u, du, before, after, compliance)):
                 ways.insert(0, (*mixed, 1.0))
             for way, forces, part in ways:
-                there, accelerated = self._moved(here, part * way, state, start), way is not du
+                poses = here.problem.state.poses_after(part * linear.result.rigid)
+                there, accelerated = self._moved(here, part * way, state, start, poses), way is not du
                 if there is not None:
                     between = (1.0 - part) * before.vectors + part * forces.vectors
                     x = replace(forces, vectors=between).at(there.problem.surface, points)
@@ -285,8 +292,8 @@ class LoadStepLoop:
     def solution(self, result: SolverResult) -> Solution:
         """The state before a step that has failed, judged with the loads of its end; collective."""
         state = self._state
-        begin = self._iterate(state, state.displacement, state.time, None)
-        here = self._iterate(state, state.displacement, self.time, begin.start())
+        begin = self._iterate(state, state.displacement, state.time, None, state.poses)
+        here = self._iterate(state, state.displacement, self.time, begin.start(), state.poses)
         surface, diagonal = here.problem.surface, here.body.K.getDiagonal()
         x = self._carried(state, begin).at(surface, self.shared.points)
         compliance = diagonal.getSize() / abs(diagonal.sum())  # of the order of that of A, which may not exist
@@ -294,14 +301,19 @@ class LoadStepLoop:
         return self.judged(here, x, replace(result, x=x), np.full((len(surface.nodes), 3), compliance))
 
     def recomputed(
-        self, displacement: FloatArray, force_on_body: FloatArray, compliance: FloatArray, unsettled: float | None
+        self,
+        displacement: FloatArray,
+        force_on_body: FloatArray,
+        compliance: FloatArray,
+        unsettled: float | None,
+        poses: FloatArray | None,
     ) -> Solution:
         """What a displacement (k, 3) and contact forces at the points of states are as an answer of the load step,
-        judged with this diagonal of A, at these points as well, all of shape (m, 3), and `SolverResult.unsettled`;
-        collective."""
+        judged with this diagonal of A, at these points as well, all of shape (m, 3), `SolverResult.unsettled`, and the
+        `ContactState.poses` of foundations under load; collective."""
         state = self._state
-        start = self._iterate(state, state.displacement, state.time, None).start()
-        here = self._iterate(state, displacement, self.time, start)
+        start = self._iterate(state, state.displacement, state.time, None, state.poses).start()
+        here = self._iterate(state, displacement, self.time, start, poses)
         surface = here.problem.surface
         at = self.shared.points.places(surface)
         x = -surface.force_components(force_on_body[at]).ravel()
@@ -376,16 +388,22 @@ class LoadStepLoop:
     def _cut(self, why: str) -> StepCut:
         return StepCut(why, _without_answer(len(self.shared.points.nodes)))
 
-    def _moved(self, here: Iterate, du: FloatArray, state: State, start: FaceMotion) -> Iterate | None:
-        """The iterate after a change of the displacement; None if it turns an element inside out."""
+    def _moved(
+        self, here: Iterate, du: FloatArray, state: State, start: FaceMotion, poses: FloatArray | None
+    ) -> Iterate | None:
+        """The iterate after a change of the displacement, with foundations under load in these poses; None if it turns
+        an element inside out."""
         u = here.u + du
         ratios = [nonlinear(one.body).least_volume_ratio(u[one.nodes]) for one in self.elasticity.members]
         if not np.min(ratios) > 0.0:
             return None
-        return self._iterate(state, u, here.time, start)
+        return self._iterate(state, u, here.time, start, poses)
 
-    def _iterate(self, state: State, u: FloatArray, time: float, start: FaceMotion | None) -> Iterate:
-        return Iterate(self.elasticity, self.shared.posed, u, time, state, self.shared.points, start)
+    def _iterate(
+        self, state: State, u: FloatArray, time: float, start: FaceMotion | None, poses: FloatArray | None
+    ) -> Iterate:
+        pose = partial(self.shared.posed, poses=poses)
+        return Iterate(self.elasticity, pose, u, time, state, self.shared.points, start)
 
     def _carried(self, state: State, begin: Iterate) -> CarriedForces:
         """The contact forces of a state, with the normals of its place."""
@@ -399,7 +417,7 @@ class LoadStepLoop:
         problem, on_body = solution.problem, solution.force_on_body
         then, now = before.forces, self._forces(problem, solution.displacement, solution.evidence, on_body)
         if then is None:
-            begin = self._iterate(before, before.displacement, before.time, None)
+            begin = self._iterate(before, before.displacement, before.time, None, before.poses)
             surface = begin.problem.surface
             x, on_body = self._carried(before, begin).at(surface, self.shared.points), before.force_on_body
             evidence = begin.problem.evidence_here(x, np.ones_like(surface.x))

@@ -191,6 +191,14 @@ class ContactState:
             poses[one.number] = one.pose
         return poses
 
+    def poses_after(self, alpha: FloatArray) -> FloatArray | None:
+        """The `poses` after free motions of amounts alpha (q,)."""
+        poses = self.poses
+        for one, amounts in zip(self.loaded, self.of_foundations(alpha), strict=True):
+            assert poses is not None
+            poses[one.number] = one.moved(amounts)
+        return poses
+
     def of_foundations(self, alpha: FloatArray) -> list[FloatArray]:
         """The amounts among alpha (q,), or 0 if it is empty, of the motions of each foundation under load."""
         counts = [len(one.motions) for one in self.loaded]

@@ -71,15 +71,11 @@ def solved_in_place(
     answer, size, found = solved(posed, tolerance, solver, progress, start), math.inf, False
     results = [answer.result]
     for _ in range(_MOST if posed.state.loaded else 0):
-        amounts = posed.state.of_foundations(answer.result.rigid)
-        poses = posed.state.poses
-        assert poses is not None
-        for one, moved in zip(posed.state.loaded, amounts, strict=True):
-            poses[one.number] = one.moved(moved)
+        poses = posed.state.poses_after(answer.result.rigid)
         there = posed.in_state(posed.body.posed(posed.state, poses, posed.before), posed.seconds, posed.before)
         forces = there.surface.force_components(posed.surface.vectors(answer.contact_force.reshape(-1, 3)))
         rest = answer.result.rigid.copy()
-        rest[: sum(map(len, amounts))] = 0.0
+        rest[: sum(len(one.motions) for one in posed.state.loaded)] = 0.0
         result = replace(together(results), x=forces.ravel(), rigid=rest)
         placed = answer_of(there, result)
         before, size = size, size_of(placed.certificate)

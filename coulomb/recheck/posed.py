@@ -105,12 +105,13 @@ class WrittenAnswer:
             random = np.random.default_rng((seed, problem.comm.rank))
             u, f = perturbed(u, random), perturbed(f, random)
             change = None if change is None else perturbed(change, random)
+        poses = problem.body.recorded_poses(said)
         if problem.large is not None:
-            return LoadStepLoop(problem, problem.large).recomputed(u, f, self._compliances, self._unsettled)
+            return LoadStepLoop(problem, problem.large).recomputed(u, f, self._compliances, self._unsettled, poses)
         if change is not None:
             loading = problem.elasticity.heated(problem.loading, change)
             problem = problem.in_state(replace(problem.state, loading=loading), problem.seconds, problem.before)
-        if (poses := problem.body.recorded_poses(said)) is not None:
+        if poses is not None:
             state = problem.body.posed(problem.state, poses, problem.before)
             problem = problem.in_state(state, problem.seconds, problem.before)
         x = -problem.surface.force_components(f).ravel()

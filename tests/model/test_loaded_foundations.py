@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 
 import coulomb
-from coulomb import Clamp, Contact, ContactProblem, LoadHistory, Material, NoEquilibrium, Plane, Rotation, Sphere
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    LoadHistory,
+    Material,
+    NeoHookean,
+    NoEquilibrium,
+    Plane,
+    Rotation,
+    Sphere,
+)
 from coulomb.io.summary import remarks
 from coulomb.model.certificate import judge
 
@@ -14,8 +25,10 @@ TOP = Plane((0.5, 0.5, 0.5), (0.0, 0.0, -1.0))
 LOAD = 1e6
 
 
-def block(contact, young=1e9, poisson=0.3, degree=1, clamps=("bottom",)):
-    mesh = coulomb.box((1.0, 1.0, 0.5), (4, 3, 2), degree=degree)
+def block(contact, young=1e9, poisson=0.3, degree=1, clamps=("bottom",), kinematics="small"):
+    mesh = coulomb.box((1.0, 1.0, 0.5), (4, 3, 2) if kinematics == "small" else (3, 2, 1), degree=degree)
+    if kinematics == "large":
+        return ContactProblem(mesh, NeoHookean(young, poisson), [Clamp("bottom")], contact, kinematics=kinematics)
     return ContactProblem(mesh, Material(young, poisson), [Clamp(face) for face in clamps], contact)
 
 
@@ -78,22 +91,21 @@ def test_the_same_as_with_the_motion_given(contact):
     assert off(answer, with_its_motion(answer, contact)) < 1e-8
 
 
-def test_a_tilted_tool_in_a_history():
-    """Steps of a history, of which the second is that of the given motions of both."""
-    contact = tool(
-        force=(1e5, None, -LOAD), moment=(None, 0.0, None), force_amplitude=[(0.0, 0.0), (1.0, 1.0), (2.0, 0.4)]
-    )
-    steps = list(LoadHistory([1.0, 2.0], tolerance=1e-11).steps(block(contact)))
+@pytest.mark.parametrize("kinematics", ["small", "large"])
+def test_a_tilted_tool_in_a_history(kinematics):
+    """Steps that are those of the motion found, given; in large motions by 7 % of the height and 3 degrees."""
+    young, ways = 1e9 if kinematics == "small" else 8e6, [(0.0, 0.0), (1.0, 1.0), (2.0, 0.4)]
+    contact = tool(force=(1e5, None, -LOAD), moment=(None, 0.0, None), force_amplitude=ways)
+    steps = list(LoadHistory([1.0, 2.0], tolerance=1e-11).steps(block(contact, young, kinematics=kinematics)))
     found = [step.solution.loaded_foundations[0] for step in steps]
     point = tuple(found[0].point - found[0].translation)
-    ways = [np.zeros(3), *(one.translation for one in found)]
     angles = [(0.0, 0.0), *((float(k), one.rotation[1]) for k, one in enumerate(found, 1))]
-    motion = [(float(k), *way) for k, way in enumerate(ways)]
+    motion = [(0.0, 0.0, 0.0, 0.0), *((float(k), *one.translation) for k, one in enumerate(found, 1))]
     given = tool(motion=motion, rotation=Rotation(point, (0.0, 1.0, 0.0), angles))
-    others = list(LoadHistory([1.0, 2.0], tolerance=1e-11).steps(block(given)))
+    others = list(LoadHistory([1.0, 2.0], tolerance=1e-11).steps(block(given, young, kinematics=kinematics)))
     for step, other in zip(steps, others, strict=True):
         assert step.solution.valid and off(step.solution, other.solution) < 1e-8
-        assert step.state.energy.foundation == pytest.approx(other.state.energy.foundation, rel=1e-8)
+        assert step.state.energy.foundation == pytest.approx(other.state.energy.foundation, rel=1e-7)
     assert steps[1].solution.force_on_body[:, 0].sum() == pytest.approx(0.4e5, rel=1e-8)
 
 
@@ -141,9 +153,5 @@ def test_words():
             tool(**given)
     with pytest.raises(ValueError, match="force is for rigid foundations"):
         Contact("top", 0.2, against="bottom", force=(None, None, -1.0))
-    with pytest.raises(ValueError, match="force and moment on a foundation are for small strains"):
-        mesh = coulomb.box((1.0, 1.0, 0.5), (1, 1, 1))
-        contact = tool(force=(None, None, -1.0))
-        ContactProblem(mesh, coulomb.NeoHookean(1e6, 0.3), [Clamp("bottom")], contact, kinematics="large")
     with pytest.raises(ValueError, match="sensitivities are not known of foundations under load"):
         block(tool(force=(None, None, -LOAD))).solve().sensitivities()

@@ -331,5 +331,5 @@ class LowRankUpdate:
 def _inverse_root(G: FloatArray) -> FloatArray:
     """T with T^T G T = I on the range of the positive semidefinite G."""
     size, V = np.linalg.eigh(G)
-    kept = size > _RANK_DEFICIENT * size[-1]
+    kept = size > _RANK_DEFICIENT * np.max(size, initial=0.0)  # of products with zeros nothing is left
     return V[:, kept] / np.sqrt(size[kept])
