@@ -37,6 +37,17 @@ ROOT = Path(__file__).parents[1]
 STEEL = coulomb.Material(young=2.119e11, poisson=0.277)
 
 
+SLOW = [line for line in DATA.with_name("slow.txt").read_text().split("\n") if line.startswith("tests/")]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """The tests of slow.txt, a function or one of its cases each, are marked so."""
+    for item in items:
+        if item.nodeid in SLOW or item.nodeid.partition("[")[0] in SLOW:
+            item.add_marker("slow")
+
+
 @pytest.fixture(autouse=True)
 def _metres_and_pascals():
     """Cases and decks state the units of the process; the next test has those of the start."""

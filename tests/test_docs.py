@@ -139,7 +139,6 @@ def test_the_example_beside_another_program_runs(tmp_path):
     assert done.returncode == 0 and "certificate passed" in done.stdout, done.stderr
 
 
-@pytest.mark.slow
 def test_it_builds(tmp_path):
     """`--quiet` would hide warnings from `--strict`, links that lead nowhere among them."""
     pytest.importorskip("mkdocs")
@@ -163,7 +162,6 @@ SHOWN = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(path, tmp_path):
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")

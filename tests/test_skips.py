@@ -1,11 +1,11 @@
-"""The list of tests that may be skipped in CI."""
+"""The lists of tests that may be skipped in CI, and of those that are slow."""
 
 import os
 import subprocess
 import sys
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, SLOW
 from skips import ALLOWED, allowed, unexpected
 
 SKIPPING = """
@@ -70,3 +70,9 @@ def test_every_listed_test_exists():
     for begin in allowed(ALLOWED.read_text(), "debian-13"):
         file, _, name = begin.partition("::")
         assert name.partition("[")[0] in (ROOT / file).read_text()
+
+
+def test_every_slow_test_exists():
+    for test in SLOW:
+        file, _, name = test.partition("::")
+        assert f"def {name.partition('[')[0]}(" in (ROOT / file).read_text()

@@ -16,8 +16,6 @@ from conftest import ROOT, reference, run_coulomb, run_python, run_script
 
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
 CASES = sorted((ROOT / "demos").glob("*.toml"))
-SLOW = {"paper.py", "rubber_block.py"}
-SCRIPTS = [pytest.param(path.name, marks=[pytest.mark.slow] if path.name in SLOW else []) for path in DEMOS]
 NUMBER = r"([-+]?\d+\.?\d*(?:e[-+]?\d+)?)"
 
 
@@ -86,7 +84,7 @@ def line(text, pattern):
     return found
 
 
-@pytest.mark.parametrize("demo", SCRIPTS)
+@pytest.mark.parametrize("demo", [path.name for path in DEMOS])
 def test_every_script_is_certified(demo):
     assert "certificate passed" in said(demo) and "FAILED" not in said(demo)
 
@@ -185,7 +183,6 @@ def test_demo_sliding_block():
     assert abs(missing) < 0.01 * dissipated
 
 
-@pytest.mark.slow
 def test_demo_identify_friction():
     """The truth is inside the bars of a fit that starts from half of one and a third of the other; they are narrow."""
     text = said("identify_friction.py")
@@ -195,7 +192,6 @@ def test_demo_identify_friction():
     assert line(text, r"# load histories of 13 steps")[0] <= 15
 
 
-@pytest.mark.slow
 def test_demo_paper():
     """Sizes of Table 1's first line, a path that falls to the tolerance, few products, and Theorem 1's bound."""
     text = said("paper.py")
@@ -341,7 +337,6 @@ def test_demo_forms():
     assert len((ROOT / "demos" / "forms.py").read_text().splitlines()) <= 40
 
 
-@pytest.mark.slow
 def test_demo_rubber_block():
     """The block sticks first, then friction over normal force is 0.3 but for the slope where it is."""
     rows = table(said("rubber_block.py"), r"^#0* s: # linear problems, T # N, N # N$")
@@ -400,7 +395,6 @@ def test_demo_tread_block():
     assert force[-1, 0] == pytest.approx(0.8 * force[-1, 2], rel=0.02) and force[1, 0] < 0.3 * force[1, 2]
 
 
-@pytest.mark.slow
 def test_demo_bolted_flange():
     """Four bolts tightened to 20 kN and locked: equal parts of the pull of 10 kN each, as the stiffer flanges let."""
     text = said("bolted_flange.toml")
@@ -424,7 +418,6 @@ def test_demo_pin_joint():
         assert faces[name]["force"][0] == pytest.approx(pull, abs=1e-3)
 
 
-@pytest.mark.slow
 def test_demo_seal():
     """It meets the wall late, and all forces grow; judged contact by contact, linear problems take 184 steps."""
     text = said("seal.toml")

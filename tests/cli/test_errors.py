@@ -22,7 +22,6 @@ def test_messages(wrong: Wrong, tmp_path):
         assert "results" not in left  # nothing was started
 
 
-@pytest.mark.slow
 def test_on_two_ranks():
     """Every rank has the same message, and none waits for another."""
     done = run_python(wrong_inputs.__file__, ranks=2, timeout=600)

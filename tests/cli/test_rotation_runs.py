@@ -116,7 +116,6 @@ def test_a_slip_origin_without_the_rotation(tmp_path):
     assert any("slip_origin" in fault for step in check(folder).steps for fault in step.faults)
 
 
-@pytest.mark.slow
 def test_on_ranks(tmp_path):
     """Torque, power and energies of one rank, of tetrahedra on a turntable; only one of the ranks prints."""
     (tmp_path / "case.toml").write_text(TURNTABLE)

@@ -105,7 +105,6 @@ def read_only(path):
         subprocess.run(["umount", "-l", path], check=True)
 
 
-@pytest.mark.slow
 def test_unwritable_home(tmp_path):
     """Forms are compiled, announced and found again in the directory for temporary files."""
     told = "compiling the finite-element forms, once per machine (about 10 s)"

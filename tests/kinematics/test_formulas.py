@@ -194,7 +194,6 @@ def test_a_small_body_drawn_over_waves_has_the_force_of_the_incline_everywhere()
     assert slope(places[-1]) < -0.2 < 0.2 < max(map(slope, places))
 
 
-@pytest.mark.slow
 def test_in_a_bore_that_moves_a_load_inside_the_friction_cone_does_not_creep():
     """The bore rocks by half the angle of friction, there and back, and moves: all nodes stay where they are in it."""
 

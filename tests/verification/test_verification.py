@@ -16,10 +16,8 @@ from verification.hertz import RADIUS, STEEL, Hertz, grading
 from verification.hertz_pairs import CYLINDERS, SPHERES, A, Ellipse
 from verification.table import order
 
-SLOW = {"roller", "cattaneo-mindlin"}
 
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CASES])
+@pytest.mark.parametrize("name", CASES)
 def test_rows(name):
     """The rows say what is compared, and why the tolerance is what it is."""
     verified = COARSE.get(name, CASES[name])()
