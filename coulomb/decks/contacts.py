@@ -43,22 +43,59 @@ def contact_tables(of: Reading) -> list[dict[str, Any]]:
 
 
 def general_contact(of: Reading) -> dict[str, Any]:
-    """Abaqus' general contact as the table [auto_contact], in which pairs are found; empty if there is none."""
-    if not any(card.kind == "CONTACT" for card in of.model):
+    """Abaqus' general contact of all faces as the table [auto_contact], in which pairs are found; empty if there is
+    none, or surfaces are named."""
+    if not any(card.kind == "CONTACT" for card in of.model) or _included(of):
         return {}
-    name = ""
-    for card in of.model:
-        if card.kind == "CONTACTINCLUSIONS" and "ALLEXTERIOR" not in card.parameters:
-            raise card.fault("only ALL EXTERIOR is read: give pairs of surfaces as *CONTACT PAIR")
-        if card.kind == "CONTACTPROPERTYASSIGNMENT":
-            for row, words in ((row, card.words(row)) for row in range(len(card.lines))):
-                if any(words[:2]):
-                    raise card.fault("only one property for all surfaces is read", row)
-                name = key_of(words[2]) if len(words) > 2 else ""
-    interaction = _interactions(of).get(name, _Interaction())
+    interactions, assigned = _interactions(of), _assigned(of)
+    for pair, (card, row, _) in assigned.items():
+        if any(pair):
+            raise card.fault("a property of some surfaces is read where *CONTACT INCLUSIONS names them", row)
+    of_all = assigned.get(("", ""))
+    if of_all is not None and of_all[2] not in interactions:
+        raise of_all[0].lacks("*SURFACE INTERACTION", of_all[2], interactions, of_all[1])
+    interaction = _Interaction() if of_all is None else interactions[of_all[2]]
+    if _law(of, interaction.behavior) != "hard" or interaction.conductance is not None or _limit(interaction.friction):
+        given = interaction.behavior or interaction.conductance or interaction.friction
+        assert given is not None
+        raise given.fault("general contact of all faces is read with hard contact and a coefficient of friction alone")
     distance = _NEAR * _extent(of)
     of.notes.append(f"general contact: faces within {distance:.3g} of each other become pairs ([auto_contact])")
     return {"distance": distance, "friction": _coefficient(interaction.friction)}
+
+
+def _included(of: Reading) -> list[tuple[Card, int, list[str], str]]:
+    """The pairs of surfaces of Abaqus' general contact: card and line, the two, and the interaction."""
+    found, assigned = [], _assigned(of)
+    for card in of.model:
+        if card.kind == "CONTACTINCLUSIONS" and "ALLEXTERIOR" not in card.parameters:
+            for row in range(len(card.lines)):
+                words = [*card.words(row), ""][:2]
+                if not all(words):
+                    raise card.fault("needs two surfaces: contact of one with itself is not read", row)
+                keys = key_of(words[0]), key_of(words[1])
+                own = next((assigned[pair] for pair in (keys, keys[::-1], ("", "")) if pair in assigned), None)
+                found.append((card, row, words, "" if own is None else own[2]))
+    return found
+
+
+def _assigned(of: Reading) -> dict[tuple[str, str], tuple[Card, int, str]]:
+    """The interaction of pairs of surfaces of general contact, by their names, of all others by empty ones."""
+    return {
+        (key_of(words[0]), key_of(words[1])): (card, row, key_of(words[2]))
+        for card in of.model
+        if card.kind == "CONTACTPROPERTYASSIGNMENT"
+        for row, words in ((row, [*card.words(row), "", ""]) for row in range(len(card.lines)))
+    }
+
+
+def _given_pairs(of: Reading) -> Iterator[tuple[Card, int, list[str], str]]:
+    """Card and line of every pair, its surfaces, and its interaction."""
+    for card in of.model:
+        if card.kind == "CONTACTPAIR":
+            for row, words in card.rows("a slave and a master surface", 2):
+                yield card, row, words, card.key("INTERACTION")
+    yield from _included(of)
 
 
 def tied_pairs(of: Reading) -> list[dict[str, Any]]:
@@ -77,38 +114,44 @@ def _read_pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
     interactions = _interactions(of)
     clearances = dict(_clearance(card) for card in of.model if card.kind == "CLEARANCE")
     found: list[tuple[dict[str, Any], bool]] = []
-    for card in of.model:
-        if card.kind != "CONTACTPAIR":
+    for card, row, words, called in _given_pairs(of):
+        if called not in interactions and (called or card.kind == "CONTACTPAIR"):
+            raise card.lacks("*SURFACE INTERACTION", card.get("INTERACTION", called), interactions)
+        interaction = interactions.get(called, _Interaction())
+        slave, master = (_surface(of, word, card, row) for word in words[:2])
+        names = key_of(words[0]), key_of(words[1])
+        clearance = clearances.pop(names, None)
+        laws = [(None, _law(of, interaction.behavior)), *_other_laws(of, called)]
+        kinds = {kind for _, kind in laws}
+        if "tied" in kinds and len(kinds) > 1:
+            changed = next(one for one, kind in laws if one is not None and kind != laws[0][1])
+            raise changed.fault("a pair that is tied in some steps and not in others is not read")
+        thermal = _conductance(interaction.conductance) if of.heated else {}
+        if kinds == {"none"} and thermal:
+            raise card.fault("heat through a pair without contact stiffness is not read", row)
+        if kinds == {"none"}:
+            of.notes.append(f"{words[0]} and {words[1]}: the contact stiffness is next to nothing: no contact")
             continue
-        interaction = interactions.get(card.key("INTERACTION"), _Interaction())
-        if card.key("INTERACTION") not in interactions:
-            raise card.lacks("*SURFACE INTERACTION", card.get("INTERACTION"), interactions)
-        for row, words in card.rows("a slave and a master surface", 2):
-            slave, master = (_surface(of, word, card, row) for word in words[:2])
-            laws = [(None, _law(of, interaction.behavior)), *_other_laws(of, card.key("INTERACTION"))]
-            kinds = {kind for _, kind in laws}
-            if "tied" in kinds and len(kinds) > 1:
-                changed = next(one for one, kind in laws if one is not None and kind != laws[0][1])
-                raise changed.fault("a pair that is tied in some steps and not in others is not read")
-            thermal = _conductance(interaction.conductance) if of.heated else {}
-            if kinds == {"none"} and thermal:
-                raise card.fault("heat through a pair without contact stiffness is not read", row)
-            if kinds == {"none"}:
-                of.notes.append(f"{words[0]} and {words[1]}: the contact stiffness is next to nothing: no contact")
-                continue
-            table: dict[str, Any] = {
-                "face": of.face(slave, card, row),
-                "against": of.face(master, card, row),
-            }
-            table |= _friction(of, interaction, card.key("INTERACTION")) | thermal
-            names = key_of(words[0]), key_of(words[1])
-            clearance = clearances.pop(names, None)
-            table |= _adjusted(of, card, None if clearance is None else clearance[1])
-            table |= _taken_out(of, names, table.get("gap", 0.0), laws)
-            found.append((table, kinds == {"tied"}))
+        if kinds == {"tied"}:
+            _refuse_changed_tie(of, names, clearance)
+        table: dict[str, Any] = {"face": of.face(slave, card, row), "against": of.face(master, card, row)}
+        table |= _friction(of, interaction, called) | thermal
+        table |= _adjusted(of, card, None if clearance is None else clearance[1])
+        table |= _taken_out(of, names, table.get("gap", 0.0), laws)
+        found.append((table, kinds == {"tied"}))
     for card, _ in clearances.values():
         raise card.fault("there is no *CONTACT PAIR of these surfaces")
     return found
+
+
+def _refuse_changed_tie(of: Reading, names: tuple[str, str], clearance: tuple[Card, float] | None) -> None:
+    """ValueError if a pair that is TIED is taken out or put in, or has a clearance, which would be pulled shut."""
+    for step in of.steps:
+        for card in step.cards:
+            if _goes_out(card, names) is not None:
+                raise card.fault("pairs that are TIED are neither taken out nor put in")
+    if clearance is not None and clearance[1]:
+        raise clearance[0].fault("a pair that is TIED has no clearance")
 
 
 def _clearance(card: Card) -> tuple[tuple[str, str], tuple[Card, float]]:

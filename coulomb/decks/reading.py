@@ -109,6 +109,12 @@ class Reading:
         """Numbers of an element or a set of elements."""
         return np.array([label]) if isinstance(label, int) else self.deck.element_sets.members(label)
 
+    def nodes_of(self, elements: IntArray) -> IntArray:
+        """Numbers of the nodes of some solid elements, ascending."""
+        parts = [rows[np.isin(rows[:, 0], elements), 1:].ravel() for rows in self.deck.solids.values()]
+        found: IntArray = np.unique(np.concatenate(parts))
+        return found
+
     def elements_at(self, nodes: IntArray) -> IntArray:
         """Numbers of the solid elements with one of these nodes."""
         parts = [rows[np.any(np.isin(rows[:, 1:], nodes), axis=1), 0] for rows in self.deck.solids.values()]

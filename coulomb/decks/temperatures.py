@@ -120,7 +120,7 @@ class Temperatures:
         """Those of the start and of the end of the last step at the nodes of some elements; None if none is given."""
         if self.starts is None:
             return None
-        where = np.searchsorted(self.nodes, self._nodes_of(elements))
+        where = np.searchsorted(self.nodes, self._of.nodes_of(elements))
         start = end = self.starts[where]
         if self._courses is not None:
             courses, of_node = self._courses
@@ -174,21 +174,16 @@ class Temperatures:
         """Some of the nodes as a set of elements whose nodes they are, or by their numbers, in each body."""
         sets = self._of.deck.element_sets
         names = [one for one in sets.names if one not in self._of.deck.node_sets]
-        name = next((one for one in names if np.array_equal(self._nodes_of(sets.members(one)), nodes)), None)
+        name = next((one for one in names if np.array_equal(self._of.nodes_of(sets.members(one)), nodes)), None)
         found: list[Any] = []
         for body in self._of.bodies or [""]:
-            mine = self._nodes_of(self._of.bodies[body]) if body else nodes
+            mine = self._of.nodes_of(self._of.bodies[body]) if body else nodes
             here, of = as_list(nodes[np.isin(nodes, mine)]), f"{body}:" if body else ""
             if name is not None:
                 found += [f"{of}{name}"] if here else []
             else:
                 parts = [here[k : k + _MOST] for k in range(0, len(here), _MOST)]
                 found += [[f"{of}{node}" for node in part] if body else part for part in parts]
-        return found
-
-    def _nodes_of(self, elements: IntArray) -> IntArray:
-        parts = [rows[np.isin(rows[:, 0], elements), 1:].ravel() for rows in self._of.deck.solids.values()]
-        found: IntArray = np.unique(np.concatenate(parts))
         return found
 
 

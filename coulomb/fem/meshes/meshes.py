@@ -35,6 +35,7 @@ from .lagrange import (
 from .mesh_file import MeshFile
 from .mesh_parts import boundary_facets, corners_of, local_cells, local_facets, local_nodes, parts_of
 from .named_mesh import Grid, NamedMesh, Planes, volume, without_nodes
+from .xdmf_format import has_mixed_cells
 from .xdmf_format import read as read_parts
 
 
@@ -414,7 +415,8 @@ def read_mesh(
     end = known_format(path, bool(names or cell_names))
     if end == ".xdmf" and cuts:
         raise ValueError(f"{path}: cuts are not for XDMF, of which every rank reads a part: export .vtu or .msh")
-    if end == ".xdmf":
+    mixed = end == ".xdmf" and bool(comm.bcast(on_first_rank(comm, str(path), lambda: has_mixed_cells(str(path)))))
+    if end == ".xdmf" and not mixed:
         return read_xdmf(path, names=names, cell_names=cell_names, scale=scale, comm=comm)
     check_scale(path, scale)
     sound = on_first_rank(
@@ -456,9 +458,12 @@ def known_format(path: str | Path, named: bool = False) -> str:
 def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int], only: str | None = None) -> MeshFile:
     """What a mesh file holds, read on this rank alone; arguments and errors as of `read_mesh`, and OSError."""
     end = Path(path).suffix.lower()
-    if end == ".xdmf":
+    mixed = end == ".xdmf" and has_mixed_cells(path)
+    if end == ".xdmf" and not mixed:
         return read_parts(path, None, None, names, cell_names, MPI.COMM_SELF)
-    module = import_module(f".{mesh_formats.FORMATS[end][1]}_format", __package__)  # a run needs at most one of them
+    module = import_module(
+        f".{'meshio' if mixed else mesh_formats.FORMATS[end][1]}_format", __package__
+    )  # a run needs at most one of them
     if only is not None:
         if end != ".inp":
             raise ValueError(f"{path}: a set of elements to read is for files of CalculiX and Abaqus (.inp)")

@@ -26,7 +26,7 @@ from .lagrange import CORNERS
 from .mesh_file import MeshFile, SectionFile, members_by_name, only_set, solid_nodes
 from .one_kind import of_one_kind
 
-_MODULES = {".vtu": "vtu", ".vtk": "vtk", ".bdf": "nastran", ".nas": "nastran", ".mesh": "medit"}
+_MODULES = {".vtu": "vtu", ".vtk": "vtk", ".xdmf": "xdmf", ".bdf": "nastran", ".nas": "nastran", ".mesh": "medit"}
 """meshio's name of the format, by the end of the file's name."""
 
 _SOLIDS = {

@@ -78,6 +78,17 @@ class XdmfGrid:
     of_nodes: XdmfArray | None = None
 
 
+_BY_MESHIO: Final = frozenset(("mixed", "wedge", "wedge_15", "pyramid", "pyramid_13", "hexahedron_20"))
+"""Kinds of cells that become others."""
+
+
+def has_mixed_cells(path: str) -> bool:
+    """Whether a Grid has cells of several kinds, prisms, pyramids or 20-node hexahedra, which rank 0 reads by meshio;
+    errors as of `XdmfFile`."""
+    kinds = (one.get("TopologyType") or one.get("Type") or "" for one in xml_of(path).iter("Topology"))
+    return any(kind.lower() in _BY_MESHIO for kind in kinds)
+
+
 class XdmfFile:
     """An XDMF file; rank 0 reads the XML, and every rank its share of the rows of the HDF5 datasets; collective.
 

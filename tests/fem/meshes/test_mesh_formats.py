@@ -325,6 +325,26 @@ def test_second_order_and_mixed_cells_by_meshio(tmp_path):
         coulomb.read_mesh(tmp_path / "a.vtu")
 
 
+def test_mixed_cells_of_xdmf(tmp_path):
+    """A cube with a prism beside it, a pyramid on it and a tetrahedron at that, as meshio writes them: 12 tetrahedra of
+    the same volume, with the numbers on cells and facets."""
+    import meshio
+
+    cube = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
+    x = np.array([*cube, [2, 0, 0], [2, 1, 0], [0.5, 0.5, 1.6], [0.5, -1, 1]], dtype=float)
+    cells = [
+        ("hexahedron", [[0, 1, 2, 3, 4, 5, 6, 7]]),
+        ("wedge", [[1, 8, 5, 2, 9, 6]]),
+        ("pyramid", [[4, 5, 6, 7, 10]]),
+    ]
+    cells += [("tetra", [[4, 11, 5, 10]]), ("quad", [[0, 3, 2, 1]])]
+    tags = {"tag": [np.array([number]) for number in (1, 1, 2, 2, 7)]}
+    meshio.Mesh(x, cells, cell_data=tags).write(tmp_path / "a.xdmf")
+    mesh = coulomb.read_mesh(tmp_path / "a.xdmf", names={"base": 7}, cell_names={"low": 1})
+    assert coulomb.fem.meshes.volume(mesh) == pytest.approx(1.0 + 0.5 + 0.2 + 0.1)
+    assert len(mesh.faces["base"]) == 2 and len(mesh.cells["low"]) == 9
+
+
 def test_without_meshio(tmp_path, monkeypatch):
     import sys
 
