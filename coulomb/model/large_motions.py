@@ -22,7 +22,7 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Deformable, Loading, nonlinear
-from ..fem.contact import FaceMotion
+from ..fem.contact import ContactSurface, FaceMotion
 from ..fem.geometry import Refused
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
@@ -31,7 +31,8 @@ from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
 from ..units import amount
 from .arguments import linear_solver_of
-from .certificate import Certificate, Evidence, judge, settled_to
+from .certificate import LIMIT, Certificate, Evidence, judge, settled_to
+from .certificate_scales import place_of_largest
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem, StatePoints
 from .equilibrium import refuse_without_equilibrium
@@ -60,6 +61,9 @@ and where other bodies hold them no springs stand for contact."""
 _PERTURBED: Final = (1.0, 3.0, 0.3)
 """Amplitudes of the mode of an unstable answer over its largest displacement, one after the other."""
 
+_FAR: Final = 1e6
+"""Largest displacement over the size of the bodies."""
+
 _WORSE: Final = 10.0
 """A residual may grow by this factor from one linear problem to the next: the first ones of a load step do not know
 where contact is."""
@@ -75,6 +79,19 @@ _Solve = Callable[[Linearised, FloatArray], Solution]
 
 class StepCut(NotConverged):
     """A load step has no answer: why, in words."""
+
+
+def _largest(left: tuple[Evidence, ContactSurface] | None) -> str:
+    """The largest check of an iterate in words, and where forces are most out of balance; collective."""
+    if left is None:
+        return ": each turns an element inside out, or bodies are flung away"
+    e, surface = left
+    check = max((one for one in judge(e).checks if one.limit == LIMIT), key=lambda one: np.nan_to_num(one.value))
+    part = np.full(len(e.x), -1)
+    part[surface.nodes] = surface.part
+    forces = np.linalg.norm(e.held.free_part(e.internal - e.load - e.spring - e.on_body), axis=1)
+    place = place_of_largest(forces, e.x, part, surface.faces, Reductions(e.comm))
+    return f": {check.name} {check.value:.1e} ({check.meaning}), forces are most out of balance {place}"
 
 
 class LoadSteps:
@@ -102,7 +119,8 @@ class LoadSteps:
 
     def __init__(self, body: ContactBody, time: float, linear_solver: object, explicit: bool | None, branch: str):
         self.body, self.elasticity, self.remedy, self.stable = body, body.elasticity, 0, branch == "stable"
-        self.damped, self.damping, self.held_by_contact = False, 0.0, len(self.elasticity.free) > 0
+        self.damped, self.damping = False, 0.0
+        self.held_by_contact = any(len(nonlinear(one.body).not_held) for one in self.elasticity.members)
         self._refuse_ties_across_gaps()
         self._methods = linear_solver_of(linear_solver), explicit
         self.contacts = tuple(
@@ -161,6 +179,7 @@ class LoadStepLoop:
         self.elasticity, self.comm, self.time = shared.elasticity, posed.comm, posed.time
         self._definite = False  # the last tangent was positive definite without contact
         self._damped = shared.damped
+        self._failed = ""  # why a linear problem had no answer
 
     def solve(self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None) -> Solution:
         """The equilibrium at the end of the load step, or in one step from the undeformed place; arguments as of
@@ -244,6 +263,8 @@ class LoadStepLoop:
         here = self._iterate(state, u, self.time, start, state.poses)
         points = self.shared.points
         x, sizes, found = self._carried(state, begin).at(here.problem.surface, points), [np.inf], False
+        worst: tuple[Evidence, ContactSurface] | None = None
+        self._failed = ""
         results, path = list[SolverResult](), Path(Reductions(self.comm))
         for _ in range(_MOST):
             linear = self._linear(here, x, solve)
@@ -266,12 +287,14 @@ class LoadStepLoop:
                     at_points = known[points.places(there.problem.surface)]
                     evidence = there.problem.evidence_here(x, at_points)
                     certificate = judge(evidence)
-                    size = size_of(certificate)
+                    size, worst = size_of(certificate), (evidence, there.problem.surface)
                     if np.isfinite(size) and size <= _WORSE * sizes[-1]:
                         break
                 path.restart()
             else:
-                raise self._cut("no part of the change of the displacement makes the residual smaller")
+                raise self._cut(
+                    f"no part of the change of the displacement makes the residual smaller{_largest(worst)}"
+                )
             path.judge(size, sizes[-1], accelerated)
             _log.debug("outer iteration %d: residual %.2e, part %g", len(sizes), size, part)
             self._count(here)
@@ -281,7 +304,7 @@ class LoadStepLoop:
                 break
             found = certificate.passed
         else:
-            raise self._cut(f"no equilibrium after {_MOST} linear problems, residual {sizes[-1]:.1e}")
+            raise self._cut(f"no equilibrium after {_MOST} linear problems{_largest(worst)}")
         reached = results[-1].status if sizes[-1] <= tolerance else Status.STAGNATED
         whole = replace(together(results), x=x, status=reached, residual=certificate["natural residual"].value)
         evidence, certificate = settled_to(evidence, certificate, whole.unsettled)
@@ -373,6 +396,7 @@ class LoadStepLoop:
                 if isinstance(failure, NotConverged) and failure.result.status is Status.INTERRUPTED:
                     raise
                 why = str(failure)
+                self._failed = self._failed if isinstance(failure, NotPositiveDefinite) else why
                 _log.debug("%s", why)
                 continue
             self._definite = remedy is tangent
@@ -381,21 +405,30 @@ class LoadStepLoop:
             if isinstance(remedy, partial):
                 shared.damping = remedy.keywords["damping"]
             return answer
-        raise self._cut(
-            f"no answer, even with {'damping' if self._damped else 'a tangent that is positive in every cell'}: {why}"
-        )
+        self._failed = ""
+        raise self._cut(f"a linear problem has no answer: {why}")
 
     def _cut(self, why: str) -> StepCut:
-        return StepCut(why, _without_answer(len(self.shared.points.nodes)))
+        """With what was tried, and may help."""
+        tried = ["Newton's method"]
+        if self.shared.remedy:
+            tried.append("springs where contact presses")
+            tried.append("damping" if self._damped else "a tangent that is positive in every cell")
+        on_the_way = f"; a linear problem on the way had no answer: {self._failed}" if self._failed else ""
+        helps = "smaller load steps, a finer mesh at that place, loads by prescribed displacements"
+        text = f"{why}{on_the_way}; tried: {', '.join(tried)}; what may help: {helps}"
+        return StepCut(text, _without_answer(len(self.shared.points.nodes)))
 
     def _moved(
         self, here: Iterate, du: FloatArray, state: State, start: FaceMotion, poses: FloatArray | None
     ) -> Iterate | None:
         """The iterate after a change of the displacement, with foundations under load in these poses; None if it turns
-        an element inside out."""
+        an element inside out, or takes bodies so far away that rounding errors of places would hide gaps."""
         u = here.u + du
         ratios = [nonlinear(one.body).least_volume_ratio(u[one.nodes]) for one in self.elasticity.members]
-        if not np.min(ratios) > 0.0:
+        over = Reductions(self.comm)
+        extent = max(over.max(axis) - over.min(axis) for axis in self.elasticity.reference.T)
+        if not np.min(ratios) > 0.0 or over.max(np.abs(u).ravel()) > _FAR * extent:
             return None
         return self._iterate(state, u, here.time, start, poses)
 

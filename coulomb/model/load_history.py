@@ -16,6 +16,7 @@ begins, and an interrupted history resumes with the same figures, to the solutio
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -131,21 +132,21 @@ class LoadHistory:
                     text = f"the load step from {state.time:g} s to {time:g} s failed: {failure}"
                     raise StepFailed(text, failure.result, posed) from None
                 middle = 0.5 * (state.time + time)
-                halved, why = halved + 1, str(failure)
                 least = max(self._whole(time) * 0.5**self.halvings, SMALLEST * (self.times[-1] - self.start))
                 if middle - state.time < (1.0 - SMALLEST) * least:
-                    halved -= 1
                     if problem.large is not None and problem.large.damps():
                         if problem.comm.rank == 0:
                             _log.warning("load step from %g s to %g s damped: %s", state.time, time, failure)
                         continue
                     interval = f"from {state.time:g} s to {time:g} s"
-                    after = f", halved {in_times(halved)}" if halved else ""
+                    depth = round(math.log2(self._whole(time) / (time - state.time)))
+                    after = f", halved {in_times(depth)}" if depth else ""
                     text = f"the load step {interval} failed{after}: {failure}"
                     raise StepFailed(text, failure.result, posed) from None
                 if problem.comm.rank == 0:
                     _log.warning("load step from %g s to %g s halved: %s", state.time, time, failure)
                 state = replace(state, pending=(*state.pending, middle))
+                halved, why = halved + 1, str(failure)
                 continue
             if problem.large is not None:
                 problem.large.damped = False

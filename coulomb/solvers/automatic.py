@@ -84,6 +84,8 @@ class Automatic(SolverSettings):
             result = result_of(problem, open_goal, none, np.zeros((problem.A.nodes, 2)), None, ())
             if result.status is Status.CONVERGED:
                 return called(result, "no forces")
+        if start is not None and problem.rigid is not None and not problem.reductions.any(bool(np.any(start))):
+            start = None  # without forces nothing says where rigid motions end
         if start is not None:
             near = SemismoothNewton(goal.tolerance)
             result = outcome(lambda: near.solve(problem, start, progress=progress))

@@ -246,7 +246,9 @@ class ScaledProblem:
         if self.problem.rigid is not None:  # at least the size of the smallest forces that balance the loads
             least = max(least, self.problem.motion_basis.distance(self.problem.rigid.e) / over.norm(e))
             b = self.problem.without_motions(b)
-        s = max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / over.dot(e.ravel(), A_e)
+        felt, alone = over.dot(e.ravel(), A_e), self.problem.mean_diagonal * over.dot(e.ravel(), e.ravel())
+        felt = felt if felt > 1e-3 * alone else alone  # opposite forces at nodes that touch two foundations cancel
+        s = max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / felt
         return max(s, least) or 1.0  # without loads any force will do
 
     def _of_bodies(self) -> tuple[FloatArray, FloatArray]:

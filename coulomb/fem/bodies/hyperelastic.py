@@ -151,7 +151,7 @@ class HyperelasticBody(NonlinearBody):
             loaded.contradictions,
         )
         self.acting, self._made = loaded.acting, Made()
-        self.__dict__.pop("_not_held", None)
+        self.__dict__.pop("not_held", None)
         if self.acting:
             self._siblings[self.acting] = self
 

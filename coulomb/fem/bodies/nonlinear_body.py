@@ -126,7 +126,7 @@ class NonlinearBody(FormBody):
 
     def _placed(self, u: FloatArray, time: float, before: End | None) -> NonlinearBody:
         free_earlier_bodies(self.domain)
-        _ = self._not_held, self.boundary  # once, for all places
+        _ = self.not_held, self.boundary  # once, for all places
         there = copy.copy(self)
         there._place, there.x = None, self.reference + u
         there._integrals, there.points_of_faces, there._assembled = {}, {}, None
@@ -197,7 +197,7 @@ class NonlinearBody(FormBody):
         return super().at(time) if self._place is None else self._place.loading
 
     @cached_property
-    def _not_held(self) -> FreeMotions:
+    def not_held(self) -> FreeMotions:
         """The rigid motions that conditions allow, at the undeformed place; collective."""
         modes, parts = component_modes(self.x, self.component, self.comm)
         names = names_of_components(parts)
@@ -205,10 +205,10 @@ class NonlinearBody(FormBody):
 
     @property
     def free(self) -> FreeMotions:
-        return super().free if len(self._not_held) else self._not_held
+        return super().free if len(self.not_held) else self.not_held
 
     def resisted(self, modes: FloatArray) -> FloatArray:
-        return super().resisted(modes) if len(self._not_held) else np.zeros_like(modes)
+        return super().resisted(modes) if len(self.not_held) else np.zeros_like(modes)
 
     @property
     def ground(self) -> FloatArray | None:

@@ -1,0 +1,72 @@
+"""Bodies of large motions that contact alone holds, and bodies that leave each other."""
+
+import numpy as np
+import pytest
+
+from coulomb import (
+    Clamp,
+    Contact,
+    ContactProblem,
+    LoadHistory,
+    Material,
+    NeoHookean,
+    Plane,
+    PrescribedDisplacement,
+    box,
+    join,
+    moved,
+)
+from coulomb.solvers import Automatic
+
+RUBBER = NeoHookean(1e6, 0.3)
+
+
+def test_jaws_lift_an_object():
+    """Of its weight each jaw bears a half by friction, which needs N >= W/(2 F); it then moves with them by far."""
+    friction, weight, raised = 0.4, 800.0, 0.2
+
+    def jaw(closed):
+        return lambda time: (-closed * min(time, 1.0), 0.0, raised * max(time - 2.0, 0.0))
+
+    walls = Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), Plane((0.1, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    jaws = [
+        Contact(face, friction, foundation=wall, motion=jaw(closed))
+        for face, wall, closed in zip(("left", "right"), walls, (0.0, 0.01), strict=True)
+    ]
+    down = {
+        "body_force": (0.0, 0.0, -weight / 1e-3),
+        "body_force_amplitude": [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0), (3.0, 1.0)],
+    }
+    problem = ContactProblem(box((0.1, 0.1, 0.1), (2, 2, 2)), RUBBER, [], jaws, kinematics="large", **down)
+    _, held, lifted = (step.solution for step in LoadHistory([1.0, 2.0, 3.0]).steps(problem))
+    assert held.valid and lifted.valid
+    for part in range(2):
+        totals = lifted.at_nodes.totals(part)
+        assert totals["force"][1:] == pytest.approx([0.0, 0.5 * weight], abs=1e-6 * weight)
+        assert totals["normal_force"] * friction >= 0.5 * weight
+    assert lifted.displacement - held.displacement == pytest.approx(np.tile([0.0, 0.0, raised], (27, 1)), abs=1e-9)
+
+
+def test_a_start_without_forces_is_none():
+    """Newton's method from there put the object at 1e13 m, since no friction said where it ends."""
+    gap = Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), Plane((0.099, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    jaws = [Contact(face, 0.4, foundation=wall) for face, wall in zip(("left", "right"), gap, strict=True)]
+    problem = ContactProblem(box((0.1, 0.1, 0.1), (2, 2, 2)), RUBBER, [], jaws, kinematics="large")
+    assert problem.solve().valid
+    small = ContactProblem(problem.mesh, Material(1e6, 0.3), [], jaws)
+    answer = Automatic(1e-8).solve(small.friction_problem, np.zeros_like(small.b))
+    assert np.max(np.abs(answer.rigid)) < 0.1
+
+
+def test_a_block_leaves_another():
+    """Lifted off, nothing presses; put back, the force is the same as before."""
+    mesh = join(low=box((0.2, 0.1, 0.05), (4, 2, 1)), up=moved(box((0.1, 0.1, 0.05), (3, 2, 1)), (0.05, 0.0, 0.05)))
+    way = PrescribedDisplacement(
+        "up:top", (0.0, 0.0, 0.1), amplitude=[(0.0, 0.0), (1.0, -0.02), (2.0, 1.0), (3.0, -0.02)]
+    )
+    contact = Contact("up:bottom", 0.0, against="low:top")
+    problem = ContactProblem(mesh, RUBBER, [Clamp("low:bottom"), way], contact, kinematics="large")
+    solutions = [step.solution for step in LoadHistory([1.0, 2.0, 3.0]).steps(problem)]
+    first, apart, again = (one.at_nodes.totals()["normal_force"] for one in solutions)
+    assert all(one.valid for one in solutions) and apart == 0.0 < first
+    assert again == pytest.approx(first, rel=1e-6)
