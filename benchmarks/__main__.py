@@ -336,6 +336,17 @@ def rubber_cylinder(
 
 
 @app.command()
+def slices(
+    layers: Annotated[list[int] | None, typer.Option("--layers", min=2, help="Of a quarter; repeat.")] = None,
+    directory: Output = None,
+) -> None:
+    """An O-ring pressed by a lid, large motions: a slice of one degree beside quarters in 3D."""
+    from .slices import measure
+
+    table("slices", (row._asdict() for row in (measure(layers) if layers else measure())), directory)
+
+
+@app.command()
 def ironing(
     p: Annotated[int, typer.Option("--p", min=1, help="Cells of the slab per millimetre.")] = 2,
     drawing: Annotated[int, typer.Option("--steps", min=0, help="Load steps of drawing; 0: two steps in all.")] = 12,

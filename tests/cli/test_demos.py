@@ -26,6 +26,7 @@ FEWER = {
     "drum_brake.toml": ["history.times=[1.0, 1.2, 2.0, 2.2, 2.6, 4.0, 5.0, 6.0, 10.0, 15.0]"],
     "hot_disc_brake.toml": ["history.times=[1.0, 1.02]"],
     "lap_joint.toml": ["history.times=[1.0, 1.2, 2.0]"],
+    "o_ring.toml": ["history.times=[0.25, 1.0, 1.5]"],
     "seal.toml": ["history={times=[0.25, 0.5, 0.75, 0.875, 1.0]}"],
     "tread_block.toml": ["history.times=[1.0, 1.125, 1.5, 2.0]"],
 }
@@ -416,6 +417,19 @@ def test_demo_pin_joint():
     assert list(faces) == ["lug_facing_clevis", "clevis_facing_pin", "lug_facing_pin"]
     for name, pull in (("lug_facing_pin", -1.5e4), ("clevis_facing_pin", 1.5e4), ("lug_facing_clevis", 0.0)):
         assert faces[name]["force"][0] == pytest.approx(pull, abs=1e-3)
+
+
+def test_demo_o_ring():
+    """At a twentieth of its height as a long cylinder between two plates: with b^2 = 4 P R/(pi E*), P the force per
+    length, they approach by (4 P/(pi E*)) (ln(4 R/b) - 1/2) (K. L. Johnson, Contact Mechanics, 5.37).  At
+    the end the fluid has pushed it along lid and floor, against the wall."""
+    found, radius = columns("o_ring"), 2e-3
+    modulus = 6.0 * (0.6e6 + 0.15e6) / (1.0 - 0.5**2)
+    force = found["above_normal_force"][0] / (2.0 * np.pi * 20e-3)
+    b = np.sqrt(4.0 * force * radius / (np.pi * modulus))
+    assert 4.0 * force / (np.pi * modulus) * (np.log(4.0 * radius / b) - 0.5) == pytest.approx(2e-4, rel=0.03)
+    assert np.all(found["outside_normal_force"][:2] == 0.0) and found["outside_normal_force"][-1] > 50.0
+    assert found["above_friction_force"][-1] == pytest.approx(0.1 * found["above_normal_force"][-1], rel=1e-4)
 
 
 def test_demo_seal():
