@@ -460,8 +460,10 @@ def Body(
         update: Called with the time before anything is evaluated at that time, also for earlier times again; it sets
             coefficients, constants and boundary values, which must depend on the time alone.
         space: The function space of compiled forms, for results in the user's own space.
-        energy, residual, tangent, displacement: Of a body of large motions, in place of a, L and space: see
-            `NonlinearBody`, which it is then.
+        energy: Of a body of large motions, in place of a, L and space: see `NonlinearBody`, which it is then.
+        residual: As there.
+        tangent: As there.
+        displacement: As there.
 
     Raises:
         ValueError: On every rank, if a form, a space, a boundary condition or a face is none that can be used, if a is
