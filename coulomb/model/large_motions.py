@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, Loading, nonlinear
+from ..fem.bodies import Deformable, nonlinear
 from ..fem.contact import ContactSurface, FaceMotion
 from ..fem.geometry import Refused
 from ..linalg.factors import NotPositiveDefinite
@@ -151,10 +151,6 @@ class LoadSteps:
                     "the bodies (coulomb.moved), or mesh the gap; where both are curved, use finer or second-order "
                     "cells"
                 )
-
-    def loading(self, time: float) -> Loading:
-        """Loads and prescribed displacements of the undeformed bodies at a time; collective."""
-        return linearised(self.elasticity, np.zeros_like(self.elasticity.x), time).at(time)
 
     def posed(self, body: Deformable, time: float, poses: FloatArray | None) -> Linearised:
         """The linear contact problem of bodies at their deformed place, with foundations under load in these poses;

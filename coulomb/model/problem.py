@@ -285,13 +285,10 @@ class ContactProblem(DiscreteProblem):
         for time in times or (self.time,):
             if times and self.elasticity.depends_on_steps(time):
                 continue
-            if self.large is not None:
-                body, loading = self.body.elasticity, self.large.loading(time)
-            elif times:
+            body, loading = self.elasticity, self.loading
+            if times or self.large is not None:
                 body = self.body.elasticity.at_time(time)
                 loading = body.at(time)
-            else:
-                body, loading = self.elasticity, self.loading
             self.body.refuse_held_inside(body, loading, exact=self.large is not None)
 
     def starts(self, before: State) -> FloatArray | None:

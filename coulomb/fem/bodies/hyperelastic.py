@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import reduce
 from operator import add
 from typing import Any
@@ -161,6 +162,10 @@ class HyperelasticBody(NonlinearBody):
 
     def held_at(self, time: float) -> HeldDirections:
         return self._loaded.held_at(time)
+
+    def at(self, time: float) -> Loading:
+        loading = super().at(time)
+        return loading if self._place else replace(loading, prescribed=self._loaded.at(time).prescribed)
 
     def refuse_beginning(self, time: float) -> None:
         if self._place is None:
