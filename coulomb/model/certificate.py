@@ -225,6 +225,9 @@ _ROUNDINGS: Final = 16.0
 """Rounding errors of a nodal force in the sum that it is.  Forces of sheets of 0.1 to 0.5 mm differ by up to 28 of them
 from mesh to mesh, turned in their plane, and by 0.4 to 11 from K u = f solved in 220 bits (of 50 um by 1 and more)."""
 
+_OF_PLACE: Final = 2.0**-50
+"""Rounding error of a gap relative to the coordinates."""
+
 RESOLUTION: Final = "resolution"
 """Name of the condition that says to what part contact forces are known: above LIMIT they are unresolved."""
 
@@ -330,7 +333,10 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     # In units of the scales, so that no product of two of them overflows or vanishes.
     unit = np.where(scales.forces > 0.0, scales.forces, 1.0)[scales.owner]  # 0 only where all forces on a body are
     force, g, length = e.force / unit[:, None], e.bound / unit, scales.at_points
-    gap, slip = (e.gap - e.relative_displacement[:, 0]) / length, e.relative_displacement[:, 1:] / length[:, None]
+    left_open = e.gap - e.relative_displacement[:, 0]
+    place = scales.of_points(np.abs(e.place).max(axis=1, initial=0.0), over)[scales.owner] + np.abs(e.gap)
+    left_open[(e.force[:, 0] == 0.0) & (np.abs(left_open) <= _OF_PLACE * place)] = 0.0  # points that just touch
+    gap, slip = left_open / length, e.relative_displacement[:, 1:] / length[:, None]
     pressing, friction, sliding = force[:, 0], np.hypot(force[:, 1], force[:, 2]), np.hypot(slip[:, 0], slip[:, 1])
     most_bound, most_friction = (scales.of_points(values, over)[scales.owner] for values in (g, friction))
     early = sliding * np.maximum(g - friction, 0.0) / np.where(most_bound > 0.0, most_bound, 1.0)
@@ -343,10 +349,10 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     balance, drift, parts = rigid_balance(e, np.array(outer), scales.lengths, scales.turnover)
     each = ", of every body" if e.bodies else f", of each of {parts} components" if parts > 1 else ""
     sums = f"loads, springs, reactions, contact: forces and moments add to zero{each}"
-    remaining = np.column_stack([e.gap - e.relative_displacement[:, 0], -e.relative_displacement[:, 1:]])  # A x - b
+    remaining = np.column_stack([left_open, -e.relative_displacement[:, 1:]])  # A x - b
     mean = f"; means around {'contact points' if e.actions is not None else 'vertices'}" if e.averaged else ""
     held_in = over.max(-e.held_gap)
-    deepest = worst(over.max(e.relative_displacement[:, 0] - e.gap), held_in, 0.0)
+    deepest = worst(over.max(-left_open), held_in, 0.0)
     if deepest == held_in > 0.0:
         mean = ", at a node that supports hold, or that faces away"
     left = scales.norms(lengths(e.held.free_part(imbalance)), over) / np.where(scales.nodals > 0.0, scales.nodals, 1.0)

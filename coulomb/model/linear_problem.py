@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final, Protocol
 
@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, FreeMotions, Loading, displacements_of
+from ..fem.bodies import Deformable, Elasticity, FreeMotions, HyperelasticBody, Loading, displacements_of
 from ..fem.contact import ContactSurface, rows_of
 from ..fem.geometry import RigidMotion, Spin
 from ..linalg.compliance import BodyCompliance, StiffnessSolver
@@ -116,6 +116,10 @@ _BEFORE_REFINEMENT: Final = 1e-8
 _ROUNDING: Final = 2.0**-48
 """Difference, relative to what it is the difference of, that is a rounding error: slip of displacements, and the
 resultant of loads of the sum of their magnitudes."""
+
+
+_OF_PLACE: Final = 2.0**-52
+"""Rounding error of a gap relative to the coordinates."""
 
 
 _UNMOVED: Final = 1e-10
@@ -286,10 +290,16 @@ class LinearProblem:
     def b(self) -> FloatArray:
         """B K^-1 f - c in metres, this rank's part, shape (3 m,): penetration of the free body, and its slip.
 
-        c is the gap along n, and along t1 and t2 the displacement from which slip counts.
+        c is the gap along n, and along t1 and t2 the displacement from which slip counts.  A penetration that is a
+        rounding error is 0: a body that just touches has no forces, else they would be rounding errors.
         """
-        free = self.state.relative_displacement(self.free_displacement)
-        free[:, 0] -= self.surface.gap
+        free, gap = self.state.relative_displacement(self.free_displacement), self.surface.gap
+        component, over = self.elasticity.component[self.surface.nodes], Reductions(self.elasticity.comm)
+        size = np.zeros(int(over.max(self.elasticity.component.astype(np.float64))) + 1)
+        np.maximum.at(size, component, np.abs(self.surface.x).max(axis=1, initial=0.0))
+        error = _ROUNDING * (np.abs(free[:, 0]) + np.abs(gap)) + _OF_PLACE * over.largest(size)[component]
+        free[:, 0] -= gap
+        free[:, 0][np.abs(free[:, 0]) <= error] = 0.0
         return free.ravel()
 
     @cached_property
@@ -344,8 +354,18 @@ class LinearProblem:
 
     @cached_property
     def free_displacement(self) -> FloatArray:
-        """K^-1 f in metres, this rank's nodes, shape (k, 3): the displacement without contact."""
-        solver = self.stiffness.solver
+        """K^-1 f in metres, this rank's nodes, shape (k, 3): the displacement without contact.
+
+        A body that its supports carry along moves by exactly that, and not to the accuracy of a solve: where it comes
+        to touch another, what it lacks or has too much would be its contact forces.
+        """
+        solver, carried, loading, f = self.stiffness.solver, self._carried, self.loading, self.f
+        if carried is not None:
+            body = self.elasticity
+            left = loading.prescribed - body.held.held_part(carried)
+            left[np.any(carried != 0.0, axis=1)] = 0.0
+            loading = replace(loading, load=loading.load + body.spring_force(carried), prescribed=left)
+            f = body.f(loading)
 
         def solved() -> FloatArray:
             u = self.elasticity.K.createVecRight()
@@ -353,15 +373,49 @@ class LinearProblem:
                 suppress(CGNotConverged),
                 explained(self.elasticity),
             ):  # with products by A its errors cancel (`under_load`)
-                solver.solve(self.f, u, _BEFORE_REFINEMENT if solver.tolerance > 0.0 else 0.0)
-            values = self._with_prescribed(u.array.reshape(-1, 3))
+                solver.solve(f, u, _BEFORE_REFINEMENT if solver.tolerance > 0.0 else 0.0)
+            values: FloatArray = self.elasticity.reduction.displacement(u.array.reshape(-1, 3)) + loading.prescribed
             u.destroy()
             if solver.tolerance > 0.0:  # errors of a factorised K cancel with those of A, from the same factors
-                values = iteratively_refined(self.elasticity, solver, self.loading, np.zeros_like(values), values)
+                values = iteratively_refined(self.elasticity, solver, loading, np.zeros_like(values), values)
             return values
 
         with timed(self._seconds, "displacement"):
-            return self.stiffness.responses.response(self.f.array_r, self.loading.prescribed, solved)
+            u = self.stiffness.responses.response(f.array_r, loading.prescribed, solved)
+        if carried is not None:
+            f.destroy()
+            u = u + carried
+            u += self.elasticity.held.held_part(self.loading.prescribed - u)
+        return u
+
+    @cached_property
+    def _carried(self) -> FloatArray | None:
+        """The translation of each body whose prescribed displacements are those of one, metres, shape (k, 3); 0 of the
+        others, None if there is none; collective."""
+        body, given = self.elasticity, self.loading.prescribed
+        if body.constraints.ties or not all(
+            isinstance(one.body, Elasticity | HyperelasticBody) for one in body.members
+        ):
+            return None
+        held, component, over = body.held, body.component, Reductions(body.comm)
+        if not over.any(bool(np.any(given))):
+            return None
+        count = int(over.max(component.astype(np.float64))) + 1
+        H, way = np.zeros((count, 3, 3)), np.zeros((count, 3))
+        np.add.at(H, component[held.nodes], held.projector)
+        inverse = np.linalg.pinv(over.total(H), hermitian=True)
+        left, size, off = given, *np.zeros((2, count))
+        for _ in range(2):  # the second takes away the rounding errors of the sums of the first
+            sums = np.zeros((count, 3))
+            np.add.at(sums, component, left)
+            way += np.einsum("cij,cj->ci", inverse, over.total(sums))
+            left = given - held.held_part(way[component])
+        np.maximum.at(size, component, np.abs(given).max(axis=1, initial=0.0))
+        np.maximum.at(off, component, np.abs(left).max(axis=1, initial=0.0))
+        size, off = over.largest(size), over.largest(off)
+        way[off > _ROUNDING * size] = 0.0
+        way[np.abs(way) <= _ROUNDING * size[:, None]] = 0.0
+        return way[component] if np.any(way) else None
 
     def _with_prescribed(self, u: FloatArray) -> FloatArray:
         """The displacement (k, 3) of unknowns u (k + p, 3), with exactly the prescribed displacements, which a solver

@@ -297,7 +297,7 @@ def small_strain(
     pressing = normal > _PRESSING * max(over.max(normal), 0.0)
     way, part = at_nodes.displacement_vectors[pressing], at_nodes.part[pressing]
     before, moved = at_nodes.x[pressing], at_nodes.x[pressing] + way
-    rounding = _ROUNDING * max(over.max(np.abs(moved)), 0.0)
+    rounding = _ROUNDING * max(over.max(np.abs(at_nodes.x)), over.max(np.abs(moved)), 0.0)
 
     def measure() -> tuple[FloatArray, FloatArray]:
         distance, turn = np.zeros(len(before)), np.zeros(len(before))
@@ -318,6 +318,7 @@ def small_strain(
     if off is not None:
         off = np.where(np.abs(off) < rounding, 0.0, off)
         apart = np.where(pressing, np.abs(off), -np.minimum(at_nodes.gap - at_nodes.displacement[:, 0] + off, 0.0))
+        apart[apart < rounding] = 0.0
     apart[pressing] = np.maximum(apart[pressing], distance)
     where = place_of_largest(apart, at_nodes.x, at_nodes.part, at_nodes.faces, over)
     deformation, pressed = deformation_of(internal, u, over, blocked), over.sum(normal[pressing])

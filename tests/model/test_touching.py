@@ -1,0 +1,89 @@
+"""Bodies that come to touch exactly: the gap is closed at the end of a load step, as of a round way in round steps."""
+
+import numpy as np
+import pytest
+
+import coulomb
+
+RUBBER = coulomb.Material(1e9, 0.3)
+HALFWAY = [(0.0, 0.0), (1.0, 1.0)]
+
+
+def pressed(mesh, way, contact, **options):
+    """Moved down by its top, in two load steps."""
+    top = coulomb.PrescribedDisplacement("top", way, amplitude=HALFWAY)
+    return coulomb.ContactProblem(mesh, RUBBER, [top], contact, **options)
+
+
+def over_a_gap(**options):
+    box = coulomb.box((1.0, 1.0, 0.5), (3, 3, 2))
+    return pressed(box, (0.0, 0.0, -2e-3), coulomb.Contact("bottom", friction=0.3, gap=1e-3), **options)
+
+
+def over_a_plane_far_away():
+    box = coulomb.moved(coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)), translate=(100.0, 50.0, 1e-3))
+    plane = coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    return pressed(box, (0.0, 0.0, -2e-3), coulomb.Contact("bottom", friction=0.3, foundation=plane))
+
+
+def tilted():
+    """By 30 degrees about x."""
+    n = np.array([0.0, -0.5, np.sqrt(0.75)])
+    box = coulomb.moved(
+        coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)), rotate=coulomb.Rotation((0, 0, 0), (1, 0, 0), np.pi / 6)
+    )
+    plane = coulomb.Plane(tuple(-1e-3 * n), tuple(n))
+    return pressed(box, tuple(-2e-3 * n), coulomb.Contact("bottom", friction=0.3, foundation=plane))
+
+
+def on_a_block():
+    upper = coulomb.moved(coulomb.box((0.7, 0.7, 0.5), (3, 3, 2)), translate=(0.1, 0.1, 0.501))
+    return coulomb.ContactProblem(
+        coulomb.join(a=coulomb.box((1.0, 1.0, 0.5), (4, 4, 2)), b=upper),
+        {"a": RUBBER, "b": coulomb.Material(2e11, 0.3)},
+        [coulomb.Clamp("a:bottom"), coulomb.PrescribedDisplacement("b:top", (0.0, 0.0, -2e-3), amplitude=HALFWAY)],
+        coulomb.Contact("b:bottom", against="a:top", friction=0.3),
+    )
+
+
+def by_multigrid():
+    return over_a_gap(linear_solver="iterative")
+
+
+def in_large_motions():
+    plane = coulomb.Plane((0.0, 0.0, -1e-2), (0.0, 0.0, 1.0))
+    box = coulomb.box((1.0, 1.0, 0.5), (3, 3, 2))
+    contact = coulomb.Contact("bottom", friction=0.3, foundation=plane)
+    return pressed(box, (0.0, 0.0, -2e-2), contact, kinematics="large")
+
+
+@pytest.mark.parametrize(
+    "make",
+    [over_a_gap, over_a_plane_far_away, tilted, on_a_block, by_multigrid, in_large_motions],
+    ids=lambda f: f.__name__,
+)
+def test_the_step_that_closes_the_gap_has_no_forces(make):
+    """And none is halved; the next presses as if the gap were not closed by a step."""
+    first, last = (step.solution for step in coulomb.LoadHistory([0.5, 1.0], halvings=0).steps(make()))
+    assert first.valid and last.valid
+    assert not np.any(first.contact_force)
+    (whole,) = (step.solution for step in coulomb.LoadHistory([1.0], halvings=0).steps(make()))
+    assert last.forces["normal_force"] == pytest.approx(whole.forces["normal_force"], rel=1e-4)
+
+
+def test_beside_a_body_that_is_pressed():
+    """Each body by itself: the one that just touches has no forces."""
+    one = coulomb.box((1.0, 1.0, 0.5), (2, 2, 1))
+    problem = coulomb.ContactProblem(
+        coulomb.join(a=one, b=coulomb.moved(coulomb.box((1.0, 1.0, 0.5), (2, 2, 1)), translate=(2.0, 0.0, 0.0))),
+        {"a": RUBBER, "b": RUBBER},
+        [
+            coulomb.PrescribedDisplacement("a:top", (0.0, 0.0, -2e-3)),
+            coulomb.PrescribedDisplacement("b:top", (0.0, 0.0, -1e-3)),
+        ],
+        [coulomb.Contact("a:bottom", friction=0.3), coulomb.Contact("b:bottom", friction=0.3, gap=1e-3)],
+        linear_solver="iterative",
+    )
+    answer = problem.solve()
+    assert answer.valid
+    assert answer.forces["b:bottom"]["normal_force"] == 0.0 < answer.forces["a:bottom"]["normal_force"]
