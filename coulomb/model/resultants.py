@@ -8,8 +8,9 @@ along the held directions, so that what is left over is the residual at the free
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from ..fem.bodies import Bolt, NodalForces
 from ..fem.contact import Pretension
 from ..fem.meshes import SEPARATOR
 from ..linalg.reductions import Reductions
+from .discrete_problem import DiscreteProblem
 
 
 @dataclass(frozen=True)
@@ -166,41 +168,46 @@ class ForceBalance:
 
 
 def force_balance(
-    loads: Iterable[NodalForces],
-    supports: Iterable[NodalForces],
-    on_body: FloatArray,
-    x: FloatArray,
-    over: Reductions,
-    ground: Sequence[Resultant] = (),
-    bodies: Mapping[str, slice] | None = None,
-    ties: Iterable[NodalForces] = (),
-    of_ties: FloatArray | None = None,
-    motions: Iterable[tuple[str, FloatArray, FloatArray]] = (),
-    bolts: Iterable[Bolt] = (),
+    problem: DiscreteProblem, u: FloatArray, on_body: FloatArray, imbalance: FloatArray, reaction: FloatArray
 ) -> ForceBalance:
-    """Resultants and balance of the forces of loads, supports, contact (k, 3) and elastic foundations (`ground`); of
-    several bodies, with the nodes of each by name, each has the loads and supports whose face names it, and its part of
-    the forces of ties, `of_ties` (k, 3); `motions` are those of the rigid faces, the first of the ties, with their
-    reference points, and `bolts` what is known of the ties that are sections of bolts; collective."""
+    """Resultants and balance of loads, supports, contact and elastic foundations at displacements u (k, 3); of several
+    bodies, each has the loads and supports whose face names it; collective.
+
+    Args:
+        problem: The bodies, supports, ties, and their loads.
+        u: Displacement, metres, shape (k, 3).
+        on_body: Contact forces at the nodes, newtons, shape (k, 3).
+        imbalance: What supports and ties hold, newtons, shape (k, 3).
+        reaction: The part of it that supports hold, newtons, shape (k, 3).
+    """
+    body, time = problem.elasticity, problem.time
+    constraints, members, over, x = body.constraints, body.members, Reductions(problem.comm, body.copies), body.x
+    grounds = [(member, member.body.ground) for member in members if member.body.forms() is not None]
+    terms = [
+        resultant_of_ground(ground, u[member.nodes], member.body.x, over, member.name)
+        for member, ground in grounds
+        if ground is not None
+    ]
+    of_ties = constraints.forces(imbalance, time) if constraints.ties else None
     with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
-        pulling, holding = resultants(loads, x, over), (*resultants(supports, x, over), *ground)
+        pulling = resultants(body.loads_in(problem.loading), x, over)
+        holding = (*resultants(chain(body.shares(reaction), body.spring_forces(u)), x, over), *terms)
         contact = resultants([NodalForces("contact", None, on_body)], x, over)
-        outer = (*pulling, *holding)
-        each = tuple(
-            _balance_of(name, nodes, outer, on_body, x, over, of_ties) for name, nodes in (bodies or {}).items()
-        )
-        tied = resultants(ties, x, over)
+        outer, several = (*pulling, *holding), members if len(members) > 1 else ()
+        each = tuple(_balance_of(one.name, one.nodes, outer, on_body, x, over, of_ties) for one in several)
+        if of_ties is None:
+            return ForceBalance(pulling, holding, balance((*outer, *contact), x, over), each)
+        tied = resultants(constraints.shares(imbalance, time), x, over)
         rigid = tuple(
             RigidFaceMotion(face, p, motion[:3], motion[3:], of.force, of.moment - np.cross(p, of.force))
-            for (face, p, motion), of in zip(motions, tied, strict=False)
+            for (face, p, motion), of in zip(constraints.motions_of_faces(u, time), tied, strict=False)
         )
         sections = (of for of in tied if of.kind == Pretension.kind)
-        screwed = tuple(_bolt_force(bolt, of) for bolt, of in zip(bolts, sections, strict=False))
-        if of_ties is not None:  # those of cyclic symmetry alone do not add up to zero
-            contact += resultants([NodalForces("ties", None, of_ties)], x, over)
-        return ForceBalance(
-            pulling, holding, balance((*outer, *contact), x, over), each, tied[len(rigid) :], rigid, screwed
-        )
+        screwed = tuple(_bolt_force(bolt, of) for bolt, of in zip(constraints.bolts_at(u), sections, strict=False))
+        # those of cyclic symmetry alone do not add up to zero
+        contact += resultants([NodalForces("ties", None, of_ties)], x, over)
+        left = balance((*outer, *contact), x, over)
+        return ForceBalance(pulling, holding, left, each, tied[len(rigid) :], rigid, screwed)
 
 
 def _balance_of(

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ from ..solvers.semismooth_newton import Change, derivatives
 from ..solvers.semismooth_newton import gradient as adjoint
 from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
+from .nodal_answer import NodalAnswer
+from .resultants import force_balance, resultants
 
 
 @dataclass(frozen=True)
@@ -38,15 +41,23 @@ class Sensitivity:
         displacement: Likewise of u, metres, this rank's nodes, shape (k, 3).
         totals: Of each contact by its name derivatives of "force" and "moment" on the body, "normal_force" and
             "friction_force", newtons and newton metres.
+        others: Likewise of "reactions" of supports, "rigid_faces" and "bolts", and of "probes", by their names, as the
+            answer has them; what is empty is left out.
         step: Relative change of the input up to which no contact point opens, closes, sticks or slips anew, to first
             order: so far the answer is linear in it.  In a history, the least of its load steps.
+        border: Number of contact points on the border of two states.  If there are any, or were in a load step before,
+            the derivatives are those as the input grows,
+        falling: and these are those as it falls; else None.
     """
 
     name: str
     contact_force: FloatArray
     displacement: FloatArray
     totals: dict[str, dict[str, Any]]
+    others: dict[str, dict[str, Any]]
     step: float
+    border: int = 0
+    falling: Sensitivity | None = None
 
 
 @dataclass(frozen=True)
@@ -133,15 +144,17 @@ def _refuse(problem: DiscreteProblem) -> None:
 @dataclass(frozen=True)
 class _Input:
     """The change of a problem along the logarithm of an input: bounds of friction in newtons (m,), gaps and the
-    displacements from which slip counts in metres (m, 3), and loads and prescribed displacements, where they change."""
+    displacements from which slip counts in metres (m, 3), and loads and prescribed displacements, where they change;
+    of the stiffness of a spring its number, beside its forces as loads."""
 
     bound: FloatArray | float = 0.0
     c: FloatArray | float = 0.0
     loading: Loading | None = None
+    spring: int | None = None
 
 
 def sensitivities(
-    problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatArray, earlier: Sequence[Sensitivity] = ()
+    problem: DiscreteProblem, x: FloatArray, u: FloatArray, answer: NodalAnswer, earlier: Sequence[Sensitivity] = ()
 ) -> list[Sensitivity]:
     """Of an answer of small strains to friction, given gaps, loads, prescribed displacements and Young's moduli;
     collective.
@@ -150,7 +163,7 @@ def sensitivities(
         problem: The problem,
         x: with the contact forces of its answer, newtons, shape (3 m,),
         u: and the displacement, metres, shape (k, 3).
-        gap: The given gap of every contact point, metres, shape (m,).
+        answer: The same at the contact points.
         earlier: Those of the load step before: slip counts from its displacement.
 
     Raises:
@@ -164,34 +177,105 @@ def sensitivities(
             raise ValueError("the sensitivities of a load step follow from those of the step before: give these")
         if any(isinstance(one.friction, SlipRateFriction | VariableFriction) for one in problem.contacts):
             raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")
-    surface = problem.surface
-    still = _unloaded(problem.loading)
+    inputs = _inputs(problem, x, u, answer.given_gap)
+    inputs |= {one.name: _Input() for one in earlier if one.name not in inputs}
+    rising = _along(problem, inputs, x, answer, {one.name: one for one in earlier}, 1.0)
+    if not rising or not (rising[0].border or any(one.falling for one in earlier)):
+        return rising
+    falling = _along(problem, inputs, x, answer, {one.name: one.falling or one for one in earlier}, -1.0)
+    return [replace(up, falling=down) for up, down in zip(rising, falling, strict=True)]
+
+
+def _along(
+    problem: DiscreteProblem,
+    inputs: Mapping[str, _Input],
+    x: FloatArray,
+    answer: NodalAnswer,
+    earlier: Mapping[str, Sensitivity],
+    sign: float,
+) -> list[Sensitivity]:
+    """Of each of the inputs as it grows (sign 1) or falls (-1); collective."""
+    surface, still = problem.surface, _unloaded(problem.loading)
     without = _with_loading(problem, still)
-    inputs, then = _inputs(problem, x, u, gap), {one.name: one.displacement for one in earlier}
-    inputs |= {name: _Input() for name in then if name not in inputs}
-    posed, changes = [], []
+    posed, changes, origins = [], [], []
     for name, one in inputs.items():
-        loading = one.loading
-        if name in then:
-            loading = _continued(problem, loading or still, then[name])
+        loading, origin = one.loading, np.zeros((len(surface.nodes), 3)) + one.c
+        if name in earlier:
+            loading = _continued(problem, loading or still, earlier[name].displacement)
+            origin[:, 1:] += surface.rows(earlier[name].displacement)[:, 1:]
         changed = without if loading is None else _with_loading(problem, loading)
-        closing = (changed.b - without.b).reshape(-1, 3) - one.c
-        if name in then:
-            closing[:, 1:] -= surface.rows(then[name])[:, 1:]
         e = [np.zeros(0) if each.state.rigid is None else each.state.rigid.e for each in (changed, without)]
-        changes.append(Change(closing.ravel(), np.zeros(len(closing)) + one.bound, e[0] - e[1]))
+        closing = (changed.b - without.b).reshape(-1, 3) - origin
+        bound = np.zeros(len(origin)) + one.bound
+        changes.append(Change(sign * closing.ravel(), sign * bound, sign * (e[0] - e[1])))
         posed.append(changed)
-    known = {one.name: one.step for one in earlier}
-    return [
-        Sensitivity(
-            name,
-            one.x,
-            changed.moved(changed.displacement(one.x), one.alpha),
-            _totals(problem, x, one.x),
-            min(one.step, known.get(name, np.inf)),
+        origins.append(origin)
+    found = []
+    for (name, one), changed, origin, owed in zip(
+        inputs.items(), posed, origins, derivatives(problem.friction_problem, x, changes), strict=True
+    ):
+        dx = sign * owed.x
+        du = changed.moved(changed.displacement(dx), sign * owed.alpha)
+        others = _others(changed, one, dx, du, answer, origin)
+        step = min(owed.step, earlier[name].step if name in earlier else np.inf)
+        found.append(Sensitivity(name, dx, du, _totals(problem, x, dx), others, step, owed.border))
+    return found
+
+
+def _others(
+    changed: DiscreteProblem, given: _Input, dx: FloatArray, du: FloatArray, answer: NodalAnswer, origin: FloatArray
+) -> dict[str, dict[str, Any]]:
+    """As the attribute of `Sensitivity`, of the derivative of forces (3 m,) and displacements (k, 3) along an input, of
+    which `origin` (m, 3) is what slip counts from; collective."""
+    body, on_points, time, surface = changed.elasticity, dx.reshape(-1, 3), changed.time, changed.surface
+    imbalance = body.internal_force(du) - body.spring_force(du) - changed.loading.load + surface.at_nodes(dx)
+    none, constraints = np.zeros_like(du), body.constraints
+    of_ties = constraints.forces(imbalance, time)
+    if given.loading is None or not np.any(given.loading.tension):
+        of_ties = of_ties - constraints.forces(none, time)  # the forces of bolts are given
+    reaction = body.held.held_part(imbalance - of_ties)
+    springs = list(body.spring_forces(du))
+    if given.spring is not None:
+        springs[given.spring] = replace(
+            springs[given.spring], forces=springs[given.spring].forces + changed.loading.load
         )
-        for name, changed, one in zip(inputs, posed, derivatives(problem.friction_problem, x, changes), strict=True)
-    ]
+    of = resultants(chain(body.shares(reaction), springs), body.x, Reductions(changed.comm, body.copies))
+    here = replace(answer, force=on_points, displacement=surface.rows(du), slip_origin=origin)
+    probes = changed.body.probes.values(du, here, surface.nodes)
+    entries: dict[str, dict[str, dict[str, Any]]] = {
+        "reactions": {one.name: {"force": one.force, "moment": one.moment} for one in of},
+        "probes": {
+            one.name: {"displacement": one.displacement, "slip": one.slip, "pressure": one.pressure} for one in probes
+        },
+    }
+    if constraints.ties:
+        tied, still = (force_balance(changed, of, none, left, none) for of, left in ((du, imbalance), (none, none)))
+        loading = given.loading  # what is given stays, but where it is the input
+        pulled, moved = (
+            float(loading is None or not np.any(of)) for of in (loading and loading.tension, loading and loading.apart)
+        )
+        entries["bolts"] = {
+            one.face: {"force": one.force - pulled * at.force, "shortening": one.shortening - moved * at.shortening}
+            for one, at in zip(tied.bolts, still.bolts, strict=True)
+        }
+        entries["rigid_faces"] = {
+            one.face: {
+                name: getattr(one, name) - moved * getattr(at, name)
+                for name in ("translation", "rotation", "force", "moment")
+            }
+            for one, at in zip(tied.rigid_faces, still.rigid_faces, strict=True)
+        }
+    return {kind: {name: _plain(one) for name, one in of_kind.items()} for kind, of_kind in entries.items() if of_kind}
+
+
+def _entry(one: Sensitivity) -> dict[str, Any]:
+    step = one.step if np.isfinite(one.step) else None
+    return {"input": one.name, "totals": one.totals, **one.others, "step": step, "border": one.border}
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """With lists in place of arrays."""
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
 
 
 def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping[str, float]) -> dict[str, Any]:
@@ -200,8 +284,7 @@ def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping
     names of no input that has not been 0 so far."""
     entries: dict[str, Any] = {
         "sensitivity": [
-            {"input": one.name, "totals": one.totals, "step": one.step if np.isfinite(one.step) else None}
-            for one in found
+            {**_entry(one), "falling": _entry(one.falling)} if one.falling else _entry(one) for one in found
         ]
     }
     if isinstance(tolerances, bool):
@@ -270,6 +353,9 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
         put("prescribed displacements", _Input(loading=replace(loading, load=still.load, tension=still.tension)))
     if loading.tension is not None and np.any(loading.tension):
         put("pretension", _Input(loading=replace(still, tension=loading.tension)))
+    for number, spring in enumerate(body.spring_forces(u)):
+        place = "" if spring.face is None else f" on {spring.face!r}"
+        put(f"stiffness of the spring{place}", _Input(loading=replace(still, load=spring.forces), spring=number))
     for member, part in zip(body.members, loading.parts or [loading], strict=True):
         if member.body.materials is None:
             continue

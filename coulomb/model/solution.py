@@ -6,7 +6,6 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ from .heat import Heat
 from .nodal_answer import NodalAnswer
 from .overlap import deformations
 from .probes import LocatedProbes, Probe, ProbeValue
-from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion, force_balance, resultant_of_ground
+from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion, force_balance
 from .sensitivity import Gradient, Sensitivity, gradient, sensitivities
 from .small_strain import SmallStrain, small_strain
 from .stability import Stability
@@ -205,23 +204,9 @@ class Solution:
     @cached_property
     def force_balance(self) -> ForceBalance:
         """Resultants of all loads and supports, and the balance of all forces; collective."""
-        problem, u = self.problem, self.displacement
-        body, on_body = problem.elasticity, -problem.surface.at_nodes(self.contact_force)
-        imbalance, constraints = self._imbalance, body.constraints
-        of_ties = constraints.forces(imbalance, problem.time)
-        supports = chain(body.shares(self._reaction), body.spring_forces(u))
-        over, members = Reductions(problem.comm, body.copies), body.members
-        grounds = [(member, member.body.ground) for member in members if member.body.forms() is not None]
-        terms = [
-            resultant_of_ground(ground, u[member.nodes], member.body.x, over, member.name)
-            for member, ground in grounds
-            if ground is not None
-        ]
-        each = {member.name: member.nodes for member in members} if len(members) > 1 else {}
-        moved = (constraints.motions_of_faces(u, problem.time), constraints.bolts_at(u))
-        ties = (constraints.shares(imbalance, problem.time), of_ties, *moved) if constraints.ties else ()
-        found = force_balance(body.loads_in(problem.loading), supports, on_body, body.x, over, terms, each, *ties)
-        return replace(found, loaded_foundations=motions_of(problem.state.loaded, self.at_nodes))
+        on_body = -self.problem.surface.at_nodes(self.contact_force)
+        found = force_balance(self.problem, self.displacement, on_body, self._imbalance, self._reaction)
+        return replace(found, loaded_foundations=motions_of(self.problem.state.loaded, self.at_nodes))
 
     @property
     def loads(self) -> tuple[Resultant, ...]:
@@ -333,7 +318,7 @@ class Solution:
             ValueError: In large motions, with heat, with friction that depends on the slip rate, or in a load step
                 without those of the step before.
         """
-        return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes.given_gap, earlier)
+        return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes, earlier)
 
     def gradient(self, contact_force: FloatArray | None = None, displacement: FloatArray | None = None) -> Gradient:
         """What a function J of the answer owes to friction, gaps, loads and Young's modulus of every point, node and

@@ -20,6 +20,7 @@ measured did not converge without shorter steps (docs/measurements.md).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -68,6 +69,16 @@ class ContactEquations:
     d_n: FloatArray
     d_t: FloatArray
 
+    @cached_property
+    def rho_t(self) -> FloatArray:
+        """1/d_t where there is friction to be found, else 0, shape (m,)."""
+        found: FloatArray = np.where(self.frictional, 1.0 / np.where(self.frictional, self.d_t, 1.0), 0.0)
+        return found
+
+    def pressed(self, x: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """p = x - w/d, along n (m,) and along the tangents (m, 2)."""
+        return x[:, 0] - w[:, 0] / self.d_n, x[:, 1:] - self.rho_t[:, None] * w[:, 1:]
+
     def opened(self, x: FloatArray, w: FloatArray) -> FloatArray:
         """Forces x with exactly the lower bound at nodes that are open, and no friction where there it has no bound;
         newtons and metres, shapes (m, 3)."""
@@ -78,19 +89,26 @@ class ContactEquations:
         return after
 
     def nearest_change(
-        self, x: FloatArray, w: FloatArray, dx: FloatArray, dw: FloatArray, bound: FloatArray, over: Reductions
+        self,
+        x: FloatArray,
+        w: FloatArray,
+        dx: FloatArray,
+        dw: FloatArray,
+        bound: FloatArray,
+        over: Reductions,
+        border: npt.NDArray[np.bool_],
     ) -> float:
         """The least factor t for which a node of x + t dx, w + t dw, with bounds r + t `bound` (m,), is on the border
-        of two states to first order, shapes (m, 3); inf if none ever is; collective."""
-        p_n, dp_n = x[:, 0] - w[:, 0] / self.d_n - self.lower, dx[:, 0] - dw[:, 0] / self.d_n
-        rho = np.where(self.frictional, 1.0 / np.where(self.frictional, self.d_t, 1.0), 0.0)[:, None]
-        p, dp = x[:, 1:] - rho * w[:, 1:], dx[:, 1:] - rho * dw[:, 1:]
+        of two states to first order, shapes (m, 3), beside those that are there (`border`, shape (m,)); inf if none
+        ever is; collective."""
+        (p_n, p), (dp_n, dp) = self.pressed(x, w), self.pressed(dx, dw)
+        p_n = p_n - self.lower
         length = np.hypot(p[:, 0], p[:, 1])
-        rubbing = self.frictional & (p_n > 0.0) & (length > 0.0)
+        rubbing = self.frictional & (p_n > 0.0) & (length > 0.0) & ~border
         way = np.einsum("ka,ka->k", p, dp) / np.where(length > 0.0, length, 1.0)
         way -= self.law.slope(x[:, 0]) * dx[:, 0] + bound
-        margins = np.concatenate([p_n, (length - self.law.radius(x[:, 0]))[rubbing]])
-        rates = np.abs(np.concatenate([dp_n, way[rubbing]]))
+        margins = np.concatenate([p_n[~border], (length - self.law.radius(x[:, 0]))[rubbing]])
+        rates = np.abs(np.concatenate([dp_n[~border], way[rubbing]]))
         steps = np.abs(margins[rates > 0.0]) / rates[rates > 0.0]
         return over.min(np.append(steps, np.inf))
 
@@ -100,13 +118,13 @@ class ContactEquations:
         P: FloatArray = np.zeros((m, 3, 3))
         Q: FloatArray = np.zeros((m, 3, 3))
         value: FloatArray = np.empty((m, 3))
-        rho_n, rho_t = 1.0 / self.d_n, np.where(self.frictional, 1.0 / np.where(self.frictional, self.d_t, 1.0), 0.0)
-        closed = x[:, 0] - rho_n * w[:, 0] > self.lower
+        rho_n, rho_t = 1.0 / self.d_n, self.rho_t
+        p_n, p = self.pressed(x, w)
+        closed = p_n > self.lower
         value[:, 0] = np.where(closed, rho_n * w[:, 0], x[:, 0] - self.lower)
         P[:, 0, 0], Q[:, 0, 0] = np.where(closed, 0.0, 1.0), np.where(closed, rho_n, 0.0)
 
         x_t = x[:, 1:]
-        p = x_t - rho_t[:, None] * w[:, 1:]
         r = np.where(self.frictional, self.law.radius(x[:, 0]), 0.0)
         length, size = np.hypot(p[:, 0], p[:, 1]), np.hypot(x_t[:, 0], x_t[:, 1])
         sticks, slips = (length <= r) & (r > 0.0), (length > r) & (r > 0.0)

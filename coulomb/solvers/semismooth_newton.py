@@ -27,6 +27,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..linalg.compliance import CarryingKrylov, ConstraintPreconditioner, Constraints, LowRankApproximation, NodalMap
+from .border import Border
 from .contact_equations import ContactDerivative, ContactEquations
 from .contact_preconditioner import ContactPreconditioner
 from .driver import Answer, drive, result_of
@@ -44,6 +45,15 @@ _LOOSEST: Final = 0.01
 
 _SPARE: Final = 0.1
 """Error of each product of such a system over the residual allowed at its end."""
+
+_DECIDED: Final = 1e-9
+_TIMES: Final = 10.0
+"""A node is on the border of two states if these are apart by less than this part of its force, and than this times the
+largest residual of a node."""
+
+_ATTEMPTS: Final = 30
+_SETTLED: Final = 1e-6
+"""Choices of the states of nodes on a border, and the change of an equation up to which they are found."""
 
 _SLIGHT: Final = 1e-3
 """Derivative of the forces over these below which its accuracy is absolute: some are rounding errors."""
@@ -114,6 +124,7 @@ class _Iteration:
         self._x: FloatArray
         self._A_x: FloatArray
         self._alpha: FloatArray
+        self._at: ContactDerivative
         self._over, self._a, m = problem.reductions, problem.mean_diagonal, problem.A.nodes
         self._T: FloatArray = np.empty((0, 0))
         self._e: FloatArray = NO_MOTION
@@ -183,20 +194,45 @@ class _Iteration:
         w, known, slope = self._w(self._A_x, self._alpha), self._problem.known_slip, self._problem.law.slope(x[0::3])
         krylov = self._krylov = self._new_krylov(self._looser_product)
         try:
+            border = self._border(w)
+            points = round(self._over.sum(border.points.astype(np.float64)))
             found = []
             for change in changes:
-                closing = change.b.reshape(-1, 3) / a
-                rhs = np.einsum("iab,ib->ia", self._at.Q, closing)
-                rhs[:, 1:] += np.where(self._at.status == 2, change.bound, 0.0)[:, None] * slips
                 loads = self._T @ change.e if len(self._e) else NO_MOTION
-                dx, A_dx, dalpha = self._solved_for(rhs, loads)
-                dw = self._constraints.without(A_dx - closing, dalpha)
+                dx, dw, dalpha, settled = self._along(border, slips, change.b.reshape(-1, 3) / a, change.bound, loads)
                 dx[known, 1:] = ((slope * dx[:, 0] + change.bound)[:, None] * slips)[known]
-                step = self._equations.nearest_change(self._x, w, dx, dw, change.bound, self._over)
-                found.append(Derivative(dx.ravel(), self._motion(dalpha), step))
+                step = self._equations.nearest_change(self._x, w, dx, dw, change.bound, self._over, border.points)
+                found.append(Derivative(dx.ravel(), self._motion(dalpha), step if settled else 0.0, points))
             return found
         finally:
             krylov.free()
+
+    def _border(self, w: FloatArray) -> Border:
+        """The points whose state is not decided by the answer, as accurately as it is known; collective."""
+        scale = self._scale()
+        left = self._over.max(np.linalg.norm(self._at.value, axis=1) / scale)
+        return Border.found(self._equations, self._at, self._x, w, max(_DECIDED, _TIMES * left) * scale)
+
+    def _along(
+        self, border: Border, slips: FloatArray, closing: FloatArray, bound: FloatArray, loads: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
+        """dx, dw and dalpha along a change of b (m, 3), the bound (m,) and loads along motions, and whether the states
+        of points on a border have been found; collective."""
+        answer: ContactDerivative = self._at
+        of_bound = np.where(answer.status == 2, bound, 0.0)[:, None] * slips
+        for _ in range(_ATTEMPTS):
+            rhs = np.einsum("iab,ib->ia", self._at.Q, closing)
+            rhs[:, 1:] += of_bound
+            dx, A_dx, dalpha = self._solved_for(rhs, loads)
+            dw = self._constraints.without(A_dx - closing, dalpha)
+            at, turned = border.along(dx, dw, bound)
+            other = np.any(at.status != self._at.status) or np.any(np.abs(at.P - self._at.P) > _SETTLED)
+            settled = not self._over.any(bool(other))
+            if settled:
+                break
+            self._at, of_bound = at, np.where(border.rubbing[:, None], turned, of_bound)
+        self._at = answer
+        return dx, dw, dalpha, settled
 
     def gradient(self, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray) -> Change:
         """As of the function `gradient`; collective.
@@ -417,12 +453,15 @@ class Derivative:
         x: Of the forces, newtons, shape (3 m,).
         alpha: Of the rigid motions, shape (q,).
         step: Change of the parameter up to which, to first order, no node opens, closes, sticks or slips anew; the
-            derivative is that of a smooth function in between.  0 where a node is on the border of two states.
+            derivative is that of a smooth function in between.  0 if the states of nodes on a border were not found.
+        border: Number of nodes on the border of two states in all; if there are any, x and alpha are those as the
+            parameter grows, and the opposite change has another derivative.
     """
 
     x: FloatArray
     alpha: FloatArray
     step: float
+    border: int
 
 
 def derivatives(problem: FrictionProblem, x: FloatArray, changes: Sequence[Change]) -> list[Derivative]:

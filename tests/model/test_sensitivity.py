@@ -271,3 +271,105 @@ def test_along_the_motion_of_a_plane():
     (along,) = (one.contact_force for one in found if one.name == "motion of the foundation of 'bottom'")
     more, less = ([step.solution.contact_force for step in steps(1.0 + h)][-1] for h in (1e-4, -1e-4))
     assert along == pytest.approx((more - less) / 2e-4, abs=1e-7 * np.linalg.norm(along))
+
+
+def sprung(stiffness=1.0, pushed=1.0, young=1.0):
+    """A block on springs, held on one side, with probes."""
+    return coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)),
+        coulomb.Material(1e9 * young, 0.3),
+        [coulomb.PrescribedDisplacement("left", (1e-3, 0.0, 1e-4))],
+        coulomb.Contact("bottom", friction=0.3),
+        [coulomb.Pressure("top", 1e7 * pushed)],
+        springs=[coulomb.Spring("right", (2e8 * stiffness, 3e8 * stiffness, 1e8 * stiffness))],
+        probes=[coulomb.Probe("above", (0.5, 0.5, 0.5)), coulomb.Probe("below", (0.9, 0.4, 0.0))],
+    )
+
+
+def turned(pushed=1.0, moved=1.0, young=1.0):
+    """A block with a rigid side, of which a motion is given."""
+    return coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)),
+        coulomb.Material(1e9 * young, 0.3),
+        [],
+        coulomb.Contact("bottom", friction=0.3),
+        [coulomb.TotalForce("top", (0.5e5 * pushed, 0.0, -1e6 * pushed))],
+        rigid_faces=[coulomb.RigidFace("right", translation=(1e-4 * moved, None, None))],
+    )
+
+
+def bolted(force=1.0, young=1.0):
+    """Two blocks on each other, tightened by a section between them."""
+    upper = coulomb.moved(coulomb.box((0.3, 0.3, 0.4), (2, 2, 2)), translate=(0.1, 0.1, 0.5))
+    return coulomb.ContactProblem(
+        coulomb.join(low=coulomb.box((0.5, 0.5, 0.5), (3, 3, 2)), up=upper),
+        {"low": coulomb.Material(2e11, 0.3), "up": coulomb.Material(2e11 * young, 0.3)},
+        [coulomb.PrescribedDisplacement("up:top", (1e-5, 0.0, 0.0))],
+        coulomb.Contact("low:bottom", friction=0.3),
+        [coulomb.TotalForce("low:right", (1e3, 0.0, -2e3))],
+        ties=[coulomb.Pretension("up:bottom", "low:top", force=-1e5 * force)],
+    )
+
+
+def other_totals(answer):
+    """Of reactions, probes, bolts and rigid faces, by kind, name and what it is."""
+    kinds = {"reactions": answer.reactions, "bolts": answer.bolts, "rigid_faces": answer.rigid_faces}
+    named = [(kind, getattr(one, "name", None) or one.face, one) for kind, some in kinds.items() for one in some]
+    named += [("probes", one.name, one) for one in answer.probes]
+    wanted = ("force", "moment", "translation", "rotation", "shortening", "displacement", "slip", "pressure")
+    found = {(k, name, of): getattr(one, of, None) for k, name, one in named for of in wanted}
+    return {key: np.asarray(value, dtype=float) for key, value in found.items() if value is not None}
+
+
+@pytest.mark.parametrize(
+    "make, inputs",
+    [
+        (sprung, {"stiffness of the spring on 'right'": "stiffness", "pressure on 'top'": "pushed", "young": "young"}),
+        (turned, {"total force on 'top'": "pushed", "prescribed displacements": "moved", "young": "young"}),
+        (bolted, {"pretension": "force", "young of 'up'": "young"}),
+    ],
+)
+def test_reactions_probes_bolts_and_rigid_faces_are_those_of_central_differences(make, inputs):
+    answer = make().solve(tolerance=1e-12)
+    values, by, h = other_totals(answer), {one.name: one for one in answer.sensitivities()}, 1e-4
+    assert values
+    for name, key in inputs.items():
+        assert by[name].step > h
+        more, less = (other_totals(make(**{key: 1.0 + d}).solve(tolerance=1e-12)) for d in (h, -h))
+        for kind, called, of in values:
+            found = np.asarray(by[name].others[kind][called][of])
+            size = max(np.abs(one).max() for (k, _, o), one in values.items() if (k, o) == (kind, of))
+            difference = (more[kind, called, of] - less[kind, called, of]) / (2.0 * h)
+            least = 1e-6 if of == "moment" else 1e-9  # moments about points where they are 0
+            assert found == pytest.approx(difference, abs=1e-5 * size + least), (name, kind, called, of)
+
+
+def test_at_the_border_of_two_states_each_direction_has_its_own():
+    """A contact point sticks exactly at its bound, and others touch without a force: along each input, answers on
+    either side."""
+
+    def sheared(friction=10.0, pressed=1.0, sheared=1.0):
+        return coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 0.5), (3, 2, 2)),
+            coulomb.Material(1e9, 0.3),
+            [coulomb.PrescribedDisplacement("top", (2e-3 * sheared, 0.0, -4e-3))],
+            coulomb.Contact("bottom", friction=friction),
+            [coulomb.Pressure("right", 1e7 * pressed)],
+        ).solve(tolerance=1e-13)
+
+    x = sheared().contact_force.reshape(-1, 3)
+    bound = float(np.max(np.hypot(x[:, 1], x[:, 2]) / x[:, 0]))
+    answer = sheared(friction=bound)
+    inputs = {"friction of 'bottom'": ("friction", bound), "pressure on 'right'": ("pressed", 1.0)}
+    inputs["prescribed displacements"] = "sheared", 1.0
+    found = {one.name: one for one in answer.sensitivities()}
+    apart = 0.0
+    for name in ("friction of 'bottom'", "pressure on 'right'"):
+        one, (key, value) = found[name], inputs[name]
+        assert one.border > 0 and one.falling is not None
+        for side, h in ((one, 1e-4), (one.falling, -1e-4)):
+            assert side.step > 1e-4
+            change = (sheared(**{"friction": bound, key: value * (1.0 + h)}).contact_force - answer.contact_force) / h
+            assert side.contact_force == pytest.approx(change, abs=1e-3 * np.linalg.norm(change) + 1.0), (name, h)
+        apart = max(apart, float(np.linalg.norm(one.contact_force - one.falling.contact_force)))
+    assert apart > 1e-2 * np.linalg.norm(found["friction of 'bottom'"].falling.contact_force) > 0.0
