@@ -105,17 +105,21 @@ class HistoryTable(Table):
 class OutputTable(Table):
     """Directory of the results, and whether to write a picture and the report, and to estimate the error of the mesh:
     error bars of all totals.  `format` are the files of the fields, `sensitivity` derivatives of totals; a table of
-    relative tolerances of inputs, by the names that it prints, adds what they make uncertain together."""
+    relative tolerances of inputs, by the names that it prints, adds what they make uncertain together; `verify`
+    compares each with answers of the changed case."""
 
     directory: FileName = "results"
     picture: bool = True
     report: bool = False
     error: bool = False
     sensitivity: bool | dict[str, Annotated[float, Field(gt=0.0, allow_inf_nan=False)]] = False
+    verify: bool = False
     format: tuple[Literal["xdmf", "vtkhdf", "csv", "frd"], ...] = ("xdmf",)
 
     @model_validator(mode="after")
     def _with_xdmf(self) -> OutputTable:
+        if self.verify and not self.sensitivity:
+            raise ValueError("verify is about sensitivity: give both")
         if "xdmf" not in self.format:
             raise ValueError('format must have "xdmf", which coulomb check reads: ["xdmf", "vtkhdf"]')
         return self

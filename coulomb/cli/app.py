@@ -90,6 +90,9 @@ def run(
         bool,
         typer.Option("--sensitivity", help="What inputs do to forces, as output.sensitivity = true."),
     ] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Compare sensitivities with answers of the changed case.")
+    ] = False,
     refine_to: Annotated[
         str | None,
         typer.Option("--refine-to", help="Refine the mesh until the error bars are this part of the totals, as 2%."),
@@ -115,6 +118,7 @@ def run(
     with opened(quiet, log_file) as session:
         with bad_input():
             asked = {"output.report=true": page, "output.error=true": error, "output.sensitivity=true": sensitivity}
+            asked["output.verify=true"] = verify
             file, there = recorded(case)
             more = [change for change, given in asked.items() if given]
             settings = case_of(file, [*(changes or ()), *more], ignored, session.console)

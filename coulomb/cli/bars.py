@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
+from typing import Any, Final
 
+from ..arrays import FloatArray
 from ..case.case import Case
+from ..case.scaled import NotScaled, scaled
 from ..io.error_bars import ComparisonHistories, error_of
 from ..io.other_meshes import NoErrorBars
+from ..linalg.reductions import Reductions
+from ..model.load_history import StepFailed
 from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.provenance import timed
 from ..model.sensitivity import Sensitivity, sensitivity_entries
 from ..model.solution import Solution
+from ..solvers.results import NotConverged
 from .console import errors
 from .session import Session
 from .terminal import Display
@@ -49,9 +56,10 @@ def bars_of_steps(session: Session, settings: Case, problem: ContactProblem) -> 
 
 class Sensitivities:
     """Gives the entries of sensitivities in the summary of one load step after the other, if they are asked for; a
-    warning says why not, once."""
+    warning says why not, once.  With `output.verify` each is compared with answers of the changed case, at the end."""
 
     def __init__(self, settings: Case):
+        self._settings = settings
         self._asked, self._found = settings.output.sensitivity, list[Sensitivity]()
 
     def of(self, solution: Solution) -> dict[str, Any]:
@@ -60,11 +68,66 @@ class Sensitivities:
         try:
             with timed(solution.problem.seconds, "sensitivity"):
                 self._found = solution.sensitivities(self._found)
-            return sensitivity_entries(self._found, self._asked)
+            entries = sensitivity_entries(self._found, self._asked)
         except ValueError as reason:
             errors.out(f"warning: output.sensitivity: {reason}")
             self._asked = False
             return {}
+        history = self._settings.history
+        if self._settings.output.verify and (history is None or solution.time >= history.ends[-1]):
+            for one, entry in zip(self._found, entries["sensitivity"], strict=True):
+                entry["verified"] = found = _verified(self._settings, solution, one)
+                if found["passed"] is False:
+                    errors.out(f"warning: the sensitivity to {one.name}: {found['words']}")
+        return entries
+
+
+_FARTHEST: Final = 0.01
+_NEAREST: Final = 1e-6
+"""The change of an input by which its derivative is verified, of which half the step to the next border is taken; and
+the least."""
+
+_SECOND: Final = 1.8
+"""Order of the remainder from which it counts as of second order."""
+
+_ACCURACY: Final = 1e-10
+_OF_ANSWER: Final = 1e-7
+"""Tolerance of the answers compared, and remainder over the forces up to which these are linear."""
+
+
+def _verified(settings: Case, solution: Solution, one: Sensitivity) -> dict[str, Any]:
+    """The Taylor test of a derivative of the contact forces: what two answers of the changed case leave over after it,
+    which falls with the square of the change; collective."""
+    h = min(_FARTHEST, 0.5 * one.step)
+    if h < _NEAREST:
+        return {"passed": None, "words": "not verified: a contact point changes its state too soon"}
+    over, left, size = Reductions(solution.problem.comm), list[float](), 0.0
+    try:
+        for change in (h, 0.5 * h):
+            after = _answer_of(scaled(settings, one.name, 1.0 + change), solution)
+            left.append(over.norm(after - solution.contact_force - change * one.contact_force))
+            size = max(size, over.norm(after))
+    except NotScaled as reason:
+        return {"passed": None, "words": f"not verified: {reason}"}
+    except (NotConverged, StepFailed) as failure:
+        return {"passed": None, "words": f"not verified: {failure}"}
+    of_answer, percent = left[0] / (size or 1.0), f"{100.0 * h:.2g} %"
+    order = math.log2(left[0] / left[1]) if left[1] > 0.0 else math.inf
+    found = {"change": h, "remainder": of_answer, "order": order if math.isfinite(order) else None}
+    if of_answer <= _OF_ANSWER:
+        return {**found, "passed": True, "words": f"verified: linear to {of_answer:.0e} up to {percent}"}
+    words = f"{of_answer:.1e} of the forces is left over at {percent}, of order {order:.2f}"
+    passed = order >= _SECOND
+    return {**found, "passed": passed, "words": f"{'verified' if passed else 'NOT VERIFIED'}: {words}"}
+
+
+def _answer_of(case: Case, like: Solution) -> FloatArray:
+    """The contact forces of a case at the time of an answer; collective."""
+    problem, tolerance = case.problem(like.problem.comm), min(case.solver.tolerance, _ACCURACY)
+    if case.history is None:
+        return problem.solve(tolerance, case.contact_solver()).contact_force
+    *_, last = replace(case.load_history(), tolerance=tolerance).steps(problem)
+    return last.solution.contact_force
 
 
 def error_bars(session: Session, settings: Case, solution: Solution) -> dict[str, Any]:

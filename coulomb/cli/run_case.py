@@ -211,10 +211,11 @@ def _write_and_report(
     stopped = session.interruption
     try:
         extra = {"message": trouble, **({"mesh_files": files} if files else {}), **bars}
-        if not trouble:
-            extra |= Sensitivities(settings).of(solution)
         contents = _write(session, solution, target, extra, settings, mesh)
-        if asked and (bars := error_bars(session, settings, solution)):  # the answer is safe
+        if not trouble and (owed := Sensitivities(settings).of(solution)):  # the answer is safe
+            extra |= owed
+            contents = _write(session, solution, target, extra, settings, mesh)
+        if asked and (bars := error_bars(session, settings, solution)):
             problem.seconds["total"] = time.perf_counter() - session.began
             contents = _write(session, solution, target, extra | bars, settings)
         if settings.output.picture and not stopped.asked():

@@ -265,9 +265,6 @@ def show_error_bars(console: Console, contents: dict[str, Any], tolerance: float
     warn(*(contents.get("error") or {}).get("warnings", ()))
 
 
-_BORDER: Final = 1e-7
-"""Step of an input below which a contact point is on a border."""
-
 _NOTHING: Final = 1e-10
 """Change of a force over the largest that is a rounding error."""
 
@@ -285,19 +282,42 @@ def show_sensitivity(console: Console, contents: dict[str, Any]) -> None:
         least = {"N": _NOTHING * max(np.hypot(row["normal_force"], row["friction_force"]) for _, row in totals)}
         console.out(f"1 % more of an input does to the forces of {face!r} (to first order, and up to where):")
         for one, total in totals[:_LINES]:
-            both = (0.01 * total[name] for name in ("normal_force", "friction_force"))
-            words = [plain(quantity(value, "N", accuracy=least)) for value in both]
-            normal, friction = (word if word[0] in "-0" else f"+{word}" for word in words)
             step = "any change" if one["step"] is None else f"up to {100.0 * one['step']:.2g} %"
-            if one["step"] is not None and one["step"] < _BORDER:
-                step = "one-sided: a contact point is on the border of two states"
-            console.out(f"  {one['input']:<30} normal {normal:<12} friction {friction:<12} {step}")
+            if "falling" in one:
+                step += f", {one['border']} contact points on the border of two states"
+            console.out(f"  {one['input']:<30} {_both(total, 0.01, least)} {step}")
+            if "falling" in one:
+                console.out(f"  {'  1 % less':<30} {_both(one['falling']['totals'][face], -0.01, least)}".rstrip())
         if len(totals) > _LINES:
             console.out(f"  and {len(totals) - _LINES} more, in summary.json")
         if bars := contents.get("input_bars"):
             both = (plain(quantity(bars[face][name], "N", 2)) for name in ("normal_force", "friction_force"))
             normal, friction = (f"+- {value}" for value in both)
             console.out(f"  {'with the tolerances given':<30} normal {normal:<12} friction {friction}")
+    for kind, called, of, unit in _OTHERS:
+        for name in entries[0].get(kind, ()) if entries else ():
+            rows = [(0.01 * np.atleast_1d(one[kind][name][of]), one["input"]) for one in entries]
+            rows.sort(key=lambda row: -float(np.linalg.norm(row[0])))
+            accuracy = {unit: _NOTHING * float(np.linalg.norm(rows[0][0]))}
+            console.out(f"and to the {of} of {called} {name!r}:")
+            for change, given in rows[:_LINES]:
+                of_one = vector(change, unit, accuracy=accuracy) if len(change) > 1 else quantity(change[0], unit)
+                console.out(f"  {given:<30} {plain(of_one)}")
+    for one in entries:
+        if "verified" in one:
+            console.out(f"  {one['input']:<30} {one['verified']['words']}")
+
+
+_OTHERS: Final = (("bolts", "bolt", "force", "N"), ("probes", "probe", "displacement", "m"))
+"""What the terminal shows beside the forces of contacts."""
+
+
+def _both(total: dict[str, float], part: float, least: dict[str, float]) -> str:
+    """The change of the normal force and of the friction force of a contact by a part of an input, with its sign."""
+    both = (part * total[name] for name in ("normal_force", "friction_force"))
+    words = [plain(quantity(value, "N", accuracy=least)) for value in both]
+    normal, friction = (word if word[0] in "-0" else f"+{word}" for word in words)
+    return f"normal {normal:<12} friction {friction:<12}"
 
 
 def forces_in_a_step(row: dict[str, Any], least: float) -> str:

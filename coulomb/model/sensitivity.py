@@ -229,17 +229,21 @@ def _others(
     which `origin` (m, 3) is what slip counts from; collective."""
     body, on_points, time, surface = changed.elasticity, dx.reshape(-1, 3), changed.time, changed.surface
     imbalance = body.internal_force(du) - body.spring_force(du) - changed.loading.load + surface.at_nodes(dx)
-    none, constraints = np.zeros_like(du), body.constraints
+    none, constraints, over = np.zeros_like(du), body.constraints, Reductions(changed.comm, body.copies)
     of_ties = constraints.forces(imbalance, time)
-    if given.loading is None or not np.any(given.loading.tension):
-        of_ties = of_ties - constraints.forces(none, time)  # the forces of bolts are given
+    pulled, moved = (  # forces of bolts and motions are given, but where they are the input
+        over.any(of is not None and bool(np.any(of)))
+        for of in ((None, None) if given.loading is None else (given.loading.tension, given.loading.apart))
+    )
+    if not pulled:
+        of_ties = of_ties - constraints.forces(none, time)
     reaction = body.held.held_part(imbalance - of_ties)
     springs = list(body.spring_forces(du))
     if given.spring is not None:
         springs[given.spring] = replace(
             springs[given.spring], forces=springs[given.spring].forces + changed.loading.load
         )
-    of = resultants(chain(body.shares(reaction), springs), body.x, Reductions(changed.comm, body.copies))
+    of = resultants(chain(body.shares(reaction), springs), body.x, over)
     here = replace(answer, force=on_points, displacement=surface.rows(du), slip_origin=origin)
     probes = changed.body.probes.values(du, here, surface.nodes)
     entries: dict[str, dict[str, dict[str, Any]]] = {
@@ -250,17 +254,13 @@ def _others(
     }
     if constraints.ties:
         tied, still = (force_balance(changed, of, none, left, none) for of, left in ((du, imbalance), (none, none)))
-        loading = given.loading  # what is given stays, but where it is the input
-        pulled, moved = (
-            float(loading is None or not np.any(of)) for of in (loading and loading.tension, loading and loading.apart)
-        )
         entries["bolts"] = {
-            one.face: {"force": one.force - pulled * at.force, "shortening": one.shortening - moved * at.shortening}
+            one.face: {"force": one.force - (0.0 if pulled else at.force), "shortening": one.shortening}
             for one, at in zip(tied.bolts, still.bolts, strict=True)
         }
         entries["rigid_faces"] = {
             one.face: {
-                name: getattr(one, name) - moved * getattr(at, name)
+                name: getattr(one, name) - (0.0 if moved else getattr(at, name))
                 for name in ("translation", "rotation", "force", "moment")
             }
             for one, at in zip(tied.rigid_faces, still.rigid_faces, strict=True)

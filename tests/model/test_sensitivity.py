@@ -1,6 +1,7 @@
 """Derivatives of answers along their inputs: against differences of answers, formulas, and on the command line."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -153,15 +154,83 @@ def test_on_the_command_line_and_where_it_is_refused(tmp_path):
         '[[total_force]]\nface = "top"\nforce = [1e5, 0.0, -1e6]\n[contact]\nface = "bottom"\nfriction = 0.3\n'
         "[output]\npicture = false\n"
     )
-    done = run_coulomb("run", case, "--sensitivity", cwd=tmp_path)
+    done = run_coulomb("run", case, "--sensitivity", "--verify", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "1 % more of an input does to the forces of 'bottom'" in done.stdout
     entries = json.loads((tmp_path / "results" / "summary.json").read_text())["sensitivity"]
+    assert [entry["verified"]["passed"] for entry in entries] == [True] * len(entries), entries
     by = {entry["input"]: entry["totals"]["bottom"] for entry in entries}
     assert by["total force on 'top'"]["normal_force"] == pytest.approx(1e6, rel=1e-9)
     assert by["total force on 'top'"]["force"] == pytest.approx([-1e5, 0.0, 1e6], rel=1e-9, abs=1e-3)
     refused = run_coulomb("run", case, "--sensitivity", "--set", "solver.kinematics=large", cwd=tmp_path)
     assert refused.returncode == 2 and "output.sensitivity is for small strains" in refused.stderr
+    refused = run_coulomb("run", case, "--verify", cwd=tmp_path)
+    assert refused.returncode == 2 and "verify is about sensitivity: give both" in refused.stderr
+
+
+EVERYTHING = """
+[[body]]
+name = "low"
+box = [1.0, 1.0, 0.5]
+cells = [2, 2, 1]
+material = { young = 1e9, poisson = 0.3 }
+[[body]]
+name = "up"
+box = [0.8, 0.8, 0.4]
+cells = [2, 1, 1]
+translate = [0.1, 0.1, 0.501]
+material = { young = 2e9, poisson = 0.2 }
+[[spring]]
+face = "low:left"
+stiffness = [1e8, 1e8, 1e8]
+[[clamp]]
+face = "up:top"
+value = [1e-4, 0.0, -2e-3]
+amplitude = [[0, 0], [1, 1]]
+[[traction]]
+face = "up:right"
+value = ["1e5 * (1 + y)", 0.0, 0.0]
+[[total_force]]
+face = "low:right"
+force = [1e4, 0.0, 0.0]
+[[contact]]
+face = "up:bottom"
+against = "low:top"
+friction = { pressure = [0.0, 1e7], coefficient = [0.3, 0.2] }
+gap = "1e-4 * (1 + x)"
+[[contact]]
+face = "low:bottom"
+friction = "0.3 + 0.1 * x"
+cohesion = 1e3
+foundation = { normal = [0.0, 0.0, 1.0], point = [0.0, 0.0, 0.0] }
+motion = [[0, 0, 0, 0], [1, 1e-4, 0, 1e-4]]
+[history]
+end = 1
+steps = 1
+[output]
+picture = false
+"""
+
+
+def test_each_input_of_a_case_is_verified_by_answers_of_the_changed_case(tmp_path):
+    """With a derivative that is a tenth too large, none that matters."""
+    from coulomb.case.case import read_case
+    from coulomb.cli import bars
+    from coulomb.model.sensitivity import sensitivity_entries
+
+    case = tmp_path / "case.toml"
+    case.write_text(EVERYTHING)
+    settings = read_case(case)
+    found = []
+    for step in settings.load_history().steps(settings.problem()):
+        found = step.solution.sensitivities(found)
+    results = {one.name: bars._verified(settings, step.solution, one) for one in found}
+    print({name: one["words"] for name, one in results.items()})
+    assert len(results) >= 10 and all(one["passed"] for one in results.values())
+    one = next(one for one in found if one.name == "prescribed displacements")
+    wrong = bars._verified(settings, step.solution, replace(one, contact_force=1.1 * one.contact_force))
+    assert wrong["passed"] is False and "NOT VERIFIED" in wrong["words"]
+    assert sensitivity_entries(found, True)["sensitivity"][0]["reactions"]
 
 
 def test_of_a_history_with_reversal_along_its_steps():
@@ -373,3 +442,22 @@ def test_at_the_border_of_two_states_each_direction_has_its_own():
             assert side.contact_force == pytest.approx(change, abs=1e-3 * np.linalg.norm(change) + 1.0), (name, h)
         apart = max(apart, float(np.linalg.norm(one.contact_force - one.falling.contact_force)))
     assert apart > 1e-2 * np.linalg.norm(found["friction of 'bottom'"].falling.contact_force) > 0.0
+
+
+@pytest.mark.parametrize("aside", [0.0, 1e-4])
+def test_a_body_that_just_touches_has_forces_on_one_side_only(aside):
+    """Further by the part h of its way g it is pressed by E A g h/height, and what has slipped before it touched rubs
+    with F times that; back by as much there is nothing."""
+    problem = coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (2, 2, 1)),
+        coulomb.Material(1e9, 0.0),
+        [coulomb.PrescribedDisplacement("top", (aside, 0.0, -1e-3))],
+        coulomb.Contact("bottom", friction=0.02, gap=1e-3),
+    )
+    answer = problem.solve()
+    assert not np.any(answer.contact_force)
+    (one,) = (one for one in answer.sensitivities() if one.name == "prescribed displacements")
+    assert one.border == 9
+    further, back = np.array(one.totals["bottom"]["force"]), np.array(one.falling.totals["bottom"]["force"])
+    assert further == pytest.approx([-0.02 * 2e6 if aside else 0.0, 0.0, 2e6], abs=1e-3)
+    assert back == pytest.approx(np.zeros(3), abs=1e-3)

@@ -1,0 +1,136 @@
+"""A case with one of its inputs a little larger, by the name that it has among the sensitivities."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from .curves import CurveTable
+from .values import Table
+
+if TYPE_CHECKING:
+    from .case import Case
+
+_LOADS = {
+    "traction": ("traction", "value"),
+    "pressure": ("pressure", "value"),
+    "total force": ("total_force", "force"),
+    "nodal force": ("nodal_force", "force"),
+}
+_OF_FRICTION = ("friction", "slip_stress", "cohesion", "friction_limit")
+
+
+class NotScaled(ValueError):
+    """An input that is not one number or function of the case, with the reason."""
+
+
+def scaled(case: Case, name: str, factor: float) -> Case:
+    """The case with an input times a factor.
+
+    Args:
+        case: The case.
+        name: Of the input, as `model.sensitivity.Sensitivity.name`: "friction of 'bottom'", "young of 'upper'".
+        factor: By which it is multiplied.
+
+    Raises:
+        NotScaled: If the input is none of the case's, or is one of several on the same face.
+    """
+    matched = re.fullmatch(r"(.*?)(?: o[fn] '(.*)')?( \(\d+\))?", name)
+    assert matched is not None
+    kind, face, number = matched[1], matched[2] or "", matched[3]
+    if number:
+        raise NotScaled("there are several of this name")
+    made = _known(case, kind, face, factor)
+    if not made:
+        raise NotScaled("it is not one number of the case")
+    return case.model_copy(update=made)
+
+
+def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
+    """What is changed in the case."""
+    contacts = case.contact if isinstance(case.contact, tuple) else () if case.contact is None else (case.contact,)
+
+    def changed(tables: Sequence[Any], keys: Sequence[str], wanted: Callable[[Any], bool] = lambda _: True) -> Any:
+        return tuple(_times(one, keys, factor) if wanted(one) else one for one in tables)
+
+    def here(table: Any) -> bool:
+        sides = {table.face, getattr(table, "against", None)}
+        return face in sides or set(face.split(" against ")) == sides
+
+    if kind in ("friction", "gap", "motion of the foundation"):
+        keys = {"friction": (*_OF_FRICTION, "region"), "gap": ("gap",)}.get(kind, ())
+        found = changed(contacts, keys, here)
+        if kind == "motion of the foundation":
+            found = tuple(_moved(one, factor) if here(one) else one for one in contacts)
+        several = isinstance(case.contact, tuple)
+        if sum(map(here, contacts)) > 1:
+            raise NotScaled("the face is in several contacts")
+        return {"contact": found if several else found[0]} if any(map(here, contacts)) else {}
+    if kind in _LOADS:
+        tables, key = _LOADS[kind]
+        found = changed(getattr(case, tables), (key,), here)
+        return {tables: found} if found != getattr(case, tables) else {}
+    if kind == "stiffness of the spring":
+        return {"spring": changed(case.spring, ("stiffness",), here)}
+    if kind == "body force":
+        return {"body_force": _product(case.body_force, factor)}
+    if kind == "gravity":
+        return {"gravity": _product(case.gravity, factor)}
+    if kind == "prescribed displacements":
+        found = {key: changed(getattr(case, key), ("value",)) for key in ("clamp", "prescribed_displacement")}
+        found["prescribed_rotation"] = changed(case.prescribed_rotation, ("angle",))
+        found["rigid_face"] = changed(case.rigid_face, ("translation", "rotation"))
+        return found
+    if kind == "pretension":
+        return {"pretension": changed(case.pretension, ("force",))}
+    if kind == "young":
+        if case.material is not None and not face:
+            return {"material": _of_materials(case.material, factor)}
+        bodies = tuple(
+            one.model_copy(update={"material": _of_materials(one.material, factor)}) if one.name == face else one
+            for one in case.body
+        )
+        return {"body": bodies} if bodies != case.body else {}
+    return {}
+
+
+def _of_materials(given: Any, factor: float) -> Any:
+    tables = given if isinstance(given, tuple) else (given,)
+    found = tuple(_times(one, ("young", "shear"), factor) for one in tables)
+    return found if isinstance(given, tuple) else found[0]
+
+
+def _times(table: Any, keys: Sequence[str], factor: float) -> Any:
+    """A table with these of its values times a factor."""
+    found = {key: _product(getattr(table, key), factor) for key in keys if getattr(table, key, None) is not None}
+    return table.model_copy(update=found)
+
+
+def _moved(table: Any, factor: float) -> Any:
+    """A contact with the motion of its foundation, rows of time and translation, times a factor."""
+    rows = table.motion.table if isinstance(table.motion, CurveTable) else table.motion
+    if rows is None:
+        return table
+    rows = tuple((time, *(factor * one for one in way)) for time, *way in rows)
+    curve = isinstance(table.motion, CurveTable)
+    return table.model_copy(update={"motion": table.motion.model_copy(update={"table": rows}) if curve else rows})
+
+
+def _product(value: Any, factor: float) -> Any:
+    """A number, an expression, or what has several, times a factor."""
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, int | float):
+        return factor * value
+    if isinstance(value, str):
+        return f"{factor!r} * ({value})"
+    if isinstance(value, tuple):
+        return tuple(_product(one, factor) for one in value)
+    if isinstance(value, Table) and not isinstance(value, CurveTable):
+        return _times(value, [key for key, _ in value if key not in _NOT_FRICTION], factor)
+    raise NotScaled("it is not one number of the case")
+
+
+_NOT_FRICTION = ("decay_speed", "pressure", "box")
+"""Keys of tables of friction that are no friction."""
