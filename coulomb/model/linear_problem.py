@@ -404,7 +404,8 @@ class LinearProblem:
         H, way = np.zeros((count, 3, 3)), np.zeros((count, 3))
         np.add.at(H, component[held.nodes], held.projector)
         inverse = np.linalg.pinv(over.total(H), hermitian=True)
-        left, size, off = given, *np.zeros((2, count))
+        size, off = np.zeros((2, count))
+        left: FloatArray = given
         for _ in range(2):  # the second takes away the rounding errors of the sums of the first
             sums = np.zeros((count, 3))
             np.add.at(sums, component, left)

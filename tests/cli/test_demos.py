@@ -193,6 +193,18 @@ def test_demo_identify_friction():
     assert line(text, r"# load histories of 13 steps")[0] <= 15
 
 
+def test_demo_even_pressure():
+    """The profile found by the adjoint is the shape of the pad under an even pressure, to 1 % of its depth."""
+    text = said("even_pressure.py")
+    low, high = line(text, r"flat punch: pressure # to # kPa, valid: True")
+    assert high > 1.3 * low
+    low, high = line(text, r"its profile found: pressure # to # kPa, valid: True")
+    assert high < 1.003 * low
+    depth, apart = line(text, r"profile # um deep; the shape under an even pressure is within # um")
+    assert apart < 0.01 * depth
+    assert line(text, r"# steps of L-BFGS")[0] <= 30
+
+
 def test_demo_paper():
     """Sizes of Table 1's first line, a path that falls to the tolerance, few products, and Theorem 1's bound."""
     text = said("paper.py")
