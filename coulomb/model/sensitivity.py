@@ -25,8 +25,9 @@ from ..solvers.semismooth_newton import Change, derivatives
 from ..solvers.semismooth_newton import gradient as adjoint
 from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
+from .force_balance import force_balance
 from .nodal_answer import NodalAnswer
-from .resultants import force_balance, resultants
+from .resultants import resultants
 
 
 @dataclass(frozen=True)

@@ -24,12 +24,13 @@ from .certificate_scales import rounding_forces
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem
 from .face_answer import FaceAnswer
+from .force_balance import force_balance
 from .foundation_load import motions_of, on_foundations
 from .heat import Heat
 from .nodal_answer import NodalAnswer
 from .overlap import deformations
 from .probes import LocatedProbes, Probe, ProbeValue
-from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion, force_balance
+from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion
 from .sensitivity import Gradient, Sensitivity, gradient, sensitivities
 from .small_strain import SmallStrain, small_strain
 from .stability import Stability

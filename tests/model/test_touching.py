@@ -82,7 +82,6 @@ def test_beside_a_body_that_is_pressed():
             coulomb.PrescribedDisplacement("b:top", (0.0, 0.0, -1e-3)),
         ],
         [coulomb.Contact("a:bottom", friction=0.3), coulomb.Contact("b:bottom", friction=0.3, gap=1e-3)],
-        linear_solver="iterative",
     )
     answer = problem.solve()
     assert answer.valid
