@@ -413,9 +413,9 @@ class LinearProblem:
             left = given - held.held_part(way[component])
         np.maximum.at(size, component, np.abs(given).max(axis=1, initial=0.0))
         np.maximum.at(off, component, np.abs(left).max(axis=1, initial=0.0))
-        size, off = over.largest(size), over.largest(off)
-        way[off > _ROUNDING * size] = 0.0
-        way[np.abs(way) <= _ROUNDING * size[:, None]] = 0.0
+        largest = over.largest(size)
+        way[over.largest(off) > _ROUNDING * largest] = 0.0
+        way[np.abs(way) <= _ROUNDING * largest[:, None]] = 0.0
         return way[component] if np.any(way) else None
 
     def _with_prescribed(self, u: FloatArray) -> FloatArray:
