@@ -214,12 +214,12 @@ def _at_nodes(body: Grid) -> FloatArray:
 
 def _contact(own: dict[str, FloatArray]) -> FloatArray:
     """Gap, slip, pressure and shear of the slave on the master at contact nodes, in CalculiX's directions: the first is
-    x, or z, projected on the face, shape (k, 6)."""
+    x, or z, projected on the face, the second the normal of the master times that, shape (k, 6)."""
     normal = own["normal"]
     x = np.eye(3)[np.where(np.abs(normal[:, 0]) > 1.0 - 1e-6, 2, 0)]
     first = x - normal * np.einsum("ki,ki->k", x, normal)[:, None]
     first /= np.linalg.norm(first, axis=1, keepdims=True)
-    tangents = np.stack([first, np.cross(normal, first)], axis=1)
+    tangents = np.stack([first, np.cross(first, normal)], axis=1)  # the normal is that of the slave
     slip, shear = (np.einsum("kai,ki->ka", tangents, own[name]) for name in ("slip", "friction_traction"))
     return np.column_stack([own["gap"], slip, own["pressure"], -shear])
 

@@ -10,6 +10,7 @@ from test_deck_tables import CUBES, STEP
 
 from coulomb import LoadHistory
 from coulomb.case.case import read_case
+from coulomb.io import other_formats
 from coulomb.io.field_files import read_grids
 
 DECKS = ROOT.parent / "shared" / "decks"
@@ -48,6 +49,15 @@ def test_a_deck_runs_and_its_results_have_its_numbers(tmp_path, monkeypatch):
     assert blocks["STRESS"][17][2] == pytest.approx(-10.0, rel=1e-2)  # szz at the top
     pressures = {n: row[3] for n, row in blocks["CONTACT"].items() if row[3] > 0.0}
     assert set(pressures) == {11, 12, 13, 14} and np.mean(list(pressures.values())) == pytest.approx(10.0)
+
+
+def test_directions_of_contact_in_frd():
+    """On a master with the normal z the second direction is y, as CalculiX writes it of two blocks; shear is that on
+    the master."""
+    own = {"normal": [[0.0, 0.0, -1.0]], "gap": [0.0], "slip": [[1.0, 2.0, 0.0]], "pressure": [3.0]}
+    own["friction_traction"] = [[-4.0, -5.0, 0.0]]
+    found = other_formats._contact({name: np.array(values) for name, values in own.items()})
+    assert found.tolist() == [[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]]
 
 
 def test_an_imported_deck_is_the_same_case(tmp_path, monkeypatch):
