@@ -20,10 +20,6 @@ _NONE: Final = 1e-9
 """Below this, likewise, there is no contact: only heat crosses."""
 
 
-_TOUCHING: Final = 1e-10
-"""Gap from which an overlap begins, over twice the extent of the model."""
-
-
 _NEAR: Final = 0.02
 """Distance of faces that general contact makes pairs, over the extent of the model."""
 
@@ -364,8 +360,8 @@ def _taken_out(
                 continue
             if goes:
                 rows = rows + [(step.begin, rows[-1][1]), (soon, away)] if step.begin else [(0.0, away)]
-            else:  # an overlap comes in the course of the step, from next to nothing, where forces are exactly 0
-                rows += [(step.begin, away), (soon, max(clearance, _TOUCHING * away)), (step.end, clearance)]
+            else:  # an overlap comes in the course of the step
+                rows += [(step.begin, away), (soon, max(clearance, 0.0)), (step.end, clearance)]
             out = goes
     if len({value for _, value in rows}) == 1:
         return {}
