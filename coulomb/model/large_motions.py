@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, nonlinear
+from ..fem.bodies import Deformable, component_modes, free_motions, nonlinear
 from ..fem.contact import ContactSurface, FaceMotion
 from ..fem.geometry import Refused
 from ..linalg.factors import NotPositiveDefinite
@@ -120,7 +120,7 @@ class LoadSteps:
     def __init__(self, body: ContactBody, time: float, linear_solver: object, explicit: bool | None, branch: str):
         self.body, self.elasticity, self.remedy, self.stable = body, body.elasticity, 0, branch == "stable"
         self.damped, self.damping = False, 0.0
-        self.held_by_contact = any(len(nonlinear(one.body).not_held) for one in self.elasticity.members)
+        self.held_by_contact = self._left_free()
         self._refuse_ties_across_gaps()
         self._methods = linear_solver_of(linear_solver), explicit
         self.contacts = tuple(
@@ -138,6 +138,13 @@ class LoadSteps:
         no tangent has been other than positive definite."""
         again, self.damped = not self.damped and self.remedy > 0, True
         return again
+
+    def _left_free(self) -> bool:
+        """Whether supports and ties leave rigid motions; collective."""
+        body = self.elasticity
+        component, names = body.moving_together
+        forces = body.reduction.prevented(component_modes(body.x, component, body.comm)[0])
+        return len(free_motions(body.x, component, names, forces, body.comm)) > 0
 
     def _refuse_ties_across_gaps(self) -> None:
         """Nodes of a tie follow across a distance as the ends of rigid arms, with the linear part of their rotations:
