@@ -418,6 +418,7 @@ def _faults(e: Evidence, scales: Scales, over: Reductions) -> list[str]:
         "relative displacements": e.relative_displacement,
         "gaps": e.gap,
         "gaps of held nodes": e.held_gap,
+        "work on foundations": e.on_foundations,
         "slip bounds": e.bound,
         "compliances": e.compliance,
         "stiffness of nodes": e.stiffness,

@@ -247,7 +247,7 @@ class ScaledProblem:
             least = max(least, self.problem.motion_basis.distance(self.problem.rigid.e) / over.norm(e))
             b = self.problem.without_motions(b)
         felt, alone = over.dot(e.ravel(), A_e), self.problem.mean_diagonal * over.dot(e.ravel(), e.ravel())
-        felt = felt if felt > 1e-3 * alone else alone  # opposite forces at nodes that touch two foundations cancel
+        felt = felt if felt > 1e-9 * alone else alone  # opposite forces at nodes that touch two foundations cancel
         s = max(over.dot(e.ravel(), b), 0.1 * over.norm(e) * over.norm(b)) / felt
         return max(s, least) or 1.0  # without loads any force will do
 

@@ -20,7 +20,7 @@ ARRAYS = [field.name for field in fields(Evidence) if field.name not in OTHERS]
 @pytest.mark.parametrize("name", [*ARRAYS, "compliance", "ground", "jump"])
 def test_values_that_are_not_finite_fail_and_are_named(name, bad):
     evidence, _ = synthetic_evidence()
-    others = name in ("jump", "held_gap")  # of problems with ties, and with held nodes
+    others = name in ("jump", "held_gap", "on_foundations")  # of problems with ties, held nodes, foundations under load
     given = np.zeros_like(evidence.x) if others else getattr(evidence, name)
     array = np.array(given, dtype=float)
     array.flat[7 % array.size] = bad
@@ -35,6 +35,7 @@ def test_values_that_are_not_finite_fail_and_are_named(name, bad):
         "bound": "slip bounds",
         "jump": "jump of ties",
         "held_gap": "gaps of held nodes",
+        "on_foundations": "work on foundations",
         "relative_displacement": "relative displacements",
     }
     assert contents.get(name, name) in certificate["finite"].meaning
