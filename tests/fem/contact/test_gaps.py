@@ -15,7 +15,7 @@ from coulomb.case.case import read_case
 from coulomb.case.record import case_record, written_case
 from coulomb.cli.terminal import contact_in_words
 from coulomb.io.history_files import HistoryFiles
-from coulomb.model import contact_body as contacts
+from coulomb.model import contact_faces as contacts
 from coulomb.model.input_echo import contacts_of
 from coulomb.recheck import check
 
