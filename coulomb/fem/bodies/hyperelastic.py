@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from scipy.spatial.transform import Rotation
 
 from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
-from ..geometry import Amplitude, Field, evaluate_amplitude
+from ..geometry import Amplitude, Field, Turn, evaluate_amplitude
 from ..meshes import NamedMesh
 from .body import cell_measure
 from .constraints import HeldDirections
@@ -43,8 +42,8 @@ class _SupportedBody(LoadedBody):
             if isinstance(support, PrescribedRotation):
                 here, axis = self._rows.support == number, np.array(support.axis) / np.linalg.norm(support.axis)
                 angle = support.angle * self._factor(support.amplitude, time, support.what)
-                arms = self.x[self._rows.node[here]] - np.array(support.point)
-                way = Rotation.from_rotvec(angle * axis).apply(arms) - arms if len(arms) else arms
+                turn = Turn(np.array(support.point), axis, angle)
+                way = (self.x[self._rows.node[here]] - turn.point) @ (turn.matrix - np.eye(3)).T
                 values[here] = np.einsum("ri,ri->r", self._rows.direction[here], way)
         return values
 
