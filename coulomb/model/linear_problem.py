@@ -397,26 +397,26 @@ class LinearProblem:
             isinstance(one.body, Elasticity | HyperelasticBody) for one in body.members
         ):
             return None
-        held, component, over = body.held, body.component, Reductions(body.comm)
+        held, over = body.held, Reductions(body.comm)
         if not over.any(bool(np.any(given))):
             return None
-        count = int(over.max(component.astype(np.float64))) + 1
-        H, way = np.zeros((count, 3, 3)), np.zeros((count, 3))
-        np.add.at(H, component[held.nodes], held.projector)
+        count = int(over.max(body.component.astype(np.float64))) + 1
+        of, H, way = body.component[held.nodes], np.zeros((count, 3, 3)), np.zeros((count, 3))
+        np.add.at(H, of, held.projector)
         inverse = np.linalg.pinv(over.total(H), hermitian=True)
         size, off = np.zeros((2, count))
-        left: FloatArray = given
+        left: FloatArray = given[held.nodes]
+        np.maximum.at(size, of, np.abs(left).max(axis=1, initial=0.0))
         for _ in range(2):  # the second takes away the rounding errors of the sums of the first
             sums = np.zeros((count, 3))
-            np.add.at(sums, component, left)
+            np.add.at(sums, of, left)
             way += np.einsum("cij,cj->ci", inverse, over.total(sums))
-            left = given - held.held_part(way[component])
-        np.maximum.at(size, component, np.abs(given).max(axis=1, initial=0.0))
-        np.maximum.at(off, component, np.abs(left).max(axis=1, initial=0.0))
+            left = given[held.nodes] - np.einsum("kij,kj->ki", held.projector, way[of])
+        np.maximum.at(off, of, np.abs(left).max(axis=1, initial=0.0))
         largest = over.largest(size)
         way[over.largest(off) > _ROUNDING * largest] = 0.0
         way[np.abs(way) <= _ROUNDING * largest[:, None]] = 0.0
-        return way[component] if np.any(way) else None
+        return way[body.component] if np.any(way) else None
 
     def _with_prescribed(self, u: FloatArray) -> FloatArray:
         """The displacement (k, 3) of unknowns u (k + p, 3), with exactly the prescribed displacements, which a solver
