@@ -219,7 +219,7 @@ def _along(
         du = changed.moved(changed.displacement(dx), sign * owed.alpha)
         others = _others(changed, one, dx, du, answer, origin)
         step = min(owed.step, earlier[name].step if name in earlier else np.inf)
-        found.append(Sensitivity(name, dx, du, _totals(problem, x, dx), others, step, owed.border))
+        found.append(Sensitivity(name, dx, du, _totals(problem, x, dx, sign), others, step, owed.border))
     return found
 
 
@@ -381,8 +381,9 @@ def _moved(problem: DiscreteProblem, part: int) -> FloatArray:
     return way
 
 
-def _totals(problem: DiscreteProblem, x: FloatArray, dx: FloatArray) -> dict[str, dict[str, Any]]:
-    """Derivatives of the totals of every contact for a derivative of the forces, both (3 m,); collective."""
+def _totals(problem: DiscreteProblem, x: FloatArray, dx: FloatArray, sign: float) -> dict[str, dict[str, Any]]:
+    """Derivatives of the totals of every contact for a derivative of the forces, both (3 m,), as an input grows (1) or
+    falls (-1); collective."""
     surface, found = problem.surface, dict[str, dict[str, Any]]()
     over = Reductions(problem.comm, problem.elasticity.copies)
     on_body = -surface.vectors(dx.reshape(-1, 3))
@@ -396,6 +397,6 @@ def _totals(problem: DiscreteProblem, x: FloatArray, dx: FloatArray) -> dict[str
             "force": over.total(on_body[here].sum(axis=0)).tolist(),
             "moment": over.total(np.cross(surface.x[here], on_body[here]).sum(axis=0)).tolist(),
             "normal_force": over.sum(dx[0::3][here]),
-            "friction_force": float(friction @ change) / size if size > 0.0 else 0.0,
+            "friction_force": float(friction @ change) / size if size > 0.0 else sign * float(np.linalg.norm(change)),
         }
     return found

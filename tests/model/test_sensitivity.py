@@ -461,3 +461,6 @@ def test_a_body_that_just_touches_has_forces_on_one_side_only(aside):
     further, back = np.array(one.totals["bottom"]["force"]), np.array(one.falling.totals["bottom"]["force"])
     assert further == pytest.approx([-0.02 * 2e6 if aside else 0.0, 0.0, 2e6], abs=1e-3)
     assert back == pytest.approx(np.zeros(3), abs=1e-3)
+    rubs = 0.02 * 2e6 if aside else 0.0
+    assert one.totals["bottom"]["friction_force"] == pytest.approx(rubs, abs=1e-3)
+    assert one.falling.totals["bottom"]["friction_force"] == pytest.approx(0.0, abs=1e-3)
