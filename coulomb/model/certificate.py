@@ -40,6 +40,7 @@ from .certificate_scales import (
     natural_residuals,
     place_of_largest,
     ratio,
+    rounding_of_gaps,
     scales_of,
     worst,
 )
@@ -225,9 +226,6 @@ _ROUNDINGS: Final = 16.0
 """Rounding errors of a nodal force in the sum that it is.  Forces of sheets of 0.1 to 0.5 mm differ by up to 28 of them
 from mesh to mesh, turned in their plane, and by 0.4 to 11 from K u = f solved in 220 bits (of 50 um by 1 and more)."""
 
-_OF_PLACE: Final = 2.0**-50
-"""Rounding error of a gap relative to the coordinates."""
-
 RESOLUTION: Final = "resolution"
 """Name of the condition that says to what part contact forces are known: above LIMIT they are unresolved."""
 
@@ -334,8 +332,9 @@ def _judge(e: Evidence, over: Reductions) -> Certificate:
     unit = np.where(scales.forces > 0.0, scales.forces, 1.0)[scales.owner]  # 0 only where all forces on a body are
     force, g, length = e.force / unit[:, None], e.bound / unit, scales.at_points
     left_open = e.gap - e.relative_displacement[:, 0]
-    place = scales.of_points(np.abs(e.place).max(axis=1, initial=0.0), over)[scales.owner] + np.abs(e.gap)
-    left_open[(e.force[:, 0] == 0.0) & (np.abs(left_open) <= _OF_PLACE * place)] = 0.0  # points that just touch
+    place = scales.of_points(np.abs(e.place).max(axis=1, initial=0.0), over)[scales.owner]
+    error = rounding_of_gaps(e.gap, e.relative_displacement[:, 0], place)
+    left_open[(e.force[:, 0] == 0.0) & (np.abs(left_open) <= error)] = 0.0  # points that just touch
     gap, slip = left_open / length, e.relative_displacement[:, 1:] / length[:, None]
     pressing, friction, sliding = force[:, 0], np.hypot(force[:, 1], force[:, 2]), np.hypot(slip[:, 0], slip[:, 1])
     most_bound, most_friction = (scales.of_points(values, over)[scales.owner] for values in (g, friction))

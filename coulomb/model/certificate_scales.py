@@ -38,6 +38,22 @@ _FARTHEST: Final = 2.0 * 3.0**0.5
 the largest displacement.  A displacement that is not in balance may have internal forces of any size."""
 
 
+_ROUNDING: Final = 2.0**-48, 2.0**-49
+"""Rounding errors of a gap relative to itself and to displacements, and to coordinates, of which it is a difference."""
+
+
+def rounding_of_gaps(gap: FloatArray, way: FloatArray, place: FloatArray) -> FloatArray:
+    """What of a gap less a displacement across it may be a rounding error, metres; where the gap is exactly 0,
+    coordinates leave none.
+
+    Args:
+        gap: Before deformation, shape (m,).
+        way: Displacement across it, metres, shape (m,).
+        place: Largest coordinate of the body, metres, shape (m,).
+    """
+    return _ROUNDING[0] * (np.abs(gap) + np.abs(way)) + np.where(gap == 0.0, 0.0, _ROUNDING[1] * place)
+
+
 def at_all_points(known: FloatArray, given: FloatArray, over: Reductions) -> FloatArray:
     """Compliances (m, 3) of contact points, where they are not known (0) the mean of those given (s, 3); collective."""
     count = over.sum(float(np.count_nonzero(given)))

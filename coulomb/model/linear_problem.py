@@ -22,7 +22,7 @@ from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import NO_MOTION, RigidMotions
-from .certificate_scales import lengths
+from .certificate_scales import lengths, rounding_of_gaps
 from .contact_stiffness import FixedStiffness, explained
 from .foundation_load import LoadedFoundation, with_foundations
 from .heat import Heat
@@ -116,10 +116,6 @@ _BEFORE_REFINEMENT: Final = 1e-8
 _ROUNDING: Final = 2.0**-48
 """Difference, relative to what it is the difference of, that is a rounding error: slip of displacements, and the
 resultant of loads of the sum of their magnitudes."""
-
-
-_OF_PLACE: Final = 2.0**-52
-"""Rounding error of a gap relative to the coordinates."""
 
 
 _UNMOVED: Final = 1e-10
@@ -297,7 +293,7 @@ class LinearProblem:
         component, over = self.elasticity.component[self.surface.nodes], Reductions(self.elasticity.comm)
         size = np.zeros(int(over.max(self.elasticity.component.astype(np.float64))) + 1)
         np.maximum.at(size, component, np.abs(self.surface.x).max(axis=1, initial=0.0))
-        error = _ROUNDING * (np.abs(free[:, 0]) + np.abs(gap)) + _OF_PLACE * over.largest(size)[component]
+        error = rounding_of_gaps(gap, free[:, 0], over.largest(size)[component])
         free[:, 0] -= gap
         free[:, 0][np.abs(free[:, 0]) <= error] = 0.0
         return free.ravel()

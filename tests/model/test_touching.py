@@ -86,3 +86,24 @@ def test_beside_a_body_that_is_pressed():
     answer = problem.solve()
     assert answer.valid
     assert answer.forces["b:bottom"]["normal_force"] == 0.0 < answer.forces["a:bottom"]["normal_force"]
+
+
+def test_forces_are_in_proportion_to_loads_that_are_small():
+    """Of a micronewton on a body of a metre the way is below the rounding errors of coordinates, and not those of a gap
+    that is exactly 0: forces are those of a meganewton, by the load."""
+
+    def pressed_by(load):
+        problem = coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 0.5), (3, 3, 2)),
+            coulomb.Material(2e11, 0.3),
+            [coulomb.Clamp("left")],
+            coulomb.Contact("bottom", friction=0.3),
+            [coulomb.TotalForce("top", (0.2 * load, 0.0, -load))],
+        )
+        answer = problem.solve()
+        assert answer.valid
+        return answer.contact_force / load
+
+    large = pressed_by(1e6)
+    assert np.abs(large).max() > 0.01
+    assert pressed_by(1e-6) == pytest.approx(large, abs=1e-7)
