@@ -51,8 +51,8 @@ def rounding_of_gaps(gap: FloatArray, way: FloatArray, place: FloatArray) -> Flo
         way: Displacement across it, metres, shape (m,).
         place: Largest coordinate of the body, metres, shape (m,).
     """
-    of_place: FloatArray = np.where(gap == 0.0, 0.0, _ROUNDING[1] * place)
-    return _ROUNDING[0] * (np.abs(gap) + np.abs(way)) + of_place
+    found: FloatArray = _ROUNDING[0] * (np.abs(gap) + np.abs(way)) + np.where(gap == 0.0, 0.0, _ROUNDING[1] * place)
+    return found
 
 
 def at_all_points(known: FloatArray, given: FloatArray, over: Reductions) -> FloatArray:
