@@ -42,16 +42,19 @@ _ROUNDING: Final = 2.0**-48, 2.0**-49
 """Rounding errors of a gap relative to itself and to displacements, and to coordinates, of which it is a difference."""
 
 
-def rounding_of_gaps(gap: FloatArray, way: FloatArray, place: FloatArray) -> FloatArray:
+def rounding_of_gaps(gap: FloatArray, way: FloatArray, place: FloatArray, large: bool = False) -> FloatArray:
     """What of a gap less a displacement across it may be a rounding error, metres; where the gap is exactly 0,
-    coordinates leave none.
+    coordinates leave none, but in large motions, in which displacements are differences of places.
 
     Args:
         gap: Before deformation, shape (m,).
         way: Displacement across it, metres, shape (m,).
         place: Largest coordinate of the body, metres, shape (m,).
+        large: Whether motions are large.
     """
-    found: FloatArray = _ROUNDING[0] * (np.abs(gap) + np.abs(way)) + np.where(gap == 0.0, 0.0, _ROUNDING[1] * place)
+    found: FloatArray = _ROUNDING[0] * (np.abs(gap) + np.abs(way)) + np.where(
+        (gap == 0.0) & (not large), 0.0, _ROUNDING[1] * place
+    )
     return found
 
 

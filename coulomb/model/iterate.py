@@ -19,7 +19,7 @@ from ..solvers.friction_problem import FrictionProblem
 from ..solvers.rigid_motions import NO_MOTION
 from ..solvers.successive_tresca import Anderson
 from .certificate import Evidence
-from .certificate_scales import rounding_forces
+from .certificate_scales import rounding_forces, rounding_of_gaps
 from .discrete_problem import DiscreteProblem, StatePoints
 from .linear_problem import Before
 from .load_step import State
@@ -177,12 +177,16 @@ class Linearised(DiscreteProblem):
         """With the residual F(u) + dF(u) du, and loads with the resultants of it (`balanced_load`); collective."""
         e, body = gather_evidence(self.body, self.state, x, du, compliance, None, alpha), self.elasticity
         here, over = np.concatenate([nonlinear(one.body).place.u for one in body.members]), Reductions(self.comm)
-        residual = e.internal - e.load
+        residual, way = e.internal - e.load, e.relative_displacement.copy()
+        error = rounding_of_gaps(e.gap, way[:, 0], np.full(len(way), over.max(np.abs(body.x))), large=True)
+        touching = (e.force[:, 0] == 0.0) & (np.abs(e.gap - way[:, 0]) <= error)
+        way[touching, 0] = e.gap[touching]
         load, rigid = balanced_load(body, residual, over), rigid_part(body, here, over)
         extent = max(over.max(axis) - over.min(axis) for axis in body.x.T)  # grad u is added to 1
         return replace(
             e,
             displacement=here + du - rigid,
+            relative_displacement=way,
             internal=residual + load,
             load=load,
             prescribed=body.held.held_part(here - rigid) + e.prescribed,

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, Elasticity, FreeMotions, HyperelasticBody, Loading, displacements_of
+from ..fem.bodies import Deformable, Elasticity, FreeMotions, HyperelasticBody, Loading, NonlinearBody, displacements_of
 from ..fem.contact import ContactSurface, rows_of
 from ..fem.geometry import RigidMotion, Spin
 from ..linalg.compliance import BodyCompliance, StiffnessSolver
@@ -293,7 +293,8 @@ class LinearProblem:
         component, over = self.elasticity.component[self.surface.nodes], Reductions(self.elasticity.comm)
         size = np.zeros(int(over.max(self.elasticity.component.astype(np.float64))) + 1)
         np.maximum.at(size, component, np.abs(self.surface.x).max(axis=1, initial=0.0))
-        error = rounding_of_gaps(gap, free[:, 0], over.largest(size)[component])
+        large = any(isinstance(one.body, NonlinearBody) for one in self.elasticity.members)
+        error = rounding_of_gaps(gap, free[:, 0], over.largest(size)[component], large)
         free[:, 0] -= gap
         free[:, 0][np.abs(free[:, 0]) <= error] = 0.0
         return free.ravel()
