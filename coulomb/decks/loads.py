@@ -168,7 +168,7 @@ class Loads:
         if density is None:
             raise ValueError(f"{self._of.deck.path}: *DLOAD: CENTRIF needs one *DENSITY for all materials")
         a, axis = np.split(np.array(numbers[:6]), 2)
-        return [f"{density * omega2!r}*({part})" for part in radial_direction(a, a + axis)]
+        return [f"{float(density * omega2)!r}*({part})" for part in radial_direction(a, a + axis)]
 
 
 def _unit(numbers: tuple[float, ...]) -> tuple[float, ...]:

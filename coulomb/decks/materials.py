@@ -149,19 +149,22 @@ def directions_of(card: Card) -> list[list[float | str]]:
         raise card.fault("axes of a cylinder are turned about the third alone", 1)
     x, axis = radial_direction(a, b), (b - a) / np.linalg.norm(b - a)
     # the second axis is along the circle: axis x radial, and as long as this
-    y = [f"({axis[(k + 1) % 3]!r})*({x[(k + 2) % 3]})-({axis[(k + 2) % 3]!r})*({x[(k + 1) % 3]})" for k in range(3)]
+    y = [
+        f"({float(axis[(k + 1) % 3])!r})*({x[(k + 2) % 3]})-({float(axis[(k + 2) % 3])!r})*({x[(k + 1) % 3]})"
+        for k in range(3)
+    ]
     if not angle:
         return [list(x), list(y)]
     c, s = float(np.cos(angle)), float(np.sin(angle))
-    along = [[f"({p!r})*({x[k]})+({q!r})*({y[k]})" for k in range(3)] for p, q in ((c, s), (-s, c))]
+    along = [[f"({float(p)!r})*({x[k]})+({float(q)!r})*({y[k]})" for k in range(3)] for p, q in ((c, s), (-s, c))]
     return [list(along[0]), list(along[1])]
 
 
 def radial_direction(a: FloatArray, b: FloatArray) -> list[str]:
     """The vector from the axis through a and b to the place, as expressions."""
     axis = (b - a) / np.linalg.norm(b - a)
-    along = "+".join(f"({axis[k]!r})*({name}-({a[k]!r}))" for k, name in enumerate("xyz"))
-    return [f"{name}-({a[k]!r})-({axis[k]!r})*({along})" for k, name in enumerate("xyz")]
+    along = "+".join(f"({float(axis[k])!r})*({name}-({float(a[k])!r}))" for k, name in enumerate("xyz"))
+    return [f"{name}-({float(a[k])!r})-({float(axis[k])!r})*({along})" for k, name in enumerate("xyz")]
 
 
 def axes_at(frame: Card, x: FloatArray) -> FloatArray:

@@ -190,7 +190,7 @@ class NodalTables:
             if value:
                 if any(isinstance(one, str) for one in along):
                     length = "sqrt(" + "+".join(f"({one})**2" for one in along) + ")"
-                    table["value"] = [f"{value!r}*({one})/{length}" for one in along]
+                    table["value"] = [f"{float(value)!r}*({one})/{length}" for one in along]
                 else:
                     unit = np.array(along, dtype=np.float64) / np.linalg.norm(np.array(along, dtype=np.float64))
                     table["value"] = [float(one) for one in value * unit]
@@ -278,6 +278,7 @@ def _axes(frame: Card) -> list[list[Any]]:
     axis = (b - a) / np.linalg.norm(b - a)
     x = radial_direction(a, b)
     circle = [
-        f"({axis[(k + 1) % 3]!r})*({x[(k + 2) % 3]})-({axis[(k + 2) % 3]!r})*({x[(k + 1) % 3]})" for k in range(3)
+        f"({float(axis[(k + 1) % 3])!r})*({x[(k + 2) % 3]})-({float(axis[(k + 2) % 3])!r})*({x[(k + 1) % 3]})"
+        for k in range(3)
     ]
     return [list(x), circle, as_list(axis)]
