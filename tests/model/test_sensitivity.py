@@ -368,12 +368,12 @@ def turned(pushed=1.0, moved=1.0, young=1.0):
 
 
 def bolted(force=1.0, young=1.0):
-    """Two blocks on each other, tightened by a section between them."""
+    """Two blocks on each other, tightened by a section between them; supports hold nodes on which it pulls."""
     upper = coulomb.moved(coulomb.box((0.3, 0.3, 0.4), (2, 2, 2)), translate=(0.1, 0.1, 0.5))
     return coulomb.ContactProblem(
         coulomb.join(low=coulomb.box((0.5, 0.5, 0.5), (3, 3, 2)), up=upper),
         {"low": coulomb.Material(2e11, 0.3), "up": coulomb.Material(2e11 * young, 0.3)},
-        [coulomb.PrescribedDisplacement("up:top", (1e-5, 0.0, 0.0))],
+        [coulomb.PrescribedDisplacement("up:top", (1e-5, 0.0, 0.0)), coulomb.Clamp("low:left", "z")],
         coulomb.Contact("low:bottom", friction=0.3),
         [coulomb.TotalForce("low:right", (1e3, 0.0, -2e3))],
         ties=[coulomb.Pretension("up:bottom", "low:top", force=-1e5 * force)],

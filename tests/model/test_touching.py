@@ -15,8 +15,8 @@ def pressed(mesh, way, contact, **options):
     return coulomb.ContactProblem(mesh, RUBBER, [top], contact, **options)
 
 
-def over_a_gap(**options):
-    box = coulomb.box((1.0, 1.0, 0.5), (3, 3, 2))
+def over_a_gap(cells=(3, 3, 2), **options):
+    box = coulomb.box((1.0, 1.0, 0.5), cells)
     return pressed(box, (0.0, 0.0, -2e-3), coulomb.Contact("bottom", friction=0.3, gap=1e-3), **options)
 
 
@@ -47,7 +47,8 @@ def on_a_block():
 
 
 def by_multigrid():
-    return over_a_gap(linear_solver="iterative")
+    """With cells enough for solves that are not exact."""
+    return over_a_gap((6, 6, 3), linear_solver="iterative")
 
 
 def in_large_motions():
