@@ -13,11 +13,14 @@ if TYPE_CHECKING:
     from .case import Case
 
 _LOADS = {
-    "traction": ("traction", "value"),
-    "pressure": ("pressure", "value"),
-    "total force": ("total_force", "force"),
-    "nodal force": ("nodal_force", "force"),
+    "traction": ("traction", ("value",)),
+    "pressure": ("pressure", ("value",)),
+    "total force": ("total_force", ("force",)),
+    "point load": ("point_load", ("force", "moment")),
+    "nodal force": ("nodal_force", ("force",)),
+    "stiffness of the spring": ("spring", ("stiffness",)),
 }
+_SEVERAL = "there are several of this name"
 _OF_FRICTION = ("friction", "slip_stress", "cohesion", "friction_limit")
 
 
@@ -40,7 +43,7 @@ def scaled(case: Case, name: str, factor: float) -> Case:
     assert matched is not None
     kind, face, number = matched[1], matched[2] or "", matched[3]
     if number:
-        raise NotScaled("there are several of this name")
+        raise NotScaled(_SEVERAL)
     made = _known(case, kind, face, factor)
     if not made:
         raise NotScaled("it is not one number of the case")
@@ -68,11 +71,13 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
             raise NotScaled("the face is in several contacts")
         return {"contact": found if several else found[0]} if any(map(here, contacts)) else {}
     if kind in _LOADS:
-        tables, key = _LOADS[kind]
-        found = changed(getattr(case, tables), (key,), here)
-        return {tables: found} if found != getattr(case, tables) else {}
-    if kind == "stiffness of the spring":
-        return {"spring": changed(case.spring, ("stiffness",), here)}
+        tables, keys = _LOADS[kind]
+        given = getattr(case, tables)
+        if sum(map(here, given)) > 1:
+            raise NotScaled(_SEVERAL)
+        return {tables: changed(given, keys, here)} if any(map(here, given)) else {}
+    if kind in ("body force", "gravity") and case.body:  # each body has its own
+        raise NotScaled(_SEVERAL)
     if kind == "body force":
         return {"body_force": _product(case.body_force, factor)}
     if kind == "gravity":

@@ -75,8 +75,9 @@ class Sensitivities:
             return {}
         history = self._settings.history
         if self._settings.output.verify and (history is None or solution.time >= history.ends[-1]):
+            verify = TaylorTest(self._settings, solution)
             for one, entry in zip(self._found, entries["sensitivity"], strict=True):
-                entry["verified"] = found = _verified(self._settings, solution, one)
+                entry["verified"] = found = verify.of(one)
                 if found["passed"] is False:
                     errors.out(f"warning: the sensitivity to {one.name}: {found['words']}")
         return entries
@@ -91,43 +92,55 @@ _SECOND: Final = 1.8
 """Order of the remainder from which it counts as of second order."""
 
 _ACCURACY: Final = 1e-10
-_OF_ANSWER: Final = 1e-7
+_OF_ANSWER: Final = 1e-6
 """Tolerance of the answers compared, and remainder over the forces up to which these are linear."""
 
 
-def _verified(settings: Case, solution: Solution, one: Sensitivity) -> dict[str, Any]:
-    """The Taylor test of a derivative of the contact forces: what two answers of the changed case leave over after it,
-    which falls with the square of the change; collective."""
-    h = min(_FARTHEST, 0.5 * one.step)
-    if h < _NEAREST:
-        return {"passed": None, "words": "not verified: a contact point changes its state too soon"}
-    over, left, size = Reductions(solution.problem.comm), list[float](), 0.0
-    try:
-        for change in (h, 0.5 * h):
-            after = _answer_of(scaled(settings, one.name, 1.0 + change), solution)
-            left.append(over.norm(after - solution.contact_force - change * one.contact_force))
-            size = max(size, over.norm(after))
-    except NotScaled as reason:
-        return {"passed": None, "words": f"not verified: {reason}"}
-    except (NotConverged, StepFailed) as failure:
-        return {"passed": None, "words": f"not verified: {failure}"}
-    of_answer, percent = left[0] / (size or 1.0), f"{100.0 * h:.2g} %"
-    order = math.log2(left[0] / left[1]) if left[1] > 0.0 else math.inf
-    found = {"change": h, "remainder": of_answer, "order": order if math.isfinite(order) else None}
-    if of_answer <= _OF_ANSWER:
-        return {**found, "passed": True, "words": f"verified: linear to {of_answer:.0e} up to {percent}"}
-    words = f"{of_answer:.1e} of the forces is left over at {percent}, of order {order:.2f}"
-    passed = order >= _SECOND
-    return {**found, "passed": passed, "words": f"{'verified' if passed else 'NOT VERIFIED'}: {words}"}
+class TaylorTest:
+    """What answers of a changed case leave over after its derivatives, which falls with the square of the change;
+    collective."""
 
+    def __init__(self, settings: Case, like: Solution):
+        self._settings, self._like, self._over = settings, like, Reductions(like.problem.comm)
+        self._before: FloatArray | None = None
 
-def _answer_of(case: Case, like: Solution) -> FloatArray:
-    """The contact forces of a case at the time of an answer; collective."""
-    problem, tolerance = case.problem(like.problem.comm), min(case.solver.tolerance, _ACCURACY)
-    if case.history is None:
-        return problem.solve(tolerance, case.contact_solver()).contact_force
-    *_, last = replace(case.load_history(), tolerance=tolerance).steps(problem)
-    return last.solution.contact_force
+    def of(self, one: Sensitivity) -> dict[str, Any]:
+        """The entry `verified` of one of its sensitivities: whether it passed, None if it was not tested, and words."""
+        h = min(_FARTHEST, 0.5 * one.step)
+        if h < _NEAREST:
+            return {"passed": None, "words": "not verified: a contact point changes its state too soon"}
+        left, size = list[float](), 0.0
+        try:
+            for change in (h, 0.5 * h):
+                after = self._answer(scaled(self._settings, one.name, 1.0 + change))
+                left.append(self._over.norm(after - self._at_first() - change * one.contact_force))
+                size = max(size, self._over.norm(after))
+        except NotScaled as reason:
+            return {"passed": None, "words": f"not verified: {reason}"}
+        except (NotConverged, StepFailed) as failure:
+            return {"passed": None, "words": f"not verified: {failure}"}
+        of_answer, percent = left[0] / (size or 1.0), f"{100.0 * h:.2g} %"
+        order = math.log2(left[0] / left[1]) if left[1] > 0.0 else math.inf
+        found = {"change": h, "remainder": of_answer, "order": order if math.isfinite(order) else None}
+        if of_answer <= _OF_ANSWER:
+            return {**found, "passed": True, "words": f"verified: linear to {of_answer:.0e} up to {percent}"}
+        words = f"{of_answer:.1e} of the forces is left over at {percent}, of order {order:.2f}"
+        passed = order >= _SECOND
+        return {**found, "passed": passed, "words": f"{'verified' if passed else 'NOT VERIFIED'}: {words}"}
+
+    def _at_first(self) -> FloatArray:
+        """The forces of the case as it is, as accurately as those of the changed ones."""
+        if self._before is None:
+            self._before = self._answer(self._settings)
+        return self._before
+
+    def _answer(self, case: Case) -> FloatArray:
+        """The contact forces of a case at the time of the answer."""
+        problem, tolerance = case.problem(self._like.problem.comm), min(case.solver.tolerance, _ACCURACY)
+        if case.history is None:
+            return problem.solve(tolerance, case.contact_solver()).contact_force
+        *_, last = replace(case.load_history(), tolerance=tolerance).steps(problem)
+        return last.solution.contact_force
 
 
 def error_bars(session: Session, settings: Case, solution: Solution) -> dict[str, Any]:

@@ -193,6 +193,10 @@ value = ["1e5 * (1 + y)", 0.0, 0.0]
 [[total_force]]
 face = "low:right"
 force = [1e4, 0.0, 0.0]
+[[point_load]]
+face = "low:left"
+force = [1e3, 0.0, 0.0]
+moment = [0.0, 1e2, 0.0]
 [[contact]]
 face = "up:bottom"
 against = "low:top"
@@ -224,11 +228,14 @@ def test_each_input_of_a_case_is_verified_by_answers_of_the_changed_case(tmp_pat
     found = []
     for step in settings.load_history().steps(settings.problem()):
         found = step.solution.sensitivities(found)
-    results = {one.name: bars._verified(settings, step.solution, one) for one in found}
-    print({name: one["words"] for name, one in results.items()})
+    verify = bars.TaylorTest(settings, step.solution)
+    results = {one.name: verify.of(one) for one in found}
     assert len(results) >= 10 and all(one["passed"] for one in results.values())
     one = next(one for one in found if one.name == "prescribed displacements")
-    wrong = bars._verified(settings, step.solution, replace(one, contact_force=1.1 * one.contact_force))
+    twice = settings.model_copy(update={"total_force": settings.total_force * 2})
+    force = next(one for one in found if one.name.startswith("total force"))
+    assert bars.TaylorTest(twice, step.solution).of(force)["words"] == "not verified: there are several of this name"
+    wrong = verify.of(replace(one, contact_force=1.1 * one.contact_force))
     assert wrong["passed"] is False and "NOT VERIFIED" in wrong["words"]
     assert sensitivity_entries(found, True)["sensitivity"][0]["reactions"]
 
