@@ -94,7 +94,7 @@ def slave_bodies(deck: Path) -> set[int]:
     them, which are of the stresses inside, add up to the contact force, turned."""
     geometry = Geometry(str(deck))
     elements = list(geometry.solids.values())
-    found = np.empty(0, dtype=np.int64)
+    found: npt.NDArray[np.int64] = np.empty(0, dtype=np.int64)
     for slave in (words[0] for card in geometry.cards if card.kind == "CONTACTPAIR" for _, words in card.rows()):
         surface = geometry.surfaces.get(key_of(slave))
         for what, _ in [(slave, "")] if surface is None or surface.nodes else surface.lines:
@@ -108,7 +108,7 @@ def slave_bodies(deck: Path) -> set[int]:
         count = len(found)
         touched = [of[np.any(np.isin(of[:, 1:], found), axis=1), 1:].ravel() for of in elements]
         found = np.union1d(found, np.concatenate(touched))
-    return set(found.tolist())
+    return set(map(int, found))
 
 
 def _reason(text: str) -> str:
