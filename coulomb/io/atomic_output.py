@@ -2,11 +2,11 @@
 
 A run locks its directory by `flock` on a file in it, which ends with its process, also on NFS.
 
-A kill at any time leaves the old results or the new ones whole.  New ones are written completely into `.partial`; the
-name `.complete` commits them.  Then those that are there get a second name in DIRECTORY.previous (hard links), leave
-the directory, the summary first, and the new ones are moved into place, the summary last: a directory with a summary
-never mixes two runs.  The next run finishes what was cut short.  The steps of a load history are written one by one:
-earlier results leave the directory before the first.  Files that are not of the format stay where they are.
+A kill at any time leaves the old results or the new ones whole, or files that the next command moves to their place.
+New results are written completely into `.partial`; the name `.complete` commits them.  Then those that are there are
+moved away, the summary first, and become DIRECTORY.previous; the new ones are moved into place, the summary last: a
+directory with a summary never mixes two runs.  The steps of a load history are written one by one: earlier results
+leave the directory before the first.  Files that are not of the format stay where they are.
 
 On one process but for `locked` and `refuse_to_replace`; standard library only, but for the ranks.
 """
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 PARTIAL: Final = ".partial"
 """Directory in that of the results in which new ones are written; names that begin so are those of killed runs."""
 
-_COMPLETE, _OWN, _MOVING, _OLD = ".complete", ".complete-own", ".complete-moving", ".old"
-"""New results: for others, for earlier ones of the same run, and half moved; and old results that are removed."""
+_COMPLETE, _OWN, _MOVING, _OLD = ".complete", ".complete-own", ".complete-moving", ".complete-old"
+"""New results: for others, for earlier ones of the same run, and half moved; and old ones that become .previous."""
 
 _NAMES: Final = (SUMMARY, *FILES, *(name.replace(".xdmf", ".h5") for name in FIELDS), STEPS, FAILED, MESH)
 
@@ -160,7 +160,7 @@ def _refuse_to_lose(kept: Path) -> None:
     """A ValueError if the results in DIRECTORY.previous cannot be replaced, with a remedy."""
     if reason := unwritable(kept.parent):
         raise ValueError(f"results cannot be kept as {kept}: {reason}; move them away")
-    for path in sorted(kept.rglob("*")) if kept.is_dir() or not kept.exists() else [kept]:
+    for path in [kept] if kept.is_file() else sorted(kept.rglob("*")):
         if path.name == LOCK:
             os.close(_take(path))
         elif path == kept or not (_is_of_format(path.relative_to(kept)) and path.lstat().st_mode & 0o222):
@@ -184,7 +184,9 @@ def _is_ours(folder: Path) -> bool:
     for path in (files.summary, files.step(1).summary, files.case):
         with suppress(ValueError):
             keys = read_json(path).keys()
-            if {"mesh", "contact"} <= keys or ("certificate" in keys and {"coulomb", "history", "last"} & keys):
+            if {"mesh", "body"} & keys and {"contact", "auto_contact"} & keys:
+                return True
+            if "certificate" in keys and {"coulomb", "history", "last"} & keys:
                 return True
     return False
 
@@ -192,7 +194,7 @@ def _is_ours(folder: Path) -> bool:
 def _is_of_format(path: Path) -> bool:
     """Whether a path in a directory of results is of the format."""
     *_, last = parts = path.parts
-    known = last.lstrip(".").removesuffix(".partial") in _NAMES or last.startswith((PARTIAL, _COMPLETE, _OLD))
+    known = last.lstrip(".").removesuffix(".partial") in _NAMES or last.startswith((PARTIAL, _COMPLETE))
     in_steps = parts[0] == STEPS and re.fullmatch(r"\d{4,}", last) is not None
     return known or in_steps or (parts[0] == MESH and path.suffix in (".xdmf", ".h5"))
 
@@ -213,7 +215,7 @@ def commit(folder: Path, target: Path, keep: bool = True) -> None:
 def finish(target: Path) -> None:
     """Move complete results into place, also those of a run that was killed at it."""
     if (target / _OLD).is_dir():
-        _remove(target)
+        set_aside(target)
     for name in (_COMPLETE, _OWN):
         if (target / name).is_dir():
             set_aside(target, name == _COMPLETE)
@@ -233,49 +235,22 @@ def finish_for_reader(target: Path) -> None:
 
 
 def set_aside(target: Path, keep: bool = True) -> None:
-    """Remove the results in a directory, and keep them as TARGET.previous; after an OSError they are where they were.
-
-    Links are kept and removed as links.
-    """
-    if keep and _has_results(target):
-        kept = previous(target)
+    """Move the results in a directory, the summary first, to TARGET.previous, or remove them if they are none that
+    could be lost, or are not to be kept.  Links stay links."""
+    kept, old = previous(target), target / _OLD
+    if keep := old.is_dir() or (keep and _has_results(target)):
         try:
             _refuse_to_lose(kept)
         except ValueError as error:  # since the run began
             raise OSError(errno.EEXIST, str(error)) from None
-        work = kept.with_name(f".{kept.name}")
-        shutil.rmtree(work, ignore_errors=True)
-        (work / "new").mkdir(parents=True)
-        try:
-            for name in _names_in(target):
-                link_tree(target / name, work / "new" / name)
-            if kept.exists():
-                os.rename(kept, work / "old")
-            os.rename(work / "new", kept)
-        finally:
-            shutil.rmtree(work, ignore_errors=True)
-    _remove(target)
-
-
-def link_tree(path: Path, to: Path) -> None:
-    """Give a file, or all files of a directory, a second name; copies where a file system has no hard links."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.copytree(path, to, symlinks=True, copy_function=_link)
     else:
-        _link(path, to)
-
-
-def _link(path: str | os.PathLike[str], to: str | os.PathLike[str]) -> None:
-    try:
-        os.link(path, to, follow_symlinks=False)
-    except OSError:
-        shutil.copy2(path, to, follow_symlinks=False)
-
-
-def _remove(target: Path) -> None:
-    """Remove what is of the format, the summary first.  While `.old` exists, what is there is old."""
-    old = target / _OLD
+        old = target / f"{PARTIAL}-old"
     old.mkdir(exist_ok=True)
+    if keep and kept.exists():
+        (os.unlink if kept.is_symlink() else shutil.rmtree)(kept)
     for name in _names_in(target):
         os.rename(target / name, old / name)
-    shutil.rmtree(old)
+    if keep:
+        shutil.move(old, kept)  # a copy where the directory is a disk of its own
+    else:
+        shutil.rmtree(old)

@@ -26,7 +26,7 @@ from ..model.solution import Solution
 from ..ranks import on_rank_0
 from ..regular_file import replacing
 from ..solvers.results import OuterStep, QPStep
-from .atomic_output import PARTIAL, commit, link_tree, locked, refuse_to_replace
+from .atomic_output import PARTIAL, commit, locked, refuse_to_replace
 from .energy_error import recovered_errors
 from .grid_file import GridFields, write_grids
 from .result_grids import body_grids, collections, contact_facets, contact_grids
@@ -109,7 +109,7 @@ def _write_complete(
             if mesh is not None:
                 os.rename(mesh, folder / MESH)
             elif any(str((target / MESH).absolute()) in text for text in texts.values()):
-                link_tree(target / MESH, folder / MESH)
+                shutil.copytree(target / MESH, folder / MESH)
             commit(folder, target, keep)
             return contents
 

@@ -128,10 +128,10 @@ class RunDirectory:
         Raises:
             ValueError: If it cannot be read, is not a summary, or lacks a required entry.
         """
-        if not self.summary.exists() and self.path.is_dir() and (moving := sorted(self.path.glob(".complete*"))):
+        if not self.summary.exists() and (moving := sorted(self.path.glob(".complete*"))):
             raise ValueError(
-                f"{self.path}: a run was killed while it moved its results here from {moving[0].name}, where they are "
-                "complete: the next coulomb run here finishes that, or move the files yourself, summary.json last"
+                f"{self.path}: a run was killed while it moved results ({moving[0].name}): the next coulomb run here "
+                "finishes that"
             )
         contents = read_json(self.summary)
         for key in needed:

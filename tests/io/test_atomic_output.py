@@ -49,6 +49,10 @@ def everything(folder="out"):
     }
 
 
+def visible():
+    return {path: text for path, text in everything().items() if path.parts[0][0] != "."}
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """The results of the small case, and of its history."""
@@ -193,6 +197,14 @@ def test_files_of_the_user_are_never_replaced(name):
     assert path.read_text() == "a;b\n1;2\n"
 
 
+@pytest.mark.parametrize("keys", [("mesh", "contact"), ("body", "auto_contact")])
+def test_a_case_alone_is_known(keys):
+    """Of a run that was killed before it had results."""
+    OUT.mkdir()
+    Path("out/case.json").write_text(json.dumps({key: {} for key in keys}))
+    assert refuse_to_replace(OUT, True, comm) == ""
+
+
 def test_foreign_and_protected_files_in_what_would_be_lost(made):
     """They go with the results before, and stop what would remove these."""
     there(made, "history")
@@ -216,7 +228,7 @@ def test_what_would_be_lost_appears_during_a_run(made, name):
         Path(name).parent.mkdir(exist_ok=True)
         Path(name).touch()
         output.write(solved_block(2), "out")
-    assert {path: text for path, text in everything().items() if path.parts[0][0] != "."} == before
+    assert visible() == before
     assert refusal in run(code=2)
     Path(name).rename("elsewhere")
     with locked("out", comm):
@@ -269,7 +281,6 @@ def killed_at(number, monkeypatch):
         for owner, name in (
             (os, "rename"),
             (os, "replace"),
-            (os, "link"),
             (os, "unlink"),
             (os, "rmdir"),
             (os, "mkdir"),
@@ -290,8 +301,8 @@ def killed_at(number, monkeypatch):
 @pytest.mark.parametrize("keep", [True, False])
 @pytest.mark.parametrize("there_is", ["single", "history"])
 def test_a_kill_at_any_moment_of_the_move(made, there_is, keep, monkeypatch):
-    """Before each change on disk in turn: what has a summary is whole, the old results are whole there or beside, or
-    the new ones are committed; the next run finishes the move, and keeps the old ones."""
+    """Before each change on disk in turn: what has a summary is whole, the old results are whole there or beside, or on
+    their way and the new ones committed; the next run finishes the move, and keeps the old ones."""
     old, older = everything(made / there_is), everything(made / "single")
     new, kills, finished = {path: text + b" " for path, text in older.items()}, 0, False
     while not finished:
@@ -309,14 +320,13 @@ def test_a_kill_at_any_moment_of_the_move(made, there_is, keep, monkeypatch):
                 finished = True
             except KilledError:
                 kills += 1
-        visible = {path: text for path, text in everything().items() if not path.parts[0].startswith(".")}
-        if Path("summary.json") in visible:
-            assert visible in (old, new)
-        if keep and visible != old:
-            assert everything(KEPT) == old
+        if Path("summary.json") in visible():
+            assert visible() in (old, new)
+        if keep and visible() != old:
+            assert old in (everything(KEPT), everything("out/.complete-old") | visible())
         if committed := bool(list(OUT.glob(".complete*"))):
             if not Path("out/summary.json").exists():
-                with pytest.raises(ValueError, match="complete: the next coulomb run here finishes that"):
+                with pytest.raises(ValueError, match="the next coulomb run here finishes"):
                     RunDirectory(OUT).read_summary()
             with locked(OUT, comm):
                 assert refuse_to_replace(OUT, True, comm)
@@ -332,13 +342,14 @@ def test_a_kill_while_a_history_takes_the_place(made, there_is, monkeypatch):
         shutil.rmtree(OUT, ignore_errors=True)
         shutil.rmtree(KEPT, ignore_errors=True)
         there(made, there_is)
+        there(made, "history" if there_is == "single" else "single", "out.previous")
         with killed_at(kills, monkeypatch):
             try:
                 set_aside(OUT)
                 finished = True
             except KilledError:
                 kills += 1
-        assert everything() == old or everything(KEPT) == old
+        assert old in (everything(), everything(KEPT), everything("out/.complete-old") | visible())
         finish(OUT)
         set_aside(OUT)
         assert not everything() and everything(KEPT) == old
@@ -358,12 +369,17 @@ def test_a_command_that_reads_finishes_a_move(made, command):
     assert set(map(str, everything())) - {"report.html"} == FILES
 
 
-def test_a_file_system_without_hard_links(made, monkeypatch):
-    def refuse(*_, **__):
-        raise OSError(95, "Operation not supported")
+def test_a_directory_that_is_a_disk_of_its_own(made, monkeypatch):
+    """As a volume of a container: nothing can be renamed from there to DIRECTORY.previous."""
+    rename = os.rename
+
+    def on_a_disk(path, to):
+        if Path(to) == KEPT:
+            raise OSError(18, "Invalid cross-device link")
+        rename(path, to)
 
     before = there(made, "history")
-    monkeypatch.setattr(os, "link", refuse)
+    monkeypatch.setattr(os, "rename", on_a_disk)
     set_aside(OUT)
     assert everything(KEPT) == before and not everything()
 
@@ -374,14 +390,16 @@ def test_a_full_disk_keeps_the_old_results(made, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    for owner, name in ((output, "write_fields"), (output, "write_json"), (os, "link")):
+    def full_at_last(path, *_):
+        return full() if Path(path).name == ".complete-old" else mkdir(path, *_)
+
+    mkdir = os.mkdir
+    for owner, name in ((output, "write_fields"), (output, "write_json"), (os, "mkdir")):
         with monkeypatch.context() as patch:
-            patch.setattr(owner, name, full)
-            patch.setattr(shutil, "copy2", full)
+            patch.setattr(owner, name, full_at_last if owner is os else full)
             with pytest.raises(OSError, match="No space"):
                 output.write(solution, "out")
-        left = {path: text for path, text in everything().items() if not path.parts[0].startswith(".")}
-        assert left == before and not KEPT.exists()
+        assert visible() == before and not KEPT.exists()
     with locked("out", comm):  # the next run finds the answer that could not be moved
         assert friction() != json.loads(before[Path("summary.json")])["friction"] or check("out").passed
     assert everything(KEPT) == before
