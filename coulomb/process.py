@@ -68,6 +68,7 @@ def begin() -> None:
     else:
         signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # under a launcher it may concern MPI's own pipes
         start_alone()
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # else it looks through all installed packages for them
     _keep_caches_somewhere()
 
 

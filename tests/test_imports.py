@@ -12,8 +12,8 @@ import coulomb
 PICTURES = {"pyvista", "vtk", "vtkmodules", "matplotlib", "PIL", "jinja2"}
 SLOW = PICTURES | {"mpi4py", "petsc4py", "dolfinx", "ufl", "basix", "scipy", "h5py", "threadpoolctl"}
 
-UNUSED = {"scipy.optimize", "meshio", "coulomb.fem.meshes.gmsh_format", "coulomb.recheck"}
-"""What the run of a box that supports hold does not need, and takes 60 ms to load."""
+UNUSED = {"scipy.optimize", "scipy.spatial", "meshio", "coulomb.fem.meshes.gmsh_format", "coulomb.recheck"}
+"""What the run of a box that supports hold does not need, and takes 75 ms to load."""
 
 AND_TELL = """
 import atexit, json, sys

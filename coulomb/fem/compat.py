@@ -12,9 +12,9 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import cffi
 import numpy as np
 import numpy.typing as npt
+from _cffi_backend import FFI  # cffi.FFI loads a parser of C, which takes 25 ms
 
 from ..arrays import FloatArray
 from ..installation import COMPLEX, Unusable, loaded_libraries, why_mpi_does_not_fit, why_not_imported
@@ -183,7 +183,7 @@ def cell_kernel(form: Any) -> CellKernel | None:
     function = getattr(integrals[0], "tabulate_tensor_float64", None) if count == 1 else None
     if not function:
         return None
-    address = int(cffi.FFI().cast("uintptr_t", function))
+    address = int(FFI().cast("uintptr_t", function))
     coefficients = next(iter(cpp.fem.pack_coefficients(compiled).values()))
     return CellKernel(address, packed_constants(form), coefficients)
 

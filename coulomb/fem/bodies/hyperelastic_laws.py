@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from scipy.special import roots_jacobi
 
 from ...arrays import FloatArray, is_number
 from ..compat import ufl
@@ -67,6 +66,8 @@ def _power_sum(I1: Any, I2: Any, s: float) -> Any:
     For s = m + f, x^s is sin(pi f)/pi times the integral of t^(f-1) x^(m+1)/(x + t) over t > 0, with t = (1 - z)/(1 +
     z) by Gauss and Jacobi's rule; and the sum of x^(m+1)/(x + t) is a quotient of polynomials in t and the invariants.
     """
+    from scipy.special import roots_jacobi  # takes time to load, and only such laws need it
+
     if s < 0.0:
         return _power_sum(I2, I1, -s)  # of the inverse
     whole, f = divmod(s, 1.0)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import errno
 import json
 from collections.abc import Callable, Mapping
+from html import escape
 from pathlib import Path
 from typing import Any
-from xml.sax.saxutils import escape, quoteattr
 
 import h5py
 import numpy as np
@@ -155,9 +155,9 @@ def _filled(mesh: InspectedMesh, file: h5py.File, name_of_file: str) -> str:
     if faces:
         rows = np.concatenate(list(faces.values()))
         lines += grid("facets", FACETS[rows.shape[1]], rows, _repeated(faces, numbers["faces"]))
-    named = quoteattr(json.dumps(numbers))
+    named = escape(json.dumps(numbers))
     text = ['<?xml version="1.0"?>', '<Xdmf Version="3.0">', "<Domain>"]
-    text += [f'<Information Name="{NAMES}" Value={named}/>', *lines, "</Domain>", "</Xdmf>", ""]
+    text += [f'<Information Name="{NAMES}" Value="{named}"/>', *lines, "</Domain>", "</Xdmf>", ""]
     return "\n".join(text)
 
 
