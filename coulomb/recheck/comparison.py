@@ -77,63 +77,62 @@ class Comparison:
         """Compare the entries at a place: all expected ones must exist and agree with what follows from a source:
         fields and numbers up to rounding, by `others` from perturbed data; in texts figures may be rounded as there;
         everything else exactly."""
-        self._compare(written, expected, others, place, source, _largest(expected, {}, ""))
+        scales = _largest(expected, {}, "")
 
-    def _compare(
-        self, written: Any, expected: Any, others: Sequence[Any], place: Place, source: str, scales: dict[str, float]
-    ) -> None:
-        keys: list[Any] = []
-        if isinstance(expected, Mapping) and isinstance(written, Mapping):
-            self.faults += [f"{in_files((*place, key))}: is missing" for key in expected if key not in written]
-            self.left += [(*place, key) for key in written if key not in expected]
-            keys = [key for key in expected if key in written]
-        elif isinstance(expected, list) and isinstance(written, list) and len(expected) == len(written):
-            keys = list(range(len(expected)))
-        elif said := (self._field if isinstance(expected, Field) else self._entry)(
-            written, expected, others, place, scales
-        ):
-            source = _GIVEN.get(str(place[-1]), source) if place[0] in FIELDS else source
-            self.faults.append(f"{in_files(place)}: {said[0]}, but {said[1]} follows from {source}{said[2]}")
-        for key in keys:
-            one = [_at(other, key) for other in others]
-            self._compare(written[key], expected[key], one, (*place, key), source, scales)
+        def compare(written: Any, expected: Any, others: Sequence[Any], place: Place) -> None:
+            keys: list[Any] = []
+            if isinstance(expected, Mapping) and isinstance(written, Mapping):
+                self.faults += [f"{in_files((*place, key))}: is missing" for key in expected if key not in written]
+                self.left += [(*place, key) for key in written if key not in expected]
+                keys = [key for key in expected if key in written]
+            elif isinstance(expected, list) and isinstance(written, list) and len(expected) == len(written):
+                keys = list(range(len(expected)))
+            elif said := _difference(written, expected, others, place, scales):
+                of = _GIVEN.get(str(place[-1]), source) if place[0] in FIELDS else source
+                self.faults.append(f"{in_files(place)}: {said[0]}, but {said[1]} follows from {of}{said[2]}")
+            for key in keys:
+                compare(written[key], expected[key], [_at(other, key) for other in others], (*place, key))
 
-    @staticmethod
-    def _field(written: Any, expected: Any, others: Sequence[Any], *_: Any) -> tuple[str, str, str] | None:
-        """The values that differ most, in words, and where."""
-        values, follows, size = written.values, expected.values, np.abs(expected.values)
-        if values.shape != follows.shape:
-            return f"has the shape {values.shape}", f"{follows.shape}", ""
-        rounding = [np.max(np.abs(one.values - follows), initial=0.0) for one in others if one is not None]
-        least = max(*rounding, OF_LARGEST * float(np.max(size, initial=0.0)), expected.floor, 0.0)
-        beyond = np.abs(values - follows) - RELATIVE * size - least
-        if values.ndim == 2:
-            beyond = np.max(beyond, axis=1, initial=-np.inf)
-        wrong = ~(beyond <= 0.0)
-        if not np.any(wrong):
-            return None
-        k = int(np.argmax(np.where(wrong, beyond, -np.inf)))
-        count = f" ({np.count_nonzero(wrong)} of {len(wrong)} values differ)"
-        return f"{_shown(values[k])} at x = {in_words(expected.x[k])}", _shown(follows[k]), count
+        compare(written, expected, others, place)
 
-    @staticmethod
-    def _entry(
-        written: Any, expected: Any, others: Sequence[Any], place: Place, scales: Mapping[str, float]
-    ) -> tuple[str, str, str] | None:
-        """Two entries of JSON that differ, in words."""
-        number = isinstance(written, float | int) and not isinstance(written, bool)
-        if isinstance(expected, float) and not np.isfinite(expected):
-            same = written is None  # as JSON has it
-        elif isinstance(expected, float) and number:
-            rounding = max((abs(one - expected) for one in others if isinstance(one, float)), default=0.0)
-            key = next((key for key in reversed(place) if isinstance(key, str)), "")  # that of the list if it is in one
-            rounding += _OF_SUMS * scales.get(key, 0.0)
-            rounding += _OF_CERTIFICATE if key == "value" and "certificate" in place else 0.0
-            same = abs(written - expected) <= RELATIVE * abs(expected) + rounding
-        else:
-            same = written == expected and isinstance(written, bool) == isinstance(expected, bool)
-            same = same or (isinstance(written, str) and written in others)
-        return None if same else (_shown(written), _shown(expected), "")
+
+def _difference(
+    written: Any, expected: Any, others: Sequence[Any], place: Place, scales: Mapping[str, float]
+) -> tuple[str, str, str] | None:
+    """Two fields or entries of JSON that differ, in words: what is written, what follows, and in how many values."""
+    if isinstance(expected, Field):
+        return _difference_of_fields(written, expected, others)
+    number = isinstance(written, float | int) and not isinstance(written, bool)
+    if isinstance(expected, float) and not np.isfinite(expected):
+        same = written is None  # as JSON has it
+    elif isinstance(expected, float) and number:
+        rounding = max((abs(one - expected) for one in others if isinstance(one, float)), default=0.0)
+        key = next((key for key in reversed(place) if isinstance(key, str)), "")  # that of the list if it is in one
+        rounding += _OF_SUMS * scales.get(key, 0.0)
+        rounding += _OF_CERTIFICATE if key == "value" and "certificate" in place else 0.0
+        same = abs(written - expected) <= RELATIVE * abs(expected) + rounding
+    else:
+        same = written == expected and isinstance(written, bool) == isinstance(expected, bool)
+        same = same or (isinstance(written, str) and written in others)
+    return None if same else (_shown(written), _shown(expected), "")
+
+
+def _difference_of_fields(written: Any, expected: Field, others: Sequence[Any]) -> tuple[str, str, str] | None:
+    """The values that differ most, in words, and where."""
+    values, follows, size = written.values, expected.values, np.abs(expected.values)
+    if values.shape != follows.shape:
+        return f"has the shape {values.shape}", f"{follows.shape}", ""
+    rounding = [np.max(np.abs(one.values - follows), initial=0.0) for one in others if one is not None]
+    least = max(*rounding, OF_LARGEST * float(np.max(size, initial=0.0)), expected.floor, 0.0)
+    beyond = np.abs(values - follows) - RELATIVE * size - least
+    if values.ndim == 2:
+        beyond = np.max(beyond, axis=1, initial=-np.inf)
+    wrong = ~(beyond <= 0.0)
+    if not np.any(wrong):
+        return None
+    k = int(np.argmax(np.where(wrong, beyond, -np.inf)))
+    count = f" ({np.count_nonzero(wrong)} of {len(wrong)} values differ)"
+    return f"{_shown(values[k])} at x = {in_words(expected.x[k])}", _shown(follows[k]), count
 
 
 def in_files(place: Place) -> str:

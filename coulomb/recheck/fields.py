@@ -102,6 +102,9 @@ def sound(files: RunDirectory) -> tuple[dict[str, Any], WrittenFields]:
     )
     if not 0.0 < (compliance := contents["mean_compliance"]) < math.inf:
         raise ValueError(f"{files.summary}: mean_compliance should be a positive number, but is {compliance!r}")
+    step = contents.get("step", {} if files.step_number else {"number": 1, "time": 0.0})
+    if not all(isinstance(step.get(key), float | int) for key in ("number", "time")):
+        raise ValueError(f"{files.summary}: step has no number and time")
     if not isinstance(contents["certificate"]["passed"], bool):
         raise ValueError(f"{files.summary}: certificate does not say whether it had passed: {OLD}")
     for path in (path for name in FIELDS for path in (files.path / name, data_of(files.path / name))):

@@ -14,12 +14,11 @@ from typing import Any
 from ..case.case import Case
 from ..io.history_files import summary_of, whole
 from ..io.output import Series
-from ..io.run_directory import CASE, FIELDS, HISTORY, SUMMARY, RunDirectory, read_table, step_place
+from ..io.run_directory import FIELDS, HISTORY, SUMMARY, RunDirectory, read_table, step_place
 from .comparison import Comparison, named
-from .files_alone import check_alone
 from .findings import Findings, unread
 from .posed import SEEDS, Posed
-from .run import beginning, judged, step_of
+from .run import beginning, judged
 
 
 def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], None]) -> Findings:
@@ -28,16 +27,10 @@ def check_history(files: RunDirectory, posed: Posed | str, say: Callable[[str], 
     found, steps, left = Comparison(), list[Findings](), list[str]()
     before = [] if isinstance(posed, str) else [beginning(files, posed)] * len(SEEDS)
     for number in range(1, complete + 1):
-        step = files.step(number)
-        if isinstance(posed, str):
-            findings = check_alone(step, posed)
-        else:
-            findings, states = judged(step, posed, before)
-            written = states[0]  # by the numbers as written: rounding errors of a step are not those of the next
-            before = [
-                replace(one, displacement=written.displacement, force_on_body=written.force_on_body) for one in states
-            ]
-        step_of(step, findings.contents)
+        findings, states = judged(files.step(number), posed, before)
+        before = [  # by the numbers as written: rounding errors of a step are not those of the next
+            replace(one, displacement=states[0].displacement, force_on_body=states[0].force_on_body) for one in states
+        ]
         trusted += [line for line in findings.taken if line not in trusted]
         left += findings.unjudged
         steps.append(findings)
@@ -64,11 +57,9 @@ def complete_steps(files: RunDirectory) -> tuple[int, list[str]]:
 def check_times(settings: Case | None, summaries: Sequence[dict[str, Any]], found: Comparison) -> list[str]:
     """Check the last time; returns messages on steps still to be taken."""
     history = settings.history if settings is not None else None
-    if settings is not None and history is None:
-        found.faults.append(f"{CASE}: has no [history], but there are load steps")
     left = None if history is None else set(history.ends)
-    for summary in summaries:
-        record, where = summary["step"], f"{step_place(summary['step']['number'])}/{SUMMARY}"
+    for number, summary in enumerate(summaries, 1):
+        record, where = summary["step"], f"{step_place(number)}/{SUMMARY}"
         time, pending = record["time"], record.get("pending")
         if not isinstance(pending, list) or not all(isinstance(t, float | int) for t in pending):
             raise ValueError(f"{where}: step has no list of pending times")

@@ -12,7 +12,6 @@ from typing import Any, Final
 import numpy as np
 from mpi4py import MPI
 
-from ..arrays import FloatArray
 from ..case.case import Case
 from ..case.files import named_files
 from ..case.record import written_case
@@ -90,8 +89,6 @@ class WrittenAnswer:
         bodies, faces = points_in_files(files, problem)
         self.displacement = at_points(files.solution, "displacement", bodies, comm)
         self.force_on_body = at_points(files.contact, "contact_force", faces, comm)
-        unsettled = self.contents.get("unsettled")
-        self._unsettled = float(unsettled) if isinstance(unsettled, float | int) else None
         compliances = [at_points(files.contact, name, faces, comm)[:, 0] for name in COMPLIANCES]
         self._compliances = np.column_stack(compliances)
         self._temperature = None
@@ -105,9 +102,9 @@ class WrittenAnswer:
             random = np.random.default_rng((seed, problem.comm.rank))
             u, f = perturbed(u, random), perturbed(f, random)
             change = None if change is None else perturbed(change, random)
-        poses = problem.body.recorded_poses(said)
+        poses, unsettled = problem.body.recorded_poses(said), said.get("unsettled")
         if problem.large is not None:
-            return LoadStepLoop(problem, problem.large).recomputed(u, f, self._compliances, self._unsettled, poses)
+            return LoadStepLoop(problem, problem.large).recomputed(u, f, self._compliances, unsettled, poses)
         if change is not None:
             loading = problem.elasticity.heated(problem.loading, change)
             problem = problem.in_state(replace(problem.state, loading=loading), problem.seconds, problem.before)
@@ -117,7 +114,7 @@ class WrittenAnswer:
         x = -problem.surface.force_components(f).ravel()
         bound = problem.slip_bound(x)
         evidence = gather_evidence(problem.body, problem.state, x, u, self._compliances, problem.before)
-        evidence, certificate = settled_to(evidence, judge(evidence), self._unsettled)
+        evidence, certificate = settled_to(evidence, judge(evidence), unsettled)
         result = SolverResult(x, x, bound, np.zeros((len(bound), 2)), Status.STAGNATED, float("nan"))
         recorded = self._compliances, float(said["mean_compliance"]), dict(said["method"])
         answer = Solution(problem, x, u, bound, result, certificate, evidence, *recorded)
@@ -126,17 +123,6 @@ class WrittenAnswer:
         flows, of_heat = problem.body.heat.flows(*at_contact(answer), change), said.get("heat", {})
         heat = replace(flows, rounds=of_heat.get("rounds", 0), agreement=of_heat.get("agreement", 0.0))
         return replace(answer, problem=problem.in_state(replace(problem.state, heat=heat), None, problem.before))
-
-    def conducted(self, answer: Solution) -> FloatArray:
-        """The changes of temperature that follow from the contact forces and slip, shape (k,); collective.
-
-        Raises:
-            ValueError: On every rank, if these fix no temperature.
-        """
-        heat = answer.problem.body.heat
-        assert heat is not None and self._temperature is not None
-        found: FloatArray = heat.solve(*at_contact(answer), self._temperature)
-        return found
 
 
 def numbers_of(answer: Solution, contents: Mapping[str, Any], state: State | None) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import zip_longest
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +23,7 @@ from ..io.field_files import NODE, OPPOSITE, WHOLE
 from ..io.history_files import HistoryFiles
 from ..io.result_grids import OURS
 from ..io.run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
+from ..model.heated import at_contact
 from ..model.load_history import LoadHistory
 from ..model.load_step import State
 from ..model.solution import Solution
@@ -51,38 +53,37 @@ change: contact and conduction were solved in turn until they agreed to less."""
 def check_run(files: RunDirectory, posed: Posed | str) -> Findings:
     """Check a single run (`check`), or one load step in its history, relative to the step before, which must be
     there."""
-    number = files.step_number
-    if isinstance(posed, str):
-        return check_alone(files, posed)
-    if number is None:
-        if posed.settings is not None and posed.settings.history is not None:
-            raise ValueError(f"{files.case}: has a [history], but these are the results of a single run")
-        return judged(files, posed, None)[0]
-    before = beginning(files.of_history, posed)
-    if number > 1:
-        before = HistoryFiles(files.of_history.path, resume=True).state_after(posed.problem, number - 1)
-    return judged(files, posed, [before] * len(SEEDS))[0]
+    number, before = files.step_number, None
+    if number is not None and not isinstance(posed, str):
+        before = [beginning(files.of_history, posed)] * len(SEEDS)
+        if number > 1:
+            history = HistoryFiles(files.of_history.path, resume=True)
+            before = [history.state_after(posed.problem, number - 1)] * len(SEEDS)
+    elif not isinstance(posed, str) and posed.settings is not None and posed.settings.history is not None:
+        raise ValueError(f"{files.case}: has a [history], but these are the results of a single run")
+    return judged(files, posed, before)[0]
 
 
 def beginning(history: RunDirectory, posed: Posed) -> State:
     """The state from which a load history begins; of a script at the time that its summary has."""
-    if posed.settings is not None and posed.settings.history is not None:
-        return posed.settings.load_history().beginning(posed.problem)
-    if posed.settings is not None:
+    if posed.settings is None:
+        start = history.read_summary(("history",))["history"]["start"]
+        return LoadHistory([start + 1.0], start=start).beginning(posed.problem)
+    if posed.settings.history is None:
         raise ValueError(f"{history.case}: has no [history], but there are load steps")
-    start = history.read_summary(("history",))["history"]["start"]
-    return LoadHistory([start + 1.0], start=start).beginning(posed.problem)
+    return posed.settings.load_history().beginning(posed.problem)
 
 
-def judged(files: RunDirectory, posed: Posed, before: Sequence[State] | None) -> tuple[Findings, list[State]]:
+def judged(files: RunDirectory, posed: Posed | str, before: Sequence[State] | None) -> tuple[Findings, list[State]]:
     """Judge the answer in the files, of a load step from the states `before`, which follow from the numbers as written
     and from perturbed ones; gives the states after it as well; collective.
 
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others or the problem.
     """
-    comm = posed.problem.comm
-    there = list[WrittenFields]()  # on rank 0
+    if isinstance(posed, str):
+        return check_alone(files, posed), []
+    comm, problems, there = posed.problem.comm, [posed.problem] * len(SEEDS), list[WrittenFields]()  # on rank 0
 
     def look() -> dict[str, Any]:
         contents, fields = sound(files)
@@ -91,29 +92,25 @@ def judged(files: RunDirectory, posed: Posed, before: Sequence[State] | None) ->
 
     contents = on_rank_0(comm, lambda: complete(files.path, look))
     posed.problem.small_strain = "warn" if posed.accepts(contents.get("step") or {}) else "enforce"
-    problems, answers, states = [posed.problem] * len(SEEDS), list[Solution](), list[State]()
     if before is not None:
-        (number, time), then = step_of(files, contents), before[0]
-        if number != then.number + 1 or not time > then.time:
+        number, time, then = contents["step"]["number"], contents["step"]["time"], before[0]
+        if not then.time < time < math.inf or number != then.number + 1:
             raise ValueError(
                 f"{files.summary}: is of step {number} to {time:g} s, but the step before, {then.number}, ends at "
                 f"{then.time:g} s"
             )
         problems = [posed.problem.at(time, state) for state in before]
-    answer = WrittenAnswer(files, posed.problem)
-    for number, seed in enumerate(SEEDS):
-        answers.append(answer.judged(problems[number], seed))
-        if before is not None:
-            states.append(posed.problem.after(before[number], answers[-1]))
-    found, first = Comparison(), answers[0]
-    _compare_temperature(answer, first, found)
-    numbers = [numbers_of(one, contents, states[number] if states else None) for number, one in enumerate(answers)]
+    answer, found = WrittenAnswer(files, posed.problem), Comparison()
+    answers = [answer.judged(problem, seed) for problem, seed in zip(problems, SEEDS, strict=True)]
+    states = [posed.problem.after(state, one) for state, one in zip(before or (), answers, strict=False)]
+    _compare_temperature(answers[0], found)
+    numbers = [numbers_of(one, contents, state) for one, state in zip_longest(answers, states)]
     grids = [grids_of(one, contents.get("error")) for one in answers]
-    compare = partial(_compare, files, contents, posed, first, numbers, grids, found, *there)
+    compare = partial(_compare, files, contents, posed, answers[0], numbers, grids, found, *there)
     faults, unjudged = on_rank_0(comm, lambda: complete(files.path, compare))
     taken = [] if contents.get("coulomb") == __version__ else [f"written by coulomb {contents.get('coulomb')}"]
     said = tuple(faults), tuple(taken), tuple(unjudged), tuple(numbers)
-    return Findings(contents, first.certificate, first.outside, *said), states
+    return Findings(contents, answers[0].certificate, answers[0].outside, *said), states
 
 
 def _compare(
@@ -183,29 +180,18 @@ def compare_error_bars(contents: Mapping[str, Any], found: Comparison) -> None:
     found.tree(said, whole, (), (f"{SUMMARY}: error bar",), "its parts")
 
 
-def _compare_temperature(answer: WrittenAnswer, judged: Solution, found: Comparison) -> None:
+def _compare_temperature(answer: Solution, found: Comparison) -> None:
     """Compare the temperature with that of conduction; collective."""
-    heat = judged.heat
-    if heat is None:
+    heat, conduction = answer.heat, answer.problem.body.heat
+    if heat is None or conduction is None:
         return
     try:
-        expected = answer.conducted(judged)
-    except ValueError as error:  # on all ranks
+        expected = conduction.solve(*at_contact(answer), heat.change)
+    except ValueError as error:  # on all ranks: these fix no temperature
         found.faults.append(f"{SOLUTION}: {TEMPERATURE}: {error}")
         return
-    x, floor = judged.problem.elasticity.x, _AGREEMENT * float(np.max(np.abs(heat.change), initial=0.0))
+    x, floor = answer.problem.elasticity.x, _AGREEMENT * float(np.max(np.abs(heat.change), initial=0.0))
     found.tree(Field(heat.change, x), Field(expected, x, floor), (), (SOLUTION, WHOLE, TEMPERATURE), _HEAT)
     if not heat.balanced:
         found.faults.append(f"{SUMMARY}.heat: {heat.imbalance:.3g} W of {heat.power_in:.6g} W are missing")
-    found.faults = [fault for faults in judged.problem.comm.allgather(found.faults) for fault in faults]
-
-
-def step_of(files: RunDirectory, contents: Mapping[str, Any]) -> tuple[int, float]:
-    """Number and time of a load step; ValueError if its summary has none."""
-    try:
-        number, time = contents["step"]["number"], contents["step"]["time"]
-        if isinstance(number, int) and isinstance(time, float | int) and math.isfinite(time):
-            return number, float(time)
-    except (KeyError, TypeError):
-        pass
-    raise ValueError(f"{files.summary}: step has no number and time")
+    found.faults = [fault for faults in answer.problem.comm.allgather(found.faults) for fault in faults]
