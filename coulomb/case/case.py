@@ -52,7 +52,7 @@ from .loads import (
 )
 from .material import MaterialTable, MaterialTables, TemperatureTable, materials_of, refuse_groups, tables_of
 from .solver import HistoryTable, OutputTable, ProbeTable, SolverTable, UnitsTable
-from .ties import CyclicSymmetryTable, EquationTable, PretensionTable, RigidFaceTable, TieTable
+from .ties import CyclicSymmetryTable, EquationTable, FacePairTable, PretensionTable, RigidFaceTable, TieTable
 from .values import TABLES, Number, SpatialVector, Table, Vector, field
 
 if TYPE_CHECKING:  # modules that need DOLFINx or PETSc are loaded after validation
@@ -274,7 +274,7 @@ class Case(Table):
         return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
 
     @property
-    def ties(self) -> dict[str, TieTable]:
+    def ties(self) -> dict[str, FacePairTable]:
         """Sections of bolts, ties and cyclic symmetries, by their key in the case."""
         kinds = ("pretension", "tie", "cyclic_symmetry")
         return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
@@ -372,6 +372,9 @@ class Case(Table):
         for key in ("pretension", "rigid_face"):
             if getattr(self, key):
                 raise ValueError(f'{key}: not with solver.kinematics = "large": it has [[tie]], sectors and equations')
+        for k, tie in enumerate(self.tie):
+            if tie.begin is not None:
+                raise ValueError(f'tie.{k}.begin: not with solver.kinematics = "large", where ties may end')
         return self
 
     @model_validator(mode="after")
@@ -415,7 +418,7 @@ class Case(Table):
     def _limits(self) -> dict[str, float]:
         """The times at which load steps must end, by their keys in the case."""
         found = {f"pretension.{k}.lock": one.lock for k, one in enumerate(self.pretension)}
-        for key, table in self._on_faces.items():
+        for key, table in {**self._on_faces, **self.ties}.items():
             if isinstance(table, LastingTable):
                 found |= {f"{key}.begin": table.begin, f"{key}.end": table.end}
         return {key: time for key, time in found.items() if time is not None}

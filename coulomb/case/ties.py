@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from ..fem.mesh_formats import other_side
 from .curves import AmplitudeTable, amplitude_of
+from .loads import LastingTable
 from .values import ROWS, AlongAxes, Direction, Name, NodesValue, Number, Stiffness, Table, Vector
 
 if TYPE_CHECKING:
@@ -15,26 +16,35 @@ if TYPE_CHECKING:
     from ..fem.contact import Tied
 
 
-class TieTable(Table):
-    """Two faces that are glued to each other; with `slave` the nodes of `face` follow those of `against`."""
+class FacePairTable(Table):
+    """Two faces of which one moves as the other does; with `slave` the nodes of `face` follow those of `against`."""
 
     face: Name
     against: Name
     slave: Annotated[bool, Field(strict=True)] = False
 
     @model_validator(mode="after")
-    def _two(self) -> TieTable:
+    def _two(self) -> FacePairTable:
         if self.face == self.against:
             raise ValueError(f"face {self.face!r} cannot be tied to itself: give another as against")
         return self
 
     def tie(self) -> Tied:
+        """What it is in the problem."""
+        raise NotImplementedError
+
+
+class TieTable(FacePairTable, LastingTable):
+    """Two faces that are glued to each other: after `begin` as they are then, until `end`, and from `reaches` on as
+    before deformation."""
+
+    def tie(self) -> Tied:
         from ..fem.contact import Tied
 
-        return Tied(self.face, self.against, self.slave)
+        return Tied(self.face, self.against, self.slave, begin=self.begin, end=self.end, reaches=self.reaches)
 
 
-class CyclicSymmetryTable(TieTable):
+class CyclicSymmetryTable(FacePairTable):
     """The two cut faces of one of several equal sectors around an axis."""
 
     point: Vector = (0.0, 0.0, 0.0)
@@ -47,7 +57,7 @@ class CyclicSymmetryTable(TieTable):
         return CyclicSymmetry(self.face, self.against, self.slave, self.point, self.axis, self.sectors)
 
 
-class PretensionTable(TieTable):
+class PretensionTable(FacePairTable):
     """The section of a bolt, tightened to a force in newtons or by a shortening in metres; by default against the other
     side of a cut."""
 

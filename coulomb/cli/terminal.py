@@ -109,7 +109,7 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
     ties = ties_of(problem)
     words = [
         f"{one['kind']} of {one['face']!r} to {one['against']!r}: {one['nodes']} nodes, "
-        + plain(quantity(one["area"], "m²"))
+        + plain(quantity(one["area"], "m²") + one.get("acts", ""))
         if one["area"]
         else f"{one['kind']} {one['face']!r}: {one['nodes']} nodes"
         for one in ties
@@ -128,6 +128,8 @@ def found_in_words(table: ContactTable, pair: FoundPair) -> str:
 
 def contact_in_words(one: dict[str, Any]) -> str:
     """A contact pair from `contacts_of`."""
+    if not one["nodes"]:
+        return f"{one['face']!r}: tied now, no contact points; {one['foundation']}"
     gap, given = _range(one["gap"]), ""
     if any(one["given_gap"].values()):
         times = " times its amplitude" if "gap amplitude" in one["moves"] else ""

@@ -196,7 +196,7 @@ def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, 
     heat, problem, over = contents.get("heat") or {}, solution.problem, Reductions(solution.problem.comm)
     diagonal = problem.A.diagonal()
     inverse = 1.0 / diagonal[diagonal > 1e-8 * problem.mean_compliance]  # others are known
-    k = problem.mean_compliance * over.norm(inverse) / math.sqrt(over.sum(float(len(inverse))))
+    k = problem.mean_compliance * over.norm(inverse) / math.sqrt(over.sum(float(len(inverse))) or 1.0)
     part = k * max(residual, AGREEMENT if heat else 0.0)
     least = accuracy(contents, part)
     flows = [abs(flow["power"]) for flow in heat.get("flows", ())]

@@ -409,7 +409,7 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     # of faces with what they touch before deformation, metres; and the energy in joules of rounding errors: of a fixed
     # node moved by the rounding error of its coordinates
     contacts = step["understood"]["contacts"]  # but those under load, which are where they have moved to
-    contacts = [one for one in contacts if not {"force", "moment"} & set(one["moves"].split())]
+    contacts = [one for one in contacts if one["nodes"] and not {"force", "moment"} & set(one["moves"].split())]
     overlaps = [min(one["given_gap"]["min"], max(one["gap"]["min"], 0.0)) - one["gap"]["min"] for one in contacts]
     overlap, compliance = float(max(before.get("overlap", 0.0), *overlaps, 0.0)), step["mean_compliance"]
     way = _number(largest["displacement"]["value"])

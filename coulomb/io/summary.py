@@ -66,7 +66,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "understood": {
             "supports": supports_of(problem),
             "contacts": contacts_of(problem),
-            **({"ties": ties_of(problem)} if elasticity.constraints.ties else {}),
+            **({"ties": ties_of(problem)} if elasticity.constraints.every else {}),
         },
         "material": materials_of(elasticity),
         **of_temperature,

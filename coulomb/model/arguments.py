@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from ..arrays import is_number, short
-from ..fem.bodies import Deformable, Equation, PrescribedDisplacement, Support, nonlinear, vanishes
+from ..fem.bodies import Deformable, Equation, PrescribedDisplacement, Support, act_together, nonlinear, vanishes
 from ..fem.contact import Pretension, Tied
 from ..fem.geometry import same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh, is_mesh_data, with_surfaces
@@ -63,10 +63,14 @@ def refuse_wrong(given: Mapping[str, object]) -> None:
     for one in ties if isinstance(ties, Sequence) else ():
         if not isinstance(one, Tied | Equation):
             raise ValueError(f"ties must be a list of Tied, CyclicSymmetry, Pretension and Equation, but has {one!r}")
-    pairs = [{one.face, one.against} for one in ties if isinstance(one, Tied)] if isinstance(ties, Sequence) else []
-    for number, pair in enumerate(pairs):
-        if pair in pairs[:number]:
-            raise ValueError(f"ties: the pair of {' and '.join(map(repr, sorted(pair)))} is given twice")
+    earlier: dict[frozenset[str], list[Tied]] = {}
+    for one in ties if isinstance(ties, Sequence) else ():
+        if isinstance(one, Tied):
+            same = earlier.setdefault(frozenset((one.face, one.against)), [])
+            if any(act_together(one, other) for other in same):
+                pair = " and ".join(map(repr, sorted((one.face, one.against))))
+                raise ValueError(f"ties: the pair of {pair} is given twice")
+            same.append(one)
 
 
 def named(given: Any) -> Any:

@@ -484,7 +484,7 @@ def _actions(e: Evidence, over: Reductions) -> tuple[Check, ...]:
     size = max(over.max(axis) + over.max(-axis) for axis in e.x.T) or 1.0
     slave, master, couples = np.moveaxis(over.total(e.actions.ravel()).reshape(e.actions.shape), 1, 0)
     left = (slave + master - couples)[:, :6] / np.array([1.0] * 3 + [size] * 3)
-    most = worst(*(ratio(worst(*np.abs(one)), scale) for one, scale in zip(left, slave[:, 6], strict=True)))
+    most = worst(0.0, *(ratio(worst(*np.abs(one)), scale) for one, scale in zip(left, slave[:, 6], strict=True)))
     meaning = "forces and moments on the two faces of every pair are opposite"
     return (Check("action and reaction", most, LIMIT, "", meaning),)
 

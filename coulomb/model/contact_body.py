@@ -31,7 +31,7 @@ from ..fem.contact import (
 from ..fem.geometry import RigidFoundation, RigidMotion, Spin, same_place, since_at, spin
 from ..linalg.compliance import LinearSolver, chosen
 from .contact import Contact
-from .contact_faces import ContactFaces, slaves_as_faces
+from .contact_faces import ContactFaces, StatePoints, slaves_as_faces
 from .contact_stiffness import ContactStiffness
 from .foundation_load import FoundationLoads
 from .heat import HeatProblem
@@ -65,18 +65,19 @@ def refuse_untouched(elasticity: Deformable, surface: ContactSurface) -> None:
 
 
 def refuse_tied(elasticity: Deformable, contacts: Sequence[Contact]) -> None:
-    """Check that no tie holds both faces of a pair together: the same faces, or parts of them of which all nodes on the
-    slave of the tie are tied; collective."""
+    """Check that no tie holds both faces of a pair together, unless for some time: the same faces, or parts of them of
+    which all nodes on the slave of the tie are tied; collective."""
     comm = elasticity.comm
 
     def some(which: npt.NDArray[np.bool_]) -> bool:
         return bool(comm.allreduce(bool(np.any(which)), op=MPI.LOR))
 
-    for tie in (one for one in elasticity.constraints.ties if one.kind in (Tied.kind, Pretension.kind)):
+    lasting = [id(one) for one in elasticity.constraints.lasting]
+    for tie in (one for one in elasticity.constraints.every if one.kind in (Tied.kind, Pretension.kind)):
         masters = elasticity.nodes(tie.against, tie.kind)
         for contact in contacts:
             faces = (contact.face, contact.against)
-            if None in faces:
+            if None in faces or (id(tie) in lasting and set(faces) == {tie.face, tie.against}):
                 continue
             own, other = (elasticity.nodes(str(name), "contact") for name in faces)
             tied = set(faces) == {tie.face, tie.against}
@@ -87,6 +88,7 @@ def refuse_tied(elasticity: Deformable, contacts: Sequence[Contact]) -> None:
                 raise ValueError(
                     f"contact of {contact.face!r} with {contact.against!r}: the {tie.kind} of {tie.face!r} and "
                     f"{tie.against!r} holds these faces together, so that they neither open nor slip: leave out one"
+                    + (", or give both the same faces" if id(tie) in lasting else "")
                 )
 
 
@@ -181,29 +183,40 @@ class ContactBody:
         self.stiffness.loaded_foundations = any(contact.load for contact in self.contacts)
 
     def at_time(self, time: float) -> ContactBody:
-        """The same with the supports that act at a time: itself if they are its own; collective.
+        """The same with the supports and ties that act at a time: itself if they are its own; ValueError on every rank
+        as `ContactProblem`; collective."""
+        known = self._of(self.elasticity.at_time(time), time)
+        for other in self._by_supports.values():
+            if other is not known:
+                other.stiffness.forget()
+        return known
 
-        Raises:
-            ValueError: On every rank, if other nodes are contact points then, or as `ContactProblem`.
-        """
-        elasticity = self.elasticity.at_time(time)
+    def _of(self, elasticity: Deformable, time: float) -> ContactBody:
+        """The same with the supports and ties that act on bodies at a time; collective."""
         known = self._by_supports.get(elasticity.acting)
         if known is None:
             known = copy.copy(self)
             known._take(elasticity, time)
             known.stiffness.load_steps = self.stiffness.load_steps
             self._by_supports[elasticity.acting] = known
-            here, there = (one._references[one.elasticity.constraints.locked].nodes for one in (self, known))
-            if not self.comm.allreduce(np.array_equal(here, there), op=MPI.LAND):
-                raise ValueError(
-                    f"contact: at time {time:g} supports that have begun or ended make other nodes contact points: "
-                    "those whose displacement along the normal is prescribed are none; leave nodes of contact faces "
-                    "out of such supports, or prescribe displacements along the faces alone"
-                )
-        for other in self._by_supports.values():
-            if other is not known:
-                other.stiffness.forget()
         return known
+
+    def surface_of(self, elasticity: Deformable, time: float, poses: FloatArray | None) -> ContactSurface:
+        """The contact surface of the bodies as they are at a time, with foundations under load in these poses;
+        collective."""
+        there = self._of(elasticity, time)
+        return there.surface(there.foundation_motions(time, poses), time, elasticity)
+
+    def points_of_states(self, surface: ContactSurface) -> StatePoints:
+        """The contact points of states: those of a surface, or all nodes of the contact faces where which of them are
+        contact points changes with supports and ties."""
+        if self.elasticity.limits:
+            return StatePoints.of_faces(self.elasticity, self.contacts)
+        return StatePoints(surface.nodes, surface.part)
+
+    def places(self, surface: ContactSurface) -> npt.NDArray[np.int64]:
+        """Numbers of the contact points of a surface among those of states, shape (m,)."""
+        return self.points_of_states(surface).places(surface)
 
     @property
     def foundations(self) -> tuple[RigidFoundation | None, ...]:
@@ -373,7 +386,8 @@ class ContactBody:
         slip_rate: FloatArray = np.zeros(len(surface.x))
         accumulated = Accumulated.none(len(surface.x))
         if before is not None:
-            slip_rate, accumulated = before.slip_rate, before.accumulated
+            at = self.places(surface)
+            slip_rate, accumulated = before.slip_rate[at], before.accumulated.at(at)
         law = self._faces.law(surface, time, slip_rate)
         if before is None:
             elasticity.refuse_beginning(time)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,23 @@ from .contact import Contact
 from .foundation_load import FoundationLoads, LoadedFoundation
 
 
+class StatePoints(NamedTuple):
+    """This rank's nodes of contact points, and the numbers of their contact faces, shapes (m,)."""
+
+    nodes: npt.NDArray[np.int32]
+    part: npt.NDArray[np.int64]
+
+    @staticmethod
+    def of_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> StatePoints:
+        """All nodes of contact faces."""
+        faces = [elasticity.nodes(one.face, "contact") for one in contacts]
+        return StatePoints(np.concatenate(faces), np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces]))
+
+    def places(self, surface: ContactSurface) -> npt.NDArray[np.int64]:
+        """Numbers of the contact points of a surface among these, which have them all."""
+        return surface.places_among(self.nodes, self.part)
+
+
 def slaves_as_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
     """Contacts with the slave of every pair as their face, and what was chosen in words; collective."""
     found, words = [], []
@@ -43,7 +61,16 @@ def slaves_as_faces(elasticity: Deformable, contacts: Sequence[Contact]) -> tupl
         if contact.against is None:
             found.append(contact)
             continue
-        if contact.slave:
+        ties = [tie for tie in elasticity.constraints.lasting if tie.joins(contact.face, contact.against)]
+        others = {tie.face for tie in ties} - {contact.face if contact.slave else ties[0].face if ties else ""}
+        if others:
+            raise ValueError(
+                f"contact of {contact.face!r} with {contact.against!r}: their tie has {others.pop()!r} as the slave: "
+                "give all the same"
+            )
+        if ties:
+            slave, master, why = ties[0].face, ties[0].against, "it is that of their tie"
+        elif contact.slave:
             slave, master, why = contact.face, contact.against, "it was given as the slave"
         else:
             slave, master, why = slave_side(elasticity, contact.face, contact.against)

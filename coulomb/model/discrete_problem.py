@@ -5,14 +5,12 @@ from __future__ import annotations
 import copy
 from dataclasses import replace
 from datetime import datetime
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.contact import ContactSurface
 from ..fem.meshes import NamedMesh
 from ..linalg.compliance import BodyCompliance
 from ..solvers.friction_problem import FrictionProblem
@@ -23,17 +21,6 @@ from .contact_stiffness import FixedStiffness
 from .linear_problem import Before, ContactState, LinearProblem
 from .problem_evidence import gather_evidence
 from .stability import Stability
-
-
-class StatePoints(NamedTuple):
-    """This rank's nodes of contact points, and the numbers of their contact faces, shapes (m,)."""
-
-    nodes: npt.NDArray[np.int32]
-    part: npt.NDArray[np.int64]
-
-    def places(self, surface: ContactSurface) -> npt.NDArray[np.int64]:
-        """Numbers of the contact points of a surface among these, which have them all."""
-        return surface.places_among(self.nodes, self.part)
 
 
 class DiscreteProblem:

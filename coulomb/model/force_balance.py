@@ -46,7 +46,7 @@ def force_balance(
         for member, ground in grounds
         if ground is not None
     ]
-    of_ties = constraints.forces(imbalance, time) if constraints.ties else None
+    of_ties = constraints.forces(imbalance, time) if constraints.every else None
     with np.errstate(all="ignore"):  # an answer that overflows fails its certificate
         pulling = resultants(body.loads_in(problem.loading), x, over)
         holding = (*resultants(chain(body.shares(reaction), body.spring_forces(u)), x, over), *terms)

@@ -79,7 +79,7 @@ def supports_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
 
 
 def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
-    """Faces, why the nodes of the first follow, their number, and area of every tie; collective."""
+    """Faces, why the nodes of the first follow, their number, area, and when it acts of every tie; collective."""
     over = Reductions(problem.comm)
     return [
         {
@@ -89,8 +89,9 @@ def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
             "why": tie.why,
             "nodes": int(over.sum(float(len(tie.nodes)))),
             "area": problem.elasticity.copies * over.sum(tie.area),
+            **({"acts": tie.lasting} if tie.lasting else {}),
         }
-        for tie in problem.elasticity.constraints.ties
+        for tie in problem.elasticity.constraints.every
     ]
 
 

@@ -20,7 +20,8 @@ from ..solvers.rigid_motions import NO_MOTION
 from ..solvers.successive_tresca import Anderson
 from .certificate import Evidence
 from .certificate_scales import rounding_forces, rounding_of_gaps
-from .discrete_problem import DiscreteProblem, StatePoints
+from .contact_faces import StatePoints
+from .discrete_problem import DiscreteProblem
 from .linear_problem import Before
 from .load_step import State
 from .problem_evidence import gather_evidence

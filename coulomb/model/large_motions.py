@@ -34,7 +34,8 @@ from .arguments import linear_solver_of
 from .certificate import LIMIT, Certificate, Evidence, judge, settled_to
 from .certificate_scales import place_of_largest
 from .contact_body import ContactBody
-from .discrete_problem import DiscreteProblem, StatePoints
+from .contact_faces import StatePoints
+from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
 from .iterate import NEAR, CarriedForces, Iterate, Linearised, Path, linearised
 from .load_step import Forces, State
@@ -129,9 +130,7 @@ class LoadSteps:
             else replace(one, foundation=foundation, force_point=body.foundation_loads.points.get(number))
             for number, (one, foundation) in enumerate(zip(body.contacts, body.foundations, strict=True))
         )
-        faces = [self.elasticity.nodes(one.face, "contact") for one in self.contacts]
-        part = np.repeat(np.arange(len(faces)), [len(nodes) for nodes in faces])
-        self.points = StatePoints(np.concatenate(faces), part)
+        self.points = StatePoints.of_faces(self.elasticity, self.contacts)
 
     def damps(self) -> bool:
         """Whether a failed step is worth another attempt with damping, which is set: not if it was damped already, or
@@ -148,7 +147,10 @@ class LoadSteps:
 
     def _refuse_ties_across_gaps(self) -> None:
         """Nodes of a tie follow across a distance as the ends of rigid arms, with the linear part of their rotations:
-        turned far, they end up to that distance from where they belong; collective."""
+        turned far, they end up to that distance from where they belong, as do those of ties that begin; collective."""
+        for one in self.elasticity.constraints.given:
+            if one.begin is not None:
+                raise ValueError(f"{one.what}: in large motions ties act from the start: leave out begin")
         for tie in self.elasticity.constraints.ties:
             facet = Reductions(self.elasticity.comm).max(np.sqrt(tie.area))
             if tie.arm > _ARM * facet:

@@ -248,16 +248,19 @@ class State(Moment):
         """The state at the end of the next step, with updated energies; collective."""
         problem, surface, e = solution.problem, solution.problem.surface, solution.evidence
         body, u = problem.elasticity, self.displacement
+        at = problem.body.places(surface)
 
         if self.forces is not None:
-            then = Forces.at(body, surface, u, self.forces.kept, self.forces.load, self.force_on_body, self.time)
+            then = self.forces
         else:
             before = body.at_time(self.time)
+            there = problem.body.surface_of(before, self.time, self.poses)
+            of_contact = self.force_on_body[problem.body.places(there)]
             loading = before.at(self.time)
             if self.temperature_change is not None:
                 loading = before.heated(loading, self.temperature_change)
             kept = before.internal_force(u) - before.spring_force(u)
-            then = Forces.at(before, surface, u, kept, loading.load, self.force_on_body, self.time)
+            then = Forces.at(before, there, u, kept, loading.load, of_contact, self.time)
             body.at_time(problem.time)  # the user's coefficients are those of the present again
         kept = e.internal - e.spring
         now = Forces.at(body, surface, solution.displacement, kept, e.load, solution.force_on_body, problem.time)
@@ -265,14 +268,14 @@ class State(Moment):
         stiffened = (
             coefficients_work(then, now, Reductions(problem.comm, body.copies)) if body.forms() is not None else 0.0
         )
-        return self.ended(solution, then, now, slice(None), stiffened)
+        return self.ended(solution, then, now, at, stiffened)
 
     def ended(
         self,
         solution: Solution,
         then: Forces,
         now: Forces,
-        at: slice | npt.NDArray[np.int64],
+        at: npt.NDArray[np.int64],
         stiffened: float = 0.0,
         elastic: float | None = None,
     ) -> State:

@@ -11,6 +11,7 @@ with the ratio of the two meshes.  They are those of the contact points, average
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -41,6 +42,11 @@ OPEN_BELOW: Final = 1e-9
 
 SLIP_ABOVE: Final = 0.999
 """A node slips if its friction is at least this fraction of its bound."""
+
+
+def _or_none(largest: float) -> float:
+    """The largest of values over all ranks, 0 if there are none."""
+    return 0.0 if largest == -math.inf else largest
 
 
 @dataclass(frozen=True)
@@ -287,7 +293,7 @@ class NodalAnswer:
             "contact_area": over.sum(self.area[here][closed]),
             **({"centre_of_pressure": None if centre is None else centre.tolist()} if alone else {}),
             "greatest_slip": max(over.max(moving[closed]), 0.0),
-            "greatest_pressure": over.max(force[:, 0] / self.area[here]),
+            "greatest_pressure": _or_none(over.max(force[:, 0] / self.area[here])),
             "dissipated_energy": over.sum(self._friction_work[here]),
         }
 
@@ -359,7 +365,7 @@ class NodalAnswer:
         over, now = self._over, self.accumulated
         return {
             "largest_slip": max(over.max(now.slip), 0.0),
-            "largest_friction_work": over.max(now.friction_work),
+            "largest_friction_work": _or_none(over.max(now.friction_work)),
             "largest_pressure": max(over.max(now.pressure), 0.0),
             "dissipated_energy": over.dot(now.friction_work, self.area),
         }

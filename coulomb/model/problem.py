@@ -44,7 +44,8 @@ from . import notebook
 from .arguments import certifying, contacts_given, linear_solver_of, named, on_named_surfaces, refuse_wrong
 from .contact import Contact
 from .contact_body import ContactBody
-from .discrete_problem import DiscreteProblem, StatePoints
+from .contact_faces import StatePoints
+from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
 from .heat import HeatProblem
 from .heated import heated
@@ -273,8 +274,8 @@ class ContactProblem(DiscreteProblem):
     @property
     def points_of_states(self) -> StatePoints:
         """The contact points of the states of a load history: in large motions all nodes of the contact faces, since
-        which of them are contact points depends on the displacement."""
-        return StatePoints(self.surface.nodes, self.surface.part) if self.large is None else self.large.points
+        which of them are contact points depends on the displacement, and so where supports or ties begin or end."""
+        return self.body.points_of_states(self.surface) if self.large is None else self.large.points
 
     def refuse_held_inside(self, times: Sequence[float] = ()) -> None:
         """Refuse supports that hold nodes of contact faces inside foundations now, or at other times; ValueError on
@@ -300,7 +301,8 @@ class ContactProblem(DiscreteProblem):
         if before.before is not None:
             ahead = (self.time - before.time) / (before.time - before.before.time)
             forces.append(before.force_on_body + ahead * (before.force_on_body - before.before.force_on_body))
-        return np.array([-self.surface.force_components(one).ravel() for one in forces])
+        at = self.body.places(self.surface)
+        return np.array([-self.surface.force_components(one[at]).ravel() for one in forces])
 
     def after(self, before: State, solution: Solution) -> State:
         """The state after a load step; collective."""

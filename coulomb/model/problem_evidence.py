@@ -66,7 +66,7 @@ def gather_evidence(
     given = partial(_motions, body, state.time)
     motions = body.foundation_loads.posed(on_all_ranks(given, "", body.comm), state.poses)
     then = motions if before is None else body.foundation_motions(before.time, before.poses)
-    rates, faces = state.slip_rate if before is None else before.slip_rate, []
+    rates, faces = state.slip_rate if before is None else before.slip_rate[body.places(surface)], []
     for number, moved in enumerate(zip(motions, then, strict=True)):
         slip_rate, here = np.zeros(len(u)), surface.part == number
         slip_rate[surface.nodes[here]] = rates[here]
@@ -212,7 +212,7 @@ def _actions(
         found.append(pair_actions(x - centre, slave, master, at[here], opposite[here], vectors[here]))
     for matrix in (on_slave, on_both):
         matrix.destroy()
-    return np.array(found)
+    return np.reshape(found, (-1, 3, 7))
 
 
 _Face = tuple[ContactPoints, FloatArray, FloatArray, FrictionLaw, FloatArray, OtherNodes | None]

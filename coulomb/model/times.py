@@ -42,11 +42,11 @@ def shortened(values: Sequence[float]) -> str:
 
 
 def refuse_missed(limits: Sequence[float], start: float, ends: Sequence[float]) -> None:
-    """Check that a load step ends where bolts are locked, and where supports begin or end."""
+    """Check that a load step ends where bolts are locked, and where supports or ties begin or end."""
     for time in limits:
         if start < time < max(ends) and not any(math.isclose(time, end, rel_tol=1e-9) for end in ends):
             listed = ", ".join(f"{end:g}" for end in sorted(ends)[:6])
             raise ValueError(
-                f"history: at time {time:g} a support begins or ends, or a bolt is locked, but no load step ends there "
-                f"(they end at {listed}{', ...' if len(ends) > 6 else ''}): add it to times"
+                f"history: at time {time:g} a support or a tie begins or ends, or a bolt is locked, but no load step "
+                f"ends there (they end at {listed}{', ...' if len(ends) > 6 else ''}): add it to times"
             )

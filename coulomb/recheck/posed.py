@@ -111,12 +111,13 @@ class WrittenAnswer:
         if poses is not None:
             state = problem.body.posed(problem.state, poses, problem.before)
             problem = problem.in_state(state, problem.seconds, problem.before)
-        x = -problem.surface.force_components(f).ravel()
+        at = problem.body.places(problem.surface)
+        x, compliances = -problem.surface.force_components(f[at]).ravel(), self._compliances[at]
         bound = problem.slip_bound(x)
-        evidence = gather_evidence(problem.body, problem.state, x, u, self._compliances, problem.before)
+        evidence = gather_evidence(problem.body, problem.state, x, u, compliances, problem.before)
         evidence, certificate = settled_to(evidence, judge(evidence), unsettled)
         result = SolverResult(x, x, bound, np.zeros((len(bound), 2)), Status.STAGNATED, float("nan"))
-        recorded = self._compliances, float(said["mean_compliance"]), dict(said["method"])
+        recorded = compliances, float(said["mean_compliance"]), dict(said["method"])
         answer = Solution(problem, x, u, bound, result, certificate, evidence, *recorded)
         if change is None or problem.body.heat is None:
             return answer

@@ -140,7 +140,7 @@ class FrictionProblem:
     def mean_diagonal(self) -> float:
         """Mean of diag(A) without its zeros in metres per newton: the scale that turns a gap into a force."""
         d = self.A.diagonal()
-        return self.reductions.sum(d) / self.reductions.sum(float(np.count_nonzero(d)))
+        return self.reductions.sum(d) / max(self.reductions.sum(float(np.count_nonzero(d))), 1.0)
 
     @cached_property
     def known_slip(self) -> npt.NDArray[np.bool_]:

@@ -298,7 +298,8 @@ class _Iteration:
         self._rows = 1.0 / self._scale()[:, None]
         self._inverse.move(self._at)
         self._bordered = ConstraintPreconditioner(self._inverse, self._constraints, 3, self._at.Q @ self._scaled.G)
-        over_largest = self._over.min(self._rows.ravel()) * float(np.linalg.norm(loads))
+        largest = float(np.linalg.norm(loads))
+        over_largest = self._over.min(self._rows.ravel()) * largest if largest else 0.0
         size, self._accuracy = math.hypot(self._over.norm(self._rows * rhs), over_largest), self._settings.sharpest
         if size == 0.0:
             return np.zeros_like(rhs), np.zeros_like(rhs), np.zeros(len(loads))

@@ -113,7 +113,7 @@ def test_what_slides_along_held_nodes_rubs():
 @pytest.mark.parametrize(
     ("times", "limits", "said"),
     [
-        ([2.0], {"begin": 1.0}, "at time 1 a support begins or ends"),
+        ([2.0], {"begin": 1.0}, "at time 1 a support or a tie begins or ends"),
         ([1.0, 2.0], {"begin": 1.0, "end": 1.0}, "end = 1 must be after begin = 1"),
         ([1.0, 2.0], {"reaches": 1.0}, "reaches goes with a begin"),
         ([1.0, 2.0], {"end": "soon"}, "end must be a time"),
@@ -132,10 +132,17 @@ def test_a_history_is_needed():
             problem.at(2.0).solve()
 
 
-def test_other_contact_points_are_refused():
-    problem = bar(lambda right: [Clamp(right, begin=1.0)], 1.0)
-    with pytest.raises(ValueError, match="at time 2 supports that have begun or ended make other nodes contact points"):
-        list(LoadHistory([1.0, 2.0]).steps(problem))
+def test_a_clamp_takes_the_force_of_contact_points():
+    """Nodes of the contact face that a clamp holds are contact points before and after: what they bore is its."""
+    problem = bar(lambda right: [Clamp(right, begin=1.0, end=2.0)], 0.0)
+    steps = list(LoadHistory([1.0, 2.0, 3.0]).steps(problem))
+    name = next(name for name in steps[0].row if name.startswith("clamp_right") and name.endswith("force_z"))
+    borne = [step.row["force_z"] for step in steps]
+    at_edge = [step.solution.force_on_body[step.solution.problem.surface.x[:, 0] > 0.99 * LENGTH, 2] for step in steps]
+    assert [len(forces) for forces in at_edge] == [3, 0, 3]
+    assert borne == pytest.approx([0.1, 0.1 - at_edge[0].sum(), 0.1], rel=1e-6)
+    assert [step.row[name] for step in steps] == pytest.approx([0.0, at_edge[0].sum(), 0.0], rel=1e-6, abs=1e-12)
+    assert all(step.solution.valid for step in steps)
 
 
 CASE = """

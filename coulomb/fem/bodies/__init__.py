@@ -17,7 +17,7 @@ from .constraints import (
     matrix_product,
     rows_of,
 )
-from .deformable import Deformable, End, Member, SingleBody
+from .deformable import Deformable, Member, SingleBody
 from .displacement_space import DisplacementSpace, free_earlier_bodies
 from .elasticity import Elasticity, LoadedBody, locking_by_volume
 from .equations import Equation, Equations
@@ -33,6 +33,7 @@ from .free_motions import (
 )
 from .hyperelastic import HyperelasticBody
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
+from .lasting_supports import End, LastingConstraint, act_together
 from .linear_constraints import TIE_STRESSES, Bolt, Constraints, Follower
 from .loads import (
     TEMPERATURE,

@@ -22,21 +22,10 @@ from .constraints import HeldDirections
 from .displacement_space import DisplacementSpace
 from .elimination import ReducedBodies
 from .free_motions import names_of_components
+from .lasting_supports import End
 from .loads import AppliedLoad, Loading, NodalForces
 from .materials import Materials
 from .rigid_modes import component_modes
-
-
-@dataclass(frozen=True)
-class End:
-    """The end of a load step: its time, and the displacements of this rank's nodes, metres, shape (k, 3)."""
-
-    time: float
-    displacement: FloatArray
-
-    def of(self, nodes: slice) -> End:
-        """Of some of the nodes."""
-        return End(self.time, self.displacement[nodes])
 
 
 @dataclass(frozen=True)
@@ -60,7 +49,7 @@ class Deformable(ReducedBodies):
     Attributes:
         materials: None if they are in the user's forms.
         contradictions: Messages about supports that prescribe different displacements where they meet.
-        acting: Which supports act; () if all act at all times.
+        acting: Which supports and ties act; () if all act at all times.
     """
 
     acting: tuple[bool, ...] = ()
@@ -129,7 +118,7 @@ class Deformable(ReducedBodies):
 
     @property
     def limits(self) -> tuple[float, ...]:
-        """The times at which load steps must end: supports begin or end, tightening ends."""
+        """The times at which load steps must end: supports or ties begin or end, tightening ends."""
         return ()
 
     @abstractmethod

@@ -20,9 +20,9 @@ from ..geometry import Amplitude, Coefficient, Field, evaluate_amplitude, evalua
 from ..meshes import NamedMesh
 from .body import STRESSES, ElasticBody, strain
 from .constraints import HeldDirections, HeldNodes, SupportedNodes, contradictions, prescribed_rows
-from .deformable import Deformable, End, SingleBody
+from .deformable import Deformable, SingleBody
 from .elimination import Made
-from .lasting_supports import acts, share_left
+from .lasting_supports import End, acts, limits_of, share_left
 from .loads import (
     AppliedLoad,
     BodyForce,
@@ -130,7 +130,7 @@ class LoadedBody(ElasticBody, HeldNodes):
 
     @property
     def limits(self) -> tuple[float, ...]:
-        return tuple(time for one in self.supports for time in (one.begin, one.end) if time is not None)
+        return limits_of(self.supports)
 
     def at_time(self, time: float) -> Self:
         """The body with the supports that act at a time: itself if these are its own; collective."""

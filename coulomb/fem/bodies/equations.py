@@ -93,6 +93,9 @@ class Equations:
 
     equations: Sequence[Equation]
 
+    what = Equation.kind
+    begin = end = reaches = None
+
     def as_made(self, tie: Tie) -> Equations:
         """Themselves."""
         return self

@@ -20,10 +20,10 @@ from ..geometry import Amplitude, Field, Turn, evaluate_amplitude
 from ..meshes import NamedMesh
 from .body import cell_measure
 from .constraints import HeldDirections
-from .deformable import End
 from .elasticity import LoadedBody
 from .elimination import Made
 from .hyperelastic_laws import elastic, hyperelastic, invariants
+from .lasting_supports import End
 from .loads import AppliedLoad, Load, Loading, NodalForces, Pressure, Temperature, ThermalLoad, range_of, shown_range
 from .materials import Materials, by_group, material_of_cells
 from .mean_dilatation import MEAN_ABOVE, CellProducts, MeanVolume, linear_hexahedra

@@ -19,9 +19,10 @@ from ...arrays import FloatArray
 from ..geometry import Amplitude, Field
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, is_mesh_data
 from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
-from .deformable import Deformable, End, Member, SingleBody
+from .deformable import Deformable, Member, SingleBody
 from .elasticity import LoadedBody, refuse_others
 from .elimination import Made
+from .lasting_supports import End
 from .linear_constraints import Constraints, Follower
 from .loads import AppliedLoad, Load, Loading, NodalForces, Temperatures, ThermalLoad, joined_temperatures
 from .materials import AnyMaterial, Materials, by_group
@@ -221,7 +222,7 @@ class JoinedBodies(Deformable):
     Args:
         bodies: By their names.
         given: Ties, rigid faces and bolts; of those that meet, a later one may refuse nodes of earlier ones.
-        time: By which bolts are locked.
+        time: By which ties act and bolts are locked.
     """
 
     def __init__(self, bodies: Mapping[str, SingleBody], given: Sequence[Follower] = (), time: float = 0.0):
@@ -245,13 +246,14 @@ class JoinedBodies(Deformable):
         self.component = np.concatenate(
             [first + body.component for first, body in zip(np.cumsum([0, *counts]), parts, strict=False)]
         )
-        self._made, self.acting = Made(), tuple(one for body in parts for one in body.acting)
+        self._made = Made()
         self.contradictions = tuple(
             f"body {name!r}: {text}" if name else text for name, body in bodies.items() for text in body.contradictions
         )
         self.materials = self._alone.materials if self._alone else _materials(bodies)
         self.loads = tuple(self._load_of(member, load) for member in self.members for load in member.body.loads)
         self._made.constraints = Constraints(self, given, time)
+        self.acting = self._acting()
         self._at_times = list[JoinedBodies]()
 
     # --- nodes ------------------------------------------------------------------------------------------------------
@@ -314,11 +316,11 @@ class JoinedBodies(Deformable):
     # --- loads and forces ---------------------------------------------------------------------------------------------
 
     def at_time(self, time: float) -> JoinedBodies:
-        """Itself, if no body has changed, and the same bolts are locked; the same for the same ones.  Constraints are
-        shared unless other supports act."""
+        """Itself, if no body has changed, and the same ties act and bolts are locked; the same for the same ones.
+        Constraints are shared unless other supports act."""
         bodies, constraints = [one.body.at_time(time) for one in self._members], self.constraints.at_time(time)
         for known in (self, *self._at_times):
-            if known._has(bodies) and known.constraints.locked == constraints.locked:
+            if known._has(bodies) and known.constraints.same(constraints):
                 return known
         if any(one.body.acting != body.acting for one, body in zip(self._members, bodies, strict=True)):
             names = [one.name for one in self._members]
@@ -328,6 +330,9 @@ class JoinedBodies(Deformable):
             other = self._with(cast(list[SingleBody], bodies), constraints)
         self._at_times[:] = [*(known for known in self._at_times if known._has(bodies)), other]
         return other
+
+    def _acting(self) -> tuple[bool, ...]:
+        return (*(one for member in self._members for one in member.body.acting), *self.constraints.acting)
 
     def _has(self, bodies: Sequence[Deformable]) -> bool:
         return all(one.body is body for one, body in zip(self._members, bodies, strict=True))
@@ -343,6 +348,7 @@ class JoinedBodies(Deformable):
         other = copy.copy(self)
         other._members = tuple(replace(one, body=body) for one, body in zip(self._members, bodies, strict=True))
         other.x, other._made = constraints.reduction.x, Made(constraints=constraints)
+        other.acting = other._acting()
         return other
 
     def held_at(self, time: float) -> HeldDirections:
@@ -350,7 +356,7 @@ class JoinedBodies(Deformable):
 
     @property
     def limits(self) -> tuple[float, ...]:
-        return (*(time for member in self._members for time in member.body.limits), *self.constraints.locks)
+        return (*(time for member in self._members for time in member.body.limits), *self.constraints.limits)
 
     def refuse_beginning(self, time: float) -> None:
         for member in self._members:
@@ -363,7 +369,7 @@ class JoinedBodies(Deformable):
         ends = [before and before.of(member.nodes) for member in self._members]
         parts = zip(self._members, ends, strict=True)
         of_bodies = self._together(time, tuple(member.body.after(time, end) for member, end in parts))
-        return self.constraints.loading(of_bodies, None if before is None else before.displacement)
+        return self.constraints.loading(of_bodies, before)
 
     def heated(self, loading: Loading, change: FloatArray) -> Loading:
         each = zip(self._members, loading.parts, strict=True)

@@ -1,16 +1,29 @@
-"""Supports that begin and end in the course of a load history."""
+"""Supports and ties that begin and end in the course of a load history."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, Protocol
 
-from ...arrays import is_number
+from ...arrays import FloatArray, is_number
+
+
+@dataclass(frozen=True)
+class End:
+    """The end of a load step: its time, and the displacements of this rank's nodes, metres, shape (k, 3)."""
+
+    time: float
+    displacement: FloatArray
+
+    def of(self, nodes: slice) -> End:
+        """Of some of the nodes."""
+        return End(self.time, self.displacement[nodes])
 
 
 class Lasting(Protocol):
-    """When a support acts."""
+    """When a support or a tie acts."""
 
     @property
     def begin(self) -> float | None:
@@ -31,10 +44,21 @@ class Lasting(Protocol):
 _SAME_TIME: Final = 1e-9  # relative difference of times below which they are the same
 
 
+def limits_of(given: Iterable[Lasting]) -> tuple[float, ...]:
+    """The times at which some of these begin or end."""
+    return tuple(time for one in given for time in (one.begin, one.end) if time is not None)
+
+
 def acts(support: Lasting, time: float) -> bool:
-    """Whether a support acts at a time: after `begin`, and at `end` for the last time."""
+    """Whether a support or a tie acts at a time: after `begin`, and at `end` for the last time."""
     begun = support.begin is None or time > support.begin + _SAME_TIME * abs(support.begin)
     return begun and (support.end is None or time <= support.end + _SAME_TIME * abs(support.end))
+
+
+def act_together(one: Lasting, other: Lasting) -> bool:
+    """Whether two constraints act at some time both."""
+    begin = max(-math.inf if each.begin is None else each.begin for each in (one, other))
+    return begin < min(math.inf if each.end is None else each.end for each in (one, other))
 
 
 def share_left(support: Lasting, then: float, now: float) -> float:
@@ -46,15 +70,16 @@ def share_left(support: Lasting, then: float, now: float) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LastingSupport:
-    """When a support acts.  Before and after, its nodes are free; load steps must end where it begins and ends.
+class LastingConstraint:
+    """When a support or a tie acts.  Before and after, its nodes are free; load steps end where it begins and ends.
 
     Attributes:
         begin: The time from which it acts, by default from the start.  From there it moves its nodes, from where they
-            are, by the changes of what it prescribes: a clamp holds them there.
+            are, by the changes of what it prescribes: a clamp holds them there, and a tie where they are to each other.
         end: The time until which it acts, by default always.  In the load step that follows its reaction is gone.
-        reaches: The time at which the displacement is the given one, in place of changes of it: until then what is
-            missing at `begin` is made up for linearly in time.
+        reaches: The time at which the displacement is the given one, of a tie that of faces together as they were
+            before deformation, in place of changes of it: until then what is missing at `begin` is made up for linearly
+            in time.
 
     Raises:
         ValueError: If one is no number, or they are not in this order: begin, reaches, end.

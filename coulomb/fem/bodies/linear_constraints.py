@@ -24,6 +24,7 @@ from ...arrays import FloatArray, IntArray
 from ..meshes import fetched, starts_of
 from .constraints import HeldNodes, at_nodes_of, distributed_rows, rows_of
 from .free_motions import FreeMotions, OpenedPart, least_energy
+from .lasting_supports import End, Lasting, act_together, acts, limits_of, share_left
 from .loads import Loading, NodalForces
 from .reduction import LONGEST_CHAIN, Reduction
 from .rigid_modes import RigidPart, component_modes, null_space
@@ -34,8 +35,13 @@ TIE_STRESSES = ("peel_stress", "shear_stress")
 across it."""
 
 
-class Follower(Protocol):
+class Follower(Lasting, Protocol):
     """What makes nodes follow others, as given."""
+
+    @property
+    def what(self) -> str:
+        """Kind and faces, for messages."""
+        ...
 
     def joined(self, body: Any, taken: npt.NDArray[np.bool_]) -> Tie:
         """Its rows, of nodes that do not follow others already (`taken`, (k,)); ValueError on every rank if there are
@@ -64,15 +70,20 @@ _ROUNDING: Final = 2.0**-46
 
 
 class Constraints:
-    """The constraints of some bodies, with the shortening of some bolts given; none by default; collective.
+    """The constraints of some bodies that act at a time, with the shortening of some bolts given; none by default;
+    collective.
 
     Args:
         nodes: The nodes, with what supports hold.
-        given: Ties, rigid faces, bolts and equations; of those that meet, a later one may refuse nodes of earlier ones.
-        time: By which bolts are locked.
+        given: Ties, rigid faces, bolts and equations; of those that meet at some time, a later one may refuse nodes of
+            earlier ones.
+        time: By which ties act and bolts are locked.
 
     Attributes:
-        ties: These with their nodes.
+        given: As given.
+        every: These with their nodes, also those that do not act.
+        ties: Those that act.
+        acting: Which of `every` do; () if all act at all times.
         motions: Those of the rigid faces.
         bolts: The sections of bolts.
         locked: Whether the shortening of each bolt is given, prescribed or locked: it is no unknown then.
@@ -81,26 +92,54 @@ class Constraints:
     """
 
     _displaced: FloatArray | None = None
+    reduction: Reduction
 
     def __init__(self, nodes: HeldNodes, given: Sequence[Follower] = (), time: float = 0.0):
-        self.comm, ties, taken = nodes.comm, list[Tie](), np.zeros(len(nodes.x), dtype=bool)
+        self.comm, self.given, every = nodes.comm, tuple(given), list[Tie]()
         for one in given:
-            ties.append(one.joined(nodes, taken))
-            taken[ties[-1].nodes] = True
-        self.ties = tuple(ties)
+            taken = np.zeros(len(nodes.x), dtype=bool)
+            for other, tie in zip(given, every, strict=False):
+                taken[tie.nodes] |= act_together(one, other)
+            every.append(one.joined(nodes, taken))
+        self.every = tuple(every)
+        self.as_made = [one.as_made(tie) for one, tie in zip(given, every, strict=True)]
+        self._reductions = {acting: self._reduction_of(acting, nodes) for acting in self._actings}
+        self._take(self._acting(time), time)
+
+    @property
+    def _actings(self) -> set[tuple[bool, ...]]:
+        """Which of the constraints act, between the times at which some begin or end."""
+        return {self._acting(time) for time in (*limits_of(self.given), np.inf)}
+
+    def _acting(self, time: float) -> tuple[bool, ...]:
+        return tuple(acts(one, time) for one in self.given) if limits_of(self.given) else ()
+
+    def _those(self, acting: tuple[bool, ...]) -> tuple[Tie, ...]:
+        return tuple(tie for tie, on in zip(self.every, acting, strict=True) if on) if acting else self.every
+
+    def _reduction_of(self, acting: tuple[bool, ...], nodes: HeldNodes) -> Reduction:
+        """That of the constraints that act, no bolt being locked; collective."""
+        ties = self._those(acting)
         of = [tie.motion or tie.bolt for tie in ties]
-        self.reduction = found = Reduction(nodes, ties, [one.place for one in of if one is not None])
-        owned = list(zip(of, found.own, strict=True))
+        found = Reduction(nodes, ties, [one.place for one in of if one is not None])
+        weights = [(own, N) for _, own, N, _ in found.weights]
+        for motion, own in zip(of, found.own, strict=True):
+            if isinstance(motion, FaceMotion):
+                N = next(N for at, N in weights if at == own)
+                along = self.comm.allreduce(np.einsum("mcp,mcq->pq", motion.spread, N), op=MPI.SUM)
+                found.stiffness[own, own] = (along.T * motion.given.stiffness) @ along
+        return found
+
+    def _take(self, acting: tuple[bool, ...], time: float) -> None:
+        """Let these constraints act, and those bolts be locked that are at a time."""
+        found = self._reductions[acting]
+        self._unlocked = found if self._displaced is None else found.at_place(self.reduction.x)
+        self.ties, self.acting = self._those(acting), acting
+        owned = [(tie.motion or tie.bolt, own) for tie, own in zip(self.ties, found.own, strict=True)]
         self._of_faces = [(motion, own) for motion, own in owned if isinstance(motion, FaceMotion)]
         self._of_bolts = [(bolt, own.start) for bolt, own in owned if isinstance(bolt, Section)]
         self.motions, self.bolts = [one for one, _ in self._of_faces], [one for one, _ in self._of_bolts]
-        weights = [(own, N) for _, own, N, _ in found.weights]
-        for motion, own in self._of_faces:
-            N = next(N for at, N in weights if at == own)
-            along = self.comm.allreduce(np.einsum("mcp,mcq->pq", motion.spread, N), op=MPI.SUM)
-            found.stiffness[own, own] = (along.T * motion.given.stiffness) @ along
-        self.as_made = [one.as_made(tie) for one, tie in zip(given, ties, strict=True)]
-        self._unlocked, self.locked = found, tuple(bolt.given.fixed(time) for bolt in self.bolts)
+        self.locked = tuple(bolt.given.fixed(time) for bolt in self.bolts)
         self.reduction = self._prescribed()
 
     def _prescribed(self) -> Reduction:
@@ -108,14 +147,18 @@ class Constraints:
         return self._unlocked.prescribing(given) if self.bolts else self._unlocked
 
     def at_time(self, time: float) -> Constraints:
-        """The same with the bolts locked at a time, itself if these are; T and faces are shared."""
-        locked = tuple(bolt.given.fixed(time) for bolt in self.bolts)
-        if locked == self.locked:
+        """The same with those that act and the bolts that are locked at a time, itself if these do and are; faces are
+        shared, and T by the same that act."""
+        acting, locked = self._acting(time), tuple(bolt.given.fixed(time) for bolt in self.bolts)
+        if acting == self.acting and locked == self.locked:
             return self
         other = copy.copy(self)
-        other.locked = locked
-        other.reduction = other._prescribed()
+        other._take(acting, time)
         return other
+
+    def same(self, other: Constraints) -> bool:
+        """Whether those of the same bodies act, and the same bolts are locked, as of others."""
+        return (self.acting, self.locked) == (other.acting, other.locked)
 
     def at_place(self, x: FloatArray, u: FloatArray) -> Constraints:
         """The same of nodes at another place x (k, 3), metres, displaced by u (k, 3): loadings are of changes of it."""
@@ -205,9 +248,22 @@ class Constraints:
     # --- what is prescribed -------------------------------------------------------------------------------------------
 
     @property
-    def locks(self) -> tuple[float, ...]:
-        """The times at which tightening ends."""
-        return tuple(bolt.given.lock for bolt in self.bolts if bolt.given.lock is not None)
+    def limits(self) -> tuple[float, ...]:
+        """The times at which ties begin or end, or tightening ends."""
+        locks = (bolt.given.lock for bolt in self.bolts if bolt.given.lock is not None)
+        return (*limits_of(self.given), *locks)
+
+    @property
+    def lasting(self) -> list[Tie]:
+        """Those that do not act at all times."""
+        both = zip(self.given, self.every, strict=True)
+        return [tie for one, tie in both if one.begin is not None or one.end is not None]
+
+    @property
+    def _begun(self) -> list[tuple[Follower, Tie]]:
+        """Those that act and have begun after the start."""
+        both = zip(self.given, self.every, self.acting, strict=False)
+        return [(one, tie) for one, tie, on in both if on and one.begin is not None]
 
     def refuse_beginning(self, time: float) -> None:
         """Raise ValueError on every rank if what the bodies are at a time depends on load steps before."""
@@ -217,21 +273,30 @@ class Constraints:
                     f"{one.what}: at time {time:g} it is locked (lock = {one.lock:g}), at a length that only the load "
                     "steps before determine: begin at the time of lock or before"
                 )
+        for given, _ in self._begun:
+            raise ValueError(
+                f"{given.what}: at time {time:g} it holds nodes where the load steps before have left them "
+                f"(begin = {given.begin:g}): begin at this time or before"
+            )
 
-    def loading(self, of_bodies: Loading, before: FloatArray | None = None) -> Loading:
+    def loading(self, of_bodies: Loading, before: End | None = None) -> Loading:
         """A loading of the bodies with what constraints prescribe: displacements u with no unknowns, those of supports,
-        rigid faces and bolts and what follows them; after a load step that ended with displacements (k, 3), which fix
-        the shortening of locked bolts; collective."""
+        rigid faces and bolts and what follows them; after a load step, the end of which fixes the shortening of locked
+        bolts, and how far faces are from each other where ties have begun; collective."""
         if not self.ties:
             return of_bodies
         found, time, x = self.reduction, of_bodies.time, self.reduction.x
-        kept = np.zeros(found.width) if before is None else self._amounts(before)
+        kept = np.zeros(found.width) if before is None else self._amounts(before.displacement)
         offset = np.zeros_like(x)
         for motion in self.motions:
             offset += motion.prescribed(x, time, self.comm)
         for tie in self.ties:
             if tie.prescribed is not None:
                 offset[tie.nodes] += tie.prescribed.at(time, self.comm)
+        if before is not None and self._begun:
+            left = found.apart(before.displacement)
+            for one, tie in self._begun:
+                offset[tie.nodes] += share_left(one, before.time, time) * left[tie.nodes]
         if self.motions:
             given = (float(np.max(np.abs(of), initial=0.0)) for of in (offset, of_bodies.prescribed))
             size = self.comm.allreduce(max(given), op=MPI.MAX)
@@ -274,9 +339,13 @@ class Constraints:
         return self.reduction.on_followed(self._lacking(imbalance, time)) if self.ties else np.zeros_like(imbalance)
 
     def shares(self, imbalance: FloatArray, time: float) -> Iterator[NodalForces]:
-        """The forces of every tie on the nodes of its slave face, in the order given; collective."""
+        """The forces of every tie on the nodes of its slave face, in the order given; those of ties that do not act are
+        0; collective."""
         forces = self._lacking(imbalance, time)
-        for tie in self.ties:
+        for number, tie in enumerate(self.every):
+            if self.acting and not self.acting[number]:
+                yield NodalForces(tie.kind.replace(" ", "_"), tie.face, np.zeros_like(forces))
+                continue
             share, own = np.zeros_like(forces), np.einsum("mij,mj->mi", tie.directions, forces[tie.nodes])
             share[tie.nodes] = own
             beside = distributed_rows(tie.beside, (forces.size, tie.beside.shape[1]), self.reduction, None)

@@ -24,11 +24,11 @@ from ..compat import fem, ufl
 from ..meshes import boundary_facets
 from ..ufl_values import in_cells
 from .compiled_form import CompiledForm, compiled
-from .deformable import End
 from .displacement_space import free_earlier_bodies
 from .elimination import Made
 from .form_body import BilinearForm, FormBody, FormValues
 from .free_motions import FreeMotions, free_motions, names_of_components
+from .lasting_supports import End
 from .loads import Loading, NodalForces
 from .mean_dilatation import CellProducts, tabulated
 from .rigid_modes import component_modes

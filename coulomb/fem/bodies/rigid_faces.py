@@ -70,6 +70,7 @@ class RigidFace(GivenFace):
     along: Literal["rigid", "free"] = "rigid"
 
     kind = "rigid face"
+    begin = end = reaches = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.face, str) or not self.face:

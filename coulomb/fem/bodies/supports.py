@@ -30,7 +30,7 @@ from ..geometry import (
     on_all_ranks,
     tangent_frames,
 )
-from .lasting_supports import Lasting, LastingSupport
+from .lasting_supports import Lasting, LastingConstraint
 
 
 def held_in_words(components: str, direction: Field | None, value: Field) -> str:
@@ -100,7 +100,7 @@ class Support(Lasting, Protocol):
 
 
 @dataclass(frozen=True)
-class PrescribedDisplacement(LastingSupport):
+class PrescribedDisplacement(LastingConstraint):
     """Prescribed displacement on a face (an inhomogeneous Dirichlet condition).
 
     Attributes:
@@ -116,10 +116,10 @@ class PrescribedDisplacement(LastingSupport):
         surface: The exact surface of which the face is a mesh, a `Plane`, `Sphere`, `Cylinder` or `SignedDistance`; the
             normals are then its own.  A cylinder in a bearing turns freely only with it: normals of a mesh are not
             quite radial.
-        begin, end, reaches: When it acts (`LastingSupport`).
+        begin, end, reaches: When it acts (`LastingConstraint`).
 
     Raises:
-        ValueError: As `LastingSupport`; if components is none of these, or is given beside a direction, or a surface
+        ValueError: As `LastingConstraint`; if components is none of these, or is given beside a direction, or a surface
             beside other components than "normal" and "tangential".
     """
 
@@ -222,13 +222,13 @@ class Clamp(PrescribedDisplacement):
 
 
 @dataclass(frozen=True)
-class SymmetryPlane(LastingSupport):
+class SymmetryPlane(LastingConstraint):
     """A plane of symmetry of body, supports and loads, at any angle: the face lies in it, and does not leave it.
 
     Attributes:
         face: Name of the face, which must be plane, or of nodes in a plane.  Its displacement along its normal is zero;
             where two planes of symmetry meet, along both normals.
-        begin, end, reaches: When it acts; as errors, those of `LastingSupport`.
+        begin, end, reaches: When it acts; as errors, those of `LastingConstraint`.
     """
 
     face: str

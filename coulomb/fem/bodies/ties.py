@@ -220,6 +220,7 @@ class Tie:
         motion: Of a rigid face, whose amounts its own unknowns are.
         bolt: Of the section of a bolt, whose shortening its own unknown is.
         prescribed: Of equations, their constants.
+        lasting: When it acts, in words; empty if always.
     """
 
     kind: str
@@ -240,6 +241,11 @@ class Tie:
     motion: FaceMotion | None = None
     bolt: Section | None = None
     prescribed: Prescribed | None = None
+    lasting: str = ""
+
+    def joins(self, face: str, against: str) -> bool:
+        """Whether it is of these two faces."""
+        return {self.face, self.against} == {face, against}
 
     @property
     def of_faces(self) -> bool:

@@ -319,7 +319,8 @@ def pair_of(
     Nodes of the slave face whose displacement along the normal is prescribed, those that nothing opposes, those that
     are contact points of another contact instead (`taken`), and those that are on the master face as well, are no
     contact points; their parts of the face belong to the nodes beside them.  So are those that follow nodes whose
-    displacement is prescribed, and are opposite to such nodes alone (`still`, found here).  Gaps and penetrations up to
+    displacement is prescribed, and are opposite to such nodes alone (`still`, found here), and those that a tie of
+    both faces holds at present.  Gaps and penetrations up to
     `adjust` in metres are taken to be 0.
 
     Raises:
@@ -346,6 +347,11 @@ def pair_of(
     gone[np.union1d(clamped, twice)] = True
     if still is not None:
         gone |= still[slave.nodes]
+    together = np.zeros(len(elasticity.x), dtype=bool)
+    for tie in elasticity.constraints.ties:
+        together[tie.nodes] |= tie.joins(face, against)
+    gone |= together[slave.nodes]
+    glued = comm.allreduce(bool(np.any(together)), op=MPI.LOR)
     if slave.body is master.body:  # at the tip of a crack the two faces cannot part
         gone[np.intersect1d(on_face, body.nodes_of(on_master))] = True
     left_out = np.flatnonzero(fetched(comm, starts, near.slave.numbers, gone))
@@ -354,7 +360,7 @@ def pair_of(
         f"contact face {face!r}",
         comm,
     )
-    if comm.allreduce(len(rows.node), op=MPI.SUM) == 0:
+    if comm.allreduce(len(rows.node), op=MPI.SUM) == 0 and not glued:
         nodes, left, what = comm.allreduce(len(on_face)), comm.allreduce(gone.sum()), f"contact face {face!r}"
         if nodes and left == nodes:
             raise ValueError(
@@ -392,7 +398,8 @@ def pair_of(
     off, between = bulges_at_points(rows, gap, near.slave, near.master)
     largest = (comm.allreduce(float(np.max(of, initial=0.0)), op=MPI.MAX) for of in (-gap, off))
     deepest, uncertain = (size if size > _SEEN * near.extent else 0.0 for size in largest)
-    remarks = _remarks(face, against, rows, len(np.setdiff1d(twice, clamped)), deepest, uncertain, comm)
+    shared = len(np.setdiff1d(twice, clamped))
+    remarks = () if glued else _remarks(face, against, rows, shared, deepest, uncertain, comm)
     chord = np.where(closed & (adjust > 0.0), 0.0, np.max([off, between, rows.chord], axis=0))
     return Pair(face, against, points, x, n, gap, held, chord, slave.nodes.start + twice, remarks)
 

@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray, is_number, unit_vectors
 from ...units import amount
-from ..bodies import Deformable, Equation, Tie
+from ..bodies import Deformable, Equation, LastingConstraint, Tie
 from ..geometry import Point, Turn, check_direction, check_point, on_all_ranks
 from ..meshes import fetched, starts_of
 from .contact_points import among_all
@@ -33,7 +33,7 @@ from .pair import numbered, slave_side
 
 
 @dataclass(frozen=True)
-class Tied:
+class Tied(LastingConstraint):
     """Two faces that are glued to each other: no opening, no slip.
 
     Attributes:
@@ -41,9 +41,11 @@ class Tied:
         against: Name of the other, of another body ("plate:bottom") or of the same.
         slave: Whether the nodes of `face` follow those of `against`, whatever the meshes; else those of the finer face,
             or of the softer body.
+        begin, end, reaches: When it acts (`LastingConstraint`); in large motions only `end`.  A contact of the same
+            faces acts before and after.
 
     Raises:
-        ValueError: If a name is none, or both are the same.
+        ValueError: As `LastingConstraint`, or if a name is none, or both are the same.
     """
 
     face: str
@@ -56,6 +58,9 @@ class Tied:
                 raise ValueError(f"tie: a face must be given by its name, but is {name!r}")
         if self.face == self.against:
             raise ValueError(f"tie: face {self.face!r} cannot be tied to itself: give another as against")
+        super().__post_init__()
+        if type(self) is not Tied and (self.begin is not None or self.end is not None):
+            raise ValueError(f"{self.what}: acts at all times: begin and end are for ties")
 
     kind = "tie"
 
@@ -374,6 +379,7 @@ def tie_of(body: Deformable, given: Tied, taken: npt.NDArray[np.bool_]) -> Tie:
         own=np.zeros((len(nodes), 3, 0)),
         conducting=conducting,
         arm=comm.allreduce(float(np.max(np.linalg.norm(offset, axis=1), initial=0.0)), op=MPI.MAX),
+        lasting=given.lasting,
     )
 
 

@@ -85,7 +85,7 @@ def friction_in_words(law: Mapping[str, Any]) -> str:
     2 MPa."""
 
     def of(name: str, unit: str = "") -> str:
-        given = law[name]
+        given = math.nan if law[name] is None else law[name]  # without contact points
         return in_prefixed([given["min"], given["max"]] if isinstance(given, Mapping) else [given], unit)
 
     if law["law"] == "tresca":
