@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -11,7 +12,7 @@ from .cards import Card, key_of
 from .materials import modulus_of
 from .node_surfaces import facets_with_nodes
 from .reading import Reading
-from .steps import Rows
+from .steps import Rows, Step
 
 _SOFT: Final = 1.0
 """Stiffness of an overclosure law below this, over Young's modulus by the size of an element, is meant as a layer."""
@@ -34,8 +35,8 @@ class _Interaction:
 
 
 def contact_tables(of: Reading) -> list[dict[str, Any]]:
-    """A table for each contact pair; those that are tied become [[tie]] tables (`tied_pairs`)."""
-    return [table for table, tied in _pairs(of) if not tied]
+    """A table for each contact pair that is not always tied (`tied_pairs`)."""
+    return [table for table, _ in _pairs(of) if table is not None]
 
 
 def general_contact(of: Reading) -> dict[str, Any]:
@@ -95,21 +96,24 @@ def _given_pairs(of: Reading) -> Iterator[tuple[Card, int, list[str], str]]:
 
 
 def tied_pairs(of: Reading) -> list[dict[str, Any]]:
-    """A table of a tie for each contact pair that is TIED."""
-    return [{"face": table["face"], "against": table["against"], "slave": True} for table, tied in _pairs(of) if tied]
+    """A table of a tie for each time in which a contact pair is TIED."""
+    return [tie for _, ties in _pairs(of) for tie in ties]
 
 
-def _pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
-    """The table of each contact pair, and whether it is tied; read once."""
+_Pair = tuple[dict[str, Any] | None, list[dict[str, Any]]]
+
+
+def _pairs(of: Reading) -> list[_Pair]:
+    """The table of each contact pair, None if it is never in contact, and those of its ties; read once."""
     if of.pairs is None:
         of.pairs = _read_pairs(of)
     return of.pairs
 
 
-def _read_pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
+def _read_pairs(of: Reading) -> list[_Pair]:
     interactions = _interactions(of)
     clearances = dict(_clearance(card) for card in of.model if card.kind == "CLEARANCE")
-    found: list[tuple[dict[str, Any], bool]] = []
+    found: list[_Pair] = []
     for card, row, words, called in _given_pairs(of):
         if called not in interactions and (called or card.kind == "CONTACTPAIR"):
             raise card.lacks("*SURFACE INTERACTION", card.get("INTERACTION", called), interactions)
@@ -117,37 +121,62 @@ def _read_pairs(of: Reading) -> list[tuple[dict[str, Any], bool]]:
         slave, master = (_surface(of, word, card, row) for word in words[:2])
         names = key_of(words[0]), key_of(words[1])
         clearance = clearances.pop(names, None)
-        laws = [(None, _law(of, interaction.behavior)), *_other_laws(of, called)]
-        kinds = {kind for _, kind in laws}
-        if "tied" in kinds and len(kinds) > 1:
-            changed = next(one for one, kind in laws if one is not None and kind != laws[0][1])
-            raise changed.fault("a pair that is tied in some steps and not in others is not read")
+        course = _course(of, names, [(None, _law(of, interaction.behavior)), *_other_laws(of, called)])
+        kinds = {kind for _, kind in course}
         thermal = _conductance(interaction.conductance) if of.heated else {}
         if kinds == {"none"} and thermal:
             raise card.fault("heat through a pair without contact stiffness is not read", row)
         if kinds == {"none"}:
-            of.notes.append(f"{words[0]} and {words[1]}: the contact stiffness is next to nothing: no contact")
+            of.notes.append(f"{words[0]} and {words[1]}: taken out, or of next to no contact stiffness: no contact")
             continue
-        if kinds == {"tied"}:
-            _refuse_changed_tie(of, names, clearance)
-        table: dict[str, Any] = {"face": of.face(slave, card, row), "against": of.face(master, card, row)}
-        table |= _friction(of, interaction, called) | thermal
+        if "tied" in kinds and clearance is not None and clearance[1]:
+            raise clearance[0].fault("a pair that is TIED has no clearance")
+        faces: dict[str, Any] = {"face": of.face(slave, card, row), "against": of.face(master, card, row)}
+        ties = [faces | {"slave": True} | one for one in _times_of_ties(of, course, card)]
+        table = faces | ({"slave": True} if ties else {}) | _friction(of, interaction, called) | thermal
         table |= _adjusted(of, card, None if clearance is None else clearance[1])
-        table |= _taken_out(of, names, table.get("gap", 0.0), laws)
-        found.append((table, kinds == {"tied"}))
+        table |= _taken_out(of, course, table.get("gap", 0.0))
+        found.append((None if kinds == {"tied"} else table, ties))
     for card, _ in clearances.values():
         raise card.fault("there is no *CONTACT PAIR of these surfaces")
     return found
 
 
-def _refuse_changed_tie(of: Reading, names: tuple[str, str], clearance: tuple[Card, float] | None) -> None:
-    """ValueError if a pair that is TIED is taken out or put in, or has a clearance, which would be pulled shut."""
+def _course(
+    of: Reading, names: tuple[str, str], laws: Sequence[tuple[Card | None, str]]
+) -> list[tuple[Step | None, str]]:
+    """What a pair is, "hard", "tied" or "none", at first and from steps on: by its laws and the cards that give them,
+    and by *MODEL CHANGE."""
+    kinds, law, out = {id(card): kind for card, kind in laws[1:]}, laws[0][1], False
+    course: list[tuple[Step | None, str]] = [(None, law)]
     for step in of.steps:
         for card in step.cards:
-            if _goes_out(card, names) is not None:
-                raise card.fault("pairs that are TIED are neither taken out nor put in")
-    if clearance is not None and clearance[1]:
-        raise clearance[0].fault("a pair that is TIED has no clearance")
+            goes = _goes_out(card, names)
+            law, out = kinds.get(id(card), law), out if goes is None else goes
+        now = "none" if out else law
+        if not step.begin:
+            course = [(None, now)]
+        elif now != course[-1][1]:
+            course.append((step, now))
+    return course
+
+
+def _times_of_ties(of: Reading, course: Sequence[tuple[Step | None, str]], card: Card) -> Iterator[dict[str, float]]:
+    """When a pair is tied.  What has been out is pulled together in the course of the step in which it is put in, as by
+    CalculiX' springs, which count from the faces before deformation; what has been in contact is held as it is."""
+    ends = [step.begin for step, _ in course[1:] if step is not None]
+    for k, (step, kind) in enumerate(course):
+        if kind != "tied":
+            continue
+        times = {"end": ends[k]} if k < len(ends) else {}
+        if step is not None:
+            times["begin"] = step.begin
+            if course[k - 1][1] == "none":
+                times["reaches"] = step.end
+            else:
+                held = f"line {card.line}: tied from {step.begin:g} s on as it is then"
+                of.notes.append(f"{held}; where it is open, CalculiX pulls it shut")
+        yield times
 
 
 def _clearance(card: Card) -> tuple[tuple[str, str], tuple[Card, float]]:
@@ -342,27 +371,18 @@ def _extent(of: Reading) -> float:
     return float(np.linalg.norm(np.ptp(of.deck.points, axis=0)))
 
 
-def _taken_out(
-    of: Reading, names: tuple[str, str], clearance: float, laws: Sequence[tuple[Card | None, str]]
-) -> dict[str, Any]:
-    """What *MODEL CHANGE, and laws by the cards that give them, make of a pair: where it is out, its gap is the size of
-    the model."""
-    away, out, kinds = 2.0 * _extent(of), laws[0][1] == "none", {id(card): kind for card, kind in laws[1:]}
-    rows = [(0.0, away if out else clearance)]
-    for step in of.steps:
+def _taken_out(of: Reading, course: Sequence[tuple[Step | None, str]], clearance: float) -> dict[str, Any]:
+    """Where a pair is out, its gap is the size of the model."""
+    away = 2.0 * _extent(of)
+    rows = [(0.0, away if course[0][1] == "none" else clearance)]
+    for (_, before), (step, now) in pairwise(course):
+        if step is None or "none" not in (before, now):
+            continue
         soon = step.begin + 1e-6 * (step.end - step.begin)
-        for card in step.cards:
-            if id(card) in kinds:
-                goes: bool | None = kinds[id(card)] == "none"
-            else:
-                goes = _goes_out(card, names)
-            if goes is None or goes == out:
-                continue
-            if goes:
-                rows = rows + [(step.begin, rows[-1][1]), (soon, away)] if step.begin else [(0.0, away)]
-            else:  # an overlap comes in the course of the step
-                rows += [(step.begin, away), (soon, max(clearance, 0.0)), (step.end, clearance)]
-            out = goes
+        if now == "none":
+            rows += [(step.begin, rows[-1][1]), (soon, away)]
+        else:  # an overlap comes in the course of the step
+            rows += [(step.begin, away), (soon, max(clearance, 0.0)), (step.end, clearance)]
     if len({value for _, value in rows}) == 1:
         return {}
     largest = max((value for _, value in rows), key=abs)

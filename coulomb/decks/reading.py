@@ -23,10 +23,12 @@ class Reading:
         steps: The steps.
         large: Whether motions are large.
         notes: What a user should know, a sentence each.
-        pairs: The table of each contact pair and whether it is tied; None until they are read.
+        open: Whether there is a pair that may open or slide; else a load history ends with that of a tie.
+        pairs: The table of each contact pair, if it has one, and those of its ties; None until they are read.
     """
 
-    pairs: list[tuple[dict[str, Any], bool]] | None = None
+    open: bool = True
+    pairs: list[tuple[dict[str, Any] | None, list[dict[str, Any]]]] | None = None
 
     def __init__(self, deck: Geometry, model: list[Card], steps: list[Step], large: bool = False):
         self.deck, self.model, self.steps, self.large = deck, model, steps, large
@@ -154,6 +156,7 @@ class Reading:
         """Whether factors are those of a single load step from 0 to 1, which need no time."""
         return (
             not self.large
+            and self.open
             and len(self.steps) == 1
             and len(self.steps[0].ends) == 1
             and rows[-1][1] == 1.0

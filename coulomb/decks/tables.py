@@ -99,6 +99,7 @@ class _Translator:
 
     def _tables(self) -> dict[str, Any]:
         stem = Path(self.deck.path).stem
+        self.of.open = bool(contact_tables(self.of)) or any(card.kind == "CONTACT" for card in self.of.model)
         tables: dict[str, Any] = {
             "units": self._units(),
             "output": {"directory": f"results/{stem}", "format": ["xdmf", "frd"]},
@@ -140,14 +141,11 @@ class _Translator:
         if general := general_contact(self.of):
             tables["auto_contact"] = general
         if not {"contact", "auto_contact"} & tables.keys():
-            self.notes.append(
-                "no contact pair is left that may open or slide (those that are TIED are ties): coulomb solves contact "
-                "problems, and linear ones are for other programs"
-            )
+            self._without_contact(tables)
         ends = [end for step in self.of.steps for end in step.ends]
         times = sorted({*ends, *self._kinks(tables)})
         timed = any("amplitude" in key for table in _all_tables(tables) for key in table)
-        if len(times) > 1 or timed or self.of.large:
+        if len(times) > 1 or timed or self.of.large or not self.of.open:
             tables["history"] = {"times": times}
         nonlinear = [
             step for step in self.of.steps if "NLGEOM" in step.card.parameters and step.card.key("NLGEOM") != "NO"
@@ -160,6 +158,19 @@ class _Translator:
                 "NLGEOM: solved with small motions first, and with large ones if they are too large for that"
             )
         return tables
+
+    def _without_contact(self, tables: dict[str, Any]) -> None:
+        """Of a deck in which nothing may open or slide: contact follows where a tie ends, after the last step."""
+        if not tables.get("tie"):
+            self.notes.append(
+                "there is no pair that may open or slide: coulomb solves contact problems, and linear ones are for "
+                "other programs"
+            )
+            return
+        tie = tables["tie"][0]
+        tie["end"] = self.of.steps[-1].end
+        tables["contact"] = [{name: tie[name] for name in ("face", "against", "slave")} | {"friction": 0.0}]
+        self.notes.append(f"nothing may open or slide: {tie['face']!r} is tied until the end, and so is all of it")
 
     def _kinks(self, tables: dict[str, Any]) -> set[float]:
         """Times at which an amplitude has an extreme inside a step, and just after contact pairs are taken out or put

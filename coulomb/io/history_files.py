@@ -408,15 +408,16 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     outside = _outside(before.get("outside"), step)
     # of faces with what they touch before deformation, metres; and the energy in joules of rounding errors: of a fixed
     # node moved by the rounding error of its coordinates
-    contacts = step["understood"]["contacts"]  # but those under load, which are where they have moved to
-    contacts = [one for one in contacts if one["nodes"] and not {"force", "moment"} & set(one["moves"].split())]
+    tried = [one for one in step["understood"]["contacts"] if one["nodes"]]
+    # but those under load, which are where they have moved to
+    contacts = [one for one in tried if not {"force", "moment"} & set(one["moves"].split())]
     overlaps = [min(one["given_gap"]["min"], max(one["gap"]["min"], 0.0)) - one["gap"]["min"] for one in contacts]
     overlap, compliance = float(max(before.get("overlap", 0.0), *overlaps, 0.0)), step["mean_compliance"]
     way = _number(largest["displacement"]["value"])
     rounding = 1e-12 * way**2 / compliance if compliance else 0.0
     remarks = [
         energy.warning(rounding, overlap if overlap > 1e-6 * way else 0.0),
-        "" if touching else f"nothing touches in any load step: {LOOK_AT_GAP}",
+        "" if touching or not tried else f"nothing touches in any load step: {LOOK_AT_GAP}",
     ]
     measures: dict[str, Any] = {name: _number(entry["value"]) for name, entry in largest_strain.items()}
     warnings = SmallStrain(**measures).warnings

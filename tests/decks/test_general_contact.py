@@ -1,4 +1,4 @@
-"""General contact of Abaqus between named surfaces, and pairs that are tied."""
+"""General contact of Abaqus between named surfaces."""
 
 import pytest
 from test_deck_tables import CUBES, STEP, tables_of
@@ -23,9 +23,3 @@ def test_general_contact_of_named_surfaces(tmp_path):
     ):
         with pytest.raises(ValueError, match=said):
             tables_of(tmp_path, wrong + LOAD)
-
-
-def test_tied_pairs_that_are_taken_out(tmp_path):
-    tied = CUBES.replace("PRESSURE-OVERCLOSURE=LINEAR", "PRESSURE-OVERCLOSURE=TIED")
-    with pytest.raises(ValueError, match=r"line 53: \*MODEL CHANGE: pairs that are TIED"):
-        tables_of(tmp_path, tied + LOAD + STEP.format("*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE\nslave, master"))
