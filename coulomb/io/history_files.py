@@ -406,10 +406,9 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     energy = Energy(**{field.name: record["row"][f"energy_{field.name}"] for field in fields(Energy)})
     touching = before.get("steps_in_contact", 0) + (step["totals"]["contact_area"] > 0.0)
     outside = _outside(before.get("outside"), step)
-    # of faces with what they touch before deformation, metres; and the energy in joules of rounding errors: of a fixed
-    # node moved by the rounding error of its coordinates
+    # of faces with what they touch before deformation, metres, but those under load, which are where they moved to;
+    # and the energy in joules of rounding errors: of a fixed node moved by the rounding error of its coordinates
     tried = [one for one in step["understood"]["contacts"] if one["nodes"]]
-    # but those under load, which are where they have moved to
     contacts = [one for one in tried if not {"force", "moment"} & set(one["moves"].split())]
     overlaps = [min(one["given_gap"]["min"], max(one["gap"]["min"], 0.0)) - one["gap"]["min"] for one in contacts]
     overlap, compliance = float(max(before.get("overlap", 0.0), *overlaps, 0.0)), step["mean_compliance"]
