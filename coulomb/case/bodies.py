@@ -38,8 +38,8 @@ class MeshTable(Table):
     """A box, lengths in metres; or a mesh file (`mesh_formats`), and the metres per unit of length of the file.
 
     `degree` 2 gives second-order cells, of a first-order file too; by default they are as in the file, in a box 1.
-    `cut` names groups of facets inside the body along which it is cut; `cells` of an .inp file the set of elements that
-    are read.  `slice` makes one layer of the section that a mesh in 2D is, of a plane problem with a `thickness`.
+    `cut` names groups of facets inside the body along which it is cut; `cells` of a file the group of cells that is
+    read.  `slice` makes one layer of the section that a mesh in 2D is, of a plane problem with a `thickness`.
     """
 
     box: tuple[Length, Length, Length] | None = None
@@ -79,9 +79,10 @@ class MeshTable(Table):
         if misplaced:
             of = f"{self.slice} slice" if misplaced == {"thickness"} and self.slice else f"{kind} mesh"
             raise ValueError(f"{', '.join(sorted(misplaced))} does not go with a {of}")
-        if isinstance(self.cells, str) and kind != ".inp":
+        grouped = mesh_formats.BY_GROUP if self.slice is None else mesh_formats.SECTIONS
+        if isinstance(self.cells, str) and kind not in grouped:
             raise ValueError(
-                "cells is the name of a set of elements, which goes with a file of CalculiX or Abaqus (.inp)"
+                f"cells is the name of a group of cells, which goes with a file of {mesh_formats.listed(grouped)}"
             )
         if self.box is not None and self.cells is None:
             raise ValueError("cells is missing: a box needs the numbers of cells along x, y, z")

@@ -24,6 +24,9 @@ NUMBERED = {".xdmf", ".vtu", ".vtk", ".bdf", ".nas", ".mesh"}
 SECTIONS = {".msh", ".med", ".inp", *NUMBERED}
 """Formats of which meshes in 2D are read."""
 
+BY_GROUP = FORMATS.keys() - {".xdmf", ".e", ".exo", ".exii", ".g"}
+"""Formats of which one group of cells can be read."""
+
 
 def other_side(cut: str) -> str:
     """Name of the second face of a cut."""

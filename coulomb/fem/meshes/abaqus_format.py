@@ -139,6 +139,7 @@ class _Mesh:
         for block in blocks.values():
             used[block] = True
         self._used, self._corners = used, blocks
+        self._kind.used = None if cells is None else used
         numbers = np.concatenate([deck.tags, np.zeros(len(self._kind.points) - len(deck.tags), dtype=np.int64)])
         groups = self._cell_groups(), self._face_groups(), self._node_groups()
         self.file = MeshFile(deck.path, self._kind.points, self._kind.cells, *groups, numbers)
@@ -193,7 +194,7 @@ class _Mesh:
         return np.vstack(rows) if rows else np.empty((0, side), dtype=np.int64)
 
     def _on_flats(self, numbers: IntArray) -> list[IntArray]:
-        """Facets of surface elements of these numbers that lie on the cells' points."""
+        """Facets of surface elements of these numbers."""
         found = []
         for width, block in self._deck.flats.items():
             corners = {3: 3, 4: 4, 6: 3}[width]

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from ...arrays import FloatArray, IntArray
 from ...regular_file import read_bytes
 from .lagrange import CORNERS, in_vtk_order
-from .mesh_file import A_SLICE, MeshFile, SectionFile, refuse_cells
+from .mesh_file import A_SLICE, MeshFile, SectionFile, members_of, refuse_cells
 from .one_kind import of_one_kind
 
 NODES = {
@@ -52,8 +52,8 @@ _Elements = dict[int, list[tuple[tuple[int, ...], IntArray]]]
 """By type: blocks of elements with their physical groups and the tags of their nodes."""
 
 
-def read(path: str) -> MeshFile:
-    """Read a file on this rank.
+def read(path: str, only: str | None = None) -> MeshFile:
+    """Read a file on this rank, or the cells of one group alone.
 
     Raises:
         OSError: If it cannot be read.
@@ -71,7 +71,8 @@ def read(path: str) -> MeshFile:
         for name, mine in members.items():
             of_cells.setdefault(name, []).append(count + mine)
         count += len(cells)
-    found = of_one_kind(path, points, blocks)
+    groups_of = {name: np.concatenate(parts) for name, parts in of_cells.items()}
+    found = of_one_kind(path, points, blocks, members_of(path, groups_of, only))
     corners = 3 if CORNERS[found.cells.shape[1]] == 4 else 4
     of_faces: dict[str, list[IntArray]] = {}
     for width in _FACES if found.split else (corners,):
@@ -83,7 +84,7 @@ def read(path: str) -> MeshFile:
         if dimension == 2:
             of_faces.setdefault(name, [np.empty((0, corners), dtype=np.int64)])
     groups = (
-        {name: np.flatnonzero(np.isin(found.source, np.concatenate(parts))) for name, parts in of_cells.items()},
+        {name: np.flatnonzero(np.isin(found.source, rows)) for name, rows in groups_of.items()},
         {name: np.vstack(parts) for name, parts in of_faces.items()},
     )
     tags = np.concatenate([tags, np.zeros(len(found.points) - len(tags), dtype=np.int64)])

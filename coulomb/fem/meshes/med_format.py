@@ -9,6 +9,7 @@ with either.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar
 
 import h5py
@@ -17,7 +18,7 @@ import numpy as np
 from ...arrays import IntArray
 from ...regular_file import refuse_irregular
 from .lagrange import CORNERS, in_vtk_order
-from .mesh_file import MeshFile, SectionFile, solid_nodes
+from .mesh_file import MeshFile, SectionFile, members_of, solid_nodes
 from .one_kind import READ, of_one_kind
 
 _SOLIDS = {
@@ -35,14 +36,14 @@ _SURFACES = ("TR3", "QU4", "TR6", "TR7", "QU8", "QU9", "POG")
 Found = TypeVar("Found", MeshFile, SectionFile)
 
 
-def read(path: str) -> MeshFile:
-    """Read a file on this rank.
+def read(path: str, only: str | None = None) -> MeshFile:
+    """Read a file on this rank, or the cells of one group alone.
 
     Raises:
         OSError: If it cannot be read.
         ValueError: If it is no MED file, or has several meshes or steps, or no cells that can be used.
     """
-    return _read(path, _mesh)
+    return _read(path, partial(_mesh, only))
 
 
 def read_section(path: str) -> SectionFile:
@@ -91,7 +92,7 @@ def _section(path: str, mesh: Any, families: Any, elements: Any) -> SectionFile:
     return SectionFile(path, points, cells, of_cells, of_lines, _members(mesh["NOE"], len(points), of_nodes), numbers)
 
 
-def _mesh(path: str, mesh: Any, families: Any, elements: Any) -> MeshFile:
+def _mesh(only: str | None, path: str, mesh: Any, families: Any, elements: Any) -> MeshFile:
     points = _table(mesh["NOE"]["COO"]).astype(np.float64)
     if points.shape[1] != 3:
         raise ValueError(f"{path}: has points in {points.shape[1]}D, but a body in 3D is needed")
@@ -101,8 +102,6 @@ def _mesh(path: str, mesh: Any, families: Any, elements: Any) -> MeshFile:
         solid_nodes(path, counts, sum(_count(elements[kind]) for kind in elements if kind in _SURFACES))
     kinds = [kind for kind, width in _SOLIDS.items() if width in counts]
     blocks = {_SOLIDS[kind]: _table(elements[kind]["NOD"]) - 1 for kind in kinds}
-    found = of_one_kind(path, points, blocks | {27: in_vtk_order(blocks[27], "med")} if 27 in blocks else blocks)
-
     of_elements = _groups(families["ELEME"]) if "ELEME" in families else {}
     of_nodes = _groups(families["NOEUD"]) if "NOEUD" in families else {}
     of_cells, first = dict[str, list[IntArray]](), 0
@@ -110,7 +109,11 @@ def _mesh(path: str, mesh: Any, families: Any, elements: Any) -> MeshFile:
         for group, members in _members(elements[kind], len(rows), of_elements).items():
             of_cells.setdefault(group, []).append(first + members)
         first += len(rows)
-    cell_groups = {group: np.flatnonzero(np.isin(found.source, np.concatenate(of_cells[group]))) for group in of_cells}
+    groups = {group: np.concatenate(parts) for group, parts in of_cells.items()}
+    if 27 in blocks:
+        blocks[27] = in_vtk_order(blocks[27], "med")
+    found = of_one_kind(path, points, blocks, members_of(path, groups, only))
+    cell_groups = {group: np.flatnonzero(np.isin(found.source, rows)) for group, rows in groups.items()}
     of_faces: dict[str, list[IntArray]] = {}
     for corners in _FACES if found.split else (3 if CORNERS[found.cells.shape[1]] == 4 else 4,):
         for face in set(_FACES[corners]) & set(elements):

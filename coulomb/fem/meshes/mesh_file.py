@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -106,6 +106,41 @@ class SectionFile:
     line_groups: dict[str, IntArray]
     node_groups: dict[str, IntArray] = field(default_factory=dict)
     numbers: IntArray | None = None
+
+    def of_group(self, name: str | None) -> SectionFile:
+        """The cells of a group alone, with what lines and sets of nodes have on them; ValueError if there is none."""
+        chosen = members_of(self.path, self.cell_groups, name)
+        if chosen is None:
+            return self
+        cells, place, first = dict[int, IntArray](), np.full(sum(map(len, self.cells.values())), -1), 0
+        place[chosen] = np.arange(len(chosen))
+        used = np.zeros(len(self.points), dtype=bool)
+        for width, rows in self.cells.items():
+            cells[width] = rows[place[first : first + len(rows)] >= 0]
+            used[cells[width]] = True
+            first += len(rows)
+        return replace(
+            self,
+            cells={width: rows for width, rows in cells.items() if len(rows)},
+            cell_groups=not_empty({name: place[rows][place[rows] >= 0] for name, rows in self.cell_groups.items()}),
+            line_groups=not_empty({name: of[np.all(used[of], axis=1)] for name, of in self.line_groups.items()}),
+            node_groups=not_empty({name: some[used[some]] for name, some in self.node_groups.items()}),
+        )
+
+
+def not_empty(groups: Mapping[str, IntArray]) -> dict[str, IntArray]:
+    """Groups that have members."""
+    return {name: rows for name, rows in groups.items() if len(rows)}
+
+
+def members_of(path: str, groups: Mapping[str, IntArray], name: str | None) -> IntArray | None:
+    """The cells of a group, in order, None if none is asked for; ValueError if there is no such group."""
+    if name is None:
+        return None
+    if name not in groups:
+        listed = ", ".join(groups) or "it has none"
+        raise ValueError(f"{path}: has no group of cells {name!r} with any cells; its groups of cells are: {listed}")
+    return np.unique(groups[name])
 
 
 _TITLES = {

@@ -32,7 +32,7 @@ from .lagrange import (
     is_second_order,
     jacobians,
 )
-from .mesh_file import MeshFile
+from .mesh_file import MeshFile, not_empty
 from .mesh_parts import boundary_facets, corners_of, local_cells, local_facets, local_nodes, parts_of
 from .named_mesh import Grid, NamedMesh, Planes, volume, without_nodes
 from .xdmf_format import has_mixed_cells
@@ -405,7 +405,8 @@ def read_mesh(
         comm: The ranks that share the mesh.
         cuts: Groups of facets inside the body along which it is cut: nodes are doubled, and each is two faces, one with
             its name and one with "_opposite" after it, for a `Pretension`, a `Tied` or a `Contact`.  Not for XDMF.
-        only: Of an `.inp` file the set of elements that are read; by default all.
+        only: The group of cells that is read, in `.inp` files the set of elements; by default all.  Not of XDMF and
+            Exodus files.
 
     Raises:
         ValueError: On every rank, if the format is not known or the file cannot be read or used, with the reason.
@@ -416,7 +417,7 @@ def read_mesh(
     if end == ".xdmf" and cuts:
         raise ValueError(f"{path}: cuts are not for XDMF, of which every rank reads a part: export .vtu or .msh")
     mixed = end == ".xdmf" and bool(comm.bcast(on_first_rank(comm, str(path), lambda: has_mixed_cells(str(path)))))
-    if end == ".xdmf" and not mixed:
+    if end == ".xdmf" and not mixed and only is None:
         return read_xdmf(path, names=names, cell_names=cell_names, scale=scale, comm=comm)
     check_scale(path, scale)
     sound = on_first_rank(
@@ -458,17 +459,20 @@ def known_format(path: str | Path, named: bool = False) -> str:
 def read_file(path: str, names: Mapping[str, int], cell_names: Mapping[str, int], only: str | None = None) -> MeshFile:
     """What a mesh file holds, read on this rank alone; arguments and errors as of `read_mesh`, and OSError."""
     end = Path(path).suffix.lower()
+    if only is not None and end not in mesh_formats.BY_GROUP:
+        raise ValueError(f"{path}: one group of cells is read from {mesh_formats.listed(mesh_formats.BY_GROUP)}")
     mixed = end == ".xdmf" and has_mixed_cells(path)
     if end == ".xdmf" and not mixed:
         return read_parts(path, None, None, names, cell_names, MPI.COMM_SELF)
     module = import_module(
         f".{'meshio' if mixed else mesh_formats.FORMATS[end][1]}_format", __package__
     )  # a run needs at most one of them
-    if only is not None:
-        if end != ".inp":
-            raise ValueError(f"{path}: a set of elements to read is for files of CalculiX and Abaqus (.inp)")
-        return module.read(path, only)
-    return module.read(path, names, cell_names) if end in mesh_formats.NUMBERED else module.read(path)
+    given = (names, cell_names) if end in mesh_formats.NUMBERED else ()
+    if only is None:
+        return module.read(path, *given)
+    found = module.read(path, *given, only)
+    groups = {name: not_empty(getattr(found, name)) for name in ("cell_groups", "face_groups", "node_groups")}
+    return replace(found, **groups)
 
 
 def _named(comm: MPI.Comm, path: str | Path, sound: InspectedMesh) -> NamedMesh:

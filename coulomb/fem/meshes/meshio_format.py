@@ -23,7 +23,7 @@ import numpy as np
 from ...arrays import IntArray
 from ...regular_file import read_bytes
 from .lagrange import CORNERS
-from .mesh_file import MeshFile, SectionFile, members_by_name, only_set, solid_nodes
+from .mesh_file import MeshFile, SectionFile, members_by_name, members_of, only_set, solid_nodes
 from .one_kind import of_one_kind
 
 _MODULES = {".vtu": "vtu", ".vtk": "vtk", ".xdmf": "xdmf", ".bdf": "nastran", ".nas": "nastran", ".mesh": "medit"}
@@ -52,8 +52,9 @@ _GRID = re.compile(rb"^GRID(?:\*?\s*,\s*(\d+)|\*[ ]{3}([ \d]{16})|[ ]{4}([ \d]{8
 _LARGE = re.compile(rb"^(?:CTETRA|CHEXA|CPENTA|CPYRAM?|CTRIA3|CQUAD4)\*", re.MULTILINE)
 
 
-def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> MeshFile:
-    """Read a file on this rank; its extension determines the format; names as of `read_mesh`.
+def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int], only: str | None = None) -> MeshFile:
+    """Read a file on this rank, or the cells of one group alone; its extension determines the format; names as of
+    `read_mesh`.
 
     Raises:
         OSError: If it cannot be read.
@@ -74,13 +75,12 @@ def read(path: str, names: Mapping[str, int], cell_names: Mapping[str, int]) -> 
     if points.ndim != 2 or points.shape[1] != 3:
         raise ValueError(f"{path}: has points in {points.shape[-1]}D, but a body in 3D is needed")
     given = [_blocks(mesh, {kind: n for kind, n in _SOLIDS.items() if n == width}, width) for width in widths]
-    found = of_one_kind(path, points, {width: rows for width, (rows, _) in zip(widths, given, strict=True)})
     shared = set.intersection(*(set(sets) for _, sets in given))
     cell_numbers = {name: np.concatenate([sets[name] for _, sets in given]) for name in given[0][1] if name in shared}
-    cell_groups = {
-        name: np.flatnonzero(np.isin(found.source, rows))
-        for name, rows in _groups(path, cell_numbers, cell_names, "cell_names").items()
-    }
+    groups = _groups(path, cell_numbers, cell_names, "cell_names")
+    blocks = {width: rows for width, (rows, _) in zip(widths, given, strict=True)}
+    found = of_one_kind(path, points, blocks, members_of(path, groups, only))
+    cell_groups = {name: np.flatnonzero(np.isin(found.source, rows)) for name, rows in groups.items()}
     of_faces: dict[str, list[IntArray]] = {}
     for shape in _FACES if found.split else (CORNERS[found.cells.shape[1]],):
         facets, sets = _blocks(mesh, *_FACES[shape])

@@ -10,7 +10,7 @@ hexahedra into tetrahedra").
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -53,6 +53,7 @@ class OneKind:
         middles: Of the points that were added, the number of each and the given points whose mean position it has with
             equal parts of all that are near: those of the face, or of the cell, by their number.
         split: Whether hexahedra, prisms or pyramids were split: `facets` then makes triangles of quadrilaterals.
+        used: Whether a given point is one of the chosen cells, shape (p,); None if all cells were chosen.
     """
 
     points: FloatArray
@@ -60,24 +61,46 @@ class OneKind:
     source: IntArray
     middles: list[tuple[IntArray, IntArray]] = field(default_factory=list)
     split: bool = False
+    used: npt.NDArray[np.bool_] | None = None
 
     def facets(self, corners: IntArray) -> IntArray:
-        """Corners of facets (k, 3 or 4), as those of `cells` are."""
+        """Corners of facets (k, 3 or 4), as those of `cells` are; without those of cells that were not chosen."""
+        if self.used is not None:
+            corners = corners[np.all(self.used[corners], axis=1)]
         return triangles(corners) if self.split and corners.shape[1] == 4 else corners
 
     def completed(self, nodes: IntArray) -> IntArray:
-        """A set of points with those that were added between them: of faces and cells all of whose points are in it."""
+        """A set of points with those that were added between them: of faces and cells all of whose points are in it;
+        without those of cells that were not chosen."""
+        if self.used is not None:
+            nodes = nodes[self.used[nodes]]
         inside = np.zeros(len(self.points), dtype=bool)
         inside[nodes] = True
         return np.concatenate([nodes, *(new[np.all(inside[of], axis=1)] for new, of in self.middles)])
 
 
-def of_one_kind(path: str, points: FloatArray, blocks: Mapping[int, IntArray]) -> OneKind:
+def of_one_kind(
+    path: str, points: FloatArray, blocks: Mapping[int, IntArray], chosen: IntArray | None = None
+) -> OneKind:
     """Cells by their number of nodes (4, 5, 6, 8, 10, 13, 15, 20, 27), in VTK's order, as cells of one kind.
+
+    Args:
+        path: The file, for messages.
+        points: Coordinates, shape (p, 3).
+        blocks: Points of the cells.
+        chosen: The cells that are wanted, among all in their order; by default all.
 
     Raises:
         ValueError: If cells of first and of second order are among them.
     """
+    if chosen is not None:
+        parts = np.split(np.arange(sum(map(len, blocks.values()))), np.cumsum([len(rows) for rows in blocks.values()]))
+        inside = [np.isin(part, chosen) for part in parts]
+        some = {width: rows[mine] for (width, rows), mine in zip(blocks.items(), inside, strict=False)}
+        found, used = of_one_kind(path, points, some), np.zeros(len(points), dtype=bool)
+        for rows in some.values():
+            used[rows] = True
+        return replace(found, source=np.flatnonzero(np.concatenate(inside))[found.source], used=used)
     blocks = {width: rows for width, rows in blocks.items() if len(rows)}
     second = {width for width in blocks if width != _CORNERS[width]}
     if second and len(second) < len(blocks):

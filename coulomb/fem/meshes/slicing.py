@@ -55,7 +55,7 @@ def slice(
         scale: Metres per unit of length of the file.
         comm: The ranks that share the mesh of a file.
         cuts: Groups of lines inside the section along which it is cut, as of `read_mesh`.
-        only: Of an `.inp` file the set of elements that are read.
+        only: The group of cells that is read, in `.inp` files the set of elements; by default all.
         names: Names of groups of lines with their number, in formats with numbers (XDMF and those by meshio); others
             are called by the number, as in "3".
         cell_names: Names of groups of cells with their number, in the same formats.
@@ -94,8 +94,10 @@ def slice(
 
     def read_file() -> tuple[InspectedMesh, Slice]:
         module = import_module(f".{mesh_formats.FORMATS[end][1]}_format", __package__)  # a run needs one of them
-        of = (only,) if end == ".inp" else numbers if end in mesh_formats.NUMBERED else ()
-        found = module.read_section(file, *of)
+        if end == ".inp":  # its elements of 4 nodes may be of either kind
+            found = module.read_section(file, only)
+        else:
+            found = module.read_section(file, *(numbers if end in mesh_formats.NUMBERED else ())).of_group(only)
         return _layer(found, made, scale, degree, cuts)
 
     return _distributed(comm, what, on_first_rank(comm, what, read_file))

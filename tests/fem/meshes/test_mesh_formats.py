@@ -82,6 +82,52 @@ def test_the_same_box_in_every_format(form, box, tmp_path):
     same(coulomb.read_mesh(tmp_path / name, **options), box)
 
 
+@pytest.mark.parametrize("form", FORMATS)
+def test_one_group_of_cells_is_read_alone(form, box, tmp_path):
+    """With what faces have on it; not of Exodus files."""
+    name, write, options = FORMATS[form]
+    write(box[0], tmp_path / name)
+    if "Exodus" in form:
+        with pytest.raises(ValueError, match="one group of cells is read from .msh"):
+            coulomb.read_mesh(tmp_path / name, **options, only="soft")
+        return
+    half = coulomb.read_mesh(tmp_path / name, **options, only="soft")
+    assert coulomb.fem.meshes.volume(half) == pytest.approx(1.0)
+    sides = {name for name in half.faces if not name.startswith("of_")}  # sets of surface elements of .inp files
+    assert sides == {"left", "front", "back", "bottom", "top"} and "stiff" not in half.cells
+    assert len(half.faces["left"]) == len(box[0].faces["left"])
+    assert len(half.faces["top"]) == len(box[0].faces["top"]) // 2
+    if not name.endswith(("inp", "INP")):  # which says it by its sets
+        with pytest.raises(ValueError, match="has no group of cells 'hard' with any cells; its groups of cells are"):
+            coulomb.read_mesh(tmp_path / name, **options, only="hard")
+
+
+def test_a_group_of_hexahedra_beside_tetrahedra_stays_hexahedra(tmp_path):
+    import meshio
+
+    x = np.array([*np.ndindex(2, 2, 2), [3, 0, 0], [4, 0, 0], [3, 1, 0], [3, 0, 1]], dtype=float)
+    cells = [("hexahedron", [[0, 4, 6, 2, 1, 5, 7, 3]]), ("tetra", [[8, 9, 10, 11]])]
+    meshio.Mesh(x, cells, cell_data={"tag": [np.array([1]), np.array([2])]}).write(tmp_path / "a.vtu")
+    one, other = (coulomb.read_mesh(tmp_path / "a.vtu", only=number) for number in "12")
+    kinds = [mesh.domain.topology.cell_type.name for mesh in (one, other)]
+    assert kinds == ["hexahedron", "tetrahedron"] and {*one.cells} == {"1"} and {*other.cells} == {"2"}
+    assert coulomb.fem.meshes.volume(one) == pytest.approx(1.0)
+
+
+def test_one_group_of_a_section(tmp_path):
+    import meshio
+
+    x = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [1, 1, 0], [2, 1, 0]], dtype=float)
+    cells = [("quad", [[0, 1, 4, 3]]), ("triangle", [[1, 2, 5], [1, 5, 4]]), ("line", [[0, 1], [1, 2]])]
+    numbers = {"tag": [np.array([1]), np.array([2, 2]), np.array([5, 5])]}
+    meshio.Mesh(x, cells, cell_data=numbers).write(tmp_path / "a.vtu")
+    made = coulomb.slice(tmp_path / "a.vtu", "plane strain", names={"foot": 5}, only="1")
+    assert coulomb.fem.meshes.volume(made) == pytest.approx(1.0)
+    assert {*made.faces} == {"foot", "front", "back"} and len(made.faces["foot"]) == 1
+    with pytest.raises(ValueError, match="no group of cells '3' with any cells; its groups of cells are: 1, 2"):
+        coulomb.slice(tmp_path / "a.vtu", "plane strain", only="3")
+
+
 def test_xdmf_of_meshio(box, tmp_path):
     xdmf(box[0], tmp_path / "box.xdmf")
     same(coulomb.fem.meshes.read_xdmf(tmp_path / "box.xdmf", facets=tmp_path / "facets.xdmf", **NAMES), box)
