@@ -186,6 +186,8 @@ def example(key: str) -> str:
 def right(table: str, word: str, value: Any, known: Collection[str]) -> str:
     """What to write in place of a word that a table ("" for the whole case) does not know among its `known` keys, in
     words that end with the line; empty if nothing is known."""
+    if table.rpartition(".")[2] == "material" and isinstance(value, Mapping):
+        return f"materials of several groups of cells are tables [[{table}]], each with {line('cells', word)}"
     word, last = word.lower(), table.rpartition(".")[2]
     last = "contact" if last in ("region", "pair", "auto_contact") else last  # which have keys of a contact
     for words, advice in _ADVICE.get(last if table else "", {}).items():
