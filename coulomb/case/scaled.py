@@ -61,8 +61,13 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
         sides = {table.face, getattr(table, "against", None)}
         return face in sides or set(face.split(" against ")) == sides
 
-    if kind in ("friction", "gap", "motion of the foundation"):
-        keys = {"friction": (*_OF_FRICTION, "region"), "gap": ("gap",)}.get(kind, ())
+    of_contacts = {
+        "friction": (*_OF_FRICTION, "region"),
+        "gap": ("gap",),
+        "load on the foundation": ("force", "moment"),
+    }
+    if kind in of_contacts or kind == "motion of the foundation":
+        keys = of_contacts.get(kind, ())
         found = changed(contacts, keys, here)
         if kind == "motion of the foundation":
             found = tuple(_moved(one, factor) if here(one) else one for one in contacts)
@@ -113,13 +118,19 @@ def _times(table: Any, keys: Sequence[str], factor: float) -> Any:
 
 
 def _moved(table: Any, factor: float) -> Any:
-    """A contact with the motion of its foundation, rows of time and translation, times a factor."""
-    rows = table.motion.table if isinstance(table.motion, CurveTable) else table.motion
-    if rows is None:
-        return table
-    rows = tuple((time, *(factor * one for one in way)) for time, *way in rows)
-    curve = isinstance(table.motion, CurveTable)
-    return table.model_copy(update={"motion": table.motion.model_copy(update={"table": rows}) if curve else rows})
+    """A contact with the motion of its foundation, rows of time and translation or angle, times a factor."""
+    found = {} if table.motion is None else {"motion": _rows(table.motion, factor)}
+    if table.rotation is not None:
+        turned = table.rotation.model_copy(update={"angle": _rows(table.rotation.angle, factor)})
+        found["rotation"] = turned
+    return table.model_copy(update=found)
+
+
+def _rows(given: Any, factor: float) -> Any:
+    """Rows of time and values, or a curve of them, with the values times a factor."""
+    curve = isinstance(given, CurveTable)
+    rows = tuple((time, *(factor * one for one in values)) for time, *values in (given.table if curve else given))
+    return given.model_copy(update={"table": rows}) if curve else rows
 
 
 def _product(value: Any, factor: float) -> Any:

@@ -113,6 +113,8 @@ class TaylorTest:
         try:
             for change in (h, 0.5 * h):
                 after = self._answer(scaled(self._settings, one.name, 1.0 + change))
+                if self._over.any(after.shape != one.contact_force.shape):
+                    return {"passed": None, "words": "not verified: other nodes become contact points"}
                 left.append(self._over.norm(after - self._at_first() - change * one.contact_force))
                 size = max(size, self._over.norm(after))
         except NotScaled as reason:

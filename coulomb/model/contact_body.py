@@ -125,10 +125,12 @@ class ContactBody:
         stiffness: K^-1 and A, and the method by which they are computed.
         heat: Conduction of heat; None without.
         undeformed: The same before any deformation, of bodies that are linearised at a deformed place; else None.
+        motion_factors: By which the given motions of the foundations are multiplied, shape (faces,); None for 1.
     """
 
     heat: HeatProblem | None = None
     undeformed: ContactBody | None = None
+    motion_factors: FloatArray | None = None
 
     def __init__(
         self,
@@ -267,6 +269,12 @@ class ContactBody:
         self.elasticity = elasticity
         self.stiffness.replace(elasticity)
 
+    def with_motions(self, factors: FloatArray | None) -> ContactBody:
+        """With these `motion_factors`."""
+        there = copy.copy(self)
+        there.motion_factors = factors
+        return there
+
     # --- state at a time ----------------------------------------------------------------------------------------------
 
     def refuse_undefined(self, time: float) -> None:
@@ -288,7 +296,7 @@ class ContactBody:
     def foundation_motions(self, time: float, poses: FloatArray | None = None) -> tuple[RigidMotion, ...]:
         """Of all foundations at a time, of those under load with their `ContactState.poses`, by default 0;
         collective."""
-        return self._faces.foundation_motions(time, poses)
+        return self._faces.foundation_motions(time, poses, self.motion_factors)
 
     @cached_property
     def faces_meet(self) -> bool:

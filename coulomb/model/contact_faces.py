@@ -127,10 +127,16 @@ class ContactFaces:
                 pairs[number] = found(number, lost)
         return pairs
 
-    def foundation_motions(self, time: float, poses: FloatArray | None = None) -> tuple[RigidMotion, ...]:
+    def foundation_motions(
+        self, time: float, poses: FloatArray | None = None, factors: FloatArray | None = None
+    ) -> tuple[RigidMotion, ...]:
+        """At a time, those given times factors (faces,), by default 1, and of foundations under load their poses;
+        collective."""
         given = on_all_ranks(
             lambda: [c.rigid_motion(time, "contact: foundation") for c in self._contacts], "", self._comm
         )
+        if factors is not None:
+            given = [motion.times(float(factor)) for motion, factor in zip(given, factors, strict=True)]
         return self.loads.posed(given, poses)
 
     def loaded(

@@ -80,6 +80,19 @@ class DiscreteProblem:
         DiscreteProblem.__init__(posed, *given)
         return posed
 
+    def elsewhere(
+        self, u: FloatArray, poses: FloatArray | None, before: Before | None, motions: FloatArray | None = None
+    ) -> DiscreteProblem:
+        """The problem at the same time with foundations under load in other poses (faces, 6), others moved by factors
+        (faces,) of their motions, after another load step; in large motions also at another displacement u (k, 3);
+        collective."""
+        body = self.body.with_motions(motions)
+        return self.in_state(body.posed(self.state, poses, before), None, before, body)
+
+    def with_factors(self, x: FloatArray) -> DiscreteProblem:
+        """The same problem with a K that has factors, at contact forces x (3 m,); collective."""
+        return self
+
     @property
     def mesh(self) -> NamedMesh:
         """The mesh of the body, if there is one body only."""

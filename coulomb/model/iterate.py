@@ -14,6 +14,7 @@ from ..arrays import FloatArray
 from ..fem.bodies import Deformable, End, JoinedBodies, NonlinearBody, nonlinear, rigid_modes
 from ..fem.contact import ContactSurface, FaceMotion, foot_points
 from ..fem.geometry import RigidFoundation, moved, spin
+from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
 from ..solvers.friction_problem import FrictionProblem
 from ..solvers.rigid_motions import NO_MOTION
@@ -116,7 +117,33 @@ _DIFFERENCE: Final = 1e-4
 
 
 class Linearised(DiscreteProblem):
-    """The contact problem of changes du of a displacement u; judged by the scales of u + du."""
+    """The contact problem of changes du of a displacement u; judged by the scales of u + du.
+
+    Attributes:
+        iterate: Of an answer, the `Iterate` of its load step with the arguments of `elsewhere`.
+    """
+
+    iterate: Callable[[FloatArray, FloatArray | None, State, FloatArray | None], Iterate]
+
+    def elsewhere(
+        self, u: FloatArray, poses: FloatArray | None, before: Before | None, motions: FloatArray | None = None
+    ) -> DiscreteProblem:
+        assert isinstance(before, State)
+        return self.iterate(u, poses, before, motions).problem
+
+    def with_factors(self, x: FloatArray) -> DiscreteProblem:
+        """With the tangent, or springs where contact presses (`Iterate.supported`), that is positive definite."""
+        assert isinstance(self.before, State)
+        u = np.concatenate([nonlinear(one.body).place.u for one in self.elasticity.members])
+        there = self.iterate(u, self.state.poses, self.before, None)
+        given = there.body
+        there.pose(there.problem.turning(given, x))
+        try:
+            _ = there.problem.compliances
+        except NotPositiveDefinite:
+            there.pose(there.supported(given, x))
+        there.problem.iterate = self.iterate
+        return there.problem
 
     @property
     def friction_problem(self) -> FrictionProblem:

@@ -161,11 +161,13 @@ class LoadSteps:
                     "cells"
                 )
 
-    def posed(self, body: Deformable, time: float, poses: FloatArray | None) -> Linearised:
-        """The linear contact problem of bodies at their deformed place, with foundations under load in these poses;
-        collective."""
+    def posed(
+        self, body: Deformable, time: float, poses: FloatArray | None, motions: FloatArray | None = None
+    ) -> Linearised:
+        """The linear contact problem of bodies at their deformed place, with foundations under load in these poses, and
+        others moved by factors (faces,) of their motions; collective."""
         there = ContactBody(lambda: body.at_time(time), body.comm, self.contacts, time, *self._methods)
-        there.undeformed = self.body
+        there.undeformed, there.motion_factors = self.body, motions
         with timed(there.seconds, "assembly"):
             state = there.state(time, poses=poses)
         return Linearised(there, state, "enforce", now(), there.seconds)
@@ -185,6 +187,7 @@ class LoadStepLoop:
         self._definite = False  # the last tangent was positive definite without contact
         self._damped = shared.damped
         self._failed = ""  # why a linear problem had no answer
+        self._start: tuple[State, FaceMotion] | None = None  # of the last state at another place
 
     def solve(self, tolerance: float, solver: Solver | None, progress: ProgressCallback | None) -> Solution:
         """The equilibrium at the end of the load step, or in one step from the undeformed place; arguments as of
@@ -340,8 +343,7 @@ class LoadStepLoop:
         judged with this diagonal of A, at these points as well, all of shape (m, 3), `SolverResult.unsettled`, and the
         `ContactState.poses` of foundations under load; collective."""
         state = self._state
-        start = self._iterate(state, state.displacement, state.time, None, state.poses).start()
-        here = self._iterate(state, displacement, self.time, start, poses)
+        here = self._elsewhere(displacement, poses, state)
         surface = here.problem.surface
         at = self.shared.points.places(surface)
         x = -surface.force_components(force_on_body[at]).ravel()
@@ -368,6 +370,7 @@ class LoadStepLoop:
         self._count(here)
         posed = self.posed
         problem.seconds, problem.started, problem.small_strain = posed.seconds, posed.started, posed.small_strain
+        problem.iterate = self._elsewhere
         over, own = Reductions(self.comm), evidence.compliance
         mean = over.sum(own) / max(over.sum(float(own.size)), 1.0)
         judged = evidence, compliance, mean, methods, sizes
@@ -438,10 +441,26 @@ class LoadStepLoop:
         return self._iterate(state, u, here.time, start, poses)
 
     def _iterate(
-        self, state: State, u: FloatArray, time: float, start: FaceMotion | None, poses: FloatArray | None
+        self,
+        state: State,
+        u: FloatArray,
+        time: float,
+        start: FaceMotion | None,
+        poses: FloatArray | None,
+        motions: FloatArray | None = None,
     ) -> Iterate:
-        pose = partial(self.shared.posed, poses=poses)
+        pose = partial(self.shared.posed, poses=poses, motions=motions)
         return Iterate(self.elasticity, pose, u, time, state, self.shared.points, start)
+
+    def _elsewhere(
+        self, u: FloatArray, poses: FloatArray | None, state: State, motions: FloatArray | None = None
+    ) -> Iterate:
+        """The iterate at a displacement u (k, 3) of a step from a state; poses and motions as of `LoadSteps.posed`;
+        collective."""
+        if self._start is None or self._start[0] is not state or motions is not None:
+            begin = self._iterate(state, state.displacement, state.time, None, state.poses, motions)
+            self._start = state, begin.start()
+        return self._iterate(state, u, self.time, self._start[1], poses, motions)
 
     def _carried(self, state: State, begin: Iterate) -> CarriedForces:
         """The contact forces of a state, with the normals of its place."""

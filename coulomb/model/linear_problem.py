@@ -361,7 +361,10 @@ class LinearProblem:
             body = self.elasticity
             left = loading.prescribed - body.held.held_part(carried)
             left[np.any(carried != 0.0, axis=1)] = 0.0
-            loading = replace(loading, load=loading.load + body.spring_force(carried), prescribed=left)
+            load = loading.load + body.spring_force(carried)
+            if any(isinstance(one.body, NonlinearBody) and one.body.resists_translation for one in body.members):
+                load = load - body.internal_force(carried)
+            loading = replace(loading, load=load, prescribed=left)
             f = body.f(loading)
 
         def solved() -> FloatArray:

@@ -148,9 +148,15 @@ class LocatedProbes:
             raise ValueError(f"{probe.what}: the point is in the bodies {both}: give body, one of them")
         return inside[0]
 
-    def values(self, u: FloatArray, answer: NodalAnswer, nodes: npt.NDArray[np.integer[Any]]) -> tuple[ProbeValue, ...]:
-        """What is at the probes, by the displacement u (k, 3) and the answer at the contact nodes with these numbers;
-        collective, the same on every rank.
+    def values(
+        self,
+        u: FloatArray,
+        answer: NodalAnswer,
+        nodes: npt.NDArray[np.integer[Any]],
+        slips: FloatArray | None = None,
+    ) -> tuple[ProbeValue, ...]:
+        """What is at the probes, by the displacement u (k, 3) and the answer at the contact nodes with these numbers,
+        by default with its slip (m, 3); collective, the same on every rank.
 
         Slip and pressure are those of contact.xdmf, interpolated: 0 at nodes of the face that are no contact nodes.  In
         pairs they are at the face with the contact points; of a node in several contacts those of the one that presses
@@ -160,7 +166,7 @@ class LocatedProbes:
             return ()
         slip, pressure = np.zeros((2, *u.shape))
         order = np.argsort(answer.force[:, 0], kind="stable")  # of a node in several contacts that which presses most
-        slip[nodes[order]] = answer.slip[order]
+        slip[nodes[order]] = (answer.slip if slips is None else slips)[order]
         pressure[nodes[order], 0] = (answer.force[:, 0] / answer.area)[order]
         found = {number: value for part in self._in for number, value in part.values(u, slip, pressure, answer)}
         return tuple(found[number] for number in range(len(self.probes)))

@@ -1,33 +1,34 @@
-"""Exact derivatives of an answer of small strains, or of a history of them, along its inputs, by the sets of its
-contact points.
+"""Exact derivatives of an answer, or of a history of load steps, along its inputs, by the sets of its contact points.
 
 At an answer u = K^-1 (f - B^T x), and contact points are open, stick or slip.  While none of them changes its state,
 forces follow from the derivative of the equations of contact (`solvers.semismooth_newton.derivatives`): one linear
 system per input, with the K^-1 and A of the answer.  What an input does to the displacement without new contact forces
 is that of loads: of friction none, of a load itself, of Young's modulus E minus the internal forces K_E u.  In a
-history slip counts from the displacement after the step before, whose derivative is carried along.
+history slip counts from the displacement after the step before, whose derivative is carried along.  In large motions,
+and with foundations under load, that is the last linear problem of Newton's method, to which `geometric_terms` are
+added.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
-from typing import Any
+from functools import cached_property
+from typing import Any, Final
 
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Elasticity, End, Loading, ThermalLoad
-from ..fem.geometry import Plane
+from ..fem.bodies import Elasticity, End, Loading, NonlinearBody, ThermalLoad, nonlinear
 from ..linalg.reductions import Reductions
-from ..solvers.semismooth_newton import Change, derivatives
+from ..solvers.semismooth_newton import Change, Derivative, derivatives
 from ..solvers.semismooth_newton import gradient as adjoint
+from ..solvers.successive_tresca import Anderson
 from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
-from .force_balance import force_balance
+from .geometric_terms import GeometricTerms, Terms, Way
 from .nodal_answer import NodalAnswer
-from .resultants import resultants
+from .sensitivity_totals import Derived, contact_totals, other_totals
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class Sensitivity:
         border: Number of contact points on the border of two states.  If there are any, or were in a load step before,
             the derivatives are those as the input grows,
         falling: and these are those as it falls; else None.
+        poses: Of the `ContactState.poses` of foundations under load, shape (faces, 6); None without any.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Sensitivity:
     step: float
     border: int = 0
     falling: Sensitivity | None = None
+    poses: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,8 @@ def gradient(
         ValueError: In large motions, with heat, or after a load step.
     """
     _refuse(problem)
+    if problem.body.undeformed is not None or problem.state.loaded:
+        raise ValueError("gradients are known of small strains with foundations whose motion is given")
     if problem.before is not None and Reductions(problem.comm).any(bool(np.any(problem.before.displacement))):
         raise ValueError("gradients of a load history are not known: sensitivities(earlier) follow it step by step")
     surface, still = problem.surface, _unloaded(problem.loading)
@@ -136,29 +141,29 @@ def gradient(
 
 
 def _refuse(problem: DiscreteProblem) -> None:
-    if problem.body.undeformed is not None or problem.body.heat is not None:
-        raise ValueError("sensitivities are known of small strains without heat, where a problem is one linear system")
-    if problem.state.loaded:
-        raise ValueError("sensitivities are not known of foundations under load: give their motion")
+    if problem.body.heat is not None:
+        raise ValueError("sensitivities are not known with heat")
 
 
 @dataclass(frozen=True)
 class _Input:
     """The change of a problem along the logarithm of an input: bounds of friction in newtons (m,), gaps and the
     displacements from which slip counts in metres (m, 3), and loads and prescribed displacements, where they change;
-    of the stiffness of a spring its number, beside its forces as loads."""
+    of the stiffness of a spring its number, beside its forces as loads; loads along free motions, newtons, (q,); and
+    the factors of the motions of foundations, shape (faces,)."""
 
     bound: FloatArray | float = 0.0
     c: FloatArray | float = 0.0
     loading: Loading | None = None
     spring: int | None = None
+    e: FloatArray | float = 0.0
+    motions: FloatArray | None = None
 
 
 def sensitivities(
     problem: DiscreteProblem, x: FloatArray, u: FloatArray, answer: NodalAnswer, earlier: Sequence[Sensitivity] = ()
 ) -> list[Sensitivity]:
-    """Of an answer of small strains to friction, given gaps, loads, prescribed displacements and Young's moduli;
-    collective.
+    """Of an answer to friction, given gaps, loads, prescribed displacements and Young's moduli; collective.
 
     Args:
         problem: The problem,
@@ -168,8 +173,8 @@ def sensitivities(
         earlier: Those of the load step before: slip counts from its displacement.
 
     Raises:
-        ValueError: In large motions, or with heat, or friction that depends on the slip rate; in a later load step
-            without those of the step before.
+        ValueError: With heat, or friction that depends on the slip rate; in a later load step without those of the step
+            before; if the answer is (nearly) not unique.
     """
     _refuse(problem)
     before = problem.before
@@ -180,103 +185,166 @@ def sensitivities(
             raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")
     inputs = _inputs(problem, x, u, answer.given_gap)
     inputs |= {one.name: _Input() for one in earlier if one.name not in inputs}
-    rising = _along(problem, inputs, x, answer, {one.name: one for one in earlier}, 1.0)
+    at = _Answer(problem.with_factors(x), x, u, answer)
+    rising = at.along(inputs, {one.name: one for one in earlier}, 1.0)
     if not rising or not (rising[0].border or any(one.falling for one in earlier)):
         return rising
-    falling = _along(problem, inputs, x, answer, {one.name: one.falling or one for one in earlier}, -1.0)
+    falling = at.along(inputs, {one.name: one.falling or one for one in earlier}, -1.0)
     return [replace(up, falling=down) for up, down in zip(rising, falling, strict=True)]
 
 
-def _along(
-    problem: DiscreteProblem,
-    inputs: Mapping[str, _Input],
-    x: FloatArray,
-    answer: NodalAnswer,
-    earlier: Mapping[str, Sensitivity],
-    sign: float,
-) -> list[Sensitivity]:
-    """Of each of the inputs as it grows (sign 1) or falls (-1); collective."""
-    surface, still = problem.surface, _unloaded(problem.loading)
-    without = _with_loading(problem, still)
-    posed, changes, origins = [], [], []
-    for name, one in inputs.items():
-        loading, origin = one.loading, np.zeros((len(surface.nodes), 3)) + one.c
-        if name in earlier:
-            loading = _continued(problem, loading or still, earlier[name].displacement)
-            origin[:, 1:] += surface.rows(earlier[name].displacement)[:, 1:]
-        changed = without if loading is None else _with_loading(problem, loading)
-        e = [np.zeros(0) if each.state.rigid is None else each.state.rigid.e for each in (changed, without)]
-        closing = (changed.b - without.b).reshape(-1, 3) - origin
-        bound = np.zeros(len(origin)) + one.bound
-        changes.append(Change(sign * closing.ravel(), sign * bound, sign * (e[0] - e[1])))
-        posed.append(changed)
-        origins.append(origin)
-    found = []
-    for (name, one), changed, origin, owed in zip(
-        inputs.items(), posed, origins, derivatives(problem.friction_problem, x, changes), strict=True
-    ):
-        dx = sign * owed.x
-        du = changed.moved(changed.displacement(dx), sign * owed.alpha)
-        others = _others(changed, one, dx, du, answer, origin)
-        step = min(owed.step, earlier[name].step if name in earlier else np.inf)
-        found.append(Sensitivity(name, dx, du, _totals(problem, x, dx, sign), others, step, owed.border))
-    return found
+_SETTLED: Final = 1e-7
+_NEARLY: Final = 1e-6
+_MOST: Final = 30
+"""Change of a derivative over itself at which geometric terms are found, or after the most iterations are taken."""
 
 
-def _others(
-    changed: DiscreteProblem, given: _Input, dx: FloatArray, du: FloatArray, answer: NodalAnswer, origin: FloatArray
-) -> dict[str, dict[str, Any]]:
-    """As the attribute of `Sensitivity`, of the derivative of forces (3 m,) and displacements (k, 3) along an input, of
-    which `origin` (m, 3) is what slip counts from; collective."""
-    body, on_points, time, surface = changed.elasticity, dx.reshape(-1, 3), changed.time, changed.surface
-    imbalance = body.internal_force(du) - body.spring_force(du) - changed.loading.load + surface.at_nodes(dx)
-    none, constraints, over = np.zeros_like(du), body.constraints, Reductions(changed.comm, body.copies)
-    of_ties = constraints.forces(imbalance, time)
-    pulled, moved = (  # forces of bolts and motions are given, but where they are the input
-        over.any(of is not None and bool(np.any(of)))
-        for of in ((None, None) if given.loading is None else (given.loading.tension, given.loading.apart))
-    )
-    if not pulled:
-        of_ties = of_ties - constraints.forces(none, time)
-    reaction = body.held.held_part(imbalance - of_ties)
-    springs = list(body.spring_forces(du))
-    if given.spring is not None:
-        springs[given.spring] = replace(
-            springs[given.spring], forces=springs[given.spring].forces + changed.loading.load
+class _Answer:
+    """An answer, with the linear problem there: of large motions, and foundations under load, that of the last Newton
+    step, to which `GeometricTerms` are added."""
+
+    def __init__(self, problem: DiscreteProblem, x: FloatArray, u: FloatArray, answer: NodalAnswer):
+        self._problem, self._x, self._u, self._answer = problem, x, u, answer
+        self._large, self._over = problem.body.undeformed is not None, Reductions(problem.comm)
+        self._terms, self._moves = GeometricTerms(problem, x, u), self._large or bool(problem.state.loaded)
+        self._still = _unloaded(problem.loading)
+        self._without = _with_loading(problem, self._still)
+
+    def along(self, inputs: Mapping[str, _Input], earlier: Mapping[str, Sensitivity], sign: float) -> list[Sensitivity]:
+        """Of each of the inputs as it grows (sign 1) or falls (-1); collective."""
+        posed = [self._posed(one, earlier.get(name)) for name, one in inputs.items()]
+        solved = self._solved(posed, sign)
+        if self._moves:
+            ways = [self._way(one, earlier.get(name)) for name, one in inputs.items()]
+            posed, solved = self._with_terms(posed, solved, ways, sign)
+        found = []
+        for (name, one), of, at in zip(inputs.items(), posed, solved, strict=True):
+            step = min(at.owed.step, earlier[name].step if name in earlier else np.inf)
+            derived = self._derived(one, of, at, sign)
+            totals = contact_totals(self._answer, derived, sign)
+            others = other_totals(self._answer, derived, totals, self._held, self._u)
+            along_frames = derived.x if of.terms is None else derived.x + of.terms.components.ravel()
+            of_points = along_frames, derived.u, totals, others
+            found.append(Sensitivity(name, *of_points, step, at.owed.border, poses=derived.poses))
+        return found
+
+    def _derived(self, one: _Input, of: _Right, at: _Solved, sign: float) -> Derived:
+        pulled, moved = (
+            self._over.any(given is not None and bool(np.any(given)))
+            for given in ((None, None) if one.loading is None else (one.loading.tension, one.loading.apart))
         )
-    of = resultants(chain(body.shares(reaction), springs), body.x, over)
-    here = replace(answer, force=on_points, displacement=surface.rows(du), slip_origin=origin)
-    probes = changed.body.probes.values(du, here, surface.nodes)
-    entries: dict[str, dict[str, dict[str, Any]]] = {
-        "reactions": {one.name: {"force": one.force, "moment": one.moment} for one in of},
-        "probes": {
-            one.name: {"displacement": one.displacement, "slip": one.slip, "pressure": one.pressure} for one in probes
-        },
-    }
-    if constraints.ties:
-        tied, still = (force_balance(changed, of, none, left, none) for of, left in ((du, imbalance), (none, none)))
-        entries["bolts"] = {
-            one.face: {"force": one.force - (0.0 if pulled else at.force), "shortening": one.shortening}
-            for one, at in zip(tied.bolts, still.bolts, strict=True)
-        }
-        entries["rigid_faces"] = {
-            one.face: {
-                name: getattr(one, name) - (0.0 if moved else getattr(at, name))
-                for name in ("translation", "rotation", "force", "moment")
-            }
-            for one, at in zip(tied.rigid_faces, still.rigid_faces, strict=True)
-        }
-    return {kind: {name: _plain(one) for name, one in of_kind.items()} for kind, of_kind in entries.items() if of_kind}
+        spring = None if one.spring is None or one.loading is None else (one.spring, one.loading.load)
+        poses, then = (self._problem.state.poses_after(alpha) for alpha in (sign * at.owed.alpha, 0.0 * at.owed.alpha))
+        way = None if poses is None or then is None else poses - then
+        return Derived(at.problem, sign * at.owed.x, at.u, way, of.c, of.terms, pulled, moved, spring)
+
+    @cached_property
+    def _held(self) -> FloatArray | None:
+        """The forces of supports, newtons, shape (k, 3), where places move, which are then those of the problem."""
+        if not self._large:
+            return None
+        problem, body = self._problem, self._problem.elasticity
+        imbalance = problem.surface.at_nodes(self._x) - problem.loading.load
+        return body.held.held_part(imbalance - body.constraints.forces(imbalance, problem.time))
+
+    def _posed(self, one: _Input, earlier: Sensitivity | None) -> _Right:
+        """What an input does by itself, and in small strains by the displacement after the step before."""
+        problem, surface = self._problem, self._problem.surface
+        loading, origin = one.loading, np.zeros((len(surface.nodes), 3)) + one.c
+        if earlier is not None and not self._large:
+            loading = _continued(problem, loading or self._still, earlier.displacement)
+            origin[:, 1:] += surface.rows(earlier.displacement)[:, 1:]
+        right = _Right(loading or self._still, origin, np.zeros(len(origin)) + one.bound, one.e)
+        return right if self._moves or one.motions is None else right.and_(self._terms.along(self._way(one, earlier)))
+
+    def _way(self, one: _Input, earlier: Sensitivity | None) -> Way:
+        """What an input moves by itself, and by displacements and foundations after the step before."""
+        rigid = self._problem.rigid
+        still = Way(np.zeros_like(self._u), np.zeros(0 if rigid is None else rigid.count), motions=one.motions)
+        return still if earlier is None else replace(still, before=earlier.displacement, poses_before=earlier.poses)
+
+    def _solved(self, rights: Sequence[_Right], sign: float) -> list[_Solved]:
+        """By the linear problem, as the input grows (sign 1) or falls (-1); collective."""
+        posed, changes = [_with_loading(self._problem, one.loading) for one in rights], []
+        for one, changed in zip(rights, posed, strict=True):
+            e = [np.zeros(0) if each.state.rigid is None else each.state.rigid.e for each in (changed, self._without)]
+            closing = (changed.b - self._without.b).reshape(-1, 3) - one.c
+            changes.append(Change(sign * closing.ravel(), sign * one.bound, sign * (e[0] - e[1] + one.e)))
+        owed = derivatives(self._problem.friction_problem, self._x, changes)
+        return [
+            _Solved(changed, one, changed.moved(changed.displacement(sign * one.x), sign * one.alpha))
+            for changed, one in zip(posed, owed, strict=True)
+        ]
+
+    def _with_terms(
+        self, rights: Sequence[_Right], solved: Sequence[_Solved], ways: Sequence[Way], sign: float
+    ) -> tuple[list[_Right], list[_Solved]]:
+        """With geometric terms, by a fixed-point iteration with Anderson acceleration, from answers without; `ways` are
+        those of the inputs by themselves; collective."""
+        over, found, posed = self._over, list(solved), list(rights)
+        mixing, left = [Anderson(_MOST, over) for _ in rights], np.full(len(rights), np.inf)
+        points = [self._joined(one, sign) for one in found]
+        for _ in range(_MOST):
+            moving = [k for k, size in enumerate(left) if size > _SETTLED]
+            if not moving:
+                break
+            for k in moving:
+                u, alpha = self._parted(points[k])
+                posed[k] = rights[k].and_(self._terms.along(replace(ways[k], u=u, alpha=alpha)))
+            for k, one in zip(moving, self._solved([posed[k] for k in moving], sign), strict=True):
+                found[k], point = one, self._joined(one, sign)
+                size = over.norm(point)
+                left[k] = over.norm(point - points[k]) / size if size > 0.0 else 0.0
+                points[k] = mixing[k].next(points[k], point - points[k], 1.0)
+        if not np.all(left <= _NEARLY):
+            raise ValueError(
+                f"the geometric terms of sensitivities do not settle, by a part of {np.max(left):.0e}: the answer is "
+                "nearly one of several, or was found with too large a tolerance"
+            )
+        return posed, found
+
+    def _joined(self, one: _Solved, sign: float) -> FloatArray:
+        """Derivatives of displacement and of free motions, these on one rank, shape (3 k + q,)."""
+        here = self._over.comm.rank == 0
+        return np.concatenate([one.u.ravel(), sign * one.owed.alpha if here else 0.0 * one.owed.alpha])
+
+    def _parted(self, way: FloatArray) -> tuple[FloatArray, FloatArray]:
+        count = 3 * len(self._u)
+        return way[:count].reshape(-1, 3), self._over.total(way[count:])
+
+
+@dataclass(frozen=True)
+class _Right:
+    """The right-hand side of the derivative's equations: loads, gaps and slip origins in metres (m, 3), bounds in
+    newtons (m,), loads along free motions (q,); and the geometric terms in it."""
+
+    loading: Loading
+    c: FloatArray
+    bound: FloatArray
+    e: FloatArray | float = 0.0
+    terms: Terms | None = None
+
+    def and_(self, terms: Terms) -> _Right:
+        loading = replace(
+            self.loading,
+            load=self.loading.load + terms.load,
+            prescribed=self.loading.prescribed + terms.prescribed,
+        )
+        return _Right(loading, self.c + terms.c, self.bound + terms.bound, self.e + terms.e, terms)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """The linear problem along an input, the derivative of its answer, and of the displacement, metres, (k, 3)."""
+
+    problem: DiscreteProblem
+    owed: Derivative
+    u: FloatArray
 
 
 def _entry(one: Sensitivity) -> dict[str, Any]:
     step = one.step if np.isfinite(one.step) else None
     return {"input": one.name, "totals": one.totals, **one.others, "step": step, "border": one.border}
-
-
-def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """With lists in place of arrays."""
-    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
 
 
 def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping[str, float]) -> dict[str, Any]:
@@ -326,6 +394,18 @@ def _continued(problem: DiscreteProblem, loading: Loading, u: FloatArray) -> Loa
     )
 
 
+def _prescribed(problem: DiscreteProblem, still: Loading) -> Loading:
+    """What prescribed displacements do by their common factor, from the place after the step before; collective."""
+    body, before = problem.elasticity, problem.before
+    if problem.body.undeformed is not None:
+        start = None if before is None else before.time
+        each = [nonlinear(one.body).prescribed_rate(start) for one in body.members]
+        return replace(still, prescribed=np.concatenate(each))
+    rest = None if before is None else End(before.time, np.zeros_like(body.x))
+    given = problem.loading if rest is None else body.after(problem.time, rest)
+    return replace(still, prescribed=given.prescribed, apart=given.apart)
+
+
 def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatArray) -> dict[str, _Input]:
     """Every input with the change of the problem along its logarithm; a name that occurs again has a number."""
     surface, loading, body, over = problem.surface, problem.loading, problem.elasticity, Reductions(problem.comm)
@@ -342,16 +422,24 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
     for face, here in zip(surface.faces, parts, strict=True):
         if over.any(bool(np.any(gap[here] != 0.0))):
             put(f"gap of {face!r}", _Input(c=np.where(here, gap, 0.0)[:, None] * [1.0, 0.0, 0.0]))
-    for number, (face, here) in enumerate(zip(surface.faces, parts, strict=True)):
-        moved = _moved(problem, number)
-        if over.any(bool(np.any(moved != 0.0))):
-            put(f"motion of the foundation of {face!r}", _Input(c=np.where(here[:, None], moved, 0.0)))
+    times = (problem.time,) if problem.before is None else (problem.time, problem.before.time)
+    motions = zip(*(problem.body.foundation_motions(time) for time in times), strict=True)
+    for number, (face, given) in enumerate(zip(surface.faces, motions, strict=True)):
+        if any(np.any(one.translation) or one.angle for one in given):
+            put(f"motion of the foundation of {face!r}", _Input(motions=np.eye(len(surface.faces))[number]))
+    first = 0
+    for one in problem.state.loaded:
+        e = np.zeros(0 if problem.rigid is None else problem.rigid.count)
+        e[first : first + len(one.load)] = one.load
+        first += len(one.load)
+        if np.any(e):
+            put(f"load on the foundation of {surface.faces[one.number]!r}", _Input(e=e))
     still = _unloaded(loading)
     for load in body.loads_in(loading):
         where = "" if load.face is None else f" on {load.face!r}"
         put(f"{load.kind.replace('_', ' ')}{where}", _Input(loading=replace(still, load=load.forces)))
     if over.any(bool(np.any(problem.prescribed) or np.any(loading.apart))):
-        put("prescribed displacements", _Input(loading=replace(loading, load=still.load, tension=still.tension)))
+        put("prescribed displacements", _Input(loading=_prescribed(problem, still)))
     if loading.tension is not None and np.any(loading.tension):
         put("pretension", _Input(loading=replace(still, tension=loading.tension)))
     for number, spring in enumerate(body.spring_forces(u)):
@@ -361,42 +449,12 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
         if member.body.materials is None:
             continue
         forces = np.zeros_like(body.x)
-        strained = (one.forces for one in member.body.loads_in(part) if one.kind == ThermalLoad.kind)
-        forces[member.nodes] = sum(strained) - member.body.internal_force(u[member.nodes])
+        if isinstance(member.body, NonlinearBody):  # strain energies are in proportion to their moduli
+            there = member.body.place
+            outer = [one for one in (there.load, there.spring) if one is not None]
+            forces[member.nodes] = there.loading.load - sum(outer)
+        else:
+            strained = (one.forces for one in member.body.loads_in(part) if one.kind == ThermalLoad.kind)
+            forces[member.nodes] = sum(strained) - member.body.internal_force(u[member.nodes])
         put("young" + (f" of {member.name!r}" if member.name else ""), _Input(loading=replace(still, load=forces)))
-    return found
-
-
-def _moved(problem: DiscreteProblem, part: int) -> FloatArray:
-    """What a plane has moved that is the foundation of a face, along n altogether, along the tangents since the step
-    before, metres, shape (m, 3); 0 of curved and turning foundations, whose normals change as well."""
-    surface, body, before = problem.surface, problem.body, problem.before
-    way, motion = np.zeros((len(surface.nodes), 3)), problem.state.foundation_motions[part]
-    if not isinstance(body.foundations[part], Plane) or motion.turn is not None:
-        return way
-    way[:, 0] = surface.components(np.broadcast_to(motion.translation, way.shape))[:, 0]
-    if before is not None:
-        then = body.foundation_motions(before.time)[part].translation
-        way[:, 1:] = surface.components(np.broadcast_to(motion.translation - then, way.shape))[:, 1:]
-    return way
-
-
-def _totals(problem: DiscreteProblem, x: FloatArray, dx: FloatArray, sign: float) -> dict[str, dict[str, Any]]:
-    """Derivatives of the totals of every contact for a derivative of the forces, both (3 m,), as an input grows (1) or
-    falls (-1); collective."""
-    surface, found = problem.surface, dict[str, dict[str, Any]]()
-    over = Reductions(problem.comm, problem.elasticity.copies)
-    on_body = -surface.vectors(dx.reshape(-1, 3))
-    both = x.reshape(-1, 3), dx.reshape(-1, 3)
-    tangential = [-surface.vectors(of * [0.0, 1.0, 1.0]) for of in both]
-    for part, face in enumerate(surface.faces):
-        here = surface.part == part
-        friction, change = (over.total(of[here].sum(axis=0)) for of in tangential)
-        size = float(np.linalg.norm(friction))
-        found[face] = {
-            "force": over.total(on_body[here].sum(axis=0)).tolist(),
-            "moment": over.total(np.cross(surface.x[here], on_body[here]).sum(axis=0)).tolist(),
-            "normal_force": over.sum(dx[0::3][here]),
-            "friction_force": float(friction @ change) / size if size > 0.0 else sign * float(np.linalg.norm(change)),
-        }
     return found

@@ -312,12 +312,13 @@ class Solution:
         return self.certificate.passed and not self.outside
 
     def sensitivities(self, earlier: Sequence[Sensitivity] = ()) -> list[Sensitivity]:
-        """What the answer owes to each input: friction, gaps, loads, prescribed displacements, Young's moduli; exact
-        derivatives, with how far they hold; in a load step with those of the step before (`earlier`); collective.
+        """What the answer owes to each input: friction, gaps, loads, prescribed displacements, motions of and loads on
+        foundations, Young's moduli; exact derivatives, with how far they hold; in a load step with those of the
+        step before (`earlier`); collective.
 
         Raises:
-            ValueError: In large motions, with heat, with friction that depends on the slip rate, or in a load step
-                without those of the step before.
+            ValueError: With heat, with friction that depends on the slip rate, in a load step without those of the step
+                before, or if the answer is nearly one of several.
         """
         return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes, earlier)
 
@@ -330,7 +331,7 @@ class Solution:
             displacement: dJ/du, shape (k, 3), as the answer has u; 0 by default.
 
         Raises:
-            ValueError: In large motions, with heat, or in a load history.
+            ValueError: In large motions, with foundations under load, with heat, or in a load history.
         """
         return gradient(self.problem, self.contact_force, self.displacement, contact_force, displacement)
 

@@ -120,11 +120,13 @@ class LoadedBody(ElasticBody, HeldNodes):
     def _left(self, before: End, time: float) -> FloatArray:
         """By how much displacements along the held directions of supports that have begun differ from the given ones,
         from the end of the load step before; metres; collective."""
-        shares = np.array([0.0 if one.begin is None else share_left(one, before.time, time) for one in self.supports])[
-            self._rows.support
-        ]
         along = np.einsum("ri,ri->r", self._rows.direction, before.displacement[self._rows.node])
-        return shares * (along - self.prescribed_values(before.time))
+        return self._shares(before.time, time) * (along - self.prescribed_values(before.time))
+
+    def _shares(self, then: float, time: float) -> FloatArray:
+        """`share_left` of the support of each held direction."""
+        shares = [0.0 if one.begin is None else share_left(one, then, time) for one in self.supports]
+        return np.array(shares)[self._rows.support]
 
     # --- supports that begin and end ------------------------------------------------------------------------------
 

@@ -37,14 +37,30 @@ class _SupportedBody(LoadedBody):
     """Supports, springs and dead loads; prescribed rotations turn by finite angles."""
 
     def prescribed_values(self, time: float) -> FloatArray:
+        return self._turned(time, lambda turn, arms: arms @ turn.matrix.T - arms)
+
+    def prescribed_rate(self, time: float, start: float | None) -> FloatArray:
+        """Derivative of the prescribed displacements along their common factor, in a load step from `start`, metres,
+        shape (k, 3); collective."""
+
+        def rates(time: float) -> FloatArray:
+            return self._turned(time, lambda turn, arms: np.cross(turn.vector, arms @ turn.matrix.T))
+
+        values = rates(time)
+        if start is not None:
+            values -= self._shares(start, time) * rates(start)
+        return self._rows.displacement(values)
+
+    def _turned(self, time: float, way: Callable[[Turn, FloatArray], FloatArray]) -> FloatArray:
+        """Prescribed displacements along the held directions at a time, of a turn those of arms (k, 3); collective."""
         values = super().prescribed_values(time)
         for number, support in enumerate(self.supports):
             if isinstance(support, PrescribedRotation):
                 here, axis = self._rows.support == number, np.array(support.axis) / np.linalg.norm(support.axis)
                 angle = support.angle * self._factor(support.amplitude, time, support.what)
                 turn = Turn(np.array(support.point), axis, angle)
-                way = (self.x[self._rows.node[here]] - turn.point) @ (turn.matrix - np.eye(3)).T
-                values[here] = np.einsum("ri,ri->r", self._rows.direction[here], way)
+                moved = way(turn, self.x[self._rows.node[here]] - turn.point)
+                values[here] = np.einsum("ri,ri->r", self._rows.direction[here], moved)
         return values
 
 
@@ -169,6 +185,9 @@ class HyperelasticBody(NonlinearBody):
     def refuse_beginning(self, time: float) -> None:
         if self._place is None:
             self._loaded.refuse_beginning(time)
+
+    def prescribed_rate(self, start: float | None) -> FloatArray:
+        return self._loaded.prescribed_rate(self.place.loading.time, start)
 
     def at_time(self, time: float) -> NonlinearBody:
         super().at_time(time)

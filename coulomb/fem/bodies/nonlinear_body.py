@@ -173,6 +173,16 @@ class NonlinearBody(FormBody):
     def reference(self) -> FloatArray:
         return self._undeformed
 
+    def prescribed_rate(self, start: float | None) -> FloatArray:
+        """Derivative of the prescribed displacements along their common factor, in a load step from the time `start`,
+        metres, shape (k, 3); collective."""
+        return self.place.prescribed
+
+    @property
+    def resists_translation(self) -> bool:
+        """Whether forces on the surface follow the displacement, so that the tangent times a translation is not 0."""
+        return self._on_facets is not None
+
     @property
     def _products(self) -> list[CellProducts]:
         """What the tangent has besides its form, at the displacement of the last forces."""

@@ -17,7 +17,7 @@ turn in one step by 2 pi r, not by 0.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Protocol, cast, runtime_checkable
 
@@ -337,6 +337,16 @@ class RigidMotion:
     def centre(self) -> FloatArray:
         """The point of the axis, moved with the translation, metres, shape (3,)."""
         return self.translation if self.turn is None else self.turn.point + self.translation
+
+    @property
+    def angle(self) -> float:
+        """Radians."""
+        return 0.0 if self.turn is None else self.turn.angle
+
+    def times(self, factor: float) -> RigidMotion:
+        """As much farther, and turned as much more."""
+        turn = None if self.turn is None else replace(self.turn, angle=factor * self.turn.angle)
+        return RigidMotion(factor * self.translation, turn)
 
     def undone(self, x: FloatArray) -> FloatArray:
         """Points x (k, 3) in metres in the coordinates in which the foundation is given, shape (k, 3)."""

@@ -1,0 +1,152 @@
+"""Derivatives of the totals of an answer along an input, from those of its forces, displacements and places."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from ..arrays import FloatArray
+from ..linalg.reductions import Reductions
+from .discrete_problem import DiscreteProblem
+from .force_balance import force_balance
+from .geometric_terms import Terms
+from .nodal_answer import NodalAnswer
+from .resultants import Resultant, resultants
+
+
+@dataclass(frozen=True)
+class Derived:
+    """The derivative of an answer along an input.
+
+    Attributes:
+        problem: The linear problem along the input.
+        x: Of contact forces, along frames that turn with the normals alone, newtons, shape (3 m,),
+        u: of the displacement, metres, shape (k, 3),
+        poses: and of the `ContactState.poses` of foundations under load, shape (faces, 6); None without any.
+        c: Of gap and slip origin, metres, shape (m, 3).
+        terms: The geometric terms; None without any.
+        pulled: Whether the input are forces of bolts,
+        moved: or motions of rigid faces.
+        spring: The number of the spring whose stiffness is the input, and its forces, newtons, (k, 3); None of others.
+    """
+
+    problem: DiscreteProblem
+    x: FloatArray
+    u: FloatArray
+    poses: FloatArray | None
+    c: FloatArray
+    terms: Terms | None
+    pulled: bool
+    moved: bool
+    spring: tuple[int, FloatArray] | None
+
+
+def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, dict[str, Any]]:
+    """Of every contact by its name "force" and "moment" on the body, "normal_force" and "friction_force", newtons and
+    newton metres, as an input grows (1) or falls (-1); collective."""
+    surface, found, dx = derived.problem.surface, dict[str, dict[str, Any]](), derived.x.reshape(-1, 3)
+    over, along_surface = Reductions(at.comm, at.copies), np.array([0.0, 1.0, 1.0])
+    on_body, of_friction = -surface.vectors(dx), -surface.vectors(dx * along_surface)
+    places, terms = np.zeros_like(on_body), derived.terms
+    if terms is not None:
+        on_body, of_friction, places = on_body - terms.vectors, of_friction - terms.tangential, terms.x
+    present = -surface.vectors(at.force * along_surface)
+    turning = np.cross(at.x, on_body) + np.cross(places, at.on_body)
+    for part, face in enumerate(at.faces):
+        here = surface.part == part
+        friction, change = (over.total(of[here].sum(axis=0)) for of in (present, of_friction))
+        size = float(np.linalg.norm(friction))
+        found[face] = {
+            "force": over.total(on_body[here].sum(axis=0)).tolist(),
+            "moment": over.total(turning[here].sum(axis=0)).tolist(),
+            "normal_force": over.sum(dx[here, 0]),
+            "friction_force": float(friction @ change) / size if size > 0.0 else sign * float(np.linalg.norm(change)),
+        }
+    return found
+
+
+def other_totals(
+    at: NodalAnswer, derived: Derived, totals: Mapping[str, Mapping[str, Any]], held: FloatArray | None, u: FloatArray
+) -> dict[str, dict[str, Any]]:
+    """Of reactions, probes, bolts, rigid faces and foundations under load, by their names.
+
+    Args:
+        at: The answer at the contact points.
+        derived: Its derivative.
+        totals: Of the contacts.
+        held: The forces of supports on places that move, newtons, shape (k, 3); None in small strains.
+        u: The displacement, metres, shape (k, 3).
+    """
+    changed, du = derived.problem, derived.u
+    body, time, surface = changed.elasticity, changed.time, changed.surface
+    imbalance = body.internal_force(du) - body.spring_force(du) - changed.loading.load + surface.at_nodes(derived.x)
+    none, constraints, over = np.zeros_like(du), body.constraints, Reductions(changed.comm, body.copies)
+    of_ties = constraints.forces(imbalance, time)
+    if not derived.pulled:  # forces of bolts and motions are given, but where they are the input
+        of_ties = of_ties - constraints.forces(none, time)
+    reaction = body.held.held_part(imbalance - of_ties)
+    springs = list(body.spring_forces(du))
+    if derived.spring is not None:
+        number, forces = derived.spring
+        springs[number] = replace(springs[number], forces=springs[number].forces + forces)
+    of = resultants(chain(body.shares(reaction), springs), body.x, over)
+    if held is not None:
+        arms = resultants(chain(body.shares(held), body.spring_forces(u)), du, over)
+        of = tuple(replace(one, moment=one.moment + arm.moment) for one, arm in zip(of, arms, strict=True))
+    entries: dict[str, dict[str, dict[str, Any]]] = {
+        "reactions": {one.name: _moments(one) for one in of},
+        "probes": _probes(at, derived),
+    }
+    if constraints.ties:
+        tied, still = (force_balance(changed, of, none, left, none) for of, left in ((du, imbalance), (none, none)))
+        entries["bolts"] = {
+            one.face: {"force": one.force - (0.0 if derived.pulled else by.force), "shortening": one.shortening}
+            for one, by in zip(tied.bolts, still.bolts, strict=True)
+        }
+        entries["rigid_faces"] = {
+            one.face: {
+                name: getattr(one, name) - (0.0 if derived.moved else getattr(by, name))
+                for name in ("translation", "rotation", "force", "moment")
+            }
+            for one, by in zip(tied.rigid_faces, still.rigid_faces, strict=True)
+        }
+    entries["loaded_foundations"] = _foundations(at, derived, totals)
+    return {kind: {name: _plain(one) for name, one in of_kind.items()} for kind, of_kind in entries.items() if of_kind}
+
+
+def _moments(one: Resultant) -> dict[str, Any]:
+    return {"force": one.force, "moment": one.moment}
+
+
+def _probes(at: NodalAnswer, derived: Derived) -> dict[str, dict[str, Any]]:
+    """Displacement, slip and pressure; collective."""
+    surface, terms, body = derived.problem.surface, derived.terms, derived.problem.body
+    force = derived.x.reshape(-1, 3)
+    here = replace(at, force=force, displacement=surface.rows(derived.u), slip_origin=derived.c)
+    slip = here.slip
+    if terms is not None:  # the area of a pressure changes, and the direction of a slip
+        here, slip = replace(here, force=force - at.force * (terms.area / at.area)[:, None]), slip + terms.slip
+    probes = (body.undeformed or body).probes.values(derived.u, here, surface.nodes, slip)
+    return {one.name: {"displacement": one.displacement, "slip": one.slip, "pressure": one.pressure} for one in probes}
+
+
+def _foundations(at: NodalAnswer, derived: Derived, totals: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """Motions of foundations under load, and what contact does on them, about their points; collective."""
+    found = dict[str, Any]()
+    for one in derived.problem.state.loaded:
+        assert derived.poses is not None
+        way, contact = derived.poses[one.number], totals[at.faces[one.number]]
+        force, moment = (-np.array(contact[name]) for name in ("force", "moment"))
+        present = -np.array(at.totals(one.number)["force"])
+        moment = moment - np.cross(way[:3], present) - np.cross(one.point, force)
+        found[one.name] = {"translation": way[:3], "rotation": way[3:], "force": force, "moment": moment}
+    return found
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """With lists in place of arrays."""
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
