@@ -192,20 +192,22 @@ class _Krylov(NewtonSystem):
         self._block = block
         self._weight: FloatArray = np.ones((A.nodes, block))
 
-        def recorded(x: FloatArray) -> FloatArray:
-            y = A.mult(x, self._accuracy)
+        def recorded(x: FloatArray, accuracy: float) -> FloatArray:
+            y = A.mult(x, accuracy)
             self._A.record(x, y)
             return y
 
+        def enough(x: FloatArray) -> FloatArray:
+            return recorded(x, self._krylov.allowed(self._accuracy, self.products.sharper))
+
         if rank > 0 and (not sloped or A.G.shape[2] <= _FEW):  # A is large along motions that few springs prevent
-            self._accuracy = product[0]
             for G in np.moveaxis(A.G, 2, 0):
-                recorded(np.ascontiguousarray(G))
+                recorded(np.ascontiguousarray(G), product[0])
             self._A.update()
         method = PETSc.KSP.Type.FGMRES if sloped else PETSc.KSP.Type.CG
         self._constraints = A.constraints
         self._krylov = CarryingKrylov(
-            self._constraints, block, recorded, self._weighted_operator, self._precondition, method
+            self._constraints, block, enough, self._weighted_operator, self._precondition, method
         )
 
     def _operator(self, p: FloatArray, A_p: FloatArray) -> FloatArray:

@@ -40,11 +40,8 @@ from .settings import within
 _SHARPEST: Final = 1e-10
 """Relative residual of the systems of derivatives."""
 
-_LOOSEST: Final = 0.01
-"""Accuracy of the last products of such a system."""
-
 _SPARE: Final = 0.1
-"""Error of each product of such a system over the residual allowed at its end."""
+"""Accuracy of the products of a system for derivatives, over that of a Newton system."""
 
 _DECIDED: Final = 1e-9
 _TIMES: Final = 10.0
@@ -192,7 +189,7 @@ class _Iteration:
         """As of the function `derivatives`; collective."""
         a, slips = self._a, self._settle(x)
         w, known, slope = self._w(self._A_x, self._alpha), self._problem.known_slip, self._problem.law.slope(x[0::3])
-        krylov = self._krylov = self._new_krylov(self._looser_product)
+        krylov = self._krylov = self._new_krylov(self._sharper_product)
         try:
             border = self._border(w)
             points = round(self._over.sum(border.points.astype(np.float64)))
@@ -256,7 +253,7 @@ class _Iteration:
         krylov = self._krylov = CarryingKrylov(
             constraints,
             3,
-            lambda z: self._looser_product(np.einsum("iab,ib->ia", Q, z)),
+            lambda z: self._sharper_product(np.einsum("iab,ib->ia", Q, z)),
             lambda z, w: rows * (np.einsum("iab,ib->ia", P, z) + w),
             lambda r, s: bordered(r / rows, s),
             PETSc.KSP.Type.FGMRES,
@@ -346,14 +343,12 @@ class _Iteration:
         return self._problem.residual_of_bodies(forces, self._a * self._w(A_x, alpha).ravel())
 
     def _product(self, x: FloatArray) -> FloatArray:
-        y = self._scaled.mult(x, self._accuracy)
+        y = self._scaled.mult(x, self._krylov.allowed(self._accuracy))
         self._A.record(x, y)
         return y
 
-    def _looser_product(self, x: FloatArray) -> FloatArray:
-        """The less accurate, the smaller the residual (V. Simoncini, D. B. Szyld: Theory of inexact Krylov subspace
-        methods, SIAM J. Sci. Comput. 25, 2003): a third of the time where a product is a solve with multigrid."""
-        return self._scaled.mult(x, min(_LOOSEST, _SPARE * max(self._accuracy, self._krylov.allowed)))
+    def _sharper_product(self, x: FloatArray) -> FloatArray:
+        return self._scaled.mult(x, _SPARE * self._krylov.allowed(self._accuracy))
 
     def _begin(self) -> float:
         """To the start; its residual if it may be the answer, else inf."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Final
 
@@ -76,6 +75,7 @@ class ConstraintPreconditioner:
 
 
 _RESTART: Final = 100  # restart of FGMRES: far beyond the usual iterations of a step
+_LOOSEST: Final = 0.1  # accuracy of the last products by A: up to a tenth fewer iterations of multigrid
 _NEGLIGIBLE: Final = 0.1  # of the tolerance: constraints violated by less are left to a later step
 
 
@@ -175,11 +175,12 @@ class CarryingKrylov:
         z[:, self._block :] = self._constraints.without(product, alpha)
         self._share(y, alpha)
 
-    @property
-    def allowed(self) -> float:
-        """The tolerance of the residual over the residual, of the iteration that goes on."""
-        residual = float(self._ksp.getResidualNorm())
-        return float(self._ksp.atol) / residual if residual > 0.0 else math.inf
+    def allowed(self, accuracy: float, sharper: float = 1.0) -> float:
+        """The relative error that a product by A may have now: that of the first ones, and this part of a larger one as
+        the residual falls to its tolerance (V. Simoncini, D. B. Szyld: Theory of inexact Krylov subspace methods, SIAM
+        J. Sci. Comput. 25, 2003)."""
+        residual, atol = float(self._ksp.getResidualNorm()), float(self._ksp.atol)
+        return max(accuracy, sharper * (atol / residual if atol < _LOOSEST * residual else _LOOSEST))
 
     def solve(
         self, rhs: FloatArray, guess: FloatArray, atol: float, r3: FloatArray
