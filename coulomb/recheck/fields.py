@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -31,13 +31,6 @@ Order = npt.NDArray[np.int64]
 
 Grids = dict[str, dict[str, Grid]]
 """The grids of the files of a run, by the names of file and grid."""
-
-
-class WrittenFields(NamedTuple):
-    """The files of a run: their grids, and their times by their names."""
-
-    grids: Grids
-    times: dict[str, float]
 
 
 Tree = dict[str, dict[str, dict[str, Any]]]
@@ -90,8 +83,8 @@ def fields_of(folder: Path, grids: Grids, like: Grids) -> Tree:
     return found
 
 
-def sound(files: RunDirectory) -> tuple[dict[str, Any], WrittenFields]:
-    """The summary of a run whose files are all there, and what is in these.
+def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids, dict[str, float]]:
+    """The summary of a run whose files are all there, and the grids and times of these.
 
     Raises:
         ValueError: If a file is missing, cannot be read, is not that of its data, or has a damaged mesh, or fields that
@@ -122,7 +115,7 @@ def sound(files: RunDirectory) -> tuple[dict[str, Any], WrittenFields]:
                 raise ValueError(f"{data_of(files.path / name)}: {one} does not match the mesh")
             if not np.all(np.isfinite(values)):
                 raise ValueError(f"{data_of(files.path / name)}: {one} has entries that are not finite")
-    return contents, WrittenFields(found, times)
+    return contents, found, times
 
 
 def _same_mesh(file: Path, points: FloatArray, cells: Order, x: FloatArray, rows: Order) -> tuple[Order, Order]:

@@ -8,12 +8,10 @@ named: equilibrium, stresses, loads and supports, normals, gaps and weights.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from ..arrays import FloatArray
@@ -29,8 +27,6 @@ from ..units import amount, use
 from .comparison import Comparison, Field, named
 from .fields import Grids, sound
 from .findings import Findings, unread
-
-Numbers = npt.NDArray[np.int64]
 
 _FIELDS: Final = ("pressure", "friction_traction", "friction_use", "status", "coefficient")
 """Fields of contact points that follow from their others."""
@@ -59,38 +55,22 @@ _BALANCED: Final = 1e-6
 """Accepted sum of all forces over the sum of their sizes."""
 
 
-@dataclass(frozen=True)
-class _Contact:
-    """The contact faces in the files of a run.
-
-    Attributes:
-        bodies: Of every body its nodes among those of all, in their order.
-        fields: By name, at the q nodes of all faces, and their coordinates "points".
-        touching: Which of these are contact nodes, shape (q,).
-        forces: Of every face its number, whether it is that opposite in a pair, the numbers of its nodes among those of
-            all bodies, and the contact forces there.
-    """
-
-    bodies: Mapping[str, slice]
-    fields: Mapping[str, FloatArray]
-    touching: npt.NDArray[np.bool_]
-    forces: list[tuple[int, bool, Numbers, FloatArray]]
-
-
 def check_alone(files: RunDirectory, why: str) -> Findings:
     """Check the files of a run, or of a load step, whose problem is not there, `why` in words.
 
     Raises:
         ValueError: If a file is missing, cannot be read, or does not match the others.
     """
-    (contents, (grids, times)), found = sound(files), Comparison()
+    (contents, grids, times), found = sound(files), Comparison()
     use(**{name: str(unit) for name, unit in contents.get("units", {}).items() if name in ("length", "stress")})
     solids = grids[SOLUTION].values()
     u, load = (np.concatenate([one.fields[name] for one in solids]) for name in ("displacement", "load"))
-    contact = _contact(files, contents, grids)
+    fields, forces = _contact(files, contents, grids)
+    touching = np.round(fields["status"]) != HELD
+    at = {name: values[touching] for name, values in fields.items()}
     copies = float(contents.get("slice", {}).get("layers", 1.0))
-    answer = _answer(contact, contents["faces"], copies)
-    _compare_fields(contact, answer, contents["certificate"].get("natural_residual", {}), found)
+    answer = _answer(at, contents["faces"], len(solids) > 1, copies)
+    _compare_fields(at, answer, contents["certificate"].get("natural_residual", {}), found)
     numbers, certificate = answer.numbers(), _certificate(contents["certificate"])
     totals = {name: value for name, value in numbers["totals"].items() if name in _TOTALS}
     largest = {"displacement": np.max(np.linalg.norm(u, axis=1)), "contact_pressure": totals["greatest_pressure"]}
@@ -99,7 +79,7 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     expected = {"totals": totals, "nodes": numbers["nodes"], "maximum": largest, "certificate": certificate}
     expected["valid"] = certificate["passed"] and not violations
     found.tree(contents, expected, (), (SUMMARY,), ANSWER)
-    _compare_sums(contents, contact, load, copies, found)
+    _compare_sums(contents, forces, load, grids[SOLUTION], copies, found)
     for name, time in times.items():
         found.tree(time, contents.get("step", {}).get("time", time), (), (name, WHOLE, "time"))
     taken = (f"judged from the files alone, since {why}: {_JUDGED}", f"not judged without the problem: {_LEFT}")
@@ -108,32 +88,32 @@ def check_alone(files: RunDirectory, why: str) -> Findings:
     return Findings(contents, None, violations, tuple(found.faults), taken, (*left, *unread(files)))
 
 
-def _contact(files: RunDirectory, contents: Mapping[str, Any], grids: Grids) -> _Contact:
-    """The contact faces; ValueError if they do not match the other files."""
-    sides, points_of = sides_of(contents["faces"]), {name: grid.points for name, grid in grids[SOLUTION].items()}
-    x, ends = np.concatenate([*points_of.values()]), np.cumsum([0, *map(len, points_of.values())])
-    bodies = {name: slice(*ends[k : k + 2]) for k, name in enumerate(points_of)}
-    forces, faces, slaves = [], list[dict[str, FloatArray]](), list[str]()
+def _contact(
+    files: RunDirectory, contents: Mapping[str, Any], grids: Grids
+) -> tuple[dict[str, FloatArray], list[tuple[str, int | None, FloatArray]]]:
+    """The fields of all contact faces, with their coordinates "points"; and of every grid its body, the number of the
+    face that it is opposite to in a pair, and its contact forces; ValueError if they do not match the other files."""
+    sides, bodies = sides_of(contents["faces"]), grids[SOLUTION]
+    faces, forces = dict[str, dict[str, FloatArray]](), list[tuple[str, int | None, FloatArray]]()
     for name, (_, cells, points, own, *_) in grids[CONTACT].items():
-        fields = {"points": points, **own}
-        body = bodies.get(name.partition(SEPARATOR)[0]) or next(iter(bodies.values()))
-        node = body.start + fields[NODE].astype(np.int64)
-        if np.any(node >= body.stop) or not np.array_equal(x[node], points):
+        body = name.partition(SEPARATOR)[0]
+        body = body if body in bodies else next(iter(bodies))
+        node, x = own[NODE].astype(np.int64), bodies[body].points
+        if np.any(node >= len(x)) or not np.array_equal(x[node], points):
             unfit = f"{data_of(files.contact)} does not match the mesh of {SOLUTION}"
             raise ValueError(f"{unfit}: its points are not the nodes there that {NODE!r} names")
-        if OPPOSITE in fields:
-            forces.append(([master for _, master in sides].index(name), True, node, fields["contact_force"]))
+        if OPPOSITE in own:
+            forces.append((body, [master for _, master in sides].index(name), own["contact_force"]))
             continue
         between = cells[:, 3:] if cells.shape[1] == 6 else cells[:0]  # of 10-node tetrahedra, no contact nodes
-        fields["status"][np.unique(between)] = HELD
-        here = (np.round(fields["status"]) != HELD)[:, None]
-        forces.append((len(faces), False, node, np.where(here, fields["contact_force"], 0.0)))
-        faces.append(fields)
-        slaves.append(name)
-    if slaves not in ([slave for slave, _ in sides], [WHOLE]):
-        raise ValueError(f"{files.contact}: has other contact faces, {slaves}, than summary.json: {OLD}")
-    joined = {name: np.concatenate([fields[name] for fields in faces]) for name in faces[0]}
-    return _Contact(bodies, joined, np.round(joined["status"]) != HELD, forces)
+        own["status"][np.unique(between)] = HELD
+        here = (np.round(own["status"]) != HELD)[:, None]
+        forces.append((body, None, np.where(here, own["contact_force"], 0.0)))
+        faces[name] = {"points": points, **own}
+    if list(faces) not in ([slave for slave, _ in sides], [WHOLE]):
+        raise ValueError(f"{files.contact}: has other contact faces, {list(faces)}, than summary.json: {OLD}")
+    names = next(iter(faces.values()))
+    return {name: np.concatenate([fields[name] for fields in faces.values()]) for name in names}, forces
 
 
 def _certificate(certificate: Mapping[str, Any]) -> dict[str, Any]:
@@ -143,9 +123,8 @@ def _certificate(certificate: Mapping[str, Any]) -> dict[str, Any]:
     return {**{name: {"passed": within} for name, within in passed.items()}, "passed": all(passed.values())}
 
 
-def _answer(contact: _Contact, faces: list[dict[str, Any]], copies: float) -> NodalAnswer:
+def _answer(at: Mapping[str, FloatArray], faces: list[dict[str, Any]], several: bool, copies: float) -> NodalAnswer:
     """The answer at the contact points, by their fields; ValueError if they have no axes or area."""
-    at = {name: values[contact.touching] for name, values in contact.fields.items()}
     frames = np.stack([at["normal"], at["tangent_1"], at["tangent_2"]], axis=1)
     if np.any(np.abs(np.linalg.det(frames)) < 1e-6):
         raise ValueError(f"{CONTACT}: normal and tangents of a contact point are no axes")
@@ -172,7 +151,7 @@ def _answer(contact: _Contact, faces: list[dict[str, Any]], copies: float) -> No
         spins=(None,) * len(faces),
         earlier=Accumulated.none(len(rows)),
         against=tuple(one.get("against") for one in faces),
-        several=len(contact.bodies) > 1,
+        several=several,
         copies=copies,
     )
 
@@ -189,7 +168,9 @@ def _limits(faces: list[dict[str, Any]], at: Mapping[str, FloatArray]) -> FloatA
     return limits
 
 
-def _compare_fields(contact: _Contact, answer: NodalAnswer, row: Mapping[str, Any], found: Comparison) -> None:
+def _compare_fields(
+    at: Mapping[str, FloatArray], answer: NodalAnswer, row: Mapping[str, Any], found: Comparison
+) -> None:
     """Compare the fields that follow from others, forces with the bounds of friction, and the natural residual with its
     limit, that of a row of the certificate."""
     x, force, bound = answer.x, answer.force, answer.bound
@@ -203,7 +184,7 @@ def _compare_fields(contact: _Contact, answer: NodalAnswer, row: Mapping[str, An
     fields = answer.fields()
     for name in _FIELDS:
         size = float(np.max(np.abs(fields["pressure" if name == "friction_traction" else name]), initial=0.0))
-        compare(name, contact.fields[name][contact.touching], fields[name], 1e-9 * size, ANSWER)
+        compare(name, at[name], fields[name], 1e-9 * size, ANSWER)
     for name, written, follows, floor in (
         ("tension", np.maximum(-force[:, 0], 0.0), none, 1e-6 * largest),
         ("friction beyond its bound", np.maximum(beyond, 0.0), none, 1e-6 * largest),
@@ -221,8 +202,9 @@ def _compare_fields(contact: _Contact, answer: NodalAnswer, row: Mapping[str, An
 
 def _compare_sums(
     contents: Mapping[str, Any],
-    contact: _Contact,
+    forces: list[tuple[str, int | None, FloatArray]],
     load: FloatArray,
+    bodies: Collection[str],
     copies: float,
     found: Comparison,
 ) -> None:
@@ -231,7 +213,7 @@ def _compare_sums(
     parts = [*loads, *(np.array(one["force"]) for one in contents.get("reactions", ()))]
     parts += [np.array(one["force"]) for one in contents["faces"] if "against" not in one]
     size = sum(float(np.linalg.norm(part)) for part in parts)
-    size += copies * sum(float(np.sum(np.abs(of))) for of in (load, contact.fields["contact_force"]))
+    size += copies * sum(float(np.sum(np.abs(of))) for of in (load, *(on for _, face, on in forces if face is None)))
     over = float(np.linalg.norm(np.sum(parts, axis=0))) if parts else 0.0
     if not over <= _BALANCED * size and contents["certificate"].get("force_balance", {}).get("passed"):
         found.faults.append(
@@ -243,14 +225,11 @@ def _compare_sums(
         sums, rounding = copies * forces.sum(axis=0), 1e-12 * copies * float(np.sum(np.abs(forces)))
         found.tree(said, sums.tolist(), [(sums + rounding).tolist()], place, "the nodal forces")
 
-    on_body = np.zeros_like(load)
-    for number, opposite, node, forces in contact.forces:
-        np.add.at(on_body, node, forces)
-        if opposite:
-            said = contents["faces"][number]["opposite_force"]
-            compare(said, forces, SUMMARY, "faces", number, "opposite_force")
-    for number, (name, nodes) in enumerate(contact.bodies.items() if len(contact.bodies) > 1 else ()):
-        one = contents["bodies"][number]
+    for _, face, on_face in forces:
+        if face is not None:
+            compare(contents["faces"][face]["opposite_force"], on_face, SUMMARY, "faces", face, "opposite_force")
+    for number, name in enumerate(bodies if len(bodies) > 1 else ()):
+        one, on_body = contents["bodies"][number], [load[:0], *(on for body, _, on in forces if body == name)]
         found.tree(one["name"], name, (), (SUMMARY, "bodies", number, "name"), SOLUTION)
-        compare(one["contact_force"], on_body[nodes], SUMMARY, "bodies", number, "contact_force")
+        compare(one["contact_force"], np.concatenate(on_body), SUMMARY, "bodies", number, "contact_force")
     compare(np.sum([np.zeros(3), *loads], axis=0).tolist(), load, f"{SUMMARY}: loads")

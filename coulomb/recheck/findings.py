@@ -27,7 +27,6 @@ class Findings:
             each.
         taken: Data that could not be compared or are missing, a line each.
         unjudged: Names of the data in the files for which there is nothing to compare with.
-        numbers: The entries of its summary that follow from the answer, and from perturbed ones.
         steps: Of a history.
     """
 
@@ -37,7 +36,6 @@ class Findings:
     faults: tuple[str, ...]
     taken: tuple[str, ...]
     unjudged: tuple[str, ...]
-    numbers: tuple[Mapping[str, Any], ...] = ()
     steps: tuple[Findings, ...] = ()
 
     @property

@@ -31,7 +31,7 @@ from ..ranks import on_rank_0
 from ..solvers.successive_tresca import SuccessiveTresca
 from ..version import __version__
 from .comparison import Comparison, Field, Place, complete, in_files, named
-from .fields import Grids, WrittenFields, fields_of, grids_of, sound
+from .fields import Grids, fields_of, grids_of, sound
 from .files_alone import check_alone
 from .findings import Findings, unread
 from .posed import SEEDS, Posed, WrittenAnswer, numbers_of
@@ -83,11 +83,11 @@ def judged(files: RunDirectory, posed: Posed | str, before: Sequence[State] | No
     """
     if isinstance(posed, str):
         return check_alone(files, posed), []
-    comm, problems, there = posed.problem.comm, [posed.problem] * len(SEEDS), list[WrittenFields]()  # on rank 0
+    comm, problems, there = posed.problem.comm, [posed.problem] * len(SEEDS), list[Any]()  # on rank 0
 
     def look() -> dict[str, Any]:
-        contents, fields = sound(files)
-        there.append(fields)
+        contents, *found = sound(files)
+        there[:] = found
         return contents
 
     contents = on_rank_0(comm, lambda: complete(files.path, look))
@@ -109,7 +109,7 @@ def judged(files: RunDirectory, posed: Posed | str, before: Sequence[State] | No
     compare = partial(_compare, files, contents, posed, answers[0], numbers, grids, found, *there)
     faults, unjudged = on_rank_0(comm, lambda: complete(files.path, compare))
     taken = [] if contents.get("coulomb") == __version__ else [f"written by coulomb {contents.get('coulomb')}"]
-    said = tuple(faults), tuple(taken), tuple(unjudged), tuple(numbers)
+    said = tuple(faults), tuple(taken), tuple(unjudged)
     return Findings(contents, answers[0].certificate, answers[0].outside, *said), states
 
 
@@ -121,11 +121,12 @@ def _compare(
     numbers: list[dict[str, Any]],
     grids: list[Grids],
     found: Comparison,
-    there: WrittenFields,
+    there: Grids,
+    times: dict[str, float],
 ) -> tuple[list[str], list[str]]:
     """Compare what is in the files with the numbers and the grids of the answer, and of perturbed ones; gives the
     faults, and the names of what was not compared."""
-    written, expected, *others = (fields_of(files.path, of, grids[0]) for of in (there.grids, *grids))
+    written, expected, *others = (fields_of(files.path, of, grids[0]) for of in (there, *grids))
     for tree, names in ((expected, COMPLIANCES), *((other, _EXACT) for other in others)):
         for grid in tree[CONTACT].values():
             for name in names:
@@ -135,7 +136,7 @@ def _compare(
         limit = _SLIP_BOUND + 10.0 * answer.certificate["natural residual"].value
         grid["slip_bound"] = grid["slip_bound"]._replace(floor=limit * float(np.linalg.norm(grid["slip_bound"].values)))
     for name in (CONTACT, SOLUTION):  # in a list that is cut
-        found.tree(there.times[name], answer.problem.time, (), (name, WHOLE, "time"))
+        found.tree(times[name], answer.problem.time, (), (name, WHOLE, "time"))
         found.tree(written[name], expected[name], [other[name] for other in others], (name,))
     said, (first, *more) = dict(contents), [dict(one) for one in numbers]
     if "step" in said:  # `_compare_record` judges the case, `check_times` the rest
