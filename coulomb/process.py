@@ -27,7 +27,7 @@ from typing import NoReturn
 from .ranks import has_launcher, start_alone
 from .regular_file import unwritable
 
-_begun = _goes_on = False
+_goes_on = False
 
 
 class _Stream(io.FileIO):
@@ -51,11 +51,7 @@ class _Stream(io.FileIO):
 
 
 def begin() -> None:
-    """Set up the process before the rest is imported; further calls have no effect."""
-    global _begun
-    if _begun:
-        return
-    _begun = True
+    """Set up the process before the rest is imported."""
     _open_streams()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     given = os.environ.get("PETSC_OPTIONS", "").split()

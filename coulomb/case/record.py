@@ -14,7 +14,7 @@ from typing import Any
 from mpi4py import MPI
 from pydantic import ValidationError
 
-from ..io.history_files import read_step
+from ..io.history_files import read_summary
 from ..io.run_directory import CASE, RunDirectory
 from ..ranks import launched, on_rank_0
 from ..regular_file import refuse_irregular, replacing
@@ -80,9 +80,9 @@ def case_record(case: Case, comm: MPI.Comm) -> dict[str, Any]:
         ValueError: On every rank, if a file cannot be read.
     """
     tables = case.model_dump(mode="json", exclude_unset=True, exclude={"output"})
-
+    names = {".".join(map(str, place)): name for place, name in sorted(named_files(tables).items(), key=str)}
     try:
-        files = on_rank_0(comm, lambda: {key: _digest(Path(name)) for key, name in _files(tables).items()})
+        files = on_rank_0(comm, lambda: {key: _digest(Path(name)) for key, name in names.items()})
         return {"tables": tables, "files": files}
     except OSError as error:
         raise ValueError(f"{error.filename}: cannot be read: {error.strerror or error}") from None
@@ -111,7 +111,7 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
         ValueError: On every rank, with the differences, if there are other changes.
     """
     step = RunDirectory(directory).step(number).path
-    before = read_step(step, comm).get("case")
+    before = read_summary(step, comm)["step"].get("case")
     if not isinstance(before, dict) or not {"tables", "files"} <= before.keys():
         raise ValueError(f"{step}: has no record of the case it was computed from; run the case again")
     try:
@@ -125,11 +125,6 @@ def refuse_another_case(case: Case, directory: Path, number: int, comm: MPI.Comm
             "undo the changes (case.json), or run the changed case in another directory"
         )
     return free
-
-
-def _files(tables: Mapping[str, Any]) -> dict[str, str]:
-    """Names of the files of a case, by their keys."""
-    return {".".join(map(str, place)): name for place, name in sorted(named_files(tables).items(), key=str)}
 
 
 def _differences(then: Any, now: Any, key: str = "") -> Iterator[tuple[str, str]]:

@@ -387,8 +387,7 @@ def check(directory: Annotated[Path, typer.Argument(help="Directory of the resul
 
 
 def main() -> None:
-    """Entry point; an unexpected exception on one rank ends all ranks."""
-    process.begin()
+    """Run a command (`coulomb.__main__`); an unexpected exception on one rank ends all ranks."""
     code = 0
     try:
         app()

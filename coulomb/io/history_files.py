@@ -144,16 +144,16 @@ class HistoryFiles:
         Raises:
             ValueError: On every rank, if the files cannot be read or belong to another mesh.
         """
-        step = self.directory.step(number)
-        refuse_other_forms(problem, read_summary(step.path, problem.comm).get("forms"), step.path)
-        record = read_step(step.path, problem.comm)
-        comm = problem.comm
+        step, comm = self.directory.step(number), problem.comm
+        contents = read_summary(step.path, comm)
+        refuse_other_forms(problem, contents.get("forms"), step.path)
+        record = contents["step"]
         bodies, faces = points_in_files(step, problem)
         force = at_points(step.contact, "contact_force", faces, comm)
         began, earlier = self._start, np.zeros_like(force)
         if number > 1:
             one_before = self.directory.step(number - 1)
-            began = read_step(one_before.path, comm)["time"]
+            began = read_summary(one_before.path, comm)["step"]["time"]
             earlier = at_points(one_before.contact, "contact_force", points_in_files(one_before, problem)[1], comm)
         slip = at_points(step.contact, "slip", faces, comm)
         worn = [at_points(step.contact, name, faces, comm)[:, 0] for name in ACCUMULATED]
@@ -169,7 +169,7 @@ class HistoryFiles:
             pending=tuple(record["pending"]),
             before=Earlier(began, earlier),
             temperature_change=heated,
-            poses=problem.body.recorded_poses(read_summary(step.path, comm)),
+            poses=problem.body.recorded_poses(contents),
         )
 
     def _write_whole(self, last: dict[str, Any]) -> None:
@@ -193,13 +193,13 @@ def refuse_other_forms(problem: ContactProblem, before: Mapping[str, Any] | None
         ValueError: On every rank, if their expressions, the degree of their space or the number of conditions differ.
     """
     now, then = problem.elasticity.forms() or {}, before or {}
-    several = len(problem.elasticity.members) > 1
-    bodies = list(dict.fromkeys([*now, *then])) if several else [""]
+    if len(problem.elasticity.members) == 1:
+        now, then = {"": now}, {"": then}
     changed = [
         f"{name}{f' of {body!r}' if body else ''}"
-        for body in bodies
+        for body in {**now, **then}
         for name in ("a", "L", "degree", "bcs")
-        if (now.get(body, {}) if several else now).get(name) != (then.get(body, {}) if several else then).get(name)
+        if now.get(body, {}).get(name) != then.get(body, {}).get(name)
     ]
     if changed:
         raise ValueError(
@@ -220,7 +220,7 @@ def steps_left(folder: Path, comm: MPI.Comm) -> int | None:
         ValueError: On every rank, if the last step cannot be read.
     """
     last = steps_on_disk(folder, comm)
-    return len(read_step(RunDirectory(folder).step(last).path, comm)["pending"]) if last else None
+    return len(read_summary(RunDirectory(folder).step(last).path, comm)["step"]["pending"]) if last else None
 
 
 def whole_history(folder: Path, comm: MPI.Comm) -> Entries | None:
@@ -229,17 +229,6 @@ def whole_history(folder: Path, comm: MPI.Comm) -> Entries | None:
         entry: Entries | None = on_rank_0(comm, RunDirectory(folder).read_summary).get("history")
         return entry
     return None
-
-
-def read_step(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
-    """Data in the summary of a load step for its continuation, the same on every rank.
-
-    Raises:
-        ValueError: On every rank, if it cannot be read.
-    """
-
-    record: dict[str, Any] = read_summary(directory, comm)["step"]
-    return record
 
 
 def read_summary(directory: Path, comm: MPI.Comm) -> dict[str, Any]:
@@ -275,7 +264,7 @@ def _offer(step: RunDirectory) -> str:
     """How to continue from the last whole step before one that cannot be read; empty if its files can be read."""
     if step.step_number is None:
         return ""
-    history, number = RunDirectory(step.path.parents[1]), 1
+    history, number = step.of_history, 1
     while number <= step.step_number and _is_whole(history.step(number)):
         number += 1
     if number > step.step_number:

@@ -47,7 +47,7 @@ def test_a_disk_that_hdf5_finds_full():
     """A full disk that the estimate did not predict: one line of message, no HDF5 stack, no segmentation fault."""
     script = "import sys; from coulomb.io import output; output.size_on_disk = lambda _: 0.0\n"
     script += (
-        "from coulomb.cli.app import main; sys.argv = ['coulomb', 'run', 'case.toml', '--output', 'small/out']; main()"
+        "from coulomb.__main__ import main; sys.argv = ['coulomb', 'run', 'case.toml', '--output', 'small/out']; main()"
     )
     Path("run.py").write_text(script)
     with disk("64k"):
