@@ -16,7 +16,7 @@ from ..io.field_files import NODE, WHOLE, Grid, data_of, read_grids
 from ..io.grid_file import described
 from ..io.output import grids_of_files
 from ..io.result_grids import BODIES, FACES
-from ..io.run_directory import CONTACT, FIELDS, OLD, SOLUTION, RunDirectory
+from ..io.run_directory import CONTACT, FIELDS, SOLUTION, RunDirectory
 from ..model.solution import Solution
 from ..nearest import in_a_cell, same_nodes
 from .comparison import Field
@@ -99,8 +99,6 @@ def sound(files: RunDirectory) -> tuple[dict[str, Any], Grids, dict[str, float]]
     step = contents.get("step", {} if files.step_number else {"number": 1, "time": 0.0})
     if not all(isinstance(step.get(key), float | int) for key in ("number", "time")):
         raise ValueError(f"{files.summary}: step has no number and time")
-    if not isinstance(contents["certificate"]["passed"], bool):
-        raise ValueError(f"{files.summary}: certificate does not say whether it had passed: {OLD}")
     for path in (path for name in FIELDS for path in (files.path / name, data_of(files.path / name))):
         if not path.is_file():
             raise ValueError(f"{files.path}: is incomplete: there is no {path.name}")
