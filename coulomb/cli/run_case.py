@@ -32,7 +32,7 @@ from ..io.atomic_output import PARTIAL, locked, refuse_to_replace
 from ..io.history_files import HistoryFiles, read_summary, steps_left, steps_on_disk, whole_history
 from ..io.other_formats import write_formats
 from ..io.refinement import Refined, refine
-from ..io.run_directory import CASE, MESH, PICTURE, RunDirectory
+from ..io.run_directory import MESH, PICTURE, RunDirectory
 from ..io.summary import summary
 from ..linalg.factors import NotPositiveDefinite
 from ..model.load_history import StepFailed
@@ -251,7 +251,7 @@ def _write(
     session: Session, solution: Solution, target: Path, extra: dict[str, Any], case: Case, mesh: Path | None = None
 ) -> dict[str, Any]:
     """Write an answer and its case; results before are kept, but not those of this run."""
-    contents = output.write(solution, target, extra, {CASE: case_text(case)}, mesh=mesh, keep=not session.written)
+    contents = output.write(solution, target, extra, case_text(case), mesh=mesh, keep=not session.written)
     session.written = True
     return contents
 

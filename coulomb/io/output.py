@@ -30,7 +30,7 @@ from .atomic_output import PARTIAL, commit, locked, refuse_to_replace
 from .energy_error import recovered_errors
 from .grid_file import GridFields, write_grids
 from .result_grids import body_grids, collections, contact_facets, contact_grids
-from .run_directory import CONTACT, ITERATIONS, MESH, SOLUTION, STEPS, SUMMARY
+from .run_directory import CASE, CONTACT, ITERATIONS, MESH, SOLUTION, STEPS, SUMMARY
 from .summary import summary
 
 STRESS_ERROR = "stress_error"
@@ -41,7 +41,7 @@ def write(
     solution: Solution,
     directory: str | Path,
     extra: Mapping[str, Any] | None = None,
-    texts: Mapping[str, str] | None = None,
+    case: str = "",
     overwrite: bool = True,
     fields: Mapping[str, Any] | None = None,
     mesh: Path | None = None,
@@ -54,10 +54,10 @@ def write(
         solution: The answer, converged or not.
         directory: Created if necessary.
         extra: Additional entries for summary.json.
-        texts: Contents of additional files, by name.
+        case: Contents of case.json; empty without one.
         overwrite: Whether results that are there may be replaced.
         fields: The user's functions to be written beside, by name (`user_fields.interpolated`).
-        mesh: Directory of meshes that is moved there (`MESH`); by default the one that is there, if a text names it.
+        mesh: Directory of meshes that is moved there (`MESH`); by default the one that is there, if the case names it.
         keep: Whether results that are there are kept; not those of the same run.
 
     Returns:
@@ -67,56 +67,43 @@ def write(
         OSError: On every rank, if the directory cannot be written to.
         ValueError: On every rank, if another run uses it, or it has files that must not be replaced.
     """
-    comm, target = solution.problem.comm, Path(directory)
-    same_on_all_ranks({"directory": str(directory), "overwrite": overwrite}, comm)
-    with locked(target, comm) as alone:
-        if keep and alone:  # a run that has locked it has asked when it began
-            refuse_to_replace(target, overwrite, comm)
-        return _write_complete(solution, target, extra or {}, texts or {}, fields or {}, mesh, keep)
-
-
-def _write_complete(
-    solution: Solution,
-    target: Path,
-    extra: Mapping[str, Any],
-    texts: Mapping[str, str],
-    fields: Mapping[str, Any],
-    mesh: Path | None,
-    keep: bool,
-) -> dict[str, Any]:
-    """See `write`."""
-    comm, problem, began, folder = solution.problem.comm, solution.problem, time.perf_counter(), target / PARTIAL
+    problem, target, extra = solution.problem, Path(directory), extra or {}
+    comm, folder = problem.comm, target / PARTIAL
 
     def begin() -> None:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
 
-    on_rank_0(comm, begin)
-    try:
-        refuse_full_disk(problem, folder)
-        write_fields(solution, folder, fields, extra.get("error"))
-        contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **extra}
-        contents["run"] = provenance(problem.started, comm)
+    def finish() -> dict[str, Any]:
+        _write_history(solution.result.history, folder / ITERATIONS)
+        contents["seconds"]["output"] = time.perf_counter() - began
+        contents["picture"] = "not asked for"
+        contents["run"]["ended"] = moment(now())
+        write_json(contents, folder / SUMMARY)
+        if case:
+            (folder / CASE).write_text(case, encoding="utf-8")
+        if mesh is not None:
+            os.rename(mesh, folder / MESH)
+        elif str((target / MESH).absolute()) in case:
+            shutil.copytree(target / MESH, folder / MESH)
+        commit(folder, target, keep)
+        return contents
 
-        def finish() -> dict[str, Any]:
-            _write_history(solution.result.history, folder / ITERATIONS)
-            contents["seconds"]["output"] = time.perf_counter() - began
-            contents["picture"] = "not asked for"
-            contents["run"]["ended"] = moment(now())
-            write_json(contents, folder / SUMMARY)
-            for name, text in texts.items():
-                (folder / name).write_text(text, encoding="utf-8")
-            if mesh is not None:
-                os.rename(mesh, folder / MESH)
-            elif any(str((target / MESH).absolute()) in text for text in texts.values()):
-                shutil.copytree(target / MESH, folder / MESH)
-            commit(folder, target, keep)
-            return contents
-
-        contents = on_rank_0(comm, finish)
-    finally:  # no collective call: an unforeseen error may be that of one rank
-        if comm.rank == 0:
-            shutil.rmtree(folder, ignore_errors=True)
+    same_on_all_ranks({"directory": str(directory), "overwrite": overwrite}, comm)
+    with locked(target, comm) as alone:
+        if keep and alone:  # a run that has locked it has asked when it began
+            refuse_to_replace(target, overwrite, comm)
+        began = time.perf_counter()
+        on_rank_0(comm, begin)
+        try:
+            refuse_full_disk(problem, folder)
+            write_fields(solution, folder, fields or {}, extra.get("error"))
+            contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **extra}
+            contents["run"] = provenance(problem.started, comm)
+            contents = on_rank_0(comm, finish)
+        finally:  # no collective call: an unforeseen error may be that of one rank
+            if comm.rank == 0:
+                shutil.rmtree(folder, ignore_errors=True)
     problem.seconds.update(contents["seconds"])
     return contents
 
