@@ -129,7 +129,7 @@ def found_in_words(table: ContactTable, pair: FoundPair) -> str:
 def contact_in_words(one: dict[str, Any]) -> str:
     """A contact pair from `contacts_of`."""
     if not one["nodes"]:
-        return f"{one['face']!r}: tied now, no contact points; {one['foundation']}"
+        return f"{one['face']!r}: no contact points now; {one['foundation']}"
     gap, given = _range(one["gap"]), ""
     if any(one["given_gap"].values()):
         times = " times its amplitude" if "gap amplitude" in one["moves"] else ""

@@ -153,9 +153,10 @@ class Linearised(DiscreteProblem):
     def evidence(
         self, x: FloatArray, u: FloatArray, before: Before | None = None, alpha: FloatArray = NO_MOTION
     ) -> Evidence:
-        """Without nodes that supports hold: they are at their place when the displacement is."""
+        """Without nodes that supports hold, which are at their place when the displacement is, and without what pairs
+        are by lines, which the next iterate is asked."""
         none = np.zeros(0, dtype=np.int64)
-        e = self._evidence(x, u, self.compliances, alpha)
+        e = self._evidence(x, u, self.compliances, alpha, by_lines=False)
         return replace(e, held_gap=np.zeros(0), held_owner=none, held_part=none)
 
     @property
@@ -200,10 +201,16 @@ class Linearised(DiscreteProblem):
         return stability(self.turning(self.elasticity, x), self.surface.free_B, x)
 
     def _evidence(
-        self, x: FloatArray, du: FloatArray, compliance: FloatArray, alpha: FloatArray = NO_MOTION
+        self,
+        x: FloatArray,
+        du: FloatArray,
+        compliance: FloatArray,
+        alpha: FloatArray = NO_MOTION,
+        by_lines: bool = True,
     ) -> Evidence:
         """With the residual F(u) + dF(u) du, and loads with the resultants of it (`balanced_load`); collective."""
-        e, body = gather_evidence(self.body, self.state, x, du, compliance, None, alpha), self.elasticity
+        e = gather_evidence(self.body, self.state, x, du, compliance, None, alpha, by_lines)
+        body = self.elasticity
         here, over = np.concatenate([nonlinear(one.body).place.u for one in body.members]), Reductions(self.comm)
         residual, way = e.internal - e.load, e.relative_displacement.copy()
         error = rounding_of_gaps(e.gap, way[:, 0], np.full(len(way), over.max(np.abs(body.x))), large=True)

@@ -50,6 +50,7 @@ def gather_evidence(
     compliance: FloatArray,
     before: Before | None,
     alpha: FloatArray = NO_MOTION,
+    by_lines: bool = True,
 ) -> Evidence:
     """The evidence for an answer; collective.
 
@@ -61,6 +62,7 @@ def gather_evidence(
         compliance: Diagonal of A (m, 3) at the surface's points, of both tangents the mean, metres per newton.
         before: End of the load step before; None if slip is measured from the state's `slip_origin`.
         alpha: Amounts of free motions, shape (q,), of which those of foundations under load count, by default 0.
+        by_lines: Whether gaps and displacements of pairs are found anew by lines from face to face.
     """
     elasticity, surface = state.elasticity, state.surface
     given = partial(_motions, body, state.time)
@@ -155,7 +157,7 @@ def gather_evidence(
         faces=tuple(contact.face for contact in body.contacts),
         opposite=tuple(_opposite(body, contact.against, component) for contact in body.contacts),
         actions=_actions(elasticity.x, points, frames, force, [len(face[0].nodes) for face in faces]),
-        pairs=_findings(body, state.time, faces, rows, u),
+        pairs=_findings(body, state.time, faces, rows, u) if by_lines else (),
         on_foundations=_on_foundations(state.loaded, parts, places, np.einsum("kij,ki->kj", frames, force)),
         held_gap=np.concatenate([none[:0], *left]),
         held_owner=component[np.concatenate([judged[:0], *(one.nodes for one in others)])],

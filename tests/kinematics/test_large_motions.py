@@ -172,6 +172,29 @@ def test_two_bodies_slide_past_each_other_by_elements():
         assert one.certificate["action and reaction"].value < 1e-12
 
 
+def test_a_block_comes_from_beside_and_leaves_entirely(caplog):
+    """Before and after nothing is opposite; between the force is that of a block pressed where it is."""
+
+    def way(time, x):
+        along, down = np.interp(time, [0.0, 1.0, 2.0, 3.0], [0.0, -1.4, -1.4, -3.0]), min(max(time - 1.0, 0.0), 1.0)
+        return np.array([along + 0.0 * x[0], 0.0 * x[0], 0.0 * x[0] - 0.12 * down])
+
+    def pressed(times, way, at):
+        lower = RubberBlock(cells=(3, 2, 1), size=(1.0, 1.0, 0.5), held="bottom")
+        upper = RubberBlock(way, cells=(2, 2, 1), size=(0.8, 0.8, 0.4), at=at)
+        contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.3)
+        return answers(coulomb.join(lower=lower.body, upper=upper.body), contact, times)
+
+    beside, over, on, edge, off, gone = pressed([0.2, 1.0, 2.0, 2.3, 2.8, 3.0], way, (1.5, 0.1, 0.6))
+    assert "no part of it is opposite to 'lower:top' yet" in caplog.text
+    assert all(one.valid for one in (beside, over, on, edge, off, gone))
+    assert not any(np.any(one.contact_force) for one in (beside, over, off, gone))
+    (where_it_is,) = pressed([1.0], down(0.02), (0.1, 0.1, 0.5))
+    assert force(on) == pytest.approx(force(where_it_is), abs=1e-6 * force(on)[2])
+    assert 0.0 < force(edge)[2] < force(on)[2]
+    assert len(gone.contact_force) == 0 and np.abs(gone.displacement[:, 2]).max() == pytest.approx(0.12)
+
+
 def test_the_slave_of_a_pair_stays_the_slave():
     """The upper face is as fine as the lower one until it is stretched: chosen anew, contact points would change sides,
     and slip and friction would be lost."""

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, unit_vectors
 from ...units import amount
-from ..bodies import Deformable, DisplacementSpace, HeldDirections, SingleBody
+from ..bodies import Deformable, DisplacementSpace, HeldDirections, NonlinearBody, SingleBody
 from ..geometry import (
     HELD_BELOW,
     HELD_BEYOND,
@@ -324,8 +324,8 @@ def pair_of(
     `adjust` in metres are taken to be 0.
 
     Raises:
-        ValueError: On every rank, if a face is unknown, its nodes are off the surface given for it, or no part of one
-            is opposite to the other.
+        ValueError: On every rank, if a face is unknown, its nodes are off the surface given for it, or in small motions
+            no part of one is opposite to the other.
     """
     comm = elasticity.comm
     (slave, on_slave), (master, on_master) = elasticity.face(face, "contact"), elasticity.face(against, "contact")
@@ -360,17 +360,19 @@ def pair_of(
         f"contact face {face!r}",
         comm,
     )
-    if comm.allreduce(len(rows.node), op=MPI.SUM) == 0 and not glued:
+    apart = comm.allreduce(len(rows.node), op=MPI.SUM) == 0 and not glued
+    if apart:
         nodes, left, what = comm.allreduce(len(on_face)), comm.allreduce(gone.sum()), f"contact face {face!r}"
         if nodes and left == nodes:
             raise ValueError(
                 f"{what}: all of its nodes are clamped, follow clamped ones, or are contact points of another face, "
                 f"and none is left against {against!r}: leave this pair out"
             )
-        raise Refused(
-            f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals in "
-            "opposite directions"
-        )
+        if not any(isinstance(one.body, NonlinearBody) for one in elasticity.members):
+            raise Refused(
+                f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals "
+                "in opposite directions"
+            )
     local = (near.slave.numbers[rows.node] - numbering.first).astype(np.int32)
     weights = numbered(rows.weights, near.slave, numbering.total)
     nodal = comm.allreduce(np.array_equal(rows.weights.indices, rows.node), op=MPI.LAND)
@@ -400,6 +402,8 @@ def pair_of(
     deepest, uncertain = (size if size > _SEEN * near.extent else 0.0 for size in largest)
     shared = len(np.setdiff1d(twice, clamped))
     remarks = () if glued else _remarks(face, against, rows, shared, deepest, uncertain, comm)
+    if apart:  # in large motions they may come, or have left each other
+        remarks = (f"contact face {face!r}: no part of it is opposite to {against!r} yet: nothing touches there",)
     chord = np.where(closed & (adjust > 0.0), 0.0, np.max([off, between, rows.chord], axis=0))
     return Pair(face, against, points, x, n, gap, held, chord, slave.nodes.start + twice, remarks)
 
