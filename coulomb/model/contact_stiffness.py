@@ -168,7 +168,9 @@ class FixedStiffness:
                 single = False if self._many else None
                 if self.elasticity.comm.size > 1:
                     return FirstRankSolver(K, x, last, single, self._many)
-                return MultifrontalSolver(K, x, last, single, method.fronts, self._many)
+                springs = self.elasticity.added_springs  # that couple nodes make other fronts
+                fronts = method.fronts if springs is None or springs.inside else None
+                return MultifrontalSolver(K, x, last, single, fronts, self._many)
             solver = method.linear_solver(K)
             if self._soft is not None and isinstance(solver, IterativeSolver):
                 solver.separate(self._soft)
@@ -256,7 +258,7 @@ class ContactStiffness:
         return self._references[self.elasticity.constraints.locked]
 
     def replace(self, elasticity: Deformable) -> None:
-        """Take another K of the same sparsity from now on, or the same with other entries."""
+        """Take another K from now on, of the same sparsity but for springs, or the same with other entries."""
         self.elasticity, self._latest, self._rounding = elasticity, None, None
 
     def forget(self) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, End, JoinedBodies, NonlinearBody, nonlinear, rigid_modes
-from ..fem.contact import ContactSurface, FaceMotion, foot_points
+from ..fem.bodies import AddedSprings, Deformable, End, JoinedBodies, NonlinearBody, nonlinear, rigid_modes
+from ..fem.contact import ContactSurface, FaceMotion, foot_points, springs_at
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
@@ -176,25 +176,29 @@ class Linearised(DiscreteProblem):
         return replace(e, internal=kept + spring, load=load, spring=spring)
 
     def geometric(self, x: FloatArray) -> FloatArray:
-        """The change of normal forces x (3 m,) as normals turn on curved foundations, N/m, shape (k, 3, 3): -x_n times
+        """The change of normal forces x (3 m,) as normals turn on curved foundations, N/m, shape (m, 3, 3): -x_n times
         the second derivative of the signed distance, which is symmetric; that of friction, which is not, is left
         out."""
         surface, motions = self.surface, self.state.foundation_motions
-        stiffness = np.zeros((len(self.elasticity.x), 3, 3))
-        if not surface.points.nodal:
-            return stiffness
+        stiffness = np.zeros((len(surface.x), 3, 3))
         for part, (foundation, motion) in enumerate(zip(self.body.foundations, motions, strict=True)):
             here = (surface.part == part) & (x[0::3] > 0.0)
             if foundation is not None and np.any(here):
                 bent = curvature(moved(foundation, motion), surface.x[here])
-                stiffness[surface.nodes[here]] -= x[0::3][here, None, None] * bent
+                stiffness[here] = -x[0::3][here, None, None] * bent
         return stiffness
 
     def turning(self, body: Deformable, x: FloatArray) -> Deformable:
         """The bodies with the stiffness `geometric` of forces x; collective."""
-        stiffness, none = self.geometric(x), np.zeros_like(body.x)
-        flat = Reductions(body.comm).all(not np.any(stiffness))
-        return body if flat else each(body, lambda one, nodes: one.on_springs(stiffness[nodes], none[nodes]))
+        stiffness = self.geometric(x)
+        if Reductions(body.comm).all(not np.any(stiffness)):
+            return body
+        return body.on_springs(self.springs(stiffness, np.zeros_like(self.surface.x)))
+
+    def springs(self, stiffness: FloatArray, forces: FloatArray, at_nodes: FloatArray | None = None) -> AddedSprings:
+        """`springs_at` the contact points; collective."""
+        none = np.zeros((len(self.elasticity.x), 3, 3))
+        return springs_at(self.surface.points, stiffness, forces, none if at_nodes is None else at_nodes)
 
     def stability(self, x: FloatArray) -> Stability | None:
         """By the inertia of the tangent at this place; None if there are too many unknowns."""
@@ -286,8 +290,9 @@ class Iterate:
         self.body, self.problem = body, self.problem.in_state(state, self.problem.seconds, self._before)
 
     def supported(self, body: Deformable, x: FloatArray, damping: float = 0.0) -> Deformable:
-        """The bodies on springs at the nodes that press on foundations with forces x (3 m,), along normals, and along
-        tangents where they stick, relaxed where the gap is closed and nothing has slipped.
+        """The bodies on springs at the contact points that press with forces x (3 m,), along normals, and along
+        tangents where they stick, relaxed where the gap is closed and nothing has slipped; between bodies only if
+        supports hold all of them.
 
         What contact holds may be unstable without it.  Where the contact conditions hold as equations springs change
         nothing, and with stiff ones K is positive definite if the body is stable on them (Finsler's lemma).
@@ -297,27 +302,22 @@ class Iterate:
         of it.
         """
         surface, state, problem = self.problem.surface, self.problem.state, self.problem
-        stiffness, force = problem.geometric(x), np.zeros_like(body.x)
-        diagonal = body.K.getDiagonal()
+        diagonal, over = body.K.getDiagonal(), Reductions(body.comm)
         size = diagonal.array_r[: body.x.size].reshape(-1, 3).mean(axis=1)
         diagonal.destroy()
-        stiffness += damping * size[:, None, None] * np.eye(3)
-        if surface.points.nodal:
-            x = x.reshape(-1, 3)
-            on_foundation = np.array([one is not None for one in self.foundations])[surface.part]
-            pressing = on_foundation & (x[:, 0] > 0.0)
-            over = Reductions(body.comm)
-            if over.all(not np.any(pressing)):  # at the first touch: what touches
-                pressing = on_foundation & (np.abs(surface.gap) <= _TOUCHES * over.max(np.abs(body.x).ravel()))
-            sticks = pressing & (np.linalg.norm(x[:, 1:], axis=1) < _STICKS * problem.slip_bound(x.ravel()))
-            which = np.column_stack([pressing, sticks, sticks]).astype(np.float64)
-            lengths = np.linalg.norm(surface.frames, axis=2)
-            G = surface.frames / lengths[:, :, None]
-            target = np.column_stack([surface.gap, state.slip_origin[:, 1:] / lengths[:, 1:]])
-            stiff = _STIFFER * size[surface.nodes]
-            np.add.at(stiffness, surface.nodes, np.einsum("k,kr,kri,krj->kij", stiff, which, G, G))
-            np.add.at(force, surface.nodes, np.einsum("k,kr,kri->ki", stiff, which * target, G))
-        return each(body, lambda one, nodes: one.on_springs(stiffness[nodes], force[nodes]))
+        x, held = x.reshape(-1, 3), len(body.free) == 0
+        stiffened = np.array([one is not None or held for one in self.foundations])[surface.part]
+        pressing = stiffened & (x[:, 0] > 0.0)
+        if over.all(not np.any(pressing)):  # at the first touch: what touches
+            pressing = stiffened & (np.abs(surface.gap) <= _TOUCHES * over.max(np.abs(body.x).ravel()))
+        sticks = pressing & (np.linalg.norm(x[:, 1:], axis=1) < _STICKS * problem.slip_bound(x.ravel()))
+        lengths = np.linalg.norm(surface.frames, axis=2)
+        G = surface.frames / lengths[:, :, None]
+        target = np.column_stack([surface.gap, state.slip_origin[:, 1:] / lengths[:, 1:]])
+        stiff = _STIFFER * surface.points.diagonal(size)[:, None] * np.column_stack([pressing, sticks, sticks])
+        stiffness = problem.geometric(x.ravel()) + np.einsum("kr,kri,krj->kij", stiff, G, G)
+        forces, damped = np.einsum("kr,kri->ki", stiff * target, G), damping * size[:, None, None] * np.eye(3)
+        return body.on_springs(problem.springs(stiffness, forces, damped))
 
     def made_positive(self, body: Deformable, x: FloatArray) -> Deformable:
         """The bodies with the nearest tangent that is positive semidefinite in every cell."""

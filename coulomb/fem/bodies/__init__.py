@@ -20,6 +20,7 @@ from .constraints import (
 from .deformable import Deformable, Member, SingleBody
 from .displacement_space import DisplacementSpace, free_earlier_bodies
 from .elasticity import Elasticity, LoadedBody, locking_by_volume
+from .elimination import AddedSprings
 from .equations import Equation, Equations
 from .form_body import BilinearForm, FormValues
 from .free_motions import (

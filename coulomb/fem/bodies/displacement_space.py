@@ -78,6 +78,11 @@ class DisplacementSpace:
         return self.x
 
     @property
+    def undeformed(self) -> DisplacementSpace:
+        """The same nodes before deformation."""
+        return self
+
+    @property
     def numbering(self) -> Numbering:
         index_map = self.V.dofmap.index_map
         return Numbering(index_map.local_range[0], index_map.size_local, index_map.size_global)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Any, Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +17,10 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...units import amount
-from .constraints import HeldNodes, Numbering, distributed_rows, local_rows
+from .constraints import HeldNodes, Numbering, distributed_rows, local_rows, rows_of
 from .free_motions import FreeMotions, anchors, free_motions
 from .linear_constraints import Constraints
+from .loads import Loading
 from .reduction import Reduction
 from .rigid_modes import component_modes, of_components
 
@@ -36,6 +38,40 @@ class Reduced:
     K: PETSc.Mat
     held_diagonal: FloatArray
     anchoring: FloatArray
+
+
+@dataclass(frozen=True)
+class AddedSprings:
+    """Springs beside those of the bodies.
+
+    Attributes:
+        stiffness: On displacements of all nodes, N/m.
+        force: At this rank's nodes where nothing is displaced, newtons, shape (k, 3).
+        inside: Whether each couples the displacements of one node alone.
+    """
+
+    stiffness: PETSc.Mat
+    force: FloatArray
+    inside: bool
+
+    def added_to(self, K: PETSc.Mat, lifetime: object) -> None:
+        """Add them to a stiffness, and to what this must keep alive; collective."""
+        pattern = PETSc.Mat.Structure
+        K.axpy(1.0, self.stiffness, pattern.SUBSET if self.inside else pattern.DIFFERENT_NONZERO_PATTERN)
+        K.setAttr("mesh", lifetime)
+
+    def of_components(self, modes: FloatArray, component: npt.NDArray[np.int64]) -> FloatArray:
+        """Their forces in motions (k, 3, j) of one component after the other, all others at rest, over the largest
+        stiffness, shape (k, 3, j); collective."""
+        comm, diagonal, forces = self.stiffness.comm.tompi4py(), self.stiffness.getDiagonal(), np.zeros_like(modes)
+        stiffest = diagonal.max()[1] or 1.0
+        diagonal.destroy()
+        for number in range(1 + comm.allreduce(int(np.max(component, initial=-1)), op=MPI.MAX)):
+            here = component == number
+            for j in range(modes.shape[2]):
+                moved = np.where(here[:, None], modes[:, :, j], 0.0)
+                forces[here, :, j] = rows_of(self.stiffness, moved)[here] / stiffest
+        return forces
 
 
 @dataclass
@@ -63,15 +99,35 @@ class ReducedBodies(HeldNodes, ABC):
     Attributes:
         component: The component of the meshes of each of this rank's nodes, whether or not it is tied to others, shape
             (k,).
+        added_springs: Springs beside those of the bodies.
     """
 
     component: npt.NDArray[np.int64]
+    added_springs: AddedSprings | None = None
     _made: Made
 
     @property
     @abstractmethod
     def members(self) -> tuple[Any, ...]:
         """The bodies by themselves, `Member`."""
+
+    def on_springs(self, springs: AddedSprings) -> Self:
+        """The same with these springs beside those of the bodies."""
+        there = copy.copy(self)
+        there.added_springs, there._made = springs, Made(self._made.values, constraints=self._made.constraints)
+        return there
+
+    def _with_springs(self, forces: FloatArray, u: FloatArray) -> FloatArray:
+        """Internal forces (k, 3) at displacements u (k, 3), and those of the springs; collective."""
+        return forces if self.added_springs is None else forces + rows_of(self.added_springs.stiffness, u)
+
+    def _resisted_by_springs(self, modes: FloatArray) -> FloatArray:
+        """`AddedSprings.of_components` of motions (k, 3, j), of the components of the meshes; collective."""
+        springs = self.added_springs
+        return np.zeros_like(modes) if springs is None else springs.of_components(modes, self.component)
+
+    def _under_springs(self, loading: Loading) -> Loading:
+        return loading if self.added_springs is None else replace(loading, load=loading.load + self.added_springs.force)
 
     @property
     def constraints(self) -> Constraints:
@@ -190,6 +246,8 @@ def eliminated(bodies: ReducedBodies) -> Reduced:
     if all([_fully_held(member) for member in bodies.members]):
         raise ValueError("the supports hold every node: there is nothing to compute; use a finer mesh")
     K = bodies.assembled()
+    if bodies.added_springs is not None:
+        bodies.added_springs.added_to(K, bodies.lifetime)
     diagonal = K.getDiagonal()
     alone: FloatArray = diagonal.array_r.reshape(-1, 3).copy()
     diagonal.destroy()

@@ -294,8 +294,8 @@ class JoinedBodies(Deformable):
         return distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
 
     def resisted(self, modes: FloatArray) -> FloatArray:
-        of_bodies = np.concatenate([member.body.resisted(modes[member.nodes]) for member in self.members])
-        return of_bodies + self.constraints.resisted(modes)
+        forces = np.concatenate([member.body.resisted(modes[member.nodes]) for member in self.members])
+        return forces + self._resisted_by_springs(modes) + self.constraints.resisted(modes)
 
     def interpolated(self) -> tuple[scipy.sparse.csr_matrix, FloatArray, Numbering]:
         blocks, places, numberings = zip(*(member.body.interpolated() for member in self.members), strict=True)
@@ -369,7 +369,7 @@ class JoinedBodies(Deformable):
         ends = [before and before.of(member.nodes) for member in self._members]
         parts = zip(self._members, ends, strict=True)
         of_bodies = self._together(time, tuple(member.body.after(time, end) for member, end in parts))
-        return self.constraints.loading(of_bodies, before)
+        return self._under_springs(self.constraints.loading(of_bodies, before))
 
     def heated(self, loading: Loading, change: FloatArray) -> Loading:
         each = zip(self._members, loading.parts, strict=True)
@@ -384,7 +384,7 @@ class JoinedBodies(Deformable):
         return any([one.body.outdated(part) for one, part in zip(self._members, loading.parts, strict=True)])
 
     def internal_force(self, u: FloatArray) -> FloatArray:
-        return np.concatenate([one.body.internal_force(u[one.nodes]) for one in self._members])
+        return self._with_springs(np.concatenate([one.body.internal_force(u[one.nodes]) for one in self._members]), u)
 
     def spring_force(self, u: FloatArray) -> FloatArray:
         of_bodies = np.concatenate([one.body.spring_force(u[one.nodes]) for one in self._members])

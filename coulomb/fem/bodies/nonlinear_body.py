@@ -25,7 +25,7 @@ from ..meshes import boundary_facets
 from ..ufl_values import in_cells
 from .compiled_form import CompiledForm, compiled
 from .displacement_space import free_earlier_bodies
-from .elimination import Made
+from .elimination import AddedSprings, Made
 from .form_body import BilinearForm, FormBody, FormValues
 from .free_motions import FreeMotions, free_motions, names_of_components
 from .lasting_supports import End
@@ -76,6 +76,7 @@ class NonlinearBody(FormBody):
     """
 
     _place: _Place | None = None
+    _without_place: NonlinearBody | None = None
 
     def __init__(
         self,
@@ -128,7 +129,7 @@ class NonlinearBody(FormBody):
         free_earlier_bodies(self.domain)
         _ = self.not_held, self.boundary  # once, for all places
         there = copy.copy(self)
-        there._place, there.x = None, self.reference + u
+        there._place, there._without_place, there.x = None, self._without_place or self, self.reference + u
         there._integrals, there.points_of_faces, there._assembled = {}, {}, None
         self._set(time)
         self._displacement.x.array[: u.size] = u.ravel()
@@ -184,6 +185,10 @@ class NonlinearBody(FormBody):
         return self._on_facets is not None
 
     @property
+    def undeformed(self) -> NonlinearBody:
+        return self._without_place or self
+
+    @property
     def _products(self) -> list[CellProducts]:
         """What the tangent has besides its form, at the displacement of the last forces."""
         return []
@@ -204,7 +209,10 @@ class NonlinearBody(FormBody):
         return self
 
     def at(self, time: float) -> Loading:
-        return super().at(time) if self._place is None else self._place.loading
+        return super().at(time) if self._place is None else self._under_springs(self._place.loading)
+
+    def internal_force(self, u: FloatArray) -> FloatArray:
+        return self._with_springs(super().internal_force(u), u)
 
     @cached_property
     def not_held(self) -> FreeMotions:
@@ -254,12 +262,9 @@ class NonlinearBody(FormBody):
 
     # --- deformed surface -------------------------------------------------------------------------------------------
 
-    def on_springs(self, stiffness: FloatArray, force: FloatArray) -> NonlinearBody:
-        """The same linearised body with springs at this rank's nodes, N/m, (k, 3, 3), and forces there, N, (k, 3)."""
-        there = copy.copy(self)
-        there._a, there._made, there._assembled = _OnSprings(self._a, stiffness, self.V), Made(self._values), None
-        loading = self.place.loading
-        there._place = replace(self.place, loading=replace(loading, load=loading.load + force))
+    def on_springs(self, springs: AddedSprings) -> NonlinearBody:
+        there = super().on_springs(springs)
+        there._assembled = None
         return there
 
     def made_positive(self) -> NonlinearBody:
@@ -375,27 +380,6 @@ class _WithProducts(BilinearForm):
         self._u.x.scatter_forward()
         for part in self.products:
             forces += part.forces(self._u)
-        return forces
-
-
-class _OnSprings(BilinearForm):
-    """A tangent on V with springs at the nodes, N/m, shape (k, 3, 3)."""
-
-    def __init__(self, tangent: BilinearForm, stiffness: FloatArray, V: Any):
-        super().__init__(tangent.compiled, V)
-        self._tangent, self._stiffness = tangent, stiffness
-
-    def matrix(self, values: FormValues) -> PETSc.Mat:
-        K = self._tangent.matrix(values)
-        first = K.getOwnershipRange()[0] // 3
-        for node in np.flatnonzero(np.any(self._stiffness, axis=(1, 2))):
-            at = np.array([first + node], dtype=PETSc.IntType)
-            K.setValuesBlocked(at, at, self._stiffness[node], addv=PETSc.InsertMode.ADD)
-        K.assemble()
-        return K
-
-    def residual(self, values: FormValues, u: FloatArray) -> FloatArray:
-        forces: FloatArray = self._tangent.residual(values, u) + np.einsum("kij,kj->ki", self._stiffness, u)
         return forces
 
 

@@ -17,6 +17,7 @@ from .contact_points import (
     nodal_points,
     places_among,
     row_products,
+    springs_at,
 )
 from .facet_patch import facet_patch
 from .mortar import MortarRows, mortar_rows

@@ -28,7 +28,17 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
-from ..bodies import DisplacementSpace, HeldDirections, Nodes, distributed_rows, local_rows, matrix_product
+from ..bodies import (
+    AddedSprings,
+    DisplacementSpace,
+    HeldDirections,
+    Nodes,
+    at_nodes_of,
+    block_diagonal,
+    distributed_rows,
+    local_rows,
+    matrix_product,
+)
 from ..geometry import held_length
 from ..meshes import Exchange, fetched, owner_of, starts_of
 from .facet_patch import facet_patch
@@ -50,7 +60,29 @@ def contact_matrix(points: ContactPoints, frames: FloatArray) -> PETSc.Mat:
         near = np.abs(across - frames) <= _ROUNDING
         seen = np.where(near, 0.0, frames - across)
     local = _blocks(points.difference, seen)
+    local.eliminate_zeros()
     return _distributed(local, points)
+
+
+def springs_at(points: ContactPoints, at_points: FloatArray, forces: FloatArray, at_nodes: FloatArray) -> AddedSprings:
+    """Springs that resist the displacements of contact points against what they touch, N/m, (m, 3, 3), and those of
+    nodes, (k, 3, 3), with forces in newtons (m, 3) where nothing is displaced; collective.
+
+    A point that is an average couples its nodes: W^T S W by the weights W.
+    """
+    if points.mirrored is not None:
+        along = np.eye(3) - points.mirrored
+        at_points, forces = along @ at_points @ along, np.einsum("mij,mj->mi", along, forces)
+    W, S = (
+        _distributed(_blocks(points.difference, blocks), points)
+        for blocks in (np.tile(np.eye(3), (len(forces), 1, 1)), at_points)
+    )
+    own = _distributed(block_diagonal(at_nodes, points.space.numbering), points)
+    stiffness, force = W.transposeMatMult(S), at_nodes_of(W, forces)
+    stiffness.axpy(1.0, own, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+    for done in (W, S, own):
+        done.destroy()
+    return AddedSprings(stiffness, force, points.nodal and points.opposite is None)
 
 
 def places_among(
@@ -95,9 +127,7 @@ def _blocks(weights: scipy.sparse.csr_matrix, frames: FloatArray) -> scipy.spars
     """Weights (m, nodes) times the rows of frames (m, r, 3), shape (r m, 3 nodes)."""
     of = np.repeat(np.arange(len(frames)), np.diff(weights.indptr))
     entries = weights.data[:, None, None] * frames[of], weights.indices, weights.indptr
-    rows = scipy.sparse.bsr_matrix(entries, (frames.shape[1] * len(frames), 3 * weights.shape[1])).tocsr()
-    rows.eliminate_zeros()
-    return rows
+    return scipy.sparse.bsr_matrix(entries, (frames.shape[1] * len(frames), 3 * weights.shape[1])).tocsr()
 
 
 def free_contact_matrix(B: PETSc.Mat, points: ContactPoints, body: Deformable) -> tuple[PETSc.Mat, bool]:
@@ -234,6 +264,15 @@ class ContactPoints:
         such faces; collective."""
         return None if self.opposite is None else replace(self, weights=self.opposite, nodal=False).average(values)
 
+    def diagonal(self, values: FloatArray) -> FloatArray:
+        """The stiffness against which a point moves as its nodes do against values (k,) in N/m, all others at rest,
+        shape (m,): means of the values with squares of the weights, over the sum of these; collective."""
+        square = self.difference.multiply(self.difference).tocsr()
+        total = np.asarray(square.sum(axis=1)).ravel()
+        whole = replace(self, weights=square, nodal=False, opposite=None).average(values)
+        found: FloatArray = whole / np.where(total > 0.0, total, 1.0) ** 2
+        return found
+
     def held(self, held: HeldDirections) -> FloatArray:
         """How far each point is held: the mean M of the projectors of its nodes, shape (m, 3, 3); collective.
 
@@ -338,17 +377,19 @@ def joined_points(parts: Sequence[ContactPoints]) -> ContactPoints:
 
 
 def _weighted(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> ContactPoints:
-    """Vertices, each with the integrals of its function psi_j against those of the nodes."""
-    patch, numbering, comm = facet_patch(space, facets), space.numbering, space.comm
-    at, size = patch.kind.rule(_DEGREE)
-    values = np.stack(patch.kind.values(at[:, 0], at[:, 1]))
-    sizes = size * np.linalg.norm(patch.area_vectors(at), axis=2)
-    integrals = np.einsum("fq,jq,nq->fjn", sizes, FUNCTIONS @ patch.kind.vertex_functions @ values, values)
-    vertex = patch.nodes[:, :3].ravel()
-    exchange = Exchange(comm, owner_of(starts_of(comm, numbering.local), vertex))
-    row, entries = exchange.send(vertex) - numbering.first, exchange.send(integrals.reshape(-1, patch.kind.width))
-    columns = exchange.send(np.repeat(patch.nodes, 3, axis=0))
-    triplets = entries.ravel(), (np.repeat(row, patch.kind.width), columns.ravel())
+    """Vertices, each with the integrals of its function psi_j against those of the nodes before deformation, and its
+    present area: weights that changed as the face is stretched would couple forces along normals to displacements along
+    tangents, and not the other way round."""
+    before = space.undeformed
+    if before is not space:
+        points = contact_points(before, facets)
+        vertex, integrals, _ = _integrals(space, facets, False)
+        present = np.zeros(len(space.x))
+        np.add.at(present, vertex - space.numbering.first, integrals[:, 0])
+        return replace(points, space=space, area=present[points.nodes])
+    numbering = space.numbering
+    vertex, entries, columns = _integrals(space, facets, True)
+    triplets = entries.ravel(), (np.repeat(vertex - numbering.first, columns.shape[1]), columns.ravel())
     weights = scipy.sparse.csr_matrix(triplets, shape=(numbering.local, numbering.total))
     area: FloatArray = np.asarray(weights.sum(axis=1)).ravel()
     nodes = np.flatnonzero(area > 0.0)
@@ -357,3 +398,23 @@ def _weighted(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> Contac
     weights.eliminate_zeros()
     weights.sort_indices()
     return ContactPoints(space, nodes.astype(np.int32), area[nodes], weights, False)
+
+
+def _integrals(
+    space: DisplacementSpace, facets: npt.NDArray[np.int32], by_nodes: bool
+) -> tuple[npt.NDArray[np.int64], FloatArray, npt.NDArray[np.int64]]:
+    """Of every facet at a vertex of this rank the vertex, the integrals of its psi_j against the functions of the
+    facet's nodes, or against 1, and these nodes, (f,), (f, nodes) or (f, 1), (f, nodes); collective."""
+    patch = facet_patch(space, facets)
+    at, size = patch.kind.rule(_DEGREE)
+    values = np.stack(patch.kind.values(at[:, 0], at[:, 1]))
+    sizes = size * np.linalg.norm(patch.area_vectors(at), axis=2)
+    against = values if by_nodes else np.ones((1, len(at)))
+    integrals = np.einsum("fq,jq,nq->fjn", sizes, FUNCTIONS @ patch.kind.vertex_functions @ values, against)
+    vertex = patch.nodes[:, :3].ravel()
+    exchange = Exchange(space.comm, owner_of(starts_of(space.comm, space.numbering.local), vertex))
+    return (
+        exchange.send(vertex),
+        exchange.send(integrals.reshape(-1, len(against))),
+        exchange.send(np.repeat(patch.nodes, 3, axis=0)),
+    )

@@ -1,0 +1,93 @@
+"""Linear problems that load steps of large motions take, and what makes their tangents consistent."""
+
+import numpy as np
+import pytest
+from rubber_blocks import RubberBlock
+
+import coulomb
+from coulomb.fem.bodies import local_rows
+from coulomb.fem.contact import springs_at
+from coulomb.kinematics import LargeMotions
+
+
+def drawn(down, along):
+    """Down until time 1, then along x."""
+    return lambda time, x: np.array(
+        [along * max(time - 1.0, 0.0) + 0.0 * x[0], 0.0 * x[0], -down * min(time, 1.0) + 0.0 * x[0]]
+    )
+
+
+def solutions(body, contact, times):
+    history = coulomb.LoadHistory(times, halvings=0)
+    return [step.solution for step in history.steps(LargeMotions(body, contact))]
+
+
+def counts(found):
+    assert all(one.valid for one in found)
+    return [one.outer_iterations for one in found]
+
+
+@pytest.mark.parametrize(
+    ("cell", "degree", "most"),
+    [("hexahedron", 1, [3, 3, 3, 4]), ("tetrahedron", 2, [3, 4, 4, 4])],
+)
+def test_a_block_pressed_by_a_fifth_and_drawn_over_a_plane(cell, degree, most):
+    """Quadratic in all cells, also where the tangent is positive definite on the springs of contact alone: with springs
+    at nodes alone 10-node tetrahedra took up to 15, with weights of the deformed face 7."""
+    one = RubberBlock(drawn(0.2, 0.5), (3, 2, 2), cell=cell, degree=degree)
+    found = solutions(one.body, coulomb.Contact("bottom", friction=0.3), [0.5, 1.0, 1.2, 1.4])
+    assert np.all(np.array(counts(found)) <= most)
+    assert "definite" in found[0].methods and not any("definite" in step.methods for step in found[1:])
+    for step in found:
+        before, after = np.array(step.residuals[1:-1]), np.array(step.residuals[2:])
+        near = before < 1e-2
+        assert np.any(near) and np.all(after[near] < np.maximum(30.0 * before[near] ** 2, 1e-9))
+
+
+def test_tetrahedra_over_waves():
+    """What turns of normals leave out is linear in the curvature over the size of a facet."""
+    waves = coulomb.SignedDistance(lambda x: x[2] + 0.1 - 0.1 * np.sin(np.pi * x[0]))
+    one = RubberBlock(drawn(0.3, 1.5), (4, 1, 2), cell="tetrahedron", degree=2)
+    contact = coulomb.Contact("bottom", friction=0.3, foundation=waves)
+    assert max(counts(solutions(one.body, contact, [0.25, 0.5, 0.75]))) <= 6
+
+
+def test_bodies_that_are_stable_on_each_other_alone():
+    """Pressed to half of their height; without springs between them the second step took 17."""
+    lower = RubberBlock(cells=(4, 2, 2), size=(1.2, 1.0, 0.5), held="bottom")
+    upper = RubberBlock(drawn(0.5, 0.0), cells=(2, 2, 2), size=(0.8, 0.8, 0.5), at=(0.1, 0.1, 0.5))
+    contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.6)
+    found = solutions(coulomb.join(lower=lower.body, upper=upper.body), contact, [0.5, 1.0])
+    assert max(counts(found)) <= 8 and "definite" not in found[1].methods
+
+
+def on_a_plane():
+    return LargeMotions(
+        RubberBlock(cells=(1, 1, 1), cell="tetrahedron", degree=2).body, coulomb.Contact("bottom", friction=0.3)
+    )
+
+
+def on_a_body():
+    lower = RubberBlock(cells=(2, 1, 1), held="bottom", cell="tetrahedron", degree=2)
+    upper = RubberBlock(cells=(1, 1, 1), at=(0.2, 0.0, 1.0))
+    contact = coulomb.Contact("upper:bottom", against="lower:top", friction=0.3)
+    return LargeMotions(coulomb.join(lower=lower.body, upper=upper.body), contact)
+
+
+@pytest.mark.parametrize("make", [on_a_plane, on_a_body])
+def test_springs_at_contact_points_couple_the_nodes_of_their_averages(make):
+    """W^T S W and W^T f, W the weights, beside springs at nodes."""
+    problem = make()
+    points, rng = problem.surface.points, np.random.default_rng(7)
+    S, own = (rng.standard_normal((count, 3, 3)) for count in (len(points.nodes), len(points.space.x)))
+    S, own = S + S.transpose(0, 2, 1), own + own.transpose(0, 2, 1)
+    forces = rng.standard_normal((len(points.nodes), 3))
+    W = points.difference.toarray()
+    found = springs_at(points, S, forces, own)
+    expected = np.einsum("mk,mij,ml->kilj", W, S, W).reshape(3 * W.shape[1], -1)
+    for node, block in enumerate(own):
+        expected[3 * node : 3 * node + 3, 3 * node : 3 * node + 3] += block
+    assert local_rows(found.stiffness).toarray() == pytest.approx(expected, abs=1e-12)
+    assert found.force == pytest.approx(W.T @ forces, abs=1e-12) and not found.inside
+    of_rows = np.einsum("mk,k,mk->m", W, np.arange(W.shape[1]), W) / np.sum(W**2, axis=1) ** 2
+    assert points.diagonal(np.arange(W.shape[1], dtype=np.float64)) == pytest.approx(of_rows)
