@@ -4,6 +4,7 @@ friction.
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
@@ -30,6 +31,8 @@ from .gauss_seidel import Sweeps, sweep
 from .own_units import OwnUnits
 from .regularised_newton import RegularisedNewton
 
+_log = logging.getLogger(__name__)
+
 _FEW: Final = 150
 """Contacts up to which the cone method is the quicker one, whatever A, and its eigenvalues are checked."""
 
@@ -41,6 +44,7 @@ _TRESCA: Final = 300
 _SPARSE: Final = 0.25  # of the entries
 _BY_SWEEPS = f"auto: {ConeInteriorPoint.name}"
 _DEFINITE: Final = 1e-8  # smallest eigenvalue of a definite A, over the mean diagonal
+_ROUNDED: Final = 1e-6  # size of a negative eigenvalue, over that of A, that entries of six digits may cause
 
 
 @dataclass(frozen=True)
@@ -322,7 +326,8 @@ def _compliance(A: Any) -> Compliance:
 
 
 def _refuse_indefinite(A: MatrixCompliance, size: float) -> None:
-    """Refuse a small A on one rank with a negative eigenvalue: Tresca's problem would have no minimum."""
+    """Refuse a small A on one rank with a negative eigenvalue: Tresca's problem would have no minimum.  One as small as
+    rounded entries cause is a warning: an answer has its residual for A as given."""
     if A.comm.size > 1 or A.nodes > _FEW:
         return
     matrix = A.sparse().toarray()
@@ -330,8 +335,12 @@ def _refuse_indefinite(A: MatrixCompliance, size: float) -> None:
         scipy.linalg.cholesky(matrix + 1e-8 * size * np.eye(len(matrix)), overwrite_a=True, check_finite=False)
     except scipy.linalg.LinAlgError:
         least = float(np.linalg.eigvalsh(matrix)[0])
-        if least < -1e-8 * size:
+        if least < -_ROUNDED * size:
             raise ValueError(f"A must be positive semidefinite, but has an eigenvalue of {least:.3g}") from None
+        if least < -1e-8 * size:
+            _log.warning(
+                "A has an eigenvalue of %.3g, %.1e of its norm: its entries are taken for rounded", least, least / size
+            )
 
 
 def _square(A: Any) -> Any:

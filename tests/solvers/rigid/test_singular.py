@@ -241,6 +241,19 @@ def test_an_indefinite_matrix_is_refused():
     assert solve_tresca(A + np.eye(6), np.ones(6), 1.0).status is Status.CONVERGED  # eigenvalues 0 and 4
 
 
+@pytest.mark.parametrize("digits", [6, 7])
+def test_entries_of_few_digits_are_a_warning(digits, caplog):
+    """Rounding makes eigenvalues 0 negative; the answer is one of the rounded problem."""
+    P = tresca_seeds(1)[0]
+    unit = 10.0 ** (np.floor(np.log10(np.abs(P.A) + 1e-300)) + 1 - digits)
+    A = np.round(P.A / unit) * unit
+    least, size = np.linalg.eigvalsh(A)[0], np.linalg.norm(A)
+    assert -1e-6 * size < least < -1e-8 * size
+    result = solve_tresca(A, P.b, P.cohesion)
+    assert f"A has an eigenvalue of {least:.3g}" in caplog.text and result.status is Status.CONVERGED
+    assert residual_of(A, P.b, lambda _: P.cohesion, result.x) <= 1.01e-8
+
+
 def test_the_method_refuses_interrupts_and_ends():
     P = tresca_seeds(1)[0]
     with pytest.raises(ValueError, match="A as a matrix on one rank"):
