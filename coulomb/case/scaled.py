@@ -94,6 +94,11 @@ def _known(case: Case, kind: str, face: str, factor: float) -> dict[str, Any]:
         return found
     if kind == "pretension":
         return {"pretension": changed(case.pretension, ("force",))}
+    if kind == "temperature change" and case.temperature is not None:
+        if face and face != case.temperature.body:
+            raise NotScaled(_SEVERAL)
+        amplitude = case.temperature.amplitude or ((0.0, 1.0), (1.0, 1.0))
+        return {"temperature": case.temperature.model_copy(update={"amplitude": _rows(amplitude, factor)})}
     if kind == "young":
         if case.material is not None and not face:
             return {"material": _of_materials(case.material, factor)}

@@ -92,7 +92,7 @@ class GeometricTerms:
     def along(self, way: Way) -> Terms:
         """Along a way, to which they are in proportion; collective."""
         problem, body = self._problem, self._problem.elasticity
-        moved = [self._relative(way.alpha)]
+        moved = [self.relative(way.alpha)]
         moved += [one for one in ((way.u, way.before) if self._large else ()) if one is not None]
         moved += [] if way.poses_before is None else [way.poses_before[:, :3], self._extent * way.poses_before[:, 3:]]
         if way.motions is not None:
@@ -103,13 +103,13 @@ class GeometricTerms:
         size = max(self._over.max(np.abs(one).ravel()) for one in moved)
         h = _STEP * self._extent / size if size > 0.0 else 1.0
         found = self._at(h, way).less(self._at(-h, way), 0.5 / h)
-        linear, closed = -found.load, found.c - self._relative(way.alpha)
+        linear, closed = -found.load, found.c - self.relative(way.alpha)
         if self._large:
             linear = linear + body.internal_force(way.u) - body.spring_force(way.u)
             closed = closed + problem.surface.rows(way.u)
         return replace(found, load=linear, c=closed, e=-found.e)
 
-    def _relative(self, alpha: FloatArray) -> FloatArray:
+    def relative(self, alpha: FloatArray) -> FloatArray:
         """The displacement of foundations under load at their contact points, along n, t1, t2, metres, (m, 3)."""
         surface, state = self._problem.surface, self._problem.state
         way = np.zeros_like(surface.x)

@@ -1,7 +1,7 @@
 """Exact derivatives of an answer, or of a history of load steps, along its inputs, by the sets of its contact points.
 
 At an answer u = K^-1 (f - B^T x), and contact points are open, stick or slip.  While none of them changes its state,
-forces follow from the derivative of the equations of contact (`solvers.semismooth_newton.derivatives`): one linear
+forces follow from the derivative of the equations of contact (`solvers.derivatives`): one linear
 system per input, with the K^-1 and A of the answer.  What an input does to the displacement without new contact forces
 is that of loads: of friction none, of a load itself, of Young's modulus E minus the internal forces K_E u.  In a
 history slip counts from the displacement after the step before, whose derivative is carried along.  In large motions,
@@ -21,8 +21,8 @@ import numpy as np
 from ..arrays import FloatArray
 from ..fem.bodies import Elasticity, End, Loading, NonlinearBody, ThermalLoad, nonlinear
 from ..linalg.reductions import Reductions
-from ..solvers.semismooth_newton import Change, Derivative, derivatives
-from ..solvers.semismooth_newton import gradient as adjoint
+from ..solvers.derivatives import Change, Derivative, derivatives
+from ..solvers.derivatives import gradient as adjoint
 from ..solvers.successive_tresca import Anderson
 from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
@@ -41,8 +41,8 @@ class Sensitivity:
         contact_force: Derivative of x along the logarithm of the input, newtons, shape (3 m,): a hundredth of it is
             what 1 % more of the input does.
         displacement: Likewise of u, metres, this rank's nodes, shape (k, 3).
-        totals: Of each contact by its name derivatives of "force" and "moment" on the body, "normal_force" and
-            "friction_force", newtons and newton metres.
+        totals: Of each contact by its name derivatives of "force" and "moment" on the body, "normal_force",
+            "friction_force" and "dissipated_energy", newtons, newton metres and joules.
         others: Likewise of "reactions" of supports, "rigid_faces" and "bolts", and of "probes", by their names, as the
             answer has them; what is empty is left out.
         step: Relative change of the input up to which no contact point opens, closes, sticks or slips anew, to first
@@ -91,7 +91,7 @@ def gradient(
     problem: DiscreteProblem, x: FloatArray, u: FloatArray, of_force: FloatArray | None, of_u: FloatArray | None
 ) -> Gradient:
     """Of a function J of an answer, by the adjoint equations: one linear system of the contact and two solves with K,
-    however many inputs there are (`solvers.semismooth_newton.gradient`); collective.
+    however many inputs there are (`solvers.derivatives.gradient`); collective.
 
     Args:
         problem: The problem,
@@ -236,7 +236,8 @@ class _Answer:
         spring = None if one.spring is None or one.loading is None else (one.spring, one.loading.load)
         poses, then = (self._problem.state.poses_after(alpha) for alpha in (sign * at.owed.alpha, 0.0 * at.owed.alpha))
         way = None if poses is None or then is None else poses - then
-        return Derived(at.problem, sign * at.owed.x, at.u, way, of.c, of.terms, pulled, moved, spring)
+        c = of.c + self._terms.relative(sign * at.owed.alpha)
+        return Derived(at.problem, sign * at.owed.x, at.u, way, c, of.terms, pulled, moved, spring)
 
     @cached_property
     def _held(self) -> FloatArray | None:
@@ -436,8 +437,10 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
             put(f"load on the foundation of {surface.faces[one.number]!r}", _Input(e=e))
     still = _unloaded(loading)
     for load in body.loads_in(loading):
-        where = "" if load.face is None else f" on {load.face!r}"
-        put(f"{load.kind.replace('_', ' ')}{where}", _Input(loading=replace(still, load=load.forces)))
+        thermal = load.kind == ThermalLoad.kind
+        where = "" if load.face is None else f" {'of' if thermal else 'on'} {load.face!r}"
+        what = "temperature change" if thermal else load.kind.replace("_", " ")
+        put(f"{what}{where}", _Input(loading=replace(still, load=load.forces)))
     if over.any(bool(np.any(problem.prescribed) or np.any(loading.apart))):
         put("prescribed displacements", _Input(loading=_prescribed(problem, still)))
     if loading.tension is not None and np.any(loading.tension):

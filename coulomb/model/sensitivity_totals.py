@@ -27,7 +27,7 @@ class Derived:
         x: Of contact forces, along frames that turn with the normals alone, newtons, shape (3 m,),
         u: of the displacement, metres, shape (k, 3),
         poses: and of the `ContactState.poses` of foundations under load, shape (faces, 6); None without any.
-        c: Of gap and slip origin, metres, shape (m, 3).
+        c: Of gap and slip origin, with the ways of foundations under load, metres, shape (m, 3).
         terms: The geometric terms; None without any.
         pulled: Whether the input are forces of bolts,
         moved: or motions of rigid faces.
@@ -46,8 +46,8 @@ class Derived:
 
 
 def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, dict[str, Any]]:
-    """Of every contact by its name "force" and "moment" on the body, "normal_force" and "friction_force", newtons and
-    newton metres, as an input grows (1) or falls (-1); collective."""
+    """Of every contact by its name "force" and "moment" on the body, "normal_force", "friction_force" and
+    "dissipated_energy", newtons, newton metres and joules, as an input grows (1) or falls (-1); collective."""
     surface, found, dx = derived.problem.surface, dict[str, dict[str, Any]](), derived.x.reshape(-1, 3)
     over, along_surface = Reductions(at.comm, at.copies), np.array([0.0, 1.0, 1.0])
     on_body, of_friction = -surface.vectors(dx), -surface.vectors(dx * along_surface)
@@ -55,6 +55,8 @@ def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, 
     if terms is not None:
         on_body, of_friction, places = on_body - terms.vectors, of_friction - terms.tangential, terms.x
     present = -surface.vectors(at.force * along_surface)
+    slip, slipping = at.relative_displacement, surface.rows(derived.u) - derived.c
+    work = np.sum((dx * slip + at.force * slipping)[:, 1:], axis=1)
     turning = np.cross(at.x, on_body) + np.cross(places, at.on_body)
     for part, face in enumerate(at.faces):
         here = surface.part == part
@@ -65,6 +67,7 @@ def contact_totals(at: NodalAnswer, derived: Derived, sign: float) -> dict[str, 
             "moment": over.total(turning[here].sum(axis=0)).tolist(),
             "normal_force": over.sum(dx[here, 0]),
             "friction_force": float(friction @ change) / size if size > 0.0 else sign * float(np.linalg.norm(change)),
+            "dissipated_energy": over.sum(work[here]),
         }
     return found
 

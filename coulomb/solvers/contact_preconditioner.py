@@ -110,3 +110,32 @@ class ContactPreconditioner:
             seen = summed(self._comm, C.T @ (self._R.transpose(0, 2, 1) @ z).reshape(len(C), count))
             z = z - (C @ dgetrs(self._factors, self._pivots, seen, trans=1)[0]).reshape(z.shape)
         return (self._N_inverse.transpose(0, 2, 1) @ z).reshape(r.shape)
+
+
+class FormedInverse:
+    """M^-1 with A itself, formed, shape (3 m, 3 m), on one rank: for the many right-hand sides of derivatives."""
+
+    def __init__(self, A: FloatArray, diagonal: FloatArray):
+        self._A = A + np.diag(np.where(np.diag(A) > 0.0, 0.0, diagonal.ravel()))
+        self._at: ContactDerivative | None = None
+
+    def move(self, at: ContactDerivative) -> None:
+        """To a point: the equations and their derivative there."""
+        if at is self._at:
+            return
+        m, self._at = len(at.P), at
+        M = np.einsum("iab,ibk->iak", at.Q, self._A.reshape(m, 3, 3 * m))
+        M.reshape(m, 3, m, 3)[np.arange(m), :, np.arange(m)] += at.P
+        self._factors, self._pivots, _ = dgetrf(M.reshape(3 * m, 3 * m))  # a singular one gives no numbers
+
+    def __call__(self, r: FloatArray) -> FloatArray:
+        """M^-1 applied to r (m, 3) or (m, 3, columns)."""
+        return self._solved(r, 0)
+
+    def transposed(self, r: FloatArray) -> FloatArray:
+        """M^-T applied likewise."""
+        return self._solved(r, 1)
+
+    def _solved(self, r: FloatArray, trans: int) -> FloatArray:
+        found: FloatArray = dgetrs(self._factors, self._pivots, r.reshape(len(self._A), -1), trans=trans)[0]
+        return found.reshape(r.shape)

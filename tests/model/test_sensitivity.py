@@ -8,6 +8,7 @@ import pytest
 from conftest import run_coulomb
 
 import coulomb
+from coulomb.solvers import derivatives
 
 STEEL = (2.119e11, 0.277)
 
@@ -78,7 +79,7 @@ def heated(friction=0.2, pushed=1.0, lower=1.0, upper=1.0):
 def test_derivatives_are_those_of_central_differences(make, inputs):
     """And to a tenth of the step within which no node changes its state, the remainder is of second order."""
     answer = make().solve(tolerance=1e-12)
-    found = [one for one in answer.sensitivities() if not one.name.startswith("thermal")]
+    found = [one for one in answer.sensitivities() if not one.name.startswith("temperature")]
     size = np.linalg.norm(answer.contact_force)
     assert len(found) == len(inputs)
     for one, (name, value) in zip(found, inputs.items(), strict=True):
@@ -93,6 +94,9 @@ def test_derivatives_are_those_of_central_differences(make, inputs):
         assert one.totals[face]["normal_force"] == pytest.approx(change, abs=1e-6 * size)
         change = (more.forces["friction_force"] - less.forces["friction_force"]) / (2.0 * step)
         assert one.totals[face]["friction_force"] == pytest.approx(change, abs=1e-6 * size)
+        work = answer.forces["dissipated_energy"]
+        change = (more.forces["dissipated_energy"] - less.forces["dissipated_energy"]) / (2.0 * step)
+        assert one.totals[face]["dissipated_energy"] == pytest.approx(change, abs=1e-6 * work)
 
 
 @pytest.mark.parametrize("make", [block, pair, free, heated])
@@ -116,6 +120,20 @@ def test_the_adjoint_agrees_with_the_derivatives(make):
         size = np.linalg.norm(of_x) * np.linalg.norm(one.contact_force)
         size += np.linalg.norm(of_u) * np.linalg.norm(one.displacement)
         assert value == pytest.approx(expected, abs=1e-8 * size), one.name
+
+
+def test_with_the_compliance_as_a_matrix_they_are_the_same(monkeypatch):
+    """Of a body that contact alone holds: one system by products with A, the others and transposed by its inverse."""
+    answer, found, products = free().solve(tolerance=1e-12), [], []
+    for many in (1000, 0):
+        monkeypatch.setattr(derivatives, "_MANY", many)
+        before = answer.problem.A.products
+        found.append(answer.sensitivities())
+        products.append(answer.problem.A.products - before)
+    assert products[1] < products[0]
+    for one, other in zip(*found, strict=True):
+        size = np.linalg.norm(answer.contact_force)
+        assert one.contact_force == pytest.approx(other.contact_force, abs=1e-9 * size), one.name
 
 
 def test_forces_are_homogeneous():
@@ -150,7 +168,8 @@ def test_a_sliding_block_has_friction_in_proportion_to_its_coefficient():
 def test_on_the_command_line_and_where_it_is_refused(tmp_path):
     case = tmp_path / "case.toml"
     case.write_text(
-        "[mesh]\nbox = [1.0, 1.0, 0.5]\ncells = [2, 2, 1]\n[material]\nyoung = 1e9\npoisson = 0.3\n"
+        "[mesh]\nbox = [1.0, 1.0, 0.5]\ncells = [2, 2, 1]\n[material]\nyoung = 1e9\npoisson = 0.3\nexpansion = 1e-5\n"
+        "[temperature]\nvalue = 30.0\nreference = 20.0\n"
         '[[total_force]]\nface = "top"\nforce = [1e5, 0.0, -1e6]\n[contact]\nface = "bottom"\nfriction = 0.3\n'
         "[output]\npicture = false\n"
     )

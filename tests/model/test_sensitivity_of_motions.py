@@ -35,7 +35,7 @@ def differs(make, inputs, times=(1.0,), h=1e-4):
         "x": off(lambda one: one.contact_force, lambda answer: answer.contact_force),
         "u": off(lambda one: one.displacement, lambda answer: answer.displacement),
     }
-    for name in ("force", "moment", "normal_force", "friction_force"):
+    for name in ("force", "moment", "normal_force", "friction_force", "dissipated_energy"):
         worst[name] = off(lambda one, name=name: one.totals[face][name], lambda answer, name=name: answer.forces[name])
     for kind, names in (("reactions", ("force", "moment")), ("loaded_foundations", ("translation", "rotation"))):
         for number, one in enumerate(getattr(step.solution, kind)):
@@ -110,6 +110,7 @@ def under_a_tool(friction=1.0, pressed=1.0, young=1.0, pushed=1.0, far=1.0):
         contact,
         [coulomb.Pressure("right", 1e5 * pushed)],
         small_strain="warn",
+        probes=[coulomb.Probe("above", (0.0, 1.0, 0.5))],
     )
 
 

@@ -83,6 +83,7 @@ class Made:
         values: The coefficients of the user's forms.
         diagonal: Of the matrix of the user's form alone, N/m, shape (k, 3).
         ground: Nodal forces of the rigid modes by the user's form, and the motions that it does not resist.
+        free_unknowns: As of `ReducedBodies`.
     """
 
     values: Any = None
@@ -91,6 +92,7 @@ class Made:
     constraints: Constraints | None = None
     diagonal: FloatArray | None = None
     ground: tuple[FloatArray | None, FreeMotions] | None = None
+    free_unknowns: FloatArray | None = None
 
 
 class ReducedBodies(HeldNodes, ABC):
@@ -215,8 +217,10 @@ class ReducedBodies(HeldNodes, ABC):
 
     @property
     def free_unknowns(self) -> FloatArray:
-        """The unknowns of K in each of the free motions, shape (k + p, 3, q); collective."""
-        return self.reduction.reduced(self.held.free_part(self.free.modes(self.x)))
+        """The unknowns of K in each of the free motions, shape (k + p, 3, q), not to be changed; collective."""
+        if self._made.free_unknowns is None:
+            self._made.free_unknowns = self.reduction.reduced(self.held.free_part(self.free.modes(self.x)))
+        return self._made.free_unknowns
 
     @property
     def ground(self) -> FloatArray | None:
