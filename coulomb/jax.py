@@ -1,0 +1,82 @@
+"""Answers as functions of JAX, which it differentiates by their adjoints (`pip install jax`).
+
+    solve = coulomb.jax.solver(pose, owed, pose(0.3))
+    forces, displacements = solve(0.3)
+    jax.grad(lambda friction: solve(friction)[0][0::3].max())(0.3)
+
+A call is a solve, in a callback, so that `jax.jit` takes it; the gradient is `Solution.gradient`, one linear system for
+all parameters.  Forward derivatives (`jax.jvp`), `jax.vmap` and second ones are not known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+
+def solver(
+    pose: Callable[..., Any], owed: Callable[..., Sequence[Any]], like: Any, tolerance: float = 1e-10
+) -> Callable[..., tuple[Any, Any]]:
+    """The answer of a problem as a function of its parameters, arrays or numbers of JAX.
+
+    Args:
+        pose: Poses the `ContactProblem` of parameters, which it is given as arrays of NumPy.
+        owed: What a function owes to the parameters, in their order, from its `Gradient` and the parameters: the chain
+            rule, as `lambda gradient, friction: [gradient.friction.sum()]` for one coefficient of friction.
+        like: A problem with as many nodes and contact points.
+        tolerance: Of the solves.
+
+    Returns:
+        A function of the parameters with contact forces in newtons, shape (3 m,), and displacements in metres, shape
+        (k, 3), as `Solution` has them.
+
+    Raises:
+        ImportError: Without JAX.
+        ValueError: If JAX has no double precision, or on several ranks; and as `Solution.gradient`, in the function.
+    """
+    import jax
+
+    if not jax.config.jax_enable_x64:
+        raise ValueError('answers are in double precision: call jax.config.update("jax_enable_x64", True) before')
+    if like.comm.size > 1:
+        raise ValueError("answers as functions of JAX are for one rank")
+    latest = dict[bytes, Any]()
+
+    def answer(parameters: Sequence[Any]) -> tuple[Any, list[Any]]:
+        given = [np.asarray(one) for one in parameters]
+        key = b"".join(one.tobytes() for one in given)
+        if key not in latest:
+            found = pose(*given).solve(tolerance)
+            latest.clear()
+            latest[key] = found
+        return latest[key], given
+
+    def forward(*parameters: Any) -> tuple[Any, Any]:
+        found, _ = answer(parameters)
+        return found.contact_force, found.displacement
+
+    def backward(parameters: Sequence[Any], of_force: Any, of_displacement: Any) -> tuple[Any, ...]:
+        found, given = answer(parameters)
+        gradient = found.gradient(np.asarray(of_force), np.asarray(of_displacement))
+        each = zip(owed(gradient, *given), given, strict=True)
+        return tuple(np.asarray(one, dtype=of.dtype).reshape(of.shape) for one, of in each)
+
+    def shaped(shape: tuple[int, ...]) -> Any:
+        return jax.ShapeDtypeStruct(shape, np.float64)
+
+    shapes = shaped((3 * len(like.surface.nodes),)), shaped(like.elasticity.x.shape)
+
+    solve: Any = jax.custom_vjp(lambda *parameters: jax.pure_callback(forward, shapes, *parameters))
+
+    def with_parameters(*parameters: Any) -> tuple[Any, tuple[Any, ...]]:
+        given = tuple(jax.numpy.asarray(one, dtype=np.float64) for one in parameters)
+        return solve(*given), given
+
+    def pulled_back(parameters: tuple[Any, ...], cotangents: tuple[Any, Any]) -> Any:
+        return jax.pure_callback(backward, tuple(shaped(one.shape) for one in parameters), parameters, *cotangents)
+
+    solve.defvjp(with_parameters, pulled_back)
+    function: Callable[..., tuple[Any, Any]] = solve
+    return function
