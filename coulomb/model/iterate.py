@@ -28,10 +28,10 @@ from .load_step import State
 from .problem_evidence import gather_evidence
 from .stability import Stability, stability
 
-_MEMORY: Final = 4
+_MEMORY: Final = 5
 """Differences of iterates by which they are accelerated."""
 
-NEAR: Final = 3e-4
+NEAR: Final = 1e-2
 """Residual below which they are."""
 
 _LINEAR = (0.03, 0.7)
