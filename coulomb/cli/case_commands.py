@@ -67,8 +67,6 @@ def import_deck(
     with bad_input():
         if not is_deck(deck):
             raise ValueError(f"{deck}: the name of an input file ends in .inp")
-        if target.exists() and not force:
-            raise ValueError(f"{target}: already exists; --force replaces it")
         found = case_of(deck, (), ignored).deck
         assert found is not None
         notes = "".join(f"# {note}\n" for note in found.notes)
@@ -76,11 +74,28 @@ def import_deck(
         tables = found.tables | {"mesh": found.tables["mesh"] | names} if "mesh" in found.tables else found.tables
         if "body" in tables:
             tables = tables | {"body": [body | names for body in tables["body"]]}
-        try:
-            target.write_text(f"# The case of {deck.name}.\n{notes}{as_toml(tables)}\n", encoding="utf-8")
-        except OSError as error:
-            raise ValueError(f"{target}: cannot be written: {error.strerror or error}") from None
+        _write(target, f"# The case of {deck.name}.\n{notes}{as_toml(tables)}\n", force)
     console.out(f"{target} written; next: coulomb run {target}")
+
+
+def _write(target: Path, text: str, force: bool) -> None:
+    """Write a case or a script; ValueError on every rank, and no file, if there is one (unless forced), or no room."""
+
+    def write() -> None:
+        stream = target.open("w" if force else "x", encoding="utf-8")
+        try:
+            with stream:
+                stream.write(text)
+        except OSError:
+            target.unlink(missing_ok=True)
+            raise
+
+    try:
+        on_rank_0(launched(), write)
+    except FileExistsError:
+        raise ValueError(f"{target}: already exists; --force replaces it") from None
+    except OSError as error:
+        raise ValueError(f"{target}: cannot be written: {error.strerror or error}") from None
 
 
 class Kind(StrEnum):
@@ -103,24 +118,8 @@ def new(
     name, stored = ("forms.py", "forms.py.txt") if kind is Kind.forms else (f"{kind.value}.toml",) * 2
     target = file or Path(name)
     text = (resources.files("coulomb") / "templates" / stored).read_text(encoding="utf-8")
-    text = text.replace(name, str(target))
-
-    def write() -> None:
-        stream = target.open("w" if force else "x", encoding="utf-8")
-        try:
-            with stream:
-                stream.write(text)
-        except OSError:
-            target.unlink(missing_ok=True)
-            raise
-
     with bad_input():
-        try:
-            on_rank_0(launched(), write)
-        except FileExistsError:
-            raise ValueError(f"{target}: already exists; --force replaces it") from None
-        except OSError as error:
-            raise ValueError(f"{target}: cannot be written: {error.strerror or error}") from None
+        _write(target, text.replace(name, str(target)), force)
     then = "python" if kind is Kind.forms else "coulomb check-case"
     console.out(f"{target} written; next: {then} {target}")
 

@@ -74,6 +74,7 @@ def test_a_history_onto_a_small_disk_keeps_its_steps():
     [
         ("export case.toml small/file", 1),
         ("new block small/file", 2),
+        ("import blocks.inp small/file.toml", 2),
         ("convert part.msh small/file.xdmf", 1),
         ("plot out --save small/file.png", 1),
         ("report out --save small/file", 1),
@@ -83,8 +84,9 @@ def test_a_file_onto_a_full_disk(command, code):
     if "out --save" in command:
         assert run_coulomb("run", "case.toml", "--quiet").returncode == 0
     shutil.copy(ROOT / "demos" / "foot.msh", "part.msh")
+    shutil.copy(ROOT / "demos" / "blocks.inp", "blocks.inp")
     with disk("16k"):
-        Path("small/filler").write_bytes(bytes(16_384 if "new" in command else 12_000))
+        Path("small/filler").write_bytes(bytes(16_384 if code == 2 else 12_000))
         done = run_coulomb(*command.split(), process="export" in command)  # HDF5 cannot close its file in a process
         assert done.returncode == code and len(done.stderr.splitlines()) == 1, done.stderr
         assert re.match(r"error: small/file.*: cannot be written: No space left on device$", done.stderr)
