@@ -78,6 +78,14 @@ def corner(file):
 
 
 SUPPORTS = (
+    Wrong(
+        "a temperature at nodes of no number in a mesh file",
+        run(
+            *("material.expansion=1.2e-5", "temperature.reference=20.0", "temperature.value=20.0"),
+            "temperature.at=[{nodes=[123456], value=80.0}]",
+        ),
+        part(),
+    ),
     Wrong("a plane of symmetry that is curved", run("clamp=[]", "symmetry=[{face='corner'}]"), part(corner)),
     Wrong("a guide around a corner", run("clamp=[{face='corner', components='normal'}]"), part(corner)),
 )

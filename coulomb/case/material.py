@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from .curves import AmplitudeTable, amplitude_of
 from .values import (
@@ -191,6 +191,13 @@ class TemperatureAtTable(Table):
 
     nodes: Name | Annotated[tuple[NodeNumber | Name, ...], Field(min_length=1, max_length=ROWS)]
     value: Number
+
+    @field_validator("nodes", mode="before")
+    @classmethod
+    def _named_or_numbered(cls, given: object) -> object:
+        if not isinstance(given, str | list | tuple) or not all(isinstance(one, int | str) for one in given):
+            raise ValueError('give the name of a set, as "hot", or numbers of nodes of the mesh file, as [11, 12]')
+        return given
 
 
 class TemperatureTable(Table):

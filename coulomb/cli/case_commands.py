@@ -147,8 +147,10 @@ def check_case(
     with bad_input():
         refuse_unwritable(target)
         settings, problem = prepared(settings, target, force=False)
-        for end in settings.history.ends if settings.history is not None else ():
-            problem.at(end)
+        if settings.history is not None:
+            start = settings.load_history().beginning(problem)  # supports that begin move nodes from some state
+            for end in settings.history.ends:
+                problem.at(end, start)
     introduce(console, case, problem)
     show_input(console, settings, problem)
     for line in expected(settings, problem):

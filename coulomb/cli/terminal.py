@@ -110,6 +110,7 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
     words = [
         f"{one['kind']} of {one['face']!r} to {one['against']!r}: {one['nodes']} nodes, "
         + plain(quantity(one["area"], "m²") + one.get("acts", ""))
+        + (f", up to {plain(quantity(one['apart'], 'm'))} apart" if "apart" in one else "")
         if one["area"]
         else f"{one['kind']} {one['face']!r}: {one['nodes']} nodes"
         for one in ties

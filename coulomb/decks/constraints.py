@@ -195,6 +195,11 @@ class Constraints:
                 if "MULTISTAGE" in card.parameters:
                     raise card.fault("ties of several stages are not read")
                 sector = self._sector(card) if "CYCLICSYMMETRY" in card.parameters else {}
+                bound = card.get("POSITIONTOLERANCE") or "2.5 % of an element"
+                self._of.notes.append(
+                    f"line {card.line}: tied is what is opposite to the other face, across gaps as well; CalculiX "
+                    f"leaves nodes free beyond its POSITION TOLERANCE, {bound}"
+                )
                 for row, words in card.rows("a slave and a master surface", 2):
                     slave, master = (self._of.face(word, card, row) for word in words[:2])
                     pair = {"face": slave, "against": master, "slave": True} | sector

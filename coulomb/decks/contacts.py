@@ -133,6 +133,8 @@ def _read_pairs(of: Reading) -> list[_Pair]:
             raise clearance[0].fault("a pair that is TIED has no clearance")
         faces: dict[str, Any] = {"face": of.face(slave, card, row), "against": of.face(master, card, row)}
         ties = [faces | {"slave": True} | one for one in _times_of_ties(of, course, card)]
+        if ties and "adjust" not in _adjusted(of, card, None if clearance is None else clearance[1]):
+            of.notes.append(f"line {card.line}: what is TIED keeps its gaps, which CalculiX pulls shut without ADJUST")
         table = faces | ({"slave": True} if ties else {}) | _friction(of, interaction, called) | thermal
         table |= _adjusted(of, card, None if clearance is None else clearance[1])
         table |= _taken_out(of, course, table.get("gap", 0.0))

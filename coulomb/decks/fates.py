@@ -71,6 +71,23 @@ _WITHOUT_MEANING: Final = {
     ),
 }
 
+_OF_LOADS: Final = ("SUBMODEL", "LOADCASE", "TIMEDELAY", "SECTOR", "OMEGA0", "USER")
+
+_NOT_READ: Final = {
+    "BOUNDARY": (*_OF_LOADS, "STEP", "DATASET", "REGIONTYPE"),
+    **dict.fromkeys(("CLOAD", "DLOAD", "DSLOAD"), (*_OF_LOADS, "STEP", "DATASET", "FOLLOWER=YES", "REGIONTYPE")),
+    **dict.fromkeys(("FILM", "DFLUX"), (*_OF_LOADS, "FILMAMPLITUDE", "REGIONTYPE")),
+    **dict.fromkeys(("NODE", "ELEMENT", "NSET", "ELSET", "EQUATION", "AMPLITUDE"), ("INPUT",)),
+    "TIE": ("MULTISTAGE", "TIEDNSET", "FLUIDPERIODIC", "THERMALPERIODIC"),
+    "CONTACTPAIR": ("TIED",),
+    "SOLIDSECTION": ("COMPOSITE", "NODALTHICKNESS", "DENSITY"),
+    **dict.fromkeys(("ELASTIC", "EXPANSION", "DENSITY", "CONDUCTIVITY", "SPRING"), ("DEPENDENCIES", "USER", "MODULI")),
+    "HYPERELASTIC": ("TESTDATAINPUT", "MODULI", "DEPENDENCIES", "USER"),
+    "ORIENTATION": ("DEFINITION", "LOCALDIRECTIONS"),
+    "RIGIDBODY": ("ANALYTICALSURFACE", "POSITION"),
+}
+"""Parameters that change what a card says, by its kind."""
+
 _GENERALISED: Final = (
     "their front may turn, as that of no slice does; where it does not, write CPE, and a case with "
     'slice = "generalised plane strain" in [mesh] and this file'
@@ -163,6 +180,12 @@ def _fate(
         return REFUSED, f"{where}: of kind {card.words(0)[0]}; PLANE and STRAIGHT are read"
     if kind == "MODELCHANGE" and not card.key("TYPE").startswith("CONTACTPAIR"):
         return REFUSED, f"{where}: elements are neither taken out nor put in"
+    if kind == "BOUNDARY" and card.key("TYPE") not in ("", "DISPLACEMENT"):
+        return REFUSED, f"{where}: of type {card.get('TYPE')}: displacements are read"
+    for name in _NOT_READ.get(kind, ()):
+        parameter, _, value = name.partition("=")
+        if parameter in card.parameters and value in ("", card.key(parameter)):
+            return REFUSED, f"{where}: with {parameter} it says what is not read"
     if kind in _HANDLED or kind == "MODELCHANGE":
         return USED, ""
     return REFUSED, f"{where}: coulomb has nothing like it"

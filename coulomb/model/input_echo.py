@@ -78,8 +78,13 @@ def supports_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
     return problem.elasticity.support_entries()
 
 
+_APART: Final = 1e-6
+"""Distance of tied faces over the root of a node's area from which it is said."""
+
+
 def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
-    """Faces, why the nodes of the first follow, their number, area, and when it acts of every tie; collective."""
+    """Faces, why the nodes of the first follow, their number, area, when it acts, and how far the faces are apart of
+    every tie; collective."""
     over = Reductions(problem.comm)
     return [
         {
@@ -90,6 +95,7 @@ def ties_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
             "nodes": int(over.sum(float(len(tie.nodes)))),
             "area": problem.elasticity.copies * over.sum(tie.area),
             **({"acts": tie.lasting} if tie.lasting else {}),
+            **({"apart": tie.arm} if tie.arm > _APART * over.max(np.sqrt(tie.area)) else {}),
         }
         for tie in problem.elasticity.constraints.every
     ]
