@@ -100,23 +100,27 @@ class TermTable(Table):
 
 
 class EquationTable(Table):
-    """Terms whose sum is a constant in metres; the displacement of the first is eliminated."""
+    """Terms whose sum is a constant in metres, the displacement of the first being eliminated; or stretches a spring of
+    a `stiffness`."""
 
     terms: Annotated[tuple[TermTable, ...], Field(min_length=1, max_length=ROWS)]
     constant: Number = 0.0
     amplitude: AmplitudeTable | None = None
+    stiffness: Stiffness | None = None
 
     @model_validator(mode="after")
     def _eliminates(self) -> EquationTable:
         if self.terms[0].coefficient == 0.0:
             raise ValueError("the coefficient of the first term must not be 0: its displacement is eliminated")
+        if self.stiffness is not None and self.constant:
+            raise ValueError("give either constant, or the stiffness of a spring, one of the two")
         return self
 
     def equation(self) -> Equation:
         from ..fem.bodies import Equation
 
         terms = [(term.nodes, term.component, term.coefficient) for term in self.terms]
-        return Equation(terms, self.constant, amplitude_of(self.amplitude))
+        return Equation(terms, self.constant, amplitude_of(self.amplitude), self.stiffness)
 
 
 class RigidFaceTable(Table):

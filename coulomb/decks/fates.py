@@ -157,7 +157,7 @@ def _fate(
         if title.startswith(("C3D", "DC3D")) or title in sections:
             return USED, ""
         if title in KINDS:
-            return USED, "springs to the ground"
+            return USED, "springs"
         if title in surface_elements:
             return USED, "surface elements name faces"
         if title.startswith("CPEG"):

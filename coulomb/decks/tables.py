@@ -133,8 +133,10 @@ class _Translator:
                 table.setdefault("expansion", 0.0)
         for name, more in constraints.tables().items():
             tables.setdefault(name, []).extend(more)
-        if springs := spring_tables(self.of):
-            tables["spring"] = springs
+        springs, links = spring_tables(self.of)
+        for name, of_springs in (("spring", springs), ("equation", links)):
+            if of_springs:
+                tables.setdefault(name, []).extend(of_springs)
         tables["contact"] = contact_tables(self.of)
         if not tables["contact"]:
             del tables["contact"]

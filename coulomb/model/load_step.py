@@ -262,7 +262,7 @@ class State(Moment):
             kept = before.internal_force(u) - before.spring_force(u)
             then = Forces.at(before, there, u, kept, loading.load, of_contact, self.time)
             body.at_time(problem.time)  # the user's coefficients are those of the present again
-        kept = e.internal - e.spring
+        kept = e.internal - body.spring_force(solution.displacement)
         now = Forces.at(body, surface, solution.displacement, kept, e.load, solution.force_on_body, problem.time)
         # 0 where K stays: then u0 . K u1 = u1 . K u0
         stiffened = (

@@ -104,12 +104,16 @@ def _bodies_of(given: Mapping[str, Any]) -> Deformable:
                 raise ValueError("body_force, gravity, temperature: by body only for the bodies of coulomb.join")
             body = kind(mesh, *own, None if temperature is None else ThermalLoad(temperature, *heat))
     body = body.at_time(given["time"])
-    equations = [one for one in given["ties"] if isinstance(one, Equation)]
+    equations = [one for one in given["ties"] if isinstance(one, Equation) and one.stiffness is None]
+    links = [one for one in given["ties"] if isinstance(one, Equation) and one.stiffness is not None]
     ties = [one for one in given["ties"] if not isinstance(one, Equation)]
     followers = [_of_layer(one, body.copies) for one in (*rigid_faces_of_slices(mesh), *given["rigid_faces"], *ties)]
     followers += [Equations(equations)] if equations else []
-    if followers:
-        body = JoinedBodies({one.name: one.body for one in body.members}, followers, given["time"])
+    if links and given["kinematics"] == "large":
+        raise ValueError(f"{links[0].what}: its stiffness is for small motions")
+    if followers or links:
+        links = [replace(one, stiffness=float(one.stiffness or 0.0) / body.copies) for one in links]
+        body = JoinedBodies({one.name: one.body for one in body.members}, followers, given["time"], links)
     if given["kinematics"] != "large":
         _ = body.K  # what is wrong with supports is said before what is wrong with contacts
     return body

@@ -116,6 +116,8 @@ def gather_evidence(
     bound = law.radius(force[:, 0])
     internal, spring = elasticity.internal_force(u), elasticity.spring_force(u)
     load = state.loading.load
+    linked = elasticity.constraints.link_force(u)  # between bodies, as forces of ties
+    spring, on_body = spring - linked, on_body + linked
     on_body += elasticity.constraints.forces(internal - load - spring - on_body, state.time)
     component = elasticity.component
     own = at_all_points(taken_as_is(compliance), compliance, Reductions(body.comm))

@@ -173,7 +173,7 @@ class Solution:
         """The fields of solution.xdmf of loads and supports, and of bodies of the user's forms their internal forces,
         shapes (k, 3); collective."""
         body, e = self.problem.elasticity, self.evidence
-        found = {"load": e.load, "prescribed": self.problem.prescribed, "spring_force": e.spring}
+        found = {"load": e.load, "prescribed": self.problem.prescribed, "spring_force": e.spring + self._linked}
         found["reaction"] = self._reaction
         if body.forms() is not None or self.problem.body.undeformed:
             found |= {"internal_force": e.internal, "rounding_force": rounding_forces(body, self.displacement)}
@@ -182,10 +182,15 @@ class Solution:
         return found | self.tie_fields
 
     @cached_property
+    def _linked(self) -> FloatArray:
+        """The forces of springs between nodes, newtons, shape (k, 3); collective."""
+        return self.problem.elasticity.constraints.link_force(self.displacement)
+
+    @cached_property
     def _imbalance(self) -> FloatArray:
         """What supports and ties hold, newtons, shape (k, 3); collective."""
         e = self.evidence
-        return e.internal - e.spring - e.load + self.problem.surface.at_nodes(self.contact_force)
+        return e.internal - e.spring - self._linked - e.load + self.problem.surface.at_nodes(self.contact_force)
 
     @cached_property
     def _reaction(self) -> FloatArray:

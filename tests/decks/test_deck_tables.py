@@ -309,9 +309,10 @@ def test_ties_couplings_and_rigid_faces(tmp_path):
     assert cyclic["sectors"] == 6 and cyclic["axis"] == [0.0, 0.0, 1.0]
 
 
-def test_springs_to_the_ground(tmp_path):
-    """Of one node they add up; SPRINGA along the line to a node of no solid; others are refused with the line."""
-    ground = CUBES.replace("18, 0, 1, 2", "18, 0, 1, 2\n91, -1., 0., 1.")
+def test_springs(tmp_path):
+    """Of one node they add up; SPRINGA along the line to a node of no solid; between nodes of solids, or along no axis,
+    they are equations with a stiffness."""
+    ground = CUBES.replace("18, 0, 1, 2", "18, 0, 1, 2\n91, -1., 0., 1.\n92, -1., 1., 1.")
     springs = "*ELEMENT, TYPE=SPRING1, ELSET=g\n101, 11\n102, 12\n*SPRING, ELSET=g\n2\n\n50.\n"
     springs += "*ELEMENT, TYPE=SPRINGA, ELSET=a\n103, 91, 11\n*BOUNDARY\n91, 1, 3\n*SPRING, ELSET=a\n\n7.\n"
     found = tables_of(tmp_path, ground + springs + STEP.format("*DLOAD\n2, P2, 10."))
@@ -319,10 +320,18 @@ def test_springs_to_the_ground(tmp_path):
     by_nodes = {tuple(table["nodes"]): table["stiffness"] for table in found.tables["spring"]}
     assert by_nodes == {(11,): [7.0, 50.0, 0.0], (12,): [0.0, 50.0, 0.0]}
     assert read_case(tmp_path / "deck.inp").problem().solve().certificate.passed
+    pairs = springs.replace("103, 91, 11", "103, 7, 16\n104, 91, 13")
+    pairs += "*ELEMENT, TYPE=SPRING2, ELSET=b\n105, 5, 11\n*SPRING, ELSET=b\n1, 2\n9.\n"
+    found = tables_of(tmp_path, ground + pairs + STEP.format("*DLOAD\n2, P2, 10.")).tables["equation"]
+    terms = [{(*t["nodes"], t["component"]): t["coefficient"] for t in one["terms"]} for one in found]
+    along = 0.5**0.5
+    assert terms[0] == pytest.approx({(7, "y"): along, (7, "z"): -along, (16, "y"): -along, (16, "z"): along})
+    assert terms[1] == pytest.approx({(13, "x"): 2.0 / 5.0**0.5, (13, "y"): 1.0 / 5.0**0.5})
+    assert terms[2] == {(5, "x"): 1.0, (11, "y"): -1.0} and [one["stiffness"] for one in found] == [7.0, 7.0, 9.0]
+    assert read_case(tmp_path / "deck.inp").problem().solve().certificate.passed
     for wrong, said in (
         (springs.replace("ELSET=a\n\n7.", "ELSET=a, NONLINEAR\n0., 0., 1., 1."), "only linear springs are read"),
-        (springs.replace("103, 91, 11", "103, 91, 13"), "springs along a line that is no axis"),
-        (springs.replace("103, 91, 11", "103, 3, 11"), "springs between 2 nodes of solid elements"),
+        (springs.replace("103, 91, 11", "103, 91, 92"), "no node of a solid element"),
     ):
         with pytest.raises(ValueError, match=said):
             tables_of(tmp_path, ground + wrong + STEP.format("*DLOAD\n2, P2, 10."))

@@ -6,7 +6,8 @@ replaced first: with S the coefficients of eliminated displacements, u_s = S u_s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 import scipy.sparse.linalg
+from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray, as_list, in_words, is_number
 from ...nearest import tree_of
@@ -44,15 +46,18 @@ class Equation:
             matched in the order given, in sets by their numbers.
         constant: Of the sum, metres.
         amplitude: Factor of the constant as a function of time.
+        stiffness: In place of a constant: of a spring that the sum stretches, N/m, with the energy stiffness * sum^2 /
+            2; nothing is eliminated then.  Of small motions.
 
     Raises:
-        ValueError: If there is no term, one is not of three such entries, or a coefficient or the constant is not
-            finite.
+        ValueError: If there is no term, one is not of three such entries, a coefficient or the constant is not finite,
+            or the stiffness is negative or beside a constant.
     """
 
     terms: Sequence[tuple[Any, str, float]]
     constant: float = 0.0
     amplitude: Amplitude = 1.0
+    stiffness: float | None = None
 
     kind = "equation"
 
@@ -67,6 +72,10 @@ class Equation:
                 raise ValueError(f"equation: a coefficient must be a finite number, but one is {term[2]!r}")
         if not is_number(self.constant, -np.inf):
             raise ValueError(f"equation: the constant must be a finite number of metres, but is {self.constant!r}")
+        if self.stiffness is not None and (not is_number(self.stiffness, 0.0) or self.constant != 0.0):
+            raise ValueError(
+                f"equation: stiffness must be a number of N/m, without a constant, but is {self.stiffness!r}"
+            )
 
     @property
     def what(self) -> str:
@@ -109,25 +118,7 @@ class Equations:
                 follows others.
         """
         nodes, given = _Nodes(body), self.equations
-        rows, columns, slave, of = (list[IntArray]() for _ in range(4))
-        values, first = list[FloatArray](), 0
-        for number, one in enumerate(given):
-            places = [nodes.of(where, one.what) for where, _, _ in one.terms]
-            count = len(places[0])
-            for (where, component, coefficient), found in zip(one.terms, places, strict=True):
-                if len(found) not in (1, count):
-                    raise ValueError(
-                        f"{one.what}: {where!r} has {len(found)} nodes, the first term {count}: give one, or as many"
-                    )
-                columns.append(3 * np.broadcast_to(found, count) + _AXES.index(component))
-                rows.append(first + np.arange(count))
-                values.append(np.full(count, float(coefficient)))
-            slave.append(3 * places[0] + _AXES.index(one.terms[0][1]))
-            of.append(np.full(count, number))
-            first += count
-        s, number_of = np.concatenate(slave), np.concatenate(of)
-        shape = (len(s), 3 * body.numbering.total)
-        A = scipy.sparse.csr_matrix((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape)
+        A, s, number_of = _coefficients(body, nodes, given)
 
         def what(row: int) -> str:
             return f"{given[number_of[row]].what}{nodes.called(int(s[row] // 3))}"
@@ -153,7 +144,7 @@ class Equations:
         directions[place, axis, axis] = 1.0
         timed = [k for k, one in enumerate(given) if one.constant != 0.0]
         constants = (lift @ C)[:, timed].toarray().reshape(count, 3, len(timed))
-        none = scipy.sparse.csr_matrix((3 * count, shape[1]))
+        none = scipy.sparse.csr_matrix((3 * count, A.shape[1]))
         name = given[0].eliminated.strip("'") if len(given) == 1 else f"{len(given)} equations"
         return Tie(
             Equation.kind,
@@ -169,6 +160,75 @@ class Equations:
             own=np.zeros((count, 3, 0)),
             prescribed=Prescribed(constants, tuple((given[k].what, given[k].amplitude) for k in timed)),
         )
+
+
+def _coefficients(
+    body: Deformable, nodes: _Nodes, given: Sequence[Equation]
+) -> tuple[scipy.sparse.csr_matrix, IntArray, IntArray]:
+    """The coefficients of all equations over all displacements, the displacement of each first term, and the number of
+    what it is of; the same on every rank; ValueError on each if a node is unknown, or terms have different numbers of
+    nodes; collective."""
+    rows, columns, slave, of = (list[IntArray]() for _ in range(4))
+    values, first = list[FloatArray](), 0
+    for number, one in enumerate(given):
+        places = [nodes.of(where, one.what) for where, _, _ in one.terms]
+        count = len(places[0])
+        for (where, component, coefficient), found in zip(one.terms, places, strict=True):
+            if len(found) not in (1, count):
+                raise ValueError(
+                    f"{one.what}: {where!r} has {len(found)} nodes, the first term {count}: give one, or as many"
+                )
+            columns.append(3 * np.broadcast_to(found, count) + _AXES.index(component))
+            rows.append(first + np.arange(count))
+            values.append(np.full(count, float(coefficient)))
+        slave.append(3 * places[0] + _AXES.index(one.terms[0][1]))
+        of.append(np.full(count, number))
+        first += count
+    s, entries = np.concatenate(slave), (np.concatenate(rows), np.concatenate(columns))
+    A = scipy.sparse.csr_matrix((np.concatenate(values), entries), (len(s), 3 * body.numbering.total))
+    return A, s, np.concatenate(of)
+
+
+Linked = Sequence[Equation]
+
+
+class Links:
+    """Springs between nodes, each of the energy k (a . u)^2 / 2, of the bodies; none by default; collective.
+
+    Args:
+        body: The bodies.
+        given: Equations with a stiffness.
+
+    Raises:
+        ValueError: On every rank, as of `Equations`.
+    """
+
+    def __init__(self, body: Deformable, given: Sequence[Equation]):
+        self.given, self._comm = given, body.comm
+        self._whole, _, of = _coefficients(body, _Nodes(body), given)
+        self._of, first = of, 3 * body.numbering.first
+        self._own = self._whole[:, first : first + 3 * len(body.x)].tocsr()
+        self._k = np.array([float(given[number].stiffness or 0.0) for number in of])
+
+    @property
+    def nodes(self) -> list[IntArray]:
+        """Numbers of the nodes of every spring, the same on every rank."""
+        A = self._whole
+        return [np.unique(A.indices[A.indptr[k] : A.indptr[k + 1]] // 3) for k in range(A.shape[0])]
+
+    @property
+    def stiffness(self) -> scipy.sparse.csr_matrix:
+        """This rank's rows, N/m."""
+        return (self._own.T @ scipy.sparse.diags(self._k) @ self._whole).tocsr()
+
+    def forces(self, u: FloatArray, unit: bool = False) -> Iterator[tuple[Equation, FloatArray]]:
+        """Of every equation the forces on the nodes, newtons, at displacements u (k, 3), or (k, 3, j), of the same
+        shape, or of springs of stiffness 1; collective."""
+        stretch = self._comm.allreduce(self._own @ u.reshape(3 * len(u), math.prod(u.shape[2:])), op=MPI.SUM)
+        pull = ((self._k > 0.0) if unit else self._k)[:, None] * stretch
+        for number, one in enumerate(self.given):
+            mine = (self._of == number)[:, None] * pull
+            yield one, -(self._own.T @ mine).reshape(u.shape)
 
 
 def _without_each_other(

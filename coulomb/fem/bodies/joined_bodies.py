@@ -22,6 +22,7 @@ from .constraints import HeldDirections, Numbering, distributed_rows, local_rows
 from .deformable import Deformable, Member, SingleBody
 from .elasticity import LoadedBody, refuse_others
 from .elimination import Made
+from .equations import Linked, Links
 from .lasting_supports import End
 from .linear_constraints import Constraints, Follower
 from .loads import AppliedLoad, Load, Loading, NodalForces, Temperatures, ThermalLoad, joined_temperatures
@@ -222,10 +223,16 @@ class JoinedBodies(Deformable):
     Args:
         bodies: By their names.
         given: Ties, rigid faces and bolts; of those that meet, a later one may refuse nodes of earlier ones.
-        time: By which ties act and bolts are locked.
+        time, links: By which ties act and bolts are locked; springs between nodes.
     """
 
-    def __init__(self, bodies: Mapping[str, SingleBody], given: Sequence[Follower] = (), time: float = 0.0):
+    def __init__(
+        self,
+        bodies: Mapping[str, SingleBody],
+        given: Sequence[Follower] = (),
+        time: float = 0.0,
+        links: Linked = (),
+    ):
         self._alone = bodies.get("")
         self._mesh = None if self._alone else JoinedMesh({name: body.mesh for name, body in bodies.items()})
         parts = tuple(bodies.values())
@@ -252,9 +259,8 @@ class JoinedBodies(Deformable):
         )
         self.materials = self._alone.materials if self._alone else _materials(bodies)
         self.loads = tuple(self._load_of(member, load) for member in self.members for load in member.body.loads)
-        self._made.constraints = Constraints(self, given, time)
-        self.acting = self._acting()
-        self._at_times = list[JoinedBodies]()
+        self._made.constraints = Constraints(self, given, time, Links(self, links) if links else None)
+        self._at_times, self.acting = list[JoinedBodies](), self._acting()
 
     # --- nodes ------------------------------------------------------------------------------------------------------
 
@@ -290,7 +296,7 @@ class JoinedBodies(Deformable):
             K = member.body.assembled()
             blocks.append(_in_joined_numbers(local_rows(K), partial(self.numbers_of, member), self.numbering.total))
             K.destroy()
-        rows = scipy.sparse.vstack(blocks, format="csr")
+        rows = self.constraints.with_links(scipy.sparse.vstack(blocks, format="csr"))
         return distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
 
     def resisted(self, modes: FloatArray) -> FloatArray:
@@ -323,9 +329,8 @@ class JoinedBodies(Deformable):
             if known._has(bodies) and known.constraints.same(constraints):
                 return known
         if any(one.body.acting != body.acting for one, body in zip(self._members, bodies, strict=True)):
-            names = [one.name for one in self._members]
-            given = dict(zip(names, cast(list[SingleBody], bodies), strict=True))
-            other = JoinedBodies(given, constraints.as_made, time)
+            given = dict(zip([one.name for one in self._members], cast(list[SingleBody], bodies), strict=True))
+            other = JoinedBodies(given, constraints.as_made, time, constraints.link_equations)
         else:
             other = self._with(cast(list[SingleBody], bodies), constraints)
         self._at_times[:] = [*(known for known in self._at_times if known._has(bodies)), other]
@@ -366,10 +371,8 @@ class JoinedBodies(Deformable):
         return self.after(time, None)
 
     def after(self, time: float, before: End | None) -> Loading:
-        ends = [before and before.of(member.nodes) for member in self._members]
-        parts = zip(self._members, ends, strict=True)
-        of_bodies = self._together(time, tuple(member.body.after(time, end) for member, end in parts))
-        return self._under_springs(self.constraints.loading(of_bodies, before))
+        parts = tuple(one.body.after(time, before and before.of(one.nodes)) for one in self._members)
+        return self._under_springs(self.constraints.loading(self._together(time, parts), before))
 
     def heated(self, loading: Loading, change: FloatArray) -> Loading:
         each = zip(self._members, loading.parts, strict=True)
@@ -405,9 +408,7 @@ class JoinedBodies(Deformable):
 
     def support_entries(self) -> list[dict[str, Any]]:
         given = [(member, one) for member in self.members for one in member.body.support_entries()]
-        of_bodies = [{**one, "face": member.called(one["face"])} for member, one in given]
-        springs = [("spring", motion.given.face, motion.given.holds) for motion in self.constraints.sprung]
-        return of_bodies + [dict(zip(("kind", "face", "holds"), one, strict=True)) for one in springs]
+        return [*({**one, "face": member.called(one["face"])} for member, one in given), *self.constraints.springs]
 
     def blocked_displacement(self, loading: Loading) -> float:
         return max(self.blocked_displacements(loading))
@@ -428,7 +429,7 @@ class JoinedBodies(Deformable):
         if all(part is None for part in parts) and not sprung:
             return None
         whole = rigid_modes(self.x, self.comm)
-        ground = -sum((one.forces for one in self.constraints.spring_forces(whole)), np.zeros_like(whole))
+        ground = -sum((one.forces for one in self.constraints.ground_forces(whole)), np.zeros_like(whole))
         for member, part in zip(self.members, parts, strict=True):
             if part is not None:  # a rigid motion of all is one of the body
                 own, given = rigid_modes(member.body.x, self.comm).reshape(-1, 6), whole[member.nodes].reshape(-1, 6)

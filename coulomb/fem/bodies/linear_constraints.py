@@ -35,6 +35,20 @@ TIE_STRESSES = ("peel_stress", "shear_stress")
 across it."""
 
 
+class LinkedNodes(Protocol):
+    """Springs between nodes: `Links`."""
+
+    given: Sequence[Any]
+
+    @property
+    def nodes(self) -> list[IntArray]: ...
+
+    @property
+    def stiffness(self) -> scipy.sparse.csr_matrix: ...
+
+    def forces(self, u: FloatArray, unit: bool = False) -> Iterator[tuple[Any, FloatArray]]: ...
+
+
 class Follower(Lasting, Protocol):
     """What makes nodes follow others, as given."""
 
@@ -78,6 +92,7 @@ class Constraints:
         given: Ties, rigid faces, bolts and equations; of those that meet at some time, a later one may refuse nodes of
             earlier ones.
         time: By which ties act and bolts are locked.
+        links: Springs between nodes; None without.
 
     Attributes:
         given: As given.
@@ -94,7 +109,10 @@ class Constraints:
     _displaced: FloatArray | None = None
     reduction: Reduction
 
-    def __init__(self, nodes: HeldNodes, given: Sequence[Follower] = (), time: float = 0.0):
+    def __init__(
+        self, nodes: HeldNodes, given: Sequence[Follower] = (), time: float = 0.0, links: LinkedNodes | None = None
+    ):
+        self._links = links
         self.comm, self.given, every = nodes.comm, tuple(given), list[Tie]()
         for one in given:
             taken = np.zeros(len(nodes.x), dtype=bool)
@@ -171,14 +189,16 @@ class Constraints:
     # --- free motions -------------------------------------------------------------------------------------------------
 
     def joined(self, component: IntArray, names: tuple[str, ...]) -> tuple[IntArray, tuple[str, ...]]:
-        """The component of every node, where those that move together are one, and their names; collective."""
-        return self._together(self.ties, component, names)
+        """The component of every node, where those that move together, or are linked by springs, are one, and their
+        names; collective."""
+        return self._together(self.ties, component, names, [] if self._links is None else self._links.nodes)
 
     def _together(
-        self, ties: Sequence[Tie], component: IntArray, names: tuple[str, ...]
+        self, ties: Sequence[Tie], component: IntArray, names: tuple[str, ...], links: Sequence[IntArray] = ()
     ) -> tuple[IntArray, tuple[str, ...]]:
-        """The component of every node, where those of these ties are one, shape (k,), and their names; collective."""
-        if not ties:
+        """The component of every node, where those of these ties, and of linked nodes, are one, shape (k,), and their
+        names; collective."""
+        if not ties and not links:
             return component, names
         starts, found = starts_of(self.comm, len(component)), [np.empty((0, 2), dtype=np.int64)]
         for tie in ties:
@@ -188,6 +208,9 @@ class Constraints:
             if tie.own.shape[2]:  # moved by the same unknowns
                 together = np.unique(np.concatenate(self.comm.allgather(np.unique(component[tie.nodes]))))
                 found.append(np.column_stack([together[:-1], together[1:]]))
+        for nodes in links:
+            linked = fetched(self.comm, starts, nodes, component)
+            found.append(np.column_stack([linked[:-1], linked[1:]]))
         pairs = np.concatenate(self.comm.allgather(np.concatenate(found)))
         graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), (len(names), len(names)))
         number = connected_components(graph, directed=False)[1].astype(np.int64)
@@ -212,7 +235,7 @@ class Constraints:
         loose = [of for of, locked in zip(self._of_bolts, self.locked, strict=True) if not locked]
         bolts, own = [bolt for bolt, _ in loose], [at for _, at in loose]
         firm = [tie for tie in self.ties if tie.bolt not in bolts and tie.prescribed is None]
-        if len(firm) == len(self.ties):
+        if len(firm) == len(self.ties) and self._links is None:
             return found
         part, names = self._together(firm, component, names)
         modes, parts = component_modes(self.reduction.x, part, self.comm)
@@ -388,10 +411,35 @@ class Constraints:
         """The rigid faces with springs at their reference points."""
         return [motion for motion in self.motions if np.any(motion.given.stiffness)]
 
-    def spring_forces(self, u: FloatArray) -> list[NodalForces]:
-        """The forces of each of these springs at displacements u (k, 3), or (k, 3, j); collective."""
+    @property
+    def link_equations(self) -> Sequence[Any]:
+        """The springs between nodes, as given."""
+        return () if self._links is None else self._links.given
+
+    @property
+    def springs(self) -> list[dict[str, Any]]:
+        """Kind, face and what it holds of each of these springs, and of those between nodes."""
+        found = [(motion.given.face, motion.given.holds) for motion in self.sprung]
+        found += [(one.eliminated, f"stiffness {one.stiffness:g} N/m between nodes") for one in self.link_equations]
+        return [{"kind": "spring", "face": face, "holds": holds} for face, holds in found]
+
+    def with_links(self, rows: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+        """This rank's rows of a stiffness with springs between nodes."""
+        return rows if self._links is None else (rows + self._links.stiffness).tocsr()
+
+    def link_force(self, u: FloatArray) -> FloatArray:
+        """The forces of springs between nodes at displacements u (k, 3), newtons, shape (k, 3); collective."""
+        return sum((of for _, of in self._links.forces(u)), np.zeros_like(u)) if self._links else np.zeros_like(u)
+
+    def ground_forces(self, u: FloatArray) -> list[NodalForces]:
+        """The forces of springs at reference points at displacements u (k, 3), or (k, 3, j); collective."""
         each = ((one.given, one.spring_force(u, one.given.stiffness, self.comm)) for one in self.sprung)
         return [NodalForces("spring", given.face, forces) for given, forces in each]
+
+    def spring_forces(self, u: FloatArray) -> list[NodalForces]:
+        """The same, and those of every spring between nodes; collective."""
+        linked = () if self._links is None else self._links.forces(u)
+        return self.ground_forces(u) + [NodalForces("spring", one.eliminated, forces) for one, forces in linked]
 
     def resisted(self, modes: FloatArray) -> FloatArray:
         """Nodal forces of springs of stiffness 1 in place of these, in rigid motions (k, 3, j); collective."""
@@ -399,6 +447,8 @@ class Constraints:
         for motion in self.sprung:
             stiffness = motion.unit_stiffness(self.reduction.x, self.comm)
             forces = forces - motion.spring_force(modes, stiffness, self.comm)
+        for _, pull in () if self._links is None else self._links.forces(modes, unit=True):
+            forces = forces - pull
         return forces
 
 

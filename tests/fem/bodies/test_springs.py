@@ -131,3 +131,46 @@ def test_springs_at_nodes():
         ContactProblem(
             *(mesh, Material(1e9, 0.0), [], Contact("bottom", 0.0), loads), springs=springs, kinematics="large"
         )
+
+
+@pytest.mark.parametrize("direct", [True, False])
+def test_a_spring_between_two_nodes(direct):
+    """Two cubes, the second on a smooth floor, guided along x, and held by the spring alone: it stretches by F / k, as
+    along an oblique line; the energies add up, and so does the force on either body."""
+    ends = ((1.5, 0.0, 0.0), (1.0, 0.0, 0.0))
+    mesh = coulomb.join(
+        a=coulomb.box((1.0, 1.0, 1.0), (1, 1, 1)),
+        b=coulomb.moved(coulomb.box((1.0, 1.0, 1.0), (1, 1, 1)), translate=(1.5, 0.0, 0.0)),
+    )
+    pull, k = 5.0, 1e3
+    loads = [coulomb.TotalForce("b:right", (pull, 0.0, 0.0), amplitude=[(0.0, 0.0), (1.0, 1.0)])]
+    loads += [coulomb.Pressure("b:top", 10.0, amplitude=[(0.0, 0.0), (1.0, 1.0)])]
+    way = np.array([1.0, 0.0, 0.0]) if direct else np.array([0.8, 0.6, 0.0])
+    signed = zip(ends, (1.0, -1.0), strict=True)
+    terms = [(end, "xyz"[axis], sign * way[axis]) for end, sign in signed for axis in range(2) if way[axis]]
+    problem = coulomb.ContactProblem(
+        mesh,
+        coulomb.Material(1e6, 0.0),
+        [coulomb.Clamp("a:left"), coulomb.Clamp("b:front", "y")],
+        coulomb.Contact("b:bottom", 0.0),
+        loads,
+        ties=[coulomb.Equation(terms, stiffness=k)],
+    )
+    (step,) = coulomb.LoadHistory([1.0]).steps(problem)
+    x, u = problem.elasticity.x, step.solution.displacement
+    one, other = (u[np.argmin(np.linalg.norm(x - end, axis=1))] for end in ends)
+    assert step.solution.valid and (one - other) @ way == pytest.approx(pull / way[0] / k, rel=1e-9)
+    assert step.row["clamp_a:left_force_x"] == pytest.approx(-pull, rel=1e-9)
+    assert step.row["clamp_a:left_force_y"] == pytest.approx(-pull * way[1] / way[0], rel=1e-9, abs=1e-9)
+    assert step.state.energy.imbalance == pytest.approx(0.0, abs=1e-3 * step.state.energy.elastic)
+    assert step.state.energy.elastic >= 0.5 * (pull / way[0]) ** 2 / k
+
+
+def test_springs_between_nodes_that_cannot_be():
+    for stiffness, constant in ((-1.0, 0.0), (np.nan, 0.0), (1.0, 1e-3)):
+        with pytest.raises(ValueError, match="equation: stiffness must be a number of N/m, without a constant"):
+            coulomb.Equation([((0.0, 0.0, 0.0), "x", 1.0)], constant, stiffness=stiffness)
+    link = coulomb.Equation([((0.0, 0.0, 0.0), "x", 1.0)], stiffness=1.0)
+    with pytest.raises(ValueError, match="its stiffness is for small motions"):
+        given = coulomb.NeoHookean(1e6, 0.3), [coulomb.Clamp("top")], coulomb.Contact("bottom", 0.1)
+        coulomb.ContactProblem(coulomb.box((1.0, 1.0, 1.0), (1, 1, 1)), *given, ties=[link], kinematics="large")
