@@ -347,9 +347,9 @@ class NodeTemperatures:
             place = np.minimum(np.searchsorted(ordered, numbers), len(ordered) - 1)
             here = ordered[place] == numbers
             at_points[here] = np.array([singly[node] for node in ordered])[place[here]]
-            found = np.zeros(len(ordered), dtype=bool)
-            found[place[here]] = True
-            missing = ordered[~comm.allreduce(found, op=MPI.LOR)]
+            found = np.zeros(len(ordered), dtype=np.int64)
+            found[place[here]] = 1
+            missing = ordered[comm.allreduce(found, op=MPI.SUM) == 0]
             if len(missing):
                 raise ValueError(f"temperature: no cell of the mesh file has a node of the number {missing[0]}")
         widths = (count for count in (27, 20, 10) if count <= on.shape[1])
