@@ -61,6 +61,16 @@ def test_bodies_that_are_stable_on_each_other_alone():
     assert max(counts(found)) <= 8 and "definite" not in found[1].methods
 
 
+def test_a_pressure_that_follows_the_surface():
+    """Its tangent is not symmetric where the face ends: accelerated iterates; without, the last step took 21."""
+    clamp, pressure = coulomb.Clamp("bottom"), coulomb.Pressure("top", 3e5, [(0.0, 0.0), (1.0, 1.0)])
+    wall = coulomb.Contact("right", 0.3, foundation=coulomb.Plane((1.3, 0.0, 0.0), (-1.0, 0.0, 0.0)))
+    mesh, rubber = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), coulomb.NeoHookean(1e6, 0.3)
+    problem = coulomb.ContactProblem(mesh, rubber, [clamp], wall, [pressure], kinematics="large")
+    steps = coulomb.LoadHistory([0.25, 0.5, 0.75, 1.0], halvings=0).steps(problem)
+    assert max(counts([step.solution for step in steps])) <= 11
+
+
 def on_a_plane():
     return LargeMotions(
         RubberBlock(cells=(1, 1, 1), cell="tetrahedron", degree=2).body, coulomb.Contact("bottom", friction=0.3)
