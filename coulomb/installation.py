@@ -4,14 +4,39 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from types import ModuleType
+from typing import Any, cast
 
 REMEDY = 'On Debian: ./install.sh; on any Linux with Python 3.12 or newer: pip install ".[fenicsx]" in the checkout.'
 
 
 class Unusable(ImportError):
     """DOLFINx, PETSc or MPI is missing, or they do not fit together."""
+
+
+@contextmanager
+def dolfinx_import() -> Iterator[None]:
+    """Around the import of DOLFINx.
+
+    Debian 12's sets RTLD_GLOBAL and does not reset it; VTK's wheels, imported later, then abort.  Its UFL and FFCx ask
+    pkg_resources for their versions, which looks through all installed packages: a quarter of the import's time.
+    """
+    from importlib.metadata import distribution  # takes 5 ms to load
+
+    set_flags, versions = sys.setdlopenflags, cast(Any, ModuleType("pkg_resources"))
+    versions.get_distribution = distribution
+    sys.setdlopenflags = lambda flags: None
+    sys.modules.setdefault("pkg_resources", versions)
+    try:
+        yield
+    finally:
+        sys.setdlopenflags = set_flags
+        if sys.modules.get("pkg_resources") is versions:
+            del sys.modules["pkg_resources"]
 
 
 def why_not_imported(error: BaseException, environment: Mapping[str, str]) -> str:

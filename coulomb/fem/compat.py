@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 import os
-import sys
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -17,22 +16,18 @@ import numpy.typing as npt
 from _cffi_backend import FFI  # cffi.FFI loads a parser of C, which takes 25 ms
 
 from ..arrays import FloatArray
-from ..installation import COMPLEX, Unusable, loaded_libraries, why_mpi_does_not_fit, why_not_imported
+from ..installation import COMPLEX, Unusable, dolfinx_import, loaded_libraries, why_mpi_does_not_fit, why_not_imported
 from .compilation import watch_compilation
 
-# Debian 12's DOLFINx sets RTLD_GLOBAL and does not reset it; VTK's wheels, imported later, then abort.
-_setdlopenflags = sys.setdlopenflags
-sys.setdlopenflags = lambda flags: None
 try:
-    import dolfinx
-    import dolfinx.fem.petsc
-    import dolfinx.jit
-    from mpi4py import MPI
-    from petsc4py import PETSc
+    with dolfinx_import():
+        import dolfinx
+        import dolfinx.fem.petsc
+        import dolfinx.jit
+        from mpi4py import MPI
+        from petsc4py import PETSc
 except (ImportError, AssertionError) as error:  # the second without petsc4py, since 0.8
     raise Unusable(why_not_imported(error, os.environ)) from error
-finally:
-    sys.setdlopenflags = _setdlopenflags
 import basix
 import ufl
 from dolfinx import cpp, fem, geometry, io, mesh
