@@ -362,7 +362,8 @@ class LinearProblem:
             left = loading.prescribed - body.held.held_part(carried)
             left[np.any(carried != 0.0, axis=1)] = 0.0
             load = loading.load + body.spring_force(carried)
-            if any(isinstance(one.body, NonlinearBody) and one.body.resists_translation for one in body.members):
+            nonlinear = (one.body for one in body.members if isinstance(one.body, NonlinearBody))
+            if body.added_springs is not None or any(one.resists_translation for one in nonlinear):
                 load = load - body.internal_force(carried)
             loading = replace(loading, load=load, prescribed=left)
             f = body.f(loading)

@@ -185,7 +185,7 @@ def sensitivities(
             raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")
     inputs = _inputs(problem, x, u, answer.given_gap)
     inputs |= {one.name: _Input() for one in earlier if one.name not in inputs}
-    at = _Answer(problem.with_factors(x), x, u, answer)
+    at = _Answer(problem, x, u, answer)
     rising = at.along(inputs, {one.name: one for one in earlier}, 1.0)
     if not rising or not (rising[0].border or any(one.falling for one in earlier)):
         return rising
@@ -198,13 +198,17 @@ _NEARLY: Final = 1e-6
 _MOST: Final = 30
 """Change of a derivative over itself at which geometric terms are found, or after the most iterations are taken."""
 
+_SLIGHT: Final = 1e-6
+"""Derivative of the displacement over this below which its accuracy is absolute: some are rounding errors."""
+
 
 class _Answer:
     """An answer, with the linear problem there: of large motions, and foundations under load, that of the last Newton
     step, to which `GeometricTerms` are added."""
 
     def __init__(self, problem: DiscreteProblem, x: FloatArray, u: FloatArray, answer: NodalAnswer):
-        self._problem, self._x, self._u, self._answer = problem, x, u, answer
+        self._posed_at, self._x, self._u, self._answer = problem, x, u, answer
+        self._problem = problem = problem.with_factors(x)
         self._large, self._over = problem.body.undeformed is not None, Reductions(problem.comm)
         self._terms, self._moves = GeometricTerms(problem, x, u), self._large or bool(problem.state.loaded)
         self._still = _unloaded(problem.loading)
@@ -244,7 +248,7 @@ class _Answer:
         """The forces of supports, newtons, shape (k, 3), where places move, which are then those of the problem."""
         if not self._large:
             return None
-        problem, body = self._problem, self._problem.elasticity
+        problem, body = self._posed_at, self._posed_at.elasticity
         imbalance = problem.surface.at_nodes(self._x) - problem.loading.load
         return body.held.held_part(imbalance - body.constraints.forces(imbalance, problem.time))
 
@@ -284,7 +288,7 @@ class _Answer:
         those of the inputs by themselves; collective."""
         over, found, posed = self._over, list(solved), list(rights)
         mixing, left = [Anderson(_MOST, over) for _ in rights], np.full(len(rights), np.inf)
-        points = [self._joined(one, sign) for one in found]
+        points, least = [self._joined(one, sign) for one in found], _SLIGHT * over.norm(self._u)
         for _ in range(_MOST):
             moving = [k for k, size in enumerate(left) if size > _SETTLED]
             if not moving:
@@ -294,7 +298,7 @@ class _Answer:
                 posed[k] = rights[k].and_(self._terms.along(replace(ways[k], u=u, alpha=alpha)))
             for k, one in zip(moving, self._solved([posed[k] for k in moving], sign), strict=True):
                 found[k], point = one, self._joined(one, sign)
-                size = over.norm(point)
+                size = max(over.norm(point), least)
                 left[k] = over.norm(point - points[k]) / size if size > 0.0 else 0.0
                 points[k] = mixing[k].next(points[k], point - points[k], 1.0)
         if not np.all(left <= _NEARLY):
