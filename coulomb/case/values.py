@@ -56,7 +56,7 @@ Clearance = Annotated[float, _NOT_NEGATIVE, _between(1e-12, 1e12, zero=True)]
 
 Duration = Annotated[float, _POSITIVE, _between(1e-30, 1e30)]
 Young = Annotated[float, _POSITIVE, _between(1e-6, 1e24)]
-Density = Annotated[float, _POSITIVE, _between(1e-12, 1e12)]
+Density = Annotated[float, _NOT_NEGATIVE, _between(1e-12, 1e12, zero=True)]
 Expansion = Annotated[float, _FINITE, _between(1e-12, 1.0, zero=True)]
 """Thermal expansion in 1/K."""
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 from .cards import Card, key_of
 from .materials import radial_direction
 from .reading import Reading
@@ -19,6 +20,9 @@ _Sides = str | frozenset[tuple[int | str, str]]
 
 _Volume = tuple[str, str, tuple[float, ...]]
 """A load in the volume: elements, kind, and its direction or axis."""
+
+_Sections = Sequence[tuple[str, IntArray, dict[str, Any]]]
+"""Sections by name, their elements, and the table of their material."""
 
 _NUMBERS: Final = {"GRAV": 3, "CENTRIF": 6, "BX": 0, "BY": 0, "BZ": 0}
 """How many numbers follow the value of loads in the volume, by their kind."""
@@ -34,7 +38,9 @@ class Loads:
     def __init__(self, reading: Reading):
         self._of = reading
 
-    def tables(self, densities: set[float | None]) -> dict[str, Any]:
+    def tables(self, materials: _Sections) -> dict[str, Any]:
+        """The tables of the loads; `materials` are sections by name, their elements and tables, of which those without
+        weight get the density 0."""
         pressures = Tracks[_Sides](support=False)
         volumes = Tracks[_Volume](support=False)
         tractions = Tracks[tuple[str, tuple[float, ...]]](support=False)
@@ -84,7 +90,7 @@ class Loads:
             table = self._of.timed({"face": face}, "value", track.fixed()[0])
             table["value"] = [table["value"] * part for part in way]
             tables.setdefault("traction", []).append(table)
-        return tables | self._volumes(volumes, densities)
+        return tables | self._volumes(volumes, materials)
 
     def _volume_loads(self, card: Card, volumes: Tracks[_Volume], step: Step, amplitude: Amplitude | None) -> None:
         """Loads in the volume; without elements, as Abaqus/CAE writes them, in all of it."""
@@ -119,7 +125,7 @@ class Loads:
         lines = surfaces[key_of(key.rpartition(":")[2])].lines if isinstance(key, str) else key
         return frozenset((int(n), side) for what, side in lines if side for n in self._of.elements_of(what))
 
-    def _volumes(self, volumes: Tracks[_Volume], densities: set[float | None]) -> dict[str, Any]:
+    def _volumes(self, volumes: Tracks[_Volume], materials: _Sections) -> dict[str, Any]:
         every = self._of.all_elements
         together: dict[tuple[str, tuple[float, ...], Rows], list[str]] = {}
         for (name, kind, numbers), track in volumes.all:
@@ -133,12 +139,15 @@ class Loads:
                 twice = f"{kind} on {', '.join(map(repr, names))}: some elements have it twice"
                 raise ValueError(f"{self._of.deck.place_of(kind)}: {twice}: give one load of both")
             if "" not in names and not np.all(np.isin(every, np.concatenate(of))):
-                of_some = f"{kind} on {', '.join(map(repr, names))}, some of the elements"
-                raise ValueError(f"{self._of.deck.place_of(kind)}: {of_some}: only on all is read")
+                fault = f"{self._of.deck.place_of(kind)}: {kind} on {', '.join(map(repr, names))}, some of the elements"
+                if kind != "GRAV" or len(together) > 1:
+                    raise ValueError(f"{fault}: only on all is read")
+                self._weigh(np.concatenate(of), materials, fault)
             value, _ = reference(rows)
             if kind == "GRAV":
                 weights.append((value * np.array(numbers), rows))
             elif kind == "CENTRIF":
+                densities = {table.get("density") for *_, table in materials}
                 forces.append((list(self._centrifugal(value, numbers, densities)), rows))
             else:
                 forces.append(([value if kind == f"B{axis}" else 0.0 for axis in "XYZ"], rows))
@@ -154,6 +163,18 @@ class Loads:
             whole = [sum(one) if all(isinstance(k, float) for k in one) else "+".join(map(str, one)) for one in parts]
             tables |= self._timed("body_force", whole, [rows for _, rows in forces])
         return tables
+
+    def _weigh(self, elements: IntArray, materials: _Sections, fault: str) -> None:
+        """Density 0 for sections that have no weight; ValueError, beginning with `fault`, if one has it in part."""
+        for section, of_section, table in materials:
+            weighing = np.isin(of_section, elements)
+            if np.any(weighing) and not np.all(weighing):
+                raise ValueError(
+                    f"{fault}, a part of the section {section!r}: only on all or on whole sections is read"
+                )
+            if not np.any(weighing):
+                table["density"] = 0.0
+                self._of.notes.append(f"GRAV does not act on the section {section!r}: its density is 0 here")
 
     def _timed(self, name: str, value: list[Any], rows: list[Rows]) -> dict[str, Any]:
         """A load in the volume that is the sum of some that follow these rows."""

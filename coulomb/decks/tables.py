@@ -107,6 +107,7 @@ class _Translator:
         kinds = self.deck.kinds
         bodies, self.temperatures = self.of.bodies, Temperatures(self.of)
         materials = self._materials()
+        loads = Loads(self.of).tables(materials)  # which may take the weight of some
         if bodies:
             tables["body"] = []
             for body_name, numbers in bodies.items():
@@ -127,7 +128,7 @@ class _Translator:
         tables |= self.temperatures.tables()
         tables |= Heat(self.of, self.temperatures.start if self.of.heated else None).tables()
         tables |= nodal.tables()
-        tables |= Loads(self.of).tables({table.get("density") for _, _, table in materials})
+        tables |= loads
         if "temperature" in tables:
             for _, _, table in materials:
                 table.setdefault("expansion", 0.0)

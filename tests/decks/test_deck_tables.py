@@ -338,12 +338,22 @@ def test_springs(tmp_path):
 
 
 def test_weight_set_by_set(tmp_path):
-    """One gravity for all elements may be given in several lines; of some alone it is refused with the line."""
+    """One gravity for all elements may be given in several lines; it may act on one section alone, whose weight the
+    foot then carries, but not on a part of one."""
     sets = CUBES + "*ELSET, ELSET=low\n1\n*ELSET, ELSET=up\n2\n"
     weight = "*DLOAD\nlow, GRAV, 9810., 0., 0., -1.\nup, GRAV, 9810., 0., 0., -1."
     assert tables_of(tmp_path, sets + STEP.format(weight)).tables["gravity"] == [0.0, 0.0, -9810.0]
-    with pytest.raises(ValueError, match=r"line \d+: \*DLOAD: GRAV on 'up', some of the elements"):
-        tables_of(tmp_path, sets + STEP.format("*DLOAD\nup, GRAV, 9810., 0., 0., -1."))
+    up = STEP.format("*DLOAD\nup, GRAV, 9810., 0., 0., -1.")
+    with pytest.raises(ValueError, match=r"line \d+: \*DLOAD: GRAV on 'up', some of the elements, a part of the sec"):
+        tables_of(tmp_path, sets + up)
+    section = "*SOLID SECTION, ELSET=cubes, MATERIAL=steel\n"
+    two = sets.replace(section, section.replace("cubes", "low") + section.replace("cubes", "up"))
+    found = tables_of(tmp_path, two + up)
+    assert "GRAV does not act on the section 'low': its density is 0 here" in found.notes
+    answer = read_case(tmp_path / "deck.inp").problem().solve()
+    assert answer.valid and answer.forces["normal_force"] == pytest.approx(7.8e-9 * 9810.0)
+    (foot,) = (one for one in answer.reactions if "base" in one.name)
+    assert foot.force[2] == pytest.approx(7.8e-9 * 9810.0)
 
 
 def test_nodes_that_stay_in_a_plane_or_on_a_line(tmp_path):

@@ -156,7 +156,7 @@ class OrthotropicMaterial:
         directions: The first and the second direction: vectors, or functions of place x, shape (3, k), that return
             vectors, shape (3, k), evaluated at the midpoint of each cell.  Lengths do not matter; of the second the
             part perpendicular to the first is used; the third is perpendicular to both.
-        density: Density in kg/m^3, > 0; only gravity needs it.
+        density: Density in kg/m^3, 0 of parts whose weight is left out; only gravity needs it.
         expansion: Coefficient of thermal expansion in 1/K, one number or three along the directions; only a temperature
             needs it.
         conductivity: Thermal conductivity in W/(m K), > 0, the same in all directions; only heat needs it.
@@ -328,7 +328,7 @@ class Material:
         young: Young's modulus in pascals, > 0; a number or, in small strains, a function of place, evaluated at the
             midpoint of each cell.
         poisson: Poisson's ratio, in (-1, 0.5).
-        density: Density in kg/m^3, > 0; only gravity needs it.
+        density: Density in kg/m^3, 0 of parts whose weight is left out; only gravity needs it.
         expansion: Coefficient of thermal expansion in 1/K; only a temperature needs it.
         conductivity: Thermal conductivity in W/(m K), > 0; only heat needs it.
 
@@ -412,10 +412,11 @@ def constant_of_cells(mesh: NamedMesh, materials: Materials, name: str) -> Float
 
 
 def _refuse_not_positive(material: AnyMaterial) -> None:
-    for name, unit in (("density", "kg/m^3"), ("conductivity", "W/(m K)")):
-        given = getattr(material, name)
-        if given is not None and not (is_number(given) and given > 0.0):
-            raise ValueError(f"material: {name} must be a positive number of {unit}, but is {given!r}")
+    density, conductivity = material.density, material.conductivity
+    if density is not None and not is_number(density):
+        raise ValueError(f"material: density must be a number of kg/m^3, not below 0, but is {density!r}")
+    if conductivity is not None and not (is_number(conductivity) and conductivity > 0.0):
+        raise ValueError(f"material: conductivity must be a positive number of W/(m K), but is {conductivity!r}")
 
 
 def _refuse_wrong_cells(mesh: NamedMesh, materials: Materials, count: int) -> None:

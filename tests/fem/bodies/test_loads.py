@@ -187,7 +187,7 @@ def body_with(*loads, material=SOFT, **others):
     ("act", "message"),
     [
         (body_with(gravity=(0, -9.81)), r"gravity must be three finite numbers, m/s\^2"),
-        (lambda: Material(1e9, 0.3, -7850.0), r"density must be a positive number of kg/m\^3, but is -7850"),
+        (lambda: Material(1e9, 0.3, -7850.0), r"density must be a number of kg/m\^3, not below 0, but is -7850"),
         (lambda: TotalForce("top", (1.0, np.nan, 0.0)), "total force on 'top': the force must be three finite numbers"),
         (lambda: TotalForce("top", 5.0), "total force on 'top': the force must be three finite numbers"),
         (body_with(Pressure("topp", 1.0)), "pressure.*'topp'"),
