@@ -135,9 +135,12 @@ def _write_frd(directory: Path) -> None:
     section = None if layer is None else _Section(layer, points, numbers, blocks)
     if section is not None:
         numbers, points, blocks = numbers[section.first], section.points, section.blocks
-    known = numbers[numbers > 0]
-    if len(np.unique(known)) < len(known):  # of bodies of several files
+    order = np.argsort(numbers, kind="stable")
+    again = np.flatnonzero((np.diff(numbers[order]) == 0) & (numbers[order[1:]] > 0))
+    one, other = order[again], order[again + 1]
+    if np.any(np.abs(points[one] - points[other]) > 1e-9 * np.abs(points).max()):  # of bodies of several files
         numbers[:] = 0
+    numbers[other] = 0  # the second side of a cut
     numbers[numbers == 0] = numbers.max(initial=0) + 1 + np.arange(np.sum(numbers == 0))
 
     def results() -> Iterator[NodalResults]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT, run_coulomb
-from test_deck_tables import CUBES, STEP
+from test_deck_tables import COLUMN, CUBES, STEP
 
 from coulomb import LoadHistory
 from coulomb.case.case import read_case
@@ -49,6 +49,22 @@ def test_a_deck_runs_and_its_results_have_its_numbers(tmp_path, monkeypatch):
     assert blocks["STRESS"][17][2] == pytest.approx(-10.0, rel=1e-2)  # szz at the top
     pressures = {n: row[3] for n, row in blocks["CONTACT"].items() if row[3] > 0.0}
     assert set(pressures) == {11, 12, 13, 14} and np.mean(list(pressures.values())) == pytest.approx(10.0)
+
+
+def test_nodes_of_a_cut_keep_their_numbers(tmp_path, monkeypatch):
+    """Those of one side of a bolt's section do, those of the other get new ones: all are where the deck has them."""
+    monkeypatch.chdir(tmp_path)
+    bolt = "*PRE-TENSION SECTION, SURFACE=section, NODE=99\n" + STEP.format("*CLOAD\n99, 1, 10.\ntop, 3, -1.")
+    Path("deck.inp").write_text(CUBES + COLUMN + bolt)
+    done = run_coulomb("run", "deck.inp", "--set", "output.picture=false")
+    assert done.returncode == 0, done.stderr
+    nodes = (CUBES + COLUMN).partition("*NSET")[0] + COLUMN.partition("*ELEMENT")[0]
+    rows = [line.split(",") for line in nodes.splitlines() if line[:1].isdigit() and line.count(",") == 3]
+    places = {int(n): tuple(map(float, x)) for n, *x in rows if int(n) != 99}
+    text = Path("results/deck/results.frd").read_text().partition("    2C")[2].partition("\n -3")[0]
+    written = [line for line in text.splitlines() if line.startswith(" -1")]
+    found = {int(line[3:13]): tuple(float(line[k : k + 12]) for k in (13, 25, 37)) for line in written}
+    assert len(found) == len(places) + 4 and {n: found[n] for n in places} == places
 
 
 def test_directions_of_contact_in_frd():
