@@ -326,7 +326,9 @@ class Iterate:
     def start(self) -> FaceMotion:
         """The start of a load step from here; collective."""
         surface, motions = self.problem.state.surface, self.problem.state.foundation_motions
-        return FaceMotion(*foot_points(self.body, surface.faces, motions, self.foundations), surface, motions)
+        return FaceMotion(
+            *foot_points(self.body, surface.faces, motions, self.foundations), surface, motions, self.body.x
+        )
 
 
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:

@@ -6,7 +6,9 @@ where the node has stayed on its place of the foundation, however far this has m
 
 Of two deformable faces, contact point j has the averages D x of the slave and M x of the master.  With the weights of
 the start of the step these are of the points that were opposite then, with the present ones of those that are now: slip
-is (D0 - M0) x - (D - M) x in the tangent plane (Puso and Laursen 2004), 0 in every rigid motion of both.
+is (D0 - M0) x - (D - M) x in the tangent plane (Puso and Laursen 2004), 0 in every rigid motion of both.  A point that
+was none at the start, as nothing was opposite, has no such weights: its slip is the displacement since then of what is
+opposite now, (D - M) (x - x0), as of points that were apart.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ class FaceMotion:
             shape (k, 3); nan elsewhere; none of pairs.
         normals: Unit normals of the foundation there, shape (k, 3).
         surface: Contact points at the start of the step.
+        x: Places of this rank's nodes there, shape (k, 3).
         motions: Of the foundations at the start of the step.
     """
 
@@ -49,12 +52,13 @@ class FaceMotion:
     normals: dict[int, FloatArray]
     surface: ContactSurface
     motions: Sequence[RigidMotion]
+    x: FloatArray
 
     def slip(
         self, body: Deformable, surface: ContactSurface, motions: Sequence[RigidMotion], foundations: Foundations
     ) -> FloatArray:
         """Slip since the start of the step at the contact points of a surface, space vectors in metres, shape (m, 3);
-        0 at points that have been none at the start; collective."""
+        collective."""
         slip = np.zeros_like(surface.x)
         present, normals = foot_points(body, surface.faces, motions, foundations)
         for part, feet in present.items():
@@ -69,7 +73,7 @@ class FaceMotion:
     def _between_faces(self, body: Deformable, surface: ContactSurface, foundations: Foundations) -> FloatArray:
         then, now = (_separation(one, body.x) for one in (self.surface, surface))
         place = surface.places_among(self.surface.nodes, self.surface.part)
-        slip, known = np.zeros_like(now), place >= 0
+        slip, known = _separation(surface, body.x - self.x), place >= 0
         slip[known] = then[place[known]] - now[known]
         on_foundation = np.array([foundation is not None for foundation in foundations])[surface.part]
         slip[on_foundation] = 0.0
