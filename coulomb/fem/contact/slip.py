@@ -6,9 +6,9 @@ where the node has stayed on its place of the foundation, however far this has m
 
 Of two deformable faces, contact point j has the averages D x of the slave and M x of the master.  With the weights of
 the start of the step these are of the points that were opposite then, with the present ones of those that are now: slip
-is (D0 - M0) x - (D - M) x in the tangent plane (Puso and Laursen 2004), 0 in every rigid motion of both.  A point that
-was none at the start, as nothing was opposite, has no such weights: its slip is the displacement since then of what is
-opposite now, (D - M) (x - x0), as of points that were apart.
+is (D0 - M0) x - (D - M) x in the tangent plane (Puso and Laursen 2004), 0 in every rigid motion of both.  A point with
+nothing opposite at the start has no such weights: its slip is the displacement since then relative to the face that is
+opposite now, (D - M) (x - x0).
 """
 
 from __future__ import annotations
