@@ -14,7 +14,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray
+from ..arrays import FloatArray, IntArray
 from ..fem.bodies import Deformable, varying_signs
 from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
@@ -32,6 +32,9 @@ ROUNDING: Final = 1e8
 OF_ALL: Final = 1e-3
 """The forces on a body are judged by no less than this part of those on all."""
 
+
+LEAST_FORCE: Final = 1e-6
+"""Contact forces on a body below this part of the largest are those of a body that only rests."""
 
 _FARTHEST: Final = 2.0 * 3.0**0.5
 """Largest scale of displacements over their largest component: forces in balance do no more work than their sum times
@@ -200,16 +203,79 @@ def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> S
     extent = np.max([nodes.largest(x, -np.inf) + nodes.largest(-x, -np.inf) for x in e.x.T], axis=0)
     least = ROUNDING * EPSILON * np.where(motions > 0.0, motions, extent)
     lengths_ = np.maximum(np.minimum(ways, _FARTHEST * motions), least)
-    alone = np.zeros(len(body))
-    for nodes_of, one in zip(e.bodies or (slice(None),), np.broadcast_to(blocked, max(len(e.bodies), 1)), strict=True):
-        alone[nodes_of] = one
-    lengths_ = np.maximum(lengths_, nodes.largest(alone))
+    lengths_ = np.maximum(lengths_, nodes.largest(_of_loads_alone(e)))
     at_points, at_held = lengths_[owner], lengths_[e.held_owner]
     for number, others in enumerate(e.opposite):
         for at, part in ((at_points, e.part), (at_held, e.held_part)):
             here = part == number
             at[here] = np.maximum(at[here], max((lengths_[one] for one in others), default=0.0))
     return Scales(force, length, nodal, turnover, body, owner, forces, lengths_, nodals, at_points, at_held)
+
+
+def deformations(u: FloatArray, internal: FloatArray, component: IntArray, over: Reductions) -> FloatArray:
+    """Mean displacement of the forces that deform each component of the meshes, metres, shape (n,), by displacements,
+    internal forces and components of this rank's nodes, shapes (k, 3) and (k,); collective."""
+    work, forces = _work_and_forces(u, internal, component, over)
+    means: FloatArray = 2.0 * work / np.where(forces > 0.0, forces, 1.0)
+    return means
+
+
+def _work_and_forces(
+    u: FloatArray, internal: FloatArray, component: IntArray, over: Reductions
+) -> tuple[FloatArray, FloatArray]:
+    """Of each component, joules and newtons, shapes (n,); collective."""
+    nodes = _Bodies(component, 1 + int(over.max(component.astype(np.float64))), over)
+    return np.maximum(nodes.sums(np.einsum("ki,ki->k", u, internal)), 0.0), nodes.sums(lengths(internal))
+
+
+@dataclass(frozen=True)
+class FaceScales:
+    """Lengths of the bodies that each contact face belongs to and is pressed against, by which errors of its gaps are
+    judged: what stands beside them in the model does not count.
+
+    Attributes:
+        deformation: Mean displacement of the forces that deform these bodies, of both sides the larger one, metres,
+            shape (faces,).
+        approach: Work of the forces that deform them over the sum of the normal forces on them, metres, shape (faces,).
+        force: Largest normal force of a contact point on them, newtons, at least `LEAST_FORCE` of that of the model,
+            shape (faces,).
+    """
+
+    deformation: FloatArray
+    approach: FloatArray
+    force: FloatArray
+
+
+def face_scales(e: Evidence, over: Reductions) -> FaceScales:
+    """The scales of every contact face; collective."""
+    work, forces = _work_and_forces(e.displacement, e.internal, e.component, over)
+    blocked = _Bodies(e.component, len(work), over).largest(_of_loads_alone(e))
+    judged, count = e.part >= 0, len(e.faces)
+    part, normal = e.part[judged], np.maximum(e.force[judged, 0], 0.0)
+    faces = _Bodies(part, count, over)
+    pressed, largest = faces.sums(normal), faces.largest(normal)
+    own = np.zeros((count, len(work)))
+    own[part, e.owner[judged]] = 1.0
+    joined = over.largest(own.ravel()).reshape(own.shape)  # 1 of the components that a face joins
+    for number, others in enumerate(e.opposite):
+        joined[number, list(others)] = 1.0
+    on_these = np.minimum(joined @ joined.T, 1.0)
+    ways = np.maximum(2.0 * work / np.where(forces > 0.0, forces, 1.0), blocked)
+    approach = joined @ work / np.where(on_these @ pressed > 0.0, on_these @ pressed, 1.0)
+    return FaceScales(
+        np.max(joined * ways, axis=1, initial=0.0),
+        np.where(on_these @ pressed > 0.0, np.maximum(approach, np.max(joined * blocked, axis=1, initial=0.0)), 0.0),
+        np.maximum(np.max(on_these * largest, axis=1, initial=0.0), LEAST_FORCE * np.max(largest, initial=0.0)),
+    )
+
+
+def _of_loads_alone(e: Evidence) -> FloatArray:
+    """`Evidence.blocked` at the nodes of every body, metres, shape (k,)."""
+    found = np.zeros(len(e.x))
+    bodies = e.bodies or (slice(None),)
+    for nodes, one in zip(bodies, np.broadcast_to(e.blocked, len(bodies)), strict=True):
+        found[nodes] = one
+    return found
 
 
 def place_of_largest(

@@ -6,24 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import FloatArray, IntArray
+from ..arrays import FloatArray
 from ..fem.bodies import Deformable
 from ..fem.contact import ContactSurface, Face, Obstacle, Overlap, Part, Sides, Surface
 from ..fem.geometry import RigidFoundation, RigidMotion, moved
 from ..linalg.reductions import Reductions
 from .contact import Contact
-
-
-def deformations(u: FloatArray, internal: FloatArray, component: IntArray, over: Reductions) -> FloatArray:
-    """Mean displacement of the forces that deform the component of each of this rank's nodes, metres, shape (k,), by
-    displacements and internal forces (k, 3); collective."""
-    count = 1 + int(over.max(component.astype(np.float64)))
-    work, forces = (
-        over.total(np.bincount(component, of, count).astype(np.float64))
-        for of in (np.einsum("ki,ki->k", u, internal), np.linalg.norm(internal, axis=1))
-    )
-    means: FloatArray = np.maximum(2.0 * work, 0.0) / np.maximum(forces, 1e-300)
-    return means[component]
 
 
 class OutsideContacts:

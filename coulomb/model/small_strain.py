@@ -19,13 +19,13 @@ from ..fem.geometry import on_all_ranks
 from ..linalg.reductions import Reductions
 from ..nearest import among, tree_of
 from ..units import amount
-from .certificate_scales import place_of_largest
+from .certificate_scales import FaceScales, place_of_largest
 
 if TYPE_CHECKING:
     from ..fem.geometry import RigidFoundation
     from .nodal_answer import NodalAnswer
 
-_PRESSING: Final = 1e-6  # a node presses if its force is above this fraction of the largest
+_PRESSING: Final = 1e-6  # a node presses if its force is above this fraction of the largest on its bodies
 _CHORDS: Final = 4.0
 """Chords of facets by which a face may be in its foundation: at its ends the estimate is a third of it."""
 
@@ -103,8 +103,8 @@ class SmallStrain:
 
     Attributes:
         gap_error: Largest distance of a pressing node, where it has moved to, from the foundation as it is, with the
-            given gap, over the mean displacement of the forces that deform the body (as in the certificate); against
-            another deformable face what the distance differs by from the linear one, of open nodes their depth.
+            given gap, over the mean displacement of the forces that deform the bodies of its contact (`FaceScales`);
+            against another deformable face what the distance differs by from the linear one, of open nodes their depth.
         turn: Largest angle in degrees between the foundation's normals at a node in contact before and after its
             displacement.
         slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, or against another
@@ -113,8 +113,8 @@ class SmallStrain:
         between: Largest depth of a face inside its foundation, between contact points, less what the chord of its
             facets explains, over the same mean displacement.
         chord: How far gaps are from linear between contact points of which one presses, the chord h^2/(8 R) of facets,
-            over the mean approach: work of the forces that deform the body, over the sum of the normal forces.  Where
-            both sides have the same curvature there is no such chord.
+            over the mean approach of the bodies of their contact: work of the forces that deform these, over the sum of
+            the normal forces on them.  Where both sides have the same curvature there is no such chord.
         rounding: The same where it is below 1e-8 of the extent of the face: by rounding errors of the coordinates.
         overlap: Largest depth of a node of the surface inside a body, or inside a foundation beside its contact face,
             where no contact judges it, over the motion of the two relative to each other (`fem.contact.overlaps`).
@@ -268,11 +268,9 @@ def known_mode(mode: str) -> str:
 def small_strain(
     at_nodes: NodalAnswer,
     foundations: Sequence[RigidFoundation | None],
-    u: FloatArray,
-    internal: FloatArray,
+    scales: FaceScales,
     gradient: float,
     between: Sequence[FaceSamples] = (),
-    blocked: float = 0.0,
     inside: Overlap | None = None,
     large: bool = False,
     off: FloatArray | None = None,
@@ -282,19 +280,16 @@ def small_strain(
     Args:
         at_nodes: The answer at the contact nodes.
         foundations: Foundation of each contact face at this time; None against a deformable face.
-        u: Displacement in metres, this rank's nodes, shape (k, 3); of large motions without that of the bodies as rigid
-            ones.
-        internal: Internal forces, newtons, shape (k, 3).
+        scales: Of the bodies of each contact face.
         gradient: Largest norm of the displacement gradient; 0 of large motions, in which it may have any size.
         between: Places on each contact face.
-        blocked: The deformation that the loads would cause where nothing can move, metres (`Evidence`).
         inside: The largest overlap of surfaces.
         large: Whether places are those after a large motion: nodes on a foundation may have got there, and do not tell
             that their facets stand for a face of its curvature.
         off: By how much distances from faces opposite change otherwise than linear ones, metres, shape (m,).
     """
-    over, normal = Reductions(at_nodes.comm), at_nodes.force[:, 0]
-    pressing = normal > _PRESSING * max(over.max(normal), 0.0)
+    over = Reductions(at_nodes.comm)
+    pressing = at_nodes.force[:, 0] > _PRESSING * scales.force[at_nodes.part]
     way, part = at_nodes.displacement_vectors[pressing], at_nodes.part[pressing]
     before, moved = at_nodes.x[pressing], at_nodes.x[pressing] + way
     rounding = _ROUNDING * max(over.max(np.abs(at_nodes.x)), over.max(np.abs(moved)), 0.0)
@@ -314,86 +309,76 @@ def small_strain(
         distance, turn = on_all_ranks(measure, "contact: foundation", at_nodes.comm)
     except ValueError:  # no distance or normal there: far outside
         distance, turn = np.full((2, len(before)), math.nan)
-    apart: FloatArray = np.zeros(len(normal))
+    apart: FloatArray = np.zeros(len(pressing))
     if off is not None:
         off = np.where(np.abs(off) < rounding, 0.0, off)
         apart = np.where(pressing, np.abs(off), -np.minimum(at_nodes.gap - at_nodes.displacement[:, 0] + off, 0.0))
         apart[apart < rounding] = 0.0
     apart[pressing] = np.maximum(apart[pressing], distance)
-    where = place_of_largest(apart, at_nodes.x, at_nodes.part, at_nodes.faces, over)
-    deformation, pressed = deformation_of(internal, u, over, blocked), over.sum(normal[pressing])
-    chord, rounded = _largest_chords(at_nodes, pressing, foundations, between)
-    approach = max(over.dot(u, internal) / pressed, blocked) if pressed > 0.0 else 0.0
+    off_by = _relative(apart, scales.deformation[at_nodes.part])
+    gap_error = largest(off_by, over)
+    where = place_of_largest(off_by, at_nodes.x, at_nodes.part, at_nodes.faces, over)
+    chord, rounded = (_relative(one, scales.approach) for one in _chords(at_nodes, pressing, foundations, between))
+    deepest = _relative(_deepest(at_nodes, foundations, between, large), scales.deformation)
     pairs = np.isin(part, [number for number, foundation in enumerate(foundations) if foundation is None])
     # Normals are those at the undeformed node, of the foundation at its current place; and a node keeps what it is
     # opposite to on a deformable face.
     along = np.linalg.norm((at_nodes.displacement[:, 1:] / at_nodes.scale)[pressing], axis=1)
     return SmallStrain(
-        gap_error=0.0 if deformation <= 0.0 else largest(apart, over) / deformation,
+        gap_error=gap_error,
         turn=largest(turn, over),
         slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
         gradient=gradient,
-        between=_relative(_deepest(at_nodes, foundations, between, large), deformation),
-        chord=_relative(chord, approach),
-        rounding=_relative(rounded, approach),
+        between=float(np.max(deepest, initial=0.0)),
+        chord=float(np.max(chord, initial=0.0)),
+        rounding=float(np.max(rounded, initial=0.0)),
         overlap=0.0 if inside is None else inside.depth / inside.approach,
         inside=inside,
-        off=f", {amount(largest(apart, over), 'm')} {where}",
+        off=f", {amount(largest(apart[~(off_by < gap_error)], over), 'm')} {where}",
     )
 
 
-def deformation_of(internal: FloatArray, u: FloatArray, over: Reductions, blocked: float = 0.0) -> float:
-    """Mean displacement of the forces that deform a body, metres; collective.
-
-    Args:
-        internal: Its internal forces, newtons, this rank's nodes, shape (k, 3).
-        u: Displacement in metres, shape (k, 3).
-        over: The ranks.
-        blocked: The deformation that the loads would cause where nothing can move, metres.
-    """
-    forces = over.sum(np.linalg.norm(internal, axis=1))
-    return max(0.0 if forces == 0.0 else 2.0 * over.dot(u, internal) / forces, blocked)
-
-
-def _relative(depth: float, deformation: float) -> float:
-    """A depth over the deformation, at most `_MISSED`: a body that touches nothing is not deformed."""
-    return 0.0 if depth == 0.0 else min(depth / max(deformation, depth / _MISSED), _MISSED)
+def _relative(depth: FloatArray, scale: FloatArray) -> FloatArray:
+    """Depths over the deformation, at most `_MISSED`: a body that touches nothing is not deformed."""
+    least = np.maximum(scale, depth / _MISSED)
+    found: FloatArray = np.minimum(depth / np.where(least == 0.0, 1.0, least), _MISSED)
+    return found
 
 
 def _deepest(
     answer: NodalAnswer, foundations: Sequence[RigidFoundation | None], between: Sequence[FaceSamples], large: bool
-) -> float:
-    """Largest depth in metres of places on faces inside their foundations, beyond what the chord of the facets
-    explains; of faces whose contact points are nodes on facets between these; collective."""
+) -> FloatArray:
+    """Largest depth in metres of places on each face inside its foundation, beyond what the chord of the facets
+    explains, shape (faces,); of faces whose contact points are nodes on facets between these; collective."""
     points, given = (np.concatenate(answer.comm.allgather(of)) for of in (answer.x, answer.given_gap))
     gap, part = (np.concatenate(answer.comm.allgather(of)) for of in (answer.gap, answer.part))
 
-    def depths() -> list[FloatArray]:
-        found = []
+    def depths() -> FloatArray:
+        found = np.zeros(len(foundations))
         for k, (face, of) in enumerate(zip(between, foundations, strict=False)):
             if of is not None and len(face.x) and len(points):
                 at, none = points[part == k], np.all(gap[part == k] == given[part == k])
                 noise = 2.0 * float(np.max(np.abs(of.signed_distance(at)), initial=0.0)) if none else 0.0
                 extent = float(np.max(np.ptp(at, axis=0))) if len(at) else 0.0
                 noise = noise if noise <= 2.0 * NOISE * extent else 0.0
-                found.append(_depths(face, of, points, given, noise, large))
+                found[k] = np.max(_depths(face, of, points, given, noise, large), initial=0.0)
         return found
 
     try:
         deepest = on_all_ranks(depths, "contact: foundation", answer.comm)
     except ValueError:
-        return math.nan
-    return max(0.0, largest(np.concatenate([np.zeros(1), *deepest]), Reductions(answer.comm)))
+        return np.full(len(foundations), math.nan)
+    return Reductions(answer.comm).largest(deepest)
 
 
-def _largest_chords(
+def _chords(
     answer: NodalAnswer,
     pressing: npt.NDArray[np.bool_],
     foundations: Sequence[RigidFoundation | None],
     faces: Sequence[FaceSamples],
-) -> tuple[float, float]:
-    """Largest chord in metres at contact points that press, and the largest of those that are rounding errors of
-    coordinates; collective.
+) -> tuple[FloatArray, FloatArray]:
+    """Largest chord in metres of each face at contact points that press, 0 where it is a rounding error of coordinates,
+    and the largest of these, shapes (faces,); collective.
 
     Of foundations it is that of `FaceSamples.bend`, at most what distances differ by between the nodes of a facet: a
     face whose nodes are as far from the foundation as those beside them has its curvature, and its chord is none.
@@ -413,7 +398,7 @@ def _largest_chords(
     try:
         found = on_all_ranks(bends, "contact: foundation", comm)
     except ValueError:
-        return math.nan, 0.0
+        return np.full(len(foundations), math.nan), np.zeros(len(foundations))
     chords = np.zeros((2, len(foundations)))
     for k, (bend, spread) in enumerate(found):
         of_pair = largest(answer.chord[pressing][answer.part[pressing] == k], over)
@@ -424,7 +409,7 @@ def _largest_chords(
             chords[1, k] = chord if known else 0.0
         else:
             chords[0, k] = chord
-    return float(np.max(chords[0])), float(np.max(chords[1]))
+    return chords[0], chords[1]
 
 
 def _with_corner(face: FaceSamples, points: FloatArray) -> npt.NDArray[np.bool_]:

@@ -20,7 +20,7 @@ from ..linalg.reductions import Reductions
 from ..solvers.results import SolverResult
 from . import notebook
 from .certificate import Certificate, Evidence
-from .certificate_scales import rounding_forces
+from .certificate_scales import deformations, face_scales, rounding_forces
 from .contact_body import ContactBody
 from .discrete_problem import DiscreteProblem
 from .face_answer import FaceAnswer
@@ -28,7 +28,6 @@ from .force_balance import force_balance
 from .foundation_load import motions_of, on_foundations
 from .heat import Heat
 from .nodal_answer import NodalAnswer
-from .overlap import deformations
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion
 from .sensitivity import Gradient, Sensitivity, gradient, sensitivities
@@ -282,18 +281,16 @@ class Solution:
         large = problem.body.undeformed is not None
         members = [body.face(face, "contact") for face in problem.surface.faces]
         faces = [face_samples(one.body, facets, self.change[one.nodes]) for one, facets in members]
-        deformation = deformations(e.displacement, e.internal, body.component, Reductions(problem.comm))
+        over = Reductions(problem.comm)
+        deformation = deformations(e.displacement, e.internal, body.component, over)[body.component]
         given = np.zeros(len(problem.surface.x)) if large else self.at_nodes.given_gap
         inside = self._undeformed.outside.overlap(
             problem.surface, given, problem.state.foundation_motions, self.displacement, deformation, large
         )
-        blocked = body.blocked_displacement(problem.loading)
         gradient = 0.0 if large else body.largest_gradient(self.displacement)
         off = None if large else problem.body.off_linear(problem.surface, self.displacement)
         foundations = problem.surface.foundations
-        measured = small_strain(
-            self.at_nodes, foundations, e.displacement, e.internal, gradient, faces, blocked, inside, large, off
-        )
+        measured = small_strain(self.at_nodes, foundations, face_scales(e, over), gradient, faces, inside, large, off)
         found = self.stability
         return measured if found is None else replace(measured, unstable=found.unstable, by_friction=found.by_friction)
 

@@ -9,7 +9,8 @@ from coulomb.fem.contact.facet_patch import FacetKind
 from coulomb.fem.contact.near_facets import FaceSamples
 from coulomb.io.output import write
 from coulomb.linalg.reductions import Reductions
-from coulomb.model.small_strain import _depths, deformation_of
+from coulomb.model.certificate_scales import deformations
+from coulomb.model.small_strain import _depths
 from coulomb.recheck import check
 
 
@@ -36,7 +37,8 @@ def test_a_roller_between_nodes(cell, degree, place, tmp_path):
         ahead = np.interp(along, x[line, 0][order], u[line, 0][order])
         moved = np.column_stack([along + ahead, 0.0 * along, down])
         depth = -roller.signed_distance(moved).min()
-        deformation = deformation_of(problem.elasticity.internal_force(u), u, Reductions(problem.comm))
+        internal, component = problem.elasticity.internal_force(u), problem.elasticity.component
+        deformation = deformations(u, internal, component, Reductions(problem.comm))[0]
         assert solution.small_strain.between == pytest.approx(depth / deformation, rel=1e-3)
     write(solution, tmp_path / "out")
     findings = check(tmp_path / "out")

@@ -297,3 +297,24 @@ def test_a_place_on_a_surface_is_not_before_it():
     hit, depth, _ = depths_below(was, np.array([0.01]), surface, np.array([0]))
     assert len(hit) == 1 and depth[0] == 0.0
     assert not len(depths_below(was - (0.0, 0.0, 1e-6), np.array([0.01]), surface, np.array([0]))[0])
+
+
+@pytest.mark.parametrize("young, way", [(1e9, -5e-2), (1e3, -1e-3), (1e13, -1e-6)])
+def test_the_theory_does_not_see_a_body_that_stands_apart(young, way):
+    """A block on a ball of coarse facets: deformation, approach and largest force beside it are those of others."""
+
+    def measures(beside):
+        bodies, materials = {"block": coulomb.box((1.0, 1.0, 1.0), (4, 4, 4))}, {"block": coulomb.Material(1e9, 0.3)}
+        supports = [PrescribedDisplacement("block:top", (2e-2, 0.0, -2e-3))]
+        contacts = [Contact("block:bottom", friction=0.1, foundation=Sphere((0.5, 0.5, -2.0), 2.0))]
+        if beside:
+            bodies["other"] = coulomb.moved(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), translate=(5.0, 0.0, 0.0))
+            materials["other"] = coulomb.Material(young, 0.3)
+            supports.append(PrescribedDisplacement("other:top", (0.0, 0.0, way)))
+            contacts.append(Contact("other:bottom", friction=0.3))
+        found = ContactProblem(coulomb.join(**bodies), materials, supports, contacts).solve().small_strain
+        return np.array([found.gap_error, found.turn, found.slip_over_cell, found.between, found.chord])
+
+    alone = measures(False)
+    assert np.all(alone > 0.0)
+    assert measures(True) == pytest.approx(alone, rel=1e-4)
