@@ -3,6 +3,11 @@
 Numbers of nodes and elements are those of the deck.  With several instances, as in files of Abaqus/CAE, those of the
 second begin at 1e8, those of the third at 2e8, and so on; names of an instance's sets are "Instance.Set", and, where no
 other set has the name, "Set" too.
+
+Our own reading of parts, not abq2ccx' (tried: 1.6.0), which writes a deck without them: it places nodes and turns
+frames as here, but of a damaged line it warns and goes on without the node, or the elements around, and does not say
+where it is in an included file; a set that is given by one of its instance (*NSET, INSTANCE=Up, below it "Foot") is
+lost; nodes have other numbers.  A million of them in two instances take 2.5 s and 0.4 GB here, 22 s and 1.5 GB there.
 """
 
 from __future__ import annotations
@@ -62,6 +67,18 @@ class _Instance:
     turn: FloatArray = field(default_factory=lambda: np.eye(3))
     about: FloatArray = field(default_factory=lambda: np.zeros(3))
     shift: FloatArray = field(default_factory=lambda: np.zeros(3))
+
+    def place(self, x: FloatArray) -> FloatArray:
+        """Where points of the part are, shape (k, 3): first moved, then turned."""
+        return (x + self.shift - self.about) @ self.turn.T + self.about if self.name else x
+
+    def turn_frame(self, card: Card) -> None:
+        """Let the frame of an *ORIENTATION or *TRANSFORM go with the part: the axis of a cylinder as its places, other
+        axes with the rotation."""
+        points: FloatArray = card.vector(0, 6).reshape(2, 3)
+        of_cylinder = (card.key("SYSTEM") or card.key("TYPE")).startswith("C")
+        points = self.place(points) if of_cylinder else points @ self.turn.T
+        card.lines = [", ".join(map(repr, as_list(points.ravel()))), *card.lines[1:]]
 
 
 class Geometry:
@@ -167,6 +184,8 @@ class Geometry:
             if of.name:
                 card = copy(card)  # a part may have several instances
                 self.owner[id(card)] = of.name
+                if kind in ("ORIENTATION", "TRANSFORM") and card.lines and "DEFINITION" not in card.parameters:
+                    of.turn_frame(card)
             self.others.append(card)
 
     def _own(self, name: str, of: _Instance) -> str:
@@ -195,8 +214,7 @@ class Geometry:
         if np.any(tags != rows[:, 0]):
             raise card.fault("damaged: the number of a node should be whole", int(np.argmax(tags != rows[:, 0])))
         self._tags.append(tags + of.first)
-        x = rows[:, 1:] + of.shift
-        self._points.append((x - of.about) @ of.turn.T + of.about if of.name else x)
+        self._points.append(of.place(rows[:, 1:]))
         if card.get("NSET"):
             self.node_sets.get(self._own(card.get("NSET"), of)).members.append(self._tags[-1])
 

@@ -208,13 +208,13 @@ class _Translator:
     def _materials(self) -> list[tuple[str, IntArray, dict[str, Any]]]:
         """Set of elements, their numbers and the material of every section."""
         by_name: dict[str, list[Card]] = {}
-        orientations: dict[str, Card] = {}
+        orientations: dict[tuple[str, str], Card] = {}  # each instance has its own
         now: list[Card] | None = None
         for card in self.of.model:
             if card.kind == "MATERIAL":
                 now = by_name.setdefault(card.key("NAME"), [])
             elif card.kind == "ORIENTATION":
-                orientations[card.key("NAME")] = card
+                orientations[self.deck.owner.get(id(card), ""), card.key("NAME")] = card
             elif card.kind in ("ELASTIC", "HYPERELASTIC", "DENSITY", "EXPANSION", "CONDUCTIVITY") and now is not None:
                 now.append(card)
         found = []
@@ -229,11 +229,12 @@ class _Translator:
                 table.setdefault("expansion", 0.0)
             else:
                 table.pop("conductivity", None)
-            if card.key("ORIENTATION"):
-                if card.key("ORIENTATION") not in orientations:
-                    raise card.lacks("*ORIENTATION", card.get("ORIENTATION"), orientations)
+            if name := card.key("ORIENTATION"):
+                own = orientations.get((self.deck.owner.get(id(card), ""), name)) or orientations.get(("", name))
+                if own is None:
+                    raise card.lacks("*ORIENTATION", card.get("ORIENTATION"), {name for _, name in orientations})
                 if isinstance(table.get("young"), list):
-                    table["directions"] = directions_of(orientations[card.key("ORIENTATION")])
+                    table["directions"] = directions_of(own)
             name = self.of.set_name(card)
             found.append((name, self.deck.element_sets.members(name), table))
         return found

@@ -189,3 +189,28 @@ def test_contact_of_rubber_and_elastic_slip_are_said(tmp_path):
     ]
     assert "a stick slope of 1.05e+05, as where none is given" in said
     assert not [note for note in tables_of(tmp_path, CUBES + STEP.format("")).notes if "slope" in note]
+
+
+def test_frames_of_a_part_turn_with_its_instances(tmp_path):
+    """Each instance has its own directions of the material and of nodes; the axis of a cylinder moves with it, too."""
+    mesh = CUBES[: CUBES.index("2, 11, 12")].replace("ELSET=cubes", "ELSET=cube")
+    part = (
+        f"*PART, NAME=P\n{mesh}*NSET, NSET=foot\n1, 2, 3, 4\n*ORIENTATION, NAME=grain\n1., 0., 0., 1., 2., 0.\n"
+        "*ORIENTATION, NAME=round, SYSTEM=CYLINDRICAL\n1., 0., 0., 1., 0., 5.\n"
+        "*TRANSFORM, NSET=foot\n1., 0., 0., 0., 1., 0.\n"
+        "*SOLID SECTION, ELSET=cube, MATERIAL=wood, ORIENTATION=grain\n*END PART\n"
+    )
+    instances = (
+        "*ASSEMBLY, NAME=A\n*INSTANCE, NAME=low, PART=P\n*END INSTANCE\n"
+        "*INSTANCE, NAME=up, PART=P\n2., 0., 1.\n0., 0., 0., 0., 0., 1., 90.\n*END INSTANCE\n*END ASSEMBLY\n"
+    )
+    law = "*MATERIAL, NAME=wood\n*ELASTIC, TYPE=ENGINEERING CONSTANTS\n12., 3., 2., .1, .1, .1, 1., 1.\n1.\n"
+    text = f"{part}{instances}{law}*BOUNDARY\nlow.foot, 1, 3\nup.foot, 1\n" + STEP.format("*CLOAD\nup.5, 3, -1.")
+    tables = tables_of(tmp_path, text).tables
+    low, up = (one["directions"] for one in tables["material"])
+    assert low == [[1.0, 0.0, 0.0], [1.0, 2.0, 0.0]]
+    assert np.allclose(up, [[0.0, 1.0, 0.0], [-2.0, 1.0, 0.0]], atol=1e-15)
+    held = next(one["direction"] for one in tables["clamp"] if "direction" in one)
+    assert np.allclose(held, [0.0, 1.0, 0.0], atol=1e-15)
+    axes = [card.vector(0, 6) for card in Geometry(str(tmp_path / "deck.inp")).others if "SYSTEM" in card.parameters]
+    assert np.allclose(axes, [[1, 0, 0, 1, 0, 5], [0, 3, 1, 0, 3, 6]], atol=1e-14)
