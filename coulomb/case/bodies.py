@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Final, Literal
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, PrivateAttr, Tag, model_validator
 
 from ..fem import mesh_formats
 from .curves import in_radians
@@ -37,7 +37,8 @@ SMALL: Final = 200_000
 class MeshTable(Table):
     """A box, lengths in metres; or a mesh file (`mesh_formats`), and the metres per unit of length of the file.
 
-    `degree` 2 gives second-order cells, of a first-order file too; by default they are as in the file, in a box 1.
+    `degree` 2 gives second-order cells, of a first-order file too; by default they are as in the file, in a box 1, but
+    tetrahedra of a nearly incompressible material are of second order.
     `cut` names groups of facets inside the body along which it is cut; `cells` of a file the group of cells that is
     read.  `slice` makes one layer of the section that a mesh in 2D is, of a plane problem with a `thickness`.
     """
@@ -56,8 +57,13 @@ class MeshTable(Table):
     slice: Literal["plane strain", "generalised plane strain", "plane stress", "axisymmetric"] | None = None
     thickness: Length | None = None
 
+    _raised: str = PrivateAttr("")
     _of: ClassVar[str] = "mesh."
     """Before the name of a key in messages."""
+
+    @property
+    def _of_body(self) -> str:
+        return ""
 
     @model_validator(mode="after")
     def _one_mesh(self) -> MeshTable:
@@ -98,14 +104,35 @@ class MeshTable(Table):
         except OSError:
             return False
 
-    def mesh(self, comm: MPI.Comm) -> NamedMesh:
-        """What the table describes; ValueError on every rank, if the file cannot be read or used."""
+    @property
+    def raised(self) -> str:
+        """Why the last mesh made has tetrahedra of second order in place of first order; empty if it has not."""
+        return self._raised
+
+    def order_of_box(self, poisson: float) -> Literal[1, 2]:
+        """Order of the cells of a box of a material with this Poisson's ratio."""
+        from ..fem.bodies import LOCKING_ABOVE
+
+        return self.degree or (2 if poisson > LOCKING_ABOVE and self.cell == "tetrahedron" else 1)
+
+    def mesh(self, comm: MPI.Comm, poisson: float = 0.0) -> NamedMesh:
+        """What the table describes, for a material with this Poisson's ratio: tetrahedra of first order that would lock
+        are made second order, unless `degree` says otherwise; ValueError on every rank, if the file cannot be read or
+        used."""
         from ..fem import meshes
+        from ..fem.bodies import LOCKING_ABOVE
         from ..fem.meshes import box, read_mesh, read_xdmf, second_order
 
+        table = "[[body]]" if isinstance(self, BodyTable) else "[mesh]"
+        words = (
+            f"tetrahedra{self._of_body} are made second order: at Poisson's ratio {poisson:.7g} those of first order "
+            f"lock (degree = 1 in {table} keeps them)"
+        )
         if self.file is None:
             assert self.box is not None and isinstance(self.cells, tuple)
-            return box(self.box, self.cells, self.cell, comm, degree=self.degree or 1)
+            degree = self.order_of_box(poisson)
+            self._raised = words if degree == 2 and self.degree is None else ""
+            return box(self.box, self.cells, self.cell, comm, degree=degree)
         chosen = self.cells if isinstance(self.cells, str) else None
         if self.slice is not None:
             of = self.slice, self.thickness, self.degree
@@ -128,7 +155,9 @@ class MeshTable(Table):
                 f"{self._of}degree = 1, but {self.file} has second-order cells: leave degree out, or export "
                 "first-order cells (in gmsh: Mesh.ElementOrder = 1)"
             )
-        return second_order(read) if self.degree == 2 and read.degree == 1 else read
+        lock = self.degree is None and read.degree == 1 and read.tetrahedra and poisson > LOCKING_ABOVE
+        self._raised = words if lock else ""
+        return second_order(read) if lock or (self.degree == 2 and read.degree == 1) else read
 
 
 def _identifier(name: str) -> str:
@@ -169,17 +198,21 @@ class BodyTable(MeshTable):
 
     _of: ClassVar[str] = ""
 
+    @property
+    def _of_body(self) -> str:
+        return f" of body {self.name!r}"
+
     @model_validator(mode="after")
     def _groups_of_the_mesh(self) -> BodyTable:
         refuse_groups(self.material, self.box is not None, "[body.material]")
         return self
 
-    def mesh(self, comm: MPI.Comm) -> NamedMesh:
+    def mesh(self, comm: MPI.Comm, poisson: float = 0.0) -> NamedMesh:
         """The mesh of the body at its place."""
         from ..fem.meshes import moved
 
         try:
-            mesh = super().mesh(comm)
+            mesh = super().mesh(comm, poisson)
         except ValueError as error:
             raise ValueError(f"body {self.name!r}: {error}") from None
         if self.rotate is None and not any(self.translate):

@@ -121,7 +121,7 @@ class Case(Table):
         """
         if self.auto_contact is None or self._found is not None:
             return self
-        found = self._pairs_on(self._given_mesh(comm), self.auto_contact)
+        found = self.auto_contact.pairs_on(self._given_mesh(comm))
         given = list(self.contacts.values())
         known = [{table.face, table.against} for table in given] + [
             {tie.face, tie.against} for tie in self.ties.values()
@@ -133,15 +133,6 @@ class Case(Table):
         case._found = found
         return case
 
-    @staticmethod
-    def _pairs_on(mesh: NamedMesh | JoinedMesh, wanted: AutoContactTable) -> FoundPairs:
-        from ..fem.contact import auto_pairs
-
-        try:
-            return auto_pairs(mesh, wanted.distance)
-        except ValueError as error:
-            raise ValueError(str(error).replace("auto_pairs", "auto_contact", 1)) from None
-
     @property
     def found(self) -> list[tuple[ContactTable, FoundPair]]:
         """The contacts of a case that is `resolved` that are of a pair found, with what was found."""
@@ -151,6 +142,16 @@ class Case(Table):
             (table, by_faces.get(frozenset((table.face, table.against or "")))) for table in self.contacts.values()
         ]
         return [(table, pair) for table, pair in keyed if pair is not None]
+
+    def poisson(self, body: str) -> float:
+        """`largest_poisson` of a body, by its name; 0 where tables name nodes, since these are those of the file, whose
+        order is kept."""
+        from ..fem.bodies import largest_poisson
+
+        heated = self.temperature is not None and bool(self.temperature.at)
+        if heated or self.equation or any(map(_at_nodes, self._on_faces.values())):
+            return 0.0
+        return largest_poisson({str(k): table.material() for k, table in enumerate(self.material_tables[body])})
 
     @property
     def made_faces(self) -> tuple[str, ...]:
@@ -202,6 +203,7 @@ class Case(Table):
             rigid_faces=[table.rigid_face() for table in self.rigid_face],
             ties=[*(table.tie() for table in self.ties.values()), *(one.equation() for one in self.equation)],
         )
+        problem.body.chosen += tuple(table.raised for table in self.meshes.values() if table.raised)
         if self.history is not None:
             problem.body.stiffness.expect_load_steps(len(self.history.ends))
         if condensed and problem.rigid is not None:
@@ -220,17 +222,14 @@ class Case(Table):
             return self._given_mesh(comm)
         found = self._found
         if found is None or found.mesh.comm.size != comm.size:
-            found = self._pairs_on(self._given_mesh(comm), self.auto_contact)
+            found = self.auto_contact.pairs_on(self._given_mesh(comm))
         return found.mesh
 
     def _given_mesh(self, comm: MPI.Comm) -> NamedMesh | JoinedMesh:
         from ..fem.meshes import JoinedMesh
 
-        mesh = (
-            JoinedMesh({body.name: body.mesh(comm) for body in self.body})
-            if self.mesh is None
-            else self.mesh.mesh(comm)
-        )
+        meshes = {name: table.mesh(comm, self.poisson(name)) for name, table in self.meshes.items()}
+        mesh = JoinedMesh(meshes) if self.mesh is None else meshes[""]
         return with_nodes(mesh, [table for table in self._on_faces.values() if isinstance(table, PlacedTable)])
 
     @property

@@ -39,8 +39,9 @@ from .values import (
 )
 
 if TYPE_CHECKING:
-    from ..fem.contact import FoundPair
+    from ..fem.contact import FoundPair, FoundPairs
     from ..fem.geometry import Coefficient, Rotation
+    from ..fem.meshes import JoinedMesh, NamedMesh
     from ..model.contact import Contact, PressureFriction, SlipRateFriction, ThermalContact
 
 
@@ -443,6 +444,15 @@ class AutoContactTable(Table):
     adjust: Clearance = 0.0
     smooth: bool = False
     pair: Annotated[tuple[AutoPairTable, ...], Field(max_length=TABLES)] = ()
+
+    def pairs_on(self, mesh: NamedMesh | JoinedMesh) -> FoundPairs:
+        """The pairs found; ValueError on every rank if there is none; collective."""
+        from ..fem.contact import auto_pairs
+
+        try:
+            return auto_pairs(mesh, self.distance)
+        except ValueError as error:
+            raise ValueError(str(error).replace("auto_pairs", "auto_contact", 1)) from None
 
     def tables(self, pairs: Iterable[FoundPair]) -> list[ContactTable]:
         """The contact of every pair found.

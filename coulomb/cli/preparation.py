@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,16 +26,16 @@ def prepared(settings: Case, target: Path, force: bool, resume: bool = False) ->
     To `resume` a few load steps multigrid may be faster.
     """
     comm = MPI.COMM_WORLD
-    for mesh in settings.meshes.values():
+    for name, mesh in settings.meshes.items():
         if isinstance(mesh.cells, tuple):
-            refuse_too_many_cells(mesh.cells, mesh.degree or 1, force, comm)
+            refuse_too_many_cells(mesh.cells, mesh.order_of_box(settings.poisson(name)), force, comm)
     settings = settings.resolved(comm)
     problem = settings.problem(comm)
     problem.refuse_held_inside(() if settings.history is None else settings.history.ends)
     if resume and (left := steps_left(target, comm)) is not None:
         problem.body.stiffness.expect_load_steps(left)
     if not force:
-        refuse_too_large(problem)
+        refuse_too_large(problem, [mesh.raised for mesh in settings.meshes.values() if mesh.raised])
         steps = 1 if settings.history is None else len(settings.history.ends)
         try:
             refuse_full_disk(problem, target, steps)
@@ -55,8 +56,9 @@ def refuse_unwritable(target: Path) -> None:
 # --- memory -------------------------------------------------------------------------------------------------------
 
 
-def refuse_too_large(problem: ContactProblem) -> None:
-    """A ValueError on every rank if a node has too little free memory, with what would fit; collective."""
+def refuse_too_large(problem: ContactProblem, raised: Sequence[str] = ()) -> None:
+    """A ValueError on every rank if a node has too little free memory, with what would fit, and the bodies whose order
+    was `raised`; collective."""
     needed, fits = problem.body.memory(), least_room(problem.comm)
     if needed <= fits:
         return
@@ -74,7 +76,7 @@ def refuse_too_large(problem: ContactProblem) -> None:
     raise ValueError(
         f"too little memory: {size['displacement']} displacement and {size['contact']} contact unknowns ({methods}) "
         f"need about {gigabytes(needed)}, and {gigabytes(fits)} are free; {advice}, a coarser mesh, or a larger "
-        "machine; --force tries nevertheless"
+        f"machine; --force tries nevertheless{''.join(f'; {text}' for text in raised)}"
     )
 
 

@@ -112,10 +112,11 @@ class _Translator:
             tables["body"] = []
             for body_name, numbers in bodies.items():
                 of_body = {"name": body_name, "file": Path(self.deck.path).name, "cells": body_name}
+                of_body |= _order(body_name)
                 tables["body"].append(of_body | {"material": self._of_cells(materials, numbers)})
             self.notes.append(f"cells are of several kinds, each a [[body]]: {', '.join(bodies)}")
         else:
-            tables["mesh"] = {"file": Path(self.deck.path).name, **self._slice()}
+            tables["mesh"] = {"file": Path(self.deck.path).name, **self._slice(), **_order(*kinds)}
             tables["material"] = self._of_cells(materials, np.concatenate(list(kinds.values())))
         self._note_elements()
         constraints = Constraints(self.of)
@@ -295,6 +296,11 @@ class _Translator:
             self.notes.append(
                 "8-node hexahedra are fully integrated, without incompatible modes: in bending they are stiff"
             )
+
+
+def _order(kind: str) -> dict[str, Any]:
+    """The key that keeps tetrahedra of first order as they are in the deck, of cells of a kind (`Geometry.kinds`)."""
+    return {"degree": 1} if kind == "first_order_tetrahedra" else {}
 
 
 def _procedure(step: Step) -> str:

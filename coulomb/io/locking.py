@@ -14,7 +14,15 @@ from typing import Final, cast
 
 import numpy as np
 
-from ..fem.bodies import Deformable, Elasticity, Member, locking_by_volume, stress_error
+from ..fem.bodies import (
+    LOCKING_ABOVE,
+    Deformable,
+    Elasticity,
+    Member,
+    largest_poisson,
+    locking_by_volume,
+    stress_error,
+)
 from ..fem.meshes import boundary_facets, corners_of
 from ..linalg.reductions import Reductions
 from ..model.small_strain import CHORD
@@ -44,6 +52,18 @@ def single_layer(body: Deformable) -> bool:
     """Whether a box of first order has a single cell along an edge, which coarser ones have too."""
     grids = [member.body.mesh.grid for member in _of_first_order(body)]
     return any(grid is not None and min(map(len, grid.planes)) == 2 for grid in grids)
+
+
+def needs_second_order(body: Deformable) -> bool:
+    """Whether tetrahedra of second order would keep their volume in first order: answers of that tell nothing of their
+    error."""
+    return any(
+        member.body.degree == 2
+        and member.body.materials is not None
+        and member.body.mesh.tetrahedra
+        and largest_poisson(member.body.materials) > LOCKING_ABOVE
+        for member in body.members
+    )
 
 
 def too_stiff(first: Mapping[str, float], second: Mapping[str, float], chord: float = 0.0) -> tuple[str, ...]:

@@ -9,13 +9,14 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from ..fem.bodies import Deformable
-from ..fem.meshes import JoinedMesh, NamedMesh, coarser_meshes, same_cells
+from ..fem.meshes import JoinedMesh, NamedMesh, coarser_meshes, same_cells, smaller_cells
 from ..model.discrete_problem import DiscreteProblem
 from ..model.memory import least_room
 from ..model.problem import ContactProblem
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback
 from .answer import Answer, answer_of
+from .locking import needs_second_order
 
 
 class NoErrorBars(ValueError):
@@ -25,11 +26,10 @@ class NoErrorBars(ValueError):
 Way = Callable[[NamedMesh | JoinedMesh], Iterator[NamedMesh | JoinedMesh]]
 
 
-def other_problems(
-    problem: DiscreteProblem, ways: Sequence[Way] = (coarser_meshes, same_cells)
-) -> Iterator[list[ContactProblem]]:
+def other_problems(problem: DiscreteProblem, ways: Sequence[Way] = ()) -> Iterator[list[ContactProblem]]:
     """The same problem on up to two coarser meshes, and on the same cells with elements of the other order
-    (`same_cells`), if that is needed; one at least, else a NoErrorBars on every rank; collective.
+    (`same_cells`), or smaller ones where first order locks, if that is needed; one at least, else a NoErrorBars on all
+    ranks; collective.
 
     Others than these two if `ways` are given.  A mesh on which it cannot be posed is left out: supports hold all nodes
     of a single cell, curved cells may become flat, and faces or groups that were added to a box are not on coarser
@@ -41,7 +41,7 @@ def other_problems(
             "space of another degree on the same one, and give the answers: solution.error(other)"
         )
     refusal, posed = "", False
-    for others in ways:
+    for others in ways or (coarser_meshes, smaller_cells if needs_second_order(problem.elasticity) else same_cells):
         found = []
         with without_remarks():
             try:

@@ -66,6 +66,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         "understood": {
             "supports": supports_of(problem),
             "contacts": contacts_of(problem),
+            "chosen": list(problem.body.chosen),
             **({"ties": ties_of(problem)} if elasticity.constraints.every else {}),
         },
         "material": materials_of(elasticity),

@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, SingleBody, by_group, component_modes, null_space, of_components
+from ..fem.bodies import Deformable, by_group, component_modes, largest_poisson, null_space, of_components
 from ..fem.contact import ContactSurface
 from ..fem.geometry import of_place
 from ..fem.meshes import aspects, volume
@@ -96,12 +96,12 @@ def measures_of(surface: ContactSurface, elasticity: Deformable, displacement: i
         contact,
         slenderness_of(surface, elasticity),
         near_part(surface, elasticity),
-        any(_of_tetrahedra(body) for body in bodies),
+        any(body.mesh.tetrahedra for body in bodies),
         len(elasticity.free) > 0,
         any(body.degree == 2 for body in bodies),
         aspect_of(elasticity),
         elongation_of(surface, elasticity),
-        max(_poissons_ratios(elasticity), default=0.0),
+        max((largest_poisson(body.materials) for body in bodies if body.materials is not None), default=0.0),
     )
 
 
@@ -111,7 +111,7 @@ def aspect_of(elasticity: Deformable) -> float:
     over, found = Reductions(elasticity.comm), []
     for member in elasticity.members:
         each = aspects(member.body.mesh)
-        usual = _TETRAHEDRA if _of_tetrahedra(member.body) else 1.0
+        usual = _TETRAHEDRA if member.body.mesh.tetrahedra else 1.0
         found.append(over.sum(each) / (over.sum(float(len(each))) * usual))
     return max(found)
 
@@ -164,17 +164,6 @@ def ill_conditioned(elasticity: Deformable) -> bool:
         if diagonal**3 > _BENDS * over.sum(volume(member.body.mesh)):
             return True
     return False
-
-
-def _of_tetrahedra(body: SingleBody) -> bool:
-    return bool(body.mesh.domain.topology.cell_type.name == "tetrahedron")
-
-
-def _poissons_ratios(elasticity: Deformable) -> list[float]:
-    """Of all isotropic materials."""
-    materials = [member.body.materials for member in elasticity.members]
-    ratios = [m.poisson for given in materials if given is not None for _, m in by_group(given)]
-    return [float(ratio) for ratio in ratios if not isinstance(ratio, tuple)]
 
 
 def _moduli(elasticity: Deformable) -> list[float]:

@@ -1,6 +1,7 @@
 """First-order cells that lock in bending and near incompressibility: their error bars, and what is said of them."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,6 +93,20 @@ def test_a_pad_near_incompressibility(cell, pushed):
     locks = cell == "tetrahedron"
     assert 2 in [one.order for one in bars.answers] or not locks
     assert any("near incompressibility" in one for one in bars.warnings) == locks
+
+
+def test_second_order_of_a_file_near_incompressibility_is_compared_with_smaller_cells():
+    """First order on the same cells has a hundred times the force: with it bars would be ten times the value."""
+
+    def solution(cells):
+        mesh = replace(box((0.1, 0.1, 0.05), cells, "tetrahedron", degree=2), coarser=None, grid=None)
+        held = [PrescribedDisplacement("top", (0.0, 0.0, -5e-4))]
+        return ContactProblem(mesh, Material(1e6, 0.4999), held, Contact("bottom", 0.3)).solve()
+
+    bars, exact = solution((3, 3, 2)).error(), solution((9, 9, 5)).forces["normal_force"]
+    assert [one.order for one in bars.answers] == [2, 2] and not bars.warnings
+    bar = bars["totals.normal_force"]
+    assert abs(bar.value[0] - exact) < bar.bar[0] < 0.25 * exact
 
 
 def test_where_nothing_locks_nothing_is_said_and_no_second_order_is_solved():

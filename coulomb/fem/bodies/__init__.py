@@ -19,7 +19,7 @@ from .constraints import (
 )
 from .deformable import Deformable, Member, SingleBody
 from .displacement_space import DisplacementSpace, free_earlier_bodies
-from .elasticity import Elasticity, LoadedBody, locking_by_volume
+from .elasticity import Elasticity, LoadedBody, largest_poisson, locking_by_volume
 from .elimination import AddedSprings
 from .equations import Equation, Equations
 from .form_body import BilinearForm, FormValues
@@ -74,6 +74,7 @@ from .materials import (
     material_of_cells,
     midpoints,
 )
+from .mean_dilatation import LOCKING_ABOVE
 from .mesh_components import mesh_components, unjoined_parts
 from .nonlinear_body import Body, NonlinearBody, nonlinear
 from .recovery import StressedCells, StressError, relative_error, stress_error, stress_errors

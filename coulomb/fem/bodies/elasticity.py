@@ -304,18 +304,24 @@ def refuse_others(**arguments: object) -> None:
                 raise ValueError(f"{name} must be a list of {types}, but an entry is {entry!r}")
 
 
+def largest_poisson(materials: Materials) -> float:
+    """Poisson's ratio of the isotropic material that is nearest to incompressible, 0 without one; of hyperelastic ones
+    that of small strains, which the ratio of bulk to shear modulus gives."""
+    return max((one.poisson for _, one in by_group(materials) if isinstance(one.poisson, float)), default=0.0)
+
+
 def locking_by_volume(bodies: Deformable) -> list[str]:
     """Warnings of first-order bodies of a material near incompressibility without mean dilatations."""
     found = []
     for member in bodies.members:
-        given = [] if member.body.materials is None else [one for _, one in by_group(member.body.materials)]
-        highest = max((one.poisson for one in given if isinstance(one.poisson, float)), default=0.0)
+        highest = 0.0 if member.body.materials is None else largest_poisson(member.body.materials)
         if highest > LOCKING_ABOVE and member.body.degree == 1 and not member.body.has_mean_dilatation:
             of, table = (f" of body {member.name!r}", "[[body]]") if member.name else ("", "[mesh]")
             found.append(
                 f"material{of}: poisson = {highest:.7g} is near 0.5: above {LOCKING_ABOVE:g} the first-order elements "
                 "lock and give an answer that is far too stiff, although the discrete problem is certified; "
-                f"second-order ones do not (degree = 2 in {table}), nor do isotropic hexahedra"
+                f"second-order ones do not (degree = 2 in {table}, in Python coulomb.second_order(mesh)), nor do "
+                "isotropic hexahedra"
             )
     return found
 

@@ -3,7 +3,7 @@ joined, refined and made of first or second order.  Nodal fields in files belong
 """
 
 from .coarsening import coarsened
-from .comparison import coarser_meshes, finer, same_cells
+from .comparison import coarser_meshes, finer, same_cells, smaller_cells
 from .curving import CurvedFaces, few_chords, split
 from .exchange import Exchange, Slabs, even_starts, fetched, owner_of, starts_of
 from .inspection import InspectedMesh, inspect

@@ -65,10 +65,6 @@ def coarser_meshes(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedM
         yield _like(mesh, bodies)
 
 
-def _of_tetrahedra(mesh: NamedMesh) -> bool:
-    return bool(mesh.domain.topology.cell_type.name == "tetrahedron")
-
-
 def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
     """The same cells with elements of the other order, the second one with a smooth boundary; of bodies of both orders
     all with second order, and all with first.  Then first-order cells on the nodes of second order, but beside
@@ -80,8 +76,13 @@ def same_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]
         yield _like(mesh, second)
     if 2 in orders:
         yield _like(mesh, {name: first_order(one) if one.degree == 2 else one for name, one in bodies.items()})
-    if 2 in orders or any(_of_tetrahedra(one) for one in bodies.values()):
+    if 2 in orders or any(one.tetrahedra for one in bodies.values()):
         yield _like(mesh, {name: split(one) for name, one in second.items()})
+
+
+def smaller_cells(mesh: NamedMesh | JoinedMesh) -> Iterator[NamedMesh | JoinedMesh]:
+    """Eight cells for each, of the same order: where a coarser mesh and the other order tell nothing; collective."""
+    yield _like(mesh, {name: refined(one) for name, one in _bodies(mesh).items()})
 
 
 def finer(
@@ -116,7 +117,7 @@ def finer(
             found[name] = one
         elif one.grid is not None:
             graded[name] = _Slabs(one, one.grid, squared[name])
-        elif _of_tetrahedra(one):
+        elif one.tetrahedra:
             marked = (of_cells[name] >= least) & (not good)
             if uneven:
                 off = off_surface(one)

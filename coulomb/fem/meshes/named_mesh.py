@@ -132,6 +132,11 @@ class NamedMesh:
         """Order of the cells: 1, or 2 for 10-node tetrahedra and 27-node hexahedra."""
         return compat.geometry_degree(self.domain)
 
+    @property
+    def tetrahedra(self) -> bool:
+        """Whether the cells are tetrahedra."""
+        return bool(self.domain.topology.cell_type.name == "tetrahedron")
+
     def facets(self, face: str, what: str) -> npt.NDArray[np.int32]:
         """This rank's facets of a face; ValueError, beginning with `what`, if there is none."""
         if isinstance(face, str) and face in self.refused:

@@ -50,7 +50,7 @@ def refined(mesh: NamedMesh, marked: npt.NDArray[Any] | None = None, curved: boo
         ValueError: On every rank, if cells are marked that are no tetrahedra or not this rank's own, or a known surface
             makes a cell flat.
     """
-    comm, old, tetrahedra = mesh.comm, mesh.domain, mesh.domain.topology.cell_type.name == "tetrahedron"
+    comm, old, tetrahedra = mesh.comm, mesh.domain, mesh.tetrahedra
     if not (tetrahedra or marked is None):
         raise ValueError("refined: hexahedra cannot be marked, as tetrahedra can: all of them are refined")
     own = old.topology.index_map(3).size_local
