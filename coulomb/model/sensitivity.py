@@ -19,10 +19,9 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Elasticity, End, Loading, NonlinearBody, ThermalLoad, nonlinear
+from ..fem.bodies import End, Loading, NonlinearBody, ThermalLoad, nonlinear
 from ..linalg.reductions import Reductions
 from ..solvers.derivatives import Change, Derivative, derivatives
-from ..solvers.derivatives import gradient as adjoint
 from ..solvers.successive_tresca import Anderson
 from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
@@ -64,85 +63,13 @@ class Sensitivity:
     poses: FloatArray | None = None
 
 
-@dataclass(frozen=True)
-class Gradient:
-    """What a function J of an answer owes to fields of the problem; this rank's part.
-
-    Attributes:
-        friction: Along the coefficient of friction of every contact point, where the bound is F x_n; shape (m,).
-        bound: Along the bound of friction of every point, per newton, shape (m,).
-        gap: Along the given gap of every point, per metre, shape (m,).
-        load: Along nodal forces, per newton, shape (k, 3).
-        prescribed: Along prescribed displacements, 0 where none is, per metre, shape (k, 3); a held node of a tie moves
-            its followers in `Sensitivity`, and here does not.
-        young: Of each body of built-in materials by its name, along the logarithm of Young's modulus of every cell of
-            this rank, shape (c,).
-    """
-
-    friction: FloatArray
-    bound: FloatArray
-    gap: FloatArray
-    load: FloatArray
-    prescribed: FloatArray
-    young: dict[str, FloatArray]
-
-
-def gradient(
-    problem: DiscreteProblem, x: FloatArray, u: FloatArray, of_force: FloatArray | None, of_u: FloatArray | None
-) -> Gradient:
-    """Of a function J of an answer, by the adjoint equations: one linear system of the contact and two solves with K,
-    however many inputs there are (`solvers.derivatives.gradient`); collective.
-
-    Args:
-        problem: The problem,
-        x: with the contact forces of its answer, newtons, shape (3 m,),
-        u: and the displacement, metres, shape (k, 3).
-        of_force: dJ/dx, per newton, shape (3 m,),
-        of_u: and dJ/du, per metre, shape (k, 3); None is 0.
-
-    Raises:
-        ValueError: In large motions, with heat, or after a load step.
-    """
-    _refuse(problem)
-    if problem.body.undeformed is not None or problem.state.loaded:
-        raise ValueError("gradients are known of small strains with foundations whose motion is given")
-    if problem.before is not None and Reductions(problem.comm).any(bool(np.any(problem.before.displacement))):
-        raise ValueError("gradients of a load history are not known: sensitivities(earlier) follow it step by step")
-    surface, still = problem.surface, _unloaded(problem.loading)
-    of_u = np.zeros_like(u) if of_u is None else of_u
-    of_x = np.zeros_like(x) if of_force is None else of_force
-
-    def response(load: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """K^-1 of nodal forces (k, 3), and the forces along rigid motions."""
-        loaded = _with_loading(problem, replace(still, load=load))
-        along = np.zeros(0) if loaded.state.rigid is None else loaded.state.rigid.e
-        return loaded.linear.free_displacement, along
-
-    free, along = response(of_u)
-    owed = adjoint(problem.friction_problem, x, of_x - surface.rows(free).ravel(), along)
-    whole = of_u + surface.at_nodes(owed.b)
-    v, body = response(whole)[0], problem.elasticity
-    reaction = whole - body.internal_force(v) + body.spring_force(v)
-    v = problem.moved(v, owed.e)
-    return Gradient(
-        friction=owed.bound * np.maximum(x[0::3], 0.0),
-        bound=owed.bound,
-        gap=-owed.b[0::3],
-        load=v,
-        prescribed=body.held.held_part(reaction),
-        young={
-            member.name: -member.body.work_in_cells(
-                u[member.nodes], v[member.nodes], None if part.temperature is None else part.temperature.change
-            )
-            for member, part in zip(body.members, problem.loading.parts or [problem.loading], strict=True)
-            if isinstance(member.body, Elasticity)
-        },
-    )
-
-
-def _refuse(problem: DiscreteProblem) -> None:
+def refuse(problem: DiscreteProblem) -> None:
+    """ValueError for a problem of which derivatives are not known; the same on every rank."""
     if problem.body.heat is not None:
         raise ValueError("sensitivities are not known with heat")
+    rated = any(isinstance(one.friction, SlipRateFriction | VariableFriction) for one in problem.contacts)
+    if problem.before is not None and rated:
+        raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")
 
 
 @dataclass(frozen=True)
@@ -176,13 +103,11 @@ def sensitivities(
         ValueError: With heat, or friction that depends on the slip rate; in a later load step without those of the step
             before; if the answer is (nearly) not unique.
     """
-    _refuse(problem)
+    refuse(problem)
     before = problem.before
     if before is not None:
         if not earlier and Reductions(problem.comm).any(bool(np.any(before.displacement))):
             raise ValueError("the sensitivities of a load step follow from those of the step before: give these")
-        if any(isinstance(one.friction, SlipRateFriction | VariableFriction) for one in problem.contacts):
-            raise ValueError("the sensitivities of a history are not known where friction depends on the slip rate")
     inputs = _inputs(problem, x, u, answer.given_gap)
     inputs |= {one.name: _Input() for one in earlier if one.name not in inputs}
     at = _Answer(problem, x, u, answer)
@@ -211,8 +136,8 @@ class _Answer:
         self._problem = problem = problem.with_factors(x)
         self._large, self._over = problem.body.undeformed is not None, Reductions(problem.comm)
         self._terms, self._moves = GeometricTerms(problem, x, u), self._large or bool(problem.state.loaded)
-        self._still = _unloaded(problem.loading)
-        self._without = _with_loading(problem, self._still)
+        self._still = unloaded(problem.loading)
+        self._without = with_loading(problem, self._still)
 
     def along(self, inputs: Mapping[str, _Input], earlier: Mapping[str, Sensitivity], sign: float) -> list[Sensitivity]:
         """Of each of the inputs as it grows (sign 1) or falls (-1); collective."""
@@ -270,7 +195,7 @@ class _Answer:
 
     def _solved(self, rights: Sequence[_Right], sign: float) -> list[_Solved]:
         """By the linear problem, as the input grows (sign 1) or falls (-1); collective."""
-        posed, changes = [_with_loading(self._problem, one.loading) for one in rights], []
+        posed, changes = [with_loading(self._problem, one.loading) for one in rights], []
         for one, changed in zip(rights, posed, strict=True):
             e = [np.zeros(0) if each.state.rigid is None else each.state.rigid.e for each in (changed, self._without)]
             closing = (changed.b - self._without.b).reshape(-1, 3) - one.c
@@ -377,13 +302,14 @@ def sensitivity_entries(found: Sequence[Sensitivity], tolerances: bool | Mapping
     return entries
 
 
-def _unloaded(loading: Loading) -> Loading:
+def unloaded(loading: Loading) -> Loading:
+    """Without loads, prescribed displacements and forces of bolts."""
     none = None if loading.tension is None else np.zeros_like(loading.tension)
     still = np.zeros_like(loading.load)
     return replace(loading, load=still, prescribed=still, tension=none, apart=0.0)
 
 
-def _with_loading(problem: DiscreteProblem, loading: Loading) -> DiscreteProblem:
+def with_loading(problem: DiscreteProblem, loading: Loading) -> DiscreteProblem:
     return problem.in_state(replace(problem.state, loading=loading), None, problem.before)
 
 
@@ -439,7 +365,7 @@ def _inputs(problem: DiscreteProblem, x: FloatArray, u: FloatArray, gap: FloatAr
         first += len(one.load)
         if np.any(e):
             put(f"load on the foundation of {surface.faces[one.number]!r}", _Input(e=e))
-    still = _unloaded(loading)
+    still = unloaded(loading)
     for load in body.loads_in(loading):
         thermal = load.kind == ThermalLoad.kind
         where = "" if load.face is None else f" {'of' if thermal else 'on'} {load.face!r}"

@@ -26,11 +26,12 @@ from .discrete_problem import DiscreteProblem
 from .face_answer import FaceAnswer
 from .force_balance import force_balance
 from .foundation_load import motions_of, on_foundations
+from .gradient import Gradient, gradient
 from .heat import Heat
 from .nodal_answer import NodalAnswer
 from .probes import LocatedProbes, Probe, ProbeValue
 from .resultants import BoltForce, ForceBalance, Resultant, RigidFaceMotion
-from .sensitivity import Gradient, Sensitivity, gradient, sensitivities
+from .sensitivity import Sensitivity, sensitivities
 from .small_strain import SmallStrain, small_strain
 from .stability import Stability
 
@@ -324,18 +325,25 @@ class Solution:
         """
         return sensitivities(self.problem, self.contact_force, self.displacement, self.at_nodes, earlier)
 
-    def gradient(self, contact_force: FloatArray | None = None, displacement: FloatArray | None = None) -> Gradient:
+    def gradient(
+        self,
+        contact_force: FloatArray | None = None,
+        displacement: FloatArray | None = None,
+        later: Gradient | None = None,
+    ) -> Gradient:
         """What a function J of the answer owes to friction, gaps, loads and Young's modulus of every point, node and
-        cell, at the cost of one linear system; collective.
+        cell, at the cost of one linear system; in a load history step by step, the last first; collective.
 
         Args:
             contact_force: dJ/dx, shape (3 m,), as the answer has x; 0 by default.
             displacement: dJ/du, shape (k, 3), as the answer has u; 0 by default.
+            later: The gradient of the load step after, through which J owes to this answer as well.
 
         Raises:
-            ValueError: In large motions, with foundations under load, with heat, or in a load history.
+            ValueError: In large motions, with foundations under load, with heat, or in a load step where friction
+                depends on the slip rate.
         """
-        return gradient(self.problem, self.contact_force, self.displacement, contact_force, displacement)
+        return gradient(self.problem, self.contact_force, self.displacement, contact_force, displacement, later)
 
     def write(self, directory: str | Path, fields: Mapping[str, Any] | None = None, *, overwrite: bool = True) -> None:
         """Fields, history, summary and picture into a directory; results that are there are kept as DIRECTORY.previous.

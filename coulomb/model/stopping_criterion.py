@@ -71,13 +71,19 @@ def _set_friction_on_supports(problem: DiscreteProblem, force: FloatArray, slip:
     Friction v, along t1 and t2, acts on the support alone if P (t1, t2)^T v = 0, P the projection on the free
     directions of the node.  `free` (m, 2, 2) are the `row_products` of t1 and t2.
     """
-    sizes, directions = np.linalg.eigh(free)
-    v = directions[:, :, 0]
+    v = directions_on_supports(free)
     still = np.abs(np.einsum("ki,ki->k", v, slip)) <= ROUNDING * np.abs(slip).max(axis=1, initial=0.0)
-    undetermined = still & (sizes[:, 0] <= ROUNDING * sizes[:, 1])
-    force[:, 1:] -= np.where(undetermined, np.einsum("ki,ki->k", v, force[:, 1:]), 0.0)[:, None] * v
+    force[:, 1:] -= np.where(still, np.einsum("ki,ki->k", v, force[:, 1:]), 0.0)[:, None] * v
     known = np.all(free == 0.0, axis=(1, 2))
     force[known, 1:] = problem.law.at(known).against(slip[known], force[known, 0])
+
+
+def directions_on_supports(free: FloatArray) -> FloatArray:
+    """The unit vectors along t1 and t2 in which friction acts on supports alone, from the `row_products` of t1 and t2
+    (m, 2, 2); 0 where there is none; shape (m, 2)."""
+    sizes, directions = np.linalg.eigh(free)
+    found: FloatArray = directions[:, :, 0] * (sizes[:, 0] <= ROUNDING * sizes[:, 1])[:, None]
+    return found
 
 
 def _unload_wedged(problem: DiscreteProblem, force: FloatArray, gram: FloatArray) -> None:

@@ -25,8 +25,9 @@ from .results import Goal
 from .rigid_motions import NO_MOTION
 from .semismooth_newton import SemismoothIteration, SemismoothNewton
 
-_SHARPEST: Final = 1e-10
-"""Relative residual of the systems of derivatives."""
+_SHARPEST: Final = 1e-12
+_BY_PRODUCTS: Final = 1e-10
+"""Relative residual of the systems of derivatives, with A formed and where each product by A takes a solve."""
 
 _SPARE: Final = 0.1
 """Accuracy of the products of a system for derivatives, over that of a Newton system."""
@@ -34,6 +35,9 @@ _SPARE: Final = 0.1
 _MANY: Final = 60
 _FORMED: Final = 3000
 """Iterations of such a system from which on the others have A as a matrix, and its size up to which they may."""
+
+_SOLVED: Final = 1e-6
+"""Relative residual of such a system above which it is singular, nearly."""
 
 _DECIDED: Final = 1e-9
 _TIMES: Final = 10.0
@@ -89,14 +93,28 @@ def derivatives(problem: FrictionProblem, x: FloatArray, changes: Sequence[Chang
     return _at_answer(problem).derivatives(x, changes)
 
 
-def gradient(problem: FrictionProblem, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray) -> Change:
-    """What a function of an answer owes to b, the bounds and e, from its derivatives along x (3 m,), per newton, and
-    along the rigid motions (q,): one linear system, the transpose of that of `derivatives`; collective."""
-    return _at_answer(problem).gradient(x, of_x, of_alpha)
+def gradient(
+    problem: FrictionProblem, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray, undetermined: FloatArray
+) -> Change:
+    """What a function of an answer owes to b, the bounds and e: one linear system, the transpose of that of
+    `derivatives`; collective.
+
+    Args:
+        problem: The problem,
+        x: and its answer, newtons, shape (3 m,).
+        of_x: Derivatives of the function along x, per newton, shape (3 m,),
+        of_alpha: and along the rigid motions, shape (q,).
+        undetermined: Directions along t1 and t2 in which supports hold a point, whose friction along these is 0 while
+            it sticks; 0 of others, shape (m, 2).
+
+    Raises:
+        ValueError: If the system is (nearly) singular: the answer is one of several.
+    """
+    return _at_answer(problem).gradient(x, of_x, of_alpha, undetermined)
 
 
 def _at_answer(problem: FrictionProblem) -> _Derivatives:
-    settings = SemismoothNewton(sharpest=_SHARPEST)
+    settings = SemismoothNewton(sharpest=_SHARPEST if isinstance(problem.A, Formed) else _BY_PRODUCTS)
     return _Derivatives(settings, problem, Task(Goal(settings.tolerance, None), None, None, None))
 
 
@@ -151,7 +169,7 @@ class _Derivatives(SemismoothIteration):
         self._at = answer
         return dx, dw, dalpha, settled
 
-    def gradient(self, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray) -> Change:
+    def gradient(self, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray, undetermined: FloatArray) -> Change:
         """As of the function `gradient`; collective.
 
         By the transposed system [P^T + A Q^T, G^T; -G Q^T, 0] of multipliers (z, mu): Q^T z and mu are the derivatives
@@ -162,6 +180,8 @@ class _Derivatives(SemismoothIteration):
         bound = np.where(known, np.einsum("ka,ka->k", slips, g[:, 1:]), 0.0)
         g[:, 0] += slope * bound
         g[known, 1:] = 0.0
+        held = undetermined * (self._at.status == 1)[:, None]
+        g[:, 1:] -= np.einsum("ka,ka->k", held, g[:, 1:])[:, None] * held
         P, Q = (of.transpose(0, 2, 1) for of in (self._at.P, self._at.Q))
         QG, r3 = self._at.Q @ self._scaled.G, NO_MOTION
         if len(self._e):
@@ -185,6 +205,7 @@ class _Derivatives(SemismoothIteration):
             mu: FloatArray = np.zeros(len(self._e))
             if size > 0.0:
                 z, _, mu, _ = krylov.solve(rows * g, z, self._accuracy * size, r3)
+                _refuse_unsolved(krylov.left, size)
         finally:
             krylov.free()
         bound += np.where(self._at.status == 2, np.einsum("ka,ka->k", slips, z[:, 1:]), 0.0)
@@ -222,6 +243,7 @@ class _Derivatives(SemismoothIteration):
             return np.zeros_like(rhs), np.zeros_like(rhs), np.zeros(len(loads))
         enough = self._accuracy * max(size, _SLIGHT * self._over.norm(self._rows * self._x))
         dx, A_dx, dalpha, iterations = self._krylov.solve(self._rows * rhs, np.zeros_like(rhs), enough, loads)
+        _refuse_unsolved(self._krylov.left, enough / self._accuracy)
         small = self._over.comm.size == 1 and dx.size <= _FORMED
         if iterations > _MANY and small and isinstance(self._problem.A, Formed):
             self._inverse = FormedInverse(self._scaled.dense(), self._scaled.diagonal)
@@ -229,3 +251,11 @@ class _Derivatives(SemismoothIteration):
 
     def _sharper_product(self, x: FloatArray) -> FloatArray:
         return self._scaled.mult(x, _SPARE * self._krylov.allowed(self._accuracy))
+
+
+def _refuse_unsolved(left: float, size: float) -> None:
+    if not left <= _SOLVED * size:
+        raise ValueError(
+            f"the equations of its derivatives are singular, nearly: a part of {left / size:.0e} of them is left over. "
+            "The answer is nearly one of several, or the function depends on friction that supports leave undetermined"
+        )

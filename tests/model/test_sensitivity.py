@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,11 +14,11 @@ from coulomb.solvers import derivatives
 STEEL = (2.119e11, 0.277)
 
 
-def block(friction=0.3, gap=2e-6, top=1.0, right=1.0, young=1.0):
+def block(friction=0.3, gap=2e-6, top=1.0, right=1.0, young=1.0, poisson=STEEL[1]):
     """Clamped on the left, pressed and drawn: nodes that are open, stick and slip."""
     return coulomb.ContactProblem(
         coulomb.box((3.0, 1.0, 1.0), (6, 2, 2)),
-        coulomb.Material(young * STEEL[0], STEEL[1]),
+        coulomb.Material(young * STEEL[0], poisson),
         [coulomb.Clamp("left")],
         coulomb.Contact("bottom", friction=friction, gap=gap),
         [coulomb.Traction("top", (0.0, 1e7 * top, -4e7 * top)), coulomb.Traction("right", (2e7 * right, 0.0, 0.0))],
@@ -99,7 +100,7 @@ def test_derivatives_are_those_of_central_differences(make, inputs):
         assert one.totals[face]["dissipated_energy"] == pytest.approx(change, abs=1e-6 * work)
 
 
-@pytest.mark.parametrize("make", [block, pair, free, heated])
+@pytest.mark.parametrize("make", [block, partial(block, poisson=0.47), pair, free, heated])
 def test_the_adjoint_agrees_with_the_derivatives(make):
     """For a random function of forces and displacements, along every input that is a sum of points, nodes or cells."""
     answer, random = make().solve(tolerance=1e-12), np.random.default_rng(1)
@@ -119,7 +120,7 @@ def test_the_adjoint_agrees_with_the_derivatives(make):
         expected = of_x @ one.contact_force + np.sum(of_u * one.displacement)
         size = np.linalg.norm(of_x) * np.linalg.norm(one.contact_force)
         size += np.linalg.norm(of_u) * np.linalg.norm(one.displacement)
-        assert value == pytest.approx(expected, abs=1e-8 * size), one.name
+        assert value == pytest.approx(expected, abs=1e-10 * size), one.name
 
 
 def test_with_the_compliance_as_a_matrix_they_are_the_same(monkeypatch):

@@ -124,6 +124,8 @@ class ElasticBody(DisplacementSpace):
         vector = fem.petsc.assemble_vector(form)
         work: FloatArray = vector.array_r[compat.cell_dofs(space)[: self.domain.topology.index_map(3).size_local, 0]]
         vector.destroy()
+        if self._mean is not None:
+            work[self._mean.cells] += self._mean.k * self._mean.of(of.x.array) * self._mean.of(along.x.array)
         return work
 
     def _same(self, u: FloatArray, last: FloatArray) -> bool:

@@ -156,6 +156,18 @@ class Deformable(ReducedBodies):
         begun move their nodes, and bolts are locked; errors as of `at`; collective."""
         return self.at(time)
 
+    def after_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
+        """What a function owes to the displacements after a load step that ended at `start`, per metre, from what it
+        owes to those that are prescribed at a time (`after`), ties included; shapes (k, 3); collective."""
+        of_nodes, found = self.reduction.transferred(owed), self.constraints.after_transposed(time, start, owed)
+        for one in self.members:
+            found[one.nodes] += one.body.left_transposed(time, start, of_nodes[one.nodes])
+        return found
+
+    def left_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
+        """As `after_transposed`, by supports that have begun, from what a function owes to what supports prescribe."""
+        return np.zeros_like(owed)
+
     def outdated(self, loading: Loading) -> bool:
         """Whether loads, prescribed displacements or coefficients have been changed by hand since a loading was
         evaluated; collective."""

@@ -108,7 +108,9 @@ class LoadedBody(ElasticBody, HeldNodes):
     def after(self, time: float, before: End | None) -> Loading:
         load = sum((part.forces for part in self.loads_at(time)), np.zeros((self._owned, 3)))
         values = self.prescribed_values(time)
-        if before is not None and any(self.supports[number].begin is not None for number in self._rows.support):
+        acting = self.acting or (True,) * len(self.supports)
+        begun = [one for one, on in zip(self.supports, acting, strict=True) if on and one.begin is not None]
+        if before is not None and begun:  # on every rank, also on one without nodes of theirs
             values += self._left(before, time)
         return Loading(time, load, self._rows.displacement(values), self._temperature_at(time))
 
@@ -122,6 +124,12 @@ class LoadedBody(ElasticBody, HeldNodes):
         from the end of the load step before; metres; collective."""
         along = np.einsum("ri,ri->r", self._rows.direction, before.displacement[self._rows.node])
         return self._shares(before.time, time) * (along - self.prescribed_values(before.time))
+
+    def left_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
+        rows, found = self._rows, np.zeros_like(owed)
+        values = self._shares(start, time) * np.einsum("ri,ri->r", rows.dual, owed[rows.node])
+        np.add.at(found, rows.node, values[:, None] * rows.direction)
+        return found
 
     def _shares(self, then: float, time: float) -> FloatArray:
         """`share_left` of the support of each held direction."""

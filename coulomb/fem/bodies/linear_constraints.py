@@ -343,6 +343,23 @@ class Constraints:
                 break
         return replace(of_bodies, prescribed=prescribed, apart=apart, tension=self._tension(time))
 
+    def after_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
+        """What a function owes to the displacements after a load step that ended at `start`, by the lengths of locked
+        bolts and by how far faces are apart where ties have begun, from what it owes to prescribed displacements; per
+        metre, shapes (k, 3); collective."""
+        if not self.ties:
+            return np.zeros_like(owed)
+        found, whole = self.reduction, owed
+        for _ in range(LONGEST_CHAIN):
+            whole = owed + at_nodes_of(found.W, found.followed(whole))
+        along, apart = found.moved_transposed(whole), np.zeros_like(owed)
+        kept = np.zeros(found.width)
+        for (bolt, own), locked in zip(self._of_bolts, self.locked, strict=True):
+            kept[own] = along[own] if locked and bolt.given.force is not None else 0.0
+        for one, tie in self._begun:
+            apart[tie.nodes] += share_left(one, start, time) * found.followed(whole)[tie.nodes]
+        return found.on_followed(found.followed(apart + found.amounts_transposed(kept)))
+
     def _tension(self, time: float) -> FloatArray:
         """The forces of bolts along own unknowns at a time, newtons, shape (width,); collective."""
         forces = np.zeros(self.reduction.width)

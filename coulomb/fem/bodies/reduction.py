@@ -191,6 +191,20 @@ class Reduction:
             u[nodes] = np.einsum("miq,q...->mi...", N, y[own])
         return u
 
+    def moved_transposed(self, forces: FloatArray) -> FloatArray:
+        """Forces along own unknowns of nodal forces (k, 3), shape (width,), the same on every rank; collective."""
+        y = np.zeros(self.width)
+        for nodes, own, N, _ in self.weights:
+            y[own] = np.einsum("miq,mi->q", N, forces[nodes])
+        return self.comm.allreduce(y, op=MPI.SUM) if self.weights else y
+
+    def amounts_transposed(self, y: FloatArray) -> FloatArray:
+        """Nodal forces (k, 3) that do the work of forces y (width,) along the `amounts` of displacements."""
+        forces = np.zeros_like(self.x)
+        for nodes, own, _, fit in self.weights:
+            forces[nodes] += fit @ y[own]
+        return forces
+
     def apart(self, u: FloatArray) -> FloatArray:
         """D (u - W u) of displacements (k, 3), or (k, 3, j): by how much nodes are apart from those that they follow;
         collective."""
@@ -317,12 +331,8 @@ class Reduction:
             before = forces
             forces = self.followed(imbalance + at_nodes_of(self.W, before))
             if self.weights:
-                along = np.zeros(self.width)
-                for nodes, own, N, _ in self.weights:
-                    along[own] = np.einsum("miq,mi->q", N, forces[nodes])
-                along = self.loose * (self.comm.allreduce(along, op=MPI.SUM) - tension)
-                for nodes, own, _, fit in self.weights:
-                    forces[nodes] -= fit @ along[own]
+                along = self.loose * (self.moved_transposed(forces) - tension)
+                forces -= self.amounts_transposed(along)
             if not self.comm.allreduce(bool(np.any(forces != before)), op=MPI.LOR):
                 break
         return forces

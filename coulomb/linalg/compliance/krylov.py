@@ -215,6 +215,11 @@ class CarryingKrylov:
         alpha, s = self._shared(self._solution), self._nodewise(self._solution, readonly=True).copy()
         return s[:, : self._block], s[:, self._block :], alpha, before + int(self._ksp.getIterationNumber())
 
+    @property
+    def left(self) -> float:
+        """The norm of the residual of the last system."""
+        return float(self._ksp.getResidualNorm())
+
     def free(self) -> None:  # not `destroy`: PETSc calls a method of that name on its Python contexts
         for thing in (self._ksp, self._matrix, self._rhs, self._solution):
             thing.destroy()
