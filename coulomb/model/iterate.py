@@ -253,6 +253,7 @@ class Iterate:
         before: The state at the start of the step.
         points: The contact points of states.
         start: The faces at the start of the step; None where this is the start.
+        previous: The displacement of the iterate from which a linear problem led here; None without one.
     """
 
     problem: Linearised
@@ -266,9 +267,10 @@ class Iterate:
         before: State,
         points: StatePoints,
         start: FaceMotion | None,
+        previous: FloatArray | None = None,
     ):
         self.u, self.time = u, time
-        self._before, self.body = before, linearised(body, u, time, End(before.time, before.displacement))
+        self._before, self.body = before, linearised(body, u, time, End(before.time, before.displacement), previous)
         posed = pose(self.body, time)
         there, self.foundations = posed.state, posed.body.foundations
         at = points.places(there.surface)
@@ -365,10 +367,17 @@ def components(body: Deformable, over: Reductions) -> Iterator[npt.NDArray[np.bo
         yield component == number
 
 
-def linearised(body: Deformable, u: FloatArray, time: float, before: End | None = None) -> Deformable:
-    """The bodies of small displacements from u (k, 3) at a time, in a load step after another's end; collective."""
-    there = body.at_time(time)
-    return each(there, lambda one, nodes: one.linearised(u[nodes], time, before and before.of(nodes)), u)
+def linearised(
+    body: Deformable, u: FloatArray, time: float, before: End | None = None, previous: FloatArray | None = None
+) -> Deformable:
+    """The bodies of small displacements from u (k, 3) at a time, in a load step after another's end, reached from a
+    previous displacement; collective."""
+
+    def at(one: NonlinearBody, nodes: slice) -> NonlinearBody:
+        of_before = before and before.of(nodes)
+        return one.linearised(u[nodes], time, of_before, None if previous is None else previous[nodes])
+
+    return each(body.at_time(time), at, u)
 
 
 def each(

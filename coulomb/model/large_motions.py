@@ -366,9 +366,8 @@ class LoadStepLoop:
         methods: dict[str, Any],
         sizes: tuple[float, ...],
     ) -> Solution:
-        problem, bound = here.problem, here.problem.slip_bound(x)
+        problem, bound, posed = here.problem, here.problem.slip_bound(x), self.posed
         self._count(here)
-        posed = self.posed
         problem.seconds, problem.started, problem.small_strain = posed.seconds, posed.started, posed.small_strain
         problem.iterate = self._elsewhere
         over, own = Reductions(self.comm), evidence.compliance
@@ -438,7 +437,7 @@ class LoadStepLoop:
         extent = max(over.max(axis) - over.min(axis) for axis in self.elasticity.reference.T)
         if not np.min(ratios) > 0.0 or over.max(np.abs(u).ravel()) > _FAR * extent:
             return None
-        return self._iterate(state, u, here.time, start, poses)
+        return self._iterate(state, u, here.time, start, poses, previous=here.u)
 
     def _iterate(
         self,
@@ -448,9 +447,10 @@ class LoadStepLoop:
         start: FaceMotion | None,
         poses: FloatArray | None,
         motions: FloatArray | None = None,
+        previous: FloatArray | None = None,
     ) -> Iterate:
         pose = partial(self.shared.posed, poses=poses, motions=motions)
-        return Iterate(self.elasticity, pose, u, time, state, self.shared.points, start)
+        return Iterate(self.elasticity, pose, u, time, state, self.shared.points, start, previous)
 
     def _elsewhere(
         self, u: FloatArray, poses: FloatArray | None, state: State, motions: FloatArray | None = None

@@ -26,7 +26,7 @@ from .hyperelastic_laws import elastic, hyperelastic, invariants
 from .lasting_supports import End
 from .loads import AppliedLoad, Load, Loading, NodalForces, Pressure, Temperature, ThermalLoad, range_of, shown_range
 from .materials import Materials, by_group, material_of_cells
-from .mean_dilatation import MEAN_ABOVE, CellProducts, MeanVolume, linear_hexahedra
+from .mean_dilatation import AT_POINTS, MEAN_ABOVE, CellProducts, MeanVolume, linear_hexahedra
 from .nonlinear_body import NonlinearBody
 from .supports import PrescribedRotation, Spring, Support
 
@@ -122,6 +122,8 @@ class HyperelasticBody(NonlinearBody):
             for other, of in zip(known, q, strict=True)
         )
         tangent += sum(a * ufl.derivative(rate, u, w) for a, rate in zip(by_q, rates, strict=True))
+        for mean in self._volumes:
+            tangent += (mean.ahead - mean.tension) * ufl.derivative(ufl.derivative(q[mean.invariant], u, v), u, w)
         gradient = ufl.variable(F)
         stress = sum(
             a * ufl.diff(one, gradient) for a, one in zip(by_q, elastic(invariants(gradient), stretch), strict=True)
@@ -202,21 +204,24 @@ class HyperelasticBody(NonlinearBody):
         """Strain energy per undeformed volume: the sum of those of all laws, each 0 in the cells of others."""
         loaded, found, self._volumes = self._loaded, 0.0, list[MeanVolume]()
         count = loaded.domain.topology.index_map(3).size_local
-        linear = self.thermal is None and linear_hexahedra(loaded.domain)
+        hexahedra = linear_hexahedra(loaded.domain)
+        means = self.thermal is None and (hexahedra or (loaded.mesh.tetrahedra and loaded.degree == 2))
         kinds = [(type(material), getattr(material, "alpha", ())) for _, material in laws]
         for kind in dict.fromkeys(kinds):
             mine = [law for law, of in zip(laws, kinds, strict=True) if of == kind]
-            values, mean = {name: np.zeros(count) for name in mine[0][1].constants}, np.zeros(count, dtype=bool)
+            values, local = {name: np.zeros(count) for name in mine[0][1].constants}, np.full(count, np.inf)
             for group, material in mine:
                 cells: Any = slice(None) if group is None else loaded.mesh.group(group, "material")
                 for name, value in material.constants.items():
                     values[name][cells] = value
-                mean[cells] = linear and material.poisson > MEAN_ABOVE
+                if means and material.poisson > MEAN_ABOVE:
+                    shear = material.young / (2.0 * (1.0 + material.poisson))
+                    local[cells] = 0.0 if hexahedra else AT_POINTS * shear
             part = mine[0][1].volumetric
-            if loaded.comm.allreduce(bool(np.any(mean)), op=MPI.LOR):
-                moduli = np.where(mean, values[part.modulus], 0.0)
+            moduli = np.maximum(values[part.modulus] - local, 0.0)
+            if loaded.comm.allreduce(bool(np.any(moduli)), op=MPI.LOR):
                 self._volumes.append(MeanVolume(loaded.V, part.invariant, part.function, moduli))
-                values[part.modulus][mean] = 0.0
+                values[part.modulus] -= moduli
             found += mine[0][1].energy(of, *(loaded._on_cells(one, name) for name, one in values.items()))
         return found
 
@@ -240,10 +245,14 @@ class HyperelasticBody(NonlinearBody):
         if self.thermal is not None:
             self._amplitude.value = evaluate_amplitude(self.thermal.amplitude, time, "temperature")
 
-    def _outer_forces(self, u: FloatArray, time: float, before: End | None) -> tuple[Loading, FloatArray, FloatArray]:
+    def _outer_forces(
+        self, u: FloatArray, time: float, before: End | None, previous: FloatArray | None
+    ) -> tuple[Loading, FloatArray, FloatArray]:
+        if previous is not None:
+            self._evaluate_at(previous)
         for volume in self._volumes:
-            volume.move(self._displacement.x.array)
-        inside, *_ = super()._outer_forces(u, time, before)
+            volume.move(self._displacement.x.array, None if previous is None else self._function.x.array)
+        inside, *_ = super()._outer_forces(u, time, before, previous)
         dead, load = self._loaded.after(time, before), sum((one.forces for one in self._following()), np.zeros_like(u))
         spring = self._loaded.spring_force(u)
         heat = None
@@ -253,7 +262,7 @@ class HyperelasticBody(NonlinearBody):
 
     @property
     def has_mean_dilatation(self) -> bool:
-        return bool(self._volumes)
+        return bool(self._volumes) and linear_hexahedra(self.domain)
 
     @property
     def _products(self) -> list[CellProducts]:

@@ -120,12 +120,15 @@ class NonlinearBody(FormBody):
 
     # --- at a displacement ------------------------------------------------------------------------------------------
 
-    def linearised(self, u: FloatArray, time: float, before: End | None = None) -> NonlinearBody:
-        """The body of small displacements from u (k, 3) in metres at a time, in a load step after the end of another;
+    def linearised(
+        self, u: FloatArray, time: float, before: End | None = None, previous: FloatArray | None = None
+    ) -> NonlinearBody:
+        """The body of small displacements from u (k, 3) in metres at a time, in a load step after the end of another,
+        where u is the answer of the linear problem at a previous displacement, if one is given (`MeanVolume.ahead`);
         the stiffness is made when it is first asked for; collective."""
-        return self.at_time(time)._placed(u, time, before)
+        return self.at_time(time)._placed(u, time, before, previous)
 
-    def _placed(self, u: FloatArray, time: float, before: End | None) -> NonlinearBody:
+    def _placed(self, u: FloatArray, time: float, before: End | None, previous: FloatArray | None) -> NonlinearBody:
         free_earlier_bodies(self.domain)
         _ = self.not_held, self.boundary  # once, for all places
         there = copy.copy(self)
@@ -134,7 +137,7 @@ class NonlinearBody(FormBody):
         self._set(time)
         self._displacement.x.array[: u.size] = u.ravel()
         self._displacement.x.scatter_forward()
-        loading, load, spring = there._outer_forces(u, time, before)
+        loading, load, spring = there._outer_forces(u, time, before, previous)
         if self._products:
             there._a = _WithProducts(self._a, self._products, self.V)
         rest = loading.prescribed - self.held.held_part(u)
@@ -146,7 +149,7 @@ class NonlinearBody(FormBody):
         return there
 
     def _outer_forces(
-        self, u: FloatArray, time: float, before: End | None
+        self, u: FloatArray, time: float, before: End | None, previous: FloatArray | None
     ) -> tuple[Loading, FloatArray | None, FloatArray | None]:
         """Minus the residual and the prescribed displacements at the present displacement u; loads and forces of
         springs in it, as of `_Place`; collective."""
