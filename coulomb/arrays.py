@@ -49,14 +49,12 @@ def side_by_side(*columns: FloatArray) -> FloatArray:
 
 def squares(y: FloatArray) -> FloatArray:
     """|y|^2 of pairs (m, 2), shape (m,)."""
-    total: FloatArray = y[:, 0] ** 2 + y[:, 1] ** 2
-    return total
+    return y[:, 0] ** 2 + y[:, 1] ** 2
 
 
 def unit_vectors(vectors: FloatArray) -> FloatArray:
     """Vectors (..., 3) over their lengths; 0 remains."""
-    found: FloatArray = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
-    return found
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
 
 
 def in_words(place: Iterable[float]) -> str:

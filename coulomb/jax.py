@@ -78,5 +78,4 @@ def solver(
         return jax.pure_callback(backward, tuple(shaped(one.shape) for one in parameters), parameters, *cotangents)
 
     solve.defvjp(with_parameters, pulled_back)
-    function: Callable[..., tuple[Any, Any]] = solve
-    return function
+    return solve

@@ -30,8 +30,7 @@ def among(x: FloatArray, points: FloatArray) -> npt.NDArray[np.bool_]:
         numbers = np.floor(of.reshape(-1, 3) / unit + 0.1234567).astype(np.int64)
         return np.ascontiguousarray(numbers).view([("", np.int64)] * 3).ravel()
 
-    found: npt.NDArray[np.bool_] = np.isin(cells(x), cells(points)).reshape(x.shape[:-1])
-    return found
+    return np.isin(cells(x), cells(points)).reshape(x.shape[:-1])
 
 
 _AT_ONCE: Final = 200_000  # rows read at a time: no rank needs memory for the whole mesh

@@ -36,8 +36,7 @@ def launched() -> MPI.Comm | None:
         return None
     from mpi4py import MPI
 
-    world: MPI.Comm = MPI.COMM_WORLD
-    return world
+    return MPI.COMM_WORLD
 
 
 ALONE = {"OMPI_MCA_ess_singleton_isolated": "1", "OMPI_MCA_pml": "ob1", "OMPI_MCA_btl": "self"}

@@ -102,8 +102,7 @@ def cell_geometry(domain: Any) -> npt.NDArray[np.int32]:
     table = dofmaps[0] if isinstance(dofmaps, Sequence) else domain.geometry.dofmap
     if isinstance(table, np.ndarray):
         return table
-    rows: npt.NDArray[np.int32] = table.array.reshape(-1, coordinate_element(domain).create_dof_layout().num_dofs)
-    return rows
+    return table.array.reshape(-1, coordinate_element(domain).create_dof_layout().num_dofs)
 
 
 def interpolation_points(V: Any) -> Any:

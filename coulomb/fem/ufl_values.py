@@ -175,8 +175,7 @@ def _mesh_of(domain: Any) -> Any:
 
 def in_cells(expression: Any, domain: Any, cells: npt.NDArray[np.int32]) -> FloatArray:
     """Values of an `Expression` at its points of some cells, a row for each."""
-    found: FloatArray = np.asarray(expression.eval(*((domain, cells) if _NEWER else (cells,))), dtype=np.float64)
-    return found
+    return np.asarray(expression.eval(*((domain, cells) if _NEWER else (cells,))), dtype=np.float64)
 
 
 def _boxes(domain: Any, count: int, padding: float) -> Any:

@@ -226,8 +226,7 @@ def steps_left(folder: Path, comm: MPI.Comm) -> int | None:
 def whole_history(folder: Path, comm: MPI.Comm) -> Entries | None:
     """The entry `history` of the summary of a load history; None if it cannot be read; collective."""
     with suppress(ValueError):
-        entry: Entries | None = on_rank_0(comm, RunDirectory(folder).read_summary).get("history")
-        return entry
+        return on_rank_0(comm, RunDirectory(folder).read_summary).get("history")
     return None
 
 

@@ -201,8 +201,7 @@ def _components(blocks: Sequence[IntArray], count: int) -> IntArray:
     """Of every point the number of the body that it is in, shape (count,)."""
     pairs = np.vstack([np.column_stack([cells[:, 0].repeat(cells.shape[1]), cells.ravel()]) for cells in blocks])
     graph = scipy.sparse.coo_matrix((np.ones(len(pairs), dtype=bool), pairs.T), shape=(count, count))
-    found: IntArray = scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
-    return found
+    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _at_nodes(body: Grid) -> FloatArray:
@@ -211,8 +210,7 @@ def _at_nodes(body: Grid) -> FloatArray:
     nodes, width = body.cells.ravel(), body.cells.shape[1]
     times = np.bincount(nodes, minlength=len(body.points))
     sums = [np.bincount(nodes, np.repeat(column, width), len(body.points)) for column in of_cells.T]
-    means: FloatArray = np.column_stack(sums) / np.maximum(times, 1)[:, None]
-    return means
+    return np.column_stack(sums) / np.maximum(times, 1)[:, None]
 
 
 def _contact(own: dict[str, FloatArray]) -> FloatArray:

@@ -148,8 +148,7 @@ def _size_of(problem: DiscreteProblem, body: SingleBody) -> float:
     vectors = 6 if body.ground is None else 12
     per_node = 24.0 * (1 + len(names(vector=True))) + 8.0 * len(names(vector=False))  # with the coordinates
     # coordinates and 5 vectors per node, with springs 11
-    size: float = 24.0 * vectors * points + per_node * on_face + 8.0 * width * cells + 8.0 * of_face
-    return size
+    return 24.0 * vectors * points + per_node * on_face + 8.0 * width * cells + 8.0 * of_face
 
 
 def refuse_full_disk(problem: DiscreteProblem, target: Path, times: int = 1) -> None:

@@ -103,8 +103,7 @@ def cell_values(functions: Sequence[Any]) -> dict[str, FloatArray]:
 
 def middle(one: FloatArray, other: FloatArray) -> FloatArray:
     """The mean of two values."""
-    mean: FloatArray = 0.5 * (one + other)
-    return mean
+    return 0.5 * (one + other)
 
 
 class FaceGrid:
@@ -132,8 +131,7 @@ class FaceGrid:
 
     def at(self, field: FloatArray) -> FloatArray:
         """A field at this rank's nodes, shape (k,) or (k, 3), at those of the faces."""
-        values: FloatArray = field[self._nodes]
-        return values
+        return field[self._nodes]
 
     def values(self, field: FloatArray, between: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
         """A field at this rank's nodes, shape (k,) or (k, 3), at those of the faces; collective.  On 10-node tetrahedra
@@ -146,14 +144,12 @@ class FaceGrid:
         cells = in_vtk_order(compat.cell_dofs(self._space.V).astype(np.int64), "dolfinx")
         for column, (one, other) in nodes_between(cells.shape[1]):
             everywhere[cells[:, column]] = between(everywhere[cells[:, one]], everywhere[cells[:, other]])
-        values: FloatArray = everywhere[self._nodes].reshape(-1, *field.shape[1:])
-        return values
+        return everywhere[self._nodes].reshape(-1, *field.shape[1:])
 
 
 def _global(space: DisplacementSpace, nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
     numbers = space.V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
-    found: npt.NDArray[np.int64] = np.asarray(numbers, dtype=np.int64).reshape(nodes.shape)
-    return found
+    return np.asarray(numbers, dtype=np.int64).reshape(nodes.shape)
 
 
 Fields = dict[str, FloatArray]
@@ -239,13 +235,11 @@ def _rows(function: Any, space: DisplacementSpace, continuous: bool) -> FloatArr
     W = function.function_space
     dofs, values = compat.cell_dofs(W), function.x.array.reshape(-1, W.dofmap.bs)
     if not continuous:
-        rows: FloatArray = values[dofs[: space.domain.topology.index_map(3).size_local, 0]]
-        return rows
+        return values[dofs[: space.domain.topology.index_map(3).size_local, 0]]
     there = compat.cell_dofs(space.V).ravel()
     at_nodes = np.zeros((int(np.max(there, initial=-1)) + 1, values.shape[1]))
     at_nodes[there] = values[dofs.ravel()]
-    own: FloatArray = at_nodes[: len(space.x)]
-    return own
+    return at_nodes[: len(space.x)]
 
 
 BODIES, FACES = "bodies", "faces"
@@ -374,8 +368,7 @@ def contact_facets(problem: DiscreteProblem, body: SingleBody) -> npt.NDArray[np
     names = [name for contact in problem.contacts for name in (contact.face, contact.against) if name is not None]
     faces = [problem.elasticity.face(name, "contact") for name in names]
     mine = [facets for member, facets in faces if member.body is body]
-    facets: npt.NDArray[np.int32] = np.unique(np.concatenate([np.empty(0, dtype=np.int32), *mine]))
-    return facets
+    return np.unique(np.concatenate([np.empty(0, dtype=np.int32), *mine]))
 
 
 def _face_grid(

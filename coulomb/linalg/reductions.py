@@ -115,8 +115,7 @@ class Reductions:
         """Largest over the ranks, entry by entry, of an array of the same length on each; NaN where any is."""
         if self.comm.size == 1:
             return v
-        found: FloatArray = np.max(self._gathered(*v), axis=0)
-        return found
+        return np.max(self._gathered(*v), axis=0)
 
     def min(self, v: FloatArray) -> float:
         """Smallest entry; NaN if any entry is, +inf if there is none."""

@@ -215,8 +215,7 @@ def _resistance(over: Reductions, rows: FloatArray, ground: FloatArray | None) -
 def _besides(free: FloatArray, loose: FloatArray) -> FloatArray:
     """Orthonormal motions among `free` (6, q) that are orthogonal to `loose` (6, p) among them, shape (6, q - p)."""
     left, _, _ = np.linalg.svd(free - loose @ (loose.T @ free), full_matrices=False)
-    besides: FloatArray = left[:, : free.shape[1] - loose.shape[1]]
-    return besides
+    return left[:, : free.shape[1] - loose.shape[1]]
 
 
 LIMIT: Final = 1e-6

@@ -55,10 +55,7 @@ def rounding_of_gaps(gap: FloatArray, way: FloatArray, place: FloatArray, large:
         place: Largest coordinate of the body, metres, shape (m,).
         large: Whether motions are large.
     """
-    found: FloatArray = _ROUNDING[0] * (np.abs(gap) + np.abs(way)) + np.where(
-        (gap == 0.0) & (not large), 0.0, _ROUNDING[1] * place
-    )
-    return found
+    return _ROUNDING[0] * (np.abs(gap) + np.abs(way)) + np.where((gap == 0.0) & (not large), 0.0, _ROUNDING[1] * place)
 
 
 def at_all_points(known: FloatArray, given: FloatArray, over: Reductions) -> FloatArray:
@@ -72,10 +69,8 @@ def lengths(vectors: FloatArray) -> FloatArray:
     """Norms of vectors (k, 3) without overflow or underflow of squares."""
     largest = float(np.max(np.abs(vectors), initial=0.0))
     if 1e-100 < largest < 1e100:  # no square overflows, and those that vanish do not count: a fifth of the time
-        norms: FloatArray = np.sqrt(np.einsum("ki,ki->k", vectors, vectors))
-        return norms
-    norms = np.hypot(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
-    return norms
+        return np.sqrt(np.einsum("ki,ki->k", vectors, vectors))
+    return np.hypot(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
 
 
 def largest_motions(component: npt.NDArray[np.int64], u: FloatArray, over: Reductions) -> FloatArray:

@@ -92,8 +92,7 @@ class SlipRateFriction:
         kinetic = evaluate_numbers(self.kinetic, x, f"{what}: kinetic", comm)
         speed = evaluate_numbers(self.decay_speed, x, f"{what}: decay_speed", comm)
         ratio = np.divide(slip_rate, speed, out=np.where(slip_rate > 0.0, np.inf, 0.0), where=speed > 0.0)
-        friction: FloatArray = kinetic + (static - kinetic) * np.exp(-ratio)
-        return friction
+        return kinetic + (static - kinetic) * np.exp(-ratio)
 
 
 @dataclass(frozen=True)
@@ -441,8 +440,7 @@ class Contact:
                 return np.zeros(len(x))
             if isinstance(given, Sequence):
                 assert self.axes is not None
-                largest: FloatArray = np.max(self.axes.coefficients(x, what, comm), axis=1)
-                return largest
+                return np.max(self.axes.coefficients(x, what, comm), axis=1)
             return evaluate_numbers(given, x, f"{what}: {name}", comm)
 
         factor, knots = self.friction_factor(time, comm), None

@@ -342,8 +342,7 @@ class ContactBody:
 
     def given_gap(self, surface: ContactSurface, time: float) -> FloatArray:
         """The gaps given with the contacts at the points of a surface at a time, metres, shape (m,); collective."""
-        given: FloatArray = self._faces.gap_factors(time)[surface.part] * surface.gap_field
-        return given
+        return self._faces.gap_factors(time)[surface.part] * surface.gap_field
 
     def foundation_displacement(self, state: ContactState, before: Before) -> FloatArray:
         """Displacement of the foundations' surfaces in a load step at the contact points, by rigid motion and by

@@ -286,8 +286,7 @@ class ContactStiffness:
         """Force per displacement of the nodes of the body in a state, all others at rest, newtons per metre, shape
         (k,): the mean of three components of the forces of displacements with signs that vary from node to node;
         collective."""
-        found: FloatArray = lengths(self._of_unit_motion(elasticity)) / (EPSILON * 3.0**0.5)
-        return found
+        return lengths(self._of_unit_motion(elasticity)) / (EPSILON * 3.0**0.5)
 
     def _of_unit_motion(self, elasticity: Deformable) -> FloatArray:
         """`rounding_forces` of a displacement by 1 m, kept while K is the same; collective."""
@@ -460,5 +459,4 @@ class ContactStiffness:
 
 def _turn(before: ContactSurface, after: ContactSurface) -> FloatArray:
     """T with frames of `after` = T times frames of `before`, point by point, shape (m, 3, 3)."""
-    turn: FloatArray = after.frames @ inverse_frames(before.frames).transpose(0, 2, 1)
-    return turn
+    return after.frames @ inverse_frames(before.frames).transpose(0, 2, 1)

@@ -97,8 +97,7 @@ def along_foundations(rigid: RigidMotions, over: Reductions) -> FloatArray:
     normal = np.zeros((rigid.G.shape[1] // 3, 3))
     normal[:, 0] = 1.0
     sliding = MotionBasis(rigid.G * normal.ravel(), over).free
-    along: FloatArray = sliding @ (sliding.T @ rigid.e)
-    return along
+    return sliding @ (sliding.T @ rigid.e)
 
 
 def _sliding(problem: DiscreteProblem, motion: FloatArray, e: FloatArray, pushed: FloatArray, part: float) -> str:

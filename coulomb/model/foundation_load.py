@@ -118,8 +118,7 @@ class LoadedFoundation:
         way = amounts @ np.array([motion.translation for motion in self.motions])
         turn = amounts @ np.array([motion.rotation for motion in self.motions])
         change = np.concatenate([way, np.linalg.solve(_turn_by_change(self.pose[3:]), turn)])
-        changed: FloatArray = self.pose + np.where(self.of.free, change, 0.0)
-        return changed
+        return self.pose + np.where(self.of.free, change, 0.0)
 
 
 def _turn_by_change(vector: FloatArray) -> FloatArray:
@@ -130,8 +129,7 @@ def _turn_by_change(vector: FloatArray) -> FloatArray:
         first, second = 0.5, 1.0 / 6.0
     else:
         first, second = (1.0 - math.cos(angle)) / angle**2, (angle - math.sin(angle)) / angle**3
-    turned: FloatArray = np.eye(3) + first * cross + second * cross @ cross
-    return turned
+    return np.eye(3) + first * cross + second * cross @ cross
 
 
 class FoundationLoads:

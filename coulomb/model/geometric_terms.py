@@ -115,8 +115,7 @@ class GeometricTerms:
         way = np.zeros_like(surface.x)
         for one, amounts in zip(state.loaded, state.of_foundations(alpha), strict=True):
             way += (surface.part == one.number)[:, None] * one.displacement(amounts, surface.x)
-        relative: FloatArray = surface.components(way)
-        return relative
+        return surface.components(way)
 
     def _at(self, h: float, way: Way) -> Terms:
         """The equations, and what else is in `Terms`, at h times the way from the answer; collective."""
@@ -137,8 +136,7 @@ class GeometricTerms:
 
         def carried(vectors: FloatArray) -> FloatArray:
             """Space vectors at the answer, which have turned with the normals."""
-            turned: FloatArray = np.einsum("kij,kj->ki", turn, vectors)
-            return turned
+            return np.einsum("kij,kj->ki", turn, vectors)
 
         vectors = carried(problem.surface.vectors(self._x))
         on_points = np.zeros((len(surface.nodes), 3))
@@ -176,5 +174,4 @@ def _turned(n: FloatArray, m: FloatArray) -> FloatArray:
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         cross[:, k, j], cross[:, j, k] = axis[:, i], -axis[:, i]
     outer = axis[:, :, None] * axis[:, None, :] / (1.0 + cosine)[:, None, None]
-    turned: FloatArray = cosine[:, None, None] * np.eye(3) + cross + outer
-    return turned
+    return cosine[:, None, None] * np.eye(3) + cross + outer

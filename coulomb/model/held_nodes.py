@@ -134,8 +134,7 @@ def touching(gap: FloatArray, before: FloatArray, extent: float, held: npt.NDArr
     """Gaps of nodes, shape (q,), less the depths of held ones at the beginning (`before` is the distance then) that
     coordinates of seven digits leave in a body of an extent, metres."""
     rounded = held & (before >= -SINGLE_PRECISION * extent)
-    found: FloatArray = gap - np.where(rounded, np.minimum(before, 0.0), 0.0)
-    return found
+    return gap - np.where(rounded, np.minimum(before, 0.0), 0.0)
 
 
 @dataclass(frozen=True)

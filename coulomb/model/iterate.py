@@ -65,8 +65,7 @@ class CarriedForces:
         f, n, m = self.vectors[at], self.normals[at], surface.frames[:, 0]
         axis, cosine = np.cross(n, m), np.einsum("ki,ki->k", n, m)[:, None]
         along = np.einsum("ki,ki->k", axis, f)[:, None] / np.maximum(1.0 + cosine, _OPPOSITE)
-        x: FloatArray = surface.force_components(cosine * f + np.cross(axis, f) + along * axis).ravel()
-        return x
+        return surface.force_components(cosine * f + np.cross(axis, f) + along * axis).ravel()
 
 
 class Path:

@@ -167,8 +167,7 @@ class NodalAnswer:
     @cached_property
     def cohesion(self) -> FloatArray:
         """Cohesion in pascals, shape (m,)."""
-        cohesion: FloatArray = self.law.cohesion / self.area
-        return cohesion
+        return self.law.cohesion / self.area
 
     @property
     def friction(self) -> FloatArray:
@@ -194,22 +193,19 @@ class NodalAnswer:
 
     @cached_property
     def _friction(self) -> FloatArray:
-        friction: FloatArray = np.hypot(self.force[:, 1], self.force[:, 2])
-        return friction
+        return np.hypot(self.force[:, 1], self.force[:, 2])
 
     @property
     def pressure(self) -> FloatArray:
         """Normal force over area, pascals, shape (m,)."""
-        pressure: FloatArray = self.force[:, 0] / self.area
-        return pressure
+        return self.force[:, 0] / self.area
 
     @property
     def friction_traction(self) -> FloatArray:
         """Of friction on the body, space vectors in pascals, shape (m, 3)."""
         tangential = self.force.copy()
         tangential[:, 0] = 0.0
-        traction: FloatArray = -self._vectors(tangential) / self.area[:, None]
-        return traction
+        return -self._vectors(tangential) / self.area[:, None]
 
     @property
     def friction_use(self) -> FloatArray:
@@ -225,13 +221,11 @@ class NodalAnswer:
     @cached_property
     def _open(self) -> npt.NDArray[np.bool_]:
         normal = self.force[:, 0]
-        open_: npt.NDArray[np.bool_] = normal <= OPEN_BELOW * Reductions(self.comm).max(normal)
-        return open_
+        return normal <= OPEN_BELOW * Reductions(self.comm).max(normal)
 
     @cached_property
     def _at_bound(self) -> npt.NDArray[np.bool_]:
-        at_bound: npt.NDArray[np.bool_] = self._friction >= SLIP_ABOVE * self.bound
-        return at_bound
+        return self._friction >= SLIP_ABOVE * self.bound
 
     @cached_property
     def status(self) -> npt.NDArray[np.int64]:
@@ -240,8 +234,7 @@ class NodalAnswer:
 
     @cached_property
     def _friction_work(self) -> FloatArray:
-        work: FloatArray = np.sum(self.force[:, 1:] * self.relative_displacement[:, 1:], axis=1)
-        return work
+        return np.sum(self.force[:, 1:] * self.relative_displacement[:, 1:], axis=1)
 
     @cached_property
     def accumulated(self) -> Accumulated:
@@ -375,12 +368,10 @@ class NodalAnswer:
         return self.law.at(here).numbers(self.area[here], self.scale[here], Reductions(self.comm))
 
     def _vectors(self, components: FloatArray) -> FloatArray:
-        vectors: FloatArray = np.einsum("kij,ki->kj", self.frames, components)
-        return vectors
+        return np.einsum("kij,ki->kj", self.frames, components)
 
     def _displacements(self, rows: FloatArray) -> FloatArray:
-        vectors: FloatArray = np.einsum("kij,ki->kj", inverse_frames(self.frames), rows)
-        return vectors
+        return np.einsum("kij,ki->kj", inverse_frames(self.frames), rows)
 
 
 def relative_displacement(displacement: FloatArray, slip_origin: FloatArray) -> FloatArray:

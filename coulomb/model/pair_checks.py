@@ -98,8 +98,7 @@ class PairReference:
             node = node[~np.isin(node, master.nodes)]
         row, x, n = opposite_nodes(slave, master, node)
         held = self._slave.held.projector_at(node[row] - space.numbering.first)
-        found: FloatArray = x[np.linalg.norm(np.einsum("mij,mj->mi", held, n), axis=1) < _HELD]
-        return found
+        return x[np.linalg.norm(np.einsum("mij,mj->mi", held, n), axis=1) < _HELD]
 
     def off_linear(
         self, nodes: npt.NDArray[np.integer[Any]], n: FloatArray, own: FloatArray, opposite: FloatArray
@@ -124,8 +123,7 @@ class PairReference:
         found, unsure = self.averages(*fields)
         off = np.abs(averages - found) - unsure
         off[:, :, 1:4] /= np.maximum(self.samples.radius, 1e-300)[:, None]
-        most: FloatArray = np.maximum(off.max(axis=(0, 2), initial=0.0) - _ROUNDING, 0.0)
-        return most
+        return np.maximum(off.max(axis=(0, 2), initial=0.0) - _ROUNDING, 0.0)
 
     def displacement(
         self, u: tuple[FloatArray, FloatArray], mirrored: FloatArray | None, frames: FloatArray, rows: FloatArray
@@ -139,8 +137,7 @@ class PairReference:
         off = np.abs(rows - np.einsum("mij,mj->mi", frames, difference))
         off -= np.einsum("mij,mj->mi", np.abs(frames), unsure.sum(axis=0))
         off -= _OF_LARGEST * max(float(np.max(np.abs(of), initial=0.0)) for of in u)
-        most: FloatArray = np.maximum(off.max(axis=1, initial=0.0), 0.0)
-        return most
+        return np.maximum(off.max(axis=1, initial=0.0), 0.0)
 
 
 _ROUNDING: Final = 1e-9

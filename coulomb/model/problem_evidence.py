@@ -91,8 +91,7 @@ def gather_evidence(
         """Space vectors at the solver's contact points as components at those of the evidence; 0 elsewhere."""
         there = np.zeros((len(nodes), 3))
         np.add.at(there, judged[known], vectors[known])
-        components: FloatArray = np.einsum("kij,kj->ki", axes, there)
-        return components
+        return np.einsum("kij,kj->ki", axes, there)
 
     x = x.reshape(-1, 3)
     force = taken(surface.vectors(x), inverse_frames(frames))

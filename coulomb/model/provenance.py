@@ -54,8 +54,7 @@ def provenance(started: datetime, comm: MPI.Comm) -> dict[str, Any]:
         "command": command(),
         "coulomb": __version__,
     }
-    shared: dict[str, Any] = comm.bcast(entry)
-    return shared
+    return comm.bcast(entry)
 
 
 @contextmanager

@@ -114,8 +114,7 @@ class Solution:
 
     @cached_property
     def _on_bodies(self) -> dict[str, dict[str, FloatArray]]:
-        found: dict[str, dict[str, FloatArray]] = late_bound["fields_on_bodies"](self)
-        return found
+        return late_bound["fields_on_bodies"](self)
 
     @cached_property
     def _made(self) -> dict[tuple[str, str], Any]:

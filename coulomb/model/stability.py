@@ -122,5 +122,4 @@ def _orthonormal(rows: FloatArray, over: Reductions) -> FloatArray:
     rows = rows / np.sqrt(over.total(np.einsum("ki,ki->k", rows, rows)))[:, None]
     sizes, ways = np.linalg.eigh(over.total((rows @ rows.T).ravel()).reshape(len(rows), -1))
     keep = sizes > 1e-12 * sizes[-1]
-    found: FloatArray = (ways[:, keep] / np.sqrt(sizes[keep])).T @ rows
-    return found
+    return (ways[:, keep] / np.sqrt(sizes[keep])).T @ rows

@@ -107,8 +107,7 @@ def _unload_wedged(problem: DiscreteProblem, force: FloatArray, gram: FloatArray
 
 
 def _friction(force: FloatArray) -> FloatArray:
-    size: FloatArray = np.hypot(force[:, 1], force[:, 2])
-    return size
+    return np.hypot(force[:, 1], force[:, 2])
 
 
 CERTIFIED_FROM: Final = 1e-8

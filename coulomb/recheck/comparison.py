@@ -46,8 +46,7 @@ def perturbed(values: FloatArray, random: np.random.Generator) -> FloatArray:
     """Each entry changed by up to 1e-13 of itself and 1e-14 of the largest: at least a hundred times the rounding
     error, so that its effect is not underestimated by chance."""
     size, by = np.abs(values), random.uniform(-1.0, 1.0, values.shape)
-    moved: FloatArray = values + by * (1e-13 * size + 1e-14 * np.max(size, initial=0.0))
-    return moved
+    return values + by * (1e-13 * size + 1e-14 * np.max(size, initial=0.0))
 
 
 class Field(NamedTuple):

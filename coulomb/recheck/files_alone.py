@@ -162,8 +162,7 @@ def _limits(faces: list[dict[str, Any]], at: Mapping[str, FloatArray]) -> FloatA
         return None
     ends = [(one["min"], one["max"]) if isinstance(one, Mapping) else (one or np.inf,) * 2 for one in given]
     low, high = np.array(ends)[np.round(at["face"]).astype(np.int64)].T * at["area"]
-    limits: FloatArray = np.clip(at["slip_bound"], low, high)
-    return limits
+    return np.clip(at["slip_bound"], low, high)
 
 
 def _compare_fields(

@@ -202,5 +202,4 @@ def open_motion(problem: FrictionProblem) -> FloatArray | None:
         found = linprog(np.ones(2 * rigid.count), np.hstack([G, -G]), room, method="highs", options=EXACT)
         if found.success:
             alpha = largest * (found.x[: rigid.count] - found.x[rigid.count :])
-    answer: FloatArray | None = over.comm.bcast(alpha)
-    return answer
+    return over.comm.bcast(alpha)

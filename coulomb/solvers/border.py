@@ -99,5 +99,4 @@ class Border:
 
 def _over(vectors: FloatArray, length: FloatArray) -> FloatArray:
     """Vectors (m, 2) over their lengths (m,), 0 where these are 0."""
-    found: FloatArray = vectors / np.where(length > 0.0, length, 1.0)[:, None]
-    return found
+    return vectors / np.where(length > 0.0, length, 1.0)[:, None]

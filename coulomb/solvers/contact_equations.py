@@ -72,8 +72,7 @@ class ContactEquations:
     @cached_property
     def rho_t(self) -> FloatArray:
         """1/d_t where there is friction to be found, else 0, shape (m,)."""
-        found: FloatArray = np.where(self.frictional, 1.0 / np.where(self.frictional, self.d_t, 1.0), 0.0)
-        return found
+        return np.where(self.frictional, 1.0 / np.where(self.frictional, self.d_t, 1.0), 0.0)
 
     def pressed(self, x: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
         """p = x - w/d, along n (m,) and along the tangents (m, 2)."""

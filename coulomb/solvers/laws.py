@@ -174,8 +174,7 @@ class FrictionLaw:
     @property
     def sloped(self) -> npt.NDArray[np.bool_]:
         """Nodes whose bound grows with pressure, shape (m,)."""
-        sloped: npt.NDArray[np.bool_] = np.any(self._table[1] > 0.0, axis=1)
-        return sloped
+        return np.any(self._table[1] > 0.0, axis=1)
 
     @property
     def proportional(self) -> bool:

@@ -127,8 +127,7 @@ class MotionBasis:
 
     def amounts(self, displacement: FloatArray) -> FloatArray:
         """Of the motions that are nearest to a displacement (3 m,) in metres, shape (q,); collective."""
-        nearest: FloatArray = self.T.T @ self.over.total(self.rows @ displacement)
-        return nearest
+        return self.T.T @ self.over.total(self.rows @ displacement)
 
     def distance(self, out_of_balance: FloatArray) -> float:
         """Length of the smallest change of the forces that restores equilibrium, newtons.

@@ -159,8 +159,7 @@ class FormBody(SingleBody):
         """Of the coefficients of a, those that its stiffness has."""
         if self._made.values is None:
             self._made.values = self._a.values
-        values: FormValues = self._made.values
-        return values
+        return self._made.values
 
     def assembled(self) -> PETSc.Mat:
         K, self._assembled = self._assembled, None

@@ -83,8 +83,7 @@ class CellProducts:
 
     def of(self, u: FloatArray) -> FloatArray:
         """b . u of each cell, for values at this rank's nodes and ghosts (n,)."""
-        found: FloatArray = np.einsum("cj,cj->c", self.b, u.reshape(-1, 3)[self._nodes].reshape(self.b.shape))
-        return found
+        return np.einsum("cj,cj->c", self.b, u.reshape(-1, 3)[self._nodes].reshape(self.b.shape))
 
     def times(self, u: FloatArray) -> FloatArray:
         """The product with values at this rank's nodes and ghosts (n,): what its cells add there, shape (n,)."""

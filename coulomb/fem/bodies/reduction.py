@@ -51,8 +51,7 @@ def _each_column(of: Callable[[FloatArray], FloatArray], v: FloatArray) -> Float
 
 def _scaled(factors: FloatArray, values: FloatArray) -> FloatArray:
     """Values of any shape (n, ...) times factors (n,)."""
-    product: FloatArray = factors.reshape(-1, *(1,) * (values.ndim - 1)) * values
-    return product
+    return factors.reshape(-1, *(1,) * (values.ndim - 1)) * values
 
 
 def chained(E: PETSc.Mat, W: PETSc.Mat, ties: Sequence[Tie], lifetime: object) -> PETSc.Mat:

@@ -472,8 +472,7 @@ class SupportedFace:
             raise ValueError(f"{what}: the nodes are on a line, and in no plane: use a clamp with a direction")
         if sizes[2] > _OFF_PLANE * sizes[0]:
             raise ValueError(f"{what}: the nodes must be in a plane: use a clamp with a direction")
-        n: FloatArray = _clean(ways[2:])[0]
-        return n
+        return _clean(ways[2:])[0]
 
 
 def _clean(normals: FloatArray) -> FloatArray:

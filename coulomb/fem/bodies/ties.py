@@ -189,8 +189,7 @@ class Prescribed:
         def factors() -> FloatArray:
             return np.array([evaluate_amplitude(given, time, what) for what, given in self.amplitudes])
 
-        amounts: FloatArray = self.amounts @ on_all_ranks(factors, "", comm)
-        return amounts
+        return self.amounts @ on_all_ranks(factors, "", comm)
 
 
 @dataclass(frozen=True)

@@ -152,8 +152,7 @@ class BodyBoundary:
         other = outer.copy()
         other[facets] = False
         of_cells = of_cells[: len(self.numbers)]
-        found: Flags = outer[of_cells].any(axis=1) & ~other[of_cells].any(axis=1)
-        return found
+        return outer[of_cells].any(axis=1) & ~other[of_cells].any(axis=1)
 
     def name_of(self, row: int) -> str:
         """The smallest named face that has the facet in this row, in words."""
@@ -166,8 +165,7 @@ class BodyBoundary:
     def normal(self, row: int) -> FloatArray:
         """The outward unit normal of the facet in this row."""
         vector = self.patch.middle_vectors[row]
-        unit: FloatArray = vector / np.linalg.norm(vector)
-        return unit
+        return vector / np.linalg.norm(vector)
 
 
 def sides_of(rows: FloatArray) -> tuple[Flags, Flags]:

@@ -175,8 +175,7 @@ class Facets:
         corner = self.nodes[:, : self.corners]
         ends = np.sort(np.stack([corner, np.roll(corner, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         _, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
-        found: npt.NDArray[np.bool_] = (count[number.reshape(-1)] == 1).reshape(corner.shape)
-        return found
+        return (count[number.reshape(-1)] == 1).reshape(corner.shape)
 
     @cached_property
     def slivers(self) -> FloatArray:
@@ -197,10 +196,7 @@ class Facets:
 
 def plane_vectors(corners: FloatArray) -> FloatArray:
     """Normals of facets with these corners (..., 3 or 4, 3), with the length of their area, shape (..., 3)."""
-    vectors: FloatArray = 0.5 * np.cross(
-        corners[..., 2, :] - corners[..., 0, :], corners[..., -1, :] - corners[..., 1, :]
-    )
-    return vectors
+    return 0.5 * np.cross(corners[..., 2, :] - corners[..., 0, :], corners[..., -1, :] - corners[..., 1, :])
 
 
 def facets_of(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> tuple[Facets, IntArray]:

@@ -167,8 +167,7 @@ def free_lengths(points: ContactPoints, n: FloatArray, body: Deformable) -> Floa
     free, whole = (np.sqrt(np.asarray(of.multiply(of).sum(axis=1)).ravel()) for of in (local_rows(product), rows))
     for matrix in (B, P, product):
         matrix.destroy()
-    lengths: FloatArray = free / whole
-    return lengths
+    return free / whole
 
 
 def row_products(B: PETSc.Mat, points: ContactPoints) -> FloatArray:
@@ -270,8 +269,7 @@ class ContactPoints:
         square = self.difference.multiply(self.difference).tocsr()
         total = np.asarray(square.sum(axis=1)).ravel()
         whole = replace(self, weights=square, nodal=False, opposite=None).average(values)
-        found: FloatArray = whole / np.where(total > 0.0, total, 1.0) ** 2
-        return found
+        return whole / np.where(total > 0.0, total, 1.0) ** 2
 
     def held(self, held: HeldDirections) -> FloatArray:
         """How far each point is held: the mean M of the projectors of its nodes, shape (m, 3, 3); collective.

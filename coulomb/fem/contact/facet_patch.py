@@ -385,8 +385,7 @@ def mean_normals(node: npt.NDArray[np.int64], vectors: FloatArray, size: int) ->
     `FacetPatch.middle_vectors` (k, 3) and the nodes at which they count (k,)."""
     sums, areas = np.zeros((size, 3)), np.bincount(node, np.linalg.norm(vectors, axis=1), size)
     np.add.at(sums, node, vectors)
-    means: FloatArray = sums / np.maximum(areas, 1e-300)[:, None]
-    return means
+    return sums / np.maximum(areas, 1e-300)[:, None]
 
 
 def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> FacetPatch:

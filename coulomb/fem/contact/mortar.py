@@ -92,8 +92,7 @@ def _halfway(slave: FacetPatch, chord: FloatArray) -> FloatArray:
     straight = 0.5 * (slave.x[:, :3] + np.roll(slave.x[:, :3], -1, axis=1))
     own = 0.5 * np.linalg.norm((slave.x[:, 3:] - straight).sum(axis=1), axis=1)
     fitting = np.clip(1.0 - chord / np.maximum(own, 1e-300), 0.0, 1.0)
-    halfway: FloatArray = 0.5 * fitting * np.minimum(1.0, (own / (ROUND * slave.diameters)) ** 2)
-    return halfway
+    return 0.5 * fitting * np.minimum(1.0, (own / (ROUND * slave.diameters)) ** 2)
 
 
 @dataclass(frozen=True)

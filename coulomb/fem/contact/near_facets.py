@@ -75,8 +75,7 @@ class FaceSamples:
     def spread(self, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """By how much a distance, a function of places (k, 3) in metres, differs between the nodes of each facet before
         deformation, shape (f,)."""
-        found: FloatArray = np.ptp(distance(self.x.reshape(-1, 3)).reshape(self.x.shape[:2]), axis=1)
-        return found
+        return np.ptp(distance(self.x.reshape(-1, 3)).reshape(self.x.shape[:2]), axis=1)
 
     def chord_on(self, distance: Callable[[FloatArray], FloatArray]) -> FloatArray:
         """The chord in metres of facets whose nodes are on a foundation by its distance, a function of places (k, 3) in

@@ -314,8 +314,7 @@ class Surface:
                 near |= np.all((last >= lowest) & (first <= highest), axis=1)
             number.append(np.flatnonzero(near))
             to.append(np.full(len(number[-1]), rank))
-        found: Rows = Exchange(comm, np.concatenate(to)).send(points[np.concatenate(number)])
-        return found
+        return Exchange(comm, np.concatenate(to)).send(points[np.concatenate(number)])
 
     def _inside(self, points: Sequence[Rows], cells: Sequence[FloatArray], deformed: bool) -> Rows:
         """The points that are in this rank's cells of each body with which they share no node, with the body, the
@@ -432,8 +431,7 @@ def _keys(hits: Rows) -> Rows:
     """What tells hits apart, shape (h,)."""
     places = np.rint(1e6 * hits["at"])
     keys = np.column_stack([hits["part"], hits["nodes"], hits["inside"], hits["component"], places]).astype(np.int64)
-    found: Rows = np.ascontiguousarray(keys).view([("", np.int64)] * keys.shape[1]).ravel()
-    return found
+    return np.ascontiguousarray(keys).view([("", np.int64)] * keys.shape[1]).ravel()
 
 
 def _once(hits: Rows) -> Rows:
@@ -474,8 +472,7 @@ def _least(values: FloatArray, comm: MPI.Comm) -> FloatArray:
 
 def _way(hits: Rows) -> FloatArray:
     """How far hits and the material at their place have moved relative to each other, metres, shape (h,)."""
-    way: FloatArray = np.linalg.norm(hits["was"] - hits["x"][:, 0], axis=1)
-    return way
+    return np.linalg.norm(hits["was"] - hits["x"][:, 0], axis=1)
 
 
 def _noticed(hits: Rows) -> FloatArray:

@@ -215,8 +215,7 @@ class CurvedFaces:
 
     def signed_distance(self, x: FloatArray) -> FloatArray:
         """Of points x (k, 3) in metres, shape (k,)."""
-        found: FloatArray = -np.linalg.norm(self._way(x), axis=1)
-        return found
+        return -np.linalg.norm(self._way(x), axis=1)
 
     def bulges(self, corners: FloatArray, facet: IntArray, at: FloatArray) -> FloatArray:
         """The way in metres to the boundary from points (k, 3) of first-order facets with corners (f, 3 or 4, 3) in
@@ -226,8 +225,7 @@ class CurvedFaces:
         nodes = lagrange_values(kind, 1, lagrange_points(kind, 2)) @ corners[:, order]
         off = self._way(nodes.reshape(-1, 3)).reshape(nodes.shape)
         values = lagrange_values(kind, 2, np.stack([at[:, end].sum(axis=1) for end in ends], axis=1))
-        bulges: FloatArray = np.einsum("kn,kni->ki", values, off[facet])
-        return bulges
+        return np.einsum("kn,kni->ki", values, off[facet])
 
     def normal(self, x: FloatArray) -> FloatArray:
         """Unit vectors at points x (k, 3), shape (k, 3); 0 where they are on the boundary."""

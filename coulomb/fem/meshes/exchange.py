@@ -89,14 +89,11 @@ def fetched(
 ) -> npt.NDArray[Any]:
     """Rows of a distributed array, of which this rank has `rows` after `starts_of`, by their numbers of any shape;
     collective."""
-    found: npt.NDArray[Any]
     if comm.size == 1:
-        found = rows[numbers]
-        return found
+        return rows[numbers]
     wanted, inverse = np.unique(numbers, return_inverse=True)
     ask = Exchange(comm, owner_of(starts, wanted))
-    found = ask.reply(rows[ask.send(wanted) - starts[comm.rank]])[inverse.reshape(numbers.shape)]
-    return found
+    return ask.reply(rows[ask.send(wanted) - starts[comm.rank]])[inverse.reshape(numbers.shape)]
 
 
 class Slabs:

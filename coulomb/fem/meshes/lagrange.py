@@ -151,8 +151,7 @@ def functions_of_nodes(cell: Any, count: int, X: FloatArray) -> FloatArray:
         powers = [p for p in np.ndindex(3, 3, 3) if p.count(2) < 2]
         return np.column_stack([np.prod(x**p, axis=1) for p in powers])
 
-    values: FloatArray = monomials(X) @ np.linalg.inv(monomials(lagrange_points(cell, 2)[:20]))
-    return values
+    return monomials(X) @ np.linalg.inv(monomials(lagrange_points(cell, 2)[:20]))
 
 
 def lagrange_slopes(cell: Any, degree: int, X: FloatArray) -> FloatArray:

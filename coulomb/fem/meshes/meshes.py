@@ -204,8 +204,7 @@ def off_surface(mesh: NamedMesh) -> FloatArray:
     bulge = np.einsum("cfni,n->cfi", off[:, columns], mean)
     ring = corners[:, columns[:, : 3 if len(columns) == 4 else 4]]
     area = 0.5 * np.cross(ring[:, :, 2] - ring[:, :, 0], ring[:, :, -1] - ring[:, :, 1])
-    found: FloatArray = np.where(at, np.abs(np.einsum("cfi,cfi->cf", bulge, area)), 0.0).sum(axis=1)
-    return found
+    return np.where(at, np.abs(np.einsum("cfi,cfi->cf", bulge, area)), 0.0).sum(axis=1)
 
 
 def polygon(mesh: NamedMesh) -> float:

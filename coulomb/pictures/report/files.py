@@ -167,8 +167,7 @@ class Run:
     @property
     def certificate(self) -> dict[str, Any]:
         """The measures of every condition; for a history, at the worst step of each."""
-        found: dict[str, Any] = self.history["certificate"] if self.is_history else self.summary["certificate"]
-        return found
+        return self.history["certificate"] if self.is_history else self.summary["certificate"]
 
     @property
     def end(self) -> str:

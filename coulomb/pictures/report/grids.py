@@ -275,12 +275,10 @@ def _way_out(
     mean = area @ normals / max(float(area.sum()), 1e-300)
     through = float((body.mean(axis=0) - staying.mean(axis=0)) @ mean) < 0.0  # as a dovetail, held by undercut flanks
     if np.linalg.norm(mean) >= 0.3 and not through:
-        out: FloatArray = _APART * np.linalg.norm(np.ptp(face, axis=0)) * mean / np.linalg.norm(mean)
-        return out
+        return _APART * np.linalg.norm(np.ptp(face, axis=0)) * mean / np.linalg.norm(mean)
     along = np.linalg.eigh(normals.T @ (area[:, None] * normals))[1][:, 0]  # the axis of a hole or of a slot
     outward = float((body.mean(axis=0) - contact.points[nodes].mean(axis=0)) @ along)
-    pulled: FloatArray = math.copysign(1.1, outward) * float(np.ptp(body @ along)) * along
-    return pulled
+    return math.copysign(1.1, outward) * float(np.ptp(body @ along)) * along
 
 
 _VTK_TYPES = {"Hexahedron": 12, "Tetrahedron": 10, "Quadrilateral": 9, "Triangle": 5}

@@ -65,8 +65,7 @@ class Camera:
         """Directions of x, y and z in the picture, right and up, (3, 2)."""
         forward = self.focal_point - self.position
         right = np.cross(forward, self.up)
-        found: FloatArray = np.column_stack([right / np.linalg.norm(right), self.up])
-        return found
+        return np.column_stack([right / np.linalg.norm(right), self.up])
 
     def aim(self, plotter: Any) -> None:
         """Apply it to a plotter."""

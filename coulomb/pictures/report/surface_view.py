@@ -124,15 +124,13 @@ def _triangles(cells: IntArray) -> IntArray:
     parts = [cells[:, :3]] if cells.shape[1] == 3 else [cells[:, :3], cells[:, [0, 2, 3]]]
     found = np.concatenate(parts)
     proper = (found[:, 0] != found[:, 1]) & (found[:, 1] != found[:, 2]) & (found[:, 2] != found[:, 0])
-    kept: IntArray = found[proper]
-    return kept
+    return found[proper]
 
 
 def _edges(cells: IntArray) -> IntArray:
     """Every edge of the cells once."""
     pairs = np.stack([cells, np.roll(cells, 1, axis=1)], axis=2).reshape(-1, 2)
-    found: IntArray = np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
-    return found
+    return np.unique(np.sort(pairs[pairs[:, 0] != pairs[:, 1]], axis=1), axis=0)
 
 
 def _outline(body: Grid) -> tuple[IntArray, IntArray]:
