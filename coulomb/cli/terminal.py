@@ -32,7 +32,7 @@ from ..fem.meshes import corner_geometry
 from ..io.accuracy import accuracy
 from ..io.run_directory import PICTURE
 from ..linalg.reductions import Reductions
-from ..model.input_echo import contacts_of, loads_of, supports_of, ties_of
+from ..model.input_echo import contacts_of, loads_of, ties_of
 from ..model.problem import ContactProblem
 from ..model.solution import Solution
 from ..pictures.report.words import bars_in_words, compared_in_words, friction_in_words, in_few, share_of_tolerance
@@ -103,7 +103,8 @@ def show_input(console: Console, settings: Case, problem: ContactProblem) -> Non
     )
     heat = problem.body.heat
     _print(console, "heat", [] if heat is None else [load.title for load in heat.conduction.loads])
-    _print(console, "support", [f"{one['kind']} on {one['face']!r}: {one['holds']}" for one in supports_of(problem)])
+    supports = problem.elasticity.support_entries()
+    _print(console, "support", [f"{one['kind']} on {one['face']!r}: {one['holds']}" for one in supports])
     _print(console, "found", [found_in_words(*one) for one in settings.found], len(settings.found))
     _print(console, "contact", [contact_in_words(one) for one in contacts_of(problem)])
     ties = ties_of(problem)

@@ -204,7 +204,7 @@ def _algebraic(totals: Totals, contents: Mapping[str, Any], solution: Solution, 
     x = problem.elasticity.x
     least["N m"] = max(least["N m"], least["N"] * over.max(np.linalg.norm(x, axis=1)))
     least["W"] = part * max(flows, default=0.0) + least["N m"] * max(spins, default=0.0)
-    narrowest = min(over.max(along) + over.max(-along) for along in x.T)
+    narrowest = float(np.min(over.extent(x)))
     turning = (*contents.get("rigid_faces", ()), *contents.get("loaded_foundations", ()))
     turned = [float(np.max(np.abs(face["rotation"]))) for face in turning]
     least["rad"] = part * max(turned, default=0.0) + least["m"] / narrowest

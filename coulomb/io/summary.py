@@ -21,7 +21,7 @@ from ..fem.geometry import of_place
 from ..linalg.reductions import Reductions
 from ..model.certificate import RESOLUTION, Certificate
 from ..model.equilibrium import undetermined
-from ..model.input_echo import contacts_of, supports_of, ties_of
+from ..model.input_echo import contacts_of, ties_of
 from ..model.nodal_answer import NodalAnswer
 from ..model.resultants import ForceBalance
 from ..model.solution import Solution
@@ -64,7 +64,7 @@ def summary(solution: Solution) -> dict[str, Any]:
         ),
         "probes": [value.entry() for value in solution.probes],
         "understood": {
-            "supports": supports_of(problem),
+            "supports": elasticity.support_entries(),
             "contacts": contacts_of(problem),
             "chosen": list(problem.body.chosen),
             **({"ties": ties_of(problem)} if elasticity.constraints.every else {}),

@@ -117,6 +117,15 @@ class Reductions:
             return v
         return np.max(self._gathered(*v), axis=0)
 
+    def ends(self, x: FloatArray) -> FloatArray:
+        """Least and largest coordinates of places x (k, 3), shape (2, 3); NaN where any is."""
+        ends = np.concatenate([-x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)])
+        return self.largest(ends).reshape(2, 3) * [[-1.0], [1.0]]
+
+    def extent(self, x: FloatArray) -> FloatArray:
+        """Extent of places x (k, 3) along the axes, shape (3,)."""
+        return np.subtract(*self.ends(x)[::-1])
+
     def min(self, v: FloatArray) -> float:
         """Smallest entry; NaN if any entry is, +inf if there is none."""
         return -self.max(-np.asarray(v))

@@ -188,7 +188,7 @@ def _of_part(
     if not free.shape[1]:
         return balance, 0.0
     loose = free @ null_space(free.T @ resisted @ free, 1e-10 * worst(float(np.trace(resisted)), 1.0))
-    free = _besides(free, loose)
+    free = np.linalg.svd(free - loose @ (loose.T @ free), full_matrices=False)[0][:, : free.shape[1] - loose.shape[1]]
     stiff, vectors = np.linalg.eigh(free.T @ stiffness @ free)
     free = free @ vectors  # motions that the springs hold independently of each other
     carried = np.zeros(free.shape[1])
@@ -210,12 +210,6 @@ def _resistance(over: Reductions, rows: FloatArray, ground: FloatArray | None) -
         stiffness = rows.T @ forces
         resisted = rows.T @ (forces / (over.max(np.abs(ground)) or 1.0))
     return over.total(stiffness), over.total(resisted)
-
-
-def _besides(free: FloatArray, loose: FloatArray) -> FloatArray:
-    """Orthonormal motions among `free` (6, q) that are orthogonal to `loose` (6, p) among them, shape (6, q - p)."""
-    left, _, _ = np.linalg.svd(free - loose @ (loose.T @ free), full_matrices=False)
-    return left[:, : free.shape[1] - loose.shape[1]]
 
 
 LIMIT: Final = 1e-6
@@ -480,7 +474,7 @@ def _actions(e: Evidence, over: Reductions) -> tuple[Check, ...]:
     """Whether forces and moments on both faces of every pair are opposite, but for couples across undeformed gaps."""
     if e.actions is None:
         return ()
-    size = max(over.max(axis) + over.max(-axis) for axis in e.x.T) or 1.0
+    size = float(np.max(over.extent(e.x))) or 1.0
     slave, master, couples = np.moveaxis(over.total(e.actions.ravel()).reshape(e.actions.shape), 1, 0)
     left = (slave + master - couples)[:, :6] / np.array([1.0] * 3 + [size] * 3)
     most = worst(0.0, *(ratio(worst(*np.abs(one)), scale) for one, scale in zip(left, slave[:, 6], strict=True)))

@@ -173,7 +173,7 @@ def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> S
     motion = over.max(np.abs(e.displacement))
     energy = over.dot(e.displacement / (motion or 1.0), e.internal / (nodal or 1.0))
     way = min(2.0 * energy * motion * ratio(nodal, turnover), _FARTHEST * motion)
-    at_least = motion if motion != 0.0 else max(over.max(axis) + over.max(-axis) for axis in e.x.T)
+    at_least = motion if motion != 0.0 else float(np.max(over.extent(e.x)))
     peak = over.max(np.abs(e.force))
     force = worst(peak, ROUNDING * over.max(np.abs(e.rounding))) if peak != 0.0 else 0.0
     length = worst(way, *blocked, ROUNDING * EPSILON * at_least)

@@ -7,7 +7,15 @@ from typing import Any, Final, cast
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, by_group, component_modes, largest_poisson, null_space, of_components
+from ..fem.bodies import (
+    Deformable,
+    by_group,
+    component_modes,
+    diagonal_of,
+    largest_poisson,
+    null_space,
+    of_components,
+)
 from ..fem.contact import ContactSurface
 from ..fem.geometry import of_place
 from ..fem.meshes import aspects, volume
@@ -34,9 +42,7 @@ def soft_motions(elasticity: Deformable) -> SoftMotions | None:
     forces = elasticity.anchoring[: len(modes), :, None] * modes
     if ground is not None:
         forces += of_components(ground, elasticity.x, component, parts, elasticity.comm)
-    diagonal = elasticity.K.getDiagonal()
-    stiff = diagonal.array.reshape(-1, 3).mean(axis=1)[: len(elasticity.x)]
-    diagonal.destroy()
+    stiff = diagonal_of(elasticity.K).reshape(-1, 3).mean(axis=1)[: len(elasticity.x)]
     found: list[tuple[FloatArray, FloatArray]] = []
     for number in range(len(parts)):
         here = component == number
@@ -82,9 +88,7 @@ def near_part(surface: ContactSurface, elasticity: Deformable) -> float:
     1 for a face on its plane, 0.05 for a half ring on a plane: most of its nodes stay open whatever happens.
     """
     over, gap = Reductions(elasticity.comm), surface.gap
-    x = elasticity.x
-    diagonal = np.linalg.norm([over.max(x[:, k]) + over.max(-x[:, k]) for k in range(3)])
-    near = gap <= over.min(gap) + _NEAR * diagonal
+    near = gap <= over.min(gap) + _NEAR * np.linalg.norm(over.extent(elasticity.x))
     return over.sum(surface.area[near]) / over.sum(surface.area)
 
 
@@ -120,10 +124,9 @@ def elongation_of(surface: ContactSurface, elasticity: Deformable) -> float:
     """Square of the diagonal of a contact face over its area, of the face where it is largest; collective."""
     over, found = Reductions(elasticity.comm), []
     for number in range(len(surface.faces)):
-        x, area = surface.x[surface.part == number], surface.area[surface.part == number]
-        square = sum((over.max(x[:, k]) + over.max(-x[:, k])) ** 2 for k in range(3))
-        found.append(square / over.sum(area))
-    return float(max(found))
+        here = surface.part == number
+        found.append(float(np.sum(over.extent(surface.x[here]) ** 2)) / over.sum(surface.area[here]))
+    return max(found)
 
 
 def on_soft_springs(elasticity: Deformable) -> bool:
@@ -159,9 +162,7 @@ def ill_conditioned(elasticity: Deformable) -> bool:
     if moduli and max(moduli) > _APART * min(moduli):
         return True
     for member in elasticity.members:
-        x = member.body.x
-        diagonal = np.linalg.norm([over.max(x[:, k]) + over.max(-x[:, k]) for k in range(3)])
-        if diagonal**3 > _BENDS * over.sum(volume(member.body.mesh)):
+        if np.linalg.norm(over.extent(member.body.x)) ** 3 > _BENDS * over.sum(volume(member.body.mesh)):
             return True
     return False
 

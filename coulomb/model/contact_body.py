@@ -28,12 +28,11 @@ from ..fem.contact import (
     rows_of,
     with_unknowns,
 )
-from ..fem.geometry import RigidFoundation, RigidMotion, Spin, same_place, since_at, spin
+from ..fem.geometry import RigidMotion, Spin, same_place, since_at, spin
 from ..linalg.compliance import LinearSolver, chosen
 from .contact import Contact
 from .contact_faces import ContactFaces, StatePoints, slaves_as_faces
 from .contact_stiffness import ContactStiffness
-from .foundation_load import FoundationLoads
 from .heat import HeatProblem
 from .held_nodes import HeldInPairs, refuse_held_inside
 from .linear_problem import Before, ContactState
@@ -113,6 +112,9 @@ class ContactBody:
     Attributes:
         contacts: The contact faces; of pairs of deformable faces with the slave as face.
         chosen: Which face of every pair is the slave, in words.
+        foundations: Of all contact faces before any motion; by default the plane of the face; None against a
+            deformable face.
+        foundation_loads: Force and moment on them.
         elasticity: K, loads and supports.
         comm: The ranks that share the body.
         probes: The probes, found in the mesh.
@@ -160,6 +162,7 @@ class ContactBody:
     def _take(self, elasticity: Deformable, time: float) -> None:
         """Find contact faces and unknowns of the bodies, with the supports that act at a time; collective."""
         self.elasticity, self._faces = elasticity, ContactFaces(self.contacts, elasticity, time)
+        self.foundations, self.foundation_loads = tuple(self._faces.foundations), self._faces.loads
         self.held_in_pairs = HeldInPairs(self.contacts, elasticity, self.pair)
         motions = self._faces.foundation_motions(time)
         try:
@@ -219,17 +222,6 @@ class ContactBody:
     def places(self, surface: ContactSurface) -> npt.NDArray[np.int64]:
         """Numbers of the contact points of a surface among those of states, shape (m,)."""
         return self.points_of_states(surface).places(surface)
-
-    @property
-    def foundations(self) -> tuple[RigidFoundation | None, ...]:
-        """Foundations of all contact faces before any motion; by default the plane of the face; None against a
-        deformable face."""
-        return tuple(self._faces.foundations)
-
-    @property
-    def foundation_loads(self) -> FoundationLoads:
-        """Force and moment on the foundations."""
-        return self._faces.loads
 
     @cached_property
     def outside(self) -> OutsideContacts:

@@ -153,7 +153,7 @@ class ContactFaces:
         """The contact surface with moved foundations, and gaps at a time; collective."""
         surfaces = []
         over = Reductions(self._comm)
-        size = np.linalg.norm([over.max(axis) + over.max(-axis) for axis in elasticity.x.T])
+        size = np.linalg.norm(over.extent(elasticity.x))
         for number, (contact, foundation, motion, factor) in enumerate(
             zip(self._contacts, self.foundations, motions, self.gap_factors(time), strict=True)
         ):

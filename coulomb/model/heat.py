@@ -18,7 +18,7 @@ from petsc4py import PETSc
 
 from ..arrays import FloatArray
 from ..contact_fields import side_names
-from ..fem.bodies import Conduction, Deformable, HeatLoad, distributed_rows, matrix_product, range_of
+from ..fem.bodies import Conduction, Deformable, HeatLoad, diagonal_of, distributed_rows, matrix_product, range_of
 from ..fem.contact import ContactSurface
 from ..linalg.petsc_arrays import configured_ksp
 from ..linalg.reductions import Reductions
@@ -186,7 +186,7 @@ class HeatProblem:
         conductance.destroy()
         A = through.difference.transposeMatMult(scaled)
         A.axpy(1.0, conduction.K)
-        mean = self._mean_diagonal(A)
+        mean = self._over.sum(diagonal_of(A)) / max(self.bodies.numbering.total, 1)
         reduced = conduction.reduced(A, mean)
         self._refuse_singular(reduced)
         heat = conduction.heat(factors).sum(axis=0) + self._friction(surface, through, friction)
@@ -250,7 +250,7 @@ class HeatProblem:
             if contact.against is None:
                 taken = (1.0 - contact.thermal.share) * rubbed
                 flow("foundation", side, -passed - taken)
-        size = over.sum(conduction.K.getDiagonal().array_r * np.abs(change))
+        size = over.sum(diagonal_of(conduction.K) * np.abs(change))
         power_in = sum(max(flow.power, 0.0) for flow in flows)
         limit = BALANCED * power_in + _ROUNDING * size
         ends = range_of(change, self.bodies.comm)
@@ -282,12 +282,6 @@ class HeatProblem:
                 beyond[here] = contact.thermal.temperature - self.reference
         return _Through(self._averages[1], self._averages[2], conductance, beyond)
 
-    def _mean_diagonal(self, A: PETSc.Mat) -> float:
-        diagonal = A.getDiagonal()
-        mean = float(diagonal.sum()) / max(self.bodies.numbering.total, 1)
-        diagonal.destroy()
-        return mean
-
     def _refuse_singular(self, A: PETSc.Mat) -> None:
         """Check that a prescribed temperature, a film or a foundation is reached from each component of the meshes."""
         component = self.bodies.component
@@ -295,9 +289,7 @@ class HeatProblem:
         free = ~self.conduction.follows[:, None]
         indicator = ((component[:, None] == np.arange(count)) & free).astype(np.float64)
         between = self._over.total(indicator.T @ np.column_stack([matrix_product(A, one) for one in indicator.T]))
-        diagonal = A.getDiagonal()
-        whole = self._over.total(indicator.T @ diagonal.array_r)
-        diagonal.destroy()
+        whole = self._over.total(indicator.T @ diagonal_of(A))
         held = self._over.total(indicator.T @ self.conduction.fixed.astype(np.float64)) > 0.0
         held, whole = held | (whole == 0.0), np.where(whole == 0.0, 1.0, whole)  # all of its nodes follow others
         scaled = between / np.sqrt(np.outer(whole, whole)) + np.diag(held.astype(np.float64))

@@ -116,7 +116,7 @@ class FoundationFace:
         which = held | (self.contact.facing & faces_away(slope, here))
         local, nodes, slope, held = self.nodes[which], single.nodes[which], slope[which], held[which]
         before = self.distance(body.reference[local], moved=False)
-        extent = max(over.max(axis) + over.max(-axis) for axis in body.reference.T)
+        extent = float(np.max(over.extent(body.reference)))
         gap = self.distance(x[nodes]) + self.given[local]
         normals = without_slopes(slope, body.held.projector_at(local), held)
         return OtherNodes(self.comm, nodes, x, normals, touching(gap, before, extent, held), held)

@@ -52,8 +52,7 @@ class LoadResultant:
 def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResultant]:
     """Every load with its resultant at that of the times at which its amplitude is largest; collective."""
     body, over = problem.elasticity, Reductions(problem.comm, problem.elasticity.copies)
-    ends = np.array([[over.min(axis), over.max(axis)] for axis in body.x.T])
-    arm = float(np.max(np.linalg.norm(np.abs(ends).max(axis=1))))
+    arm = float(np.linalg.norm(np.abs(over.ends(body.x)).max(axis=0)))
 
     def resultant_of(applied: AppliedLoad) -> LoadResultant:
         load = applied.load
@@ -71,11 +70,6 @@ def loads_of(problem: DiscreteProblem, times: Sequence[float]) -> list[LoadResul
         return LoadResultant(what, times[largest], force, moment)
 
     return [resultant_of(applied) for applied in body.loads]
-
-
-def supports_of(problem: DiscreteProblem) -> list[dict[str, Any]]:
-    """Kind, face and what it holds of every support and spring."""
-    return problem.elasticity.support_entries()
 
 
 _APART: Final = 1e-6

@@ -13,7 +13,16 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, Elasticity, FreeMotions, HyperelasticBody, Loading, NonlinearBody, displacements_of
+from ..fem.bodies import (
+    Deformable,
+    Elasticity,
+    FreeMotions,
+    HyperelasticBody,
+    Loading,
+    NonlinearBody,
+    diagonal_of,
+    displacements_of,
+)
 from ..fem.contact import ContactSurface, rows_of
 from ..fem.geometry import RigidMotion, Spin
 from ..linalg.compliance import BodyCompliance, StiffnessSolver
@@ -54,9 +63,9 @@ def iteratively_refined(
     are among the forces in balance; at a solution they are zero.
     """
     over, x = Reductions(elasticity.comm), elasticity.x
-    ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
-    half = np.full(len(x), 0.5 * np.linalg.norm(np.ptp(ends, axis=1)))
-    rigid = elasticity.reduction.reduced(displacements_of(x - ends.mean(axis=1), half))
+    ends = over.ends(x)
+    half = np.full(len(x), 0.5 * np.linalg.norm(ends[1] - ends[0]))
+    rigid = elasticity.reduction.reduced(displacements_of(x - ends.mean(axis=0), half))
 
     def left_over(u: FloatArray) -> tuple[FloatArray, float]:
         """The residual at this rank's nodes, and its size relative to the forces on the body."""
@@ -308,10 +317,8 @@ class LinearProblem:
     @cached_property
     def node_stiffness(self) -> FloatArray:
         """Mean of the diagonal of K at the node of every contact point, newtons per metre, shape (m,)."""
-        diagonal = self.elasticity.K.getDiagonal()
-        found: FloatArray = diagonal.array_r[: 3 * len(self.elasticity.x)].reshape(-1, 3).mean(axis=1)
-        diagonal.destroy()
-        return found[self.surface.nodes]
+        diagonal = diagonal_of(self.elasticity.K)[: 3 * len(self.elasticity.x)]
+        return diagonal.reshape(-1, 3).mean(axis=1)[self.surface.nodes]
 
     @cached_property
     def compliances(self) -> FloatArray:
@@ -337,7 +344,8 @@ class LinearProblem:
         """K^-1 (f - B^T x) in metres, before free motions, this rank's nodes, shape (k, 3); x in newtons, shape (3 m,);
         collective."""
         free_u = self.elasticity.reduction.reduced(self.free_displacement, self.loading.apart)
-        u = self._with_prescribed(self.A.displacement(x, self.f, free_u.ravel()).reshape(-1, 3))
+        u = self.elasticity.reduction.displacement(self.A.displacement(x, self.f, free_u.ravel()).reshape(-1, 3))
+        u = u + self.loading.prescribed  # exactly, which a solver holds to its tolerance only
         free = self.A.matrix_free
         if free is not None and free.found:
             return u
@@ -418,8 +426,3 @@ class LinearProblem:
         way[over.largest(off) > _ROUNDING * largest] = 0.0
         way[np.abs(way) <= _ROUNDING * largest[:, None]] = 0.0
         return way[body.component] if np.any(way) else None
-
-    def _with_prescribed(self, u: FloatArray) -> FloatArray:
-        """The displacement (k, 3) of unknowns u (k + p, 3), with exactly the prescribed displacements, which a solver
-        holds to its tolerance only."""
-        return self.elasticity.reduction.displacement(u) + self.loading.prescribed

@@ -114,15 +114,12 @@ class LocatedProbes:
             raise ValueError(f"probe: the name {twice[0]!r} is given to several probes; give each its own")
         self.probes = tuple(probes)
         self._points: FloatArray = np.array([probe.point for probe in probes], dtype=np.float64).reshape(-1, 3)
-        self._faces = [[number for number, (name, _) in enumerate(faces) if name == part.name] for part in parts]
-        self._facets = [facets for _, facets in faces]
         found = [self._found(number, parts) for number in range(len(probes))]
-        self._in = [
-            _Located(part, [number for number, one in enumerate(found) if one == k], self._faces[k])
-            for k, part in enumerate(parts)
-        ]
-        for inside, numbers in zip(self._in, self._faces, strict=True):
-            inside.locate(self.probes, self._points, [self._facets[number] for number in numbers])
+        self._in = []
+        for k, part in enumerate(parts):
+            own = {number: facets for number, (name, facets) in enumerate(faces) if name == part.name}
+            inside = {number: self.probes[number] for number, one in enumerate(found) if one == k}
+            self._in.append(_Located(part, inside, self._points[list(inside)], own))
 
     def _found(self, number: int, parts: Sequence[Part]) -> int:
         """The body that has a point; collective."""
@@ -173,19 +170,15 @@ class LocatedProbes:
 
 
 class _Located:
-    """The probes in one body, by the numbers of probes and of contact faces on it."""
+    """The probes in one body, and the facets of contact faces on it, by their numbers; collective."""
 
-    def __init__(self, part: Part, numbers: Sequence[int], faces: Sequence[int]):
-        self._part, self._numbers, self._faces = part, numbers, faces
-        self._probes: list[Probe] = []
-        self._points: FloatArray = np.empty((0, 3))
+    def __init__(
+        self, part: Part, probes: dict[int, Probe], points: FloatArray, faces: dict[int, npt.NDArray[np.int32]]
+    ):
+        self._part, self._probes, self._points, self._faces = part, probes, points, list(faces)
         self._located: LocatedPoints | None = None
-
-    def locate(self, probes: Sequence[Probe], points: FloatArray, facets: Sequence[npt.NDArray[np.int32]]) -> None:
-        """Find the probes in the mesh; collective."""
-        self._probes, self._points = [probes[number] for number in self._numbers], points[list(self._numbers)]
-        if self._probes:
-            self._located = locate(self._points, [probe.what for probe in self._probes], self._part.body, facets)
+        if probes:
+            self._located = locate(points, [one.what for one in probes.values()], part.body, list(faces.values()))
 
     def values(
         self, u: FloatArray, slip: FloatArray, pressure: FloatArray, answer: NodalAnswer
@@ -202,9 +195,9 @@ class _Located:
             for by, values in ((located.body, u[nodes]), (located.surface, slip), (located.surface, pressure))
         )
         values = []
-        for k, (probe, face) in enumerate(zip(self._probes, located.faces, strict=True)):
+        for k, (number, face) in enumerate(zip(self._probes, located.faces, strict=True)):
             value = ProbeValue(
-                name=probe.name,
+                name=self._probes[number].name,
                 point=self._points[k],
                 found_at=located.x[k],
                 face=answer.faces[self._faces[face]] if face >= 0 else None,
@@ -213,5 +206,5 @@ class _Located:
                 pressure=float(pressed[k, 0]) if face >= 0 else None,
                 body=name,
             )
-            values.append((self._numbers[k], value))
+            values.append((number, value))
         return values

@@ -49,7 +49,7 @@ from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
 from .heat import HeatProblem
 from .heated import heated
-from .input_echo import contacts_of, loads_of, supports_of, ties_of
+from .input_echo import contacts_of, loads_of, ties_of
 from .large_motions import LoadStepLoop, LoadSteps
 from .linear_problem import Before
 from .load_step import State
@@ -379,7 +379,7 @@ class ContactProblem(DiscreteProblem):
             return size
         rows = [(one.name or "the body", one.body.numbering.total, one.body.degree) for one in bodies]
         loads = [(one.what, _vector(one.force), _vector(one.moment)) for one in loads_of(self, [self.time])]
-        supports = [(one["kind"], one["face"], one["holds"]) for one in supports_of(self)]
+        supports = [(one["kind"], one["face"], one["holds"]) for one in self.elasticity.support_entries()]
         contacts = [(one["face"], one["foundation"], one["nodes"], one["law"]) for one in contacts_of(self)]
         ties = [(one["face"], one["against"], one["nodes"]) for one in ties_of(self)]
         return "".join(

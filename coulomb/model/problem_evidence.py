@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -65,7 +64,10 @@ def gather_evidence(
         by_lines: Whether gaps and displacements of pairs are found anew by lines from face to face.
     """
     elasticity, surface = state.elasticity, state.surface
-    given = partial(_motions, body, state.time)
+
+    def given() -> list[RigidMotion]:
+        return [contact.rigid_motion(state.time, f"contact face {contact.face!r}") for contact in body.contacts]
+
     motions = body.foundation_loads.posed(on_all_ranks(given, "", body.comm), state.poses)
     then = motions if before is None else body.foundation_motions(before.time, before.poses)
     rates, faces = state.slip_rate if before is None else before.slip_rate[body.places(surface)], []
@@ -80,12 +82,6 @@ def gather_evidence(
     parts = np.repeat(np.arange(len(faces)), [len(face[0].nodes) for face in faces])
     judged = surface.places_among(nodes, parts)  # the solver's contact points among those of the evidence
     known = judged >= 0
-
-    def taken_as_is(rows: FloatArray) -> FloatArray:
-        """Rows (s, 3) at the solver's contact points, at those of the evidence and then the strays; 0 elsewhere."""
-        there = np.zeros((len(nodes), 3))
-        there[judged[known]] = rows[known]
-        return np.concatenate([there, rows[~known][stray_rows]])
 
     def taken(vectors: FloatArray, axes: FloatArray) -> FloatArray:
         """Space vectors at the solver's contact points as components at those of the evidence; 0 elsewhere."""
@@ -107,7 +103,6 @@ def gather_evidence(
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
     rows, places = rows_of(B, u), points.average(elasticity.x)
     closed = relative_displacement(rows, origin)
-    parts = np.repeat(np.arange(len(faces)), [len(face[0].nodes) for face in faces])
     loaded = list(zip(state.loaded, state.of_foundations(alpha), strict=True))
     for one, amounts in loaded:
         moved = (parts == one.number)[:, None] * one.displacement(amounts, places)
@@ -119,7 +114,10 @@ def gather_evidence(
     spring, on_body = spring - linked, on_body + linked
     on_body += elasticity.constraints.forces(internal - load - spring - on_body, state.time)
     component = elasticity.component
-    own = at_all_points(taken_as_is(compliance), compliance, Reductions(body.comm))
+    there = np.zeros((len(nodes), 3))  # at points that are none of the solver's
+    there[judged[known]] = compliance[known]
+    there = np.concatenate([there, compliance[~known][stray_rows]])
+    own = at_all_points(there, compliance, Reductions(body.comm))
     strays = surface.nodes[~known][stray_rows]
     others = [one for *_, one in faces if one is not None]
     beside = [number for number, (*_, one) in enumerate(faces) if one is not None]
@@ -164,10 +162,6 @@ def gather_evidence(
         held_owner=component[np.concatenate([judged[:0], *(one.nodes for one in others)])],
         held_part=np.concatenate([parts[:0], *held_part]),
     )
-
-
-def _motions(body: ContactBody, time: float) -> list[RigidMotion]:
-    return [contact.rigid_motion(time, f"contact face {contact.face!r}") for contact in body.contacts]
 
 
 def _on_foundations(

@@ -194,8 +194,8 @@ def balance(outer: Sequence[Resultant], x: FloatArray, over: Reductions) -> floa
     The larger of two figures: the sum of the forces, and the sum of their moments about the centre of the nodes x (k,
     3) over the radius of the body, each over the largest sum of nodal forces of a load, support or contact.
     """
-    ends = np.array([[over.min(axis), over.max(axis)] for axis in x.T])
-    centre, radius = ends.mean(axis=1), 0.5 * float(np.linalg.norm(np.ptp(ends, axis=1)))
+    ends = over.ends(x)
+    centre, radius = ends.mean(axis=0), 0.5 * float(np.linalg.norm(ends[1] - ends[0]))
     force: FloatArray = np.sum([part.force for part in outer], axis=0)
     moment = np.sum([part.moment for part in outer], axis=0) - np.cross(centre, force)
     left = float(np.max([np.linalg.norm(force), np.linalg.norm(moment) / radius]))

@@ -234,7 +234,7 @@ def implausible_sizes(problem: DiscreteProblem) -> str:
     """That what is prescribed is much larger than the bodies, as from another unit, in words; empty if it is not;
     collective."""
     over, x = Reductions(problem.comm), problem.elasticity.x
-    size = float(np.linalg.norm([over.max(axis) + over.max(-axis) for axis in x.T]))
+    size = float(np.linalg.norm(over.extent(x)))
     prescribed = over.max(np.linalg.norm(problem.loading.prescribed, axis=1))
     given = {"prescribed displacements reach": prescribed}
     given["foundations move by"] = float(np.max(np.linalg.norm(problem.motions, axis=1)))

@@ -11,7 +11,7 @@ import coulomb
 from coulomb import Clamp, Contact, ContactProblem, Material, Plane, PrescribedDisplacement, Spring, Traction
 from coulomb.case.case import Case
 from coulomb.cli.terminal import changes_in_words
-from coulomb.model.input_echo import contacts_of, loads_of, supports_of
+from coulomb.model.input_echo import contacts_of, loads_of
 
 CASE = """
 mesh = { box = [2.0, 1.0, 0.5], cells = [4, 2, 2], cell = "CELL" }
@@ -130,7 +130,7 @@ def test_what_supports_hold():
     supports += [PrescribedDisplacement("back", lambda x: 0.0 * x, "y")]
     springs, contact = [Spring("front", 1e9)], Contact("bottom", 0.3)
     problem = ContactProblem(coulomb.box((1, 1, 1), (2, 2, 2)), Material(1e9, 0.3), supports, contact, springs=springs)
-    assert [one["holds"] for one in supports_of(problem)] == [
+    assert [one["holds"] for one in problem.elasticity.support_entries()] == [
         "along the normal",
         "along (0, 1, 1): the part of (0, 0, 1) mm",
         "x = 1 mm, z = -2 mm",

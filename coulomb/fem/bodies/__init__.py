@@ -12,6 +12,7 @@ from .constraints import (
     Numbering,
     at_nodes_of,
     block_diagonal,
+    diagonal_of,
     distributed_rows,
     local_rows,
     matrix_product,

@@ -47,13 +47,6 @@ class HexahedralForces:
         return forces
 
 
-def hexahedral_forces(V: Any, mu: Any, lame: Any) -> HexahedralForces | None:
-    """The kernel for a space of displacements; None for other cells."""
-    linear = V.mesh.topology.cell_type.name == "hexahedron" and compat.geometry_degree(V.mesh) == 1
-    linear = linear and V.dofmap.dof_layout.num_dofs == 8
-    return HexahedralForces(V, mu, lame) if linear else None
-
-
 STRESSES = (
     "von_mises_stress",
     *(f"stress_{'xyz'[i]}{'xyz'[j]}" for i, j in PAIRS),
@@ -91,7 +84,8 @@ class ElasticBody(DisplacementSpace):
         self._thermal_energy = None if thermal is None else self._on_cells(thermal[1], "thermal_energy")
         self._u = fem.Function(self.V, name="displacement")
         self._last_force: tuple[FloatArray, FloatArray] | None = None
-        self._forces = None if stiffness is not None else hexahedral_forces(self.V, self._mu, self._lame)
+        by_kernel = stiffness is None and linear_hexahedra(domain)
+        self._forces = HexahedralForces(self.V, self._mu, self._lame) if by_kernel else None
         self._internal_form = fem.form(ufl.inner(self._stress(self._u), strain(self._test)) * self._dx)
 
     def internal_force(self, u: FloatArray) -> FloatArray:
@@ -100,7 +94,8 @@ class ElasticBody(DisplacementSpace):
         Without the thermal stress, of which the nodal forces are a load.  Those of the last u are kept: certificate,
         energies, reactions and strains of an answer ask for the same.
         """
-        if self._last_force is None or not self._same(u, self._last_force[0]):
+        known = self._last_force is not None and np.array_equal(u, self._last_force[0])
+        if self._last_force is None or not self.comm.allreduce(known, op=MPI.LAND):
             self._last_force = u.copy(), self._force_of(u)
         return self._last_force[1].copy()
 
@@ -127,9 +122,6 @@ class ElasticBody(DisplacementSpace):
         if self._mean is not None:
             work[self._mean.cells] += self._mean.k * self._mean.of(of.x.array) * self._mean.of(along.x.array)
         return work
-
-    def _same(self, u: FloatArray, last: FloatArray) -> bool:
-        return bool(self.domain.comm.allreduce(np.array_equal(u, last), op=MPI.LAND))
 
     def thermal_force(self, change: FloatArray) -> FloatArray:
         """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a change of temperature (k,) in

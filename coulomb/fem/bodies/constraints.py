@@ -106,6 +106,14 @@ def local_rows(matrix: PETSc.Mat) -> scipy.sparse.csr_matrix:
     return scipy.sparse.csr_matrix((values, columns, indptr), (len(indptr) - 1, matrix.getSize()[1]))
 
 
+def diagonal_of(matrix: PETSc.Mat) -> FloatArray:
+    """This rank's entries on the diagonal of a distributed matrix, shape (n,); collective."""
+    diagonal = matrix.getDiagonal()
+    values: FloatArray = diagonal.array_r.copy()
+    diagonal.destroy()
+    return values
+
+
 def rows_of(B: PETSc.Mat, u: FloatArray) -> FloatArray:
     """B u in metres, shape (m, 3), of displacements u of this rank's nodes, shape (k, 3); collective."""
     return matrix_product(B, u).reshape(-1, 3)
@@ -138,12 +146,8 @@ class DirichletConditions:
     """
 
     def __init__(self, bcs: Sequence[Any], x: FloatArray, dofs: int, comm: MPI.Comm):
-        self._bcs, self._x, self._dofs, self._comm = tuple(bcs), x, dofs, comm
+        self.bcs, self._x, self._dofs, self._comm = tuple(bcs), x, dofs, comm
         self.rows = prescribed_rows(len(x), [self._directions(bc) for bc in bcs])
-
-    @property
-    def count(self) -> int:
-        return len(self._bcs)
 
     @property
     def still(self) -> HeldDirections:
@@ -155,7 +159,7 @@ class DirichletConditions:
         """The displacements that they prescribe now, 0 elsewhere, metres, shape (k, 3); ValueError on every rank if one
         is not finite; collective."""
         values = np.zeros(self._dofs)
-        for bc in self._bcs:
+        for bc in self.bcs:
             compat.set_values(bc, values)
         nodal = values[: self._x.size].reshape(-1, 3)
         held = np.zeros_like(self._x)
@@ -172,7 +176,7 @@ class DirichletConditions:
     def words(self) -> list[dict[str, Any]]:
         """Kind, face and what it holds of every condition; collective."""
         entries = []
-        for bc in self._bcs:
+        for bc in self.bcs:
             mine = self._held(bc)
             nodes = self._comm.allreduce(int(np.sum(np.any(mine, axis=1))), op=MPI.SUM)
             along = self._comm.allreduce(np.any(mine, axis=0).astype(int), op=MPI.SUM)

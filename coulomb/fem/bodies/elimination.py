@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import weakref
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final, Self
 
@@ -17,7 +16,7 @@ from petsc4py import PETSc
 
 from ...arrays import FloatArray
 from ...units import amount
-from .constraints import HeldNodes, Numbering, distributed_rows, local_rows, rows_of
+from .constraints import HeldNodes, Numbering, diagonal_of, distributed_rows, local_rows, rows_of
 from .free_motions import FreeMotions, anchors, free_motions
 from .linear_constraints import Constraints
 from .loads import Loading
@@ -63,9 +62,8 @@ class AddedSprings:
     def of_components(self, modes: FloatArray, component: npt.NDArray[np.int64]) -> FloatArray:
         """Their forces in motions (k, 3, j) of one component after the other, all others at rest, over the largest
         stiffness, shape (k, 3, j); collective."""
-        comm, diagonal, forces = self.stiffness.comm.tompi4py(), self.stiffness.getDiagonal(), np.zeros_like(modes)
-        stiffest = diagonal.max()[1] or 1.0
-        diagonal.destroy()
+        comm, forces = self.stiffness.comm.tompi4py(), np.zeros_like(modes)
+        stiffest = comm.allreduce(float(np.max(diagonal_of(self.stiffness), initial=-np.inf)), op=MPI.MAX) or 1.0
         for number in range(1 + comm.allreduce(int(np.max(component, initial=-1)), op=MPI.MAX)):
             here = component == number
             for j in range(modes.shape[2]):
@@ -247,14 +245,13 @@ def eliminated(bodies: ReducedBodies) -> Reduced:
             resisted by no more than rounding errors.
     """
     comm = bodies.comm
-    if all([_fully_held(member) for member in bodies.members]):
+    free = [3 * len(one.body.x) - one.body.held.number for one in bodies.members]
+    if not np.any(comm.allreduce(np.array(free), op=MPI.SUM)):
         raise ValueError("the supports hold every node: there is nothing to compute; use a finer mesh")
     K = bodies.assembled()
     if bodies.added_springs is not None:
         bodies.added_springs.added_to(K, bodies.lifetime)
-    diagonal = K.getDiagonal()
-    alone: FloatArray = diagonal.array_r.reshape(-1, 3).copy()
-    diagonal.destroy()
+    alone = diagonal_of(K).reshape(-1, 3)
     mean: FloatArray = alone.mean(axis=1, keepdims=True)
     typical = comm.allreduce(float(mean.sum()), op=MPI.SUM) / bodies.numbering.total
     mean = np.where(mean > 0.0, mean, typical)  # forms may vanish where everything is held
@@ -264,30 +261,25 @@ def eliminated(bodies: ReducedBodies) -> Reduced:
     if not reduction.trivial:
         P = reduction.projection()
         product = K.PtAP(P)
-        present = product.getDiagonal()
-        anchoring: FloatArray = anchored * present.array_r.reshape(-1, 3)
+        anchoring = anchored * diagonal_of(product).reshape(-1, 3)
         rows = local_rows(product) + reduction.filled(mean, anchoring)
-        for thing in (K, P, product, present):
+        for thing in (K, P, product):
             thing.destroy()
         K = distributed_rows(rows.tobsr((3, 3)).tocsr(), (3 * len(reduction.points), rows.shape[1]), bodies)
     else:  # P is diagonal
-        anchoring, free = anchored * alone, K.createVecRight()
-        free.array[:] = reduction.kept(np.ones_like(bodies.x)).ravel()
-        K.diagonalScale(free, free)
-        free.array[:] = np.where(bodies.held.components, mean, alone + anchoring).ravel()
-        K.setDiagonal(free)
-        free.destroy()
+        anchoring, scale = anchored * alone, K.createVecRight()
+        scale.array[:] = reduction.kept(np.ones_like(bodies.x)).ravel()
+        K.diagonalScale(scale, scale)
+        scale.array[:] = np.where(bodies.held.components, mean, alone + anchoring).ravel()
+        K.setDiagonal(scale)
+        scale.destroy()
     K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     K.setOption(PETSc.Mat.Option.SPD, True)
     attach_rigid_modes(K, bodies.x, reduction)
     if any(member.body.degree == 2 for member in bodies.members):
-        attach_interpolation(K, bodies.interpolation)
+        of_body = weakref.WeakMethod(bodies.interpolation)  # Python cannot collect a cycle through a matrix of PETSc
+        K.setAttr(INTERPOLATION, lambda: (make := of_body()) and make())
     return Reduced(K, mean, anchoring)
-
-
-def _fully_held(member: Any) -> bool:
-    body = member.body
-    return bool(body.comm.allreduce(3 * len(body.x) - body.held.number, op=MPI.SUM) == 0)
 
 
 def _anchors(bodies: ReducedBodies) -> npt.NDArray[np.bool_]:
@@ -350,13 +342,6 @@ def _refuse_soft(bodies: ReducedBodies, anchored: npt.NDArray[np.bool_], diagona
 
 INTERPOLATION = "interpolation"
 """Attribute of a second-order stiffness: makes the matrix that interpolates linear displacements; None without body."""
-
-
-def attach_interpolation(K: PETSc.Mat, make: Callable[[], PETSc.Mat]) -> None:
-    """The attribute `INTERPOLATION` of a stiffness, from a method of its body, which it does not keep alive: Python
-    cannot collect a cycle through a matrix of PETSc."""
-    of_body = weakref.WeakMethod(make)
-    K.setAttr(INTERPOLATION, lambda: (method := of_body()) and method())
 
 
 def attach_rigid_modes(matrix: PETSc.Mat, x: FloatArray, reduction: Reduction) -> None:

@@ -17,7 +17,7 @@ from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
 from .compiled_form import compiled
-from .constraints import DirichletConditions, rows_of
+from .constraints import DirichletConditions, diagonal_of, rows_of
 from .deformable import SingleBody
 from .elimination import Made
 from .form_checks import named_mesh, refuse_bcs, refuse_unsymmetric, space_of_forms
@@ -166,9 +166,7 @@ class FormBody(SingleBody):
         if K is None:
             K = self._a.matrix(self._values)
             refuse_unsymmetric(K, self.x, self._a.suspects(self._values), self._definite)
-            diagonal = K.getDiagonal()
-            self._made.diagonal = diagonal.array_r.reshape(-1, 3).copy()
-            diagonal.destroy()
+            self._made.diagonal = diagonal_of(K).reshape(-1, 3)
         return K
 
     @property
@@ -263,7 +261,7 @@ class FormBody(SingleBody):
         return largest * work / (size or 1.0)
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:
-        for share in self._conditions.rows.shares(reaction, self._conditions.count):
+        for share in self._conditions.rows.shares(reaction, len(self._conditions.bcs)):
             yield NodalForces("dirichlet", None, share)
 
     def support_entries(self) -> list[dict[str, Any]]:
@@ -278,7 +276,7 @@ class FormBody(SingleBody):
         return {
             **self._signatures,
             "degree": self._degree,
-            "bcs": self._conditions.count,
+            "bcs": len(self._conditions.bcs),
             "constants": {
                 "a": self._values.constants.tolist(),
                 "L": [] if self._L is None else self._L.constants.tolist(),
