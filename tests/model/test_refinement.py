@@ -1,44 +1,37 @@
 """Refinement of solves with inaccurate factors, where the error of these is known: K is a diagonal."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from coulomb.linalg.factors.refined_solver import RefinedSolver
+from coulomb.linalg.factors import MultifrontalSolver, multifrontal
 
 N = 120
 D = 10.0 ** np.random.default_rng(1).uniform(-8, 8, N)
 """Stiffnesses of unlike unknowns."""
 
 
-@dataclass
-class Factors:
-    """What the factors make of K^-1: in single precision times a factor per unknown."""
+@pytest.fixture
+def Solver(monkeypatch):
+    """Of K with factors that make of K^-1, in single precision, this times a factor per unknown."""
 
-    dtype: np.dtype
-    factor: np.ndarray
+    class Factors:
+        def __init__(self, nodal, fronts, dtype):
+            self.dtype = np.dtype(dtype)
 
-    def solve(self, rhs):
-        return (rhs.ravel() * self.factor / D).reshape(rhs.shape)
+        def solve(self, rhs):
+            return (rhs.ravel() * (self.single if self.dtype == np.float32 else 1.0) / D).reshape(rhs.shape)
 
-
-class Solver(RefinedSolver):
-    method = "direct (diagonal)"
-
-    def __init__(self, factor):
+    def solver(factor):
+        Factors.single = factor
         K = PETSc.Mat().createAIJ((N, N), nnz=1, comm=PETSc.COMM_SELF)
         for row, value in enumerate(D):
             K.setValue(row, row, value)
         K.assemble()
-        super().__init__(K)
-        self._factor = factor
-        self._factorise(single=True)
+        return MultifrontalSolver(K, np.arange(N, dtype=float).reshape(-1, 3), np.empty(0, np.int64), single=True)
 
-    def _factorised_in(self, dtype):
-        dtype = np.dtype(dtype)
-        return Factors(dtype, self._factor if dtype == np.float32 else np.ones(N))
+    monkeypatch.setattr(multifrontal, "FrontalFactors", Factors)
+    return solver
 
 
 def forces(seed=2):
@@ -46,7 +39,7 @@ def forces(seed=2):
     return np.sqrt(D) * np.random.default_rng(seed).standard_normal(N)
 
 
-def test_conjugate_gradients():
+def test_conjugate_gradients(Solver):
     """Two different errors of the factors take two iterations, where simple refinement would take tens."""
     solver, f = Solver(np.where(np.arange(N) % 2, 1.0, 0.9)), forces()
     u, left = solver.improved(f, np.zeros(N), 0.0)
@@ -56,7 +49,7 @@ def test_conjugate_gradients():
     assert solver.refinements == 3 and left <= 0.5 and np.linalg.norm((near * D - f) / np.sqrt(D)) <= 0.1
 
 
-def test_the_error_does_not_depend_on_the_units_of_unknowns():
+def test_the_error_does_not_depend_on_the_units_of_unknowns(Solver):
     solver, f = Solver(1.0 + 1e-3 * np.random.default_rng(3).standard_normal(N)), forces()
     u, left = solver.improved(f, np.zeros(N), 0.01)
     error = np.linalg.norm((D * u - f) / np.sqrt(D)) / np.linalg.norm(f / np.sqrt(D))
@@ -67,7 +60,7 @@ def test_the_error_does_not_depend_on_the_units_of_unknowns():
     assert solver.error == hardest == pytest.approx(error, rel=1e-6)
 
 
-def test_slow_refinement_ends_in_double_precision():
+def test_slow_refinement_ends_in_double_precision(Solver):
     """From an approximation, whose residual alone is solved for."""
     solver, f = Solver(np.random.default_rng(4).uniform(0.02, 1.0, N)), forces()
     assert solver.single

@@ -96,7 +96,7 @@ class DirectSolver:
     """Cholesky factorisation by MUMPS of K, symmetric positive definite, on all ranks.
 
     A contact problem that is to be solved with this class takes that by nested dissection instead
-    (`MultifrontalSolver`, `DistributedMultifrontalSolver`); this one is an independent factorisation for K u = f
+    (`MultifrontalSolver`); this one is an independent factorisation for K u = f
     without contact: for verification, the matrices that other programs get, benchmarks with other options of PETSc, and
     tests.
     """

@@ -36,7 +36,7 @@ class FirstRankSolver:
     Attributes:
         last: The same nodes on every rank, in the order of `schur_solve`, body after body.
         single: Whether the factors are in single precision.
-        error: As of `RefinedSolver`.
+        error: As of `MultifrontalSolver`.
 
     Raises:
         ValueError: On every rank, if K is not positive definite.
@@ -90,7 +90,7 @@ class FirstRankSolver:
         return not self.single
 
     def use_double(self) -> None:
-        """See `RefinedSolver`."""
+        """See `MultifrontalSolver`."""
         if self.single:
             self._of_first(lambda: self._solvers[0].use_double())
 
@@ -99,7 +99,7 @@ class FirstRankSolver:
         u.array[:], _ = self.improved(rhs.array_r, np.zeros(self._end - self._start), tolerance)
 
     def improved(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> tuple[FloatArray, float]:
-        """See `RefinedSolver`, of this rank's parts of shape (n,)."""
+        """See `MultifrontalSolver`, of this rank's parts of shape (n,)."""
         f, near = np.ascontiguousarray(concatenated(self.comm, np.column_stack([rhs, u])).T)
         found, left = self._of_first(lambda: self._solvers[0].improved(f, near, tolerance))
         return found[self._start : self._end], left

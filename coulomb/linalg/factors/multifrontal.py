@@ -12,6 +12,8 @@ same order of elimination it takes 1.2 to 1.7 times as long, but PETSc cannot pa
 
 from __future__ import annotations
 
+import logging
+import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -23,9 +25,18 @@ from scipy.linalg.lapack import dlauum, dpotri, dtrtri, strtri
 
 from ...arrays import FloatArray
 from ..petsc_arrays import NodalRows
-from .frontal_factors import FrontalFactors, Real, stack_heights
+from .frontal_factors import FrontalFactors, NotPositiveDefinite, Real, stack_heights
 from .nested_dissection import Front, Nodes, dissect
-from .refined_solver import RefinedSolver
+
+_log = logging.getLogger(__name__)
+
+_SLOW: Final = 0.1
+"""Factor by which an iteration must decrease the residual, in the mean over a solve, in single precision."""
+
+_ROUNDING = 2.0 * float(np.finfo(np.float64).eps)
+"""Residual of a solve in double precision, relative to |D u| with D = diag(K), in the norm of D^-1/2."""
+
+_MOST: Final = 50  # iterations of a solve, beyond any that is fast enough
 
 _FEW: Final = 1.0 / 3.0
 """Part of the numbers of a vector up to which a product by the columns of those that are not 0 reads less memory than
@@ -109,7 +120,7 @@ def symbolic(K: PETSc.Mat, points: FloatArray, last: npt.NDArray[np.integer[Any]
     return _fronts_of(NodalRows(K), points, last)
 
 
-class MultifrontalSolver(RefinedSolver):
+class MultifrontalSolver:
     """Cholesky factorisation of K, three rows per node of `points` (k, 3), on one rank, the nodes `last` (ascending)
     last.
 
@@ -121,13 +132,15 @@ class MultifrontalSolver(RefinedSolver):
 
     Attributes:
         last: The same nodes, in the order of `schur_factors`, body after body.
+        refinements: Iterations of all solves so far; 0 in double precision.
 
     Raises:
         ValueError: If K is not positive definite.
     """
 
     method = "direct (nested dissection)"
-    _factors: FrontalFactors
+    tolerance = 0.0
+    iterations = 0
 
     def __init__(
         self,
@@ -138,9 +151,13 @@ class MultifrontalSolver(RefinedSolver):
         fronts: list[Front] | None = None,
         many: bool = False,
     ):
-        super().__init__(K)
-        self._nodal: NodalRows | None = NodalRows(K)
-        self._fronts = _fronts_of(self._nodal, points, last) if fronts is None else fronts
+        self._K, self._vectors = K, K.createVecs()
+        self.refinements, self._error = 0, math.inf
+        diagonal = K.getDiagonal()
+        self._root: FloatArray = np.sqrt(np.abs(diagonal.array_r))
+        diagonal.destroy()
+        nodal = NodalRows(K)
+        self._fronts = _fronts_of(nodal, points, last) if fronts is None else fronts
         roots = [number for number, front in enumerate(self._fronts) if front.root]
         self._roots = [number for number in roots if len(self._fronts[number].own)]
         self.last: Nodes = np.concatenate([np.empty(0, np.int64), *(self._fronts[root].own for root in self._roots)])
@@ -149,11 +166,104 @@ class MultifrontalSolver(RefinedSolver):
         self._last: Nodes = (3 * self.last[:, None] + np.arange(3)).ravel()
         if single is None:
             single = predicted_work(self._fronts).operations >= SINGLE_FROM
-        self._factorise(single)
-        self._nodal = None  # it is large
+        self._factorise(nodal, single)
 
-    def _factorised_in(self, dtype: npt.DTypeLike) -> FrontalFactors:
-        return FrontalFactors(self._nodal or NodalRows(self._K), self._fronts, dtype)
+    def _factorise(self, nodal: NodalRows, single: bool) -> None:
+        """Make the factors, in double precision if single is wanted but fails."""
+        if single:
+            try:
+                self._factors = FrontalFactors(nodal, self._fronts, np.float32)
+                return
+            except NotPositiveDefinite:
+                _report("it is too ill-conditioned for single")
+        try:
+            self._factors = FrontalFactors(nodal, self._fronts, np.float64)
+        except NotPositiveDefinite:
+            raise NotPositiveDefinite(
+                "the stiffness matrix is not positive definite to rounding: the body can move without resistance, or "
+                "stiffnesses of its materials, springs and cells are too far apart"
+            ) from None
+
+    @property
+    def single(self) -> bool:
+        return self._factors.dtype == np.float32
+
+    @property
+    def exact(self) -> bool:
+        """Whether the factors are in double precision."""
+        return not self.single
+
+    @property
+    def error(self) -> float:
+        """Largest relative residual of the first iteration of a solve so far; infinite before the first solve, 0 in
+        double precision."""
+        return self._error if self.single else 0.0
+
+    @property
+    def name(self) -> str:
+        """With the precision of the factors."""
+        how = "single precision, refined" if self.single else "LAPACK Cholesky"
+        return f"{self.method[:-1]}, {how})"
+
+    def use_double(self) -> None:
+        """Factorise in double precision, if the factors are not yet."""
+        if self.single:
+            del self._factors  # before the memory of the new ones is needed
+            self._factorise(NodalRows(self._K), single=False)
+
+    def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
+        """u <- K^-1 rhs; see `StiffnessSolver`."""
+        u.array[:], _ = self.improved(rhs.array_r, np.zeros(len(self._root)), tolerance)
+
+    def improved(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> tuple[FloatArray, float]:
+        """K^-1 rhs from an approximation u, 0 if nothing is known, all of shape (n,), and its residual.
+
+        Only what is left over is solved for; `tolerance` and residual are relative to the residual of u.
+        """
+        if self.single:
+            solution = self._conjugate_gradients(rhs, u, tolerance)
+            if solution is not None:
+                return solution
+            _report("refinement in single is slow")
+            self.use_double()
+        return u + self._factors.solve((rhs - self._product(u)).reshape(-1, 3)).ravel(), 0.0
+
+    def _conjugate_gradients(self, rhs: FloatArray, u: FloatArray, tolerance: float) -> tuple[FloatArray, float] | None:
+        """K^-1 rhs and the relative residual, in the norm of D^-1/2, which does not depend on the units of single
+        unknowns; None if the residual decreases slowly."""
+        x, r = u.copy(), rhs - self._product(u)
+        first, along = np.linalg.norm(r / self._root), 0.0
+        p: FloatArray = np.zeros_like(r)
+        for iteration in range(_MOST):
+            size = np.linalg.norm(r / self._root)
+            if size <= max(tolerance * first, _ROUNDING * np.linalg.norm(self._root * x)):
+                return x, float(size / first) if first > 0.0 else 0.0
+            if not size <= first * _SLOW ** float(iteration - 1):
+                return None
+            z = self._factors.solve(r.reshape(-1, 3)).ravel()
+            before, along = along, float(r @ z)
+            p = z + (along / before if before else 0.0) * p
+            image = self._product(p)
+            step = along / float(p @ image)
+            x += step * p
+            r -= step * image
+            self.refinements += 1
+            if iteration == 0:
+                left = float(np.linalg.norm(r / self._root) / first)
+                self._error = left if math.isinf(self._error) else max(self._error, left)
+        return None
+
+    def multiply(self, u: PETSc.Vec, product: PETSc.Vec) -> None:
+        """product <- K u."""
+        self._K.mult(u, product)
+
+    def _product(self, u: FloatArray) -> FloatArray:
+        if not np.any(u):
+            return np.zeros_like(u)
+        x, y = self._vectors
+        x.array[:] = u
+        self._K.mult(x, y)
+        return y.array_r.copy()
 
     @property
     def schur_factors(self) -> list[Real]:
@@ -224,8 +334,15 @@ class MultifrontalSolver(RefinedSolver):
         return diagonal
 
     def destroy(self) -> None:
-        super().destroy()
+        """Free the factors."""
+        del self._factors
+        for vector in self._vectors:
+            vector.destroy()
         self._fronts, self._inverses, self._halves = [], [], []
+
+
+def _report(reason: str) -> None:
+    _log.info("the stiffness matrix is factorised in double precision: %s", reason)
 
 
 def inverse_factor(L: Real) -> Real:
