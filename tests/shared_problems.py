@@ -15,6 +15,7 @@ from coulomb import (
     InteriorPoint,
     Material,
     NotConverged,
+    OrthotropicMaterial,
     Plane,
     PrescribedDisplacement,
     Spring,
@@ -27,6 +28,12 @@ from coulomb.solvers.contact_equations import ContactEquations
 
 CORK = Material(1e7, 0.0)
 RUBBER = Material(1e7, 0.3)
+PLATE = Material(7e10, 0.33, expansion=2.3e-5)
+WOUND = OrthotropicMaterial(
+    *((1.3e11, 1.1e10, 9e9), (0.28, 0.3, 0.4), (5e9, 4.5e9, 3.5e9)),
+    directions=(lambda x: np.array([-x[1] - 1.0, x[0], 0.2 + 0.0 * x[0]]), (0.0, 0.0, 1.0)),
+    expansion=(-1e-6, 3e-5, 2e-5),
+)
 UP = [(0.0, 0.0), (1.0, 1.0)]
 TO_AND_FRO = [(1.0, 0.0), (2.0, 1.0), (4.0, -1.0), (5.0, 0.0)]
 NODES = 20

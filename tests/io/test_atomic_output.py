@@ -2,6 +2,8 @@
 
 import contextlib
 import fcntl
+import functools
+import itertools
 import json
 import os
 import shutil
@@ -11,6 +13,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from conftest import SMALL_CASE, make_block, run_coulomb, run_python, solved_block
@@ -23,6 +26,7 @@ from coulomb.io.run_directory import LOCK, RunDirectory
 from coulomb.recheck import check
 
 OTHER = ("--set", "contact.friction=0.4")
+RUN = ("run", "case.toml", "--output", "out", *OTHER)
 GROWING = "traction=[{face='top',value=[0,0,-1e7],amplitude=[[0,0],[1,1]]}]"
 HISTORY = ("--set", GROWING, "--set", "history={times=[0.5,1]}")
 FILES = {"case.json", "contact.h5", "contact.xdmf", "iterations.csv", "solution.h5", "solution.xdmf", "summary.json"}
@@ -65,6 +69,8 @@ def made(tmp_path_factory):
 
 
 def there(made, name, folder="out"):
+    """In the place of what is there."""
+    shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(made / name, folder)
     return everything(folder)
 
@@ -126,7 +132,6 @@ def test_an_unfinished_history_is_begun_anew_with_a_word_on_resume(made):
 @pytest.mark.parametrize("there_is", ["single", "history"])
 def test_the_careful_keep_results(made, there_is):
     run("--keep")
-    shutil.rmtree("out")
     before = there(made, there_is)
     assert "out holds results, which are to be kept: choose another directory" in run("--keep", code=2)
     with pytest.raises(ValueError, match="out holds results"):
@@ -274,28 +279,23 @@ class KilledError(BaseException):
     """A kill."""
 
 
-@contextlib.contextmanager
-def killed_at(number, monkeypatch):
-    """Before a change on disk, counted from 0."""
+def killed_at(number, change, monkeypatch):
+    """Whether a change of files was killed before one of its calls of the system, counted from 0."""
     with monkeypatch.context() as patch:
-        for owner, name in (
-            (os, "rename"),
-            (os, "replace"),
-            (os, "unlink"),
-            (os, "rmdir"),
-            (os, "mkdir"),
-        ):
-            real = getattr(owner, name)
+        for name in ("rename", "replace", "unlink", "rmdir", "mkdir"):
 
-            def change(*args, real=real, **options):
+            def call(*args, real=getattr(os, name), **options):
                 nonlocal number
                 number -= 1
                 if number < 0:
                     raise KilledError
                 return real(*args, **options)
 
-            patch.setattr(os, name, change)
-        yield
+            patch.setattr(os, name, call)
+        with contextlib.suppress(KilledError):
+            change()
+            return False
+    return True
 
 
 @pytest.mark.parametrize("keep", [True, False])
@@ -304,22 +304,15 @@ def test_a_kill_at_any_moment_of_the_move(made, there_is, keep, monkeypatch):
     """Before each change on disk in turn: what has a summary is whole, the old results are whole there or beside, or on
     their way and the new ones committed; the next run finishes the move, and keeps the old ones."""
     old, older = everything(made / there_is), everything(made / "single")
-    new, kills, finished = {path: text + b" " for path, text in older.items()}, 0, False
-    while not finished:
-        for folder in (OUT, KEPT):
-            shutil.rmtree(folder, ignore_errors=True)
+    new = {path: text + b" " for path, text in older.items()}
+    for kills in itertools.count():
         there(made, there_is)
         there(made, "single", "out.previous")
         partial = Path("out/.partial")
         partial.mkdir()
         for name, text in new.items():
             (partial / name).write_bytes(text)
-        with killed_at(kills, monkeypatch):
-            try:
-                commit(partial, OUT, keep)
-                finished = True
-            except KilledError:
-                kills += 1
+        killed = killed_at(kills, functools.partial(commit, partial, OUT, keep), monkeypatch)
         if Path("summary.json") in visible():
             assert visible() in (old, new)
         if keep and visible() != old:
@@ -331,28 +324,25 @@ def test_a_kill_at_any_moment_of_the_move(made, there_is, keep, monkeypatch):
             with locked(OUT, comm):
                 assert refuse_to_replace(OUT, True, comm)
             assert everything() == new
-        assert everything(KEPT) == (old if keep and (committed or finished) else older)
+        assert everything(KEPT) == (old if keep and (committed or not killed) else older)
+        if not killed:
+            break
     assert everything() == new and kills >= 10
 
 
 @pytest.mark.parametrize("there_is", ["single", "history"])
 def test_a_kill_while_a_history_takes_the_place(made, there_is, monkeypatch):
-    old, kills, finished = everything(made / there_is), 0, False
-    while not finished:
-        shutil.rmtree(OUT, ignore_errors=True)
-        shutil.rmtree(KEPT, ignore_errors=True)
+    old = everything(made / there_is)
+    for kills in itertools.count():
         there(made, there_is)
         there(made, "history" if there_is == "single" else "single", "out.previous")
-        with killed_at(kills, monkeypatch):
-            try:
-                set_aside(OUT)
-                finished = True
-            except KilledError:
-                kills += 1
+        killed = killed_at(kills, lambda: set_aside(OUT), monkeypatch)
         assert old in (everything(), everything(KEPT), everything("out/.complete-old") | visible())
         finish(OUT)
         set_aside(OUT)
         assert not everything() and everything(KEPT) == old
+        if not killed:
+            break
     assert kills >= 10
 
 
@@ -386,9 +376,7 @@ def test_a_directory_that_is_a_disk_of_its_own(made, monkeypatch):
 
 def test_a_full_disk_keeps_the_old_results(made, monkeypatch):
     solution, before = solved_block(2), there(made, "single")
-
-    def full(*_, **__):
-        raise OSError(28, "No space left on device")
+    full = Mock(side_effect=OSError(28, "No space left on device"))
 
     def full_at_last(path, *_):
         return full() if Path(path).name == ".complete-old" else mkdir(path, *_)
@@ -459,13 +447,12 @@ def another_run(directory):
         process.wait()
 
 
-@pytest.mark.parametrize("held", ["out", "out.previous"])
-@pytest.mark.parametrize("command", [("run", "case.toml", "--output", "out", *OTHER), ("resume", "out")])
+@pytest.mark.parametrize(
+    ("held", "command"), [("out", RUN), ("out.previous", RUN), ("out", ("resume", "out"))], ids=str
+)
 def test_a_second_run_is_refused_and_changes_nothing(command, held, made):
     for folder in ("out", "out.previous"):
         there(made, "history", folder)
-    if (held, command[0]) == ("out.previous", "resume"):
-        return
     with another_run(held) as other:
         before = everything(".")
         done = run_coulomb(*command)
@@ -482,16 +469,12 @@ def test_the_lock_of_a_killed_run(monkeypatch):
     script = "from mpi4py import MPI; import os; from coulomb.io.atomic_output import locked\n"
     run_python("-c", f"{script}hold = locked('out', MPI.COMM_WORLD); hold.__enter__(); os.kill(os.getpid(), 9)")
     assert f" on {socket.gethostname()}, since " in Path("out/run.lock").read_text()
-
-    def none(*_):
-        raise OSError(38, "Function not implemented")
-
     for _ in range(2):
         with locked("out", comm):
             assert f"process {os.getpid()} " in Path("out/run.lock").read_text()
         assert not any(OUT.iterdir())
         Path("out/run.lock").write_text("process 7 on elsewhere")
-        monkeypatch.setattr(fcntl, "flock", none)
+        monkeypatch.setattr(fcntl, "flock", Mock(side_effect=OSError(38, "Function not implemented")))
 
 
 def test_one_process_may_lock_twice(tmp_path):

@@ -88,7 +88,7 @@ def test_probes_find_their_body():
     spaces = [DisplacementSpace(compat.functionspace(mesh.domain, 1, (3,))) for mesh in (low, moved(low, (0, 0, 1)))]
     parts = [Part(name, space, slice(0, 8)) for name, space in zip(("lower", "upper"), spaces, strict=True)]
     probes = [Probe("a", (0.5, 0.5, 0.2)), Probe("b", (0.5, 0.5, 1.2)), Probe("c", (0, 0, 1), "upper")]
-    assert [len(one._numbers) for one in LocatedProbes(probes, parts, [])._in] == [1, 2]
+    assert [len(one._probes) for one in LocatedProbes(probes, parts, [])._in] == [1, 2]
     for probe, message in (
         (Probe("d", (0.5, 0.5, 1.0)), "'lower' and 'upper': give body"),
         (Probe("d", (0.5, 0.5, 5.0)), "body 'lower': the point .* is outside the body.*body 'upper'"),

@@ -4,22 +4,16 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from ranks import by_place, everywhere, same_error
+from shared_problems import PLATE, WOUND
 
 import coulomb
-from coulomb import Clamp, Elasticity, Material, NamedMesh, OrthotropicMaterial
+from coulomb import Clamp, Elasticity, NamedMesh
 from coulomb.fem.bodies.loads import ThermalLoad
 from coulomb.fem.bodies.materials import midpoints
 from coulomb.fem.bodies.recovery import relative_error, stress_errors
 from coulomb.fem.compat import ufl
 
 comm = MPI.COMM_WORLD
-
-PLATE = Material(7e10, 0.33, expansion=2.3e-5)
-WOUND = OrthotropicMaterial(
-    *((1.3e11, 1.1e10, 9e9), (0.28, 0.3, 0.4), (5e9, 4.5e9, 3.5e9)),
-    directions=(lambda x: np.array([-x[1] - 1.0, x[0], 0.2 + 0.0 * x[0]]), (0.0, 0.0, 1.0)),
-    expansion=(-1e-6, 3e-5, 2e-5),
-)
 
 
 def body(ranks, cell, degree, heat):
