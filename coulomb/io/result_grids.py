@@ -71,7 +71,7 @@ BETWEEN: dict[str, Callable[[FloatArray, FloatArray], FloatArray]] = {
 def body_grid(space: DisplacementSpace) -> GridPart:
     """The cells of a body, whose order is that of the displacements."""
     own = space.domain.topology.index_map(3).size_local
-    cells = in_vtk_order(_global(space, compat.cell_dofs(space.V)[:own]), "dolfinx")
+    cells = in_vtk_order(space.global_numbers(compat.cell_dofs(space.V)[:own]), "dolfinx")
     return GridPart(SOLIDS[cells.shape[1]], cells, space.reference)
 
 
@@ -122,7 +122,7 @@ class FaceGrid:
         self.node = starts_of(comm, len(space.x))[comm.rank] + self._nodes.astype(np.float64)
         position = np.full(len(space.x), -1, dtype=np.int64)  # of this rank's nodes among those of the faces
         position[self._nodes] = starts_of(comm, len(self._nodes))[comm.rank] + np.arange(len(self._nodes))
-        cells = fetched(comm, starts_of(comm, len(space.x)), _global(space, nodes), position)
+        cells = fetched(comm, starts_of(comm, len(space.x)), space.global_numbers(nodes), position)
         self.grid = GridPart(FACETS[columns.shape[1]], cells, space.reference[self._nodes])
 
     def numbers(self, body: SingleBody) -> dict[str, FloatArray]:
@@ -145,11 +145,6 @@ class FaceGrid:
         for column, (one, other) in nodes_between(cells.shape[1]):
             everywhere[cells[:, column]] = between(everywhere[cells[:, one]], everywhere[cells[:, other]])
         return everywhere[self._nodes].reshape(-1, *field.shape[1:])
-
-
-def _global(space: DisplacementSpace, nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.int64]:
-    numbers = space.V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
-    return np.asarray(numbers, dtype=np.int64).reshape(nodes.shape)
 
 
 Fields = dict[str, FloatArray]

@@ -16,7 +16,7 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from ...arrays import FloatArray
+from ...arrays import FloatArray, IntArray
 from .. import compat
 from ..compat import fem, ufl
 from ..meshes import facet_columns, lagrange_points, lagrange_values
@@ -86,6 +86,11 @@ class DisplacementSpace:
     def numbering(self) -> Numbering:
         index_map = self.V.dofmap.index_map
         return Numbering(index_map.local_range[0], index_map.size_local, index_map.size_global)
+
+    def global_numbers(self, nodes: npt.NDArray[np.integer[Any]]) -> IntArray:
+        """Those of nodes by their numbers on this rank, of any shape."""
+        numbers = self.V.dofmap.index_map.local_to_global(nodes.ravel().astype(np.int32))
+        return np.asarray(numbers, dtype=np.int64).reshape(nodes.shape)
 
     @property
     def lifetime(self) -> object:
@@ -231,10 +236,10 @@ class DisplacementSpace:
         where, local = np.divmod(first, nodes.shape[1])
         own = nodes[where, local] < self._owned
         where, local = where[own], local[own]
-        columns = np.asarray(linear.V.dofmap.index_map.local_to_global(vertices[where].ravel()), dtype=np.int64)
+        columns = linear.global_numbers(vertices[where]).ravel()
         rows = np.repeat(np.arange(self._owned), values.shape[1])
         weights = scipy.sparse.csr_matrix(
-            (values[local].ravel(), (rows, columns)), shape=(self._owned, linear.V.dofmap.index_map.size_global)
+            (values[local].ravel(), (rows, columns)), shape=(self._owned, linear.numbering.total)
         )
         weights.eliminate_zeros()
         return scipy.sparse.kron(weights, np.eye(3), format="csr"), linear.x, linear.numbering

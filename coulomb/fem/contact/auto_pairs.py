@@ -189,7 +189,7 @@ class _OuterFacets(NamedTuple):
         facet = outer[outer < domain.topology.index_map(2).size_local]
         patch = facet_patch(space, facet)
         cells = compat.cell_dofs(space.V)[: domain.topology.index_map(3).size_local, 0]
-        in_cells = np.asarray(space.V.dofmap.index_map.local_to_global(cells), dtype=np.int64)
+        in_cells = space.global_numbers(cells)
         starts, of_nodes = starts_of(comm, space.numbering.local), mesh_components(space)
         component, of_cells = (fetched(comm, starts, nodes, of_nodes) for nodes in (patch.nodes[:, 0], in_cells))
         kind, pieces = patch.kind, patch.kind.pieces

@@ -76,8 +76,6 @@ class BodyBoundary:
         patch, own = facet_patch(space, outer), np.arange(sizes(3).size_local, dtype=np.int32)
         pieces = patch.kind.pieces
         three = np.concatenate([pieces[:, [0, k, k + 1]] for k in range(1, pieces.shape[1] - 1)])
-        dofs = compat.cell_dofs(space.V)[own]
-        numbers = space.V.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32))
         return cls(
             part,
             starts_of(space.comm, space.numbering.local),
@@ -85,7 +83,7 @@ class BodyBoundary:
             patch,
             patch.x[:, three].reshape(-1, 3, 3),
             np.repeat(np.arange(len(patch)), len(three)),
-            np.asarray(numbers, dtype=np.int64).reshape(dofs.shape),
+            space.global_numbers(compat.cell_dofs(space.V)[own]),
             space.points_of_cells(own),
             tetrahedra_of(domain.topology.cell_type, space.degree),
         )

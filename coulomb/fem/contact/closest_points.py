@@ -205,8 +205,7 @@ def facets_of(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> tuple[
     domain, comm = space.domain, space.comm
     cell, columns = space.in_cells(facets)
     dofs = compat.cell_dofs(space.V)[cell[:, None], columns]
-    numbers = space.V.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32))
-    nodes = np.asarray(numbers, dtype=np.int64).reshape(dofs.shape)
+    nodes = space.global_numbers(dofs)
     places = space.points_of_cells(cell)
     x = np.take_along_axis(places, columns[:, :, None], axis=1)
     corners = 3 if domain.topology.cell_type.name == "tetrahedron" else 4

@@ -393,10 +393,10 @@ def facet_patch(space: DisplacementSpace, facets: npt.NDArray[np.int32]) -> Face
     kind = FacetKind(3 if topology.cell_type.name == "tetrahedron" else 4, space.degree)
     cell, columns = space.in_cells(facets)
     dofs = compat.cell_dofs(space.V)[cell[:, None], columns]
-    nodes = np.asarray(space.V.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32)), dtype=np.int64)
     in_cells = space.points_of_cells(cell)
     x = np.take_along_axis(in_cells, columns[:, :, None], axis=1)
-    patch = FacetPatch(kind, nodes.reshape(-1, kind.width), x, int(space.V.dofmap.index_map.size_global))
+    nodes = space.global_numbers(dofs)
+    patch = FacetPatch(kind, nodes, x, space.numbering.total)
     outward = x[:, : kind.corners].mean(axis=1) - in_cells.mean(axis=1)
     inside = np.einsum("fi,fi->f", patch.area_vectors(kind.points[: kind.corners]).sum(axis=1), outward) < 0.0
     nodes, x = patch.nodes.copy(), x.copy()
