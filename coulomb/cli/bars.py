@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, Final
 
 from ..arrays import FloatArray
@@ -102,7 +103,6 @@ class TaylorTest:
 
     def __init__(self, settings: Case, like: Solution):
         self._settings, self._like, self._over = settings, like, Reductions(like.problem.comm)
-        self._before: FloatArray | None = None
 
     def of(self, one: Sensitivity) -> dict[str, Any]:
         """The entry `verified` of one of its sensitivities: whether it passed, None if it was not tested, and words."""
@@ -115,7 +115,7 @@ class TaylorTest:
                 after = self._answer(scaled(self._settings, one.name, 1.0 + change))
                 if self._over.any(after.shape != one.contact_force.shape):
                     return {"passed": None, "words": "not verified: other nodes become contact points"}
-                left.append(self._over.norm(after - self._at_first() - change * one.contact_force))
+                left.append(self._over.norm(after - self._before - change * one.contact_force))
                 size = max(size, self._over.norm(after))
         except NotScaled as reason:
             return {"passed": None, "words": f"not verified: {reason}"}
@@ -130,11 +130,10 @@ class TaylorTest:
         passed = order >= _SECOND
         return {**found, "passed": passed, "words": f"{'verified' if passed else 'NOT VERIFIED'}: {words}"}
 
-    def _at_first(self) -> FloatArray:
+    @cached_property
+    def _before(self) -> FloatArray:
         """The forces of the case as it is, as accurately as those of the changed ones."""
-        if self._before is None:
-            self._before = self._answer(self._settings)
-        return self._before
+        return self._answer(self._settings)
 
     def _answer(self, case: Case) -> FloatArray:
         """The contact forces of a case at the time of the answer."""

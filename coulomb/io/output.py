@@ -56,7 +56,7 @@ def write(
         extra: Additional entries for summary.json.
         case: Contents of case.json; empty without one.
         overwrite: Whether results that are there may be replaced.
-        fields: The user's functions to be written beside, by name (`user_fields.interpolated`).
+        fields: The user's functions to be written beside, by name (`result_grids.interpolated`).
         mesh: Directory of meshes that is moved there (`MESH`); by default the one that is there, if the case names it.
         keep: Whether results that are there are kept; not those of the same run.
 

@@ -37,7 +37,7 @@ from .field_files import NODE, OPPOSITE
 from .grid_file import GridFields, GridPart
 
 ON_CELLS = STRESSES
-"""Fields of solution.h5, one number per cell; besides those of `cell_materials`."""
+"""Fields of solution.h5, one number per cell; besides the materials."""
 
 ON_BODY = ("displacement", "load", "held", "prescribed", "spring_force")
 """Fields of solution.h5, one vector per node."""

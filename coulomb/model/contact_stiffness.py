@@ -441,7 +441,7 @@ class ContactStiffness:
 
     @property
     def linear_solver(self) -> LinearSolver:
-        """The solver class for K^-1 (DirectSolver: by nested dissection, see `stiffness_method`); collective."""
+        """The solver class for K^-1; collective."""
         return self.present.linear_solver
 
     @property

@@ -166,11 +166,6 @@ class _Condensed(NewtonSystem):
             self._operator = PETSc.Mat().createPython(self._K.getSizes(), context=_Product(self._mult), comm=A.comm)
             self._operator.setUp()
 
-    def _spread(self, forces: FloatArray, v: PETSc.Vec) -> None:
-        """v <- B^T forces."""
-        self._x.array[:] = forces
-        self._B.multTranspose(self._x, v)
-
     def _gathered(self, v: PETSc.Vec) -> FloatArray:
         """B v, scaled as A x is, shape (m, 3)."""
         self._B.mult(v, self._x)
@@ -182,7 +177,8 @@ class _Condensed(NewtonSystem):
         r = r1 + at.J12(r2 / at.D22)
         self._spring = NodalInverse(at, self._least)
         self._stiffen()
-        self._spread(self._scaled.forces(self._spring(r)), self._rhs)
+        self._x.array[:] = self._scaled.forces(self._spring(r))
+        self._B.multTranspose(self._x, self._rhs)
         self._rhs.axpy(1.0, self.products.R)
         size, lacking = self._rhs.norm(), self.products.R.norm()
         settings = self._settings

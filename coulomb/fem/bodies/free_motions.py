@@ -1,7 +1,7 @@
 """The free rigid motions of a body: those of its components against which no support and no spring has energy.
 
 Contact alone holds a body along them.  The stiffness K is then singular, with the free motions R as its kernel.  As
-many springs as there are motions, at single degrees of freedom (`Anchor`) on which no motion but zero vanishes, make it
+many springs as there are motions, at single degrees of freedom on which no motion but zero vanishes, make it
 positive definite.  With E the rows of R at these, of full rank, and S the springs, K + S gives exact answers to loads
 that are in equilibrium along R: from (K + S) u = f follows R^T S u = E^T s (u at the anchors) = R^T f = 0, so that u is
 zero there, the springs carry nothing, and K u = f.  The stiffness of the springs does not matter.

@@ -1,4 +1,4 @@
-"""Meshes with named groups of cells and facets: built (`box_mesh`), read from files (`read_mesh`), inspected, moved,
+"""Meshes with named groups of cells and facets: built (`box`), read from files (`read_mesh`), inspected, moved,
 joined, refined and made of first or second order.  Nodal fields in files belong here as well.
 """
 

@@ -67,18 +67,15 @@ class DenseInverse:
         if self._count + len(new) > room:  # forget those of earlier forces
             self._place[:], self._count, new = -1, 0, needed
         if len(new):
-            self._gather(new)
+            here = slice(self._count, self._count + len(new))
+            self._columns[:, here] = self._lower[new].T
+            for place, column in zip(range(self._count, here.stop), new, strict=True):
+                self._columns[column:, place] = self._lower[column:, column]
+            self._place[new] = np.arange(here.start, here.stop)
+            self._count = here.stop
         few = np.zeros(self._count)
         few[self._place[needed]] = z[needed]
         return self._columns[:, : self._count] @ few
-
-    def _gather(self, new: npt.NDArray[np.integer[Any]]) -> None:
-        here = slice(self._count, self._count + len(new))
-        self._columns[:, here] = self._lower[new].T
-        for at, column in zip(range(self._count, here.stop), new, strict=True):
-            self._columns[column:, at] = self._lower[column:, column]
-        self._place[new] = np.arange(here.start, here.stop)
-        self._count = here.stop
 
 
 SINGLE_FROM: Final = 5e8
