@@ -34,7 +34,6 @@ from ..fem.geometry import (
     of_place,
     on_all_ranks,
     rigid_motion,
-    supported_frames,
 )
 from ..solvers.laws import FrictionLaw
 from .foundation_load import FoundationLoad
@@ -418,13 +417,6 @@ class Contact:
             ValueError: If a function fails, or a table is none.
         """
         return rigid_motion(self.motion, self.rotation, time, what)
-
-    def frames(self, n: FloatArray, H: FloatArray, x: FloatArray, comm: MPI.Comm) -> FloatArray:
-        """Rows n, t1, t2 at nodes x (k, 3) of the face with normals n (k, 3) and projectors H (k, 3, 3) onto their held
-        directions, shape (k, 3, 3); collective."""
-        if self.axes is None:
-            return supported_frames(n, H)
-        return self.axes.frames(n, H, x, f"contact face {self.face!r}", comm)
 
     def law(self, x: FloatArray, area: FloatArray, time: float, slip_rate: FloatArray, comm: MPI.Comm) -> FrictionLaw:
         """The law of friction at nodes x (k, 3) in metres of the face, with areas (k,) in m^2, and slip rates (k,) of

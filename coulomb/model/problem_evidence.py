@@ -23,11 +23,10 @@ from ..fem.contact import (
     faces_away,
     free_lengths,
     joined_points,
-    pair_frames,
     rows_of,
     without_noise,
 )
-from ..fem.geometry import HELD_BELOW, RigidMotion, inverse_frames, on_all_ranks
+from ..fem.geometry import HELD_BELOW, RigidMotion, friction_frames, inverse_frames, on_all_ranks
 from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
 from ..solvers.rigid_motions import NO_MOTION
@@ -253,7 +252,7 @@ def _face(
     points, n, x, H = points.only(free), n[free], x[free], H[free]
     gaps = without_noise(gaps[free], x, elasticity) + added[free]
     law = contact.law(points.before_deformation(x), points.area, time, slip_rate[points.nodes], comm)
-    frames = contact.frames(n, H, x, comm)
+    frames = friction_frames(contact.axes, n, H, x, contact.face, comm)
     points = points.of(member, body.elasticity)
     return points, frames, gaps, law, face.motion.since(then, x), face.beside(body.elasticity)
 
@@ -264,5 +263,5 @@ def _pair(body: ContactBody, number: int, time: float, slip_rate: FloatArray) ->
     place = pair.points.before_deformation(pair.x)
     gap = pair.gap + contact.gap_factor(time, comm) * contact.gap_at(place, comm)
     law = contact.law(place, pair.points.area, time, slip_rate[pair.points.nodes], comm)
-    frames = pair_frames(pair, contact.axes, comm)
+    frames = friction_frames(contact.axes, pair.n, pair.held, pair.x, pair.face, comm)
     return pair.points, frames, gap, law, np.zeros_like(pair.x), body.held_in_pairs.at(number, time)

@@ -174,9 +174,7 @@ def compare_error_bars(contents: Mapping[str, Any], found: Comparison) -> None:
     totals = {name: value.tolist() for name, value, _ in totals_in(contents) if name in bars}
     said = {name: np.atleast_1d(bars[name]["value"]).tolist() for name in totals}
     found.tree(said, totals, (), (f"{SUMMARY}: error",), ANSWER)
-    with_parts = {
-        name: bar for name, bar in bars.items() if "parts" in bar
-    }  # none without an order
+    with_parts = {name: bar for name, bar in bars.items() if "parts" in bar}  # none without an order
     sums = {name: sum(np.atleast_1d(part) for part in bar["parts"].values()) for name, bar in with_parts.items()}
     said = {name: np.atleast_1d(bar["error"]).tolist() for name, bar in with_parts.items()}
     whole = {name: np.asarray(of).tolist() for name, of in sums.items()}

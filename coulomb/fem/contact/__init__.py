@@ -33,7 +33,6 @@ from .pair import (
     curved_patch,
     held_on_both,
     nodes_at_seams,
-    pair_frames,
     pair_of,
     pair_surface,
     planes_of_symmetry,

@@ -20,9 +20,9 @@ from ..geometry import (
     FrictionAxes,
     Refused,
     RigidFoundation,
+    friction_frames,
     held_length,
     on_all_ranks,
-    supported_frames,
 )
 from ..meshes import Exchange, boundary_facets, fetched, owner_of, starts_of
 from .contact_points import ContactPoints, among_all, free_lengths
@@ -478,17 +478,10 @@ def pair_surface(
 ) -> ContactSurface:
     """The contact points of a pair as a surface; arguments as of `contact_surface`; collective."""
     given = gap_field(pair.points.before_deformation(pair.x))
-    frames = pair_frames(pair, axes, elasticity.comm)
+    frames = friction_frames(axes, pair.n, pair.held, pair.x, pair.face, elasticity.comm)
     part = np.zeros(len(pair.x), dtype=np.int64)
     matrices = matrices_of(elasticity, pair.points, frames)
     gap = pair.gap + gap_factor * given
     return ContactSurface(
         (pair.face,), part, pair.points, pair.x, frames, gap, given, *matrices, (None,), pair.chord, pair.remarks
     )
-
-
-def pair_frames(pair: Pair, axes: FrictionAxes | None, comm: MPI.Comm) -> FloatArray:
-    """Rows n, t1, t2 of the contact points, shape (m, 3, 3); collective."""
-    if axes is None:
-        return supported_frames(pair.n, pair.held)
-    return axes.frames(pair.n, pair.held, pair.x, f"contact face {pair.face!r}", comm)

@@ -22,10 +22,10 @@ from ..geometry import (
     Refused,
     RigidFoundation,
     first_place,
+    friction_frames,
     held_length,
     inverse_frames,
     on_all_ranks,
-    supported_frames,
 )
 from .contact_points import (
     ContactPoints,
@@ -252,10 +252,7 @@ def contact_surface(
         given[on_face] = gap_field(body.reference[on_face])
     field = points.average(given)
     gaps = without_rounding(distance + gap_factor * field, body.x, comm)
-    if axes is None:
-        frames = supported_frames(n, H)
-    else:
-        frames = axes.frames(n, H, x, what, comm)
+    frames = friction_frames(axes, n, H, x, face, comm)
     part = np.zeros(len(x), dtype=np.int64)
     points = points.of(member, elasticity)
     matrices = matrices_of(elasticity, points, frames)

@@ -8,9 +8,9 @@ from .contact_frames import (
     HELD_BEYOND,
     LEAST_RATIO,
     FrictionAxes,
+    friction_frames,
     held_length,
     inverse_frames,
-    supported_frames,
     tangent_frames,
     tangent_lengths,
 )

@@ -163,6 +163,16 @@ class FrictionAxes:
         return on_all_ranks(scaled, what, comm)
 
 
+def friction_frames(
+    axes: FrictionAxes | None, n: FloatArray, H: FloatArray, x: FloatArray, face: str, comm: MPI.Comm
+) -> FloatArray:
+    """Rows n, t1, t2 of points x (k, 3) of a contact face with unit normals n (k, 3) and projectors onto their held
+    directions H (k, 3, 3), shape (k, 3, 3), with the axes of orthotropic friction if there are any; collective."""
+    if axes is None:
+        return supported_frames(n, H)
+    return axes.frames(n, H, x, f"contact face {face!r}", comm)
+
+
 def held_length(directions: FloatArray, H: FloatArray) -> FloatArray:
     """Length of the parts of directions (k, 3) that are held, with the projectors H (k, 3, 3) of the nodes, or their
     means at contact points (`ContactPoints.held`); shape (k,)."""
