@@ -132,7 +132,7 @@ class GeometricTerms:
         surface, count = there.surface, len(self._x)
         here = problem.surface.places_among(surface.nodes, surface.part)
         known, turn = here >= 0, np.zeros((count, 3, 3))
-        turn[known] = _turned(problem.surface.frames[known, 0], surface.frames[here[known], 0])
+        turn[known] = least_rotations(problem.surface.frames[known, 0], surface.frames[here[known], 0])
 
         def carried(vectors: FloatArray) -> FloatArray:
             """Space vectors at the answer, which have turned with the normals."""
@@ -166,7 +166,7 @@ class GeometricTerms:
         return Terms(forces, there.prescribed, c, bound, e, *turned, places, area)
 
 
-def _turned(n: FloatArray, m: FloatArray) -> FloatArray:
+def least_rotations(n: FloatArray, m: FloatArray) -> FloatArray:
     """The least rotations from unit vectors to others near to them, both of shape (k, 3), shape (k, 3, 3)."""
     n, m = (one / np.linalg.norm(one, axis=1)[:, None] for one in (n, m))
     axis, cosine = np.cross(n, m), np.einsum("ki,ki->k", n, m)

@@ -8,14 +8,18 @@ to the displacement after the step before, from which slip counts, and so on bac
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Elasticity
 from ..fem.contact import row_products
+from ..linalg.reductions import Reductions
+from ..solvers.derivatives import Change
 from ..solvers.derivatives import gradient as adjoint
 from .discrete_problem import DiscreteProblem
+from .geometric_terms import least_rotations
 from .sensitivity import refuse, unloaded, with_loading
 from .stopping_criterion import directions_on_supports
 
@@ -34,7 +38,11 @@ class Gradient:
         young: Of each body of built-in materials by its name, along the logarithm of Young's modulus of every cell of
             this rank, shape (c,).
         pretension: Along the force of each bolt by its face, per newton; 0 if it is locked.
+        border: Number of contact points on the border of two states; here they are closed, and stick where they may,
+        loose: and in this one open, and slip; None without any.  Along one direction J has a derivative on one side, by
+            the states that these points take along it (`Sensitivity`): with one such point it is one of both.
         before: In a load step, along the displacement after the step before, per metre, shape (k, 3); else None.
+        lagrangian: For `between`.
     """
 
     friction: FloatArray
@@ -44,7 +52,107 @@ class Gradient:
     prescribed: FloatArray
     young: dict[str, FloatArray]
     pretension: dict[str, float]
+    border: int
+    loose: Gradient | None
     before: FloatArray | None
+    lagrangian: Lagrangian
+
+    def between(self, more: DiscreteProblem, less: DiscreteProblem) -> float:
+        """By how much J of one problem is larger than J of another, to first order, both near to that of the answer on
+        either side: exact as they come together, and without solving them; collective, the same on every rank.
+
+        Over 2 h it is the derivative along h, of order h^2, whatever h changes: places of nodes (`coulomb.moved`),
+        foundations, directions, materials, also in the user's forms.  J is given by its derivatives along contact
+        forces and displacements alone: what it owes to areas and places by itself comes in addition.
+
+        Args:
+            more, less: Problems on meshes of the same cells, whose nodes and contact points are numbered alike; of a
+                load step, of the history.
+
+        Raises:
+            ValueError: On every rank, if their nodes are others, or far from those of the answer.
+        """
+        return self.lagrangian.of(more) - self.lagrangian.of(less)
+
+
+@dataclass(frozen=True)
+class Lagrangian:
+    """J with the equations of an answer, by their multipliers, as a function of the problem.
+
+    Forces, the unknowns of displacements and the multipliers are those of the answer; what is prescribed, the equations
+    and what follows from the unknowns by ties are those of the problem.  Its derivative is that of J.
+
+    Attributes:
+        answer: The problem of the answer,
+        x: with its contact forces, newtons, shape (3 m,),
+        u: and the unknowns of its displacement, metres, shape (k + p, 3).
+        of_u: dJ/du, per metre, shape (k, 3).
+        v: What J owes to forces along the unknowns, per newton, shape (k + p, 3),
+        owed: and to the equations of contact.
+    """
+
+    answer: DiscreteProblem
+    x: FloatArray
+    u: FloatArray
+    of_u: FloatArray
+    v: FloatArray
+    owed: Change
+
+    def of(self, problem: DiscreteProblem) -> float:
+        """Its value for a problem near to that of the answer; collective."""
+        answer, over = self.answer, Reductions(self.answer.comm)
+        refuse_moving(problem)
+        _refuse_other(answer, problem, over)
+        if problem.time != answer.time or problem.before is not answer.before:
+            at = problem.body.at_time(answer.time)
+            problem = problem.in_state(at.state(answer.time, answer.before), None, answer.before, at)
+        body, surface, loading = problem.elasticity, problem.surface, problem.loading
+        points = [(of.nodes, of.part) for of in (answer.surface, surface)]
+        if over.any(not all(np.array_equal(*of) for of in zip(*points, strict=True))):
+            raise ValueError("between: the problem has other contact points than that of the answer")
+        reduction = body.reduction
+        u, v = reduction.displacement(self.u) + loading.prescribed, reduction.displacement(self.v)
+        x, closed, owed = self.x.reshape(-1, 3).copy(), problem.relative_displacement(u), self.owed.b.reshape(-1, 3)
+        closed[:, 0] -= surface.gap
+        other = np.abs(surface.frames - answer.surface.frames).max(axis=(1, 2), initial=0.0) > _TURNED
+        turn = least_rotations(answer.surface.frames[:, 0], surface.frames[:, 0])
+        there = surface.force_components(np.einsum("kij,kj->ki", turn, answer.surface.vectors(x)))
+        here = answer.surface.components(np.einsum("kji,kj->ki", turn, surface.displacements(closed)))
+        x[other], closed[other] = there[other], here[other]
+        forces = loading.load + body.spring_force(u) - body.internal_force(u) - surface.at_nodes(x)
+        value = over.sum(float(np.vdot(self.of_u, u) + np.vdot(v, forces) + np.vdot(owed, closed)))
+        value += over.sum(self.owed.bound * problem.slip_bound(self.x))
+        if loading.tension is not None:
+            own = reduction.with_own(np.zeros((0, 3)), loading.tension * reduction.loose)
+            value += over.sum(float(np.vdot(own, self.v[len(u) :])))
+        return value
+
+
+_TURNED: Final = 0.1
+"""Change of the unit vectors of a frame from which on it is another one: tangents along what holds a node may flip."""
+
+_NEAR: Final = 0.1
+"""Distance of the nodes of near problems over the size of the bodies."""
+
+
+def _refuse_other(answer: DiscreteProblem, problem: DiscreteProblem, over: Reductions) -> None:
+    x, there = answer.elasticity.x, problem.elasticity.x
+    unknowns = [of.elasticity.reduction.points.shape for of in (answer, problem)]
+    if over.any(x.shape != there.shape or unknowns[0] != unknowns[1]):
+        raise ValueError("between: the problem has other nodes than that of the answer")
+    size, apart = max(over.max(axis) - over.min(axis) for axis in x.T), over.max(np.abs(there - x).ravel())
+    if apart > _NEAR * size:
+        raise ValueError(
+            f"between: nodes are up to {apart:g} m from those of the answer: they are numbered otherwise, or the "
+            "problems are not near to each other"
+        )
+
+
+def refuse_moving(problem: DiscreteProblem) -> None:
+    """ValueError for a problem of which gradients are not known; the same on every rank."""
+    refuse(problem)
+    if problem.body.undeformed is not None or problem.state.loaded:
+        raise ValueError("gradients are known of small strains with foundations whose motion is given")
 
 
 def gradient(
@@ -70,16 +178,24 @@ def gradient(
         ValueError: In large motions, with foundations under load, with heat, or in a load step where friction depends
             on the slip rate; where J depends on friction that supports leave undetermined.
     """
-    refuse(problem)
-    if problem.body.undeformed is not None or problem.state.loaded:
-        raise ValueError("gradients are known of small strains with foundations whose motion is given")
-    surface, still = problem.surface, unloaded(problem.loading)
+    refuse_moving(problem)
     of_u = np.zeros_like(u) if of_u is None else of_u
     if later is not None:
         if later.before is None or later.before.shape != u.shape:
             raise ValueError("later must be the gradient of the load step after, and is that of another problem")
         of_u = of_u + later.before
     of_x = np.zeros_like(x) if of_force is None else of_force
+    if later is not None and later.loose is not None:
+        raise ValueError("points are on the border of two states in the load step after: J has no one gradient before")
+    found = _gradient(problem, x, u, of_x, of_u, True)
+    return replace(found, loose=_gradient(problem, x, u, of_x, of_u, False)) if found.border else found
+
+
+def _gradient(
+    problem: DiscreteProblem, x: FloatArray, u: FloatArray, of_x: FloatArray, of_u: FloatArray, firm: bool
+) -> Gradient:
+    """With points on a border closed, sticking where they may (`firm`), or open, and slipping; collective."""
+    surface, still = problem.surface, unloaded(problem.loading)
 
     def response(load: FloatArray) -> tuple[FloatArray, FloatArray]:
         """K^-1 of nodal forces (k, 3), and the forces along rigid motions."""
@@ -91,7 +207,8 @@ def gradient(
     undetermined: FloatArray = np.zeros((len(surface.nodes), 2))
     if surface.slip_prescribed:
         undetermined = directions_on_supports(row_products(surface.free_B, surface.points)[:, 1:, 1:])
-    owed = adjoint(problem.friction_problem, x, of_x - surface.rows(free).ravel(), along, undetermined)
+    of_x = of_x - surface.rows(free).ravel()
+    owed, border = adjoint(problem.friction_problem, x, of_x, along, undetermined, firm)
     whole = of_u + surface.at_nodes(owed.b)
     v, body, before = response(whole)[0], problem.elasticity, problem.before
     reaction = whole - body.internal_force(v) + body.spring_force(v)
@@ -114,5 +231,15 @@ def gradient(
             if isinstance(member.body, Elasticity)
         },
         pretension={one.face: 0.0 if one.locked else one.shortening for one in body.constraints.bolts_at(v)},
+        border=border,
+        loose=None,
         before=start,
+        lagrangian=Lagrangian(
+            problem,
+            x,
+            body.reduction.reduced(u - problem.loading.prescribed),
+            of_u,
+            body.reduction.reduced(v),
+            owed,
+        ),
     )

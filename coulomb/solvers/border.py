@@ -96,6 +96,23 @@ class Border:
         status[here] = np.where(slips, 2, status)[here]
         return ContactDerivative(np.zeros_like(dx), P, Q, status), e * np.where(slips, bound, 0.0)[:, None]
 
+    def chosen(self, firm: bool) -> tuple[ContactDerivative, FloatArray]:
+        """The derivative of the equations with all of these points closed, and sticking where they may (`firm`), or all
+        open, and slipping where they are closed; and the directions of friction of those that slip, 0 of others, shape
+        (m, 2)."""
+        P, Q, status = self.at.P.copy(), self.at.Q.copy(), self.at.status.copy()
+        here = self.closing
+        P[here, 0, 0], Q[here, 0, 0] = 0.0 if firm else 1.0, 1.0 / self.equations.d_n[here] if firm else 0.0
+        status[here] = np.maximum(status[here], 1) if firm else 0
+        here, slips = self.rubbing, self.rubbing & (self.landing | (not firm))
+        e = np.where((slips & ~self.without_bound)[:, None], self.directions, 0.0)
+        part = np.where(slips & ~self.turning, 0.0, 1.0)
+        T = part[:, None, None] * (np.eye(2) - e[:, :, None] * e[:, None, :])
+        P[here, 1:, 1:], Q[here, 1:, 1:] = (np.eye(2) - T)[here], (self.equations.rho_t[:, None, None] * T)[here]
+        P[here, 1:, 0] = -(self.slope[:, None] * e)[here]
+        status[here] = np.where(slips, 2, status)[here]
+        return ContactDerivative(np.zeros_like(self.at.value), P, Q, status), e
+
 
 def _over(vectors: FloatArray, length: FloatArray) -> FloatArray:
     """Vectors (m, 2) over their lengths (m,), 0 where these are 0."""

@@ -94,8 +94,13 @@ def derivatives(problem: FrictionProblem, x: FloatArray, changes: Sequence[Chang
 
 
 def gradient(
-    problem: FrictionProblem, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray, undetermined: FloatArray
-) -> Change:
+    problem: FrictionProblem,
+    x: FloatArray,
+    of_x: FloatArray,
+    of_alpha: FloatArray,
+    undetermined: FloatArray,
+    firm: bool = True,
+) -> tuple[Change, int]:
     """What a function of an answer owes to b, the bounds and e: one linear system, the transpose of that of
     `derivatives`; collective.
 
@@ -106,11 +111,15 @@ def gradient(
         of_alpha: and along the rigid motions, shape (q,).
         undetermined: Directions along t1 and t2 in which supports hold a point, whose friction along these is 0 while
             it sticks; 0 of others, shape (m, 2).
+        firm: Whether points on the border of two states are closed and stick, or are open and slip.
+
+    Returns:
+        Them, and the number of points on a border.
 
     Raises:
         ValueError: If the system is (nearly) singular: the answer is one of several.
     """
-    return _at_answer(problem).gradient(x, of_x, of_alpha, undetermined)
+    return _at_answer(problem).gradient(x, of_x, of_alpha, undetermined, firm)
 
 
 def _at_answer(problem: FrictionProblem) -> _Derivatives:
@@ -169,13 +178,20 @@ class _Derivatives(SemismoothIteration):
         self._at = answer
         return dx, dw, dalpha, settled
 
-    def gradient(self, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray, undetermined: FloatArray) -> Change:
+    def gradient(
+        self, x: FloatArray, of_x: FloatArray, of_alpha: FloatArray, undetermined: FloatArray, firm: bool
+    ) -> tuple[Change, int]:
         """As of the function `gradient`; collective.
 
         By the transposed system [P^T + A Q^T, G^T; -G Q^T, 0] of multipliers (z, mu): Q^T z and mu are the derivatives
         along b and e.  In place of A dx its Krylov method carries A Q^T z.
         """
         slips, known, slope = self._settle(x), self._problem.known_slip, self._problem.law.slope(x[0::3])
+        border = self._border(self._w(self._A_x, self._alpha))
+        points = round(self._over.sum(border.points.astype(np.float64)))
+        if points:
+            self._at, directions = border.chosen(firm)
+            slips = np.where(border.rubbing[:, None], directions, slips)
         g = of_x.reshape(-1, 3).copy()
         bound = np.where(known, np.einsum("ka,ka->k", slips, g[:, 1:]), 0.0)
         g[:, 0] += slope * bound
@@ -209,9 +225,8 @@ class _Derivatives(SemismoothIteration):
         finally:
             krylov.free()
         bound += np.where(self._at.status == 2, np.einsum("ka,ka->k", slips, z[:, 1:]), 0.0)
-        return Change(
-            np.einsum("iab,ib->ia", Q, z).ravel() / self._a, bound, -self._T.T @ mu if len(self._e) else NO_MOTION
-        )
+        e = -self._T.T @ mu if len(self._e) else NO_MOTION
+        return Change(np.einsum("iab,ib->ia", Q, z).ravel() / self._a, bound, e), points
 
     def _settle(self, x: FloatArray) -> FloatArray:
         """To an answer x (3 m,) and the equations there; the directions of friction, shape (m, 2); collective."""

@@ -15,12 +15,15 @@ from mpi4py import MPI
 from ...arrays import FloatArray, in_words, is_number, short
 from ...nearest import tree_of
 from .. import compat
-from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point, on_all_ranks
+from ..geometry import Point, RigidFoundation, RigidMotion, Rotation, Turn, check_point, evaluate_vectors, on_all_ranks
 from .lagrange import corner_geometry
 from .mesh_file import A_SLICE
 from .mesh_parts import SAME_PLACE
 from .slices import Slice
 from .user_groups import cells_of, faces_of, is_mesh, is_mesh_data
+
+Way = Point | Callable[[FloatArray], Any]
+"""Of all nodes, or of each by a function of their places, metres."""
 
 Planes = tuple[FloatArray, FloatArray, FloatArray]
 """Of a box, the coordinates of the planes between its cells along x, y and z, ends included, metres."""
@@ -269,8 +272,10 @@ def _own_corners(domain: Any) -> FloatArray:
 NOWHERE = (0.0, 0.0, 0.0)
 
 
-def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None = None) -> NamedMesh:
-    """The same mesh at another place: rotated, then translated.
+def moved(
+    mesh: NamedMesh, translate: Point | Callable[..., Any] = NOWHERE, rotate: Rotation | None = None
+) -> NamedMesh:
+    """The same mesh at another place: rotated, then translated; or in another shape, with each node moved by itself.
 
     Faces and groups of cells keep their names, cells their shape, curved ones too; the given mesh stays where it is, so
     that one mesh can be the model of several bodies.  Loads, directions of supports and axes of materials are those of
@@ -278,13 +283,16 @@ def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None =
 
     Args:
         mesh: A mesh of any order.
-        translate: In metres, along x, y and z.
+        translate: In metres, along x, y and z; or of every node, a function of x, shape (3, k), with values of this
+            shape, without a rotation.
         rotate: A rotation by a constant angle in radians; `point` and `axis` are those before the translation.
 
     Raises:
         ValueError: If the translation is not three finite numbers, or the angle not one; or of a slice, if it leaves
-            the plane of its section, or its axis.
+            the plane of its section, or its axis, or is a function.
     """
+    if callable(translate):
+        return _shaped(mesh, translate, rotate)
     motion = motion_of(translate, rotate)
     if mesh.slice is not None:
         mesh.slice.refuse(motion.translation, None if motion.turn is None else motion.turn.axis)
@@ -300,6 +308,19 @@ def moved(mesh: NamedMesh, translate: Point = NOWHERE, rotate: Rotation | None =
         surfaces={},
         grid=None if grid is None else replace(grid, make=lambda planes: moved(grid.make(planes), translate, rotate)),
     )
+
+
+def _shaped(mesh: NamedMesh, way: Callable[..., Any], rotate: Rotation | None) -> NamedMesh:
+    """The mesh with every node moved by a function of its place; collective."""
+    if rotate is not None:
+        raise ValueError("moved: translate is a function of place: it goes without rotate")
+    if mesh.slice is not None:
+        raise ValueError("moved: translate must be a vector: a slice keeps its shape")
+    domain = compat.copied_mesh(mesh.domain)
+    x, touching = domain.geometry.x, mesh.touching
+    x[:] = x + evaluate_vectors(way, x, "moved: translate", mesh.comm)
+    touching = touching + evaluate_vectors(way, touching, "moved: translate", mesh.comm)
+    return replace(mesh, domain=domain, touching=touching, coarser=None, curved=None, surfaces={}, grid=None)
 
 
 def motion_of(translate: Point, rotate: Rotation | None) -> RigidMotion:
@@ -391,7 +412,7 @@ class JoinedMesh:
             raise ValueError(f"{what}: there is no body {name!r}{_hint(name, self.bodies)}; {self._listed}")
         return self.bodies[name]
 
-    def moved(self, translate: Point = NOWHERE, rotate: Rotation | None = None) -> JoinedMesh:
+    def moved(self, translate: Way = NOWHERE, rotate: Rotation | None = None) -> JoinedMesh:
         """All bodies at another place; arguments and errors as of `coulomb.moved`, which moves one."""
         return JoinedMesh({name: moved(mesh, translate, rotate) for name, mesh in self.bodies.items()})
 

@@ -102,6 +102,20 @@ def integral(mesh, value):
     return mesh.comm.allreduce(mine, op=MPI.SUM)
 
 
+def test_moved_node_by_node():
+    """Sheared, and a curved cell stays curved: volume and places by formula; not of a slice, nor with a rotation."""
+    mesh = coulomb.box((1.0, 2.0, 3.0), (2, 2, 2), degree=2)
+    there = coulomb.moved(mesh, lambda x: np.array([0.1 * x[2] ** 2, 0.0 * x[1], 0.5 * x[2]]))
+    x = mesh.domain.geometry.x
+    expected = x + np.column_stack([0.1 * x[:, 2] ** 2, 0.0 * x[:, 1], 0.5 * x[:, 2]])
+    assert there.domain.geometry.x == pytest.approx(expected, abs=1e-14)
+    assert set(there.faces) == set(mesh.faces)
+    with pytest.raises(ValueError, match="without rotate"):
+        coulomb.moved(mesh, lambda x: x, Rotation((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 1.0))
+    with pytest.raises(ValueError, match=r"moved: translate: the function must return shape \(3, "):
+        coulomb.moved(mesh, lambda x: x[0])
+
+
 def test_moved_twice_and_joined(blocks):
     part = blocks.bodies["lower"]
     three = coulomb.join({f"part_{k}": coulomb.moved(part, (0.0, 0.0, 2.0 * k)) for k in range(3)})

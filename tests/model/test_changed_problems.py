@@ -1,0 +1,144 @@
+"""Gradients along fields and changes of whole problems, places of nodes among them: against differences of answers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+from drawn_block import TIMES, backwards, drawn, shifted, summed, weights
+from user_forms import Script
+
+import coulomb
+from coulomb.fem import compat
+
+SMALLER = (
+    coulomb.box((1.0, 1.0, 0.5), (1, 1, 1)),
+    coulomb.Material(1e9, 0.3),
+    [coulomb.Clamp("top")],
+    coulomb.Contact("bottom", friction=0.3),
+)
+
+
+def weights_like(answer):
+    """Of a function of an answer."""
+    surface, body = answer.problem.surface, answer.problem.elasticity
+    return np.sin(surface.x * [31.0, 17.0, 23.0]).ravel(), 1e8 * np.cos(body.x * [13.0, 29.0, 19.0])
+
+
+def on_each_other(change=0.0):
+    """A block, moved node by node, on another one, whose Poisson's ratio changes."""
+    upper = coulomb.moved(coulomb.box((0.8, 0.8, 0.4), (2, 3, 1)), translate=(0.13, 0.11, 0.5))
+    return coulomb.ContactProblem(
+        coulomb.join(lower=coulomb.box((1.0, 1.0, 0.5), (2, 2, 1)), upper=coulomb.moved(upper, shifted(change))),
+        {"lower": coulomb.Material(3e6, 0.3 + change), "upper": coulomb.Material(1e6, 0.3)},
+        [coulomb.Clamp("lower:bottom"), coulomb.PrescribedDisplacement("upper:top", (8e-3, 0.0, -1e-2))],
+        coulomb.Contact("upper:bottom", friction=0.2, against="lower:top"),
+        small_strain="warn",
+    )
+
+
+def on_a_ball(change=0.0):
+    """A body of forms, pressed on a ball, all of which changes."""
+    script = Script(coulomb.moved(coulomb.box((1.0, 1.0, 0.5), (3, 2, 1)), shifted(change)), 1)
+    load = ufl.dot(script.constant((1e5, 0.0, -1e6 * (1.0 + change))), script.v) * script.ds("top")
+    held, stiffness = script.bc((0.0, 0.0, 0.0), "right"), script.elasticity(1e7, script.constant(0.3 + change))
+    ball = coulomb.Sphere((0.5, 0.5, -3.0 + 0.5 * change), 3.0 + change)
+    contact = coulomb.Contact("bottom", friction=0.3 + change, foundation=ball)
+    body = coulomb.Body(stiffness, load, [held], faces=script.mesh.faces)
+    return coulomb.ContactProblem(body, contact, small_strain="warn")
+
+
+def reshaped(change=0.0):
+    return drawn(shape=change)
+
+
+@pytest.mark.parametrize(
+    ("make", "times", "h"), [(on_a_ball, [1.0], 1e-5), (on_each_other, [1.0], 1e-4), (reshaped, TIMES, 1e-6)]
+)
+def test_along_a_change_of_the_problem_the_remainder_is_of_second_order(make, times, h):
+    """Of places of nodes, foundations, materials and forms, without solving the changed problem; in a history too."""
+
+    def answers(change=0.0):
+        return [one.solution for one in coulomb.LoadHistory(times, tolerance=1e-12).steps(make(change))]
+
+    present = answers()
+    at = [weights(one) for one in present]
+
+    changed = make(h), make(-h)
+    along = sum(gradient.between(*changed) for _, gradient in backwards(present)) / (2.0 * h)
+    value, more, less, half = (summed(at, answers(change)) for change in (0.0, h, -h, 0.5 * h))
+    assert (more - less) / (2.0 * h) == pytest.approx(along, rel=1e-6)
+    remainders = abs(more - value - h * along), abs(half - value - 0.5 * h * along)
+    assert np.log2(remainders[0] / remainders[1]) == pytest.approx(2.0, abs=0.05)
+    with pytest.raises(ValueError, match="other nodes"):
+        present[0].gradient().between(*[coulomb.ContactProblem(*SMALLER)] * 2)
+
+
+@pytest.mark.parametrize("aside", [0.0, 1e-4])
+def test_on_a_border_there_is_one_on_either_side(aside):
+    """A body that just touches: along what presses it every point closes, or opens, and the gradients are those."""
+    answer = coulomb.ContactProblem(
+        coulomb.box((1.0, 1.0, 0.5), (2, 2, 1)),
+        coulomb.Material(1e9, 0.0),
+        [coulomb.PrescribedDisplacement("top", (aside, 0.0, -1e-3))],
+        coulomb.Contact("bottom", friction=0.02, gap=1e-3),
+    ).solve()
+    (one,) = (one for one in answer.sensitivities() if one.name == "prescribed displacements")
+    x, u = weights_like(answer)
+    found = answer.gradient(x, u)
+    assert found.border == 9
+    for gradient, side in ((found, one), (found.loose, one.falling)):
+        expected = np.sum(x * side.contact_force) + np.sum(u * side.displacement)
+        assert np.sum(gradient.prescribed * answer.problem.prescribed) == pytest.approx(expected, rel=1e-8)
+
+
+def test_at_its_bound_a_point_sticks_or_slips():
+    """One point sticks at its bound: with more friction it sticks, with less it slips."""
+
+    def sheared(friction):
+        return coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 0.5), (3, 2, 2)),
+            coulomb.Material(1e9, 0.3),
+            [coulomb.PrescribedDisplacement("top", (2e-3, 3e-4, -4e-3))],
+            coulomb.Contact("bottom", friction=friction),
+            [coulomb.Pressure("right", 1e7), coulomb.Pressure("back", 3e6)],
+        ).solve(tolerance=1e-13)
+
+    force = sheared(10.0).contact_force.reshape(-1, 3)
+    answer = sheared(float(np.max(np.hypot(force[:, 1], force[:, 2]) / force[:, 0])))
+    one = answer.sensitivities()[0]
+    x, u = weights_like(answer)
+    found = answer.gradient(x, u)
+    assert found.border == one.border == 1
+    for gradient, side in ((found, one), (found.loose, one.falling)):
+        expected = np.sum(x * side.contact_force) + np.sum(u * side.displacement)
+        assert np.sum(gradient.friction * answer.problem.law.friction) == pytest.approx(expected, rel=1e-6, abs=1e-3)
+    with pytest.raises(ValueError, match="border of two states in the load step after"):
+        answer.gradient(x, u, later=replace(found, before=u))
+
+
+@pytest.mark.parametrize("field", ["rough", "stiff"])
+def test_along_a_field_the_remainder_is_of_second_order(field):
+    """Of friction, or of Young's modulus, at each point or cell: against central differences of whole histories."""
+
+    def answers(**given):
+        return [step.solution for step in coulomb.LoadHistory(TIMES, tolerance=1e-12).steps(drawn(**given))]
+
+    present, h = answers(), 1e-3
+    found = backwards(present)
+    along = 0.0
+    for one, gradient in found:
+        if field == "rough":
+            x = one.problem.surface.x
+            along += np.sum(gradient.friction * one.problem.law.friction * np.cos(3.0 * x[:, 0] + 2.0 * x[:, 1]))
+        else:
+            body = one.problem.elasticity.members[0].body
+            x = body.domain.geometry.x[compat.cell_geometry(body.domain)[: len(gradient.young[""])]].mean(axis=1)
+            along += np.sum(gradient.young[""] * np.sin(5.0 * x[:, 0] + x[:, 2]))
+    changed = drawn(**{field: h}), drawn(**{field: -h})
+    assert sum(gradient.between(*changed) for _, gradient in found) / (2.0 * h) == pytest.approx(along, rel=1e-5)
+    at = [weights(one) for one in present]
+    value, more, less, half = (summed(at, answers(**{field: change})) for change in (0.0, h, -h, 0.5 * h))
+    assert (more - less) / (2.0 * h) == pytest.approx(along, rel=1e-5)
+    remainders = abs(more - value - h * along), abs(half - value - 0.5 * h * along)
+    assert np.log2(remainders[0] / remainders[1]) == pytest.approx(2.0, abs=0.05)
