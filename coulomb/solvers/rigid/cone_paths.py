@@ -314,7 +314,7 @@ class ConeCurve:
         if at.tau < _REACHED * float(np.abs(at.X).max()):
             return None
         found = self._found
-        length = float(np.sqrt(_inner(at, found.along, 1.0, found.along, 1.0)))
+        length = _norm(at, found.along, 1.0)
         t, t_log = found.forward * found.along / length, found.forward / length
         back = -_inner(at, t, t_log, found.correction, 0.0) / _inner(at, t, t_log, found.along, 1.0)
         dV, log = found.correction + back * found.along, at.log + back
@@ -353,3 +353,7 @@ class ConeCurve:
 def _inner(at: CurvePoint, V: FloatArray, log: float, dV: FloatArray, dlog: float) -> float:
     """The scalar product of two steps, that of V/r in the mean over the contacts."""
     return float(np.vdot(at.relative(V), at.relative(dV))) / len(V) + log * dlog
+
+
+def _norm(at: CurvePoint, dV: FloatArray, dlog: float) -> float:
+    return float(np.sqrt(_inner(at, dV, dlog, dV, dlog)))
