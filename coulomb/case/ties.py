@@ -124,13 +124,20 @@ class EquationTable(Table):
 
 
 class RigidFaceTable(Table):
-    """A face that moves as a rigid body, with a reference point in metres; components that are not given are free."""
+    """A face that moves as a rigid body, with a reference point in metres; components that are not given are free, and
+    each may have an amplitude of its own."""
 
     face: Name
     point: Vector | None = None
     translation: AlongAxes = AlongAxes()
     rotation: AlongAxes = AlongAxes()
     amplitude: AmplitudeTable | None = None
+    translation_x_amplitude: AmplitudeTable | None = None
+    translation_y_amplitude: AmplitudeTable | None = None
+    translation_z_amplitude: AmplitudeTable | None = None
+    rotation_x_amplitude: AmplitudeTable | None = None
+    rotation_y_amplitude: AmplitudeTable | None = None
+    rotation_z_amplitude: AmplitudeTable | None = None
     translation_stiffness: tuple[Stiffness, Stiffness, Stiffness] = (0.0, 0.0, 0.0)
     rotation_stiffness: tuple[Stiffness, Stiffness, Stiffness] = (0.0, 0.0, 0.0)
     along: Literal["rigid", "free"] = "rigid"
@@ -138,7 +145,9 @@ class RigidFaceTable(Table):
     def rigid_face(self) -> RigidFace:
         from ..fem.bodies import RigidFace
 
+        own = [getattr(self, f"{of}_{axis}_amplitude") for of in ("translation", "rotation") for axis in "xyz"]
         return RigidFace(
             *(self.face, self.point, self.translation.components, self.rotation.components),
-            *(amplitude_of(self.amplitude), self.translation_stiffness, self.rotation_stiffness, self.along),
+            *(amplitude_of(self.amplitude), [None if one is None else amplitude_of(one) for one in own]),
+            *(self.translation_stiffness, self.rotation_stiffness, self.along),
         )

@@ -31,7 +31,6 @@ class Constraints:
         self._bolts: list[dict[str, Any]] = []
         self.cuts: list[str] = []
         self._of_node: dict[int, tuple[str, int]] = {}
-        self._step: Step | None = None
         self._equations = Equations(reading)
         coupling: Card | None = None
         for card in reading.model:
@@ -144,6 +143,21 @@ class Constraints:
 
     # --- what is prescribed at reference nodes ------------------------------------------------------------------------
 
+    def begin(self, step: Step) -> None:
+        """The cards of a step follow; supports of the model belong to the first."""
+        self._loads.begin(step)
+        if step.begin > 0.0:
+            self._held.begin(step)
+
+    def forget(self) -> None:
+        """OP=NEW in the first step: no support of the model counts."""
+        self._held = Tracks[_AtReference](support=True)
+
+    def drop(self, kind: str, step: Step) -> None:
+        """OP=NEW of a kind of card: what the step has not given goes."""
+        tracks = self._loads if kind == "CLOAD" else self._held
+        tracks.drop(tracks.given, step)
+
     def support(self, node: int, card: Card, row: int, step: Step) -> bool:
         """A *BOUNDARY line at a node of no solid element; whether it is a reference node."""
         if node not in self._of_node:
@@ -172,9 +186,6 @@ class Constraints:
         """A *CLOAD line at a node of no solid element; whether it is a reference node."""
         if node not in self._of_node:
             return False
-        if step is not self._step:
-            self._loads.begin(step)
-            self._step = step
         kind, number = self._of_node[node]
         self._loads.give((kind, number, dof), value, step, amplitude)
         return True
@@ -230,10 +241,11 @@ class Constraints:
         names = [index for index, rigid in enumerate(self._rigid) if not rigid.get("spread")]
         for key, track in self._held.all:
             kind, number, dof = key
-            if track.begin is not None:
+            if track.begin is not None or track.end is not None:
+                held = f"from time {track.begin:g} on, but not before" if track.end is None else f"until {track.end:g}"
                 raise ValueError(
-                    f"{self._of.deck.path}: *BOUNDARY: degree of freedom {dof} of a reference node is held from time "
-                    f"{track.begin:g} on, but not before: hold it from the first step, or put the support on nodes"
+                    f"{self._of.deck.path}: *BOUNDARY: degree of freedom {dof} of a reference node is held {held}: "
+                    "hold it in all steps, or put the support on nodes"
                 )
             if kind == "equation":
                 continue
@@ -245,9 +257,8 @@ class Constraints:
             value, amplitude = reference(track.fixed()[0])
             table.setdefault("rotation" if rotation else "translation", {})["xyz"[(dof - 1) % 3]] = value
             if amplitude is not None and not self._of.single(amplitude):
-                if table.get("amplitude", amplitude) != amplitude:
-                    raise ValueError(f"{self._of.deck.path}: motions of one rigid face follow different amplitudes")
-                table["amplitude"] = amplitude
+                what = "rotation" if rotation else "translation"
+                table[f"{what}_{'xyz'[(dof - 1) % 3]}_amplitude"] = amplitude
 
     def _point_loads(self, tables: dict[str, list[dict[str, Any]]]) -> None:
         by_rows: dict[tuple[int, Any], dict[str, Any]] = {}

@@ -63,20 +63,24 @@ class NodalTables:
             if step is not first:
                 self._supports.begin(step)
             self._forces.begin(step)
+            self._constraints.begin(step)
             fresh: set[str] = set()
             for card in step.cards:
                 if card.kind in ("BOUNDARY", "CLOAD") and card.key("OP") == "NEW" and card.kind not in fresh:
                     fresh.add(card.kind)
                     if card.kind == "BOUNDARY" and step is first:
                         self._supports = Tracks[_Key](support=True)
+                        self._constraints.forget()
                 if card.kind == "BOUNDARY":
                     self._boundary(card, step, model=False)
                 elif card.kind == "CLOAD":
                     self._cload(card, step)
             if "BOUNDARY" in fresh and step is not first:
                 self._supports.drop(self._supports.given, step)
+                self._constraints.drop("BOUNDARY", step)
             if "CLOAD" in fresh:
                 self._forces.drop(self._forces.given, step)
+                self._constraints.drop("CLOAD", step)
 
     def _boundary(self, card: Card, step: Step, model: bool) -> None:
         amplitude = self._of.amplitude(card)

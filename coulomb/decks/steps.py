@@ -1,8 +1,9 @@
 """The steps of a deck as one load history: what every load and support is at every time.
 
 CalculiX' rules: a value without an amplitude goes linearly from what it is at the end of the last step to the new one
-(or at once, in a step with AMPLITUDE=STEP); what is not given again stays; with OP=NEW what is not given again goes:
-loads linearly to 0 in the course of the step, supports at once.
+(or at once, in a step with AMPLITUDE=STEP); what is not given again stays, or goes on, with an amplitude in total
+time; with OP=NEW what is not given again goes: loads linearly to 0 in the course of the step, those with an amplitude
+in total time and supports at once.
 """
 
 from __future__ import annotations
@@ -100,23 +101,26 @@ class Track:
         end: When it ends; None never.
         reaches: Of one that begins, when its displacement is that of the rows: until then it goes there from where it
             is; None if it stays.
+        goes_on: A value and its amplitude in total time, which goes on in later steps; None for others.
     """
 
     rows: list[tuple[float, float]] = field(default_factory=list)
     begin: float | None = None
     end: float | None = None
     reaches: float | None = None
+    goes_on: tuple[float, Amplitude] | None = None
 
-    def value(self) -> float:
-        """At the end of what is known."""
-        return self.rows[-1][1] if self.rows else 0.0
+    def value(self, time: float = math.inf) -> float:
+        """At a time, by default at the end of what is known."""
+        return value_at(self.rows, time) if self.rows else 0.0
 
     def goes_to(self, value: float, step: Step, amplitude: Amplitude | None = None) -> None:
         """In the course of a step."""
+        self.goes_on = (value, amplitude) if amplitude is not None and amplitude.total else None
         if self.begin is not None and not self.rows:
             self._begins(value, step, amplitude)
             return
-        last = self.value()
+        last = self.value(step.begin)
         if amplitude is not None:
             for time, factor in amplitude.between(step.begin, step.end):
                 self._put(time, value * factor)
@@ -238,15 +242,19 @@ class Tracks(Generic[Key]):
         self._of_step: dict[Key, float] = {}
 
     def begin(self, step: Step) -> None:
-        """Forget what this step has given."""
+        """Forget what the step before has given; what has an amplitude in total time goes on."""
         self._of_step = {}
+        for track in self._now.values():
+            if track.goes_on is not None:
+                value, amplitude = track.goes_on
+                track.goes_to(value, step, amplitude)
 
     def give(self, key: Key, value: float, step: Step, amplitude: Amplitude | None, model: bool = False) -> None:
         """A value in a step: loads of one step add up, supports replace each other."""
         if not self._support:
             value = self._of_step.get(key, 0.0) + value
         self._of_step[key] = value
-        if key in self._now and math.isnan(self._now[key].value()) and not math.isnan(value):
+        if key in self._now and math.isnan(self._now[key].value(step.begin)) and not math.isnan(value):
             self._now.pop(key).end = step.begin  # it moves again from where it was held
         if key not in self._now:
             self._now[key] = Track(begin=None if model or step.begin == 0.0 or not self._support else step.begin)
@@ -261,7 +269,7 @@ class Tracks(Generic[Key]):
     def hold(self, key: Key, step: Step) -> None:
         """*BOUNDARY, FIXED: what it has reached."""
         if key in self._now:
-            self.give(key, self._now[key].value(), step, None)
+            self.give(key, self._now[key].value(step.begin), step, None)
         else:
             self.give(key, float("nan"), step, None)
 
@@ -273,8 +281,9 @@ class Tracks(Generic[Key]):
                 del self._now[key]
             elif self._support:
                 self._now.pop(key).end = step.begin
-            elif self._now[key].value():
-                self._now[key].goes_to(0.0, Step(step.number, step.card, [], step.begin, step.end))
+            elif self._now[key].value(step.begin) or self._now[key].goes_on:
+                at_once = self._now[key].goes_on is not None
+                self._now[key].goes_to(0.0, Step(step.number, step.card, [], step.begin, step.end, at_once))
 
     @property
     def given(self) -> set[Key]:

@@ -139,10 +139,11 @@ class Constraints:
         """That of the constraints that act, no bolt being locked; collective."""
         ties = self._those(acting)
         of = [tie.motion or tie.bolt for tie in ties]
-        found = Reduction(nodes, ties, [one.place for one in of if one is not None])
+        places = [one.place for one, tie in zip(of, ties, strict=True) if one is not None and tie.own.shape[2]]
+        found = Reduction(nodes, ties, places)
         weights = [(own, N) for _, own, N, _ in found.weights]
         for motion, own in zip(of, found.own, strict=True):
-            if isinstance(motion, FaceMotion):
+            if isinstance(motion, FaceMotion) and motion.motions.shape[1]:
                 N = next(N for at, N in weights if at == own)
                 along = self.comm.allreduce(np.einsum("mcp,mcq->pq", motion.spread, N), op=MPI.SUM)
                 found.stiffness[own, own] = (along.T * motion.given.stiffness) @ along

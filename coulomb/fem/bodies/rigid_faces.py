@@ -51,13 +51,15 @@ class RigidFace(GivenFace):
         rotation: Rotation about axes along x, y and z through the point, radians, in the theory of small strains; None
             where it is free.
         amplitude: Factor of translation and rotation as a function of time.
+        amplitudes: Factors of single components of translation and rotation, six, in place of it; None for that.
         translation_stiffness: Stiffness of a spring between the point and the ground along x, y and z, N/m.
         rotation_stiffness: The same against rotation about axes along x, y and z, N m per radian.
         along: "rigid", or "free" for a plane face that stays plane, of which the nodes move freely along the face: only
             translation along its normal and rotation about axes in it are motions then.
 
     Raises:
-        ValueError: If an entry is neither None nor a finite number, or a stiffness negative, or `along` something else.
+        ValueError: If an entry is neither None nor a finite number, a stiffness is negative, `along` is something else,
+            or there are not six amplitudes.
     """
 
     face: str
@@ -65,6 +67,7 @@ class RigidFace(GivenFace):
     translation: Sequence[float | None] = (None, None, None)
     rotation: Sequence[float | None] = (None, None, None)
     amplitude: Amplitude = 1.0
+    amplitudes: Sequence[Amplitude | None] = (None,) * 6
     translation_stiffness: Sequence[float] = (0.0, 0.0, 0.0)
     rotation_stiffness: Sequence[float] = (0.0, 0.0, 0.0)
     along: Literal["rigid", "free"] = "rigid"
@@ -89,6 +92,8 @@ class RigidFace(GivenFace):
             given = getattr(self, name)
             if len(given) != 3 or not all(is_number(one, 0.0) for one in given):
                 raise ValueError(f"{self.what}: {name} must be three numbers >= 0, but is {given!r}")
+        if len(self.amplitudes) != 6:
+            raise ValueError(f"{self.what}: amplitudes must be six, or None, but are {len(self.amplitudes)}")
         if self.along not in ("rigid", "free"):
             raise ValueError(f"{self.what}: along must be 'rigid' or 'free', but is {self.along!r}")
 
@@ -153,10 +158,6 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
     moved = follow @ moved_at(motions, r)
     sizes, axes = np.linalg.eigh(comm.allreduce(np.einsum("miq,mip->qp", moved, moved), op=MPI.SUM))
     motions = motions @ axes[:, sizes > _FREE * count]  # not those about a line of nodes
-    if motions.shape[1] == 0:
-        raise ValueError(
-            f"{given.what}: nothing of it is free; prescribe its motion by PrescribedDisplacement or a clamp"
-        )
     none = scipy.sparse.csr_matrix((3 * len(nodes), 3 * body.numbering.total))
     motion = FaceMotion(given, point, nodes, ways, motions, given_part, spread)
     return Tie(
@@ -200,16 +201,19 @@ def _normal(given: RigidFace, mean: FloatArray, r: FloatArray, comm: MPI.Comm) -
 
 def _left_free(given: RigidFace, possible: FloatArray, size: float) -> tuple[FloatArray, FloatArray]:
     """Of possible motions, the span of columns (6, q) of a face of a size, those without the prescribed components,
-    shape (6, r), and one with these, shape (6,).
+    shape (6, r), and what each of these adds to one with them, shape (6, 6).
 
     Raises:
         ValueError: If no motion has these components, or its spring resists other motions.
     """
     which, scale = given.prescribed, np.repeat([1.0, size], 3)
-    asked = (scale * [one or 0.0 for one in (*given.translation, *given.rotation)])[which]
+    asked = np.diag(scale * [one or 0.0 for one in (*given.translation, *given.rotation)])[which]
     rows = (scale[:, None] * possible)[which]
     amounts = np.linalg.pinv(rows) @ asked
-    off = np.abs(rows @ amounts - asked) > _ROUNDING * np.max(np.abs(asked), initial=0.0)
+    off = rows @ amounts - asked
+    if all(one is None for one in given.amplitudes):
+        off = off.sum(axis=1, keepdims=True)
+    off = np.any(np.abs(off) > _ROUNDING * np.max(np.abs(asked), initial=0.0), axis=1)
     if np.any(off | (np.linalg.norm(rows, axis=1) < _PLANE)):
         raise ValueError(
             f"{given.what}: no motion of it has the components that are prescribed: along the face its nodes are free, "

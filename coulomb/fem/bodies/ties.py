@@ -25,12 +25,18 @@ class GivenFace:
     face: str
     kind: str
     amplitude: Amplitude
+    amplitudes: Sequence[Amplitude | None]
     translation_stiffness: Sequence[float]
     rotation_stiffness: Sequence[float]
 
     @property
     def what(self) -> str:
         return f"{self.kind} {self.face!r}"
+
+    def factors(self, time: float) -> FloatArray:
+        """Those of the six components at a time, shape (6,); ValueError if an amplitude has no value then."""
+        own = [self.amplitude if one is None else one for one in self.amplitudes]
+        return np.array([evaluate_amplitude(one, time, self.what) for one in own])
 
     @property
     def stiffness(self) -> FloatArray:
@@ -93,7 +99,7 @@ class FaceMotion:
         nodes: Its nodes among this rank's k nodes, ascending, shape (m,).
         ways: Orthonormal directions along which its nodes follow the motion, shape (d, 3).
         motions: The free motions as translations of the point and rotations about it, shape (6, r).
-        given_part: What is prescribed as such a motion, for an amplitude of 1, shape (6,).
+        given_part: What each component prescribes as such a motion, for an amplitude of 1, shape (6, 6).
         spread: C, shape (m, 3, 6); 0 but on one component of the mesh, so that forces on each are by its own motion.
     """
 
@@ -125,10 +131,9 @@ class FaceMotion:
         """The prescribed motion at a time, shape (6,); collective.
 
         Raises:
-            ValueError: On every rank, if the amplitude has no value then.
+            ValueError: On every rank, if an amplitude has no value then.
         """
-        given = self.given
-        return self.given_part * on_all_ranks(lambda: evaluate_amplitude(given.amplitude, time, given.what), "", comm)
+        return np.asarray(self.given_part @ on_all_ranks(lambda: self.given.factors(time), "", comm))
 
     def prescribed(self, x: FloatArray, time: float, comm: MPI.Comm) -> FloatArray:
         """t at nodes x (k, 3) of the face, 0 at others, metres, shape (k, 3), of which `ways` matter; collective."""

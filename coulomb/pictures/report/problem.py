@@ -68,7 +68,7 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
     facts += [("plane of symmetry", str(symmetry["face"])) for symmetry in case.get("symmetry", ())]
     for face in case.get("rigid_face", ()):
         moves = [
-            f"{what} {axis} = {value}"
+            f"{what} {axis} = {value}" + in_time(face.get(f"{what}_{axis}_amplitude"))
             for what in ("translation", "rotation")
             for axis, value in (face.get(what) or {}).items()
             if value is not None

@@ -55,6 +55,27 @@ def test_a_motion_in_part_prescribed(cell, degree):
     assert same.reactions[1].moment[0] == pytest.approx(found.moment[0], rel=1e-9)
 
 
+def test_a_motion_prescribed_as_a_whole():
+    """Nothing of it is free, and each component follows its own amplitude: as displacements of its nodes."""
+    point, t, turn = np.array([1.0, 0.25, 0.15]), np.array([1e-5, 2e-5, -3e-5]), np.array([1e-3, -5e-4, 0.0])
+    amplitudes = [lambda time: 0.5 * time, None, 2.0, None, lambda time: time**2, None]
+    face = RigidFace("right", tuple(point), t, turn, lambda time: time, amplitudes)
+    solution = bar(rigid_faces=[face], time=3.0).solve()
+    (found,) = solution.rigid_faces
+    now = np.array([1.5, 3.0, 2.0]) * t, np.array([3.0, 9.0, 3.0]) * turn
+    assert solution.valid
+    assert np.allclose(found.translation, now[0], rtol=1e-12) and np.allclose(found.rotation, now[1], rtol=1e-12)
+
+    def whole(x):
+        return now[0][:, None] + np.cross(now[1], x.T - point).T
+
+    same = bar(clamps=[Clamp("left"), PrescribedDisplacement("right", whole)]).solve()
+    assert np.abs(same.displacement - solution.displacement).max() <= 1e-11 * np.abs(solution.displacement).max()
+    assert np.allclose(found.force, same.reactions[1].force, rtol=1e-9, atol=1e-9 * np.linalg.norm(found.force))
+    with pytest.raises(ValueError, match="amplitudes must be six"):
+        RigidFace("right", amplitudes=[1.0])
+
+
 def test_a_beam_with_a_rigid_end():
     """Euler and Bernoulli, and shear: a free end, and one that must not tilt, by a load at the reference point."""
     length, height, width, force = 2.0, 0.1, 0.05, -1e3

@@ -1,0 +1,58 @@
+"""What goes on, and what ends, from step to step: amplitudes in total time, and reference nodes."""
+
+import numpy as np
+import pytest
+from test_deck_tables import CUBES, STEP, tables_of
+
+from coulomb.decks.steps import value_at
+
+
+def steps(*texts):
+    return "".join(STEP.format(text) for text in texts)
+
+
+COUPLED = CUBES.replace("top, 1, 2\n", "900, 1, 2\n900, 4, 6\n") + (
+    "*NODE\n900, .5, .5, 3\n*SURFACE, NAME=head\n2, S2\n"
+    "*COUPLING, REF NODE=900, SURFACE=head, CONSTRAINT NAME=c\n*KINEMATIC\n1, 3\n"
+)
+
+
+def test_an_amplitude_in_total_time_goes_on(tmp_path):
+    """It is followed in steps that do not give the load again, and with OP=NEW it is gone at once (CalculiX 2.20:
+    normal forces of 15, 30 and 24 times the face at 1, 2 and 3 s)."""
+    curve = "*AMPLITUDE, NAME=a, TIME=TOTAL TIME\n0., 0., 1., .5, 2., 1., 3., .8\n"
+    first, other = "*DLOAD, AMPLITUDE=a\n2, P2, 30.\n", "*CLOAD\n15, 3, -1."
+    (load,) = tables_of(tmp_path, CUBES + curve + steps(first, other, other)).tables["pressure"]
+    rows = tuple(map(tuple, load["amplitude"]))
+    assert [load["value"] * value_at(rows, time) for time in (0.5, 1.0, 1.5, 3.0)] == [7.5, 15.0, 22.5, 24.0]
+    ended = tables_of(tmp_path, CUBES + curve + steps(first, "*DLOAD, OP=NEW\n1, P3, 0.", other))
+    rows = tuple(map(tuple, ended.tables["pressure"][0]["amplitude"]))
+    assert np.allclose([value_at(rows, time) for time in (1.0, 1.001, 3.0)], [1.0, 0.0, 0.0])
+
+
+def test_reference_nodes_move_by_components_in_their_own_time(tmp_path):
+    """Down in the first step, to the side in the second, turned in the third."""
+    moves = ("*BOUNDARY\n900, 3, 3, -1e-3", "*BOUNDARY\n900, 1, 1, 2e-3", "*BOUNDARY\n900, 6, 6, 1e-3")
+    (face,) = tables_of(tmp_path, COUPLED + steps(*moves)).tables["rigid_face"]
+    assert face["translation"] == {"x": 2e-3, "y": 0.0, "z": -1e-3}
+    assert face["rotation"] == {"x": 0.0, "y": 0.0, "z": 1e-3}
+    timed = {key.removesuffix("_amplitude"): face[key] for key in face if key.endswith("_amplitude")}
+    assert timed == {
+        "translation_x": [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]],
+        "translation_z": [[0.0, 0.0], [1.0, 1.0]],
+        "rotation_z": [[0.0, 0.0], [2.0, 0.0], [3.0, 1.0]],
+    }
+
+
+def test_new_loads_end_those_at_reference_nodes(tmp_path):
+    """In the course of the step, as those at other nodes; a support that ends there is refused."""
+    loads = "*CLOAD\n900, 3, -100.", "*CLOAD, OP=NEW\n900, 1, 5."
+    forces = tables_of(tmp_path, COUPLED.replace("900, 1, 2\n", "") + steps(*loads)).tables["point_load"]
+    assert [(one["force"], one["amplitude"]) for one in forces] == [
+        ([0.0, 0.0, -100.0], [[0.0, -0.0], [1.0, 1.0], [2.0, -0.0]]),
+        ([5.0, 0.0, 0.0], [[1.0, 0.0], [2.0, 1.0]]),
+    ]
+    with pytest.raises(ValueError, match="degree of freedom 1 of a reference node is held until 1"):
+        tables_of(tmp_path, COUPLED + steps(loads[0], "*BOUNDARY, OP=NEW\nbase, 1, 3"))
+    model = COUPLED + STEP.format("*BOUNDARY, OP=NEW\nbase, 1, 3\n900, 1, 3\n*CLOAD\n15, 3, -1.")
+    assert tables_of(tmp_path, model).tables["rigid_face"][0].get("rotation") is None
