@@ -11,6 +11,7 @@ from .cards import Card, key_of
 from .contacts import tied_pairs
 from .equations import Equations
 from .reading import Reading
+from .rigid_bodies import skin_of
 from .steps import Amplitude, Rows, Step, Tracks, reference
 
 _AtReference = tuple[str, int, int]
@@ -103,10 +104,14 @@ class Constraints:
 
     def _rigid_body(self, card: Card) -> None:
         name = next(filter(None, map(card.get, ("NSET", "TIENSET", "PINNSET"))), "")  # solids have no rotations
-        if not name or card.get("ELSET"):
-            raise card.fault("a rigid body of elements is not read: give the NSET of its face")
-        nodes = self._of.node_numbers(name, card, None)
-        face = f"{self._of.body_of(self._of.elements_at(nodes), '*RIGID BODY')}{name}"
+        if not name and not card.get("ELSET"):
+            raise card.fault("needs an NSET, or the ELSET of a body")
+        skin = skin_of(self._of.deck, card)
+        if skin is not None:
+            face = self._of.face(skin.name, card)
+        else:
+            nodes = self._of.node_numbers(name, card, None)
+            face = f"{self._of.body_of(self._of.elements_at(nodes), '*RIGID BODY')}{name}"
         point = [0.0, 0.0, 0.0]
         if card.get("REFNODE"):
             node = self._reference(card, "REFNODE")

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from test_deck_tables import CUBES, STEP, tables_of
 
+from coulomb.case.case import read_case
 from coulomb.decks.steps import value_at
 
 
@@ -56,3 +57,25 @@ def test_new_loads_end_those_at_reference_nodes(tmp_path):
         tables_of(tmp_path, COUPLED + steps(loads[0], "*BOUNDARY, OP=NEW\nbase, 1, 3"))
     model = COUPLED + STEP.format("*BOUNDARY, OP=NEW\nbase, 1, 3\n900, 1, 3\n*CLOAD\n15, 3, -1.")
     assert tables_of(tmp_path, model).tables["rigid_face"][0].get("rotation") is None
+
+
+BODIES = {"ELSET=upper": "*ELSET, ELSET=upper\n2\n", "NSET=above": "*NSET, NSET=above, GENERATE\n11, 18\n"}
+
+
+@pytest.mark.parametrize("which", BODIES)
+def test_a_body_that_is_rigid_as_a_whole(which, tmp_path):
+    """Its surface is: all its nodes move with the reference node; a set of some of its elements is refused."""
+    text = CUBES.replace("top, 1, 2", "900, 1, 3, 0.").replace("*FRICTION\n.2, 1.E6\n", "") + "*NODE\n900, .5, .5, 3\n"
+    text += f"{BODIES[which]}*RIGID BODY, {which}, REF NODE=900, ROT NODE=901\n*NODE\n901, .5, .5, 3\n"
+    found = tables_of(tmp_path, text + STEP.format("*BOUNDARY\n900, 3, 3, -1e-4\n901, 1, 3"))
+    assert found.tables["rigid_face"][0]["face"] == which.partition("=")[2] + " skin"
+    solution = read_case(tmp_path / "deck.inp").problem().solve()
+    u = solution.displacement.reshape(-1, 3)
+    assert solution.valid and np.sum(np.all(np.abs(u - [0.0, 0.0, -1e-4]) < 1e-16, axis=1)) >= 8
+    assert solution.at_nodes.totals()["normal_force"] == pytest.approx(-solution.rigid_faces[0].force[2], rel=1e-9)
+    with pytest.raises(ValueError, match="elements outside of it share nodes with it"):
+        joined = text.replace("2, 11, 12, 13, 14, 15", "2, 5, 6, 7, 8, 15")
+        joined = joined.replace(f"BODY, {which}", "BODY, ELSET=upper").replace(
+            "*RIGID", f"{BODIES['ELSET=upper']}*RIGID"
+        )
+        tables_of(tmp_path, joined + STEP.format("*CLOAD\n900, 3, -1."))

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from ...arrays import IntArray
 from ...decks.geometry import CORNERS, Geometry, read_geometry
 from ...decks.node_surfaces import facets_with_nodes
+from ...decks.rigid_bodies import add_skins
 from ...decks.sets import NamedSet, Sets
 from .mesh_file import MeshFile, SectionFile, solid_nodes
 from .mesh_parts import distinct
@@ -31,7 +32,8 @@ def read(path: str, cells: str | None = None) -> MeshFile:
     Sets of solid elements become groups of cells; sets of surface elements (S3, S4, CPS3, SFM3D4, ...) and surfaces
     groups of facets; node sets and surfaces of nodes groups of nodes, and of slave nodes that make no facets the facets
     with one of them that face the master (`decks.node_surfaces`).  Loads on sides of elements that belong to no
-    surface (*DLOAD P3 on a set) make a group of facets, as "SET P3".
+    surface (*DLOAD P3 on a set) make a group of facets, as "SET P3", and bodies that are rigid as a whole one of their
+    surface, "SET skin".
 
     Args:
         path: The file.
@@ -81,6 +83,7 @@ def read_section(path: str, cells: str | None = None) -> SectionFile:
         parts = [one if side else one[_among(outside, one)] for one, (_, side) in zip(parts, given, strict=True)]
         return np.vstack([np.empty((0, 2), dtype=np.int64), *parts])
 
+    add_skins(deck)
     surfaces = {one.name: lines(one.lines) for one in deck.surfaces.values() if not one.nodes}
     loads = ("DLOAD", "FILM", "DFLUX")
     pressed = (of for card in deck.others if card.kind in loads for of in deck.on_sides(card))
@@ -156,6 +159,7 @@ class _Mesh:
     def _face_groups(self) -> dict[str, IntArray]:
         deck = self._deck
         groups = {}
+        add_skins(deck)
         for found in deck.element_sets.all.values():
             facets = [] if found.hidden else self._on_flats(deck.element_sets.members(found.name))
             if facets:
