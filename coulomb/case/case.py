@@ -47,6 +47,7 @@ from .loads import (
     SymmetryTable,
     TotalForceTable,
     TractionTable,
+    VolumeForceTable,
     refuse_unfit_heat,
     with_nodes,
 )
@@ -85,6 +86,7 @@ class Case(Table):
     total_force: Annotated[tuple[TotalForceTable, ...], Field(max_length=TABLES)] = ()
     point_load: Annotated[tuple[PointLoadTable, ...], Field(max_length=TABLES)] = ()
     nodal_force: Annotated[tuple[NodalForceTable, ...], Field(max_length=TABLES)] = ()
+    volume_force: Annotated[tuple[VolumeForceTable, ...], Field(max_length=TABLES)] = ()
     body_force: SpatialVector = (0.0, 0.0, 0.0)
     body_force_amplitude: AmplitudeTable | None = None
     gravity: Vector = (0.0, 0.0, 0.0)
@@ -269,7 +271,16 @@ class Case(Table):
     def _on_faces(self) -> dict[str, SupportTable | SpringTable | LoadTable]:
         """The tables of supports, loads and springs, by their key in the case."""
         supports = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry")
-        kinds = (*supports, "traction", "pressure", "total_force", "point_load", "nodal_force", "spring")
+        kinds = (
+            *supports,
+            "traction",
+            "pressure",
+            "total_force",
+            "point_load",
+            "nodal_force",
+            "spring",
+            "volume_force",
+        )
         return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
 
     @property
@@ -342,7 +353,9 @@ class Case(Table):
         heated = None if self.temperature is None else self.temperature.body
         if heated is not None and (fault := fault_of_body(heated, self.body)):
             raise ValueError(f"temperature.body = {heated!r}: {fault}")
-        faces = {f"{key}.face": table.face for key, table in self._on_faces.items() if not _at_nodes(table)}
+        named = {key: table for key, table in self._on_faces.items() if not _at_nodes(table)}
+        cells = {f"{key}.cells": table.cells for key, table in named.items() if isinstance(table, VolumeForceTable)}
+        faces = {f"{key}.face": one.face for key, one in named.items() if not isinstance(one, VolumeForceTable)} | cells
         faces |= {f"heat.{k}.face": table.face for k, table in enumerate(self.heat) if table.face is not None}
         for key, table in self.contacts.items():
             faces[f"{key}.face"] = table.face

@@ -204,7 +204,7 @@ def _is_number(cell: str) -> bool:
 
 _RAMPED: Final = (
     *("prescribed_displacement", "prescribed_rotation", "traction", "pressure", "total_force", "point_load"),
-    *("nodal_force", "temperature"),
+    *("nodal_force", "volume_force", "temperature"),
 )
 """Tables of what is applied, each with its amplitude."""
 

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         SymmetryPlane,
         TotalForce,
         Traction,
+        VolumeForce,
     )
     from ..fem.meshes import JoinedMesh, NamedMesh
 
@@ -249,7 +250,24 @@ class NodalForceTable(PlacedTable):
         return NodalForce(self.face, self.force, amplitude_of(self.amplitude))
 
 
-LoadTable = TractionTable | PressureTable | TotalForceTable | PointLoadTable | NodalForceTable
+class VolumeForceTable(Table):
+    """Force per volume in N/m^3 in the cells of a group."""
+
+    cells: Name
+    value: SpatialVector
+    amplitude: AmplitudeTable | None = None
+
+    @property
+    def face(self) -> str:
+        return self.cells
+
+    def load(self) -> VolumeForce:
+        from ..fem.bodies import VolumeForce
+
+        return VolumeForce(self.cells, field(self.value), amplitude_of(self.amplitude))
+
+
+LoadTable = TractionTable | PressureTable | TotalForceTable | PointLoadTable | NodalForceTable | VolumeForceTable
 
 
 def with_nodes(mesh: NamedMesh | JoinedMesh, tables: Iterable[PlacedTable]) -> NamedMesh | JoinedMesh:

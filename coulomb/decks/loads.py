@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from ..arrays import FloatArray, IntArray
+from ..arrays import IntArray
 from .cards import Card, key_of
 from .materials import radial_direction
 from .reading import Reading
@@ -39,8 +39,7 @@ class Loads:
         self._of = reading
 
     def tables(self, materials: _Sections) -> dict[str, Any]:
-        """The tables of the loads; `materials` are sections by name, their elements and tables, of which those without
-        weight get the density 0."""
+        """The tables of the loads; `materials` are sections by name, their elements and tables."""
         pressures = Tracks[_Sides](support=False)
         volumes = Tracks[_Volume](support=False)
         tractions = Tracks[tuple[str, tuple[float, ...]]](support=False)
@@ -125,71 +124,79 @@ class Loads:
         lines = surfaces[key_of(key.rpartition(":")[2])].lines if isinstance(key, str) else key
         return frozenset((int(n), side) for what, side in lines if side for n in self._of.elements_of(what))
 
-    def _volumes(self, volumes: Tracks[_Volume], materials: _Sections) -> dict[str, Any]:
-        every = self._of.all_elements
+    def _volumes(self, volumes: Tracks[_Volume], sections: _Sections) -> dict[str, Any]:
+        """Loads in the volume: of all elements, with one course in time, as gravity and body_force; others by groups of
+        cells."""
+        every = np.sort(self._of.all_elements)
         together: dict[tuple[str, tuple[float, ...], Rows], list[str]] = {}
         for (name, kind, numbers), track in volumes.all:
             together.setdefault((kind, numbers, track.fixed()[0]), []).append(name)
-        weights: list[tuple[FloatArray, Rows]] = []
-        forces: list[tuple[list[float | str], Rows]] = []
-        for (kind, numbers, rows), names in together.items():
-            labels = [self._of.deck.label(name) for name in names if name]
-            of = [self._of.elements_of(one if isinstance(one, str) else int(one[0])) for one in labels]
-            if len(names) > 1 and ("" in names or len(np.unique(np.concatenate(of))) < sum(map(len, of))):
-                twice = f"{kind} on {', '.join(map(repr, names))}: some elements have it twice"
-                raise ValueError(f"{self._of.deck.place_of(kind)}: {twice}: give one load of both")
-            if "" not in names and not np.all(np.isin(every, np.concatenate(of))):
-                fault = f"{self._of.deck.place_of(kind)}: {kind} on {', '.join(map(repr, names))}, some of the elements"
-                if kind != "GRAV" or len(together) > 1:
-                    raise ValueError(f"{fault}: only on all is read")
-                self._weigh(np.concatenate(of), materials, fault)
-            value, _ = reference(rows)
-            if kind == "GRAV":
-                weights.append((value * np.array(numbers), rows))
-            elif kind == "CENTRIF":
-                densities = {table.get("density") for *_, table in materials}
-                forces.append((list(self._centrifugal(value, numbers, densities)), rows))
-            else:
-                forces.append(([value if kind == f"B{axis}" else 0.0 for axis in "XYZ"], rows))
         tables: dict[str, Any] = {}
-        if weights:
-            tables |= self._timed(
-                "gravity",
-                [float(one) for one in np.sum([one for one, _ in weights], axis=0)],
-                [rows for _, rows in weights],
-            )
-        if forces:
-            parts = zip(*(force for force, _ in forces), strict=True)
-            whole = [sum(one) if all(isinstance(k, float) for k in one) else "+".join(map(str, one)) for one in parts]
-            tables |= self._timed("body_force", whole, [rows for _, rows in forces])
+        whole: dict[str, tuple[Rows, list[Any]]] = {}
+        for (kind, numbers, rows), names in together.items():
+            of = {name: self._elements(name) for name in names}
+            covered = np.sort(np.concatenate(list(of.values())))
+            key = "gravity" if kind == "GRAV" else "body_force"
+            first = whole.setdefault(key, (rows, []))[0]
+            densities = {table.get("density") for *_, table in sections}
+            one_law = kind != "CENTRIF" or (len(densities) == 1 and None not in densities)
+            if one_law and np.array_equal(covered, every) and reference(first)[1] == reference(rows)[1]:
+                density = float(densities.pop() or 0.0) if kind == "CENTRIF" else 1.0
+                whole[key][1].append(self._force(kind, numbers, reference(rows)[0], density))
+                continue
+            for name, elements in of.items():
+                tables.setdefault("volume_force", []).extend(
+                    self._in_cells(name, elements, sections, (kind, numbers, rows))
+                )
+        for key, (rows, forces) in whole.items():
+            if not forces:
+                continue
+            parts = [[*one] for one in zip(*forces, strict=True)]
+            value = [sum(one) if all(isinstance(k, float) for k in one) else "+".join(map(str, one)) for one in parts]
+            factors = reference(rows)[1]
+            timed = factors is not None and not self._of.single(factors)
+            tables |= {key: value} | ({f"{key}_amplitude": factors} if timed else {})
         return tables
 
-    def _weigh(self, elements: IntArray, materials: _Sections, fault: str) -> None:
-        """Density 0 for sections that have no weight; ValueError, beginning with `fault`, if one has it in part."""
-        for section, of_section, table in materials:
-            weighing = np.isin(of_section, elements)
-            if np.any(weighing) and not np.all(weighing):
-                raise ValueError(
-                    f"{fault}, a part of the section {section!r}: only on all or on whole sections is read"
-                )
-            if not np.any(weighing):
-                table["density"] = 0.0
-                self._of.notes.append(f"GRAV does not act on the section {section!r}: its density is 0 here")
+    def _elements(self, name: str) -> IntArray:
+        """Those of a load, without a name all."""
+        if not name:
+            return self._of.all_elements
+        label = self._of.deck.label(name)
+        return self._of.elements_of(label if isinstance(label, str) else int(label[0]))
 
-    def _timed(self, name: str, value: list[Any], rows: list[Rows]) -> dict[str, Any]:
-        """A load in the volume that is the sum of some that follow these rows."""
-        factors = [reference(one)[1] for one in rows]
-        if any(one != factors[0] for one in factors):
-            raise ValueError(f"{self._of.deck.path}: *DLOAD: several loads of {name} with different courses in time")
-        timed = factors[0] is not None and not self._of.single(factors[0])
-        return {name: value} | ({f"{name}_amplitude": factors[0]} if timed else {})
+    def _force(self, kind: str, numbers: tuple[float, ...], value: float, density: float) -> list[float | str]:
+        """Of a load of such a value: per volume, with a density per mass for those that are given so."""
+        if kind == "GRAV":
+            return [density * value * one for one in numbers]
+        if kind == "CENTRIF":
+            a, axis = np.split(np.array(numbers[:6]), 2)
+            return [f"{density * value!r}*({part})" for part in radial_direction(a, a + axis)]
+        return [value if kind == f"B{axis}" else 0.0 for axis in "XYZ"]
 
-    def _centrifugal(self, omega2: float, numbers: tuple[float, ...], densities: set[float | None]) -> list[str]:
-        density = next(iter(densities)) if len(densities) == 1 else None
-        if density is None:
-            raise ValueError(f"{self._of.deck.path}: *DLOAD: CENTRIF needs one *DENSITY for all materials")
-        a, axis = np.split(np.array(numbers[:6]), 2)
-        return [f"{float(density * omega2)!r}*({part})" for part in radial_direction(a, a + axis)]
+    def _in_cells(
+        self, name: str, elements: IntArray, sections: _Sections, load: tuple[str, tuple[float, ...], Rows]
+    ) -> Iterator[dict[str, Any]]:
+        """The tables of a load on some elements: on their set, or on sections where it has several."""
+        (kind, numbers, rows), deck = load, self._of.deck
+        where = f"{deck.place_of(kind)}: {kind} on {name!r}"
+        here = [(of, elements_of, one) for of, elements_of, one in sections if np.any(np.isin(elements_of, elements))]
+        if len(here) == 1 and name and not np.all(np.isin(here[0][1], elements)):
+            here = [(name, elements, here[0][2])]
+        elif not all(np.all(np.isin(of, elements)) for _, of, _ in here):
+            raise ValueError(f"{where}: on parts of several sections: give a set of elements of each")
+        for of, mine, table in here:
+            if of not in deck.element_sets or deck.element_sets.get(of).hidden:
+                raise ValueError(f"{where}: give the name of a set of elements, not an internal one")
+            if kind in ("GRAV", "CENTRIF") and table.get("density") is None:
+                raise ValueError(f"{where}: its material has no *DENSITY")
+            value, factors = reference(rows)
+            force = self._force(kind, numbers, value, float(table.get("density") or 0.0))
+            timed = {} if factors is None or self._of.single(factors) else {"amplitude": factors}
+            for body, cells in (self._of.bodies or {"": mine}).items():
+                if np.any(np.isin(mine, cells)):
+                    group = deck.element_sets.get(of).name
+                    yield {"cells": f"{body}:{group}" if body else group, "value": force} | timed
 
 
 def _unit(numbers: tuple[float, ...]) -> tuple[float, ...]:

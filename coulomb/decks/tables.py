@@ -107,7 +107,7 @@ class _Translator:
         kinds = self.deck.kinds
         bodies, self.temperatures = self.of.bodies, Temperatures(self.of)
         materials = self._materials()
-        loads = Loads(self.of).tables(materials)  # which may take the weight of some
+        loads = Loads(self.of).tables(materials)
         if bodies:
             tables["body"] = []
             for body_name, numbers in bodies.items():

@@ -123,7 +123,7 @@ def test_amplitudes(tmp_path):
     found = tables_of(tmp_path, text + STEP.format(""))
     (force,), (pressure,) = found.tables["nodal_force"], found.tables["pressure"]
     assert force == {"nodes": [15], "force": [0.0, 0.0, -1.0]}
-    assert pressure == {"face": "2 P2", "value": 5.0, "amplitude": [[0.0, 0.0], [1.0, 1.0]]}
+    assert pressure == {"face": "2 P2", "value": 10.0, "amplitude": [[0.0, 0.0], [1.0, 0.5], [2.0, 1.0]]}
 
 
 def test_frames_of_nodes(tmp_path):
@@ -338,18 +338,25 @@ def test_springs(tmp_path):
 
 
 def test_weight_set_by_set(tmp_path):
-    """One gravity for all elements may be given in several lines; it may act on one section alone, whose weight the
-    foot then carries, but not on a part of one."""
+    """One gravity for all elements may be given in several lines; it may act on some alone, whose weight the foot then
+    carries, beside rotation of some, density times omega^2 times the distance from the axis."""
     sets = CUBES + "*ELSET, ELSET=low\n1\n*ELSET, ELSET=up\n2\n"
     weight = "*DLOAD\nlow, GRAV, 9810., 0., 0., -1.\nup, GRAV, 9810., 0., 0., -1."
     assert tables_of(tmp_path, sets + STEP.format(weight)).tables["gravity"] == [0.0, 0.0, -9810.0]
     up = STEP.format("*DLOAD\nup, GRAV, 9810., 0., 0., -1.")
-    with pytest.raises(ValueError, match=r"line \d+: \*DLOAD: GRAV on 'up', some of the elements, a part of the sec"):
-        tables_of(tmp_path, sets + up)
+    rho = 7.8e-9
+    assert tables_of(tmp_path, sets + up).tables["volume_force"] == [
+        {"cells": "up", "value": [0.0, 0.0, -rho * 9810.0]}
+    ]
+    turned = "*DLOAD\nup, GRAV, 9810., 0., 0., -1.\nup, CENTRIF, 1.E3, -1., .5, 0., 0., 0., 1."
+    found = tables_of(tmp_path, sets.replace("top, 1, 2\n", "") + STEP.format(turned))
+    assert len(found.tables["volume_force"]) == 2
+    answer = read_case(tmp_path / "deck.inp").problem().solve()
+    (foot,) = (one for one in answer.reactions if "base" in one.name)
+    assert answer.valid and foot.force[:2] == pytest.approx([-rho * 1.5e3, 0.0])
     section = "*SOLID SECTION, ELSET=cubes, MATERIAL=steel\n"
     two = sets.replace(section, section.replace("cubes", "low") + section.replace("cubes", "up"))
-    found = tables_of(tmp_path, two + up)
-    assert "GRAV does not act on the section 'low': its density is 0 here" in found.notes
+    tables_of(tmp_path, two + up)
     answer = read_case(tmp_path / "deck.inp").problem().solve()
     assert answer.valid and answer.forces["normal_force"] == pytest.approx(7.8e-9 * 9810.0)
     (foot,) = (one for one in answer.reactions if "base" in one.name)
@@ -437,7 +444,7 @@ def test_loads_of_other_kinds(tmp_path):
     for load, said in (
         ("*DLOAD\n2, P, 5.", "loads of kind 'P' are not read: which side"),
         ("*DLOAD\n2, HP2, 5., 1., 0.", "loads of kind 'HP2' are not read"),
-        ("*DLOAD\ncubes, GRAV, 1., 0., 0., 1.\n2, GRAV, 1., 0., 0., 1.", "some elements have it twice"),
+        ("*DLOAD\ncubes, GRAV, 1., 0., 0., 1.\n2, GRAV, 1., 0., 0., 1.", "give the name of a set of elements, not"),
     ):
         with pytest.raises(ValueError, match=said):
             tables_of(tmp_path, steps(load))

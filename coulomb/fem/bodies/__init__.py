@@ -52,6 +52,7 @@ from .loads import (
     ThermalLoad,
     TotalForce,
     Traction,
+    VolumeForce,
     load_title,
     range_of,
     shown_range,

@@ -268,14 +268,11 @@ class DisplacementSpace:
         n = ufl.FacetNormal(self.domain)
         return self._assemble(fem.form(-p * ufl.inner(n, self._test) * self.measure(facets)))
 
-    def volume_load(self, force: FloatArray) -> FloatArray:
-        """Nodal forces in newtons of forces per volume in N/m^3; shapes (k, 3)."""
-        return self._assemble(fem.form(ufl.inner(self.function(force), self._test) * ufl.dx))
-
-    def weight(self, density: FloatArray, gravity: FloatArray) -> FloatArray:
-        """Nodal forces in newtons, shape (k, 3), of own cells with a density (c,), kg/m^3, under gravity (3,) m/s^2."""
-        g = self.function(np.broadcast_to(gravity, (self._owned, 3)))
-        return self._assemble(fem.form(self._on_cells(density, "density") * ufl.inner(g, self._test) * ufl.dx))
+    def volume_load(self, force: FloatArray, of_cells: FloatArray | None = None) -> FloatArray:
+        """Nodal forces in newtons of forces per volume in N/m^3, shapes (k, 3); or, with densities of own cells (c,) in
+        kg/m^3, of accelerations in m/s^2."""
+        density = 1.0 if of_cells is None else self._on_cells(of_cells, "density")
+        return self._assemble(fem.form(density * ufl.inner(self.function(force), self._test) * ufl.dx))
 
     def largest_gradient(self, u: FloatArray) -> float:
         """Largest Frobenius norm of the gradient of u (k, 3) over all ranks: at the cells' midpoints in first order, in

@@ -25,7 +25,7 @@ from .elimination import Made
 from .equations import Linked, Links
 from .lasting_supports import End
 from .linear_constraints import Constraints, Follower
-from .loads import AppliedLoad, Load, Loading, NodalForces, Temperatures, ThermalLoad, joined_temperatures
+from .loads import AppliedLoad, Load, Loading, NodalForces, Temperatures, ThermalLoad, VolumeForce, joined_temperatures
 from .materials import AnyMaterial, Materials, by_group
 from .rigid_modes import rigid_modes
 from .supports import Spring, Support
@@ -116,7 +116,8 @@ def _by_body(mesh: JoinedMesh, given: Iterable[Acting], what: str) -> dict[str, 
     found: dict[str, list[Acting]] = {name: [] for name in mesh.bodies}
     for one in given:
         face = getattr(one, "face", None)
-        body, name = mesh.split(cast(str, face), getattr(one, "kind", what))
+        split = mesh.split_group if isinstance(one, VolumeForce) else mesh.split
+        body, name = split(cast(str, face), getattr(one, "kind", what))
         there = copy.copy(one)
         object.__setattr__(there, "face", name)  # of frozen classes, whose constructors differ
         found[body].append(there)

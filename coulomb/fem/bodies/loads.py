@@ -257,7 +257,29 @@ class Weight:
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
         density = constant_of_cells(mesh, self.materials, "density")
-        return body.weight(density, np.asarray(self.gravity, dtype=np.float64))
+        return body.volume_load(np.broadcast_to(np.asarray(self.gravity, dtype=np.float64), body.x.shape), density)
+
+
+@dataclass(frozen=True)
+class VolumeForce:
+    """Force in the volume of some cells.
+
+    Attributes:
+        face: Name of their group.
+        value: Per volume in N/m^3, a vector or a function of x.
+        amplitude: Factor as a function of time.
+    """
+
+    face: str
+    value: Field
+    amplitude: Amplitude = 1.0
+
+    kind = "volume force"
+
+    def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
+        inside = np.zeros(mesh.domain.topology.index_map(3).size_local)
+        inside[mesh.group(self.face, self.kind)] = 1.0
+        return body.volume_load(evaluate_vectors(self.value, body.x, load_title(self), mesh.comm), inside)
 
 
 @dataclass(frozen=True)

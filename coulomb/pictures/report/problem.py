@@ -113,6 +113,9 @@ def supports_and_loads(case: dict[str, Any]) -> list[tuple[str, str]]:
         where = heat.get("face") or heat.get("body") or "all bodies"
         value = number_at(heat[kind]) + units[kind] + beyond + in_time(heat.get("amplitude"))
         facts.append((f"{kinds[kind]} {where}", value))
+    for load in case.get("volume_force", ()):
+        value = vector_at(load["value"], "N/m³")
+        facts.append((f"force in the volume of {load['cells']}", value + in_time(load.get("amplitude"))))
     for key, name, unit in (("body_force", "body force", "N/m³"), ("gravity", "gravity", "m/s²")):
         value = case.get(key, ())
         if any(value):
