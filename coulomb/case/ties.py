@@ -148,6 +148,7 @@ class RigidFaceTable(Table):
         own = [getattr(self, f"{of}_{axis}_amplitude") for of in ("translation", "rotation") for axis in "xyz"]
         return RigidFace(
             *(self.face, self.point, self.translation.components, self.rotation.components),
-            *(amplitude_of(self.amplitude), [None if one is None else amplitude_of(one) for one in own]),
+            amplitude_of(self.amplitude),
+            [None if one is None else amplitude_of(one) for one in own],
             *(self.translation_stiffness, self.rotation_stiffness, self.along),
         )

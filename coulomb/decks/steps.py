@@ -112,7 +112,7 @@ class Track:
 
     def value(self, time: float = math.inf) -> float:
         """At a time, by default at the end of what is known."""
-        return value_at(self.rows, time) if self.rows else 0.0
+        return value_at(tuple(self.rows), time) if self.rows else 0.0
 
     def goes_to(self, value: float, step: Step, amplitude: Amplitude | None = None) -> None:
         """In the course of a step."""

@@ -64,3 +64,21 @@ def test_a_coupling_of_one_direction(tmp_path):
     )
     assert np.allclose(one[2], both[2], rtol=0.0, atol=1e-6 * np.abs(one[2]).max())
     assert np.ptp(one[2][one[1][:, 2] == 2.0, 2]) > 0.1 * np.abs(one[2]).max()
+
+
+def test_equations_of_a_slice(tmp_path):
+    """Nodes of all its layers follow: a lid that goes down as a whole, and a spring, which is that of one node."""
+    nodes = "1, 1, 0\n2, 2, 0\n3, 2, 1\n4, 1, 1\n11, 1, 1\n12, 2, 1\n13, 2, 2\n14, 1, 2\n"
+    deck = (
+        f"*NODE\n{nodes}*ELEMENT, TYPE=CPE4, ELSET=all\n1, 1, 2, 3, 4\n2, 11, 12, 13, 14\n*NSET, NSET=base\n1, 2\n"
+        "*SURFACE, NAME=m\n1, S3\n*SURFACE, NAME=s\n2, S1\n*MATERIAL, NAME=e\n*ELASTIC\n1000., 0.\n"
+        "*SOLID SECTION, ELSET=all, MATERIAL=e\n.5\n*BOUNDARY\nbase, 1, 2\n13, 1\n14, 1\n"
+        "*CONTACT PAIR, INTERACTION=i, TYPE=SURFACE TO SURFACE\ns, m\n*SURFACE INTERACTION, NAME=i\n"
+        "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=HARD\n*EQUATION\n2\n14, 2, 1., 13, 2, -1.\n"
+    )
+    _, x, u, totals = displacement(tmp_path, deck + STEP.format("*CLOAD\n13, 2, -10."))
+    assert np.allclose(u[x[:, 1] == 2.0, 1], -10.0 * 2.0 / (0.5 * 1000.0), rtol=1e-9)
+    assert totals["force"][1] == pytest.approx(10.0)
+    spring = "*ELEMENT, TYPE=SPRING2, ELSET=k\n50, 13, 1\n*SPRING, ELSET=k\n2, 2\n250.\n"  # beside one of 250 N/m
+    _, x, u, totals = displacement(tmp_path, deck + spring + STEP.format("*CLOAD\n13, 2, -10."))
+    assert np.allclose(u[x[:, 1] == 2.0, 1], -0.02, rtol=1e-9) and totals["force"][1] == pytest.approx(5.0)

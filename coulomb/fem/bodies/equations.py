@@ -205,10 +205,12 @@ class Links:
 
     def __init__(self, body: Deformable, given: Sequence[Equation]):
         self.given, self._comm = given, body.comm
-        self._whole, _, of = _coefficients(body, _Nodes(body), given)
+        nodes = _Nodes(body)
+        self._whole, slave, of = _coefficients(body, nodes, given)
         self._of, first = of, 3 * body.numbering.first
         self._own = self._whole[:, first : first + 3 * len(body.x)].tocsr()
-        self._k = np.array([float(given[number].stiffness or 0.0) for number in of])
+        parts = [nodes.copies(int(one)) for one in slave // 3]  # of a slice each carries its part
+        self._k = np.array([float(given[n].stiffness or 0.0) / copies for n, copies in zip(of, parts, strict=True)])
 
     @property
     def nodes(self) -> list[IntArray]:
@@ -281,8 +283,13 @@ class _Nodes:
 
     def __init__(self, body: Deformable):
         self._body, self._known = body, dict[str, IntArray]()
-        self._numbers: dict[str, dict[int, int]] = {}
+        self._numbers: dict[str, dict[int, IntArray]] = {}
         self._names: dict[int, str] = {}
+        self._copies: dict[int, int] = {}
+
+    def copies(self, node: int) -> int:
+        """How many nodes have the number of one: those of a slice are some, one behind the other."""
+        return self._copies.get(node, 1)
 
     def called(self, node: int) -> str:
         """A node that was asked for by its number, in words; else nothing."""
@@ -312,7 +319,7 @@ class _Nodes:
         if all(is_number(one, -np.inf) for one in where) and len(where) == 3 and not all(map(_whole, where)):
             where = [where]
         if all(_whole(one) or isinstance(one, str) for one in where):
-            return np.array([self._of_number(one, what) for one in where], dtype=np.int64)
+            return np.concatenate([self._of_number(one, what) for one in where])
         return np.array([self._at(place, what) for place in where], dtype=np.int64)
 
     def _member(self, name: str, what: str) -> Member:
@@ -323,19 +330,20 @@ class _Nodes:
             raise ValueError(f"{what}: there is no body {name!r}: {said}")
         return members[name]
 
-    def _of_number(self, given: Any, what: str) -> int:
+    def _of_number(self, given: Any, what: str) -> IntArray:
         name, _, text = str(given).rpartition(SEPARATOR)
         member = self._member(name, what)
         if member.body.mesh.node_numbers is None:
             raise ValueError(f"{what}: the mesh is not from a file, so that nodes have no numbers: name sets or places")
         if name not in self._numbers:
             numbers, nodes = self._gathered(member, np.arange(len(member.body.domain.geometry.x)))
-            self._numbers[name] = dict(zip(as_list(numbers), as_list(nodes), strict=True))
-        node = self._numbers[name].get(int(text)) if text.isdigit() else None
-        if node is None:
+            each, starts = np.unique(numbers, return_index=True)
+            self._numbers[name] = dict(zip(as_list(each), np.split(nodes, starts[1:]), strict=True))
+        found = self._numbers[name].get(int(text)) if text.isdigit() else None
+        if found is None:
             raise ValueError(f"{what}: no node of a cell has the number {given!r}")
-        self._names[node] = str(given)
-        return node
+        self._names.update(dict.fromkeys(as_list(found), str(given)))
+        return found
 
     def _at(self, place: Any, what: str) -> int:
         body, comm = self._body, self._body.comm
@@ -349,7 +357,8 @@ class _Nodes:
         return int(found[0])
 
     def _gathered(self, member: Member, points: npt.NDArray[np.integer[Any]]) -> tuple[IntArray, IntArray]:
-        """Of points of a mesh's geometry on all ranks the numbers in the file, ascending, and the nodes; collective."""
+        """Of points of a mesh's geometry on all ranks the numbers in the file, ascending, and the nodes, those of one
+        number along z; collective."""
         body, mesh = member.body, member.body.mesh
         cells, on = compat.cell_dofs(body.V), compat.cell_geometry(body.domain)
         node = np.full(len(body.domain.geometry.x), -1, dtype=np.int64)
@@ -359,8 +368,12 @@ class _Nodes:
             numbers = np.asarray(body.domain.geometry.input_global_indices, dtype=np.int64)
         mine = points[(node[points] >= 0) & (node[points] < len(body.x))]
         whole = self._body.numbers_of(member, body.numbering.first + node[mine])
-        pairs = np.unique(np.concatenate(body.comm.allgather(np.column_stack([numbers[mine], whole]))), axis=0)
-        return pairs[:, 0], pairs[:, 1]
+        found = np.column_stack([numbers[mine], body.x[node[mine], 2], whole])
+        rows = np.unique(np.concatenate(body.comm.allgather(found)), axis=0)
+        number, nodes = rows[:, 0].astype(np.int64), rows[:, 2].astype(np.int64)
+        _, back, counts = np.unique(number, return_inverse=True, return_counts=True)
+        self._copies.update(zip(as_list(nodes), as_list(counts[back]), strict=True))
+        return number, nodes
 
 
 def _whole(value: Any) -> bool:
