@@ -271,17 +271,8 @@ class Case(Table):
     def _on_faces(self) -> dict[str, SupportTable | SpringTable | LoadTable]:
         """The tables of supports, loads and springs, by their key in the case."""
         supports = ("clamp", "prescribed_displacement", "prescribed_rotation", "symmetry")
-        kinds = (
-            *supports,
-            "traction",
-            "pressure",
-            "total_force",
-            "point_load",
-            "nodal_force",
-            "spring",
-            "volume_force",
-        )
-        return {f"{kind}.{k}": table for kind in kinds for k, table in enumerate(getattr(self, kind))}
+        loads = ("traction", "pressure", "total_force", "point_load", "nodal_force", "volume_force", "spring")
+        return {f"{kind}.{k}": table for kind in supports + loads for k, table in enumerate(getattr(self, kind))}
 
     @property
     def ties(self) -> dict[str, FacePairTable]:
@@ -353,9 +344,7 @@ class Case(Table):
         heated = None if self.temperature is None else self.temperature.body
         if heated is not None and (fault := fault_of_body(heated, self.body)):
             raise ValueError(f"temperature.body = {heated!r}: {fault}")
-        named = {key: table for key, table in self._on_faces.items() if not _at_nodes(table)}
-        cells = {f"{key}.cells": table.cells for key, table in named.items() if isinstance(table, VolumeForceTable)}
-        faces = {f"{key}.face": one.face for key, one in named.items() if not isinstance(one, VolumeForceTable)} | cells
+        faces = {f"{key}.face": table.face for key, table in self._on_faces.items() if _on_face(table)}
         faces |= {f"heat.{k}.face": table.face for k, table in enumerate(self.heat) if table.face is not None}
         for key, table in self.contacts.items():
             faces[f"{key}.face"] = table.face
@@ -469,8 +458,8 @@ class Case(Table):
         return self.solver.contact_solver(unknown or any(table.sloped for table in self.contacts.values()))
 
 
-def _at_nodes(table: Table) -> bool:
-    return isinstance(table, PlacedTable) and table.nodes is not None
+def _on_face(table: Table) -> bool:
+    return not isinstance(table, VolumeForceTable) and (not isinstance(table, PlacedTable) or table.nodes is None)
 
 
 def read_case(path: str | Path, changes: Sequence[str] = (), deck: Translation | None = None) -> Case:
@@ -499,8 +488,7 @@ def read_case(path: str | Path, changes: Sequence[str] = (), deck: Translation |
         tables = recorded(text, path) if written else parsed(text, path, tables_of_several(Case))
     for change in changes:
         apply(tables, change)
-    folder = Path(path).parent
-    rename_files(tables, {place: str(folder / name) for place, name in named_files(tables).items()})
+    rename_files(tables, {place: str(Path(path).parent / name) for place, name in named_files(tables).items()})
     read_curves(Path(path), tables, written)
     try:
         case = Case.model_validate(tables)

@@ -115,9 +115,8 @@ def _by_body(mesh: JoinedMesh, given: Iterable[Acting], what: str) -> dict[str, 
     """Supports or loads of every body, with the names that their faces have there."""
     found: dict[str, list[Acting]] = {name: [] for name in mesh.bodies}
     for one in given:
-        face = getattr(one, "face", None)
         split = mesh.split_group if isinstance(one, VolumeForce) else mesh.split
-        body, name = split(cast(str, face), getattr(one, "kind", what))
+        body, name = split(cast(str, getattr(one, "face", None)), getattr(one, "kind", what))
         there = copy.copy(one)
         object.__setattr__(there, "face", name)  # of frozen classes, whose constructors differ
         found[body].append(there)
