@@ -344,7 +344,8 @@ class Case(Table):
         heated = None if self.temperature is None else self.temperature.body
         if heated is not None and (fault := fault_of_body(heated, self.body)):
             raise ValueError(f"temperature.body = {heated!r}: {fault}")
-        faces = {f"{key}.face": table.face for key, table in self._on_faces.items() if _on_face(table)}
+        named = {key: one for key, one in self._on_faces.items() if not isinstance(one, VolumeForceTable)}
+        faces = {f"{key}.face": table.face for key, table in named.items() if not _at_nodes(table)}
         faces |= {f"heat.{k}.face": table.face for k, table in enumerate(self.heat) if table.face is not None}
         for key, table in self.contacts.items():
             faces[f"{key}.face"] = table.face
@@ -458,8 +459,8 @@ class Case(Table):
         return self.solver.contact_solver(unknown or any(table.sloped for table in self.contacts.values()))
 
 
-def _on_face(table: Table) -> bool:
-    return not isinstance(table, VolumeForceTable) and (not isinstance(table, PlacedTable) or table.nodes is None)
+def _at_nodes(table: Table) -> bool:
+    return isinstance(table, PlacedTable) and table.nodes is not None
 
 
 def read_case(path: str | Path, changes: Sequence[str] = (), deck: Translation | None = None) -> Case:
