@@ -34,7 +34,7 @@ _MEMORY: Final = 5
 NEAR: Final = 1e-2
 """Residual below which they are."""
 
-_LINEAR = (0.03, 0.7)
+_LINEAR = (0.03, 0.95)
 """Ratios of successive changes of the displacement between which convergence is linear: below it is faster."""
 
 _WORTH: Final = 0.3

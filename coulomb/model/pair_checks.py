@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray, IntArray, in_words
-from ..fem.bodies import Deformable, DisplacementSpace, HeldDirections
+from ..fem.bodies import Deformable, DisplacementSpace, HeldDirections, NonlinearBody
 from ..fem.contact import (
     Claims,
     Deviations,
@@ -83,7 +83,8 @@ class PairReference:
         (one, here), (other, there) = (facets_of(side.space, side.facets) for side in (slave, master))
         self._nodes, self._slave, self._facets = (here, there), slave, (one, other)
         held = (slave.projectors(here), master.projectors(there)) if shape.smooth else None
-        surfaces = Surfaces(shape.smooth, shape.slave, shape.master, held)
+        large = isinstance(slave.space, NonlinearBody)
+        surfaces = Surfaces(shape.smooth, shape.slave, shape.master, held, interpolated=not large)
         self.samples = PairSamples(one, other, node, concatenated(slave.space.comm, node), surfaces)
 
     def left_out(self, known: npt.NDArray[np.bool_]) -> FloatArray:

@@ -61,6 +61,32 @@ def test_bodies_that_are_stable_on_each_other_alone():
     assert max(counts(found)) <= 8 and "definite" not in found[1].methods
 
 
+def sharp_punch(cells, depth, sides=()):
+    """A punch with sharp edges: down until time 1, then along x by a quarter of its width."""
+    block, punch = coulomb.box((1.0, 0.5, 0.5), (8, cells, 4)), coulomb.box((0.4, 0.5, 0.2), (4, cells, 2))
+    bodies = coulomb.join(block=block, punch=coulomb.moved(punch, translate=(0.1, 0.0, 0.5)))
+    rubber = {"block": coulomb.NeoHookean(1e6, 0.4), "punch": coulomb.NeoHookean(1e8, 0.3)}
+    down = coulomb.PrescribedDisplacement("punch:top", (0.0, 0.0, -depth), "yz", [(0.0, 0.0), (1.0, 1.0)])
+    along = coulomb.PrescribedDisplacement("punch:top", (0.1, 0.0, 0.0), "x", [(0.0, 0.0), (1.0, 0.0), (2.0, 1.0)])
+    contact = coulomb.Contact("block:top", against="punch:bottom", friction=0.3)
+    supports = [coulomb.Clamp("block:bottom"), down, along, *(coulomb.Clamp(face, "y") for face in sides)]
+    return coulomb.ContactProblem(bodies, rubber, supports, contact, kinematics="large")
+
+
+def test_a_sharp_edge_that_comes_over_nodes_opposite_to_it():
+    """Gaps by interpolants between nodes that the punch is above jumped there, and no step however small had an
+    answer."""
+    steps = coulomb.LoadHistory([0.1, 0.2], halvings=0).steps(sharp_punch(4, 0.1))
+    assert max(counts([step.solution for step in steps])) <= 6
+
+
+def test_changes_that_alternate_are_accelerated():
+    """Behind a punch that is drawn along: their ratio is -0.75."""
+    sides = "block:front", "block:back", "punch:front", "punch:back"
+    steps = coulomb.LoadHistory([1.0, 1.75], halvings=0).steps(sharp_punch(2, 0.05, sides))
+    assert max(counts([step.solution for step in steps])) <= 14
+
+
 def test_a_pressure_that_follows_the_surface():
     """Its tangent is not symmetric where the face ends: accelerated iterates; without, the last step took 21."""
     clamp, pressure = coulomb.Clamp("bottom"), coulomb.Pressure("top", 3e5, [(0.0, 0.0), (1.0, 1.0)])

@@ -23,6 +23,10 @@ with bound / interpolant):
     crossed cylinders of these     4.79, 1.01, 0.13 %  /  3.48, 0.94, 0.12 %  /  7.45, 1.78, 1.14 %
 
 and of the pressure of two rings (docs/several-bodies.md) by the interpolant alone about twice those by averages.
+
+The interpolant is known where the master is before all vertices of the facets of lambda_j.  In large motions, where
+vertices come before it and leave, the gap would jump, and no displacement might be in equilibrium: there gaps are
+averages, which are continuous, and change as D and M say.
 """
 
 from __future__ import annotations
@@ -238,6 +242,7 @@ def mortar_rows(
     owned: tuple[int, int],
     left_out: IntArray | None = None,
     search: Search | None = None,
+    interpolated: bool = True,
 ) -> MortarRows:
     """The contact points whose nodes this rank owns; not collective.
 
@@ -248,6 +253,7 @@ def mortar_rows(
         left_out: Numbers of slave nodes without a contact point, such as clamped ones; their functions are added
             to those of other nodes near.
         search: How far before and behind the slave the master is found; by default that of these facets.
+        interpolated: Whether distances of first-order facets are their interpolants where these are larger.
 
     Raises:
         ValueError: If the outward normals around a contact point cancel.
@@ -268,7 +274,8 @@ def mortar_rows(
     whole = nodal_sums(nodes, hats, slave.size)
     sizes = np.einsum("fjn,fn->fj", found, mass)
     weak = weak_nodes(nodes, sizes, whole, gone)
-    return _rows(slave, master, parts, slave_functions(slave, nodes, found, sizes, gone | weak), owned, whole, weak)
+    functions = slave_functions(slave, nodes, found, sizes, gone | weak)
+    return _rows(slave, master, parts, functions, owned, whole, weak, interpolated and slave.kind.degree == 1)
 
 
 def _around(slave: FacetPatch, owned: tuple[int, int]) -> IntArray:
@@ -302,6 +309,7 @@ def _rows(
     owned: tuple[int, int],
     whole: FloatArray,
     weak: npt.NDArray[np.bool_],
+    interpolated: bool,
 ) -> MortarRows:
     facet, coefficients = functions.facet, functions.coefficients
     products = np.einsum("kn,knm->km", coefficients, parts.mass[facet])
@@ -325,10 +333,10 @@ def _rows(
         raise ValueError(f"the outward normals of the facets around x = {where} cancel: no contact normal is defined")
     normal /= length[:, None]
     separation = spread @ parts.separation.reshape(-1, 3) / area[node][:, None]
-    if slave.kind.degree == 1:
-        interpolated, known = _interpolated(slave, parts, products, facet, row, area[node])
-        larger = known & (np.einsum("ki,ki->k", interpolated - separation, normal) > 0.0)
-        separation = np.where(larger[:, None], interpolated, separation)
+    if interpolated:
+        between, known = _interpolated(slave, parts, products, facet, row, area[node])
+        larger = known & (np.einsum("ki,ki->k", between - separation, normal) > 0.0)
+        separation = np.where(larger[:, None], between, separation)
     overlap = np.zeros(len(node))
     np.minimum.at(overlap, row, parts.least[facet])
     chord = np.zeros(len(node))

@@ -355,8 +355,9 @@ def pair_of(
     if slave.body is master.body:  # at the tip of a crack the two faces cannot part
         gone[np.intersect1d(on_face, body.nodes_of(on_master))] = True
     left_out = np.flatnonzero(fetched(comm, starts, near.slave.numbers, gone))
+    large = any(isinstance(one.body, NonlinearBody) for one in elasticity.members)
     rows = on_all_ranks(
-        lambda: mortar_rows(on_one, on_other, near.owned, left_out=left_out, search=near.search),
+        lambda: mortar_rows(on_one, on_other, near.owned, left_out, near.search, interpolated=not large),
         f"contact face {face!r}",
         comm,
     )
@@ -368,7 +369,7 @@ def pair_of(
                 f"{what}: all of its nodes are clamped, follow clamped ones, or are contact points of another face, "
                 f"and none is left against {against!r}: leave this pair out"
             )
-        if not any(isinstance(one.body, NonlinearBody) for one in elasticity.members):
+        if not large:
             raise Refused(
                 f"{what}: no part of it is opposite to {against!r}: the two must face each other, with outward normals "
                 "in opposite directions"

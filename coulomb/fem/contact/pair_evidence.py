@@ -119,12 +119,14 @@ class Claims:
 @dataclass(frozen=True)
 class Surfaces:
     """For what the facets stand where gaps are measured: given surfaces, or smooth ones with mean normals, those at the
-    ends within planes of symmetry by the projectors on held directions at the nodes of both faces (f, n, 3, 3)."""
+    ends within planes of symmetry by the projectors on held directions at the nodes of both faces (f, n, 3, 3); and
+    whether distances of first-order facets are their interpolants where these are larger."""
 
     smooth: bool = False
     slave: RigidFoundation | None = None
     master: RigidFoundation | None = None
     held: tuple[FloatArray, FloatArray] | None = None
+    interpolated: bool = True
 
 
 @dataclass(frozen=True)
@@ -368,7 +370,7 @@ class PairSamples:
         off = np.einsum("mi,mi->m", self._unsure(ways, missed), np.abs(n)) + self._most(self._beyond[:, None])[:, 0]
         off += _ROUNDING * self.radius
         least = most = average
-        if self._slave.degree == 1:
+        if self._slave.degree == 1 and self._surfaces.interpolated:
             corner, there = self._slave.nodes[self._chosen], self._there[:, inner:].astype(np.float64)
             number, at = np.unique(corner, return_inverse=True)
             at = at.reshape(corner.shape)
