@@ -8,6 +8,8 @@ those of DG spaces, the mean of these cells counts, on any number of ranks.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, is_dataclass
 from functools import cached_property
 from typing import Any, Final, NamedTuple
 
@@ -81,6 +83,12 @@ class UflValues:
             for part in ufl.corealg.traversal.unique_pre_traversal(self._given):
                 if isinstance(part, ufl.Argument):
                     raise ValueError(f"{self.name} has trial or test functions, and no values")
+                if isinstance(part, ufl.Coefficient) and "uadrature" in repr(part.ufl_element()):
+                    of = "" if self._is_function else "a function with "
+                    raise ValueError(
+                        f"{self.name} has {of}values at quadrature points alone: project it onto a space that has "
+                        "values everywhere, such as DG of degree 0, the mean of each cell"
+                    )
                 if isinstance(part, ufl.geometry.GeometricFacetQuantity):
                     raise ValueError(
                         f"{self.name} has {part}, which has values on facets alone; coulomb.Pressure acts along the "
@@ -166,6 +174,28 @@ class UflValues:
             X[going] = np.clip(X[going] + _solved(slopes, residual), -2.0, 3.0)
         beyond = (np.sum(X, axis=1) if self._simplex else np.max(X, axis=1, initial=0.0)) - 1.0
         return X, np.maximum(np.maximum(-np.min(X, axis=1, initial=1.0), beyond), np.where(off > ROUNDING, off, 0.0))
+
+
+def present_values(given: object) -> list[FloatArray]:
+    """The values that functions and constants have at present, on this rank, of an argument or those in it: fields of
+    dataclasses, entries of lists and dictionaries, terms of expressions."""
+    if isinstance(given, fem.Constant):
+        return [np.array(given.value)]
+    if isinstance(given, fem.Function):
+        return [np.array(given.x.array)]
+    parts: Iterable[object] = ()
+    if isinstance(given, fem.Expression):
+        parts = [given.ufl_expression]
+    elif isinstance(given, ufl.core.expr.Expr):
+        terms = ufl.corealg.traversal.unique_pre_traversal(given)
+        parts = [one for one in terms if isinstance(one, fem.Function | fem.Constant)]
+    elif isinstance(given, Mapping):
+        parts = given.values()
+    elif isinstance(given, list | tuple):
+        parts = given
+    elif is_dataclass(given):
+        parts = [getattr(given, one.name) for one in fields(given)]
+    return [value for part in parts for value in present_values(part)]
 
 
 def _mesh_of(domain: Any) -> Any:

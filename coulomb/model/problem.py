@@ -10,6 +10,7 @@ from functools import partial
 from typing import Any, Self
 
 import numpy as np
+from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.bodies import (
@@ -36,6 +37,7 @@ from ..fem.bodies import (
 from ..fem.contact import Pretension, Tied, with_slaves
 from ..fem.geometry import Amplitude, Field, RigidFoundation, same_on_all_ranks
 from ..fem.meshes import JoinedMesh, NamedMesh
+from ..fem.ufl_values import present_values
 from ..lazy_names import late_bound
 from ..linalg.compliance import LinearSolver
 from ..solvers.friction_problem import Solver, contact_solver
@@ -83,6 +85,11 @@ def _of_layer(one: Any, copies: float) -> Any:
         along, about = (np.asarray(of) / copies for of in (one.translation_stiffness, one.rotation_stiffness))
         return replace(one, translation_stiffness=tuple(along), rotation_stiffness=tuple(about))
     return one
+
+
+def _values_of(given: Mapping[str, Any]) -> list[FloatArray]:
+    """`present_values` of the arguments of a problem besides its mesh or body, which has its own."""
+    return present_values({name: value for name, value in given.items() if name != "mesh"})
 
 
 def _bodies_of(given: Mapping[str, Any]) -> Deformable:
@@ -232,7 +239,8 @@ class ContactProblem(DiscreteProblem):
         with timed(body.seconds, "assembly"):
             state = body.state(time)
         super().__init__(body, state, mode, started, body.seconds)
-        self.given = given
+        self.given, self._values = given, _values_of(given)
+        self._latest: ContactProblem = self
         self.large = LoadSteps(body, time, linear_solver, explicit, branch) if kinematics == "large" else None
         self.contacts = self.large.contacts if self.large else body.contacts
 
@@ -249,6 +257,8 @@ class ContactProblem(DiscreteProblem):
                 nodes changes.
         """
         refuse_wrong({"mesh": self.made_of, "time": time})
+        if (there := self._renewed()) is not self:
+            return there.at(time, before)
         seconds: dict[str, float] = {}
         if self.large is not None:
             there = copy.copy(self)
@@ -258,6 +268,20 @@ class ContactProblem(DiscreteProblem):
             body = self.body.at_time(time)
             state = body.state(time, before)
         return self.in_state(state, seconds, before, body)
+
+    def _renewed(self) -> ContactProblem:
+        """Itself, or the same problem made anew if functions or constants of DOLFINx among its arguments have other
+        values since; collective."""
+        now = _values_of(self.given)
+
+        def same(values: list[FloatArray]) -> bool:
+            return bool(self.comm.allreduce(all(map(np.array_equal, values, now)), op=MPI.LAND))
+
+        if same(self._values):
+            return self
+        if not same(self._latest._values):
+            self._latest = type(self)(**{**self.given, "time": self.time})
+        return self._latest
 
     @property
     def made_of(self) -> NamedMesh | JoinedMesh | Deformable:
@@ -342,7 +366,8 @@ class ContactProblem(DiscreteProblem):
         solver = contact_solver(solver)
         if not (progress is None or callable(progress)):
             raise ValueError(f"progress must be a function of a step, or None, but is {progress!r}")
-        if self.large is None and self.elasticity.outdated(self.loading):
+        outdated = self.large is None and self.elasticity.outdated(self.loading)
+        if outdated or self._renewed() is not self:
             return self.at(self.time, self.before).solve(tolerance, solver, progress, start)
         self.refuse_held_inside()
         if self.large is not None:

@@ -59,6 +59,39 @@ def test_energies_and_loads_are_those_of_the_built_in_material(given):
         assert ratio[1] == pytest.approx(ratio[0], rel=1e-12)
 
 
+def test_small_motions_are_about_no_displacement():
+    """Whatever the function of the displacement has been set to before, as by an answer of large motions; the force is
+    that of the linear material."""
+
+    def pressed(set_to):
+        block = RubberBlock(way=lambda time, x: np.array([[0.0], [0.0], [-1e-3]]) + 0.0 * x)
+        block.u.x.array[:] = set_to * np.sin(np.arange(len(block.u.x.array)))
+        body = coulomb.Body(energy=block.form, displacement=block.u, bcs=block.conditions, faces=block.body.mesh)
+        for one in (block.body, body):
+            block.update(lambda time, x: np.array([[0.0], [0.0], [-1e-3]]) + 0.0 * x, 0.0)
+            yield coulomb.ContactProblem(one, CONTACT).solve().forces["normal_force"]
+        assert block.u.x.array == pytest.approx(set_to * np.sin(np.arange(len(block.u.x.array))))
+
+    top = coulomb.PrescribedDisplacement("top", (0.0, 0.0, -1e-3))
+    linear = coulomb.ContactProblem(coulomb.box((1.0, 1.0, 1.0), (2, 2, 2)), coulomb.Material(1e6, 0.3), [top], CONTACT)
+    expected = linear.solve().forces["normal_force"]
+    assert [*pressed(0.0), *pressed(0.05)] == pytest.approx([expected] * 4, rel=1e-6)
+
+
+@pytest.mark.parametrize("kinematics", ["small", "large"])
+def test_constants_of_an_energy_change_between_answers(kinematics):
+    def energy(u):
+        factors.append(fem.Constant(u.function_space.mesh, 1.0))
+        return factors[0] * neo_hookean(u, MU, LAME)
+
+    factors = []
+    block = RubberBlock(way=lambda time, x: np.array([[0.0], [0.0], [-1e-3]]) + 0.0 * x, energy=energy)
+    problem = coulomb.ContactProblem(block.body, CONTACT, kinematics=kinematics)
+    before = problem.solve().forces["normal_force"]
+    factors[0].value = 3.0
+    assert problem.solve().forces["normal_force"] == pytest.approx(3.0 * before, rel=1e-9)
+
+
 def test_an_energy_of_two_quadrature_rules():
     """Volume changes by one point per cell, which FFCx compiles wrongly beside others: energy, residual and tangent,
     also the one that is positive in every cell, are sums of those of each integral by itself."""

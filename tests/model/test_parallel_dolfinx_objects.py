@@ -35,6 +35,15 @@ BOX = coulomb.box((1.0, 1.0, 0.5), (4, 3, 2), "tetrahedron")
 HEXES = coulomb.box((1.0, 1.0, 0.5), (4, 3, 2))
 
 
+def quadrature_space():
+    if hasattr(fem, "functionspace"):
+        import basix.ufl
+
+        return fem.functionspace(BOX.domain, basix.ufl.quadrature_element("tetrahedron", degree=2))
+    element = ufl.FiniteElement("Quadrature", BOX.domain.ufl_cell(), 2, quad_scheme="default")
+    return fem.FunctionSpace(BOX.domain, element)
+
+
 def fraction(x):
     return 0.1 + 0.2 * x[0]
 
@@ -68,6 +77,24 @@ def answer(**changes):
 
 def same(one, other):
     assert np.abs(one - other).max(initial=0.0) <= 1e-12 * comm.allreduce(np.abs(other).max(initial=0.0), op=MPI.MAX)
+
+
+def test_values_that_change_between_answers():
+    """Of contact, then of loads and material too: the answers of problems made with these numbers."""
+    friction, gap = interpolated(lambda x: 0.3 + 0.0 * x[0]), fem.Constant(BOX.domain, 0.0)
+    young, load = interpolated(lambda x: 5e4 + 0.0 * x[0], 0, (), "DG"), fem.Constant(BOX.domain, (0.0, 0.0, -900.0))
+    posed = problem(
+        friction=friction, gap=1e-3 * gap, material=Material(2.0 * young, 0.3), tractions=[Traction("top", load)]
+    )
+    first = posed.solve(1e-11)
+    before = first.displacement.copy()
+    gap.value, friction.x.array[:] = 0.5, 0.1
+    pressed = [Traction("top", (0.0, 0.0, -900.0))]
+    same(posed.solve(1e-11).displacement, answer(friction=0.1, gap=5e-4, tractions=pressed))
+    load.value[:], young.x.array[:] = (50.0, 0.0, -700.0), 8e4
+    given = {"material": Material(1.6e5, 0.3), "tractions": [Traction("top", (50.0, 0.0, -700.0))]}
+    same(posed.at(0.0).solve(1e-11).displacement, answer(friction=0.1, gap=5e-4, **given))
+    assert np.array_equal(first.displacement, before)
 
 
 OBJECTS = {
@@ -219,6 +246,11 @@ def test_words():
     assert "trial or test functions" in same_error(lambda: problem(friction=script.u[0]))
     assert "Pressure acts along" in same_error(lambda: problem(friction=ufl.FacetNormal(BOX.domain)[0]))
     assert "shape (3," in same_error(lambda: problem(friction=fem.Constant(BOX.domain, (1.0, 2.0, 3.0))))
+    at_points = fem.Function(quadrature_space(), name="mine")
+    assert "the function 'mine' has values at quadrature points alone" in same_error(
+        lambda: problem(friction=at_points)
+    )
+    assert "has a function with values at" in same_error(lambda: problem(friction=2.0 * at_points))
     far = coulomb.moved(BOX, (5.0, 0.0, 0.0)).domain
     assert "the function 'mine' has no value at" in same_error(
         lambda: problem(friction=interpolated(fraction, domain=far))

@@ -9,6 +9,7 @@ one point are therefore compiled apart from the others.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -73,8 +74,14 @@ def compiled(form: Any, what: str, comm: MPI.Comm) -> CompiledForm:
         try:
             return CompiledForm([fem.form(part) for part in _by_rule(form)])
         except Exception as error:
-            reason = str(error).strip().splitlines()
-            raise ValueError(reason[-1] if reason else type(error).__name__) from None
+            reason = str(error).strip().splitlines() or [type(error).__name__]
+            names = [str(one.name) for one in form.coefficients() if hasattr(one, "name")]
+            unfit = "".join(
+                f"; {name!r} names a function: give it one of letters, digits and _"
+                for name in names
+                if not name.isidentifier()
+            )
+            raise ValueError(reason[-1] + unfit) from None
 
     return on_all_ranks(compile_it, f"{what} cannot be compiled", comm)
 
@@ -105,3 +112,40 @@ def _has_one_point(integral: Any) -> bool:
     if not isinstance(degree, int) or degree < 0:
         degree = ufl.algorithms.estimate_total_polynomial_degree(integral.integrand())
     return bool(np.max(degree) <= 1)
+
+
+def terms_without(u: Any, form: Any) -> Any:
+    """The terms of a form in which a function is not; None if there are none."""
+    parts = [
+        integral.reconstruct(term)
+        for integral in form.integrals()
+        for term in _terms(integral.integrand())
+        if u not in ufl.algorithms.extract_coefficients(term)
+    ]
+    return ufl.Form(parts) if parts else None
+
+
+def _terms(integrand: Any) -> Iterator[Any]:
+    """The terms of a sum, and of products and quotients of one."""
+    if isinstance(integrand, ufl.classes.Sum):
+        for one in integrand.ufl_operands:
+            yield from _terms(one)
+        return
+    if isinstance(integrand, ufl.classes.Product | ufl.classes.Division):
+        first, second = integrand.ufl_operands
+        product = isinstance(integrand, ufl.classes.Product)
+        if isinstance(first, ufl.classes.Sum):
+            for one in _terms(first):
+                yield from _terms(one * second if product else one / second)
+            return
+        if product and isinstance(second, ufl.classes.Sum):
+            for one in _terms(second):
+                yield from _terms(first * one)
+            return
+    yield integrand
+
+
+def integrals_of_kind(form: Any, cells: bool) -> Any:
+    """The integrals of a form over cells, or the others; None if there are none."""
+    chosen = [one for one in form.integrals() if (one.integral_type() == "cell") == cells]
+    return ufl.Form(chosen) if chosen else None

@@ -64,12 +64,19 @@ def _refuse_rank(form: Any, rank: int, what: str) -> None:
         found = len(arguments)
         if len(form.ufl_domains()) > 1:
             raise ValueError(f"Body: {what} is on {len(form.ufl_domains())} meshes; a body has one mesh")
+        if len({len(ufl.algorithms.extract_arguments(one.integrand())) for one in form.integrals()}) > 1:
+            raise ValueError(
+                f"Body: {what} has terms with one argument and with two, as F = a - L: give Body(ufl.lhs(F), "
+                "ufl.rhs(F), ...), or in large motions, where u is a Function, residual=F"
+            )
     elif compat.is_compiled(form):
         found = int(form.rank)
         if np.dtype(form.dtype) != np.float64:
             raise ValueError(f"Body: {what} is compiled for {np.dtype(form.dtype)}; compile it for float64")
     elif isinstance(form, list | tuple):
         raise ValueError(f"Body: {what} is {len(form)} blocks (a {type(form).__name__}); {_ONE_SPACE}")
+    elif isinstance(form, ufl.equation.Equation):
+        raise ValueError(f"Body: {what} is an equation: give its sides, Body(a, L, ...) for a == L")
     else:
         raise ValueError(f"Body: {what} must be a form of UFL, or one compiled by fem.form, but is {short(form)}")
     if found != rank:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,7 @@ from .. import compat
 from ..compat import fem, ufl
 from ..meshes import boundary_facets
 from ..ufl_values import in_cells
-from .compiled_form import CompiledForm, compiled
+from .compiled_form import CompiledForm, compiled, integrals_of_kind, terms_without
 from .displacement_space import free_earlier_bodies
 from .elimination import AddedSprings, Made
 from .form_body import BilinearForm, FormBody, FormValues
@@ -103,13 +104,14 @@ class NonlinearBody(FormBody):
         # without the integrals that vanish, such as those of dead loads
         derivative = ufl.derivative(F, displacement, ufl.TrialFunction(V)) if tangent is None else tangent
         tangent = ufl.algorithms.expand_derivatives(derivative)
-        inside, surface = (_of_kind(tangent, cells) for cells in (True, False))
+        inside, surface = (integrals_of_kind(tangent, cells) for cells in (True, False))
         self._inside, self._on_facets = inside, None if surface is None else 0.5 * (surface + ufl.adjoint(surface))
         whole = inside if self._on_facets is None else inside + self._on_facets
-        super().__init__(whole, -F, bcs, faces, update=update)
+        with _at_rest(displacement):
+            super().__init__(whole, -F, bcs, faces, update=update)
         self._undeformed: FloatArray = self.x
         self._function = fem.Function(self.V)
-        dead = _without(displacement, ufl.algorithms.expand_derivatives(F))
+        dead = terms_without(displacement, ufl.algorithms.expand_derivatives(F))
         self._dead = None if dead is None else compiled(-dead, "residual", V.mesh.comm)
         self._potential = None if energy is None else self._at_function(energy)
         self._surface_forms: dict[tuple[bytes, bool], tuple[Any, Any]] = {}
@@ -206,13 +208,24 @@ class NonlinearBody(FormBody):
         """Of the undeformed body; a deformed one may be unstable on the way to its equilibrium."""
         return not (self._place is not None and self.comm.allreduce(bool(np.any(self._place.u)), op=MPI.LOR))
 
+    @property
+    def _values(self) -> FormValues:
+        if self._made.values is not None:
+            return super()._values
+        with _at_rest(self._displacement):
+            return super()._values
+
     def at_time(self, time: float) -> NonlinearBody:
-        if self._place is None:
-            self._set(time)
-        return self
+        if self._place is not None:
+            return self
+        with _at_rest(self._displacement):
+            return cast(NonlinearBody, super().at_time(time))
 
     def at(self, time: float) -> Loading:
-        return super().at(time) if self._place is None else self._under_springs(self._place.loading)
+        if self._place is not None:
+            return self._under_springs(self._place.loading)
+        with _at_rest(self._displacement):
+            return super().at(time)
 
     def internal_force(self, u: FloatArray) -> FloatArray:
         return self._with_springs(super().internal_force(u), u)
@@ -327,41 +340,15 @@ class NonlinearBody(FormBody):
         return area[:, 0].copy(), normal
 
 
-def _without(u: Any, form: Any) -> Any:
-    """The terms of a form in which a function is not; None if there are none."""
-    parts = [
-        integral.reconstruct(term)
-        for integral in form.integrals()
-        for term in _terms(integral.integrand())
-        if u not in ufl.algorithms.extract_coefficients(term)
-    ]
-    return ufl.Form(parts) if parts else None
-
-
-def _terms(integrand: Any) -> Iterator[Any]:
-    """The terms of a sum, and of products and quotients of one."""
-    if isinstance(integrand, ufl.classes.Sum):
-        for one in integrand.ufl_operands:
-            yield from _terms(one)
-        return
-    if isinstance(integrand, ufl.classes.Product | ufl.classes.Division):
-        first, second = integrand.ufl_operands
-        product = isinstance(integrand, ufl.classes.Product)
-        if isinstance(first, ufl.classes.Sum):
-            for one in _terms(first):
-                yield from _terms(one * second if product else one / second)
-            return
-        if product and isinstance(second, ufl.classes.Sum):
-            for one in _terms(second):
-                yield from _terms(first * one)
-            return
-    yield integrand
-
-
-def _of_kind(form: Any, cells: bool) -> Any:
-    """The integrals of a form over cells, or the others; None if there are none."""
-    chosen = [one for one in form.integrals() if (one.integral_type() == "cell") == cells]
-    return ufl.Form(chosen) if chosen else None
+@contextmanager
+def _at_rest(u: Any) -> Iterator[None]:
+    """With a function at 0, about which small motions are, in place of its present values."""
+    present = np.array(u.x.array)
+    u.x.array[:] = 0.0
+    try:
+        yield
+    finally:
+        u.x.array[:] = present
 
 
 class _WithProducts(BilinearForm):

@@ -233,8 +233,17 @@ def _named(
     groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str, file: str
 ) -> npt.NDArray[np.int32]:
     if not isinstance(name, str):
-        names = ": Body(faces={'sole': ...}) and NamedMesh(domain, {'sole': ...}) give facets names" * (kind == "face")
-        raise ValueError(f"{what}: a {kind} is given by its name, text in quotation marks, but is {short(name)}{names}")
+        advice = ""
+        if str(name) in groups:
+            advice = f": write {str(name)!r}"
+        elif kind == "face":
+            advice = (
+                ": facets get names with the mesh: NamedMesh(domain, {'sole': (facet_tags, 1), 'top': lambda x: "
+                "np.isclose(x[2], 1)}), or Body(..., faces={...})"
+            )
+        raise ValueError(
+            f"{what}: a {kind} is given by its name, text in quotation marks, but is {short(name)}{advice}"
+        )
     if name not in groups:
         listed = f"its {kind}s are {', '.join(groups)}" if groups else _none(kind, file)
         raise ValueError(f"{what}: there is no {kind} {name!r} on this mesh{_hint(name, groups)}; {listed}")
