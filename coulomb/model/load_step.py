@@ -206,10 +206,12 @@ class Moment:
 
 @dataclass(frozen=True)
 class Earlier:
-    """Time and `State.force_on_body` of the step before the last one, from which forces are extrapolated."""
+    """Of a `State` before the last one what forces and ways of contact points are extrapolated from."""
 
     time: float
     force_on_body: FloatArray
+    displacement: FloatArray
+    poses: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -313,7 +315,7 @@ class State(Moment):
             accumulated=Accumulated(*worn),
             pending=self.pending[:-1],
             forces=now,
-            before=Earlier(self.time, self.force_on_body),
+            before=Earlier(self.time, self.force_on_body, self.displacement, self.poses),
             temperature_change=None if heat is None else heat.change,
             poses=problem.state.poses,
         )
