@@ -233,14 +233,11 @@ def _named(
     groups: dict[str, npt.NDArray[np.int32]], name: str, what: str, kind: str, file: str
 ) -> npt.NDArray[np.int32]:
     if not isinstance(name, str):
-        advice = ""
-        if str(name) in groups:
-            advice = f": write {str(name)!r}"
-        elif kind == "face":
-            advice = (
-                ": facets get names with the mesh: NamedMesh(domain, {'sole': (facet_tags, 1), 'top': lambda x: "
-                "np.isclose(x[2], 1)}), or Body(..., faces={...})"
-            )
+        names = (
+            ": facets get names with the mesh: NamedMesh(domain, {'sole': (facet_tags, 1), 'top': lambda x: "
+            "np.isclose(x[2], 1)}), or Body(..., faces={...})"
+        )
+        advice = f": write {str(name)!r}" if str(name) in groups else names * (kind == "face")
         raise ValueError(
             f"{what}: a {kind} is given by its name, text in quotation marks, but is {short(name)}{advice}"
         )
