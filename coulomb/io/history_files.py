@@ -176,6 +176,7 @@ class HistoryFiles:
             before=earlier,
             temperature_change=heated,
             poses=problem.body.recorded_poses(contents),
+            turns=problem.body.recorded_turns(contents),
         )
 
     def _write_whole(self, last: dict[str, Any]) -> None:

@@ -131,9 +131,9 @@ def contacts_of_large_motions(arguments: Mapping[str, Any], contacts: Sequence[C
     if isinstance(arguments["mesh"], Deformable):
         for member in arguments["mesh"].members:
             nonlinear(member.body)
-    if arguments["rigid_faces"] or any(isinstance(one, Pretension) for one in arguments["ties"]):
+    for bolt in (one for one in arguments["ties"] if isinstance(one, Pretension)):
         raise ValueError(
-            "rigid faces and bolts are for small strains; large motions have ties (Tied), cyclic symmetry and equations"
+            f"{bolt.what}: bolts are for small strains; large motions have ties, rigid faces and equations"
         )
     for one in contacts:
         if one.adjust or one.smooth or one.surface or one.against_surface:

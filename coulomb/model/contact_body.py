@@ -334,6 +334,19 @@ class ContactBody:
             ) from None
         return poses
 
+    def recorded_turns(self, contents: Mapping[str, Any]) -> FloatArray | None:
+        """`State.turns` as a summary.json has them; None in small motions, and without rigid faces; ValueError if it
+        does not fit."""
+        motions = self.elasticity.constraints.motions
+        if not any(one.finite for one in motions):
+            return None
+        try:
+            found = {one["face"]: one["rotation"] for one in contents["rigid_faces"]}
+            turns = np.array([found[one.given.face] for one in motions], dtype=np.float64)
+            return turns.reshape(len(motions), 3)
+        except (KeyError, TypeError, ValueError):
+            raise ValueError("summary.json: rigid_faces: has not the rotations of the rigid faces") from None
+
     def given_gap(self, surface: ContactSurface, time: float) -> FloatArray:
         """The gaps given with the contacts at the points of a surface at a time, metres, shape (m,); collective."""
         return self._faces.gap_factors(time)[surface.part] * surface.gap_field

@@ -13,7 +13,6 @@ added: forces and moments of contact on the foundation and those given add up to
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,7 +22,16 @@ import numpy.typing as npt
 
 from ..arrays import FloatArray, is_number
 from ..fem.bodies import Deformable, FreeMotion, FreeMotions, RigidPart
-from ..fem.geometry import Amplitude, Point, RigidMotion, Turn, check_point, evaluate_amplitude, on_all_ranks
+from ..fem.geometry import (
+    Amplitude,
+    Point,
+    RigidMotion,
+    Turn,
+    check_point,
+    evaluate_amplitude,
+    on_all_ranks,
+    turn_by_change,
+)
 from ..linalg.reductions import Reductions
 from ..units import amount
 from .nodal_answer import NodalAnswer
@@ -117,19 +125,8 @@ class LoadedFoundation:
         """Its pose after free motions of amounts (q,), shape (6,)."""
         way = amounts @ np.array([motion.translation for motion in self.motions])
         turn = amounts @ np.array([motion.rotation for motion in self.motions])
-        change = np.concatenate([way, np.linalg.solve(_turn_by_change(self.pose[3:]), turn)])
+        change = np.concatenate([way, np.linalg.solve(turn_by_change(self.pose[3:]), turn)])
         return self.pose + np.where(self.of.free, change, 0.0)
-
-
-def _turn_by_change(vector: FloatArray) -> FloatArray:
-    """J, shape (3, 3): a change dv of a rotation vector (3,) turns by J dv in space (the left Jacobian of SO(3))."""
-    angle, (x, y, z) = float(np.linalg.norm(vector)), vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    if angle < 1e-4:  # further terms are rounding errors
-        first, second = 0.5, 1.0 / 6.0
-    else:
-        first, second = (1.0 - math.cos(angle)) / angle**2, (angle - math.sin(angle)) / angle**3
-    return np.eye(3) + first * cross + second * cross @ cross
 
 
 class FoundationLoads:

@@ -11,7 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from ..arrays import FloatArray
-from ..fem.bodies import AddedSprings, Deformable, End, JoinedBodies, NonlinearBody, nonlinear, rigid_modes
+from ..fem.bodies import (
+    AddedSprings,
+    Deformable,
+    End,
+    JoinedBodies,
+    NonlinearBody,
+    nearest_turn,
+    nonlinear,
+    rigid_modes,
+)
 from ..fem.contact import ContactSurface, FaceMotion, foot_points, springs_at, way_to_touch
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.factors import NotPositiveDefinite
@@ -133,9 +142,8 @@ class Linearised(DiscreteProblem):
     def with_factors(self, x: FloatArray) -> DiscreteProblem:
         """With the tangent, or springs where contact presses (`Iterate.supported`), that is positive definite."""
         assert isinstance(self.before, State)
-        u = np.concatenate([nonlinear(one.body).place.u for one in self.elasticity.members])
-        there = self.iterate(u, self.state.poses, self.before, None)
-        given = there.body
+        there = self.iterate(self._u, self.state.poses, self.before, None)
+        given = there.problem.bent(x)
         there.pose(there.problem.turning(given, x))
         try:
             _ = there.problem.compliances
@@ -143,6 +151,11 @@ class Linearised(DiscreteProblem):
             there.pose(there.supported(given, x))
         there.problem.iterate = self.iterate
         return there.problem
+
+    @property
+    def _u(self) -> FloatArray:
+        """The displacement from which it is linearised, metres, shape (k, 3)."""
+        return np.concatenate([nonlinear(one.body).place.u for one in self.elasticity.members])
 
     @property
     def friction_problem(self) -> FrictionProblem:
@@ -169,10 +182,11 @@ class Linearised(DiscreteProblem):
         e = self._evidence(x, np.zeros_like(body.x), compliance)
         places = [(member.nodes, nonlinear(member.body).place) for member in body.members]
         load = np.concatenate([e.load[nodes] if place.load is None else place.load for nodes, place in places])
-        kept = e.internal - e.load + load
+        pulled = sum((one.forces for one in body.constraints.spring_forces(self._u)), np.zeros_like(load))
+        kept = e.internal - e.load + load + pulled
         in_forms = balanced_load(body, kept, Reductions(body.comm))
         spring = np.concatenate([in_forms[nodes] if place.spring is None else place.spring for nodes, place in places])
-        return replace(e, internal=kept + spring, load=load, spring=spring)
+        return replace(e, internal=kept + spring, load=load, spring=spring + pulled)
 
     def geometric(self, x: FloatArray) -> FloatArray:
         """The change of normal forces x (3 m,) as normals turn on curved foundations, N/m, shape (m, 3, 3): -x_n times
@@ -194,6 +208,14 @@ class Linearised(DiscreteProblem):
             return body
         return body.on_springs(self.springs(stiffness, np.zeros_like(self.surface.x)))
 
+    def bent(self, x: FloatArray) -> Deformable:
+        """The bodies with the stiffness of rigid faces by the forces on them (`Constraints.bent`), of contact x (3 m,);
+        collective."""
+        body, loading = self.elasticity, self.loading
+        if not isinstance(body, JoinedBodies):
+            return body
+        return body.bent(self.surface.at_nodes(x) - loading.load, loading.time)
+
     def springs(self, stiffness: FloatArray, forces: FloatArray, at_nodes: FloatArray | None = None) -> AddedSprings:
         """`springs_at` the contact points; collective."""
         none = np.zeros((len(self.elasticity.x), 3, 3))
@@ -201,7 +223,7 @@ class Linearised(DiscreteProblem):
 
     def stability(self, x: FloatArray) -> Stability | None:
         """By the inertia of the tangent at this place; None if there are too many unknowns."""
-        return stability(self.turning(self.elasticity, x), self.surface.free_B, x)
+        return stability(self.turning(self.bent(x), x), self.surface.free_B, x)
 
     def _evidence(
         self,
@@ -214,7 +236,7 @@ class Linearised(DiscreteProblem):
         """With the residual F(u) + dF(u) du, and loads with the resultants of it (`balanced_load`); collective."""
         e = gather_evidence(self.body, self.state, x, du, compliance, None, alpha, by_lines)
         body = self.elasticity
-        here, over = np.concatenate([nonlinear(one.body).place.u for one in body.members]), Reductions(self.comm)
+        here, over = self._u, Reductions(self.comm)
         residual, way = e.internal - e.load, e.relative_displacement.copy()
         error = rounding_of_gaps(e.gap, way[:, 0], np.full(len(way), over.max(np.abs(body.x))), large=True)
         touching = (e.force[:, 0] == 0.0) & (np.abs(e.gap - way[:, 0]) <= error)
@@ -269,7 +291,8 @@ class Iterate:
         previous: FloatArray | None = None,
     ):
         self.u, self.time, self._points = u, time, points
-        self._before, self.body = before, linearised(body, u, time, End(before.time, before.displacement), previous)
+        end = End(before.time, before.displacement, before.turns)
+        self._before, self.body = before, linearised(body, u, time, end, previous)
         posed = pose(self.body, time)
         there, self.foundations = posed.state, posed.body.foundations
         at = points.places(there.surface)
@@ -352,11 +375,8 @@ def rigid_part(body: Deformable, u: FloatArray, over: Reductions) -> FloatArray:
     not depend on how far a body has turned; collective."""
     rigid = np.zeros_like(u)
     for here in components(body, over):
-        x, y = body.x[here] - u[here], body.x[here]
-        count = over.sum(float(len(x)))
-        from_, to = over.total(x.sum(axis=0)) / count, over.total(y.sum(axis=0)) / count
-        left, _, right = np.linalg.svd(over.total(((x - from_).T @ (y - to)).ravel()).reshape(3, 3))
-        turn = right.T @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ left.T
+        x = body.x[here] - u[here]
+        from_, to, turn = nearest_turn(x, body.x[here], body.comm)
         rigid[here] = to + (x - from_) @ turn.T - x
     return rigid
 
@@ -378,12 +398,16 @@ def linearised(
         of_before = before and before.of(nodes)
         return one.linearised(u[nodes], time, of_before, None if previous is None else previous[nodes])
 
-    return each(body.at_time(time), at, u)
+    return each(body.at_time(time), at, u, None if before is None else before.turns)
 
 
 def each(
-    body: Deformable, change: Callable[[NonlinearBody, slice], NonlinearBody], u: FloatArray | None = None
+    body: Deformable,
+    change: Callable[[NonlinearBody, slice], NonlinearBody],
+    u: FloatArray | None = None,
+    turns: FloatArray | None = None,
 ) -> Deformable:
-    """The same bodies, each changed, and displaced by u (k, 3) if it is given; the change is given its nodes."""
+    """The same bodies, each changed, and displaced by u (k, 3) if it is given (`JoinedBodies.of`); the change is given
+    its nodes."""
     changed = [change(nonlinear(one.body), one.nodes) for one in body.members]
-    return body.of(changed, u) if isinstance(body, JoinedBodies) else changed[0]
+    return body.of(changed, u, turns) if isinstance(body, JoinedBodies) else changed[0]

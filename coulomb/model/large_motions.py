@@ -21,7 +21,7 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.bodies import Deformable, component_modes, free_motions, nonlinear
+from ..fem.bodies import nonlinear
 from ..fem.contact import ContactSurface, FaceMotion
 from ..fem.geometry import Refused
 from ..linalg.factors import NotPositiveDefinite
@@ -29,18 +29,14 @@ from ..linalg.reductions import Reductions
 from ..linalg.solve_errors import CGNotConverged
 from ..solvers.friction_problem import Solver
 from ..solvers.results import NotConverged, ProgressCallback, SolverResult, Status
-from ..units import amount
-from .arguments import linear_solver_of
 from .certificate import LIMIT, Certificate, Evidence, judge, settled_to
 from .certificate_scales import place_of_largest
-from .contact_body import ContactBody
-from .contact_faces import StatePoints
 from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
 from .iterate import NEAR, CarriedForces, Iterate, Linearised, Path, linearised
 from .load_step import Forces, State
+from .load_steps import LoadSteps
 from .notebook import residuals_shown
-from .provenance import now, timed
 from .solution import Solution
 from .solving import size_of, solved, together
 
@@ -68,9 +64,6 @@ _FAR: Final = 1e6
 _WORSE: Final = 10.0
 """A residual may grow by this factor from one linear problem to the next: the first do not know where contact is."""
 
-_ARM: Final = 1e-3
-"""Largest distance of tied faces over the root of a node's area; chords of a ring of facets of 4 degrees leave 2e-4."""
-
 _CLOSER: Final = 0.1
 """Part of the tolerance to which linear problems are solved from a certified iterate, judged contact by contact."""
 
@@ -93,84 +86,6 @@ def _largest(left: tuple[Evidence, ContactSurface] | None) -> str:
     forces = np.linalg.norm(e.held.free_part(e.internal - e.load - e.spring - e.on_body), axis=1)
     place = place_of_largest(forces, e.x, part, surface.faces, Reductions(e.comm))
     return f": {check.name} {check.value:.1e} ({check.meaning}), forces are most out of balance {place}"
-
-
-class LoadSteps:
-    """What the load steps of bodies of large displacements share.
-
-    Args:
-        body: The bodies before deformation, with their contact faces.
-        time: A time.
-        linear_solver, explicit: Of the linear problems.
-        branch: As of `ContactProblem`.
-
-    Raises:
-        ValueError: On every rank, if tied faces are apart.
-
-    Attributes:
-        contacts: The contacts, with the foundations before any motion.
-        points: All nodes of the contact faces: which of them are contact points depends on the displacement.
-        remedy: Number of the first tangent that is tried.
-        damped: Whether changes of the displacement are damped where tangents are not positive definite: iterates then
-            go through an instability (snap-through) to the next equilibrium.
-        damping: The last one that made a tangent positive definite; 0 without one.
-        held_by_contact: Whether contact alone holds a body.
-        stable: Whether an equilibrium has to be stable.
-    """
-
-    def __init__(self, body: ContactBody, time: float, linear_solver: object, explicit: bool | None, branch: str):
-        self.body, self.elasticity, self.remedy, self.stable = body, body.elasticity, 0, branch == "stable"
-        self.damped, self.damping = False, 0.0
-        self.held_by_contact = self._left_free()
-        self._refuse_ties_across_gaps()
-        self._methods = linear_solver_of(linear_solver), explicit
-        self.contacts = tuple(
-            replace(one, slave=True)
-            if foundation is None
-            else replace(one, foundation=foundation, force_point=body.foundation_loads.points.get(number))
-            for number, (one, foundation) in enumerate(zip(body.contacts, body.foundations, strict=True))
-        )
-        self.points = StatePoints.of_faces(self.elasticity, self.contacts)
-
-    def damps(self) -> bool:
-        """Whether a failed step is worth another attempt with damping, which is set: not if it was damped already, or
-        no tangent has been other than positive definite."""
-        again, self.damped = not self.damped and self.remedy > 0, True
-        return again
-
-    def _left_free(self) -> bool:
-        """Whether supports and ties leave rigid motions; collective."""
-        body = self.elasticity
-        component, names = body.moving_together
-        forces = body.reduction.prevented(component_modes(body.x, component, body.comm)[0])
-        return len(free_motions(body.x, component, names, forces, body.comm)) > 0
-
-    def _refuse_ties_across_gaps(self) -> None:
-        """Nodes of a tie follow across a distance as the ends of rigid arms, with the linear part of their rotations:
-        turned far, they end up to that distance from where they belong, as do those of ties that begin; collective."""
-        for one in self.elasticity.constraints.given:
-            if one.begin is not None:
-                raise ValueError(f"{one.what}: in large motions ties act from the start: leave out begin")
-        for tie in self.elasticity.constraints.ties:
-            facet = Reductions(self.elasticity.comm).max(np.sqrt(tie.area))
-            if tie.arm > _ARM * facet:
-                raise ValueError(
-                    f"{tie.kind} of {tie.face!r} to {tie.against!r}: the faces are up to {amount(tie.arm)} apart, "
-                    f"{tie.arm / facet:.1%} of a facet's length; in large motions tied faces must touch: move one of "
-                    "the bodies (coulomb.moved), or mesh the gap; where both are curved, use finer or second-order "
-                    "cells"
-                )
-
-    def posed(
-        self, body: Deformable, time: float, poses: FloatArray | None, motions: FloatArray | None = None
-    ) -> Linearised:
-        """The linear contact problem of bodies at their deformed place, with foundations under load in these poses, and
-        others moved by factors (faces,) of their motions; collective."""
-        there = ContactBody(lambda: body.at_time(time), body.comm, self.contacts, time, *self._methods)
-        there.undeformed, there.motion_factors = self.body, motions
-        with timed(there.seconds, "assembly"):
-            state = there.state(time, poses=poses)
-        return Linearised(there, state, "enforce", now(), there.seconds)
 
 
 class LoadStepLoop:
@@ -256,7 +171,7 @@ class LoadStepLoop:
         these fail, by the others: else iterates converge fast enough."""
         contacts = self.shared.contacts
         pairs, loads = any(one.against for one in contacts), any(one.load for one in contacts)
-        followed = any(nonlinear(one.body).resists_translation for one in self.elasticity.members)
+        followed = any(nonlinear(one.body).follows for one in self.elasticity.members)
         if (pairs or followed) and not loads:
             try:
                 return self._solved_from(state, u, tolerance, solve, accelerate=True)
@@ -383,7 +298,7 @@ class LoadStepLoop:
         """The linear problem; with springs where the tangent is not positive definite, or is so nearly singular that
         the answer is inaccurate, as that of a thin strip that only contact holds; then with the positive part of every
         cell's tangent, or with damping; collective."""
-        shared, given, why = self.shared, here.body, ""
+        shared, given, why = self.shared, here.problem.bent(x), ""
         tangent = here.problem.turning  # of this problem: `pose` makes another
         remedies = [tangent, here.supported][shared.remedy :]
         if self._damped or shared.held_by_contact:
@@ -484,7 +399,8 @@ class LoadStepLoop:
         known = [one for one in own if one is not None]
         copies = self.elasticity.copies
         change = Reductions(self.comm, copies).dot(then.kept + now.kept, now.displacement - then.displacement)
-        elastic = copies * sum(known) if len(known) == len(own) else before.energy.elastic + 0.5 * change
+        known.append(problem.elasticity.constraints.spring_energy(now.displacement, problem.time))
+        elastic = copies * sum(known) if len(known) > len(own) else before.energy.elastic + 0.5 * change
         at = self.shared.points.places(problem.surface)
         return before.ended(solution, then, now, at, elastic=elastic)
 

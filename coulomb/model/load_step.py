@@ -228,6 +228,8 @@ class State(Moment):
         before: The end of the step before; None at the start.
         temperature_change: Of a problem with heat, from the reference, kelvin, shape (k,); None at the start.
         poses: Of foundations under load (`ContactState.poses`); None at the start, and without any.
+        turns: In large motions the rotation vectors of rigid faces, radians, shape (faces, 3); None at the start, and
+            without any.
     """
 
     displacement: FloatArray
@@ -239,6 +241,7 @@ class State(Moment):
     before: Earlier | None = None
     temperature_change: FloatArray | None = None
     poses: FloatArray | None = None
+    turns: FloatArray | None = None
 
     @classmethod
     def beginning(cls, time: float, nodes: int, points: int, pending: tuple[float, ...] = ()) -> State:
@@ -318,6 +321,7 @@ class State(Moment):
             before=Earlier(self.time, self.force_on_body, self.displacement, self.poses),
             temperature_change=None if heat is None else heat.change,
             poses=problem.state.poses,
+            turns=problem.elasticity.constraints.turns,
         )
 
 

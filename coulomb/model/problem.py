@@ -52,9 +52,10 @@ from .equilibrium import refuse_without_equilibrium
 from .heat import HeatProblem
 from .heated import heated
 from .input_echo import contacts_of, loads_of, ties_of
-from .large_motions import LoadStepLoop, LoadSteps
+from .large_motions import LoadStepLoop
 from .linear_problem import Before
 from .load_step import State
+from .load_steps import LoadSteps
 from .notebook import residuals_shown
 from .probes import Probe
 from .provenance import now, timed

@@ -72,9 +72,9 @@ class RigidFaceMotion:
 
     Attributes:
         face: Its name.
-        point: The reference point in metres, shape (3,); of a foundation where it has moved to.
+        point: The reference point in metres, shape (3,); of a foundation, and in large motions, where it has moved to.
         translation: Displacement of the point in metres, shape (3,); of a foundation in addition to the motion given.
-        rotation: Rotation about it in radians, shape (3,).
+        rotation: Rotation about it in radians, of finite rotations the vector, shape (3,).
         force: Force on the face along prescribed components, or of contact on the foundation, newtons, shape (3,).
         moment: The same about the point, newton metres, shape (3,).
     """

@@ -126,3 +126,28 @@ def test_a_constant_of_an_equation_compresses_as_the_formula_says():
         for number in range(2):
             assert step.solution.at_nodes.totals(number)["normal_force"] == pytest.approx(force, rel=1e-7)
         assert step.row["energy_prescribed"] == pytest.approx(work, rel=1e-7)
+
+
+def test_a_rigid_face_turned_by_a_moment_is_the_same_on_one_rank():
+    """In a plane, against its spring: the moment is the spring's, k times the angle, and friction's."""
+
+    def motion(comm):
+        ramp = ((0.0, 0.0), (1.0, 1.0))
+        top = coulomb.RigidFace("top", None, (0.0, 0.0, -0.02), (0.0, 0.0, None), ramp, rotation_stiffness=(0, 0, 2e4))
+        problem = coulomb.ContactProblem(
+            coulomb.box((1.0, 1.0, 0.5), (2, 2, 2), comm=comm),
+            NeoHookean(1e6, 0.3),
+            [],
+            coulomb.Contact("bottom", friction=0.2, foundation=coulomb.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))),
+            [coulomb.PointLoad("top", moment=(0.0, 0.0, 1e4), amplitude=ramp)],
+            kinematics="large",
+            rigid_faces=[top],
+        )
+        *_, last = coulomb.LoadHistory([0.5, 1.0]).steps(problem)
+        (face,) = last.solution.rigid_faces
+        assert last.solution.valid
+        friction = np.array(last.solution.at_nodes.totals()["moment"])[2]
+        assert 2e4 * face.rotation[2] - friction == pytest.approx(1e4, rel=1e-6)
+        return np.concatenate([face.rotation, face.force / 1e4, [last.state.energy.elastic / 1e4]])
+
+    assert motion(MPI.COMM_WORLD) == pytest.approx(motion(MPI.COMM_SELF), rel=1e-6, abs=1e-6)

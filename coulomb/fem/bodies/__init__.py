@@ -36,7 +36,7 @@ from .free_motions import (
 from .hyperelastic import HyperelasticBody
 from .joined_bodies import JoinedBodies, build_bodies, distributed_bodies, join
 from .lasting_supports import End, LastingConstraint, act_together
-from .linear_constraints import TIE_STRESSES, Bolt, Constraints, Follower
+from .linear_constraints import TIE_STRESSES, Constraints
 from .loads import (
     TEMPERATURE,
     AppliedLoad,
@@ -87,6 +87,7 @@ from .rigid_modes import (
     direction_in_words,
     displacements_of,
     in_units,
+    nearest_turn,
     null_space,
     of_components,
     of_part,
@@ -95,4 +96,4 @@ from .rigid_modes import (
 from .slice_supports import rigid_faces_of_slices, supports_of_slices
 from .stress_difference import StressDifference, stress_difference
 from .supports import Clamp, PrescribedDisplacement, PrescribedRotation, Spring, Support, SymmetryPlane
-from .ties import GivenBolt, Section, Tie
+from .ties import Bolt, Follower, GivenBolt, Section, Tie

@@ -25,7 +25,7 @@ from .free_motions import names_of_components
 from .lasting_supports import End
 from .loads import AppliedLoad, Loading, NodalForces
 from .materials import Materials
-from .rigid_modes import component_modes
+from .rigid_modes import Wrench, component_modes
 
 
 @dataclass(frozen=True)
@@ -232,11 +232,17 @@ class SingleBody(DisplacementSpace, Deformable):
 
     Attributes:
         sprung: Whether springs are on its faces; None where what resists rigid motions is in the user's forms.
+        large: Whether displacements are large.
     """
 
     mesh: NamedMesh
+    large = False
 
     sprung: bool | None = None
+
+    def wrenches(self) -> list[Wrench]:
+        """In large motions forces and moments at points that move with faces, at the present place; collective."""
+        return []
 
     @property
     def has_mean_dilatation(self) -> bool:

@@ -171,10 +171,10 @@ class LoadedBody(ElasticBody, HeldNodes):
         alone = self.nodal_displacement(self.held.free_part(loading.load))
         return alone if loading.temperature is None else max(alone, loading.temperature.displacement)
 
-    def loads_at(self, time: float) -> Iterator[NodalForces]:
-        """The forces of every load by itself at a time; ValueError on every rank if an amplitude has no finite value;
-        collective."""
-        for applied in self.loads:
+    def loads_at(self, time: float, loads: Iterable[AppliedLoad] | None = None) -> Iterator[NodalForces]:
+        """The forces of every load, or of others, by itself at a time; ValueError on every rank if an amplitude has no
+        finite value; collective."""
+        for applied in self.loads if loads is None else loads:
             load = applied.load
             yield NodalForces(load.kind.replace(" ", "_"), load.face, applied.at(time, self.mesh.comm))
 

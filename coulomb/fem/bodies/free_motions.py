@@ -20,6 +20,7 @@ from mpi4py import MPI
 from ...arrays import FloatArray
 from ...units import amount as in_units
 from .rigid_modes import SMALL, RigidLoad, RigidPart, component_modes, direction_in_words, null_space, tidy
+from .ties import Section
 
 _WORSE: Final = 0.3
 """How much worse the first places may determine the motions than the best."""
@@ -344,3 +345,29 @@ def motions_in_words(free: FreeMotions, combinations: FloatArray) -> tuple[str, 
     for column in left.T:
         said.append(" while ".join(f"{name} {one}" for name, one in free.moving(column)))
     return tuple(said)
+
+
+SHORTENS: Final = 1e-6
+"""Part by which a motion of bodies changes the length of a bolt above which it does."""
+
+
+def openings(
+    amounts: FloatArray, sections: Sequence[Section]
+) -> tuple[FloatArray, list[tuple[str, RigidPart, FloatArray]]]:
+    """The combinations of q motions that change the lengths of bolts, by the amounts (bolts, q) of each: of every bolt
+    by itself where that is possible, shape (q, p); and of each what it is called, where it is, and along which
+    direction."""
+    left, sizes, right = np.linalg.svd(amounts)
+    rank = int(np.sum(sizes > SHORTENS))
+    bolts = left[:, :rank]
+    alone = np.linalg.norm(bolts @ bolts.T - np.eye(len(sections)), axis=0) < SHORTENS
+    wanted = np.eye(len(sections))[:, alone]
+    others = np.linalg.svd(bolts - wanted @ (wanted.T @ bolts))[0]
+    wanted = np.column_stack([wanted, others[:, : rank - wanted.shape[1]]])
+    named = []
+    for way in wanted.T:
+        moving = [sections[k] for k in np.flatnonzero(np.abs(way) > SHORTENS)]
+        name = " with ".join(f"the bolt at {section.face!r}" for section in moving)
+        named.append((name, RigidPart(moving[0].place, moving[0].radius), moving[0].direction))
+    ways: FloatArray = right[:rank].T @ ((bolts / sizes[:rank]).T @ wanted)
+    return ways, named

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from typing import Any
@@ -24,10 +24,23 @@ from .elasticity import LoadedBody
 from .elimination import Made
 from .hyperelastic_laws import elastic, hyperelastic, invariants
 from .lasting_supports import End
-from .loads import AppliedLoad, Load, Loading, NodalForces, Pressure, Temperature, ThermalLoad, range_of, shown_range
+from .loads import (
+    AppliedLoad,
+    Load,
+    Loading,
+    NodalForces,
+    PointLoad,
+    Pressure,
+    Temperature,
+    ThermalLoad,
+    load_title,
+    range_of,
+    shown_range,
+)
 from .materials import Materials, by_group, material_of_cells
 from .mean_dilatation import AT_POINTS, MEAN_ABOVE, CellProducts, MeanVolume, linear_hexahedra
 from .nonlinear_body import NonlinearBody
+from .rigid_modes import Wrench, nearest_turn
 from .supports import PrescribedRotation, Spring, Support
 
 _NOTHING = (0.0, 0.0, 0.0)
@@ -64,13 +77,24 @@ class _SupportedBody(LoadedBody):
         return values
 
 
+@dataclass(frozen=True)
+class _Turning:
+    """A point load of which the point moves with the nodes of its face: `PointLoad.units`, and the point before."""
+
+    load: PointLoad
+    nodes: npt.NDArray[np.int32]
+    units: FloatArray
+    point: FloatArray
+
+
 class HyperelasticBody(NonlinearBody):
     """A body of hyperelastic materials on a mesh.
 
     Tractions and total forces keep their direction and are per undeformed area (dead loads), pressures follow the
-    surface; prescribed rotations are finite.  A temperature stretches by j = 1 + expansion dT: the strain energy is
-    that of F/j, times j^3 (multiplicative split; S. Vujosevic, V. A. Lubarda: Finite-strain thermoelasticity based on
-    multiplicative decomposition of deformation gradient, Theor. Appl. Mech. 28-29, 2002).
+    surface, point loads act at a point that moves with their face; prescribed rotations are finite.  A temperature
+    stretches by j = 1 + expansion dT: the strain energy is that of F/j, times j^3 (multiplicative split; S. Vujosevic,
+    V. A. Lubarda: Finite-strain thermoelasticity based on multiplicative decomposition of deformation gradient, Theor.
+    Appl. Mech. 28-29, 2002).
 
     Arguments are those of `Elasticity`; materials are `NeoHookean`, `MooneyRivlin`, `Ogden`, `StVenantKirchhoff`, or
     `Material`, which becomes the last of these.
@@ -133,6 +157,16 @@ class HyperelasticBody(NonlinearBody):
         faces += [mesh.facets(spring.face, "spring") for spring in springs]
         on = _surfaces(loaded, faces)
         normal = J * ufl.inv(F).T * ufl.FacetNormal(loaded.domain)
+        self._turning = {
+            id(load): _Turning(
+                load,
+                loaded.nodes_of(mesh.facets(load.face, load.kind)),
+                load.units(loaded, mesh),
+                load.acts_at(loaded, mesh),
+            )
+            for load in dead
+            if isinstance(load, PointLoad) and (load.point is not None or np.any(load.moment))
+        }  # a force at the middle is spread uniformly however the face has turned
         self._factors = [fem.Constant(loaded.domain, 0.0) for _ in self._follow]
         pressures = [
             on(k, factor * self._value(load, faces[k]) * ufl.inner(normal, v))
@@ -253,12 +287,14 @@ class HyperelasticBody(NonlinearBody):
         for volume in self._volumes:
             volume.move(self._displacement.x.array, None if previous is None else self._function.x.array)
         inside, *_ = super()._outer_forces(u, time, before, previous)
-        dead, load = self._loaded.after(time, before), sum((one.forces for one in self._following()), np.zeros_like(u))
+        dead = self._loaded.after(time, before)
         spring = self._loaded.spring_force(u)
         heat = None
         if self.thermal is not None:
             heat = Temperature(float(self._amplitude.value) * self._change, self.thermal.reference, 0.0)
-        return Loading(time, inside.load + dead.load, dead.prescribed, heat), dead.load + load, spring
+        lasting = sum((one.forces for one in self._keeping_direction(u, time)), np.zeros_like(u))
+        following = sum((one.forces for one in self._following()), np.zeros_like(u))
+        return Loading(time, inside.load + lasting, dead.prescribed, heat), lasting + following, spring
 
     @property
     def has_mean_dilatation(self) -> bool:
@@ -274,8 +310,35 @@ class HyperelasticBody(NonlinearBody):
         for load, form in zip(self._follow, self._pressure_forms, strict=True):
             yield NodalForces("pressure", load.face, form.vector())
 
+    def _keeping_direction(self, u: FloatArray, time: float) -> Iterator[NodalForces]:
+        """The forces of all loads but pressures at a displacement u (k, 3); collective."""
+
+        def there(applied: AppliedLoad) -> AppliedLoad:
+            if id(applied.load) not in self._turning:
+                return applied
+            one = self._turning[id(applied.load)]
+            x = self.reference[one.nodes]
+            R = nearest_turn(x, x + u[one.nodes], self.comm)[2]
+            return replace(applied, nodal_force=one.load.turned(one.units, R))
+
+        return self._loaded.loads_at(time, map(there, self._loaded.loads))
+
+    def wrenches(self) -> list[Wrench]:
+        found, time = [], self.place.loading.time
+        for applied, part in zip(self._loaded.loads, self._keeping_direction(self.place.u, time), strict=True):
+            if id(applied.load) in self._turning:
+                one = self._turning[id(applied.load)]
+                factor = evaluate_amplitude(one.load.amplitude, time, load_title(one.load)) / self.mesh.copies
+                force, moment = (factor * np.asarray(of, dtype=np.float64) for of in (one.load.force, one.load.moment))
+                found.append(Wrench(one.load.face, one.point, force, moment, part.forces))
+        return found
+
+    @property
+    def follows(self) -> bool:
+        return super().follows or bool(self._turning)
+
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
-        yield from self._loaded.loads_at(loading.time)
+        yield from self._keeping_direction(np.zeros_like(self.x) if self._place is None else self.place.u, loading.time)
         yield from self._following()
 
     def shares(self, reaction: FloatArray) -> Iterator[NodalForces]:

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, TypeVar, cast, overload
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
@@ -23,12 +22,14 @@ from .deformable import Deformable, Member, SingleBody
 from .elasticity import LoadedBody, refuse_others
 from .elimination import Made
 from .equations import Linked, Links
+from .joined_numbers import JoinedNumbers, in_joined_numbers
 from .lasting_supports import End
-from .linear_constraints import Constraints, Follower
+from .linear_constraints import Constraints
 from .loads import AppliedLoad, Load, Loading, NodalForces, Temperatures, ThermalLoad, VolumeForce, joined_temperatures
 from .materials import AnyMaterial, Materials, by_group
 from .rigid_modes import rigid_modes
 from .supports import Spring, Support
+from .ties import Follower
 
 Acting = TypeVar("Acting")
 Value = TypeVar("Value")
@@ -239,7 +240,7 @@ class JoinedBodies(Deformable):
         ends = np.cumsum([0, *(len(body.x) for body in parts)])
         slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self._members = tuple(map(Member, bodies, parts, slices))
-        self._numbers = _Numbers(self.comm, [(body.numbering.first, body.numbering.local) for body in parts])
+        self._numbers = JoinedNumbers(self.comm, [(body.numbering.first, body.numbering.local) for body in parts])
         self.x: FloatArray = np.concatenate([body.x for body in parts])
         self.held, self.still = (
             HeldDirections(
@@ -294,7 +295,7 @@ class JoinedBodies(Deformable):
         blocks = []
         for member in self.members:
             K = member.body.assembled()
-            blocks.append(_in_joined_numbers(local_rows(K), partial(self.numbers_of, member), self.numbering.total))
+            blocks.append(in_joined_numbers(local_rows(K), partial(self.numbers_of, member), self.numbering.total))
             K.destroy()
         rows = self.constraints.with_links(scipy.sparse.vstack(blocks, format="csr"))
         return distributed_rows(rows, (3 * len(self.x), 3 * self.numbering.total), self)
@@ -305,8 +306,8 @@ class JoinedBodies(Deformable):
 
     def interpolated(self) -> tuple[scipy.sparse.csr_matrix, FloatArray, Numbering]:
         blocks, places, numberings = zip(*(member.body.interpolated() for member in self.members), strict=True)
-        coarse = _Numbers(self.comm, [(one.first, one.local) for one in numberings])
-        rows = [_in_joined_numbers(of, partial(coarse.of, place), coarse.total) for place, of in enumerate(blocks)]
+        coarse = JoinedNumbers(self.comm, [(one.first, one.local) for one in numberings])
+        rows = [in_joined_numbers(of, partial(coarse.of, place), coarse.total) for place, of in enumerate(blocks)]
         x = np.concatenate(places)
         return (
             scipy.sparse.vstack(rows, format="csr"),
@@ -342,10 +343,28 @@ class JoinedBodies(Deformable):
     def _has(self, bodies: Sequence[Deformable]) -> bool:
         return all(one.body is body for one, body in zip(self._members, bodies, strict=True))
 
-    def of(self, bodies: Sequence[SingleBody], u: FloatArray | None = None) -> JoinedBodies:
-        """The same with other bodies: these with another stiffness, or displaced by u (k, 3) metres."""
+    def of(
+        self, bodies: Sequence[SingleBody], u: FloatArray | None = None, turns: FloatArray | None = None
+    ) -> JoinedBodies:
+        """The same with other bodies: these with another stiffness, or displaced by u (k, 3) metres, where rigid faces
+        have turned as nearly as possible by these rotation vectors (faces, 3); collective."""
         x, constraints = np.concatenate([body.x for body in bodies]), self.constraints
-        other = self._with(bodies, constraints if u is None else constraints.at_place(x, u))
+        other = self._with(bodies, constraints if u is None else constraints.at_place(x, u, turns))
+        other._at_times = []
+        return other
+
+    def bent(self, imbalance: FloatArray, time: float) -> JoinedBodies:
+        """The same with `Constraints.bent`; itself if that is; collective."""
+        if not self.constraints.motions:
+            return self
+        each = ((one, wrench) for one in self._members for wrench in one.body.wrenches())
+        wrenches = [
+            replace(of, face=str(one.called(of.face)), forces=self._among_all_nodes(one, of.forces)) for one, of in each
+        ]
+        constraints = self.constraints.bent(imbalance, time, wrenches)
+        if constraints is self.constraints:
+            return self
+        other = self._with([one.body for one in self._members], constraints)
         other._at_times = []
         return other
 
@@ -387,11 +406,12 @@ class JoinedBodies(Deformable):
         return any([one.body.outdated(part) for one, part in zip(self._members, loading.parts, strict=True)])
 
     def internal_force(self, u: FloatArray) -> FloatArray:
-        return self._with_springs(np.concatenate([one.body.internal_force(u[one.nodes]) for one in self._members]), u)
+        of_bodies = np.concatenate([one.body.internal_force(u[one.nodes]) for one in self._members])
+        return self._with_springs(of_bodies + self.reduction.bent_force(u), u)
 
     def spring_force(self, u: FloatArray) -> FloatArray:
         of_bodies = np.concatenate([one.body.spring_force(u[one.nodes]) for one in self._members])
-        return sum((one.forces for one in self.constraints.spring_forces(u)), of_bodies)
+        return of_bodies + self.constraints.spring_force(u)
 
     def loads_in(self, loading: Loading) -> Iterator[NodalForces]:
         for member, part in zip(self.members, loading.parts, strict=True):
@@ -458,36 +478,6 @@ class _LoadOfBody:
     kind: str
     face: str | None
     amplitude: Amplitude
-
-
-class _Numbers:
-    """Global numbers of what several bodies have on every rank, one body after the other, from the first number and
-    count of each body on this rank in its own numbering."""
-
-    def __init__(self, comm: MPI.Comm, sizes: Sequence[tuple[int, int]]):
-        table = np.array(comm.allgather(list(sizes)), dtype=np.int64)
-        self._first, self._count = table[:, :, 0], table[:, :, 1]
-        self.total = int(self._count.sum())
-
-    def first_of(self, rank: int) -> int:
-        return int(self._first[rank].sum())
-
-    def of(self, place: int, numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Numbers among all, from those of one body; of any rank."""
-        ends = self._first[:, place] + self._count[:, place]
-        rank = np.searchsorted(ends, numbers, side="right")  # a rank without any ends where it starts
-        before = self._first.sum(axis=1) + self._count[:, :place].sum(axis=1)
-        return before[rank] + numbers - self._first[rank, place]
-
-
-def _in_joined_numbers(
-    rows: scipy.sparse.csr_matrix, number: Callable[[npt.NDArray[np.int64]], npt.NDArray[np.int64]], total: int
-) -> scipy.sparse.csr_matrix:
-    """Rows over the displacements of the nodes of one body as rows over those of all."""
-    node, axis = np.divmod(rows.indices.astype(np.int64), 3)
-    widened = scipy.sparse.csr_matrix((rows.data, 3 * number(node) + axis, rows.indptr), (rows.shape[0], 3 * total))
-    widened.sort_indices()
-    return widened
 
 
 def _materials(bodies: Mapping[str, SingleBody]) -> dict[str, AnyMaterial]:

@@ -12,14 +12,16 @@ from ...arrays import FloatArray, is_number
 
 @dataclass(frozen=True)
 class End:
-    """The end of a load step: its time, and the displacements of this rank's nodes, metres, shape (k, 3)."""
+    """The end of a load step: its time, the displacements of this rank's nodes, metres, shape (k, 3), and in large
+    motions the rotation vectors of all rigid faces, radians, shape (faces, 3)."""
 
     time: float
     displacement: FloatArray
+    turns: FloatArray | None = None
 
     def of(self, nodes: slice) -> End:
         """Of some of the nodes."""
-        return End(self.time, self.displacement[nodes])
+        return End(self.time, self.displacement[nodes], self.turns)
 
 
 class Lasting(Protocol):

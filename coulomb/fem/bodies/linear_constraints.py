@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final, Protocol
+from dataclasses import replace
+from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import scipy.sparse
 from mpi4py import MPI
 from scipy.sparse.csgraph import connected_components
@@ -23,60 +22,16 @@ from scipy.sparse.csgraph import connected_components
 from ...arrays import FloatArray, IntArray
 from ..meshes import fetched, starts_of
 from .constraints import HeldNodes, at_nodes_of, distributed_rows, rows_of
-from .free_motions import FreeMotions, OpenedPart, least_energy
-from .lasting_supports import End, Lasting, act_together, acts, limits_of, share_left
+from .free_motions import SHORTENS, FreeMotions, OpenedPart, least_energy, openings
+from .lasting_supports import End, act_together, acts, limits_of, share_left
 from .loads import Loading, NodalForces
 from .reduction import LONGEST_CHAIN, Reduction
-from .rigid_modes import RigidPart, component_modes, null_space
-from .ties import FaceMotion, Section, Tie
+from .rigid_modes import Wrench, component_modes, null_space
+from .ties import Bolt, FaceMotion, Follower, LinkedNodes, Section, Tie
 
 TIE_STRESSES = ("peel_stress", "shear_stress")
 """Tractions of ties at slave nodes: along the outward normal, positive where the tie pulls, and the size of the part
 across it."""
-
-
-class LinkedNodes(Protocol):
-    """Springs between nodes: `Links`."""
-
-    given: Sequence[Any]
-
-    @property
-    def nodes(self) -> list[IntArray]: ...
-
-    @property
-    def stiffness(self) -> scipy.sparse.csr_matrix: ...
-
-    def forces(self, u: FloatArray, unit: bool = False) -> Iterator[tuple[Any, FloatArray]]: ...
-
-
-class Follower(Lasting, Protocol):
-    """What makes nodes follow others, as given."""
-
-    @property
-    def what(self) -> str:
-        """Kind and faces, for messages."""
-        ...
-
-    def joined(self, body: Any, taken: npt.NDArray[np.bool_]) -> Tie:
-        """Its rows, of nodes that do not follow others already (`taken`, (k,)); ValueError on every rank if there are
-        none; collective."""
-        ...
-
-    def as_made(self, tie: Tie) -> Follower:
-        """The same, with the nodes of the same face as slaves whatever the meshes and supports."""
-        ...
-
-
-@dataclass(frozen=True)
-class Bolt:
-    """The section of a bolt: its slave face, its middle (3,) in metres, its direction out of that face (3,), by how
-    much it is shortened, metres, and whether that is given."""
-
-    face: str
-    centre: FloatArray
-    direction: FloatArray
-    shortening: float
-    locked: bool
 
 
 _ROUNDING: Final = 2.0**-46
@@ -140,19 +95,21 @@ class Constraints:
         ties = self._those(acting)
         of = [tie.motion or tie.bolt for tie in ties]
         places = [one.place for one, tie in zip(of, ties, strict=True) if one is not None and tie.own.shape[2]]
-        found = Reduction(nodes, ties, places)
+        return self._sprung(Reduction(nodes, ties, places), ties)
+
+    def _sprung(self, found: Reduction, ties: Sequence[Tie]) -> Reduction:
+        """With the springs of rigid faces along own unknowns; collective."""
         weights = [(own, N) for _, own, N, _ in found.weights]
-        for motion, own in zip(of, found.own, strict=True):
-            if isinstance(motion, FaceMotion) and motion.motions.shape[1]:
+        for tie, own in zip(ties, found.own, strict=True):
+            if tie.motion is not None and tie.own.shape[2]:
                 N = next(N for at, N in weights if at == own)
-                along = self.comm.allreduce(np.einsum("mcp,mcq->pq", motion.spread, N), op=MPI.SUM)
-                found.stiffness[own, own] = (along.T * motion.given.stiffness) @ along
+                along = self.comm.allreduce(np.einsum("mcp,mcq->pq", tie.motion.spread, N), op=MPI.SUM)
+                found.stiffness[own, own] = (along.T * tie.motion.given.stiffness) @ along
         return found
 
     def _take(self, acting: tuple[bool, ...], time: float) -> None:
         """Let these constraints act, and those bolts be locked that are at a time."""
-        found = self._reductions[acting]
-        self._unlocked = found if self._displaced is None else found.at_place(self.reduction.x)
+        self._unlocked = found = self._reductions[acting]
         self.ties, self.acting = self._those(acting), acting
         owned = [(tie.motion or tie.bolt, own) for tie, own in zip(self.ties, found.own, strict=True)]
         self._of_faces = [(motion, own) for motion, own in owned if isinstance(motion, FaceMotion)]
@@ -173,19 +130,59 @@ class Constraints:
             return self
         other = copy.copy(self)
         other._take(acting, time)
-        return other
+        return other if self._displaced is None else other.at_place(self.reduction.x, self._displaced, self.turns)
 
     def same(self, other: Constraints) -> bool:
         """Whether those of the same bodies act, and the same bolts are locked, as of others."""
         return (self.acting, self.locked) == (other.acting, other.locked)
 
-    def at_place(self, x: FloatArray, u: FloatArray) -> Constraints:
-        """The same of nodes at another place x (k, 3), metres, displaced by u (k, 3): loadings are of changes of it."""
+    def at_place(self, x: FloatArray, u: FloatArray, turns: FloatArray | None = None) -> Constraints:
+        """The same of nodes at another place x (k, 3), metres, displaced by u (k, 3): loadings are of changes of it.
+        Rotation vectors of rigid faces are the nearest to these (faces, 3), by default 0; collective."""
         other = copy.copy(self)
         other._displaced = u
         other._unlocked = self._unlocked.at_place(x)
+        if self.motions:
+            near = np.zeros((len(self.motions), 3)) if turns is None else turns
+            other.motions = [one.at_place(x, of, self.comm) for one, of in zip(self.motions, near, strict=True)]
+            other._of_faces = [(one, own) for one, (_, own) in zip(other.motions, self._of_faces, strict=True)]
+            there = iter(other.motions)
+            faces = [next(there) if tie.motion else None for tie in self.ties]
+            other.ties = tuple(
+                tie if motion is None else replace(tie, own=motion.own(x), motion=motion)
+                for tie, motion in zip(self.ties, faces, strict=True)
+            )
+            other._unlocked = self._sprung(other._unlocked.of_weights(other.ties), other.ties)
         other.reduction = other._prescribed()
         return other
+
+    def bent(self, imbalance: FloatArray, time: float, wrenches: Sequence[Wrench] = ()) -> Constraints:
+        """The same, where rigid faces turn by finite angles with the stiffness by the forces that their nodes lack
+        (`FiniteMotion.bent`), from the internal forces less all other forces (k, 3), among which are those of wrenches
+        on faces; itself without; collective."""
+        forces, stiffness = self._lacking(imbalance, time), np.zeros_like(self.reduction.stiffness)
+        for motion, own in self._of_faces:
+            here = [one for one in wrenches if one.face == motion.given.face]
+            others = sum((one.forces for one in here), forces + motion.pull(self._displacement, self.comm))
+            stiffness[own, own] = motion.bent(others, here, self.comm)
+        if not np.any(stiffness):
+            return self
+        other = copy.copy(self)
+        other._unlocked = self._unlocked.bent(stiffness)
+        other.reduction = other._prescribed()
+        return other
+
+    @property
+    def _displacement(self) -> FloatArray:
+        """The displacement of which loadings are changes, metres, shape (k, 3)."""
+        return np.zeros_like(self.reduction.x) if self._displaced is None else self._displaced
+
+    @property
+    def turns(self) -> FloatArray | None:
+        """Where displaced, the rotation vectors of all rigid faces, radians, shape (faces, 3); None without any."""
+        if self._displaced is None or not self.motions:
+            return None
+        return np.array([motion.turn for motion in self.motions])
 
     # --- free motions -------------------------------------------------------------------------------------------------
 
@@ -248,13 +245,13 @@ class Constraints:
         )
         free = null_space(energy, least_energy(energy))
         motions = each @ free
-        ways, named = _openings(self._amounts(motions)[own], bolts)
+        ways, named = openings(self._amounts(motions)[own], bolts)
         known = np.column_stack([free.T @ np.linalg.solve(gram, whole), ways])
         left, sizes, _ = np.linalg.svd(known)
-        others = left[:, int(np.sum(sizes > _SHORTENS)) :]
+        others = left[:, int(np.sum(sizes > SHORTENS)) :]
         for amounts in (free @ others).T.reshape(-1, len(parts), 6):
             most = int(np.argmax(np.linalg.norm(amounts, axis=1)))
-            along = amounts[most, :3] if np.any(np.abs(amounts[most, :3]) > _SHORTENS) else amounts[most, 3:]
+            along = amounts[most, :3] if np.any(np.abs(amounts[most, :3]) > SHORTENS) else amounts[most, 3:]
             named.append((names[most], parts[most], along))
         if not named:
             return found
@@ -322,7 +319,9 @@ class Constraints:
             for one, tie in self._begun:
                 offset[tie.nodes] += share_left(one, before.time, time) * left[tie.nodes]
         if self.motions:
-            given = (float(np.max(np.abs(of), initial=0.0)) for of in (offset, of_bodies.prescribed))
+            given = (
+                float(np.max(np.abs(of), initial=0.0)) for of in (offset, of_bodies.prescribed, self._displacement)
+            )
             size = self.comm.allreduce(max(given), op=MPI.MAX)
             for motion in self.motions:
                 motion.refuse_other(found.held.held_part(of_bodies.prescribed - offset), size, self.comm)
@@ -332,7 +331,11 @@ class Constraints:
                 y[own] = bolt.given.value(time, self.comm) if bolt.given.force is None else kept[own]
         apart = found.followed(offset) + found.moved(y)
         if self._displaced is not None:  # what is left
-            apart -= found.left_apart(self._displaced)
+            left = found.left_apart(self._displaced)
+            for motion in self.motions:
+                if motion.finite:
+                    left[motion.nodes] = 0.0  # their offset is from where they are
+            apart -= left
             size = self.comm.allreduce(float(np.max(np.abs(self._displaced), initial=0.0)), op=MPI.MAX)
             apart[np.abs(apart) <= _ROUNDING * size] = 0.0
         offset = apart
@@ -342,7 +345,10 @@ class Constraints:
             offset = found.followed(rows_of(found.W, offset))
             if not self.comm.allreduce(bool(np.any(offset)), op=MPI.LOR):
                 break
-        return replace(of_bodies, prescribed=prescribed, apart=apart, tension=self._tension(time))
+        load = of_bodies.load
+        if self._displaced is not None:
+            load = sum((one.forces for one in self.spring_forces(self._displaced)), load)
+        return replace(of_bodies, load=load, prescribed=prescribed, apart=apart, tension=self._tension(time))
 
     def after_transposed(self, time: float, start: float, owed: FloatArray) -> FloatArray:
         """What a function owes to the displacements after a load step that ended at `start`, by the lengths of locked
@@ -409,12 +415,12 @@ class Constraints:
         return dict(zip(TIE_STRESSES, found, strict=True))
 
     def motions_of_faces(self, u: FloatArray, time: float) -> Iterator[tuple[str, FloatArray, FloatArray]]:
-        """Of every rigid face its name, reference point (3,) in metres, and motion (6,) at displacements u (k, 3):
-        translation of the point in metres, rotation about it in radians; collective."""
+        """Of every rigid face its name, reference point (3,) in metres, and motion (6,) at displacements u (k, 3), if
+        it has no place of its own: translation of the point in metres, rotation in radians; collective."""
         for motion, own in self._of_faces:
             given = motion.prescribed(self.reduction.x, time, self.comm)
             y = self._amounts(u, self.reduction.followed(given))[own]
-            yield motion.given.face, motion.place, motion.values(time, self.comm) + motion.motions @ y
+            yield motion.given.face, *motion.moved_by(y, time, self.comm)
 
     def bolts_at(self, u: FloatArray) -> Iterator[Bolt]:
         """Of every bolt what is known of it at displacements u (k, 3), in the order given; collective."""
@@ -454,10 +460,21 @@ class Constraints:
         each = ((one.given, one.spring_force(u, one.given.stiffness, self.comm)) for one in self.sprung)
         return [NodalForces("spring", given.face, forces) for given, forces in each]
 
+    def spring_force(self, u: FloatArray) -> FloatArray:
+        """The forces of all springs by changes u (k, 3) of displacements, shape (k, 3); collective."""
+        return sum((one.forces for one in self.ground_forces(u)), self.link_force(u))
+
     def spring_forces(self, u: FloatArray) -> list[NodalForces]:
-        """The same, and those of every spring between nodes; collective."""
+        """The forces of springs at reference points where displacements are u (k, 3), and those of every spring between
+        nodes; collective."""
         linked = () if self._links is None else self._links.forces(u)
-        return self.ground_forces(u) + [NodalForces("spring", one.eliminated, forces) for one, forces in linked]
+        pulled = [NodalForces("spring", one.given.face, one.pull(u, self.comm)) for one in self.sprung]
+        return pulled + [NodalForces("spring", one.eliminated, forces) for one, forces in linked]
+
+    def spring_energy(self, u: FloatArray, time: float) -> float:
+        """Of the springs at reference points at displacements u (k, 3), joules; collective."""
+        each = zip(self.motions, self.motions_of_faces(u, time), strict=True)
+        return sum(0.5 * float(one.given.stiffness @ motion**2) for one, (*_, motion) in each)
 
     def resisted(self, modes: FloatArray) -> FloatArray:
         """Nodal forces of springs of stiffness 1 in place of these, in rigid motions (k, 3, j); collective."""
@@ -468,29 +485,3 @@ class Constraints:
         for _, pull in () if self._links is None else self._links.forces(modes, unit=True):
             forces = forces - pull
         return forces
-
-
-_SHORTENS: Final = 1e-6
-"""Part by which a motion of bodies changes the length of a bolt above which it does."""
-
-
-def _openings(
-    amounts: FloatArray, sections: Sequence[Section]
-) -> tuple[FloatArray, list[tuple[str, RigidPart, FloatArray]]]:
-    """The combinations of q motions that change the lengths of bolts, by the amounts (bolts, q) of each: of every bolt
-    by itself where that is possible, shape (q, p); and of each what it is called, where it is, and along which
-    direction."""
-    left, sizes, right = np.linalg.svd(amounts)
-    rank = int(np.sum(sizes > _SHORTENS))
-    bolts = left[:, :rank]
-    alone = np.linalg.norm(bolts @ bolts.T - np.eye(len(sections)), axis=0) < _SHORTENS
-    wanted = np.eye(len(sections))[:, alone]
-    others = np.linalg.svd(bolts - wanted @ (wanted.T @ bolts))[0]
-    wanted = np.column_stack([wanted, others[:, : rank - wanted.shape[1]]])
-    named = []
-    for way in wanted.T:
-        moving = [sections[k] for k in np.flatnonzero(np.abs(way) > _SHORTENS)]
-        name = " with ".join(f"the bolt at {section.face!r}" for section in moving)
-        named.append((name, RigidPart(moving[0].place, moving[0].radius), moving[0].direction))
-    ways: FloatArray = right[:rank].T @ ((bolts / sizes[:rank]).T @ wanted)
-    return ways, named

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -159,7 +159,8 @@ class TotalForce:
 class PointLoad:
     """A force and a moment at a reference point, spread over a face as a traction that is linear in place.
 
-    It does not stiffen the face, as a `RigidFace` does.
+    It does not stiffen the face, as a `RigidFace` does.  In large motions the point moves with the face, by the rigid
+    motion that is nearest to that of its nodes; force and moment keep their directions in space.
 
     Attributes:
         face: Name of the face.
@@ -187,18 +188,33 @@ class PointLoad:
             three(self.point, f"{load_title(self)}: the point", "numbers, metres")
 
     def nodal_force(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
+        return self.turned(self.units(body, mesh), np.eye(3))
+
+    def units(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
+        """Nodal forces of unit forces along x, y and z at the point, and unit moments, shape (k, 3, 6); collective."""
         facets, comm = mesh.facets(self.face, self.kind), mesh.comm
-        area = body.area_of(facets)
-        sums = comm.allreduce(np.append(area @ body.x, area.sum()), op=MPI.SUM)
-        middle = sums[:3] / sums[3]
-        point = middle if self.point is None else np.asarray(self.point, dtype=np.float64)
+        middle, point = replace(self, point=None).acts_at(body, mesh), self.acts_at(body, mesh)
         modes = displacements_of(body.x - middle, np.ones(len(body.x)))
         parts = np.array([body.surface_load(mode, facets) for mode in np.moveaxis(modes, 2, 0)])
         resultants = comm.allreduce(np.einsum("pki,kij->pj", parts, modes), op=MPI.SUM)
-        force = np.asarray(self.force, dtype=np.float64)
-        moment = np.asarray(self.moment, dtype=np.float64) + np.cross(point - middle, force)
-        amounts = np.linalg.solve(resultants.T, np.append(force, moment))
-        return np.einsum("p,pki->ki", amounts / mesh.copies, parts)
+        about_middle = np.eye(6)
+        about_middle[3:, :3] = np.cross(point - middle, np.eye(3)).T
+        amounts = np.linalg.solve(resultants.T, about_middle)
+        return np.einsum("pj,pki->kij", amounts / mesh.copies, parts)
+
+    def acts_at(self, body: DisplacementSpace, mesh: NamedMesh) -> FloatArray:
+        """The point, metres, shape (3,); collective."""
+        if self.point is not None:
+            return np.array(self.point, dtype=np.float64)
+        area = body.area_of(mesh.facets(self.face, self.kind))
+        sums: FloatArray = mesh.comm.allreduce(np.append(area @ body.x, area.sum()), op=MPI.SUM)
+        return sums[:3] / sums[3]
+
+    def turned(self, units: FloatArray, R: FloatArray) -> FloatArray:
+        """The nodal forces in newtons of `units` (k, 3, 6) on a face that has turned by R (3, 3), shape (k, 3)."""
+        given = np.concatenate([self.force @ R, self.moment @ R])
+        forces: FloatArray = units @ given @ R.T
+        return forces
 
 
 @dataclass(frozen=True)

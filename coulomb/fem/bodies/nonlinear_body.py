@@ -76,6 +76,7 @@ class NonlinearBody(FormBody):
         ValueError: On every rank, as `Body`; if u is not in the form.
     """
 
+    large = True
     _place: _Place | None = None
     _without_place: NonlinearBody | None = None
 
@@ -188,6 +189,12 @@ class NonlinearBody(FormBody):
     def resists_translation(self) -> bool:
         """Whether forces on the surface follow the displacement, so that the tangent times a translation is not 0."""
         return self._on_facets is not None
+
+    @property
+    def follows(self) -> bool:
+        """Whether loads follow the displacement with a tangent that is not symmetric, so that iterates converge
+        linearly."""
+        return self.resists_translation
 
     @property
     def undeformed(self) -> NonlinearBody:

@@ -89,6 +89,9 @@ class Reduction:
         trivial: Whether nothing is held but along axes, and nothing follows.
     """
 
+    stiffness: FloatArray
+    _bent: FloatArray | None = None
+
     def __init__(self, nodes: HeldNodes, ties: Sequence[Tie] = (), places: Sequence[FloatArray] = ()):
         self.x, self.held, self.comm, self.lifetime = nodes.x, nodes.held, nodes.comm, nodes.lifetime
         self._ties, self._of_nodes = tuple(ties), nodes.numbering
@@ -122,6 +125,31 @@ class Reduction:
         other = copy.copy(self)
         other.x, other.points = x, np.concatenate([x, self.points[len(x) :]])
         return other
+
+    def of_weights(self, ties: Sequence[Tie]) -> Reduction:
+        """The same of the same ties with other weights of their own unknowns, without springs along these."""
+        other = copy.copy(self)
+        other._ties, other.stiffness = tuple(ties), np.zeros_like(self.stiffness)
+        for name in ("weights", "T"):
+            other.__dict__.pop(name, None)
+        return other
+
+    def bent(self, stiffness: FloatArray) -> Reduction:
+        """The same with a stiffness (width, width) along own unknowns beside that of springs, N/m, the forces of which
+        are `bent_force`."""
+        other = copy.copy(self)
+        other.stiffness, other._bent = self.stiffness + stiffness, stiffness
+        return other
+
+    def bent_force(self, u: FloatArray) -> FloatArray:
+        """Internal forces of the stiffness of `bent` at displacements u (k, 3), newtons, of the same shape;
+        collective."""
+        forces = np.zeros_like(u)
+        if self._bent is not None:
+            along = self._bent @ self.amounts(self.apart(u))
+            for nodes, own, _, fit in self.weights:
+                forces[nodes] += fit @ along[own]
+        return forces
 
     @cached_property
     def tied(self) -> FloatArray:

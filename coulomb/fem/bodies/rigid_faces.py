@@ -5,6 +5,8 @@ face.  Their amounts are unknowns of the face's own, in metres: u = rho(x) alpha
 Equilibrium of the forces on it is that of their resultants along the free motions.  A plane face that is free along
 itself has the motions along its normal n alone, and n . u follows them.
 
+In large motions rotations are finite (`finite_motions`).
+
 A spring of stiffness S between the reference point and the ground acts on q = C^T u, the rigid motion that fits the
 displacements best: C = A (A^T A)^-1, A the rigid motions at the nodes.  Its nodal forces -C S q have resultants -S q.
 """
@@ -22,8 +24,9 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, is_number
 from ...units import amount
-from ..geometry import Amplitude, Point, check_angle, check_point
+from ..geometry import Amplitude, Point, check_angle, check_point, rotation_matrix
 from .deformable import Deformable
+from .finite_motions import FiniteMotion
 from .rigid_modes import null_space
 from .ties import FaceMotion, GivenFace, Tie, moved_at
 
@@ -48,12 +51,13 @@ class RigidFace(GivenFace):
         face: Name of the face.
         point: The reference point, metres; by default the middle of the face.
         translation: Displacement of the point along x, y and z in metres; None where it is free.
-        rotation: Rotation about axes along x, y and z through the point, radians, in the theory of small strains; None
-            where it is free.
+        rotation: Rotation about axes along x, y and z through the point, radians; None where it is free.  In large
+            motions the components of the rotation vector, the axis times the angle.
         amplitude: Factor of translation and rotation as a function of time.
         amplitudes: Factors of single components of translation and rotation, six, in place of it; None for that.
         translation_stiffness: Stiffness of a spring between the point and the ground along x, y and z, N/m.
-        rotation_stiffness: The same against rotation about axes along x, y and z, N m per radian.
+        rotation_stiffness: The same against rotation about axes along x, y and z, N m per radian; in large motions the
+            energy is half of it times the squares of the components of the rotation vector.
         along: "rigid", or "free" for a plane face that stays plane, of which the nodes move freely along the face: only
             translation along its normal and rotation about axes in it are motions then.
 
@@ -160,6 +164,8 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
     motions = motions @ axes[:, sizes > _FREE * count]  # not those about a line of nodes
     none = scipy.sparse.csr_matrix((3 * len(nodes), 3 * body.numbering.total))
     motion = FaceMotion(given, point, nodes, ways, motions, given_part, spread)
+    if member.body.large:
+        motion = _finite(motion, r, held, size, comm)
     return Tie(
         given.kind,
         given.face,
@@ -173,9 +179,43 @@ def rigid_face_of(body: Deformable, given: RigidFace, taken: npt.NDArray[np.bool
         traction=scipy.sparse.csr_matrix((len(nodes), body.numbering.total)),
         remarks=(),
         directions=np.tile(follow, (len(nodes), 1, 1)),
-        own=follow @ moved_at(motions, r),
+        own=motion.own(body.x),
         motion=motion,
     )
+
+
+def _finite(motion: FaceMotion, r: FloatArray, held: FloatArray, size: float, comm: MPI.Comm) -> FaceMotion:
+    """The same motion with finite rotations, of a face of a size with nodes at r (m, 3) from its point, which are held
+    along the directions of projectors (m, 3, 3); itself where it cannot turn; collective.
+
+    Raises:
+        ValueError: On every rank, if that needs directions that turn, or the rotation does not follow from the nodes.
+    """
+    given, linear, part = motion.given, motion.motions[3:], motion.given_part.sum(axis=1)
+    if len(motion.ways) < 3:
+        if np.any(np.abs(linear) * size > _ROUNDING) or np.any(part[3:]):
+            raise ValueError(
+                f"{given.what}: along = 'free' is in large motions for a face that moves along its normal and does not "
+                "turn: prescribe its rotation as 0, or leave along out"
+            )
+        return motion
+    sums = comm.allreduce(np.column_stack([r.T @ r, r.sum(axis=0), np.full(3, len(r))]), op=MPI.SUM)
+    spread = sums[:, :3] - np.outer(sums[:, 3], sums[:, 3]) / sums[0, 4]
+    if np.linalg.eigvalsh(spread)[1] < _PLANE * size**2:
+        raise ValueError(f"{given.what}: its nodes are on a line, about which its rotation would be unknown")
+    finite = FiniteMotion(**vars(motion), arms=r)
+    free = np.linalg.norm(motion.motions * np.repeat([1.0, size], 3)[:, None], axis=0)
+    scales = np.divide(1.0, free, out=np.zeros_like(free), where=free > 0.0)
+    for number in range(2):
+        q = part + motion.motions @ (scales * np.cos(1.0 + number + np.arange(len(scales))))
+        moved = q[:3] + r @ rotation_matrix(q[3:]).T - r
+        off = np.einsum("mij,mj->mi", held, moved - part[:3])
+        if comm.allreduce(bool(np.any(np.abs(off) > _PLANE * size)), op=MPI.LOR):
+            raise ValueError(
+                f"{given.what}: supports hold some of its nodes along directions in which finite rotations move them: "
+                "let supports on its nodes be planes of symmetry, and prescribe the rest by translation and rotation"
+            )
+    return finite
 
 
 def _normal(given: RigidFace, mean: FloatArray, r: FloatArray, comm: MPI.Comm) -> FloatArray:

@@ -145,6 +145,35 @@ def of_part(forces: FloatArray, x: FloatArray, here: npt.NDArray[np.bool_], comm
 
 
 def null_space(energy: FloatArray, limit: float) -> FloatArray:
-    """The motions with an energy of at most `limit`, orthonormal columns of six components, shape (6, q)."""
+    """The motions with an energy between -`limit` and `limit`, orthonormal columns of six components, shape (6, q): one
+    far below 0, as where a body under stress turns, is not free."""
     sizes, vectors = np.linalg.eigh(0.5 * (energy + energy.T))
-    return vectors[:, sizes <= limit]
+    return vectors[:, np.abs(sizes) <= limit]
+
+
+def nearest_turn(x: FloatArray, y: FloatArray, comm: MPI.Comm) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of the rigid motion with a finite rotation that is nearest to one from points x to y, shapes (k, 3): the means of
+    both, (3,), and the rotation R, (3, 3) (Kabsch 1976); collective."""
+    count = comm.allreduce(len(x), op=MPI.SUM)
+    from_, to = comm.allreduce(np.array([x.sum(axis=0), y.sum(axis=0)]), op=MPI.SUM) / count
+    left, _, right = np.linalg.svd(comm.allreduce((x - from_).T @ (y - to), op=MPI.SUM))
+    turn: FloatArray = right.T @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ left.T
+    return from_, to, turn
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """A force and a moment of which the directions do not turn, at a point that moves with a face.
+
+    Attributes:
+        face: The face.
+        point: The point before deformation, metres, shape (3,).
+        force, moment: Newtons and newton metres, shapes (3,).
+        forces: The forces on nodes that stand for them now, newtons, shape (k, 3).
+    """
+
+    face: str
+    point: FloatArray
+    force: FloatArray
+    moment: FloatArray
+    forces: FloatArray

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, ClassVar, Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +13,8 @@ from mpi4py import MPI
 
 from ...arrays import FloatArray, IntArray
 from ..geometry import Amplitude, evaluate_amplitude, on_all_ranks
-from .rigid_modes import displacements_of
+from .lasting_supports import Lasting
+from .rigid_modes import Wrench, displacements_of
 
 _ROUNDING: Final = 1e-9
 """Part of the prescribed displacements up to which they are the same."""
@@ -37,6 +38,11 @@ class GivenFace:
         """Those of the six components at a time, shape (6,); ValueError if an amplitude has no value then."""
         own = [self.amplitude if one is None else one for one in self.amplitudes]
         return np.array([evaluate_amplitude(one, time, self.what) for one in own])
+
+    @property
+    def prescribed(self) -> npt.NDArray[np.bool_]:
+        """Which of the six components are prescribed, shape (6,)."""
+        raise NotImplementedError
 
     @property
     def stiffness(self) -> FloatArray:
@@ -111,9 +117,37 @@ class FaceMotion:
     given_part: FloatArray
     spread: FloatArray
 
+    finite: ClassVar[bool] = False
+    """Whether rotations are finite: `FiniteMotion`."""
+
+    def at_place(self, x: FloatArray, near: FloatArray, comm: MPI.Comm) -> FaceMotion:
+        """Itself, whose motions are the same of nodes at another place x (k, 3)."""
+        return self
+
+    @property
+    def turn(self) -> FloatArray:
+        """The rotation vector of its pose, of a `FiniteMotion`; else 0; radians, shape (3,)."""
+        return np.zeros(3)
+
+    def own(self, x: FloatArray) -> FloatArray:
+        """N: displacements of its nodes by its free amounts, before deformation at x (k, 3), shape (m, 3, r)."""
+        return self.ways.T @ self.ways @ moved_at(self.motions, x[self.nodes] - self.place)
+
+    def moved_by(self, y: FloatArray, time: float, comm: MPI.Comm) -> tuple[FloatArray, FloatArray]:
+        """Its point (3,) in metres, and its motion (6,) by amounts y (r,) at a time; collective."""
+        return self.place, self.values(time, comm) + self.motions @ y
+
+    def pull(self, u: FloatArray, comm: MPI.Comm) -> FloatArray:
+        """Nodal forces in newtons of its spring where the displacement is u (k, 3), of the same shape; collective."""
+        return self.spring_force(u, self.given.stiffness, comm)
+
+    def bent(self, forces: FloatArray, wrenches: Sequence[Wrench], comm: MPI.Comm) -> FloatArray:
+        """As of `FiniteMotion`: 0, shape (r, r)."""
+        return np.zeros(2 * self.motions.shape[1:])
+
     def spring_force(self, u: FloatArray, stiffness: FloatArray, comm: MPI.Comm) -> FloatArray:
-        """Nodal forces in newtons of a spring of a diagonal stiffness (6,) at displacements u (k, 3), or (k, 3, j), of
-        the same shape; collective."""
+        """Nodal forces in newtons of a spring of a diagonal stiffness (6,) at changes u of displacements (k, 3), or (k,
+        3, j), of the same shape; collective."""
         q = comm.allreduce(np.einsum("mcp,mc...->p...", self.spread, u[self.nodes]), op=MPI.SUM)
         forces = np.zeros_like(u)
         forces[self.nodes] = -np.einsum("mcp,p,p...->mc...", self.spread, stiffness, q)
@@ -255,3 +289,47 @@ class Tie:
     def of_faces(self) -> bool:
         """Whether it holds two faces together."""
         return self.face != self.against
+
+
+class LinkedNodes(Protocol):
+    """Springs between nodes: `Links`."""
+
+    given: Sequence[Any]
+
+    @property
+    def nodes(self) -> list[IntArray]: ...
+
+    @property
+    def stiffness(self) -> scipy.sparse.csr_matrix: ...
+
+    def forces(self, u: FloatArray, unit: bool = False) -> Iterator[tuple[Any, FloatArray]]: ...
+
+
+class Follower(Lasting, Protocol):
+    """What makes nodes follow others, as given."""
+
+    @property
+    def what(self) -> str:
+        """Kind and faces, for messages."""
+        ...
+
+    def joined(self, body: Any, taken: npt.NDArray[np.bool_]) -> Tie:
+        """Its rows, of nodes that do not follow others already (`taken`, (k,)); ValueError on every rank if there are
+        none; collective."""
+        ...
+
+    def as_made(self, tie: Tie) -> Follower:
+        """The same, with the nodes of the same face as slaves whatever the meshes and supports."""
+        ...
+
+
+@dataclass(frozen=True)
+class Bolt:
+    """The section of a bolt: its slave face, its middle (3,) in metres, its direction out of that face (3,), by how
+    much it is shortened, metres, and whether that is given."""
+
+    face: str
+    centre: FloatArray
+    direction: FloatArray
+    shortening: float
+    locked: bool

@@ -35,6 +35,7 @@ from .obstacles import (
     since_at,
     spin,
 )
+from .rotations import rotation_matrix, rotation_vector, turn_by_change
 from .user_values import (
     Amplitude,
     Coefficient,
