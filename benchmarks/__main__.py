@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
@@ -403,15 +404,22 @@ def _over_ours(
 
 @app.command()
 def decks(
-    folder: Annotated[Path, typer.Argument(help="Folder of input files of CalculiX.", metavar="DIRECTORY")],
+    folder: Annotated[
+        Path | None, typer.Argument(help="Folder of input files of CalculiX; default: three in finer and finer cells.")
+    ] = None,
     limit: Annotated[float, typer.Option("--limit", min=1.0, help="Seconds for each run.")] = 300.0,
     directory: Output = None,
 ) -> None:
     """Decks by coulomb, by CalculiX, and by CalculiX with penalties 100 times stiffer: differences of displacements at
     the nodes over the largest one, and cpu seconds."""
     from .decks import rows
+    from .refined_decks import write
 
-    table("decks", rows(folder, limit), directory)
+    with tempfile.TemporaryDirectory() as temporary:
+        if folder is None:
+            folder = Path(temporary)
+            write(folder)
+        table("decks", rows(folder, limit), directory)
 
 
 @app.command()
