@@ -24,6 +24,8 @@ from coulomb import (
     join,
     moved,
 )
+from coulomb.case.ties import RigidFaceTable
+from coulomb.fem.geometry import evaluate_amplitude
 
 E, NU = 2e11, 0.3
 STEEL = Material(E, NU)
@@ -74,6 +76,18 @@ def test_a_motion_prescribed_as_a_whole():
     assert np.allclose(found.force, same.reactions[1].force, rtol=1e-9, atol=1e-9 * np.linalg.norm(found.force))
     with pytest.raises(ValueError, match="amplitudes must be six"):
         RigidFace("right", amplitudes=[1.0])
+
+
+def test_each_component_of_a_case_has_its_amplitude():
+    names = [f"{of}_{axis}_amplitude" for of in ("translation", "rotation") for axis in "xyz"]
+    own = {name: [(0.0, 0.0), (1.0, k)] for k, name in enumerate(names, 1)}
+    face = RigidFaceTable(face="right", amplitude=[(0.0, 0.0), (1.0, 9.0)], **own).rigid_face()
+    assert [evaluate_amplitude(one, 0.5, "face") for one in face.amplitudes] == pytest.approx(
+        [0.5, 1.0, 1.5, 2.0, 2.5, 3.0]
+    )
+    del own[names[4]]
+    face = RigidFaceTable(face="right", amplitude=[(0.0, 0.0), (1.0, 9.0)], **own).rigid_face()
+    assert face.amplitudes[4] is None and evaluate_amplitude(face.amplitude, 0.5, "face") == pytest.approx(4.5)
 
 
 def test_a_beam_with_a_rigid_end():
