@@ -93,6 +93,11 @@ BY_FRICTION: Final = Bound(0.0, math.inf)
 """A warning only."""
 
 
+def _finer(value: float, bound: Bound) -> str:
+    """How many times smaller facets have to be for a measure that goes with the square of their size."""
+    return f"{max(math.sqrt(value / bound.warn), 1.1):.2g}"
+
+
 def _directions(count: int) -> str:
     return f"{count} direction{'s'[: count != 1]}"
 
@@ -191,7 +196,7 @@ class SmallStrain:
                 BETWEEN,
                 f"between the contact points the face is up to {self.between:.0%} of the deformation inside the "
                 "foundation: the facets are too large for it (on the contact face at least "
-                f"{math.sqrt(max(self.between / BETWEEN.warn, 1.0)):.2g} times smaller ones, since the depth goes with "
+                f"{_finer(self.between, BETWEEN)} times smaller ones, since the depth goes with "
                 "the square of their size)",
             ),
             (
@@ -199,7 +204,7 @@ class SmallStrain:
                 CHORD,
                 f"the facets in contact are coarse: between contact points gaps are up to {self.chord:.0%} of the mean "
                 "approach from linear, the chord h^2/(8 R), and the approach is uncertain by as much (facets there at "
-                f"least {math.sqrt(max(self.chord / CHORD.warn, 1.0)):.2g} times smaller, or cells of second order; of "
+                f"least {_finer(self.chord, CHORD)} times smaller, or cells of second order; of "
                 "a pair also the curved face as the slave, or the surface that it stands for: [contact.surface])",
             ),
             (
