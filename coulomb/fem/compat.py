@@ -19,6 +19,9 @@ from ..arrays import FloatArray
 from ..installation import COMPLEX, Unusable, dolfinx_import, loaded_libraries, why_mpi_does_not_fit, why_not_imported
 from .compilation import watch_compilation
 
+# Scotch 7.0.3 was seen to wait without end on 4 ranks, each in another step of the same graph.  All take the same steps
+# by its sequential algorithms; those of threads need not be repeatable.
+os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")
 try:
     with dolfinx_import():
         import dolfinx
