@@ -150,17 +150,11 @@ class HistoryFiles:
         record = contents["step"]
         bodies, faces = points_in_files(step, problem)
         force = at_points(step.contact, "contact_force", faces, comm)
-        displacement = at_points(step.solution, "displacement", bodies, comm)
-        earlier = Earlier(self._start, np.zeros_like(force), np.zeros_like(displacement))
+        began, earlier = self._start, np.zeros_like(force)
         if number > 1:
             one_before = self.directory.step(number - 1)
-            written, (nodes, points) = read_summary(one_before.path, comm), points_in_files(one_before, problem)
-            earlier = Earlier(
-                written["step"]["time"],
-                at_points(one_before.contact, "contact_force", points, comm),
-                at_points(one_before.solution, "displacement", nodes, comm),
-                problem.body.recorded_poses(written),
-            )
+            began = read_summary(one_before.path, comm)["step"]["time"]
+            earlier = at_points(one_before.contact, "contact_force", points_in_files(one_before, problem)[1], comm)
         slip = at_points(step.contact, "slip", faces, comm)
         worn = [at_points(step.contact, name, faces, comm)[:, 0] for name in ACCUMULATED]
         heated = None if problem.body.heat is None else at_points(step.solution, TEMPERATURE, bodies, comm)[:, 0]
@@ -168,12 +162,12 @@ class HistoryFiles:
             number=number,
             time=record["time"],
             energy=Energy(**record["energy"]),
-            displacement=displacement,
+            displacement=at_points(step.solution, "displacement", bodies, comm),
             force_on_body=force,
-            slip_rate=np.linalg.norm(slip, axis=1) / (record["time"] - earlier.time),
+            slip_rate=np.linalg.norm(slip, axis=1) / (record["time"] - began),
             accumulated=Accumulated(*worn),
             pending=tuple(record["pending"]),
-            before=earlier,
+            before=Earlier(began, earlier),
             temperature_change=heated,
             poses=problem.body.recorded_poses(contents),
             turns=problem.body.recorded_turns(contents),

@@ -26,12 +26,10 @@ from ..fem.contact import (
     Pretension,
     Tied,
     rows_of,
-    way_to_touch,
     with_unknowns,
 )
 from ..fem.geometry import RigidMotion, Spin, same_place, since_at, spin
 from ..linalg.compliance import LinearSolver, chosen
-from ..linalg.reductions import Reductions
 from .contact import Contact
 from .contact_faces import ContactFaces, StatePoints, slaves_as_faces
 from .contact_stiffness import ContactStiffness
@@ -39,7 +37,7 @@ from .heat import HeatProblem
 from .held_nodes import HeldInPairs, refuse_held_inside
 from .linear_problem import Before, ContactState
 from .memory import memory_needed
-from .nodal_answer import OPEN_BELOW, Accumulated
+from .nodal_answer import Accumulated
 from .overlap import OutsideContacts
 from .pair_checks import JudgedPair
 from .probes import LocatedProbes, Part, Probe
@@ -435,45 +433,4 @@ class ContactBody:
             None if one.rotation is None else spin(now, earlier if before else None, time - start)
             for one, now, earlier in zip(self.contacts, motions, then, strict=True)
         )
-        if before is None:
-            return spins, carried
-        origin = surface.rows(before.displacement) + carried
-        return spins, origin + self.flown(surface, motions, time, before)
-
-    def flown(self, surface: ContactSurface, motions: Sequence[RigidMotion], time: float, before: Before) -> FloatArray:
-        """`way_to_touch` in a load step of small strains, with foundations moved so at its end, along n, t1, t2,
-        metres, shape (m, 3); collective."""
-        return way_to_touch(*self.approach(surface, motions, time, before))
-
-    def approach(
-        self, surface: ContactSurface, motions: Sequence[RigidMotion], time: float, before: Before
-    ) -> tuple[FloatArray, FloatArray, float]:
-        """The arguments of `way_to_touch` in `flown`; collective."""
-        moved = since_at(motions, self.foundation_motions(before.time, before.poses), surface.part, surface.x)
-        closed = surface.rows(before.displacement)[:, 0] + surface.components(moved)[:, 0]
-        widened = self.given_gap(surface, time) - self.given_gap(surface, before.time)
-        return self.last_way(surface, surface.gap - closed - widened, time, before, self.places(surface))
-
-    def last_way(
-        self, surface: ContactSurface, gap: FloatArray, time: float, before: Before, places: npt.NDArray[np.int64]
-    ) -> tuple[FloatArray, FloatArray, float]:
-        """The arguments of `way_to_touch` in a load step; collective.
-
-        Args:
-            surface: Contact points,
-            gap: with their gaps at the start of the step, metres, shape (m,).
-            time: The end of the step.
-            before: The state at its start,
-            places: and numbers of the contact points among those of states, shape (m,).
-        """
-        earlier = before.before
-        if earlier is None:
-            return np.zeros_like(surface.x), np.zeros(len(gap)), 1.0
-        then, first = (self.foundation_motions(one.time, one.poses) for one in (before, earlier))
-        way = surface.rows(before.displacement - earlier.displacement)
-        way -= surface.components(since_at(then, first, surface.part, surface.x))
-        way[:, 0] -= self.given_gap(surface, before.time) - self.given_gap(surface, earlier.time)
-        pressing = -np.einsum("ki,ki->k", before.force_on_body[places], surface.frames[:, 0])
-        touched = pressing > OPEN_BELOW * Reductions(self.comm).max(pressing)
-        longer = (time - before.time) / (before.time - earlier.time)
-        return way, np.where(touched, 0.0, gap), longer
+        return spins, carried if before is None else surface.rows(before.displacement) + carried

@@ -15,7 +15,6 @@ from typing import Any, Final
 import numpy as np
 
 from ..arrays import FloatArray
-from ..fem.contact import least_rotations
 from ..linalg.reductions import Reductions
 from ..solvers.rigid_motions import NO_MOTION
 from .discrete_problem import DiscreteProblem
@@ -23,8 +22,6 @@ from .discrete_problem import DiscreteProblem
 _STEP: Final = 1e-6
 """Largest displacement of the differences over the size of the bodies: errors of order 1e-9, and of rounding 1e-10."""
 
-_RELATIVE: Final = 1e-5
-"""Change of the displacements before over themselves of differences of `flown`: errors of order 1e-10."""
 
 _ALONG: Final = np.array([0.0, 1.0, 1.0])
 """Of the components along n, t1, t2 those along the surface."""
@@ -33,16 +30,13 @@ _ALONG: Final = np.array([0.0, 1.0, 1.0])
 @dataclass(frozen=True)
 class Way:
     """A direction: derivatives of the displacement, shape (k, 3), of the amounts of free motions (q,), of displacement
-    and poses (faces, 6) after the load step before and the one before that, and of factors (faces,) of the motions of
-    foundations."""
+    and poses (faces, 6) after the load step before, and of factors (faces,) of the motions of foundations."""
 
     u: FloatArray
     alpha: FloatArray
     before: FloatArray | None = None
     poses_before: FloatArray | None = None
     motions: FloatArray | None = None
-    earlier: FloatArray | None = None
-    poses_earlier: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -128,10 +122,10 @@ class GeometricTerms:
         problem, state = self._problem, self._problem.state
         u = self._u + h * way.u if self._large else self._u
         before: Any = problem.before
-        if before is not None:
-            ways = (way.before, way.earlier) if self._large else (None, None)
-            earlier = _shifted(before.before, ways[1], way.poses_earlier, h)
-            before = replace(_shifted(before, ways[0], way.poses_before, h), before=earlier)
+        if before is not None and way.before is not None and self._large:
+            before = replace(before, displacement=before.displacement + h * way.before)
+        if before is not None and way.poses_before is not None:
+            before = replace(before, poses=before.poses + h * way.poses_before)
         factors = None if way.motions is None else 1.0 + h * way.motions
         there = problem.elsewhere(u, state.poses_after(h * way.alpha), before, factors)
         v = np.zeros_like(u) if self._large else u
@@ -172,29 +166,12 @@ class GeometricTerms:
         return Terms(forces, there.prescribed, c, bound, e, *turned, places, area)
 
 
-def flown(problem: DiscreteProblem, gap: FloatArray, before: FloatArray, earlier: FloatArray | None) -> FloatArray:
-    """The derivative of `ContactBody.flown` along those of gaps (m,), as if these were constant, and of displacements
-    after the steps before, shape (k, 3), metres along n, t1, t2, shape (m, 3); collective."""
-    state: Any = problem.before
-    over, surface = Reductions(problem.comm), problem.surface
-    size = max(over.max(np.abs(one).ravel()) for one in (gap, before))
-    if state.before is None or not size > 0.0:
-        return np.zeros_like(surface.x)
-    h = _RELATIVE * over.max(np.abs(state.displacement).ravel()) / size
-
-    def at(h: float) -> FloatArray:
-        then = replace(_shifted(state, before, None, h), before=_shifted(state.before, earlier, None, h))
-        motions, there = problem.state.foundation_motions, replace(surface, gap=surface.gap + h * gap)
-        return problem.body.flown(there, motions, problem.time, then)
-
-    change: FloatArray = (at(h) - at(-h)) / (2.0 * h) if h > 0.0 else np.zeros_like(surface.x)
-    return change
-
-
-def _shifted(state: Any, way: FloatArray | None, poses: FloatArray | None, h: float) -> Any:
-    """A `Place` of which displacement and poses are changed by h times a way; None without one."""
-    if state is not None and way is not None:
-        state = replace(state, displacement=state.displacement + h * way)
-    if state is not None and state.poses is not None and poses is not None:
-        state = replace(state, poses=state.poses + h * poses)
-    return state
+def least_rotations(n: FloatArray, m: FloatArray) -> FloatArray:
+    """The least rotations from unit vectors to others near to them, both of shape (k, 3), shape (k, 3, 3)."""
+    n, m = (one / np.linalg.norm(one, axis=1)[:, None] for one in (n, m))
+    axis, cosine = np.cross(n, m), np.einsum("ki,ki->k", n, m)
+    cross = np.zeros((len(n), 3, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        cross[:, k, j], cross[:, j, k] = axis[:, i], -axis[:, i]
+    outer = axis[:, :, None] * axis[:, None, :] / (1.0 + cosine)[:, None, None]
+    return cosine[:, None, None] * np.eye(3) + cross + outer

@@ -14,16 +14,14 @@ import numpy as np
 
 from ..arrays import FloatArray
 from ..fem.bodies import Elasticity
-from ..fem.contact import least_rotations, row_products, way_to_touch
+from ..fem.contact import row_products
 from ..linalg.reductions import Reductions
 from ..solvers.derivatives import Change
 from ..solvers.derivatives import gradient as adjoint
 from .discrete_problem import DiscreteProblem
+from .geometric_terms import least_rotations
 from .sensitivity import refuse, unloaded, with_loading
 from .stopping_criterion import directions_on_supports
-
-_RELATIVE: Final = 1e-6
-"""Change of ways and gaps over themselves of central differences: errors of order 1e-10."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +42,6 @@ class Gradient:
         loose: and in this one open, and slip; None without any.  Along one direction J has a derivative on one side, by
             the states that these points take along it (`Sensitivity`): with one such point it is one of both.
         before: In a load step, along the displacement after the step before, per metre, shape (k, 3); else None.
-        earlier: Likewise after the step before that, from which ways before touch are extrapolated: in the `before` of
-            the gradient of the step before.
         lagrangian: For `between`.
     """
 
@@ -59,7 +55,6 @@ class Gradient:
     border: int
     loose: Gradient | None
     before: FloatArray | None
-    earlier: FloatArray | None
     lagrangian: Lagrangian
 
     def between(self, more: DiscreteProblem, less: DiscreteProblem) -> float:
@@ -192,18 +187,12 @@ def gradient(
     of_x = np.zeros_like(x) if of_force is None else of_force
     if later is not None and later.loose is not None:
         raise ValueError("points are on the border of two states in the load step after: J has no one gradient before")
-    found = _gradient(problem, x, u, of_x, of_u, later, True)
-    return replace(found, loose=_gradient(problem, x, u, of_x, of_u, later, False)) if found.border else found
+    found = _gradient(problem, x, u, of_x, of_u, True)
+    return replace(found, loose=_gradient(problem, x, u, of_x, of_u, False)) if found.border else found
 
 
 def _gradient(
-    problem: DiscreteProblem,
-    x: FloatArray,
-    u: FloatArray,
-    of_x: FloatArray,
-    of_u: FloatArray,
-    later: Gradient | None,
-    firm: bool,
+    problem: DiscreteProblem, x: FloatArray, u: FloatArray, of_x: FloatArray, of_u: FloatArray, firm: bool
 ) -> Gradient:
     """With points on a border closed, sticking where they may (`firm`), or open, and slipping; collective."""
     surface, still = problem.surface, unloaded(problem.loading)
@@ -224,21 +213,14 @@ def _gradient(
     v, body, before = response(whole)[0], problem.elasticity, problem.before
     reaction = whole - body.internal_force(v) + body.spring_force(v)
     v = problem.moved(v, owed.e)
-    start = earlier = None
-    of_gap = -owed.b[0::3]
+    start = None
     if before is not None:  # slip counts from there, and supports that have begun and locked bolts move on from there
         start = body.after_transposed(problem.time, before.time, reaction)
-        slipping = -owed.b.reshape(-1, 3) * [0.0, 1.0, 1.0]
-        of_way, of_approach = flown_transposed(problem, slipping)
-        earlier = -surface.at_nodes(of_way.ravel())
-        start += surface.at_nodes((slipping + of_way - of_approach[:, None] * [1.0, 0.0, 0.0]).ravel())
-        if later is not None and later.earlier is not None:
-            start += later.earlier
-        of_gap = of_gap + of_approach
+        start -= surface.at_nodes(owed.b.reshape(-1, 3) * [0.0, 1.0, 1.0])
     return Gradient(
         friction=owed.bound * np.maximum(x[0::3], 0.0),
         bound=owed.bound,
-        gap=of_gap,
+        gap=-owed.b[0::3],
         load=v,
         prescribed=body.held.held_part(body.reduction.transferred(reaction)[: len(u)]),
         young={
@@ -252,7 +234,6 @@ def _gradient(
         border=border,
         loose=None,
         before=start,
-        earlier=earlier,
         lagrangian=Lagrangian(
             problem,
             x,
@@ -262,28 +243,3 @@ def _gradient(
             owed,
         ),
     )
-
-
-def flown_transposed(problem: DiscreteProblem, owed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """What a function owes to the ways of contact points in the step before (m, 3) and to their gaps at the start of
-    the step (m,), per metre, from what it owes to their ways before touch (m, 3) (`ContactBody.flown`); collective."""
-    assert problem.before is not None
-    motions = problem.state.foundation_motions
-    way, gap, longer = problem.body.approach(problem.surface, motions, problem.time, problem.before)
-    part = way_to_touch(np.column_stack([way[:, :1], np.ones((len(way), 2))]), gap, longer)
-    along = np.array([1.0 + _RELATIVE, 1.0, 1.0]), np.array([1.0 - _RELATIVE, 1.0, 1.0])
-    of_normal, of_gap = (
-        np.einsum("ki,ki->k", owed, more - less)
-        for more, less in (
-            [way_to_touch(way * one, gap, longer) for one in along],
-            [way_to_touch(way, gap * one[0], longer) for one in along],
-        )
-    )
-    found = part * owed
-    found[:, 0] = _over(of_normal, 2.0 * _RELATIVE * way[:, 0])
-    return found, _over(of_gap, 2.0 * _RELATIVE * gap)
-
-
-def _over(a: FloatArray, b: FloatArray) -> FloatArray:
-    """a / b, 0 where a is."""
-    return np.divide(a, b, out=np.zeros_like(a), where=a != 0.0)

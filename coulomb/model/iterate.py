@@ -21,7 +21,7 @@ from ..fem.bodies import (
     nonlinear,
     rigid_modes,
 )
-from ..fem.contact import ContactSurface, FaceMotion, foot_points, springs_at, way_to_touch
+from ..fem.contact import ContactSurface, FaceMotion, foot_points, springs_at
 from ..fem.geometry import RigidFoundation, moved, spin
 from ..linalg.factors import NotPositiveDefinite
 from ..linalg.reductions import Reductions
@@ -290,7 +290,7 @@ class Iterate:
         start: FaceMotion | None,
         previous: FloatArray | None = None,
     ):
-        self.u, self.time, self._points = u, time, points
+        self.u, self.time = u, time
         end = End(before.time, before.displacement, before.turns)
         self._before, self.body = before, linearised(body, u, time, end, previous)
         posed = pose(self.body, time)
@@ -347,14 +347,12 @@ class Iterate:
         """The bodies with the nearest tangent that is positive semidefinite in every cell."""
         return each(body, lambda one, nodes: one.made_positive())
 
-    def start(self, time: float) -> FaceMotion:
-        """The start of a load step from here to a time; collective."""
+    def start(self) -> FaceMotion:
+        """The start of a load step from here; collective."""
         surface, motions = self.problem.state.surface, self.problem.state.foundation_motions
-        before, feet = self._before, foot_points(self.body, surface.faces, motions, self.foundations)
-        approach = self.problem.body.last_way(surface, surface.gap, time, before, self._points.places(surface))
-        flown = surface.displacements(way_to_touch(*approach))
-        way = np.zeros_like(self.u) if before.before is None else self.u - before.before.displacement
-        return FaceMotion(*feet, surface, motions, self.body.x, flown, way, approach[2])
+        return FaceMotion(
+            *foot_points(self.body, surface.faces, motions, self.foundations), surface, motions, self.body.x
+        )
 
 
 def balanced_load(body: Deformable, residual: FloatArray, over: Reductions) -> FloatArray:

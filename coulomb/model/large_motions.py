@@ -182,7 +182,7 @@ class LoadStepLoop:
     def _solved_from(self, state: State, u: FloatArray, tolerance: float, solve: _Solve, accelerate: bool) -> Solution:
         """The answer of a step from a state, by iterates that begin at a displacement u (k, 3)."""
         begin = self._iterate(state, state.displacement, state.time, None, state.poses)
-        start = begin.start(self.time)
+        start = begin.start()
         here = self._iterate(state, u, self.time, start, state.poses)
         points = self.shared.points
         x, sizes, found = self._carried(state, begin).at(here.problem.surface, points), [np.inf], False
@@ -239,7 +239,7 @@ class LoadStepLoop:
         """The state before a step that has failed, judged with the loads of its end; collective."""
         state = self._state
         begin = self._iterate(state, state.displacement, state.time, None, state.poses)
-        here = self._iterate(state, state.displacement, self.time, begin.start(self.time), state.poses)
+        here = self._iterate(state, state.displacement, self.time, begin.start(), state.poses)
         surface, diagonal = here.problem.surface, here.body.K.getDiagonal()
         x = self._carried(state, begin).at(surface, self.shared.points)
         compliance = diagonal.getSize() / abs(diagonal.sum())  # of the order of that of A, which may not exist
@@ -374,7 +374,7 @@ class LoadStepLoop:
         collective."""
         if self._start is None or self._start[0] is not state or motions is not None:
             begin = self._iterate(state, state.displacement, state.time, None, state.poses, motions)
-            self._start = state, begin.start(self.time)
+            self._start = state, begin.start()
         return self._iterate(state, u, self.time, self._start[1], poses, motions)
 
     def _carried(self, state: State, begin: Iterate) -> CarriedForces:

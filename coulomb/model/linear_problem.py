@@ -240,8 +240,9 @@ class ContactState:
         return RigidMotions(G, e, tuple(map(str, self.free.motions)))
 
 
-class Place(Protocol):
-    """The end of a load step: time, displacement (k, 3) in metres, and `ContactState.poses`."""
+class Before(Protocol):
+    """Start of a load step: time, displacement (k, 3) in metres, slip rates (m,) in m/s, what has accumulated, and
+    `ContactState.poses`, after the step before."""
 
     @property
     def time(self) -> float: ...
@@ -250,24 +251,13 @@ class Place(Protocol):
     def displacement(self) -> FloatArray: ...
 
     @property
-    def poses(self) -> FloatArray | None: ...
-
-
-class Before(Place, Protocol):
-    """Start of a load step: contact forces on the body (m, 3) in newtons, slip rates (m,) in m/s, what has accumulated,
-    after the step before; and the end of the one before that."""
-
-    @property
-    def force_on_body(self) -> FloatArray: ...
-
-    @property
     def slip_rate(self) -> FloatArray: ...
 
     @property
     def accumulated(self) -> Accumulated: ...
 
     @property
-    def before(self) -> Place | None: ...
+    def poses(self) -> FloatArray | None: ...
 
 
 class LinearProblem:

@@ -206,12 +206,10 @@ class Moment:
 
 @dataclass(frozen=True)
 class Earlier:
-    """Of a `State` before the last one what forces and ways of contact points are extrapolated from."""
+    """Time and `State.force_on_body` of the step before the last one, from which forces are extrapolated."""
 
     time: float
     force_on_body: FloatArray
-    displacement: FloatArray
-    poses: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -318,7 +316,7 @@ class State(Moment):
             accumulated=Accumulated(*worn),
             pending=self.pending[:-1],
             forces=now,
-            before=Earlier(self.time, self.force_on_body, self.displacement, self.poses),
+            before=Earlier(self.time, self.force_on_body),
             temperature_change=None if heat is None else heat.change,
             poses=problem.state.poses,
             turns=problem.elasticity.constraints.turns,

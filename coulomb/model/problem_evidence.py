@@ -100,8 +100,6 @@ def gather_evidence(
         origin = taken(surface.displacements(state.slip_origin), frames)
     else:
         origin = rows_of(B, before.displacement) + np.einsum("kij,kj->ki", frames, carried)
-        flown = body.flown(surface, motions, state.time, before)
-        origin += taken(surface.displacements(flown), frames)
     rows, places = rows_of(B, u), points.average(elasticity.x)
     closed = relative_displacement(rows, origin)
     loaded = list(zip(state.loaded, state.of_foundations(alpha), strict=True))

@@ -25,7 +25,7 @@ from ..solvers.derivatives import Change, Derivative, derivatives
 from ..solvers.successive_tresca import Anderson
 from .contact import SlipRateFriction, VariableFriction
 from .discrete_problem import DiscreteProblem
-from .geometric_terms import GeometricTerms, Terms, Way, flown
+from .geometric_terms import GeometricTerms, Terms, Way
 from .nodal_answer import NodalAnswer
 from .sensitivity_totals import Derived, contact_totals, other_totals
 
@@ -50,8 +50,6 @@ class Sensitivity:
             the derivatives are those as the input grows,
         falling: and these are those as it falls; else None.
         poses: Of the `ContactState.poses` of foundations under load, shape (faces, 6); None without any.
-        before: Likewise of the displacement after the load step before, in a later one,
-        poses_before: and of the poses then.
     """
 
     name: str
@@ -63,8 +61,6 @@ class Sensitivity:
     border: int = 0
     falling: Sensitivity | None = None
     poses: FloatArray | None = None
-    before: FloatArray | None = None
-    poses_before: FloatArray | None = None
 
 
 def refuse(problem: DiscreteProblem) -> None:
@@ -162,9 +158,7 @@ class _Answer:
             others = other_totals(self._answer, derived, totals, self._held, self._u)
             along_frames = derived.x if of.terms is None else derived.x + of.terms.components.ravel()
             of_points = along_frames, derived.u, totals, others
-            then = earlier.get(name)
-            before = (None, None) if then is None else (then.displacement, then.poses)
-            found.append(Sensitivity(name, *of_points, step, at.owed.border, None, derived.poses, *before))
+            found.append(Sensitivity(name, *of_points, step, at.owed.border, poses=derived.poses))
         return found
 
     def _derived(self, one: _Input, of: _Right, at: _Solved, sign: float) -> Derived:
@@ -194,7 +188,6 @@ class _Answer:
         if earlier is not None and not self._large:
             loading = _continued(problem, loading or self._still, earlier.displacement)
             origin[:, 1:] += surface.rows(earlier.displacement)[:, 1:]
-            origin += flown(problem, origin[:, 0], earlier.displacement, earlier.before)
         right = _Right(loading or self._still, origin, np.zeros(len(origin)) + one.bound, one.e)
         return right if self._moves or one.motions is None else right.and_(self._terms.along(self._way(one, earlier)))
 
@@ -202,10 +195,7 @@ class _Answer:
         """What an input moves by itself, and by displacements and foundations after the step before."""
         rigid = self._problem.rigid
         still = Way(np.zeros_like(self._u), np.zeros(0 if rigid is None else rigid.count), motions=one.motions)
-        if earlier is None:
-            return still
-        still = replace(still, before=earlier.displacement, poses_before=earlier.poses)
-        return replace(still, earlier=earlier.before, poses_earlier=earlier.poses_before)
+        return still if earlier is None else replace(still, before=earlier.displacement, poses_before=earlier.poses)
 
     def _solved(self, rights: Sequence[_Right], sign: float) -> list[_Solved]:
         """By the linear problem, as the input grows (sign 1) or falls (-1); collective."""

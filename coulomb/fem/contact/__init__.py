@@ -42,7 +42,7 @@ from .pair import (
 )
 from .pair_evidence import Claims, Deviations, PairSamples, Surfaces, opposite_nodes
 from .sections import Pretension
-from .slip import FaceMotion, foot_points, least_rotations, way_to_touch
+from .slip import FaceMotion, foot_points
 from .surface import (
     NOISE,
     ContactSurface,

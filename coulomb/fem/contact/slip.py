@@ -9,9 +9,6 @@ the start of the step these are of the points that were opposite then, with the 
 is (D0 - M0) x - (D - M) x in the tangent plane (Puso and Laursen 2004), 0 in every rigid motion of both.  A point with
 nothing opposite at the start has no such weights: its slip is the displacement since then relative to the face that is
 opposite now, (D - M) (x - x0).
-
-A point that is open at the start of the step travels before it touches: that way is no slip, and is extrapolated from
-the step before (`way_to_touch`).
 """
 
 from __future__ import annotations
@@ -49,10 +46,6 @@ class FaceMotion:
         surface: Contact points at the start of the step.
         x: Places of this rank's nodes there, shape (k, 3).
         motions: Of the foundations at the start of the step.
-        flown: Way of these contact points along the face before they touch (`way_to_touch`), as space vectors, shape
-            (m, 3).
-        way: Displacement of this rank's nodes in the step before, shape (k, 3); 0 in the first.
-        longer: Duration of the step over that of the step before.
     """
 
     feet: dict[int, FloatArray]
@@ -60,9 +53,6 @@ class FaceMotion:
     surface: ContactSurface
     motions: Sequence[RigidMotion]
     x: FloatArray
-    flown: FloatArray
-    way: FloatArray
-    longer: float
 
     def slip(
         self, body: Deformable, surface: ContactSurface, motions: Sequence[RigidMotion], foundations: Foundations
@@ -78,72 +68,16 @@ class FaceMotion:
         paired = surface.points.opposite is not None
         if body.comm.allreduce(paired):
             slip += self._between_faces(body, surface, foundations)
-        return slip - self._flown(surface, motions, foundations)
-
-    def _flown(self, surface: ContactSurface, motions: Sequence[RigidMotion], foundations: Foundations) -> FloatArray:
-        """The way before they touch of the contact points of a surface, turned with the foundations, and with normals
-        between bodies; space vectors in metres, shape (m, 3)."""
-        flown, place = np.zeros_like(surface.x), surface.places_among(self.surface.nodes, self.surface.part)
-        known = place >= 0
-        for part, foundation in enumerate(foundations):
-            here = known & (surface.part == part)
-            then = self.flown[place[here]]
-            if foundation is not None:
-                flown[here] = motions[part].turned(self.motions[part].turned_back(then))
-            elif np.any(then):
-                turn = least_rotations(self.surface.frames[place[here], 0], surface.frames[here, 0])
-                flown[here] = np.einsum("kij,kj->ki", turn, then)
-        return flown
+        return slip
 
     def _between_faces(self, body: Deformable, surface: ContactSurface, foundations: Foundations) -> FloatArray:
         then, now = (_separation(one, body.x) for one in (self.surface, surface))
         place = surface.places_among(self.surface.nodes, self.surface.part)
-        slip, known, rows = _separation(surface, body.x - self.x), place >= 0, surface.rows(self.way)
-        gap = -np.einsum("ki,ki->k", surface.frames[:, 0], _separation(surface, self.x))
-        slip -= surface.displacements(way_to_touch(rows, gap, self.longer))
+        slip, known = _separation(surface, body.x - self.x), place >= 0
         slip[known] = then[place[known]] - now[known]
         on_foundation = np.array([foundation is not None for foundation in foundations])[surface.part]
         slip[on_foundation] = 0.0
         return slip
-
-
-def way_to_touch(way: FloatArray, gap: FloatArray, longer: float) -> FloatArray:
-    """The way of contact points along their face in a load step before their gap closes, metres, shape (m, 3).
-
-    The gap g closes at the part s = g / (v_n dt) of the step dt, with the velocity v of the step before.  From the
-    middle of that step, dt0 long, to the touch the velocity along the face changes from v_t to that of the slip, w,
-    with the root of the time that is left, as ahead of the edge of a rolling contact (Carter 1926): forces are 0 at the
-    touch, so that nothing changes it there.  The way is s dt (c v_t + (1 - c) w), c = 2/3 (s dt / (s dt + dt0/2))^1/2,
-    and that of the rest of the step w (1 - s) dt.  So there is no slip where the displacement of the step is
-    s dt c v_t, which is the way given here; else slip is along the rest of it.
-
-    A point that would have needed 1/s > 1 steps counts with s in its place, so that one that does not come near has 0.
-
-    Args:
-        way: Displacement in the step before, relative to what is opposite, along n, t1, t2, shape (m, 3).
-        gap: At the start of the step, shape (m,); 0 of points that have touched.
-        longer: dt / dt0.
-    """
-    closing = np.maximum(way[:, 0], 0.0) * longer
-    near = (gap > 0.0) & (closing > 0.0)
-    least, most = np.minimum(gap, closing), np.maximum(gap, closing)
-    part = np.divide(least, most, out=np.zeros_like(gap), where=near)
-    c = 2.0 / 3.0 * np.sqrt(part * longer / (part * longer + 0.5))
-    found = way * (longer * part * c)[:, None]
-    found[:, 0] = 0.0
-    return found
-
-
-def least_rotations(n: FloatArray, m: FloatArray) -> FloatArray:
-    """The least rotations from unit vectors to others near to them, both of shape (k, 3), shape (k, 3, 3)."""
-    n, m = (one / np.linalg.norm(one, axis=1)[:, None] for one in (n, m))
-    axis, cosine = np.cross(n, m), np.einsum("ki,ki->k", n, m)
-    cross = np.zeros((len(n), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        cross[:, k, j], cross[:, j, k] = axis[:, i], -axis[:, i]
-    outer = axis[:, :, None] * axis[:, None, :] / (1.0 + cosine)[:, None, None]
-    turned: FloatArray = cosine[:, None, None] * np.eye(3) + cross + outer
-    return turned
 
 
 def foot_points(
