@@ -108,3 +108,17 @@ def test_forces_are_in_proportion_to_loads_that_are_small():
     large = pressed_by(1e6)
     assert np.abs(large).max() > 0.01
     assert pressed_by(1e-6) == pytest.approx(large, abs=1e-7)
+
+
+@pytest.mark.parametrize("kinematics", ["small", "large"])
+def test_a_body_that_comes_along_and_is_pressed_straight_down_has_no_friction_along(kinematics):
+    """Its motion along the foundation has ended when it touches: what came before, in the air, is no slip."""
+    material = RUBBER if kinematics == "small" else coulomb.NeoHookean(1e9, 0.3)
+    along = coulomb.PrescribedDisplacement("top", (1e-3, 0.0, 0.0), "xy", amplitude=[(0.0, 0.0), (1.0, 1.0)])
+    down = coulomb.PrescribedDisplacement("top", (0.0, 0.0, -1e-3), "z", amplitude=[(0.0, 0.0), (1.0, 0.5), (2.0, 2.0)])
+    contact, box = coulomb.Contact("bottom", friction=0.3, gap=1e-3), coulomb.box((1.0, 1.0, 0.5), (4, 4, 2))
+    problem = coulomb.ContactProblem(box, material, [along, down], contact, kinematics=kinematics)
+    *_, last = (step.solution for step in coulomb.LoadHistory([1.0, 2.0]).steps(problem))
+    force = last.at_nodes.totals()["force"]
+    assert last.valid and force[2] > 0.0
+    assert np.abs(force[:2]).max() <= 1e-6 * force[2]
