@@ -33,8 +33,9 @@ OF_ALL: Final = 1e-3
 """The forces on a body are judged by no less than this part of those on all."""
 
 
-LEAST_FORCE: Final = 1e-6
+_LEAST_FORCE: Final = 1e-6
 """Contact forces on a body below this part of the largest are those of a body that only rests."""
+
 
 _FARTHEST: Final = 2.0 * 3.0**0.5
 """Largest scale of displacements over their largest component: forces in balance do no more work than their sum times
@@ -207,20 +208,16 @@ def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> S
     return Scales(force, length, nodal, turnover, body, owner, forces, lengths_, nodals, at_points, at_held)
 
 
-def deformations(u: FloatArray, internal: FloatArray, component: IntArray, over: Reductions) -> FloatArray:
-    """Mean displacement of the forces that deform each component of the meshes, metres, shape (n,), by displacements,
-    internal forces and components of this rank's nodes, shapes (k, 3) and (k,); collective."""
-    work, forces = _work_and_forces(u, internal, component, over)
-    means: FloatArray = 2.0 * work / np.where(forces > 0.0, forces, 1.0)
-    return means
-
-
-def _work_and_forces(
+def deformations(
     u: FloatArray, internal: FloatArray, component: IntArray, over: Reductions
 ) -> tuple[FloatArray, FloatArray]:
-    """Of each component, joules and newtons, shapes (n,); collective."""
+    """Work of the internal forces of each component of the meshes, joules, and the mean displacement of these forces,
+    metres, shapes (n,), by displacements, internal forces and components of this rank's nodes, shapes (k, 3) and (k,);
+    collective."""
     nodes = _Bodies(component, 1 + int(over.max(component.astype(np.float64))), over)
-    return np.maximum(nodes.sums(np.einsum("ki,ki->k", u, internal)), 0.0), nodes.sums(lengths(internal))
+    work = np.maximum(nodes.sums(np.einsum("ki,ki->k", u, internal)), 0.0)
+    forces = nodes.sums(lengths(internal))
+    return work, 2.0 * work / np.where(forces > 0.0, forces, 1.0)
 
 
 @dataclass(frozen=True)
@@ -232,7 +229,7 @@ class FaceScales:
         deformation: Mean displacement of the forces that deform these bodies, of both sides the larger one, metres,
             shape (faces,).
         approach: Work of the forces that deform them over the sum of the normal forces on them, metres, shape (faces,).
-        force: Largest normal force of a contact point on them, newtons, at least `LEAST_FORCE` of that of the model,
+        force: Largest normal force of a contact point on them, newtons, at least `_LEAST_FORCE` of that of the model,
             shape (faces,).
     """
 
@@ -243,7 +240,7 @@ class FaceScales:
 
 def face_scales(e: Evidence, over: Reductions) -> FaceScales:
     """The scales of every contact face; collective."""
-    work, forces = _work_and_forces(e.displacement, e.internal, e.component, over)
+    work, ways = deformations(e.displacement, e.internal, e.component, over)
     blocked = _Bodies(e.component, len(work), over).largest(_of_loads_alone(e))
     judged, count = e.part >= 0, len(e.faces)
     part, normal = e.part[judged], np.maximum(e.force[judged, 0], 0.0)
@@ -255,12 +252,13 @@ def face_scales(e: Evidence, over: Reductions) -> FaceScales:
     for number, others in enumerate(e.opposite):
         joined[number, list(others)] = 1.0
     on_these = np.minimum(joined @ joined.T, 1.0)
-    ways = np.maximum(2.0 * work / np.where(forces > 0.0, forces, 1.0), blocked)
-    approach = joined @ work / np.where(on_these @ pressed > 0.0, on_these @ pressed, 1.0)
+    pressed_on_these = on_these @ pressed
+    approach = joined @ work / np.where(pressed_on_these > 0.0, pressed_on_these, 1.0)
+    approach = np.maximum(approach, np.max(joined * blocked, axis=1, initial=0.0))
     return FaceScales(
-        np.max(joined * ways, axis=1, initial=0.0),
-        np.where(on_these @ pressed > 0.0, np.maximum(approach, np.max(joined * blocked, axis=1, initial=0.0)), 0.0),
-        np.maximum(np.max(on_these * largest, axis=1, initial=0.0), LEAST_FORCE * np.max(largest, initial=0.0)),
+        np.max(joined * np.maximum(ways, blocked), axis=1, initial=0.0),
+        np.where(pressed_on_these > 0.0, approach, 0.0),
+        np.maximum(np.max(on_these * largest, axis=1, initial=0.0), _LEAST_FORCE * np.max(largest, initial=0.0)),
     )
 
 

@@ -282,7 +282,7 @@ class Solution:
         members = [body.face(face, "contact") for face in problem.surface.faces]
         faces = [face_samples(one.body, facets, self.change[one.nodes]) for one, facets in members]
         over = Reductions(problem.comm)
-        deformation = deformations(e.displacement, e.internal, body.component, over)[body.component]
+        deformation = deformations(e.displacement, e.internal, body.component, over)[1][body.component]
         given = np.zeros(len(problem.surface.x)) if large else self.at_nodes.given_gap
         inside = self._undeformed.outside.overlap(
             problem.surface, given, problem.state.foundation_motions, self.displacement, deformation, large
