@@ -200,8 +200,8 @@ class Deformable(ReducedBodies):
         return np.zeros_like(u)
 
     def blocked_displacement(self, loading: Loading) -> float:
-        """Scale in metres of the displacements that loads would cause where contact and supports let nothing move;
-        0 if there is none beside the displacement itself; collective."""
+        """Scale in metres of the displacements that loads would cause in one body where contact and supports let
+        nothing move; 0 if there is none beside the displacement itself; collective."""
         return 0.0
 
     def blocked_displacements(self, loading: Loading) -> tuple[float, ...]:

@@ -430,9 +430,6 @@ class JoinedBodies(Deformable):
         given = [(member, one) for member in self.members for one in member.body.support_entries()]
         return [*({**one, "face": member.called(one["face"])} for member, one in given), *self.constraints.springs]
 
-    def blocked_displacement(self, loading: Loading) -> float:
-        return max(self.blocked_displacements(loading))
-
     def blocked_displacements(self, loading: Loading) -> tuple[float, ...]:
         parts = zip(self._members, loading.parts, strict=True)
         return tuple(one.body.blocked_displacement(part) for one, part in parts)
