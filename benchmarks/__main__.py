@@ -403,6 +403,15 @@ def _over_ours(
 
 
 @app.command()
+def incompressible(directory: Output = None) -> None:
+    """Elements near incompressibility: forces over those of Q2, and large motions at Poisson's ratio 0.4999."""
+    from .incompressible import large, small
+
+    table("incompressible", small(), directory)
+    table("incompressible-large", large(), directory)
+
+
+@app.command()
 def decks(
     folder: Annotated[
         Path | None, typer.Argument(help="Folder of input files of CalculiX; default: three in finer and finer cells.")
