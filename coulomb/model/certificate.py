@@ -28,6 +28,7 @@ from mpi4py import MPI
 
 from ..arrays import FloatArray
 from ..fem.bodies import HeldDirections, null_space, of_part, rigid_modes
+from ..fem.meshes import Slice
 from ..linalg.reductions import Reductions
 from ..solvers.laws import FrictionLaw
 from ..units import amount
@@ -98,6 +99,7 @@ class Evidence:
             displacement along the normal is prescribed, or they face away from the foundation, metres, shape (q,).
         held_owner: Number of the component of each of these nodes, shape (q,).
         held_part: That of its contact if it is on a pair, else any, shape (q,).
+        layer: Of what plane or axisymmetric body the meshes are one layer; None of others.
     """
 
     comm: MPI.Comm
@@ -134,6 +136,12 @@ class Evidence:
     faces: tuple[str, ...] = ()
     opposite: tuple[tuple[int, ...], ...] = ()
     unsettled: float = RESOLVED
+    layer: Slice | None = None
+
+    @property
+    def deforming(self) -> FloatArray:
+        """The internal forces, of a layer those along its section, newtons, shape (k, 3)."""
+        return self.internal if self.layer is None else self.layer.along_section(self.x, self.internal)
 
 
 def rigid_balance(e: Evidence, outer: FloatArray, lengths_: FloatArray, turnover: float) -> tuple[float, float, int]:

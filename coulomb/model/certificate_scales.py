@@ -14,7 +14,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from ..arrays import FloatArray, IntArray
+from ..arrays import FloatArray
 from ..fem.bodies import Deformable, varying_signs
 from ..linalg.reductions import Reductions, concatenated
 from ..solvers.laws import FrictionLaw
@@ -208,16 +208,13 @@ def scales_of(e: Evidence, outer: tuple[FloatArray, ...], over: Reductions) -> S
     return Scales(force, length, nodal, turnover, body, owner, forces, lengths_, nodals, at_points, at_held)
 
 
-def deformations(
-    u: FloatArray, internal: FloatArray, component: IntArray, over: Reductions
-) -> tuple[FloatArray, FloatArray]:
-    """Work of the internal forces of each component of the meshes, joules, and the mean displacement of these forces,
-    metres, shapes (n,), by displacements, internal forces and components of this rank's nodes, shapes (k, 3) and (k,);
-    collective."""
-    nodes = _Bodies(component, 1 + int(over.max(component.astype(np.float64))), over)
-    work = np.maximum(nodes.sums(np.einsum("ki,ki->k", u, internal)), 0.0)
-    forces = nodes.sums(lengths(internal))
-    return work, 2.0 * work / np.where(forces > 0.0, forces, 1.0)
+def deformations(e: Evidence, over: Reductions) -> tuple[FloatArray, FloatArray]:
+    """Work of the forces that deform each component of the meshes, joules, and their mean displacement, metres, shapes
+    (n,); collective."""
+    nodes, forces = _Bodies(e.component, 1 + int(over.max(e.component.astype(np.float64))), over), e.deforming
+    work = np.maximum(nodes.sums(np.einsum("ki,ki->k", e.displacement, forces)), 0.0)
+    sizes = nodes.sums(lengths(forces))
+    return work, 2.0 * work / np.where(sizes > 0.0, sizes, 1.0)
 
 
 @dataclass(frozen=True)
@@ -240,7 +237,7 @@ class FaceScales:
 
 def face_scales(e: Evidence, over: Reductions) -> FaceScales:
     """The scales of every contact face; collective."""
-    work, ways = deformations(e.displacement, e.internal, e.component, over)
+    work, ways = deformations(e, over)
     blocked = _Bodies(e.component, len(work), over).largest(_of_loads_alone(e))
     judged, count = e.part >= 0, len(e.faces)
     part, normal = e.part[judged], np.maximum(e.force[judged, 0], 0.0)

@@ -160,6 +160,7 @@ def gather_evidence(
         held_gap=np.concatenate([none[:0], *left]),
         held_owner=component[np.concatenate([judged[:0], *(one.nodes for one in others)])],
         held_part=np.concatenate([parts[:0], *held_part]),
+        layer=elasticity.slice,
     )
 
 

@@ -113,7 +113,8 @@ class SmallStrain:
         turn: Largest angle in degrees between the foundation's normals at a node in contact before and after its
             displacement.
         slip_over_cell: Largest tangential displacement of a pressing node on a curved foundation, or against another
-            deformable face, over the size of the cells there (square root of the nodal area).
+            deformable face, over the size of the cells there: square root of the nodal area, of slices the width along
+            the section.
         gradient: Largest norm of the displacement gradient in a cell: strain and rotation.
         between: Largest depth of a face inside its foundation, between contact points, less what the chord of its
             facets explains, over the same mean displacement.
@@ -272,6 +273,7 @@ def known_mode(mode: str) -> str:
 
 def small_strain(
     at_nodes: NodalAnswer,
+    cells: FloatArray,
     foundations: Sequence[RigidFoundation | None],
     scales: FaceScales,
     gradient: float,
@@ -284,6 +286,7 @@ def small_strain(
 
     Args:
         at_nodes: The answer at the contact nodes.
+        cells: Size of the cells there, metres, shape (m,).
         foundations: Foundation of each contact face at this time; None against a deformable face.
         scales: Of the bodies of each contact face.
         gradient: Largest norm of the displacement gradient; 0 of large motions, in which it may have any size.
@@ -332,7 +335,7 @@ def small_strain(
     return SmallStrain(
         gap_error=gap_error,
         turn=largest(turn, over),
-        slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / np.sqrt(at_nodes.area[pressing]), 0.0), over),
+        slip_over_cell=largest(np.where((turn > 0.0) | pairs, along / cells[pressing], 0.0), over),
         gradient=gradient,
         between=float(np.max(deepest, initial=0.0)),
         chord=float(np.max(chord, initial=0.0)),

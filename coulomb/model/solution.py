@@ -282,7 +282,7 @@ class Solution:
         members = [body.face(face, "contact") for face in problem.surface.faces]
         faces = [face_samples(one.body, facets, self.change[one.nodes]) for one, facets in members]
         over = Reductions(problem.comm)
-        deformation = deformations(e.displacement, e.internal, body.component, over)[1][body.component]
+        deformation = deformations(e, over)[1][body.component]
         given = np.zeros(len(problem.surface.x)) if large else self.at_nodes.given_gap
         inside = self._undeformed.outside.overlap(
             problem.surface, given, problem.state.foundation_motions, self.displacement, deformation, large
@@ -290,7 +290,10 @@ class Solution:
         gradient = 0.0 if large else body.largest_gradient(self.displacement)
         off = None if large else problem.body.off_linear(problem.surface, self.displacement)
         foundations = problem.surface.foundations
-        measured = small_strain(self.at_nodes, foundations, face_scales(e, over), gradient, faces, inside, large, off)
+        at, layer = self.at_nodes, body.slice
+        cells = np.sqrt(at.area) if layer is None else layer.cell_sizes(at.x, at.area, members[0][0].body.degree)
+        scales = face_scales(e, over)
+        measured = small_strain(at, cells, foundations, scales, gradient, faces, inside, large, off)
         found = self.stability
         return measured if found is None else replace(measured, unstable=found.unstable, by_friction=found.by_friction)
 

@@ -15,12 +15,15 @@ import pytest
 import typer.testing
 from conftest import ROOT, STEEL, make_block
 from report_pages import page_without_pictures
+from sections import rectangle, write
 
 import coulomb
 from coulomb import Clamp, Contact, ContactProblem, LoadHistory, PrescribedDisplacement, Sphere
 from coulomb.cli import app as cli
 from coulomb.fem.contact.body_boundary import depths_below, in_tetrahedra
+from coulomb.linalg.reductions import Reductions
 from coulomb.model import load_history, stopping_criterion
+from coulomb.model.certificate_scales import deformations
 from coulomb.model.load_step import Energy
 from coulomb.model.small_strain import CHORD, GAP_ERROR, GRADIENT, TURN, SmallStrain, known_mode
 
@@ -318,3 +321,31 @@ def test_the_theory_does_not_see_a_body_that_stands_apart(young, way):
     alone = measures(False)
     assert np.all(alone > 0.0)
     assert measures(True) == pytest.approx(alone, rel=1e-4)
+
+
+@pytest.mark.parametrize("nodes", [4, 9])
+def test_measures_of_a_plane_slice_are_those_of_any_thickness(tmp_path, nodes):
+    section = write(tmp_path / "section.msh", rectangle((0.0, 0.0), (1.0, 1.0), (4, 4), nodes))
+    round_ = coulomb.Cylinder((0.5, -2.0, 0.0), (0.0, 0.0, 1.0), 2.0)
+
+    def measures(thickness):
+        mesh = coulomb.slice(section, "plane strain", thickness=thickness)
+        held, contact = PrescribedDisplacement("top", (0.3, -2e-3, 0.0)), Contact("bottom", 0.1, foundation=round_)
+        problem = ContactProblem(mesh, coulomb.Material(1e9, 0.3), [held], contact, small_strain="warn")
+        return problem.solve().small_strain
+
+    thin, thick = measures(1e-3), measures(1.0)
+    assert thin.gap_error > 0.0 and thin.chord > 0.0
+    assert thin.slip_over_cell == pytest.approx(0.3 * 4 * (nodes == 4) or 0.3 * 8, rel=0.5)
+    for name in ("gap_error", "turn", "slip_over_cell", "chord"):
+        assert getattr(thick, name) == pytest.approx(getattr(thin, name), rel=1e-3)
+
+
+def test_planes_of_a_wedge_do_not_make_the_deformation_smaller(tmp_path):
+    """A thin ring under inner pressure widens by p R^2/(E t); the pressure is all that acts on it."""
+    section = write(tmp_path / "ring.msh", rectangle((0.99, 0.0), (1.01, 0.02), (2, 1)))
+    mesh = coulomb.slice(section, "axisymmetric")
+    far = Contact("right", 0.1, foundation=coulomb.Cylinder((0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 1.1, hollow=True))
+    material, pressure = coulomb.Material(1e9, 0.0), coulomb.Pressure("left", 1e4)
+    found = ContactProblem(mesh, material, [coulomb.SymmetryPlane("bottom")], far, [pressure]).solve().evidence
+    assert deformations(found, Reductions(found.comm))[1] == pytest.approx([2.0 * 1e4 / 1e9 / 0.02], rel=0.02)

@@ -94,6 +94,21 @@ class Slice:
         side = x[:, 0] * math.tan(0.5 * ANGLE) if self.kind == AXISYMMETRIC else 0.5 * self.thickness
         return np.where(np.abs(x[:, 2]) < 0.5 * np.abs(side), 2.0 / 3.0, 1.0 / 6.0) / self.copies
 
+    def cell_sizes(self, x: FloatArray, area: FloatArray, degree: int) -> FloatArray:
+        """How wide along the section the areas (k,) of nodes x (k, 3) of a face are, metres, shape (k,)."""
+        width = 2.0 * x[:, 0] * math.tan(0.5 * ANGLE) if self.kind == AXISYMMETRIC else self.thickness
+        return area / (self.copies * self.shares(x, degree) * width)
+
+    def along_section(self, x: FloatArray, vectors: FloatArray) -> FloatArray:
+        """The parts of vectors at nodes x that are in the plane of the section, in which it deforms, shapes (k, 3): the
+        planes of symmetry of a wedge take 57 times the forces on its surface."""
+        across = np.zeros_like(x)
+        across[:, 2] = 1.0
+        if self.kind == AXISYMMETRIC:
+            across[:, [0, 2]] = x[:, [2, 0]] * (-1.0, 1.0)
+            across /= np.hypot(x[:, 0], x[:, 2])[:, None]
+        return vectors - np.einsum("ki,ki->k", vectors, across)[:, None] * across
+
     def entry(self) -> dict[str, Any]:
         """As in summary.json."""
         return {"kind": self.kind, "forces_for": self.said, "layers": self.copies}
