@@ -3,10 +3,10 @@
 A run locks its directory by `flock` on a file in it, which ends with its process, also on NFS.
 
 A kill at any time leaves the old results or the new ones whole, or files that the next command moves to their place.
-New results are written completely into `.partial`; the name `.complete` commits them.  Then those that are there are
-moved away, the summary first, and become DIRECTORY.previous; the new ones are moved into place, the summary last: a
-directory with a summary never mixes two runs.  The steps of a load history are written one by one: earlier results
-leave the directory before the first.  Files that are not of the format stay where they are.
+New results are written into `.partial`, the summary last, which commits them.  Then those that are there are moved
+away, the summary first, and become DIRECTORY.previous; the new ones are moved into place, iterations.csv first, the
+summary last: a directory with a summary never mixes two runs.  The steps of a load history are written one by one:
+earlier results leave the directory before the first.  Files that are not of the format stay where they are.
 
 On one process but for `locked` and `refuse_to_replace`; standard library only, but for the ranks.
 """
@@ -28,16 +28,14 @@ from typing import TYPE_CHECKING, Final
 
 from ..ranks import on_rank_0
 from ..regular_file import unwritable
-from .run_directory import FAILED, FIELDS, FILES, LOCK, MESH, STEPS, SUMMARY, RunDirectory, read_json
+from .run_directory import FAILED, FIELDS, FILES, ITERATIONS, LOCK, MESH, STEPS, SUMMARY, RunDirectory, read_json
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-PARTIAL: Final = ".partial"
-"""Directory in that of the results in which new ones are written; names that begin so are those of killed runs."""
-
-_COMPLETE, _OWN, _MOVING, _OLD = ".complete", ".complete-own", ".complete-moving", ".complete-old"
-"""New results: for others, for earlier ones of the same run, and half moved; and old ones that become .previous."""
+PARTIAL, OWN, OLD = ".partial", ".partial-own", ".old"
+"""Directories in that of the results: of new ones, of new ones that replace earlier ones of the same run, and of those
+that become .previous.  Names that begin as the first are of killed runs where there is no summary."""
 
 _NAMES: Final = (SUMMARY, *FILES, *(name.replace(".xdmf", ".h5") for name in FIELDS), STEPS, FAILED, MESH)
 
@@ -194,7 +192,7 @@ def _is_ours(folder: Path) -> bool:
 def _is_of_format(path: Path) -> bool:
     """Whether a path in a directory of results is of the format."""
     *_, last = parts = path.parts
-    known = last.lstrip(".").removesuffix(".partial") in _NAMES or last.startswith((PARTIAL, _COMPLETE))
+    known = last.lstrip(".").removesuffix(".partial") in _NAMES or last.startswith((PARTIAL, OLD))
     in_steps = parts[0] == STEPS and re.fullmatch(r"\d{4,}", last) is not None
     return known or in_steps or (parts[0] == MESH and path.suffix in (".xdmf", ".h5"))
 
@@ -202,34 +200,23 @@ def _is_of_format(path: Path) -> bool:
 # --- replacing ----------------------------------------------------------------------------------------------------
 
 
-def commit(folder: Path, target: Path, keep: bool = True) -> None:
-    """Replace the results in a directory by those in its directory `.partial`, which has all files.
-
-    After an OSError these are in `.complete`, and the next run tries again.  The results before are kept as
-    TARGET.previous, unless they are of the same run (`keep`).
-    """
-    os.rename(folder, target / (_COMPLETE if keep else _OWN))
-    finish(target)
-
-
 def finish(target: Path) -> None:
-    """Move complete results into place, also those of a run that was killed at it."""
-    if (target / _OLD).is_dir():
+    """Move complete results into place, also those of a run that was killed at it.  Those before are kept as
+    TARGET.previous, unless they are of the same run (`OWN`).  After an OSError the next run tries again."""
+    if (target / OLD).is_dir():
         set_aside(target)
-    for name in (_COMPLETE, _OWN):
-        if (target / name).is_dir():
-            set_aside(target, name == _COMPLETE)
-            os.rename(target / name, target / _MOVING)
-    moving = target / _MOVING
-    if moving.is_dir():
-        for file in sorted(moving.iterdir(), key=lambda file: file.name == SUMMARY):
-            os.replace(file, target / file.name)
-        moving.rmdir()
+    for new in (target / PARTIAL, target / OWN):
+        if (new / SUMMARY).exists():
+            if (new / ITERATIONS).exists():  # nothing of it is in place
+                set_aside(target, keep=new.name == PARTIAL)
+            for file in sorted(new.iterdir(), key=lambda file: (file.name == SUMMARY) - (file.name == ITERATIONS)):
+                os.replace(file, target / file.name)
+            new.rmdir()
 
 
 def finish_for_reader(target: Path) -> None:
     """Move complete results into place after a run was killed at it, if no run is there and the files may be moved."""
-    if any(target.glob(f"{_COMPLETE}*")):
+    if RunDirectory(target).moving:
         with suppress(OSError, ValueError), locked(target, None):
             pass
 
@@ -237,20 +224,22 @@ def finish_for_reader(target: Path) -> None:
 def set_aside(target: Path, keep: bool = True) -> None:
     """Move the results in a directory, the summary first, to TARGET.previous, or remove them if they are none that
     could be lost, or are not to be kept.  Links stay links."""
-    kept, old = previous(target), target / _OLD
-    if keep := old.is_dir() or (keep and _has_results(target)):
-        try:
-            _refuse_to_lose(kept)
-        except ValueError as error:  # since the run began
-            raise OSError(errno.EEXIST, str(error)) from None
-    else:
-        old = target / f"{PARTIAL}-old"
+    kept, old = previous(target), target / OLD
+    if not (old.is_dir() or (keep and _has_results(target))):
+        for name in _names_in(target):
+            _remove(target / name)
+        return
+    try:
+        _refuse_to_lose(kept)
+    except ValueError as error:  # since the run began
+        raise OSError(errno.EEXIST, str(error)) from None
     old.mkdir(exist_ok=True)
-    if keep and kept.exists():
-        (os.unlink if kept.is_symlink() else shutil.rmtree)(kept)
     for name in _names_in(target):
         os.rename(target / name, old / name)
-    if keep:
-        shutil.move(old, kept)  # a copy where the directory is a disk of its own
-    else:
-        shutil.rmtree(old)
+    if kept.exists():
+        _remove(kept)
+    shutil.move(old, kept)  # a copy where the directory is a disk of its own
+
+
+def _remove(path: Path) -> None:
+    (shutil.rmtree if path.is_dir() and not path.is_symlink() else os.unlink)(path)

@@ -26,7 +26,7 @@ from ..model.solution import Solution
 from ..ranks import on_rank_0
 from ..regular_file import replacing
 from ..solvers.results import OuterStep, QPStep
-from .atomic_output import PARTIAL, commit, locked, refuse_to_replace
+from .atomic_output import OWN, PARTIAL, finish, locked, refuse_to_replace
 from .energy_error import recovered_errors
 from .grid_file import GridFields, write_grids
 from .result_grids import body_grids, collections, contact_facets, contact_grids
@@ -68,25 +68,25 @@ def write(
         ValueError: On every rank, if another run uses it, or it has files that must not be replaced.
     """
     problem, target, extra = solution.problem, Path(directory), extra or {}
-    comm, folder = problem.comm, target / PARTIAL
+    comm, folder = problem.comm, target / (PARTIAL if keep else OWN)
 
     def begin() -> None:
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
 
-    def finish() -> dict[str, Any]:
+    def complete() -> dict[str, Any]:
         _write_history(solution.result.history, folder / ITERATIONS)
         contents["seconds"]["output"] = time.perf_counter() - began
         contents["picture"] = "not asked for"
         contents["run"]["ended"] = moment(now())
-        write_json(contents, folder / SUMMARY)
         if case:
             (folder / CASE).write_text(case, encoding="utf-8")
         if mesh is not None:
             os.rename(mesh, folder / MESH)
         elif str((target / MESH).absolute()) in case:
             shutil.copytree(target / MESH, folder / MESH)
-        commit(folder, target, keep)
+        write_json(contents, folder / SUMMARY)
+        finish(target)
         return contents
 
     same_on_all_ranks({"directory": str(directory), "overwrite": overwrite}, comm)
@@ -100,9 +100,9 @@ def write(
             write_fields(solution, folder, fields or {}, extra.get("error"))
             contents = {**summary(solution), **({"fields": list(fields)} if fields else {}), **extra}
             contents["run"] = provenance(problem.started, comm)
-            contents = on_rank_0(comm, finish)
+            contents = on_rank_0(comm, complete)
         finally:  # no collective call: an unforeseen error may be that of one rank
-            if comm.rank == 0:
+            if comm.rank == 0 and not (folder / SUMMARY).exists():
                 shutil.rmtree(folder, ignore_errors=True)
     problem.seconds.update(contents["seconds"])
     return contents

@@ -91,6 +91,11 @@ class RunDirectory:
         return RunDirectory(self.path / step_place(number))
 
     @property
+    def moving(self) -> bool:
+        """Whether complete results are still to be moved to their place (`atomic_output`)."""
+        return any((*self.path.glob(f".partial*/{SUMMARY}"), *self.path.glob(".old")))
+
+    @property
     def is_history(self) -> bool:
         """Whether it belongs to a load history."""
         return (self.path / STEPS).is_dir()
@@ -128,10 +133,9 @@ class RunDirectory:
         Raises:
             ValueError: If it cannot be read, is not a summary, or lacks a required entry.
         """
-        if not self.summary.exists() and (moving := sorted(self.path.glob(".complete*"))):
+        if not self.summary.exists() and self.moving:
             raise ValueError(
-                f"{self.path}: a run was killed while it moved results ({moving[0].name}): the next coulomb run here "
-                "finishes that"
+                f"{self.path}: a run was killed while it moved results: the next coulomb run here finishes that"
             )
         contents = read_json(self.summary)
         for key in needed:

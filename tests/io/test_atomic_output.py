@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 import coulomb
 from coulomb.io import output
-from coulomb.io.atomic_output import commit, finish, locked, refuse_to_replace, set_aside
+from coulomb.io.atomic_output import finish, locked, refuse_to_replace, set_aside
 from coulomb.io.run_directory import LOCK, RunDirectory
 from coulomb.recheck import check
 
@@ -308,23 +308,23 @@ def test_a_kill_at_any_moment_of_the_move(made, there_is, keep, monkeypatch):
     for kills in itertools.count():
         there(made, there_is)
         there(made, "single", "out.previous")
-        partial = Path("out/.partial")
+        partial = Path("out/.partial" if keep else "out/.partial-own")
         partial.mkdir()
         for name, text in new.items():
             (partial / name).write_bytes(text)
-        killed = killed_at(kills, functools.partial(commit, partial, OUT, keep), monkeypatch)
+        killed = killed_at(kills, functools.partial(finish, OUT), monkeypatch)
         if Path("summary.json") in visible():
             assert visible() in (old, new)
         if keep and visible() != old:
-            assert old in (everything(KEPT), everything("out/.complete-old") | visible())
-        if committed := bool(list(OUT.glob(".complete*"))):
+            assert old in (everything(KEPT), everything("out/.old") | visible())
+        if RunDirectory(OUT).moving:
             if not Path("out/summary.json").exists():
                 with pytest.raises(ValueError, match="the next coulomb run here finishes"):
                     RunDirectory(OUT).read_summary()
             with locked(OUT, comm):
                 assert refuse_to_replace(OUT, True, comm)
             assert everything() == new
-        assert everything(KEPT) == (old if keep and (committed or not killed) else older)
+        assert everything(KEPT) == (old if keep else older)
         if not killed:
             break
     assert everything() == new and kills >= 10
@@ -337,7 +337,7 @@ def test_a_kill_while_a_history_takes_the_place(made, there_is, monkeypatch):
         there(made, there_is)
         there(made, "history" if there_is == "single" else "single", "out.previous")
         killed = killed_at(kills, lambda: set_aside(OUT), monkeypatch)
-        assert old in (everything(), everything(KEPT), everything("out/.complete-old") | visible())
+        assert old in (everything(), everything(KEPT), everything("out/.old") | visible())
         finish(OUT)
         set_aside(OUT)
         assert not everything() and everything(KEPT) == old
@@ -349,9 +349,9 @@ def test_a_kill_while_a_history_takes_the_place(made, there_is, monkeypatch):
 @pytest.mark.parametrize("command", ["check", "report"])
 def test_a_command_that_reads_finishes_a_move(made, command):
     there(made, "single")
-    Path("out/.complete-moving").mkdir()
+    Path("out/.partial").mkdir()
     for name in ("summary.json", "solution.h5"):
-        shutil.move(f"out/{name}", f"out/.complete-moving/{name}")
+        shutil.move(f"out/{name}", f"out/.partial/{name}")
     with Path("out/run.lock").open("w") as file:  # of a run, which may be at it
         fcntl.flock(file, fcntl.LOCK_EX)
         assert run_coulomb(command, "out").returncode == 2
@@ -379,7 +379,7 @@ def test_a_full_disk_keeps_the_old_results(made, monkeypatch):
     full = Mock(side_effect=OSError(28, "No space left on device"))
 
     def full_at_last(path, *_):
-        return full() if Path(path).name == ".complete-old" else mkdir(path, *_)
+        return full() if Path(path).name == ".old" else mkdir(path, *_)
 
     mkdir = os.mkdir
     for owner, name in ((output, "write_fields"), (output, "write_json"), (os, "mkdir")):
