@@ -72,20 +72,22 @@ def test_the_step_that_closes_the_gap_has_no_forces(make):
     assert last.forces["normal_force"] == pytest.approx(whole.forces["normal_force"], rel=1e-4)
 
 
-def test_beside_a_body_that_is_pressed():
-    """Each body by itself: the one that just touches has no forces."""
-    one = coulomb.box((1.0, 1.0, 0.5), (2, 2, 1))
+@pytest.mark.parametrize(("cells", "method"), [((2, 2, 1), "auto"), ((6, 6, 3), "iterative"), ((6, 6, 3), "direct")])
+def test_beside_a_body_that_is_pressed(cells, method):
+    """Each body by itself: the one that just touches has no forces, and takes multigrid no more steps than factors."""
+    one, other = (coulomb.box((1.0, 1.0, 0.5), cells) for _ in range(2))
     problem = coulomb.ContactProblem(
-        coulomb.join(a=one, b=coulomb.moved(coulomb.box((1.0, 1.0, 0.5), (2, 2, 1)), translate=(2.0, 0.0, 0.0))),
+        coulomb.join(a=one, b=coulomb.moved(other, translate=(2.0, 0.0, 0.0))),
         {"a": RUBBER, "b": RUBBER},
         [
             coulomb.PrescribedDisplacement("a:top", (0.0, 0.0, -2e-3)),
             coulomb.PrescribedDisplacement("b:top", (0.0, 0.0, -1e-3)),
         ],
         [coulomb.Contact("a:bottom", friction=0.3), coulomb.Contact("b:bottom", friction=0.3, gap=1e-3)],
+        linear_solver=method,
     )
     answer = problem.solve()
-    assert answer.valid
+    assert answer.valid and answer.result.newton_steps <= 25
     assert answer.forces["b:bottom"]["normal_force"] == 0.0 < answer.forces["a:bottom"]["normal_force"]
 
 

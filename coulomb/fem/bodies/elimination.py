@@ -276,6 +276,9 @@ def eliminated(bodies: ReducedBodies) -> Reduced:
     K.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     K.setOption(PETSc.Mat.Option.SPD, True)
     attach_rigid_modes(K, bodies.x, reduction)
+    count = 1 + comm.allreduce(int(np.max(bodies.component, initial=-1)), op=MPI.MAX)
+    if count > 1:  # own unknowns may couple components, or be coupled to none
+        K.setAttr(COMPONENTS, np.append(bodies.component, count + np.arange(reduction.here)).astype(np.int32))
     if any(member.body.degree == 2 for member in bodies.members):
         of_body = weakref.WeakMethod(bodies.interpolation)  # Python cannot collect a cycle through a matrix of PETSc
         K.setAttr(INTERPOLATION, lambda: (make := of_body()) and make())
@@ -339,6 +342,9 @@ def _refuse_soft(bodies: ReducedBodies, anchored: npt.NDArray[np.bool_], diagona
         "the mesh"
     )
 
+
+COMPONENTS: Final = "components"
+"""Attribute of a stiffness of several components: the number of each unknown's, node by node, shape (k + p,)."""
 
 INTERPOLATION = "interpolation"
 """Attribute of a second-order stiffness: makes the matrix that interpolates linear displacements; None without body."""

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 from ...arrays import FloatArray
 from ..reductions import Reductions
 from ..solve_errors import CGNotConverged, TooSlow
+from ..uncoupled import parts_of
 from .low_rank import RecycledColumns, turned_diagonal
 from .stiffness import SoftMotions, StiffnessSolver
 
@@ -267,6 +268,7 @@ class MatrixFreeCompliance(LimitedProducts):
         self.comm: MPI.Comm = B.getComm().tompi4py()
         self.nodes = B.getLocalSize()[0] // 3
         self.products, self.learnt = 0, RecycledColumns()
+        self._parts = parts_of(K)
         self._u, self._x = B.createVecs()
         self._rhs = self._u.duplicate()
         self._last = self._u.duplicate()
@@ -323,24 +325,32 @@ class MatrixFreeCompliance(LimitedProducts):
 
     def _follow(self, x: FloatArray, change: float, whole: float) -> None:
         """The last displacement corrected for another x, to an accuracy relative to the change or to the whole of the
-        contact forces."""
+        contact forces, in each of the parts that K does not couple; where there are none, of all forces."""
         self._x.array[:] = -x
         self.B.multTranspose(self._x, self._rhs)
-        size = self._rhs.norm()
+        norms = self._parts.norms
+        size = norms(self._rhs.array_r)
         if self._load is not None:
             self._rhs.axpy(1.0, self._load)
-        forces = self._rhs.norm()
+        forces = norms(self._rhs.array_r)
+        size = np.where(size > 0.0, size, forces)
         self._solver.multiply(self._last, self._u)
         self._u.aypx(-1.0, self._rhs)
-        left = self._u.norm()
-        if left > forces:  # nothing is a better start: a correction would keep a part of what vanished loads caused
-            self._last.set(0.0)
-            left, self._accurate = forces, None
+        left = norms(self._u.array_r)
+        worse = left > forces  # than nothing: a correction would keep a part of what vanished loads caused
+        if np.any(worse):
+            self._parts.zero(worse, self._last.array)
+            left, self._accurate = np.where(worse, forces, left), None
+            self._parts.zero(~worse, self._rhs.array)
+            self._parts.zero(worse, self._u.array)
+            self._rhs.axpy(1.0, self._u)
         else:
             self._u.copy(self._rhs)
         self._found = self._guessed and self.factorised and self._balanced(self._rhs.array_r)
-        if left > whole * size and not self._found:
-            self._solver.solve(self._rhs, self._u, max(change, whole * size / left))
+        wrong = left > whole * size
+        if np.any(wrong) and not self._found:
+            self._parts.zero(~wrong, self._rhs.array)
+            self._solver.solve(self._rhs, self._u, max(change, float(np.min(whole * size[wrong] / left[wrong]))))
             self._last.axpy(1.0, self._u)
             self._accurate = None
 

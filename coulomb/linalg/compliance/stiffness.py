@@ -15,6 +15,7 @@ from ..multigrid import RecycledCG, multigrid, padded
 from ..petsc_arrays import CHOLESKY, configured_ksp
 from ..reductions import summed
 from ..solve_errors import CGNotConverged, TooSlow
+from ..uncoupled import parts_of
 
 # Rigid motions of bodies that soft springs hold, apart from what is elastic in K^-1.
 #
@@ -76,7 +77,8 @@ class StiffnessSolver(Protocol):
         ...
 
     def solve(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float = 0.0) -> None:
-        """u <- K^-1 rhs, to |K u - rhs| <= max(tolerance, the solver's tolerance) |rhs|.
+        """u <- K^-1 rhs, to |K u - rhs| <= max(tolerance, the solver's tolerance) |rhs|; by multigrid, this is the root
+        of the mean square over the parts that K does not couple, each in units of its own forces.
 
         Raises:
             CGNotConverged: On every rank, if it does not get there; u has what was reached.
@@ -160,7 +162,7 @@ class IterativeSolver:
         self._cycle = cycle = multigrid(K, P)
         if P is not None:
             P.destroy()
-        self._u, comm = padded(cycle.size), K.comm.tompi4py()
+        self._u, self._parts, comm = padded(cycle.size), parts_of(K), K.comm.tompi4py()
         self._cg = RecycledCG(comm, cycle.size, cycle.mult, self._precondition, _DIRECTIONS, _ITERATIONS, cycle)
 
     def _precondition(self, r: FloatArray) -> FloatArray:
@@ -192,7 +194,8 @@ class IterativeSolver:
             rest.destroy()
 
     def _solved(self, rhs: PETSc.Vec, u: PETSc.Vec, tolerance: float) -> None:
-        if rhs.norm() == 0.0:  # a solution 0 among the earlier ones would make the next start undefined
+        sizes = self._parts.norms(rhs.array_r)
+        if not np.any(sizes):  # a solution 0 among the earlier ones would make the next start undefined
             u.set(0.0)
             return
         if self.iterations - self._before >= self._allowed:
@@ -200,13 +203,14 @@ class IterativeSolver:
                 f"solutions of K u = f by conjugate gradients with multigrid took {self.iterations - self._before} "
                 f"iterations, and after {self._allowed:.0f} factors of K are expected to be faster"
             )
+        forces = self._parts.scaled(rhs.array_r, 1.0 / np.where(sizes > 0.0, sizes, 1.0))
         try:
-            self.iterations += self._cg.solve(rhs.array_r, self._u, max(tolerance, self.tolerance))
+            self.iterations += self._cg.solve(forces, self._u, max(tolerance, self.tolerance))
         except CGNotConverged as failure:
             self.iterations += failure.iterations
             raise
         finally:
-            u.array[:] = self._u
+            u.array[:] = self._parts.scaled(self._u, sizes)
 
     def allow(self, iterations: float) -> None:
         """Begin no solve after so many iterations of all solves from now on, the same number on all ranks; inf for no
