@@ -187,6 +187,25 @@ class ContactBody:
         )
         self.stiffness.loaded_foundations = any(contact.load for contact in self.contacts)
 
+    def keep_stiffness(self, known: ContactBody) -> None:
+        """Take K^-1 and A of the same bodies with other values of material, supports, loads and contacts, as far as K
+        is the same, or else its fronts, if contact points and the directions that are held are; collective."""
+        self.stiffness.load_steps = known.stiffness.load_steps
+        there, locked = known._by_supports.get(self.elasticity.acting), self.elasticity.constraints.locked
+        theirs = None if there is None else there._references.get(locked)
+        if there is None or theirs is None:
+            return
+        mine, held, others = self._references[locked], self.elasticity.held, there.elasticity.held
+        pairs = [(mine.nodes, theirs.nodes), (mine.frames, theirs.frames)]
+        pairs += [(held.nodes, others.nodes), (held.projector, others.projector)]
+        if not self.comm.allreduce(all(map(np.array_equal, *zip(*pairs, strict=True))), op=MPI.LAND):
+            return
+        if not (mine.B.equal(theirs.B) and mine.free_B.equal(theirs.free_B)):
+            return
+        kept = replace(mine, B=theirs.B, free_B=theirs.free_B)
+        self._references, self.stiffness = there._references, there.stiffness
+        self._latest[locked] = replace(self._latest[locked], surface=kept)
+
     def at_time(self, time: float) -> ContactBody:
         """The same with the supports and ties that act at a time: itself if they are its own; ValueError on every rank
         as `ContactProblem`; collective."""
@@ -369,9 +388,10 @@ class ContactBody:
         """
         factors, elasticity = self._faces.gap_factors(time), elasticity or self.elasticity
         locked = elasticity.constraints.locked
-        if locked not in self._references:  # the same points, by other unknowns
+        if locked not in self._latest:  # the same points, by other unknowns
             (first, *_), (known, *_) = self._references.values(), self._latest.values()
-            self._references[locked] = with_unknowns(elasticity, first)
+            if locked not in self._references:
+                self._references[locked] = with_unknowns(elasticity, first)
             refuse_untouched(elasticity, self._references[locked])
             self._latest[locked] = replace(known, surface=with_unknowns(elasticity, known.surface))
         latest, before = self._latest[locked], self._references[locked]

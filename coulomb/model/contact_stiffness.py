@@ -140,6 +140,7 @@ class FixedStiffness:
         seconds: Dictionary to which wall times are added.
         many: Whether many solves are expected: factors are then in double precision, with which products by A are exact
             and a solve is one substitution in place of an iteration.
+        before: Of another K of the same sparsity but for springs, whose fronts are used again.
 
     Attributes:
         responses: Displacements without contact under the loads so far.
@@ -152,8 +153,11 @@ class FixedStiffness:
         method: Method,
         seconds: dict[str, float],
         many: bool = False,
+        before: FixedStiffness | None = None,
     ):
         self.elasticity, self.method, self._reference = elasticity, method, reference
+        alike = before is not None and before.method is method and before._reference is reference
+        self._fronts: list[Front] | None = before._fronts if before is not None and alike else method.fronts
         self._seconds, self._many = seconds, many
         self.responses = LinearResponseCache(elasticity.comm)
         self._latest: tuple[ContactSurface, BodyCompliance] | None = None
@@ -169,8 +173,11 @@ class FixedStiffness:
                 if self.elasticity.comm.size > 1:
                     return FirstRankSolver(K, x, last, single, self._many)
                 springs = self.elasticity.added_springs  # that couple nodes make other fronts
-                fronts = method.fronts if springs is None or springs.inside else None
-                return MultifrontalSolver(K, x, last, single, fronts, self._many)
+                if springs is not None and not springs.inside:
+                    return MultifrontalSolver(K, x, last, single, None, self._many)
+                factors = MultifrontalSolver(K, x, last, single, self._fronts, self._many)
+                self._fronts = factors.fronts
+                return factors
             solver = method.linear_solver(K)
             if self._soft is not None and isinstance(solver, IterativeSolver):
                 solver.separate(self._soft)
@@ -249,7 +256,7 @@ class ContactStiffness:
             self.elasticity, spent = elasticity, self._seconds if seconds is None else seconds
             many = elasticity.constraints.locked not in self._factors_of and self.in_double
             self._factors_of.add(elasticity.constraints.locked)
-            known = self._latest = FixedStiffness(elasticity, self._reference, method, spent, many)
+            known = self._latest = FixedStiffness(elasticity, self._reference, method, spent, many, known)
         return known
 
     @property

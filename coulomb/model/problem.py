@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from mpi4py import MPI
@@ -88,13 +88,25 @@ def _of_layer(one: Any, copies: float) -> Any:
     return one
 
 
-def _values_of(given: Mapping[str, Any]) -> list[FloatArray]:
+_Values = Mapping[str, list[FloatArray]]
+
+_NOT_OF_BODIES: Final = {"contact", "heat"}
+"""Arguments of which the bodies do not have the values."""
+
+_NOT_OF_STIFFNESS: Final = {*_NOT_OF_BODIES, "clamps", "tractions", "body_force", "gravity", "temperature"}
+"""Arguments on whose values K does not depend where the same directions are held."""
+
+
+def _values_of(given: Mapping[str, Any]) -> _Values:
     """`present_values` of the arguments of a problem besides its mesh or body, which has its own."""
-    return present_values({name: value for name, value in given.items() if name != "mesh"})
+    return {name: present_values(value) for name, value in given.items() if name != "mesh"}
 
 
-def _bodies_of(given: Mapping[str, Any]) -> Deformable:
-    """The bodies of the arguments of a problem, with what follows others; collective."""
+def _bodies_of(given: Mapping[str, Any], known: Deformable | None = None, changed: Collection[str] = ()) -> Deformable:
+    """The bodies of the arguments of a problem, with what follows others; with all that is the same as of `known`
+    ones, since which these arguments have other values; collective."""
+    if known is not None and _NOT_OF_BODIES.issuperset(changed):
+        return known
     mesh = given["mesh"]
     if isinstance(mesh, Deformable):
         body = mesh
@@ -122,6 +134,8 @@ def _bodies_of(given: Mapping[str, Any]) -> Deformable:
     if followers or links:
         links = [replace(one, stiffness=float(one.stiffness or 0.0) / body.copies) for one in links]
         body = JoinedBodies({one.name: one.body for one in body.members}, followers, given["time"], links)
+    if known is not None and _NOT_OF_STIFFNESS.issuperset(changed):
+        body.keep_stiffness(known)
     if given["kinematics"] != "large":
         _ = body.K  # what is wrong with supports is said before what is wrong with contacts
     return body
@@ -228,13 +242,26 @@ class ContactProblem(DiscreteProblem):
         mesh = named(mesh)
         given = {name: value for name, value in locals().items() if name not in ("self", "__class__")}
         refuse_wrong(given)
-        mode, started = known_mode(small_strain), now()
-        contacts = contacts_given(given)
-        body = ContactBody(
-            lambda: _bodies_of(given), mesh.comm, contacts, time, linear_solver_of(linear_solver), explicit, probes
+        self._pose(given, None, ())
+
+    def _pose(self, given: Mapping[str, Any], known: ContactBody | None, changed: Collection[str]) -> None:
+        """Take these arguments, with all that is the same as of a known body, since which they have other values;
+        collective."""
+        mode, started, time, large = (
+            known_mode(given["small_strain"]),
+            now(),
+            given["time"],
+            given["kinematics"] == "large",
         )
-        if len(heat):
-            body.heat = HeatProblem(body.elasticity, heat, body.contacts, reference_temperature)
+        contacts, methods = contacts_given(given), (linear_solver_of(given["linear_solver"]), given["explicit"])
+        known = None if large else known
+        before = None if known is None else known.elasticity.at_time(time)
+        make = partial(_bodies_of, given, before, changed)
+        body = ContactBody(make, given["mesh"].comm, contacts, time, *methods, given["probes"])
+        if known is not None:
+            body.keep_stiffness(known)
+        if len(given["heat"]):
+            body.heat = HeatProblem(body.elasticity, given["heat"], body.contacts, given["reference_temperature"])
         for text in body.remarks if body.comm.rank == 0 else ():
             _log.warning("%s", text)
         with timed(body.seconds, "assembly"):
@@ -242,7 +269,7 @@ class ContactProblem(DiscreteProblem):
         super().__init__(body, state, mode, started, body.seconds)
         self.given, self._values = given, _values_of(given)
         self._latest: ContactProblem = self
-        self.large = LoadSteps(body, time, linear_solver, explicit, branch) if kinematics == "large" else None
+        self.large = LoadSteps(body, time, *methods, given["branch"]) if large else None
         self.contacts = self.large.contacts if self.large else body.contacts
 
     def at(self, time: float, before: Before | None = None) -> ContactProblem:
@@ -275,13 +302,17 @@ class ContactProblem(DiscreteProblem):
         values since; collective."""
         now = _values_of(self.given)
 
-        def same(values: list[FloatArray]) -> bool:
-            return bool(self.comm.allreduce(all(map(np.array_equal, values, now)), op=MPI.LAND))
+        def changed(values: _Values) -> list[str]:
+            other = np.array([not all(map(np.array_equal, values[name], now[name])) for name in now], dtype=np.int64)
+            ranks = self.comm.allreduce(other, op=MPI.SUM)
+            return [name for name, count in zip(now, ranks, strict=True) if count]
 
-        if same(self._values):
+        if not changed(self._values):
             return self
-        if not same(self._latest._values):
-            self._latest = type(self)(**{**self.given, "time": self.time})
+        if since := changed(self._latest._values):
+            there = copy.copy(self)
+            there._pose({**self.given, "time": self.time}, self._latest.body, since)
+            self._latest = there
         return self._latest
 
     @property

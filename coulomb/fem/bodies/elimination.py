@@ -105,6 +105,7 @@ class ReducedBodies(HeldNodes, ABC):
     component: npt.NDArray[np.int64]
     added_springs: AddedSprings | None = None
     _made: Made
+    _K_of: ReducedBodies | None = None
 
     @property
     @abstractmethod
@@ -195,6 +196,14 @@ class ReducedBodies(HeldNodes, ABC):
         """Stiffness of the springs that K has at the `anchors` of `free`, N/m, shape (k + p, 3); they are no internal
         forces, and carry nothing where loads and contact forces are in equilibrium."""
         return self._reduced.anchoring
+
+    def keep_stiffness(self, known: ReducedBodies) -> None:
+        """Take the stiffness of bodies that differ in loads and in the values of what supports prescribe alone, if the
+        same directions are held; collective."""
+        mine, theirs = self.held, known.held
+        same = np.array_equal(mine.nodes, theirs.nodes) and np.array_equal(mine.projector, theirs.projector)
+        if self.comm.allreduce(same, op=MPI.LAND):
+            self._made.reduced, self._K_of = known._reduced, known._K_of or known  # which K does not keep alive
 
     @property
     def _reduced(self) -> Reduced:

@@ -128,6 +128,7 @@ class MultifrontalSolver:
             takes, is then kept, and its inverse takes half the time later.
 
     Attributes:
+        fronts: As the argument; of every K of the same sparsity.
         last: The same nodes, in the order of `schur_factors`, body after body.
         refinements: Iterations of all solves so far; 0 in double precision.
 
@@ -154,27 +155,27 @@ class MultifrontalSolver:
         self._root: FloatArray = np.sqrt(np.abs(diagonal.array_r))
         diagonal.destroy()
         nodal = NodalRows(K)
-        self._fronts = _fronts_of(nodal, points, last) if fronts is None else fronts
-        roots = [number for number, front in enumerate(self._fronts) if front.root]
-        self._roots = [number for number in roots if len(self._fronts[number].own)]
-        self.last: Nodes = np.concatenate([np.empty(0, np.int64), *(self._fronts[root].own for root in self._roots)])
+        self.fronts = _fronts_of(nodal, points, last) if fronts is None else fronts
+        roots = [number for number, front in enumerate(self.fronts) if front.root]
+        self._roots = [number for number in roots if len(self.fronts[number].own)]
+        self.last: Nodes = np.concatenate([np.empty(0, np.int64), *(self.fronts[root].own for root in self._roots)])
         self._schur_solves, self._inverses = 0, list[DenseInverse]()
         self._many, self._halves = many, list[Real]()
         self._last: Nodes = (3 * self.last[:, None] + np.arange(3)).ravel()
         if single is None:
-            single = predicted_work(self._fronts).operations >= SINGLE_FROM
+            single = predicted_work(self.fronts).operations >= SINGLE_FROM
         self._factorise(nodal, single)
 
     def _factorise(self, nodal: NodalRows, single: bool) -> None:
         """Make the factors, in double precision if single is wanted but fails."""
         if single:
             try:
-                self._factors = FrontalFactors(nodal, self._fronts, np.float32)
+                self._factors = FrontalFactors(nodal, self.fronts, np.float32)
                 return
             except NotPositiveDefinite:
                 _report("it is too ill-conditioned for single")
         try:
-            self._factors = FrontalFactors(nodal, self._fronts, np.float64)
+            self._factors = FrontalFactors(nodal, self.fronts, np.float64)
         except NotPositiveDefinite:
             raise NotPositiveDefinite(
                 "the stiffness matrix is not positive definite to rounding: the body can move without resistance, or "
@@ -335,7 +336,7 @@ class MultifrontalSolver:
         del self._factors
         for vector in self._vectors:
             vector.destroy()
-        self._fronts, self._inverses, self._halves = [], [], []
+        self.fronts, self._inverses, self._halves = [], [], []
 
 
 def _report(reason: str) -> None:
