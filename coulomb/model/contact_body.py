@@ -441,6 +441,20 @@ class ContactBody:
             state, foundation_motions=motions, surface=surface, spins=spins, slip_origin=origin, loaded=loaded
         )
 
+    def shifted(self, state: ContactState, elasticity: Deformable, before: Before | None) -> ContactState:
+        """The state of bodies with nodes elsewhere, of which the given gaps stay, as the foundations do; collective."""
+        pairs = zip(self.contacts, self.foundations, strict=True)
+        contacts = tuple(one if rigid is None else replace(one, foundation=rigid) for one, rigid in pairs)
+        faces, time = ContactFaces(contacts, elasticity, state.time), state.time
+        surface = faces.surface(elasticity, state.foundation_motions, time)
+        points = [(of.nodes, of.part) for of in (state.surface, surface)]
+        if not self.comm.allreduce(all(np.array_equal(*of) for of in zip(*points, strict=True)), op=MPI.LAND):
+            raise ValueError("along places: as nodes move, other nodes become contact points")
+        gap = surface.gap + self.given_gap(state.surface, time) - self.given_gap(surface, time)
+        surface = replace(surface, gap=gap, gap_field=state.surface.gap_field)
+        spins, origin = self._spins_and_origin(state.foundation_motions, surface, time, before)
+        return replace(state, elasticity=elasticity, surface=surface, spins=spins, slip_origin=origin)
+
     def _spins_and_origin(
         self, motions: Sequence[RigidMotion], surface: ContactSurface, time: float, before: Before | None
     ) -> tuple[tuple[Spin | None, ...], FloatArray]:

@@ -20,7 +20,9 @@ from ..solvers.derivatives import Change
 from ..solvers.derivatives import gradient as adjoint
 from .discrete_problem import DiscreteProblem
 from .geometric_terms import least_rotations
+from .linear_problem import ContactState
 from .sensitivity import refuse, unloaded, with_loading
+from .shape_gradient import contact_along_places
 from .stopping_criterion import directions_on_supports
 
 
@@ -74,6 +76,19 @@ class Gradient:
         """
         return self.lagrangian.of(more) - self.lagrangian.of(less)
 
+    def places(self) -> FloatArray:
+        """What J owes to the places of all nodes, per metre, shape (k, 3): the gradient of a shape; collective.
+
+        What is given stays at nodes and cells, also where it is a function of place: loads per area and volume, total
+        forces, prescribed displacements and their directions, friction, gaps and materials.  Foundations stay in space.
+        So over a field of velocities of nodes its sum is the derivative that `between` gives along a shape.
+
+        Raises:
+            ValueError: On every rank, with ties, rigid faces, bolts, slices, point loads, or forms that are compiled;
+                if contact points come or go as nodes move.
+        """
+        return self.lagrangian.along_places()
+
 
 @dataclass(frozen=True)
 class Lagrangian:
@@ -112,20 +127,46 @@ class Lagrangian:
             raise ValueError("between: the problem has other contact points than that of the answer")
         reduction = body.reduction
         u, v = reduction.displacement(self.u) + loading.prescribed, reduction.displacement(self.v)
-        x, closed, owed = self.x.reshape(-1, 3).copy(), problem.relative_displacement(u), self.owed.b.reshape(-1, 3)
-        closed[:, 0] -= surface.gap
-        other = np.abs(surface.frames - answer.surface.frames).max(axis=(1, 2), initial=0.0) > _TURNED
-        turn = least_rotations(answer.surface.frames[:, 0], surface.frames[:, 0])
-        there = surface.force_components(np.einsum("kij,kj->ki", turn, answer.surface.vectors(x)))
-        here = answer.surface.components(np.einsum("kji,kj->ki", turn, surface.displacements(closed)))
-        x[other], closed[other] = there[other], here[other]
-        forces = loading.load + body.spring_force(u) - body.internal_force(u) - surface.at_nodes(x)
-        value = over.sum(float(np.vdot(self.of_u, u) + np.vdot(v, forces) + np.vdot(owed, closed)))
-        value += over.sum(self.owed.bound * problem.slip_bound(self.x))
+        forces = loading.load + body.spring_force(u) - body.internal_force(u)
+        value = over.sum(float(np.vdot(self.of_u, u) + np.vdot(v, forces)))
+        value += over.sum(self.at_points(problem.state, u, v) + self.owed.bound * problem.slip_bound(self.x))
         if loading.tension is not None:
             own = reduction.with_own(np.zeros((0, 3)), loading.tension * reduction.loose)
             value += over.sum(float(np.vdot(own, self.v[len(u) :])))
         return value
+
+    def at_points(self, state: ContactState, u: FloatArray, v: FloatArray) -> FloatArray:
+        """The terms of contact points, but those of their bounds, shape (m,), at displacements u and multipliers v (k,
+        3), in a state near to that of the answer; collective."""
+        before, surface = self.answer.surface, state.surface
+        x, closed, owed = self.x.reshape(-1, 3).copy(), state.relative_displacement(u), self.owed.b.reshape(-1, 3)
+        closed[:, 0] -= surface.gap
+        other = np.abs(surface.frames - before.frames).max(axis=(1, 2), initial=0.0) > _TURNED
+        turn = least_rotations(before.frames[:, 0], surface.frames[:, 0])
+        there = surface.force_components(np.einsum("kij,kj->ki", turn, before.vectors(x)))
+        here = before.components(np.einsum("kji,kj->ki", turn, surface.displacements(closed)))
+        x[other], closed[other] = there[other], here[other]
+        terms: FloatArray = np.einsum("ki,ki->k", owed, closed) - np.einsum("ki,ki->k", x, surface.rows(v))
+        return terms
+
+    def along_places(self) -> FloatArray:
+        """As of `Gradient.places`."""
+        answer, x_n = self.answer, self.x[0::3]
+        body, surface, loading, law = answer.elasticity, answer.surface, answer.loading, answer.law
+        constraints = body.constraints
+        if constraints.ties or constraints.sprung or body.slice is not None:
+            raise ValueError("derivatives along places are not known with ties, rigid faces, bolts, links and slices")
+        reduction = body.reduction
+        u, v = reduction.displacement(self.u) + loading.prescribed, reduction.displacement(self.v)
+        per_area = self.owed.bound * (answer.slip_bound(self.x) - law.slope(x_n) * x_n) / surface.area
+
+        def terms(state: ContactState) -> FloatArray:
+            return self.at_points(state, u, v) + per_area * state.surface.area  # bounds are of stresses
+
+        found = contact_along_places(answer, terms)
+        for one, part in zip(body.members, loading.parts or [loading], strict=True):
+            found[one.nodes] += one.body.force_along_places(part, u[one.nodes], v[one.nodes])
+        return found
 
 
 _TURNED: Final = 0.1

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import ufl
-from drawn_block import TIMES, backwards, drawn, shifted, summed, weights
+from drawn_block import OVER, TIMES, backwards, drawn, shifted, summed, weights
 from user_forms import Script
 
 import coulomb
@@ -142,3 +142,103 @@ def test_along_a_field_the_remainder_is_of_second_order(field):
     assert (more - less) / (2.0 * h) == pytest.approx(along, rel=1e-5)
     remainders = abs(more - value - h * along), abs(half - value - 0.5 * h * along)
     assert np.log2(remainders[0] / remainders[1]) == pytest.approx(2.0, abs=0.05)
+
+
+def waves(size):
+    """A displacement of nodes that is another one at every node, without order."""
+    return lambda x: size * np.array([np.sin(91.0 * x[0] + k * x[1] + 7.0 * x[2] + k) for k in (37.0, 53.0, 71.0)])
+
+
+def loaded_pair(change=0.0):
+    """Two bodies, of which one has mean dilatations, under loads of all kinds; of their faces only those that touch are
+    plane."""
+    lower, upper = coulomb.box((1.0, 1.0, 0.5), (1, 1, 1)), coulomb.box((0.8, 0.8, 0.4), (2, 1, 1))
+    lower = coulomb.moved(lower, lambda x: 0.1 * (0.5 - x[2]) * np.sin([x[1], x[0], x[0] * x[1]]))
+    upper = coulomb.moved(upper, lambda x: 0.1 * x[2] * np.sin([x[1], x[0], x[0] * x[1]]))
+    upper = coulomb.moved(upper, (0.13, 0.11, 0.54), coulomb.Rotation((0.0, 0.0, 0.0), (1.0, 2.0, 0.0), 0.02))
+    bodies = coulomb.join(lower=coulomb.moved(lower, waves(change)), upper=coulomb.moved(upper, waves(change)))
+    return coulomb.ContactProblem(
+        bodies,
+        {"lower": coulomb.Material(3e6, 0.3, density=1e3), "upper": coulomb.Material(1e6, 0.48, density=2e3)},
+        [coulomb.Clamp("lower:bottom"), coulomb.PrescribedDisplacement("upper:top", (8e-2, 0.0, -0.1))],
+        coulomb.Contact("upper:bottom", friction=0.2, cohesion=300.0, against="lower:top"),
+        [
+            coulomb.Pressure("upper:right", 1e4),
+            coulomb.TotalForce("upper:left", (200.0, 300.0, 1000.0)),
+            coulomb.Traction("lower:right", (1e4, 2e3, -4e3)),
+        ],
+        body_force=(10.0, 200.0, 3.0),
+        gravity=(0.0, 1.0, -9.81),
+        springs=[coulomb.Spring("upper:front", (1e5, 2e5, 3e5))],
+        small_strain="warn",
+    )
+
+
+def second_order(change=0.0):
+    """Tetrahedra of second order, on a ball, warm, with normals of the body."""
+    box = coulomb.moved(coulomb.box((1.0, 1.0, 0.5), (1, 1, 1), cell="tetrahedron", degree=2), shifted(0.01))
+    return coulomb.ContactProblem(
+        coulomb.moved(box, waves(change)),
+        coulomb.Material(1e7, 0.3, expansion=1e-5),
+        [coulomb.Clamp("right")],
+        coulomb.Contact("bottom", 0.3, foundation=coulomb.Sphere((0.5, 0.5, -3.0), 3.0), normals="body"),
+        [coulomb.Traction("top", (1e5, 0.0, -1e6))],
+        temperature=30.0,
+        small_strain="warn",
+    )
+
+
+def of_forms(change=0.0):
+    """A body of forms on the ball, with coordinates and normals in them."""
+    box = coulomb.box((1.0, 1.0, 0.5), (2, 2, 1), cell="tetrahedron")
+    script = Script(coulomb.moved(box, waves(change)), 1)
+    x, n = ufl.SpatialCoordinate(script.mesh.domain), ufl.FacetNormal(script.mesh.domain)
+    load = ufl.dot(script.constant((1e5, 0.0, -1e6)) * x[1] - 1e5 * n, script.v) * script.ds("top")
+    held, stiffness = script.bc((0.0, 0.0, 0.0), "right"), script.elasticity(1e7, 0.3 + 0.1 * x[0])
+    contact = coulomb.Contact("bottom", friction=0.3, foundation=coulomb.Sphere((0.5, 0.5, -3.0), 3.0))
+    body = coulomb.Body(stiffness, load, [held], faces=script.mesh.faces)
+    return coulomb.ContactProblem(body, contact, small_strain="warn")
+
+
+def waved(change=0.0):
+    problem = drawn()
+    return problem.on(coulomb.moved(problem.given["mesh"], waves(change)))
+
+
+@pytest.mark.parametrize(
+    ("make", "times", "accuracy"),
+    [(loaded_pair, [1.0], 1e-5), (second_order, [1.0], 1e-8), (of_forms, [1.0], 1e-8), (waved, TIMES[:2], 1e-8)],
+)
+def test_along_places_of_all_nodes_it_is_that_along_any_shape(make, times, accuracy):
+    """One gradient for all nodes, against the change of the whole problem along a field without order, of which
+    differences over h and 2 h give h^4; that is the derivative of answers (above).  Gaps of pairs have kinks where
+    facets are plane, since warped ones have other rules."""
+    found = backwards([one.solution for one in coulomb.LoadHistory(times, tolerance=1e-12).steps(make())])
+    parts = sum(gradient.places() * waves(1.0)(one.problem.elasticity.x.T).T for one, gradient in found)
+    h = 1e-4
+    less, more = (
+        sum(gradient.between(make(size), make(-size)) for _, gradient in found) / (2.0 * size) for size in (h, 2.0 * h)
+    )
+    size = OVER.sum(np.abs(parts).ravel())
+    assert (4.0 * less - more) / 3.0 == pytest.approx(OVER.sum(parts.ravel()), abs=accuracy * size)
+    assert abs(less) > 0.01 * size
+
+
+def test_where_they_are_not_known_it_says_so():
+    """Along places: with ties, with moments at points."""
+    block = coulomb.box((1.0, 1.0, 0.5), (1, 1, 1))
+    plate = coulomb.moved(block, translate=(0.0, 0.0, 0.5))
+    tied = coulomb.ContactProblem(
+        coulomb.join(block=block, plate=plate),
+        coulomb.Material(1e9, 0.3),
+        [coulomb.PrescribedDisplacement("plate:top", (0.0, 0.0, -1e-3))],
+        coulomb.Contact("block:bottom", friction=0.3),
+        ties=[coulomb.Tied("plate:bottom", "block:top")],
+    )
+    mesh, material, clamps, contact = SMALLER
+    turned = coulomb.ContactProblem(
+        mesh, material, clamps, contact, [coulomb.PointLoad("right", moment=(0.0, 1e3, 0.0))], small_strain="warn"
+    )
+    for problem, why in ((tied, "with ties"), (turned, "point load")):
+        with pytest.raises(ValueError, match=why):
+            problem.solve().gradient().places()

@@ -123,6 +123,33 @@ class ElasticBody(DisplacementSpace):
             work[self._mean.cells] += self._mean.k * self._mean.of(of.x.array) * self._mean.of(along.x.array)
         return work
 
+    def work_along_places(self, u: FloatArray, v: FloatArray, change: FloatArray | None = None) -> FloatArray:
+        """Derivatives, along the places of this rank's nodes, of the work of the stress of u along v, whose values at
+        nodes stay, newtons; all of shape (k, 3); collective.
+
+        With s and t the stresses of u and v, and G and H their gradients, the integral of (s : H I - H^T s - G^T t) :
+        grad w (J. D. Eshelby: The elastic energy-momentum tensor, J. Elasticity 5, 1975), at a change of temperature
+        (k,) in kelvin with the thermal stress taken off s.
+        """
+        of, along = (self.function(one, "displacement") for one in (u, v))
+        G, H, t, whole = ufl.grad(of), ufl.grad(along), self._stress(along), ufl.Identity(3)
+        s = self._stress(of) if change is None else self._stress(of) - self._thermal_stress(change)
+        tensor = ufl.inner(s, H) * whole - H.T * s - G.T * t
+        if self._mean is not None:
+            if change is not None:
+                raise ValueError("derivatives along places are not known of mean dilatations with a temperature")
+            D, E = (self._mean.of(one.x.array) for one in (of, along))
+            p, q, energy = (self._in_mean_cells(self._mean.k * one) for one in (D, E, D * E / self._mean.volume))
+            tensor += p * (ufl.tr(H) * whole - H.T) + q * (ufl.tr(G) * whole - G.T) - energy * whole
+        return self._assemble(fem.form(ufl.inner(tensor, ufl.grad(self._test)) * self._dx))
+
+    def _in_mean_cells(self, values: FloatArray) -> Any:
+        """Function of numbers of the cells with a mean dilatation, 0 in others."""
+        assert self._mean is not None
+        found = np.zeros(self.domain.topology.index_map(3).size_local)
+        found[self._mean.cells] = values
+        return self._on_cells(found, "mean")
+
     def thermal_force(self, change: FloatArray) -> FloatArray:
         """Nodal forces in newtons, shape (k, 3), that cause the thermal strain of a change of temperature (k,) in
         kelvin."""

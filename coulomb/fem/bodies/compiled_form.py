@@ -9,7 +9,7 @@ one point are therefore compiled apart from the others.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -112,6 +112,31 @@ def _has_one_point(integral: Any) -> bool:
     if not isinstance(degree, int) or degree < 0:
         degree = ufl.algorithms.estimate_total_polynomial_degree(integral.integrand())
     return bool(np.max(degree) <= 1)
+
+
+def with_own_degrees(form: Any) -> Any:
+    """A form whose integrals have the degrees of quadrature by which FFCx would compute them, so that its derivatives
+    are computed by the same."""
+    steps = ("function_pullbacks", "integral_scaling", "geometry_lowering", "restrictions")
+    kept = {"preserve_geometry_types": (ufl.classes.Jacobian,), "do_append_everywhere_integrals": False}
+    data = ufl.algorithms.compute_form_data(form, **{f"do_apply_{step}": True for step in steps}, **kept)
+    degrees: dict[str, Any] = {}
+    for of_kind in data.integral_data:
+        estimated = [one.metadata()["estimated_polynomial_degree"] for one in of_kind.integrals]
+        degrees[of_kind.integral_type] = np.max([degrees.get(of_kind.integral_type, 0), *map(np.max, estimated)])
+    return ufl.Form(
+        [
+            one.reconstruct(
+                metadata={"quadrature_degree": int(degrees[one.integral_type()]), **_given_rule(one.metadata())}
+            )
+            for one in form.integrals()
+        ]
+    )
+
+
+def _given_rule(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Metadata without a degree that is left to UFL."""
+    return {name: value for name, value in metadata.items() if not (name == "quadrature_degree" and value == -1)}
 
 
 def terms_without(u: Any, form: Any) -> Any:

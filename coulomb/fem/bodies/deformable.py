@@ -6,8 +6,10 @@
 
 from __future__ import annotations
 
+import copy
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +19,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from ...arrays import FloatArray
+from .. import compat
 from ..meshes import SEPARATOR, NamedMesh, Slice, boundary_facets
 from .constraints import HeldDirections
 from .displacement_space import DisplacementSpace
@@ -199,6 +202,11 @@ class Deformable(ReducedBodies):
         """Forces of the springs on the body at displacements u, newtons; shapes (k, 3); collective."""
         return np.zeros_like(u)
 
+    @abstractmethod
+    def shifted(self, shift: FloatArray) -> AbstractContextManager[Deformable]:
+        """The bodies with nodes shifted by (k, 3) metres, for surfaces: stiffness and loads are not; the meshes have
+        other coordinates meanwhile; collective."""
+
     def blocked_displacement(self, loading: Loading) -> float:
         """Scale in metres of the displacements that loads would cause in one body where contact and supports let
         nothing move; 0 if there is none beside the displacement itself; collective."""
@@ -239,6 +247,30 @@ class SingleBody(DisplacementSpace, Deformable):
     large = False
 
     sprung: bool | None = None
+
+    def force_along_places(self, loading: Loading, u: FloatArray, v: FloatArray) -> FloatArray:
+        """Derivatives, along the places of nodes, of the work along v of loads, springs and internal forces at
+        displacements u, newtons, all of shape (k, 3), where values at nodes and cells stay; collective.
+
+        Raises:
+            ValueError: On every rank, if they are not known of such a body or load.
+        """
+        raise ValueError(f"derivatives along places are not known of a {type(self).__name__}")
+
+    @contextmanager
+    def shifted(self, shift: FloatArray) -> Iterator[SingleBody]:
+        points, there = self.domain.geometry.x, copy.copy(self)
+        known = points.copy()
+        there._integrals, there.points_of_faces = {}, {}
+        vars(there).pop("vertices", None)
+        try:
+            of_nodes = self.function(shift).x.array.reshape(-1, 3)[compat.cell_dofs(self.V)]
+            places = compat.cell_geometry(self.domain)
+            points[places] = known[places] + of_nodes
+            there.x = there._coordinates()
+            yield there
+        finally:
+            points[:] = known
 
     def wrenches(self) -> list[Wrench]:
         """In large motions forces and moments at points that move with faces, at the present place; collective."""

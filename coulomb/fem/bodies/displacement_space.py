@@ -274,6 +274,15 @@ class DisplacementSpace:
         density = 1.0 if of_cells is None else self._on_cells(of_cells, "density")
         return self._assemble(fem.form(density * ufl.inner(self.function(force), self._test) * ufl.dx))
 
+    def along_places(self, work: Any, measure: Any) -> FloatArray:
+        """Derivatives, along the places of this rank's nodes, shape (k, 3), of an integral over cells or boundary
+        facets of what stays as the nodes move: of nodal values, and of numbers of cells; collective."""
+        way, n = ufl.grad(self._test), ufl.FacetNormal(self.domain)
+        stretch = ufl.tr(way)
+        if measure.integral_type() != "cell":
+            stretch -= ufl.dot(n, ufl.dot(way, n))
+        return self._assemble(fem.form(work * stretch * measure))
+
     def largest_gradient(self, u: FloatArray) -> float:
         """Largest Frobenius norm of the gradient of u (k, 3) over all ranks: at the cells' midpoints in first order, in
         second order at their corners, where bending is largest."""

@@ -40,6 +40,7 @@ from .materials import VECTORS, Materials, by_group, material_of_cells
 from .mean_dilatation import LOCKING_ABOVE
 from .mesh_components import mesh_components
 from .rigid_modes import rigid_modes
+from .shape_derivatives import load_along_places
 from .supports import Spring, Support, SupportedFace
 
 _KINDS = {
@@ -211,6 +212,19 @@ class LoadedBody(ElasticBody, HeldNodes):
         found = np.zeros((self._owned, 3))
         nodes = self.nodes_at(self.mesh.node_sets[spring.face])
         found[nodes] = self.mesh.shares_at(self.x[nodes])[:, None] * spring.along_axes
+        return found
+
+    def force_along_places(self, loading: Loading, u: FloatArray, v: FloatArray) -> FloatArray:
+        change = None if loading.temperature is None else loading.temperature.change
+        found = -self.work_along_places(u, v, change)
+        for one in self.loads:
+            shape = load_along_places(one.load, self, self.mesh, v)
+            found += AppliedLoad(one.load, shape).at(loading.time, self.comm)
+        on_faces, of, along = (one for one in self.springs if not one.at_nodes), self.function(u), self.function(v)
+        for spring in on_faces:
+            stiffness = self.spring_stiffness(spring)
+            work = -sum(stiffness[k] * of[k] * along[k] for k in range(3))
+            found += self.along_places(work, self.measure(self.mesh.facets(spring.face, "spring")))
         return found
 
     def _temperature_at(self, time: float) -> Temperature | None:

@@ -16,7 +16,7 @@ from ...arrays import FloatArray
 from .. import compat
 from ..compat import fem, ufl
 from ..geometry import on_all_ranks
-from .compiled_form import compiled
+from .compiled_form import compiled, with_own_degrees
 from .constraints import DirichletConditions, diagonal_of, rows_of
 from .deformable import SingleBody
 from .elimination import Made
@@ -138,6 +138,7 @@ class FormBody(SingleBody):
         self._update, self._present = update, _SharedState()
         self._signatures = {name: _signature(form) for name, form in (("a", a), ("L", L))}
         self._degree = compat.lagrange_vectors(V)[1]
+        self._of_ufl = a, L
         self._a, self._L = BilinearForm(a, V), None if L is None else compiled(L, "L", V.mesh.comm)
         dofs = self.V.dofmap.index_map
         self._conditions = DirichletConditions(
@@ -241,6 +242,19 @@ class FormBody(SingleBody):
             return load
 
         return Loading(time, on_all_ranks(finite, "Body: L", self.mesh.comm), self._conditions.prescribed())
+
+    def force_along_places(self, loading: Loading, u: FloatArray, v: FloatArray) -> FloatArray:
+        """By UFL's derivative along coordinates; u and v are fixed at the nodes, as the coefficients are."""
+        if any(form is not None and not isinstance(form, ufl.Form) for form in self._of_ufl):
+            raise ValueError("derivatives along places need forms of UFL, not compiled ones")
+        if self.outdated(loading):
+            raise ValueError("derivatives along places need the coefficients that the answer has: they have changed")
+        of, along = self.function(u), self.function(v)
+        (a, L), x = self._of_ufl, ufl.SpatialCoordinate(self.domain)
+        works = [-ufl.action(ufl.action(a, of), along), *([] if L is None else [ufl.action(L, along)])]
+        shapes = [ufl.derivative(with_own_degrees(work), x, self._test) for work in works]
+        what = "the derivative along places"
+        return np.sum([compiled(shape, what, self.comm).vector() for shape in shapes], axis=0)
 
     def outdated(self, loading: Loading) -> bool:
         if self.at_time(loading.time) is not self:

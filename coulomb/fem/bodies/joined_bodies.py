@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -408,6 +409,14 @@ class JoinedBodies(Deformable):
     def internal_force(self, u: FloatArray) -> FloatArray:
         of_bodies = np.concatenate([one.body.internal_force(u[one.nodes]) for one in self._members])
         return self._with_springs(of_bodies + self.reduction.bent_force(u), u)
+
+    @contextmanager
+    def shifted(self, shift: FloatArray) -> Iterator[JoinedBodies]:
+        with ExitStack() as stack:
+            bodies = [stack.enter_context(one.body.shifted(shift[one.nodes])) for one in self._members]
+            there = self._with(bodies, self.constraints)
+            there.x = there.reference = np.concatenate([body.x for body in bodies])
+            yield there
 
     def spring_force(self, u: FloatArray) -> FloatArray:
         of_bodies = np.concatenate([one.body.spring_force(u[one.nodes]) for one in self._members])

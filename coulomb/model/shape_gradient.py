@@ -1,0 +1,138 @@
+"""What contact points owe to the places of nodes: normals, gaps, areas, and what of other bodies is opposite.
+
+Each point depends on a few nodes near it alone.  So values of all points are differentiated by central differences in
+which many nodes move at once, none of which any point depends on together with another (A. R. Curtis, M. J. D. Powell,
+J. K. Reid: On the estimation of sparse Jacobian matrices, IMA J. Appl. Math. 13, 1974): on any mesh by as many
+evaluations of the contact surface as on a small one.  Those are without solves, and accurate to 1e-8; of pairs to
+1e-5, where plane facets become warped, which have other rules of integration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse
+
+from ..arrays import FloatArray
+from ..fem.contact import facet_patch
+from ..linalg.reductions import Reductions, concatenated
+from .discrete_problem import DiscreteProblem
+from .linear_problem import ContactState
+
+_STEP: Final = 1e-4
+"""Shift of nodes over the distance of contact points."""
+
+_LEAST: Final = 1e-7
+"""The same over the extent of the bodies: gaps below 1e-8 of it are taken for rounding errors."""
+
+_RINGS: Final = 4
+"""Rings of facets around the nodes in a point's row on which it depends at most: those of the mortar's functions."""
+
+_OTHER: Final = 1e-5
+"""Change of the values that is not by the nodes on which they are taken to depend, over the whole change."""
+
+
+def contact_along_places(answer: DiscreteProblem, values: Callable[[ContactState], FloatArray]) -> FloatArray:
+    """Derivatives of a sum over contact points along the places of this rank's nodes, shape (k, 3); collective.
+
+    Args:
+        answer: The problem.
+        values: The terms of the sum, shape (m,), in a state in which nodes are elsewhere.
+
+    Raises:
+        ValueError: On every rank, if contact points come or go as nodes move, or depend on nodes far away.
+    """
+    over, body, surface = Reductions(answer.comm), answer.elasticity, answer.surface
+    extent = max(over.max(axis) - over.min(axis) for axis in body.x.T)
+    h = max(_STEP * float(np.sqrt(-over.max(-surface.area))), _LEAST * extent)
+    first, total = body.numbering.first, body.numbering.total
+
+    def change(ways: FloatArray) -> FloatArray:
+        """Derivatives of the values along ways (nodes of all ranks, 3), over all ranks."""
+        found = []
+        for sign in (h, -h):
+            with body.shifted(sign * ways[first : first + len(body.x)]) as there:
+                found.append(values(answer.body.shifted(answer.state, there, answer.before)))
+        return concatenated(answer.comm, (found[0] - found[1]) / (2.0 * h))
+
+    rows, beside = _rows(answer), _beside(answer)
+    on_faces = np.flatnonzero(np.diff(beside.indptr))
+    ways = np.zeros((total, 3))
+    ways[on_faces] = np.random.default_rng(31).uniform(-1.0, 1.0, (len(on_faces), 3))
+    whole = change(ways)
+    size = float(np.sum(np.abs(whole)))
+    for _ in range(_RINGS):
+        found = _by_colours(rows, change, _OTHER * size)
+        if found is not None and abs(float(np.sum(whole)) - float(np.vdot(found, ways))) <= _OTHER * size:
+            return found[first : first + len(body.x)]
+        rows = _pattern(rows @ beside)
+    raise ValueError(
+        "along places: what contact points owe to them is not of nodes near, or has a kink, "
+        "as the gaps of faces of second order that lie flat on each other"
+    )
+
+
+def _by_colours(
+    rows: scipy.sparse.csr_matrix, change: Callable[[FloatArray], FloatArray], slight: float
+) -> FloatArray | None:
+    """Derivatives of the sum along the places of nodes of all ranks, shape (nodes, 3), where points depend on the nodes
+    in their rows alone; None if a value changes by more with others; collective."""
+    found, colours = np.zeros((rows.shape[1], 3)), _colours(rows)
+    for colour in range(int(colours.max(initial=-1)) + 1):
+        moved = np.flatnonzero(colours == colour)
+        of = rows[:, moved].tocoo()
+        for axis in range(3):
+            way = np.zeros_like(found)
+            way[moved, axis] = 1.0
+            by = change(way)
+            found[moved, axis] = np.bincount(of.col, by[of.row], minlength=len(moved))
+            by[of.row] = 0.0
+            if np.max(np.abs(by), initial=0.0) > slight:
+                return None
+    return found
+
+
+def _rows(answer: DiscreteProblem) -> scipy.sparse.csr_matrix:
+    """The nodes in the rows of each contact point, over all ranks (m, nodes)."""
+    starts, columns, _ = answer.surface.B.getValuesCSR()
+    before = answer.comm.exscan(len(answer.surface.nodes)) or 0
+    point = before + np.repeat(np.arange(len(starts) - 1) // 3, np.diff(starts))
+    pairs = concatenated(answer.comm, np.column_stack([point, columns // 3]).astype(np.int64))
+    shape = int(pairs[:, 0].max(initial=-1)) + 1, answer.elasticity.numbering.total
+    return _pattern(scipy.sparse.csr_matrix((np.ones(len(pairs)), pairs.T), shape))
+
+
+def _beside(answer: DiscreteProblem) -> scipy.sparse.csr_matrix:
+    """The nodes that are on a facet of a contact face with each, over all ranks (nodes, nodes)."""
+    body, total = answer.elasticity, answer.elasticity.numbering.total
+    found = scipy.sparse.csr_matrix((total, total))
+    for name in dict.fromkeys(face for one in answer.contacts for face in (one.face, one.against) if face):
+        member, facets = body.face(name, "contact")
+        nodes = facet_patch(member.body, facets).nodes
+        numbers = concatenated(answer.comm, body.numbers_of(member, nodes.ravel()).reshape(nodes.shape))
+        pairs = np.repeat(np.arange(len(numbers)), numbers.shape[1]), numbers.ravel()
+        on = scipy.sparse.csr_matrix((np.ones(numbers.size), pairs), (len(numbers), total))
+        found = found + on.T @ on
+    return _pattern(found)
+
+
+def _pattern(matrix: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    matrix = matrix.tocsr()
+    matrix.sum_duplicates()
+    matrix.data[:] = 1.0
+    return matrix
+
+
+def _colours(rows: scipy.sparse.csr_matrix) -> npt.NDArray[np.int64]:
+    """Colours of the nodes, -1 of those in no row, by which no two in one row have the same, shape (nodes,)."""
+    together = _pattern(rows.T @ rows)
+    colours = np.full(together.shape[0], -1, dtype=np.int64)
+    for node in np.flatnonzero(np.diff(together.indptr)):
+        taken = colours[together.indices[together.indptr[node] : together.indptr[node + 1]]]
+        free = np.ones(len(taken) + 1, dtype=bool)
+        free[taken[taken >= 0][taken[taken >= 0] <= len(taken)]] = False
+        colours[node] = int(np.argmax(free))
+    return colours
