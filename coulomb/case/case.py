@@ -451,6 +451,7 @@ class Case(Table):
             tolerance=self.solver.tolerance,
             solver=self.contact_solver(),
             halvings=self.history.halvings,
+            friction_error=self.history.friction_error,
         )
 
     def contact_solver(self) -> Solver:

@@ -69,7 +69,7 @@ def written_case(directory: Path) -> Case:
     return read_case(files.case)
 
 
-FREE = ("output", "solver", "history.halvings", "small_strain")
+FREE = ("output", "solver", "history.halvings", "history.friction_error", "small_strain")
 """What may change between steps: the output, the solution method, and the treatment of large strains."""
 
 

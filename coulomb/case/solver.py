@@ -86,6 +86,7 @@ class HistoryTable(Table):
     end: Duration | None = None
     steps: Steps | None = None
     halvings: Annotated[int, Field(ge=0, le=30, strict=True)] = HALVINGS
+    friction_error: Annotated[Number, Field(gt=0, lt=1)] | None = None
 
     @model_validator(mode="after")
     def _times_or_steps(self) -> HistoryTable:

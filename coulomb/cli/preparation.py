@@ -121,7 +121,9 @@ def expected(settings: Case, problem: ContactProblem) -> list[str]:
     lines = [f"K {problem.body.stiffness.method}, A {'explicit' if problem.body.stiffness.explicit else 'matrix-free'}"]
     if settings.history is not None:
         steps = len(settings.history.ends)
-        lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times if it fails")
+        wanted = settings.history.friction_error
+        inexact = "" if wanted is None else f", or until the error of friction by their size is {wanted:.2g}"
+        lines.append(f"{steps} load steps, each halved up to {settings.history.halvings} times if it fails{inexact}")
     disk = steps * size_on_disk(problem)
     lines.append(
         f"about {gigabytes(problem.body.memory())} of memory on {f'{ranks} ranks' if ranks > 1 else 'one rank'}, "

@@ -429,6 +429,7 @@ def report_history(
         + f"{done['path_following']} path-following steps, {done['products']} products, "
         f"largest residual {_figure(residual['value'])} (step {residual['step']})",
         "energy since the start: " + ", ".join(amounts),
+        *_error_of_steps(largest),
         f"{taken} steps in this run{before}, {seconds:.2f} seconds; results in {target}{os.sep}{_before(kept)}",
         _steps_that_count(history),
     )
@@ -436,6 +437,14 @@ def report_history(
     refuse(history["violations"])
     for line in lines:
         console.out(line)
+
+
+def _error_of_steps(largest: dict[str, Any]) -> tuple[str, ...]:
+    """The line on the estimated error of friction by the size of the steps, where it was asked for."""
+    if "friction_error" not in largest:
+        return ()
+    size, step = (largest["friction_error"][name] for name in ("value", "step"))
+    return (f"friction is known to {size:.1%} of all friction forces, by the size of the load steps (step {step})",)
 
 
 def _steps_that_count(history: dict[str, Any]) -> str:

@@ -136,6 +136,7 @@ class HistoryFiles:
             "energy": asdict(state.energy),
             "pending": list(state.pending),
             "row": row,
+            **({} if state.friction_error is None else {"friction_error": state.friction_error}),
         }
 
     def state_after(self, problem: ContactProblem, number: int) -> State:
@@ -171,6 +172,7 @@ class HistoryFiles:
             temperature_change=heated,
             poses=problem.body.recorded_poses(contents),
             turns=problem.body.recorded_turns(contents),
+            friction_error=record.get("friction_error"),
         )
 
     def _write_whole(self, last: dict[str, Any]) -> None:
@@ -389,6 +391,7 @@ def added(before: Entries, step: Mapping[str, Any]) -> Entries:
     record = step["step"]
     where = {"step": record["number"], "time": record["time"]}
     most = {**step["maximum"], "slip_in_a_step": step["totals"]["greatest_slip"]}
+    most |= {name: value for name, value in record.items() if name == "friction_error"}
     strain = {name: step["small_strain"][name] for name in MEASURES}
     largest_strain = _largest_of(before.get("small_strain", {}), strain, where)
     largest = _largest_of(before.get("maximum", {}), most, where)

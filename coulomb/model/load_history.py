@@ -9,6 +9,10 @@ dissipated by friction.  Elastic energy is exact, and so is the sum of all work 
 stress is linear in u.  Dissipation is taken by the law, x_t . slip >= 0, with the friction at the end of the step; the
 difference, the `imbalance`, is the error of the time discretisation and falls with the step size.
 
+The slip of a node that comes to touch, or that leaves, within a step counts over the whole of it: an error of first
+order in the size of the steps.  With `friction_error` each step is also taken in two halves, and again in halves of
+these, until friction no longer depends on it (step doubling: Hairer, Norsett and Wanner, Solving ODEs I, II.4).
+
 A step that fails is halved.  A `Recorder` receives the steps: `coulomb.HistoryFiles` writes each before the next
 begins, and an interrupted history resumes with the same figures, to the solution's tolerance, on any number of ranks.
 """
@@ -33,7 +37,8 @@ from ..solvers.semismooth_newton import SemismoothNewton
 from . import notebook
 from .certificate import judge, settled_to
 from .equilibrium import NoEquilibrium
-from .load_step import LoadStep, State
+from .iterate import linearised
+from .load_step import LoadStep, State, friction_change
 from .notebook import NotebookBar, in_notebook
 from .problem import ContactProblem
 from .solution import Solution
@@ -44,6 +49,9 @@ _log = logging.getLogger(__name__)
 
 SMALLEST: Final = 1e-9
 """Smallest step as a fraction of the whole history; below it a step is not halved."""
+
+_GROWS: Final = 0.4
+"""Part of its error at which the next step is taken twice as long: the error per length doubles with the length."""
 
 
 @dataclass(frozen=True)
@@ -57,10 +65,14 @@ class LoadHistory:
         start: Start time of the history.
         tolerance: Residual at which the solver of a step stops.
         solver: Replaces the default, as for `ContactProblem.solve`.
-        halvings: Maximum number of halvings of a failing step.
+        halvings: Maximum number of halvings of a step.
+        friction_error: Error of friction by the size of the steps that is aimed at (`State.friction_error`): each step
+            is taken in halves, and these again, until halving it changes friction by at most its part of that, which is
+            its part of the history or of the normal forces that come in it, whichever is larger.  By default steps
+            are as given, and the error is not known.
 
     Raises:
-        ValueError: If the times do not increase.
+        ValueError: If the times do not increase, or a number is out of range.
 
     Examples:
         A block is pressed, then pulled by its end face: friction is 0.3 times the normal force when it slides.
@@ -85,11 +97,14 @@ class LoadHistory:
     tolerance: float = 1e-8
     solver: Solver | None = None
     halvings: int = HALVINGS
+    friction_error: float | None = None
 
     def __post_init__(self) -> None:
         refuse_times(self.start, self.times)
         if self.halvings < 0:
             raise ValueError(f"history: halvings must be at least 0, but is {self.halvings}")
+        if self.friction_error is not None and not 0.0 < self.friction_error < 1.0:
+            raise ValueError(f"history: friction_error must be between 0 and 1, but is {self.friction_error!r}")
 
     def beginning(self, problem: ContactProblem) -> State:
         """The state at `start`."""
@@ -106,34 +121,36 @@ class LoadHistory:
             StepFailed: If a step fails after all halvings, or is interrupted.
         """
         state = state or self.beginning(problem)
+        state = replace(state, friction_error=self.friction_error and (state.friction_error or 0.0))
         if state.pending:
             problem.body.refuse_undefined(state.pending[0])
             problem.refuse_held_inside(state.pending[::-1])
             refuse_missed(problem.elasticity.limits, state.time, state.pending)
         problem.body.stiffness.expect_load_steps(len(state.pending))
-        halved, why = 0, ""
+        halved, why, length = 0, "", math.inf
+        known: Solution | None = None
         bar = NotebookBar() if progress is None and in_notebook() and problem.comm.rank == 0 else None
         if in_notebook():  # one bar for all steps
             progress = progress or (lambda _: None)
         same_on_all_ranks({"history": self}, problem.comm)
         while state.pending:
             time = state.pending[-1]
+            while time - state.time > (1.0 + SMALLEST) * length:
+                time = 0.5 * (state.time + time)
+                state, halved, known = replace(state, pending=(*state.pending, time)), halved + 1, None
+            middle = 0.5 * (state.time + time)
             if bar is not None:
                 share = (state.time - self.start) / (self.times[-1] - self.start)
                 bar.show(share, f"load step {state.number + 1} to {time:g} s")
             try:
-                solution = self._attempt(problem, state, time, progress)
+                solution = known or self._attempt(problem, state, time, progress)
             except NotConverged as failure:
                 posed = self._posed(problem, state, time)
-                if failure.result.status is Status.INTERRUPTED:
-                    text = f"interrupted in the load step from {state.time:g} s to {time:g} s, which is discarded"
-                    raise StepFailed(text, failure.result, posed) from None
+                self._refuse_interrupted(failure, state, posed)
                 if isinstance(failure, NoEquilibrium | LinearSolveFailed):  # smaller steps do not help
                     text = f"the load step from {state.time:g} s to {time:g} s failed: {failure}"
                     raise StepFailed(text, failure.result, posed) from None
-                middle = 0.5 * (state.time + time)
-                least = max(self._whole(time) * 0.5**self.halvings, SMALLEST * (self.times[-1] - self.start))
-                if middle - state.time < (1.0 - SMALLEST) * least:
+                if not self._may_end(state, middle):
                     if problem.large is not None and problem.large.damps():
                         if problem.comm.rank == 0:
                             _log.warning("load step from %g s to %g s damped: %s", state.time, time, failure)
@@ -148,21 +165,73 @@ class LoadHistory:
                 state = replace(state, pending=(*state.pending, middle))
                 halved, why = halved + 1, str(failure)
                 continue
-            if problem.large is not None:
-                problem.large.damped = False
-            # Slip is measured from the state before, independently of the slip origin given to the solver.
-            if solution.problem.before is not state:
-                evidence = solution.problem.evidence(solution.contact_force, solution.displacement, state)
-                evidence, certificate = settled_to(evidence, judge(evidence), solution.result.unsettled)
-                solution = replace(solution, evidence=evidence, certificate=certificate)
-            state = problem.after(state, solution)
-            if problem.comm.rank == 0:
-                passed = "passed" if solution.certificate.passed else "FAILED"
-                _log.info("load step %d to %g s: certificate %s", state.number, state.time, passed)
-            if bar is not None and not state.pending:
-                bar.show(1.0, f"{state.number} load steps")
-            yield LoadStep(solution, state, halved, why)
+            known, taken = None, list[LoadStep]()
+            if self.friction_error is not None and self._may_end(state, middle):
+                halves = replace(state, pending=(*state.pending, middle))
+                new = state.new_part(problem.points_of_states.places(solution.problem.surface), solution.at_nodes)
+                most = self.friction_error * max((time - state.time) / (self.times[-1] - self.start), new)
+                try:
+                    pair = self._in_halves(problem, halves, progress)
+                except NotConverged as failure:  # the error is not known
+                    self._refuse_interrupted(failure, state, self._posed(problem, state, time))
+                else:
+                    error = friction_change(solution.at_nodes, pair[1].solution.at_nodes)
+                    halved, why = halved + 1, f"friction changes by {error:.2g}"
+                    if error > most and self._may_end(state, 0.5 * (state.time + middle)):
+                        state, known = halves, pair[0].solution
+                        continue
+                    length = (2.0 if error <= _GROWS * most else 1.0) * (time - state.time)
+                    ends = [
+                        replace(one.state, friction_error=(one.state.friction_error or 0.0) + part * error)
+                        for one, part in zip(pair, (0.5, 1.0), strict=True)
+                    ]
+                    taken = [
+                        replace(pair[0], state=ends[0], halvings=halved, why_halved=why),
+                        replace(pair[1], state=ends[1]),
+                    ]
+            for step in taken or [self._completed(problem, state, solution, halved, why)]:
+                if taken:
+                    _present(problem, step.solution)
+                state = step.state
+                if problem.comm.rank == 0:
+                    passed = "passed" if step.solution.certificate.passed else "FAILED"
+                    _log.info("load step %d to %g s: certificate %s", state.number, state.time, passed)
+                if bar is not None and not state.pending:
+                    bar.show(1.0, f"{state.number} load steps")
+                yield step
             halved, why = 0, ""
+
+    def _completed(
+        self, problem: ContactProblem, state: State, solution: Solution, halved: int = 0, why: str = ""
+    ) -> LoadStep:
+        """The step from a state that a solution is of; collective."""
+        if problem.large is not None:
+            problem.large.damped = False
+        # Slip is measured from the state before, independently of the slip origin given to the solver.
+        if solution.problem.before is not state:
+            evidence = solution.problem.evidence(solution.contact_force, solution.displacement, state)
+            evidence, certificate = settled_to(evidence, judge(evidence), solution.result.unsettled)
+            solution = replace(solution, evidence=evidence, certificate=certificate)
+        return LoadStep(solution, problem.after(state, solution), halved, why)
+
+    def _in_halves(self, problem: ContactProblem, state: State, progress: ProgressCallback | None) -> list[LoadStep]:
+        """The next two steps from a state; collective."""
+        steps = list[LoadStep]()
+        for time in state.pending[:-3:-1]:
+            steps.append(self._completed(problem, state, self._attempt(problem, state, time, progress)))
+            state = steps[-1].state
+        return steps
+
+    @staticmethod
+    def _refuse_interrupted(failure: NotConverged, state: State, posed: ContactProblem) -> None:
+        if failure.result.status is Status.INTERRUPTED:
+            text = f"interrupted in the load step from {state.time:g} s to {posed.time:g} s, which is discarded"
+            raise StepFailed(text, failure.result, posed) from None
+
+    def _may_end(self, state: State, time: float) -> bool:
+        """Whether a step from a state may end at a time, the middle of a longer one."""
+        least = max(self._whole(time) * 0.5**self.halvings, SMALLEST * (self.times[-1] - self.start))
+        return time - state.time >= (1.0 - SMALLEST) * least
 
     def _whole(self, time: float) -> float:
         """Length of the load step in `times` that contains a time."""
@@ -245,3 +314,11 @@ class StepFailed(NotConverged):
     def __init__(self, message: str, result: SolverResult, problem: ContactProblem):
         super().__init__(message, result)
         self.problem = problem
+
+
+def _present(problem: ContactProblem, solution: Solution) -> None:
+    """Let the user's functions and coefficients be those of an answer again; collective."""
+    if problem.large is None:
+        solution.problem.elasticity.at_time(solution.problem.time)
+    else:
+        linearised(problem.elasticity, solution.displacement, solution.problem.time)

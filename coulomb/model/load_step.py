@@ -228,6 +228,9 @@ class State(Moment):
         poses: Of foundations under load (`ContactState.poses`); None at the start, and without any.
         turns: In large motions the rotation vectors of rigid faces, radians, shape (faces, 3); None at the start, and
             without any.
+        friction_error: Estimated error of friction by the size of the steps, over the sum of the sizes of the friction
+            forces at contact points: the sum of what halving each step has changed (`friction_change`), less the part
+            of each step of what has come to touch in it.  None if it was not asked for.
     """
 
     displacement: FloatArray
@@ -240,6 +243,7 @@ class State(Moment):
     temperature_change: FloatArray | None = None
     poses: FloatArray | None = None
     turns: FloatArray | None = None
+    friction_error: float | None = None
 
     @classmethod
     def beginning(cls, time: float, nodes: int, points: int, pending: tuple[float, ...] = ()) -> State:
@@ -320,7 +324,17 @@ class State(Moment):
             temperature_change=None if heat is None else heat.change,
             poses=problem.state.poses,
             turns=problem.elasticity.constraints.turns,
+            friction_error=None
+            if self.friction_error is None
+            else (1.0 - self.new_part(at, answer)) * self.friction_error,
         )
+
+    def new_part(self, at: npt.NDArray[np.int64], answer: NodalAnswer) -> float:
+        """The part of the normal forces of an answer at the end of the next step, with its contact points `at` these
+        numbers of those of states, that is at points which are open at its start; collective."""
+        over, normal, new = Reductions(answer.comm), answer.force[:, 0], ~np.any(self.force_on_body[at], axis=1)
+        whole = over.sum(normal)
+        return over.sum(normal[new]) / whole if whole > 0.0 else 0.0
 
 
 def _while_touching(moved: FloatArray, widened: FloatArray, answer: NodalAnswer) -> FloatArray:
@@ -372,14 +386,21 @@ class LoadStep:
             residual=result.residual,
             certified=certificate.passed,
             valid=self.solution.valid,
+            friction_error=self.state.friction_error,
         )
 
 
 def row(
-    numbers: Mapping[str, Any], at: Moment, steps: int, residual: float, certified: bool, valid: bool
+    numbers: Mapping[str, Any],
+    at: Moment,
+    steps: int,
+    residual: float,
+    certified: bool,
+    valid: bool,
+    friction_error: float | None = None,
 ) -> dict[str, Any]:
     """The figures of a step by name, from those of its contact nodes (`NodalAnswer.numbers`), reactions, bodies and
-    probes; path-following `steps`, and the residual of its problem."""
+    probes; path-following `steps`, the residual of its problem, and `State.friction_error`."""
     face, faces = numbers["totals"], named_faces(numbers["faces"])
     several = faces if len(faces) > 1 or "against" in faces[0][1] else []
     parts = [face_columns(*one) for one in several] + [_rotation_columns(part) for part in numbers["faces"]]
@@ -399,8 +420,32 @@ def row(
         **(_heat_columns(numbers["heat"]) if "heat" in numbers else {}),
         **{f"energy_{name}": value for name, value in asdict(at.energy).items()},
         "energy_imbalance": at.energy.imbalance,
+        **({} if friction_error is None else {"friction_error": friction_error}),
         "path_following": steps,
         "residual": residual,
         "certified": certified,
         "valid": valid,
     }
+
+
+def friction_change(coarse: NodalAnswer, fine: NodalAnswer) -> float:
+    """By how much friction differs between two answers at one time, over the sum of the sizes of friction forces at
+    contact points: of each face the resultants, and the resultant moments about its middle over the distance of its
+    points from there; collective."""
+    over, change, whole = Reductions(fine.comm), 0.0, 0.0
+    for part in range(len(fine.faces)):
+        middle: FloatArray = np.zeros(3)
+        radius = 0.0
+        resultants = list[FloatArray]()
+        for answer in (fine, coarse):
+            here = answer.part == part
+            x, friction = answer.x[here], (answer.friction_traction * answer.area[:, None])[here]
+            if not resultants:
+                count = max(over.sum(float(len(x))), 1.0)
+                middle = over.total(x.sum(axis=0)) / count
+                radius = math.sqrt(over.sum(np.sum((x - middle) ** 2, axis=1)) / count) or 1.0
+                whole += over.sum(np.linalg.norm(friction, axis=1))
+            moment = np.cross(x - middle, friction).sum(axis=0) / radius
+            resultants.append(over.total(np.concatenate([friction.sum(axis=0), moment])))
+        change += float(np.linalg.norm(resultants[0] - resultants[1]))
+    return change / whole if whole > 0.0 else 0.0

@@ -135,5 +135,8 @@ def numbers_of(answer: Solution, contents: Mapping[str, Any], state: State | Non
     if state is not None:
         row = LoadStep(answer, state, 0).row
         row |= {"path_following": contents["iterations"]["path_following"], "residual": contents["residual"]}
-        numbers["step"] = {"number": state.number, "time": state.time, "energy": asdict(state.energy), "row": row}
+        of_run = {name: value for name, value in contents["step"].items() if name == "friction_error"}
+        row |= of_run
+        record = {"number": state.number, "time": state.time, "energy": asdict(state.energy), "row": row}
+        numbers["step"] = record | of_run
     return dict(json.loads(json.dumps(finite(numbers))))
