@@ -45,9 +45,12 @@ def space_of_forms(a: Any, L: Any, space: Any) -> Any:
     return chosen
 
 
-_ONE_SPACE: Final = (
-    "a and L must have one space of displacements V, continuous Lagrange vectors: eliminate or penalise other unknowns"
+_OTHER_UNKNOWNS: Final = (
+    "eliminate or penalise other unknowns (a pressure near incompressibility is none in second order, nor on hexahedra "
+    'with bulk * div(u) * div(v) * ufl.dx(metadata={"quadrature_degree": 1}), the rest with dev(strain))'
 )
+
+_ONE_SPACE: Final = f"a and L must have one space of displacements V, continuous Lagrange vectors: {_OTHER_UNKNOWNS}"
 
 
 def _refuse_rank(form: Any, rank: int, what: str) -> None:
@@ -112,7 +115,7 @@ def _refuse_space(space: Any) -> None:
     try:
         continuous, degree, size = compat.lagrange_vectors(space)
     except RuntimeError:
-        raise ValueError(f"Body: the space of a is mixed; {wanted}: eliminate or penalise the other unknowns") from None
+        raise ValueError(f"Body: the space of a is mixed; {wanted}: {_OTHER_UNKNOWNS}") from None
     if size != 3:
         kinds = {1: "of scalars, or no Lagrange space"}
         raise ValueError(f"Body: the space of a is {kinds.get(size, f'of {size} values per node')}; {wanted}")

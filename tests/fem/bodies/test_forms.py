@@ -100,6 +100,22 @@ def test_selective_reduced_integration():
     assert solution.valid and solution.certificate.passed
 
 
+def test_near_incompressibility_as_from_materials():
+    """Changes of volume by one point per cell are the mean dilatation of bricks, whose answer our materials have."""
+    mesh, young, poisson = coulomb.box((2.0, 1.0, 0.5), (4, 2, 2)), 1e6, 0.4999
+    mu, bulk = young / (2.0 * (1.0 + poisson)), young / (3.0 * (1.0 - 2.0 * poisson))
+    press, contact = (0.0, 0.0, -0.01), Contact("bottom", 0.5)
+    ours = ContactProblem(mesh, Material(young, poisson), [PrescribedDisplacement("top", press)], contact).solve(1e-11)
+    script = Script(mesh, 1)
+    e, d = strain(script.u), strain(script.v)
+    shape, volume = 2.0 * mu * ufl.inner(ufl.dev(e), ufl.dev(d)), bulk * ufl.tr(e) * ufl.tr(d)
+
+    a = shape * ufl.dx + volume * ufl.dx(metadata={"quadrature_degree": 1})
+    theirs = ContactProblem(coulomb.Body(a, None, [script.bc(press, "top")], mesh), contact).solve(1e-11)
+    assert theirs.valid and close(theirs.displacement, ours.displacement, 1e-8)
+    assert close(theirs.contact_force, ours.contact_force, 1e-6)
+
+
 def test_a_block_held_by_robin_terms_alone():
     """A push along x moves it by p/k; along z its top gets what the floor does not carry: forces k A u in balance."""
     mesh = coulomb.box((1.0, 1.0, 1.0), (2, 2, 2))
