@@ -25,10 +25,11 @@ from mpi4py import MPI
 from ..arrays import FloatArray, IntArray
 from ..fem.bodies import TEMPERATURE, SingleBody
 from ..fem.geometry import on_all_ranks
-from ..model.load_step import Earlier, Energy, LoadStep, State
+from ..model.load_step import LoadStep
 from ..model.nodal_answer import ACCUMULATED, Accumulated
 from ..model.problem import ContactProblem
 from ..model.small_strain import MEASURES, SmallStrain
+from ..model.state import Earlier, Energy, State
 from ..nearest import same_nodes
 from ..ranks import on_rank_0
 from ..regular_file import replacing

@@ -35,13 +35,14 @@ from .contact_faces import ContactFaces, StatePoints, slaves_as_faces
 from .contact_stiffness import ContactStiffness
 from .heat import HeatProblem
 from .held_nodes import HeldInPairs, refuse_held_inside
-from .linear_problem import Before, ContactState
+from .linear_problem import ContactState
 from .memory import memory_needed
 from .nodal_answer import Accumulated
 from .overlap import OutsideContacts
 from .pair_checks import JudgedPair
 from .probes import LocatedProbes, Part, Probe
 from .provenance import timed
+from .state import State
 
 _log = logging.getLogger(__name__)
 
@@ -368,7 +369,7 @@ class ContactBody:
         """The gaps given with the contacts at the points of a surface at a time, metres, shape (m,); collective."""
         return self._faces.gap_factors(time)[surface.part] * surface.gap_field
 
-    def foundation_displacement(self, state: ContactState, before: Before) -> FloatArray:
+    def foundation_displacement(self, state: ContactState, before: State) -> FloatArray:
         """Displacement of the foundations' surfaces in a load step at the contact points, by rigid motion and by
         changing gaps, metres, shape (m, 3); collective."""
         surface, then = state.surface, self.foundation_motions(before.time, before.poses)
@@ -407,7 +408,7 @@ class ContactBody:
         self._latest[locked] = _Positioned(after, motions, factors)
         return after
 
-    def state(self, time: float, before: Before | None = None, poses: FloatArray | None = None) -> ContactState:
+    def state(self, time: float, before: State | None = None, poses: FloatArray | None = None) -> ContactState:
         """The state at a time, in which slip is measured from the end of the load step before, moved with the
         foundation since; by default from zero displacement; arguments and errors as of `ContactProblem.at`; foundations
         under load have these poses, by default those after the step before; collective."""
@@ -431,7 +432,7 @@ class ContactBody:
             *(elasticity, loading, motions, spins, surface, law, slip_rate, origin, accumulated), loaded=loaded
         )
 
-    def posed(self, state: ContactState, poses: FloatArray | None, before: Before | None) -> ContactState:
+    def posed(self, state: ContactState, poses: FloatArray | None, before: State | None) -> ContactState:
         """The state with foundations under load in other poses (faces, 6); collective."""
         motions = self.foundation_motions(state.time, poses)
         surface = self.surface(motions, state.time, state.elasticity)
@@ -441,7 +442,7 @@ class ContactBody:
             state, foundation_motions=motions, surface=surface, spins=spins, slip_origin=origin, loaded=loaded
         )
 
-    def shifted(self, state: ContactState, elasticity: Deformable, before: Before | None) -> ContactState:
+    def shifted(self, state: ContactState, elasticity: Deformable, before: State | None) -> ContactState:
         """The state of bodies with nodes elsewhere, of which the given gaps stay, as the foundations do; collective."""
         pairs = zip(self.contacts, self.foundations, strict=True)
         contacts = tuple(one if rigid is None else replace(one, foundation=rigid) for one, rigid in pairs)
@@ -456,7 +457,7 @@ class ContactBody:
         return replace(state, elasticity=elasticity, surface=surface, spins=spins, slip_origin=origin)
 
     def _spins_and_origin(
-        self, motions: Sequence[RigidMotion], surface: ContactSurface, time: float, before: Before | None
+        self, motions: Sequence[RigidMotion], surface: ContactSurface, time: float, before: State | None
     ) -> tuple[tuple[Spin | None, ...], FloatArray]:
         """Given rotations of the foundations, and the displacement from which slip counts, after a load step;
         collective."""

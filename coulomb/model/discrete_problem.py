@@ -18,9 +18,10 @@ from ..solvers.rigid_motions import NO_MOTION, RigidMotions
 from .certificate import Evidence
 from .contact_body import ContactBody
 from .contact_stiffness import FixedStiffness
-from .linear_problem import Before, ContactState, LinearProblem
+from .linear_problem import ContactState, LinearProblem
 from .problem_evidence import gather_evidence
 from .stability import Stability
+from .state import State
 
 
 class DiscreteProblem:
@@ -57,7 +58,7 @@ class DiscreteProblem:
         small_strain: str,
         started: datetime,
         seconds: dict[str, float],
-        before: Before | None = None,
+        before: State | None = None,
     ):
         self.body, self.state, self.small_strain = body, state, small_strain
         self.started, self.seconds, self.before = started, seconds, before
@@ -70,7 +71,7 @@ class DiscreteProblem:
         self,
         state: ContactState,
         seconds: dict[str, float] | None = None,
-        before: Before | None = None,
+        before: State | None = None,
         body: ContactBody | None = None,
     ) -> Self:
         """The problem of the same body, or of it with other supports, in another state; `seconds` and `before` as of
@@ -81,7 +82,7 @@ class DiscreteProblem:
         return posed
 
     def elsewhere(
-        self, u: FloatArray, poses: FloatArray | None, before: Before | None, motions: FloatArray | None = None
+        self, u: FloatArray, poses: FloatArray | None, before: State | None, motions: FloatArray | None = None
     ) -> DiscreteProblem:
         """The problem at the same time with foundations under load in other poses (faces, 6), others moved by factors
         (faces,) of their motions, after another load step; in large motions also at another displacement u (k, 3);
@@ -171,7 +172,7 @@ class DiscreteProblem:
         return u + self.elasticity.reduction.displacement(self.elasticity.free_unknowns @ own) if len(own) else u
 
     def evidence(
-        self, x: FloatArray, u: FloatArray, before: Before | None = None, alpha: FloatArray = NO_MOTION
+        self, x: FloatArray, u: FloatArray, before: State | None = None, alpha: FloatArray = NO_MOTION
     ) -> Evidence:
         """The evidence for a certificate, from body, contact faces and foundations as given; collective.
 

@@ -14,7 +14,6 @@ from ..linalg.reductions import Reductions
 from ..solvers.results import NotConverged, Status
 from .discrete_problem import DiscreteProblem
 from .heat import Heat, HeatProblem
-from .load_step import State
 from .solution import Solution
 from .solving import answer_of
 
@@ -47,7 +46,7 @@ def heated(
 
     over, factor, step = Reductions(posed.comm), 1.0, None
     change: FloatArray = np.zeros(len(posed.elasticity.x))
-    if isinstance(posed.before, State) and posed.before.temperature_change is not None:
+    if posed.before is not None and posed.before.temperature_change is not None:
         change = posed.before.temperature_change
     answer, apart = solved(at(change), start), np.inf
     steps, products = answer.result.newton_steps, answer.result.products

@@ -32,10 +32,9 @@ from .certificate import Evidence
 from .certificate_scales import rounding_forces, rounding_of_gaps
 from .contact_faces import StatePoints
 from .discrete_problem import DiscreteProblem
-from .linear_problem import Before
-from .load_step import State
 from .problem_evidence import gather_evidence
 from .stability import Stability, stability
+from .state import State
 
 _MEMORY: Final = 5
 """Differences of iterates by which they are accelerated."""
@@ -134,14 +133,14 @@ class Linearised(DiscreteProblem):
     iterate: Callable[[FloatArray, FloatArray | None, State, FloatArray | None], Iterate]
 
     def elsewhere(
-        self, u: FloatArray, poses: FloatArray | None, before: Before | None, motions: FloatArray | None = None
+        self, u: FloatArray, poses: FloatArray | None, before: State | None, motions: FloatArray | None = None
     ) -> DiscreteProblem:
-        assert isinstance(before, State)
+        assert before is not None
         return self.iterate(u, poses, before, motions).problem
 
     def with_factors(self, x: FloatArray) -> DiscreteProblem:
         """With the tangent, or springs where contact presses (`Iterate.supported`), that is positive definite."""
-        assert isinstance(self.before, State)
+        assert self.before is not None
         there = self.iterate(self._u, self.state.poses, self.before, None)
         given = there.problem.bent(x)
         there.pose(there.problem.turning(given, x))
@@ -163,7 +162,7 @@ class Linearised(DiscreteProblem):
         return replace(super().friction_problem, together=True)
 
     def evidence(
-        self, x: FloatArray, u: FloatArray, before: Before | None = None, alpha: FloatArray = NO_MOTION
+        self, x: FloatArray, u: FloatArray, before: State | None = None, alpha: FloatArray = NO_MOTION
     ) -> Evidence:
         """Without nodes that supports hold, which are at their place when the displacement is, and without what pairs
         are by lines, which the next iterate is asked."""

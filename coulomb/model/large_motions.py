@@ -34,11 +34,12 @@ from .certificate_scales import place_of_largest
 from .discrete_problem import DiscreteProblem
 from .equilibrium import refuse_without_equilibrium
 from .iterate import NEAR, CarriedForces, Iterate, Linearised, Path, linearised
-from .load_step import Forces, State
+from .load_step import ended
 from .load_steps import LoadSteps
 from .notebook import residuals_shown
 from .solution import Solution
 from .solving import size_of, solved, together
+from .state import Forces, State
 
 _log = logging.getLogger(__name__)
 
@@ -139,7 +140,6 @@ class LoadStepLoop:
     def _state(self) -> State:
         """The state from which the step begins."""
         if self.posed.before is not None:
-            assert isinstance(self.posed.before, State)
             return self.posed.before
         self.elasticity.refuse_beginning(self.time)
         return State.beginning(self.time, len(self.elasticity.x), len(self.shared.points.nodes))
@@ -402,7 +402,7 @@ class LoadStepLoop:
         known.append(problem.elasticity.constraints.spring_energy(now.displacement, problem.time))
         elastic = copies * sum(known) if len(known) > len(own) else before.energy.elastic + 0.5 * change
         at = self.shared.points.places(problem.surface)
-        return before.ended(solution, then, now, at, elastic=elastic)
+        return ended(before, solution, then, now, at, elastic=elastic)
 
     @staticmethod
     def _forces(problem: DiscreteProblem, u: FloatArray, e: Evidence, on_body: FloatArray) -> Forces:

@@ -6,7 +6,7 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from mpi4py import MPI
@@ -238,26 +238,6 @@ class ContactState:
         G = np.where(np.abs(G) <= _UNMOVED, 0.0, G)
         e = np.concatenate([*(one.load for one in self.loaded), e])
         return RigidMotions(G, e, tuple(map(str, self.free.motions)))
-
-
-class Before(Protocol):
-    """Start of a load step: time, displacement (k, 3) in metres, slip rates (m,) in m/s, what has accumulated, and
-    `ContactState.poses`, after the step before."""
-
-    @property
-    def time(self) -> float: ...
-
-    @property
-    def displacement(self) -> FloatArray: ...
-
-    @property
-    def slip_rate(self) -> FloatArray: ...
-
-    @property
-    def accumulated(self) -> Accumulated: ...
-
-    @property
-    def poses(self) -> FloatArray | None: ...
 
 
 class LinearProblem:

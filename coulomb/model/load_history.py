@@ -38,11 +38,12 @@ from . import notebook
 from .certificate import judge, settled_to
 from .equilibrium import NoEquilibrium
 from .iterate import linearised
-from .load_step import LoadStep, State, friction_change
+from .load_step import LoadStep, friction_change
 from .notebook import NotebookBar, in_notebook
 from .problem import ContactProblem
 from .solution import Solution
 from .solving import LinearSolveFailed
+from .state import State
 from .times import HALVINGS, in_times, refuse_missed, refuse_times
 
 _log = logging.getLogger(__name__)

@@ -53,8 +53,7 @@ from .heat import HeatProblem
 from .heated import heated
 from .input_echo import contacts_of, loads_of, ties_of
 from .large_motions import LoadStepLoop
-from .linear_problem import Before
-from .load_step import State
+from .load_step import state_after
 from .load_steps import LoadSteps
 from .notebook import residuals_shown
 from .probes import Probe
@@ -62,6 +61,7 @@ from .provenance import now, timed
 from .small_strain import known_mode
 from .solution import Solution, warn
 from .solving import answer_of, solved_in_place
+from .state import State
 from .stopping_criterion import CERTIFIED_FROM
 
 _log = logging.getLogger(__name__)
@@ -272,7 +272,7 @@ class ContactProblem(DiscreteProblem):
         self.large = LoadSteps(body, time, *methods, given["branch"]) if large else None
         self.contacts = self.large.contacts if self.large else body.contacts
 
-    def at(self, time: float, before: Before | None = None) -> ContactProblem:
+    def at(self, time: float, before: State | None = None) -> ContactProblem:
         """The problem at another time with the same body, K^-1 and A; collective.
 
         Args:
@@ -366,7 +366,9 @@ class ContactProblem(DiscreteProblem):
 
     def after(self, before: State, solution: Solution) -> State:
         """The state after a load step; collective."""
-        return before.after(solution) if self.large is None else LoadStepLoop(self, self.large).after(before, solution)
+        if self.large is not None:
+            return LoadStepLoop(self, self.large).after(before, solution)
+        return state_after(before, solution)
 
     def solve(
         self,

@@ -35,9 +35,10 @@ from .certificate_scales import at_all_points
 from .contact_body import ContactBody
 from .foundation_load import LoadedFoundation
 from .held_nodes import FoundationFace, OtherNodes
-from .linear_problem import Before, ContactState
+from .linear_problem import ContactState
 from .nodal_answer import relative_displacement
 from .pair_checks import PairFindings, pair_actions
+from .state import State
 
 
 def gather_evidence(
@@ -46,7 +47,7 @@ def gather_evidence(
     x: FloatArray,
     u: FloatArray,
     compliance: FloatArray,
-    before: Before | None,
+    before: State | None,
     alpha: FloatArray = NO_MOTION,
     by_lines: bool = True,
 ) -> Evidence:

@@ -34,9 +34,9 @@ from .certificate import Certificate, Evidence, judge
 from .certificate_scales import place_of_largest
 from .discrete_problem import DiscreteProblem
 from .equilibrium import running_away
-from .linear_problem import Before
 from .nodal_answer import OPEN_BELOW
 from .provenance import timed
+from .state import State
 
 ROUNDING: Final = 1e-13
 """Relative size of rounding errors of slips and of projections on free directions."""
@@ -260,7 +260,7 @@ def failing_conditions(certificate: Certificate) -> str:
     return ", ".join(f"{c.name} {c.value:.1e} (limit {c.limit:.0e})" for c in certificate.checks if not c.passed)
 
 
-def certify(problem: DiscreteProblem, x: FloatArray, u: FloatArray, before: Before | None = None) -> Certificate:
+def certify(problem: DiscreteProblem, x: FloatArray, u: FloatArray, before: State | None = None) -> Certificate:
     """Check an answer; collective.
 
     Args:

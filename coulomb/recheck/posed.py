@@ -24,10 +24,11 @@ from ..io.summary import summary
 from ..model.certificate import judge, settled_to
 from ..model.heated import at_contact
 from ..model.large_motions import LoadStepLoop
-from ..model.load_step import LoadStep, State
+from ..model.load_step import LoadStep
 from ..model.problem import ContactProblem
 from ..model.problem_evidence import gather_evidence
 from ..model.solution import Solution
+from ..model.state import State
 from ..solvers.results import SolverResult, Status
 from .comparison import perturbed
 

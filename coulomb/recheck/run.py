@@ -25,8 +25,8 @@ from ..io.result_grids import OURS
 from ..io.run_directory import CASE, CONTACT, SOLUTION, SUMMARY, RunDirectory
 from ..model.heated import at_contact
 from ..model.load_history import LoadHistory
-from ..model.load_step import State
 from ..model.solution import Solution
+from ..model.state import State
 from ..ranks import on_rank_0
 from ..solvers.successive_tresca import SuccessiveTresca
 from ..version import __version__

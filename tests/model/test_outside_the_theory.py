@@ -24,8 +24,8 @@ from coulomb.fem.contact.body_boundary import depths_below, in_tetrahedra
 from coulomb.linalg.reductions import Reductions
 from coulomb.model import load_history, stopping_criterion
 from coulomb.model.certificate_scales import deformations
-from coulomb.model.load_step import Energy
 from coulomb.model.small_strain import CHORD, GAP_ERROR, GRADIENT, TURN, SmallStrain, known_mode
+from coulomb.model.state import Energy
 
 BLOCK, HISTORY, HERTZ = (
     *(ROOT / "demos" / name for name in ("block.toml", "history.toml")),
