@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -23,7 +22,7 @@ from ..bodies import DisplacementSpace, mesh_components
 from ..geometry import on_all_ranks
 from ..meshes import SEPARATOR, JoinedMesh, NamedMesh, boundary_facets, fetched, starts_of
 from .facet_patch import FacetKind, facet_patch, functions_at
-from .mortar_parts import FACING, Cells, SphereTree, sphere_tree
+from .mortar_parts import FACING, Cells
 from .sheets import goes_on, sheets_of
 
 _LINES: Final = 4
@@ -366,10 +365,6 @@ class _AllFacets:
     same: float
     chord: float
 
-    @cached_property
-    def tree(self) -> SphereTree:
-        return sphere_tree(self.cells.centre, self.cells.radius)
-
     def heights(self, cells: Cells, one: IntArray, other: IntArray, p: FloatArray) -> FloatArray:
         """Of the facets `other` (k,) before points p (k, 2) in the frames of cells `one` (k,), there, shape (k,)."""
         seen = cells.seen(one, self.cells.corners[other])
@@ -433,7 +428,7 @@ def _met(
     opposite, the gaps in metres, and the share of the line, which may meet an edge of several; shape (k,) each."""
     cells, others, same, side = body.cells, every.cells, every.same, every.side
     far = distance + 2.0 * every.chord
-    line, other = every.tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], far, far)
+    line, other = every.cells.tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], far, far)
     one = at[line]
     cosine = np.einsum("ki,ki->k", cells.frames[one, 2], others.area_vector[other]) / others.area[other]
     one, other = one[cosine < FACING], other[cosine < FACING]

@@ -1,8 +1,8 @@
 """The facets of a face and where straight lines meet them, for the evidence of pairs alone.
 
 Written a second time on purpose: it shares no code with the mortar integration, whose gaps, normals and weights are
-judged by it (`pair_evidence`).  Facets are found by a k-d tree of their middles, and the point on a facet by Newton's
-method, of plane triangles in one step.
+judged by it (`pair_evidence`).  The point on a facet is found by Newton's method, of plane triangles in one
+step.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+import scipy.sparse
 
 from ...arrays import FloatArray, IntArray, unit_vectors
-from ...nearest import tree_of
 from .. import compat
 from ..bodies import DisplacementSpace
 from ..meshes import fetched, starts_of
+from .sphere_tree import sphere_tree
 
 FACING: Final = -0.2
 """Largest cosine between a line and the normals of the facets that it may meet."""
@@ -32,9 +33,6 @@ _STEPS: Final = 8
 
 _SETTLED: Final = 1e-13
 """Last step in the reference facet."""
-
-_ROUNDS: Final = 4
-"""Moves along a line towards the facet nearest to it."""
 
 _LINES: Final = 50_000
 """Lines searched at once, so that memory stays small."""
@@ -146,6 +144,12 @@ class Facets:
         return (1.0 if self.degree == 1 else 1.2) * away.max(axis=1, initial=0.0)
 
     @cached_property
+    def width(self) -> FloatArray:
+        """Areas between the corners over half the diameters, metres, shape (f,)."""
+        diameter = 2.0 * np.linalg.norm(self.x - self.middle[:, None], axis=2).max(axis=1, initial=0.0)
+        return 2.0 * np.linalg.norm(plane_vectors(self.x[:, : self.corners]), axis=1) / diameter
+
+    @cached_property
     def normal(self) -> FloatArray:
         """Outward unit normals of the planes of the corners, shape (f, 3)."""
         return unit_vectors(self.sign[:, None] * plane_vectors(self.x[:, : self.corners]))
@@ -243,26 +247,57 @@ def hits(start: FloatArray, along: FloatArray, face: Facets, depth: float, reach
     found = Hits(np.full(len(start), -1), np.zeros((len(start), 2)), np.full(len(start), np.inf))
     if not len(face):
         return found
-    size = np.ceil(np.log2(np.maximum(face.radius, 1e-300))).astype(np.int64)
-    trees = [(np.flatnonzero(size == one), tree_of(face.middle[size == one])) for one in np.unique(size)]
-    whole = tree_of(face.middle)
+    tree = sphere_tree(face.middle, face.radius)
     for at in np.array_split(np.arange(len(start)), len(start) // _LINES + 1):
-        left, near = at, start[at]
-        for number in range(_ROUNDS):
-            for facets, tree in trees:
-                others = tree.query_ball_point(near, float(face.radius[facets].max()), return_sorted=False)
-                count = np.array([len(other) for other in others], dtype=np.int64)
-                if not count.any():
-                    continue
-                line = np.repeat(left, count)
-                facet = facets[np.concatenate([other for other in others if other]).astype(np.int64)]
-                _keep_nearest(found, line, facet, *_meet(face, facet, start[line], along[line]), depth, reach)
-            open_ = found.facet[left] < 0
-            left, near = left[open_], near[open_]
-            if not len(left) or number == _ROUNDS - 1:
-                break
-            near = _towards(face, whole, start[left], along[left], near)
+        line, facet = tree.before(start[at], np.zeros(len(at)), along[at], depth, reach)
+        _keep_nearest(found, at[line], facet, *_meet(face, facet, start[at[line]], along[at[line]]), depth, reach)
     return found
+
+
+_LEVEL: Final = 0.1
+_STEP: Final = 2.5
+"""How much distances may differ around a facet before it is a step (`mortar_parts.nearest_sheet`): a part of its width,
+and its extent along the slope times sin t/cos^2 t of the angle t between both faces."""
+
+
+def opposite(
+    slave: Facets, master: Facets, facet: IntArray, at: FloatArray, piece: IntArray
+) -> tuple[FloatArray, Hits]:
+    """Lines along the normals of some slave facets (f,), ascending, of second order those of the pieces (q,) on which
+    their reference points (q, 2) are, shape (f, q, 3), and where these f q lines meet the master.
+
+    What is beyond a step does not count: farther from a facet than the nearest place before it or the facets beside it,
+    by more than `_LEVEL` and `_STEP` explain.
+    """
+    near = np.flatnonzero(np.any(np.isin(slave.nodes, slave.nodes[facet]), axis=1))
+    x, along = slave.x[near], np.repeat(slave.normal[near][:, None], len(at), axis=1)
+    if slave.degree == 2:
+        along = unit_vectors(slave.sign[near, None, None] * plane_vectors(x[:, PIECES[slave.corners]]))[:, piece]
+    depth, reach = 0.25 * min(slave.extent, master.extent), slave.extent + master.extent
+    if len(slave) and len(master):
+        reach += float(np.min(np.linalg.norm(master.middle - slave.middle[0], axis=1)))
+    start = (facet_functions(slave.corners, slave.degree, at)[0] @ x).reshape(-1, 3)
+    found = hits(start, along.reshape(-1, 3), master, depth, reach)
+    way = np.abs(found.way).reshape(along.shape[:2])
+    met = np.isfinite(way)
+    if np.any(met) and np.ptp(way[met]) > _LEVEL * np.min(slave.width[near]):
+        n = master.normal[found.facet].reshape(along.shape)
+        cosine = np.einsum("fqi,fqi->fq", along, n)[:, :, None]
+        slope = np.where(met[:, :, None], (n - cosine * along) / cosine**2, 0.0)
+        within = np.min(facet_functions(slave.corners, 1, at)[0], axis=1) > 0.0  # not on edges, shared with others
+        rises = np.ptp(np.einsum("fni,fqi->fqn", x, slope[:, within]), axis=2).max(axis=1)
+        rows, columns = np.repeat(np.arange(len(near)), slave.nodes.shape[1]), slave.nodes[near].ravel()
+        on = scipy.sparse.csr_matrix((np.ones(len(rows)), (rows, columns)))
+        one, other = (on @ on.T).nonzero()
+        nearest, rise, width = np.full((3, len(near)), -np.inf)
+        np.maximum.at(nearest, one, -way[:, within].min(axis=1)[other])
+        np.maximum.at(rise, one, rises[other])
+        np.maximum.at(width, one, slave.width[near][other])
+        met &= way <= (_LEVEL * width + _STEP * rise - nearest)[:, None]
+    given, gone = np.isin(near, facet), ~met.ravel()
+    found.facet[gone], found.way[gone] = -1, np.inf
+    chosen = np.repeat(given, len(at))
+    return along[given], Hits(found.facet[chosen], found.place[chosen], found.way[chosen])
 
 
 def off_linear(
@@ -288,18 +323,6 @@ def off_linear(
     off = np.sign(off) * np.maximum(np.abs(off) - explained, 0.0)
     found[met] = np.where(after.facet[met] >= 0, off, np.where(slip > face.radius[facet], slip, 0.0))
     return found
-
-
-def _towards(face: Facets, tree: object, start: FloatArray, along: FloatArray, near: FloatArray) -> FloatArray:
-    """Where lines meet the plane of the facet that faces them nearest to some points, shape (q, 3)."""
-    most = min(4, len(face))
-    facet = tree.query(near, k=most)[1].reshape(len(near), most)  # type: ignore[attr-defined]
-    cosine = np.einsum("qki,qi->qk", face.normal[facet], along)
-    first = np.argmax(cosine < FACING, axis=1)
-    row = np.arange(len(near))
-    facet, cosine = facet[row, first], np.minimum(cosine[row, first], FACING)
-    way = np.einsum("qi,qi->q", face.middle[facet] - start, face.normal[facet]) / cosine
-    return start + way[:, None] * along
 
 
 def _meet(

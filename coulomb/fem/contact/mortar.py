@@ -167,7 +167,7 @@ LEAST_SHARE: Final = 0.2
 """Covered share of a node's area below which it is no contact point.  Measured at the edge of a master: with 0.05 the
 pressure at such nodes is up to ten times that of their neighbours, with 0.2 up to three times."""
 
-RINGS: Final = 4
+RINGS: Final = 5
 """Rings of facets around those of a rank on which its contact points can depend."""
 
 _DEPTH: Final = 0.25

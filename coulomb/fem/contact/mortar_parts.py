@@ -14,79 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ...arrays import FloatArray, IntArray
-from ...nearest import tree_of
 from .facet_patch import FacetPatch
-
-# Which facets are before which, along normals: a tree of spheres searched by straight lines.
-#
-# Unlike a search by distance it finds what is far away as well, such as a body that will come down on another.
-
-_CHILDREN: Final = 8
-"""Of every node of the tree."""
-
-_LINES: Final = 2048
-"""Lines searched at once, so that memory stays small."""
-
-
-@dataclass(frozen=True)
-class SphereTree:
-    """Spheres around facets, around groups of them, and so on up to one.
-
-    Attributes:
-        order: The facets in the order of the lowest level.
-        levels: Centres and radii in metres of the spheres, shape (4, k), from the top to the facets; the children of
-            sphere i are those from 8 i on in the next level.
-    """
-
-    order: IntArray
-    levels: tuple[FloatArray, ...]
-
-    def before(
-        self, centre: FloatArray, radius: FloatArray, normal: FloatArray, depth: float, reach: float
-    ) -> tuple[IntArray, IntArray]:
-        """Pairs (line, facet), ascending, whose spheres meet: lines from points (k, 3) along unit normals (k, 3), as
-        cylinders of these radii (k,), from `depth` behind their points as far as `reach`, metres."""
-        lines = np.column_stack([centre, normal, radius]).T.copy()  # component by component: faster
-        found = [
-            self._search(at, lines, depth, reach)
-            for at in np.array_split(np.arange(len(centre)), len(centre) // _LINES + 1)
-        ]
-        line, facet = (np.concatenate(parts) for parts in zip(*found, strict=True))
-        order = np.lexsort((facet, line))
-        return line[order], facet[order]
-
-    def _search(self, line: IntArray, lines: FloatArray, depth: float, reach: float) -> tuple[IntArray, IntArray]:
-        first, lines = line[0] if len(line) else 0, lines[:, line]
-        line = line - first
-        sphere: IntArray = np.zeros(len(line), dtype=np.int64)
-        for level, spheres in enumerate(self.levels):
-            if level:
-                line = np.repeat(line, _CHILDREN)
-                sphere = (_CHILDREN * sphere[:, None] + np.arange(_CHILDREN)).ravel()
-                there = sphere < spheres.shape[1]
-                line, sphere = line[there], sphere[there]
-            x, y, z = (spheres[i][sphere] - lines[i][line] for i in range(3))
-            along = x * lines[3][line] + y * lines[4][line] + z * lines[5][line]
-            around = spheres[3][sphere]
-            meets = x * x + y * y + z * z - along * along < (1.0 + 1e-9) * (lines[6][line] + around) ** 2
-            meets &= (along > -depth - around) & (along < reach + around)
-            line, sphere = line[meets], sphere[meets]
-        return line + first, self.order[sphere]
-
-
-def sphere_tree(centre: FloatArray, radius: FloatArray) -> SphereTree:
-    """The tree of facets with these centres (f, 3) and radii (f,) around them in metres; at least one facet."""
-    order = tree_of(centre, _CHILDREN).indices.astype(np.int64)  # near ones are near in this order
-    levels = [(centre[order], radius[order])]
-    while len(levels[0][0]) > 1:
-        middle, size = levels[0]
-        first = np.arange(0, len(middle), _CHILDREN)
-        count = np.diff(np.append(first, len(middle)))
-        above = np.add.reduceat(middle, first) / count[:, None]
-        outer = np.linalg.norm(middle - np.repeat(above, count, axis=0), axis=1) + size
-        levels.insert(0, (above, np.maximum.reduceat(outer, first)))
-    return SphereTree(order, tuple(np.vstack([middle.T, size]) for middle, size in levels))
-
+from .sphere_tree import SphereTree, sphere_tree
 
 # Intersections of convex polygons in a plane, many pairs at once (Sutherland and Hodgman 1974).
 #
@@ -214,6 +143,11 @@ class Cells:
         e1 /= np.linalg.norm(e1, axis=1)[:, None]
         return np.stack([e1, np.cross(n, e1), n], axis=1)
 
+    @cached_property
+    def tree(self) -> SphereTree:
+        """Of at least one cell."""
+        return sphere_tree(self.centre, self.radius)
+
     def seen(self, cell: IntArray, x: FloatArray) -> FloatArray:
         """Points x (k, n, 3) in the frames of cells (k,), from their centres over their radii: lengths 1, (k, n, 3)."""
         away = (x - self.centre[cell][:, None]) / self.radius[cell][:, None, None]
@@ -259,14 +193,13 @@ class Parts:
 def common_parts(cells: Cells, others: Cells, depth: float, reach: float) -> Parts:
     """The common parts of all slave cells with the master cells up to `depth` behind them and `reach` before them,
     metres."""
-    tree = sphere_tree(others.centre, others.radius)
     chunks = np.array_split(np.arange(len(cells.facet)), len(cells.facet) // _CELLS + 1)
-    found = [_parts_of(at, cells, others, tree, depth, reach) for at in chunks]
+    found = [_parts_of(at, cells, others, depth, reach) for at in chunks]
     return Parts(*(np.concatenate([getattr(part, field.name) for part in found]) for field in fields(Parts)))
 
 
-def _parts_of(at: IntArray, cells: Cells, others: Cells, tree: SphereTree, depth: float, reach: float) -> Parts:
-    line, other = tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], depth, reach)
+def _parts_of(at: IntArray, cells: Cells, others: Cells, depth: float, reach: float) -> Parts:
+    line, other = others.tree.before(cells.centre[at], cells.radius[at], cells.frames[at, 2], depth, reach)
     one = at[line]
     cosine = np.einsum("ki,ki->k", cells.frames[one, 2], others.area_vector[other]) / others.area[other]
     line, one, other = (values[cosine < FACING] for values in (line, one, other))
@@ -303,3 +236,37 @@ def nearest_layer(parts: Parts, cells: Cells) -> tuple[Parts, IntArray]:
     keep = np.empty(len(order), dtype=bool)
     keep[order] = ~over[slave] | (running <= scaled[slave] * (1.0 + 1e-6))
     return parts.only(keep), np.unique(parts.slave[~keep])
+
+
+LEVEL: Final = 0.1
+STEP: Final = 2.5
+"""How much distances may differ around a facet before it is a step: a part of the width of a facet, which is a strain
+for which a step would close, and a multiple of what its extent along the slope, at an angle t between both faces, times
+sin t/cos^2 t is."""
+
+
+def nearest_sheet(parts: Parts, cells: Cells, others: Cells, slave: FacetPatch) -> Parts:
+    """Without the parts beyond a step: farther from a facet than the nearest part before it or the facets beside it, by
+    more than `LEVEL` and `STEP` explain.
+
+    The mean of distances on both sides of the edge of a step would let the edge into the slave.
+    """
+    facet, away = cells.facet[parts.slave], np.abs(parts.gap)
+    width = LEVEL * 2.0 * slave.areas / slave.diameters
+    if not len(away) or np.ptp(away) <= np.min(width):
+        return parts
+    n, own = others.area_vector[parts.master] / others.area[parts.master][:, None], cells.frames[parts.slave, 2]
+    cosine = np.einsum("pi,pi->p", own, n)[:, None]
+    slope = (n - cosine * own) / cosine**2
+    nearest, rise = np.full(len(slave), -np.inf), np.zeros(len(slave))
+    np.maximum.at(nearest, facet, -away)
+    np.maximum.at(rise, facet, np.ptp(np.einsum("pni,pi->pn", slave.x[facet], slope), axis=1))
+
+    def around(values: FloatArray) -> FloatArray:
+        """The largest of values (f,) of each facet and those that share a node with it."""
+        at_nodes = np.full(slave.size, -np.inf)
+        np.maximum.at(at_nodes, slave.nodes, values[:, None])
+        return np.max(at_nodes[slave.nodes], axis=1)
+
+    farthest = around(width) + STEP * around(rise) - around(nearest)
+    return parts.only(away <= farthest[facet])

@@ -27,14 +27,11 @@ from ...nearest import tree_of
 from ..geometry import RigidFoundation
 from .closest_points import (
     FACING,
-    PIECES,
     Facets,
-    Hits,
     crossed,
     facet_functions,
     facet_rule,
-    hits,
-    plane_vectors,
+    opposite,
     reference_nodes,
 )
 from .facet_heights import risen
@@ -174,12 +171,7 @@ class PairSamples:
         vectors = sign[:, None, None] * np.cross(along_r @ x, along_s @ x)
         size = np.linalg.norm(vectors, axis=2)
         self._normal = unit_vectors(vectors)
-        if slave.degree == 2:
-            planes = unit_vectors(sign[:, None, None] * plane_vectors(x[:, PIECES[slave.corners]]))
-            along = planes[:, piece]
-        else:
-            along = np.repeat(slave.normal[chosen][:, None], len(at), axis=1)
-        self._along, self._hits = along, _met(slave, master, place.reshape(-1, 3), along.reshape(-1, 3))
+        self._along, self._hits = opposite(slave, master, chosen, at, piece)
         self._there = (self._hits.facet >= 0).reshape(size.shape)
         self._values, self._at_all = values[: len(points)], values
         whole = size[:, : len(points)] * weights
@@ -434,24 +426,16 @@ def _finer(slave: Facets, master: Facets) -> int:
     return int(np.clip(np.ceil(np.median(slave.radius) / (_SMALLER * np.median(master.radius))), 1, _FINEST))
 
 
-def _met(slave: Facets, master: Facets, start: FloatArray, along: FloatArray) -> Hits:
-    depth, reach = 0.25 * min(slave.extent, master.extent), slave.extent + master.extent
-    if len(slave) and len(master):
-        reach += float(np.min(np.linalg.norm(master.middle - slave.middle[0], axis=1)))
-    return hits(start, along, master, depth, reach)
-
-
 def opposite_nodes(slave: Facets, master: Facets, node: IntArray) -> tuple[IntArray, FloatArray, FloatArray]:
     """Those of some slave nodes (k,) that are before the master and must be contact points, rows of them, (m,), with
     places and unit normals (m, 3); not collective."""
     columns = np.arange(3 if slave.nodes.shape[1] == 6 else slave.nodes.shape[1])
     facet = np.flatnonzero(np.any(np.isin(slave.nodes[:, columns], node), axis=1))
-    at, weights, _ = facet_rule(slave.corners, slave.degree, _finer(slave, master))
+    at, weights, piece = facet_rule(slave.corners, slave.degree, _finer(slave, master))
     x, sign = slave.x[facet], slave.sign[facet]
-    values, along_r, along_s = facet_functions(slave.corners, slave.degree, at)
+    _, along_r, along_s = facet_functions(slave.corners, slave.degree, at)
     vectors = sign[:, None, None] * np.cross(along_r @ x, along_s @ x)
-    lines = np.repeat(slave.normal[facet], len(at), axis=0)
-    there = _met(slave, master, (values @ x).reshape(-1, 3), lines).facet.reshape(len(facet), len(at)) >= 0
+    there = opposite(slave, master, facet, at, piece)[1].facet.reshape(len(facet), len(at)) >= 0
     hats = facet_functions(slave.corners, 1 if len(columns) == 3 else slave.degree, at)[0]
     sizes = np.linalg.norm(vectors, axis=2) * weights
     sums = np.concatenate(
